@@ -1,0 +1,282 @@
+//! Contact points of a configuration. A pure function of poses and velocities: nothing survives a step, so a world can be
+//! restarted from one recorded row.
+
+mod closed_form;
+
+use nalgebra::Matrix3;
+use rapier3d_f64::parry::math::{Mat3, Pose, Rotation, Vector};
+use rapier3d_f64::parry::query::ContactManifold;
+use rapier3d_f64::parry::query::details::contact_manifold_cuboid_cuboid;
+use rapier3d_f64::parry::shape::Cuboid;
+
+use crate::Contact;
+use crate::kinematics::Kinematics;
+use crate::model::{Geometry, Model, ShapeId};
+use crate::spatial::V3;
+use closed_form::{Placed, Point};
+
+/// Shapes nearer than this are contact candidates even at rest, m.
+const REST_MARGIN: f64 = 2e-3;
+/// Most that speed may add to a shape's margin, m.
+const SPEED_MARGIN_MAX: f64 = 0.1;
+
+#[derive(Debug, Clone, Copy)]
+struct Aabb {
+    min: V3,
+    max: V3,
+}
+
+impl Aabb {
+    const EMPTY: Aabb = Aabb { min: V3::new(1e30, 1e30, 1e30), max: V3::new(-1e30, -1e30, -1e30) };
+
+    #[inline(always)]
+    fn overlaps(&self, other: &Aabb) -> bool {
+        self.min.x <= other.max.x
+            && other.min.x <= self.max.x
+            && self.min.y <= other.max.y
+            && other.min.y <= self.max.y
+            && self.min.z <= other.max.z
+            && other.min.z <= self.max.z
+    }
+}
+
+#[derive(Clone)]
+pub(crate) struct Collider {
+    placed: Vec<Placed>,
+    /// Bounds inflated by the shape's margin.
+    bounds: Vec<Aabb>,
+    margin: Vec<f64>,
+    cluster_bounds: Vec<Aabb>,
+    manifold: ContactManifold<(), ()>,
+    moving: Vec<Moving>,
+}
+
+/// What the update of a moving shape needs.
+#[derive(Debug, Clone)]
+struct Moving {
+    shape: usize,
+    body: usize,
+    cluster: usize,
+    rotation: Matrix3<f64>,
+    position: V3,
+    /// Farthest point from the body's origin.
+    reach: f64,
+}
+
+impl std::fmt::Debug for Collider {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Collider").field("shapes", &self.placed.len()).finish_non_exhaustive()
+    }
+}
+
+impl Collider {
+    pub fn new(model: &Model) -> Self {
+        let mut collider = Self {
+            placed: Vec::with_capacity(model.shapes.len()),
+            bounds: vec![Aabb::EMPTY; model.shapes.len()],
+            margin: vec![0.5 * REST_MARGIN; model.shapes.len()],
+            cluster_bounds: vec![Aabb::EMPTY; model.clusters.len()],
+            manifold: ContactManifold::new(),
+            moving: Vec::new(),
+        };
+        collider.manifold.points.reserve(64);
+        for (index, shape) in model.shapes.iter().enumerate() {
+            let rotation = *shape.body_from_shape.rotation.to_rotation_matrix().matrix();
+            let position = shape.body_from_shape.translation.vector;
+            collider.placed.push(Placed { rotation, position });
+            if shape.body.0 != 0 {
+                let cluster = model.clusters.iter().position(|c| c.contains(&index)).unwrap_or(0);
+                let reach = position.norm() + extent(&shape.geometry);
+                collider.moving.push(Moving { shape: index, body: shape.body.0, cluster, rotation, position, reach });
+            }
+        }
+        for (cluster, shapes) in model.clusters.iter().enumerate() {
+            for &index in shapes.iter().filter(|&&index| model.shapes[index].body.0 == 0) {
+                let bounds = collider.bounds_of(model, index);
+                collider.bounds[index] = bounds;
+                grow(&mut collider.cluster_bounds[cluster], &bounds);
+            }
+        }
+        collider
+    }
+
+    fn bounds_of(&self, model: &Model, index: usize) -> Aabb {
+        let (placed, margin) = (&self.placed[index], self.margin[index]);
+        let half = match model.shapes[index].geometry {
+            Geometry::HalfSpace => {
+                let up = placed.rotation[(2, 2)] == 1.0;
+                let top = if up { placed.position.z + margin } else { 1e30 };
+                return Aabb { min: V3::repeat(-1e30), max: V3::new(1e30, 1e30, top) };
+            }
+            Geometry::Sphere { radius } => V3::repeat(radius),
+            Geometry::Capsule { radius, half_length } => {
+                (placed.rotation.column(2) * half_length).abs().add_scalar(radius)
+            }
+            Geometry::Cuboid { half_extents } => placed.rotation.abs() * half_extents,
+        };
+        let half = half.add_scalar(margin);
+        Aabb { min: placed.position - half, max: placed.position + half }
+    }
+
+    /// Places all shapes. Their margins cover what their bodies may travel in `dt` s, so that a fast body meets a surface
+    /// in the step in which it would pass it.
+    pub fn update(&mut self, model: &Model, kin: &Kinematics, dt: f64) {
+        for moving in &self.moving {
+            let body = moving.body;
+            let rotation = &kin.rotation[body];
+            self.placed[moving.shape] = Placed {
+                rotation: rotation * moving.rotation,
+                position: kin.position[body] + rotation * moving.position,
+            };
+            let velocity = kin.velocity(body);
+            let speed = velocity.linear.norm() + velocity.angular.norm() * moving.reach;
+            self.margin[moving.shape] = 0.5 * REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
+        }
+        for moving in &self.moving {
+            self.cluster_bounds[moving.cluster] = Aabb::EMPTY;
+        }
+        for index in 0..self.moving.len() {
+            let (shape, cluster) = (self.moving[index].shape, self.moving[index].cluster);
+            let bounds = self.bounds_of(model, shape);
+            self.bounds[shape] = bounds;
+            grow(&mut self.cluster_bounds[cluster], &bounds);
+        }
+    }
+
+    /// Appends every contact point within the margins; points of one body pair stand together.
+    pub fn find(&mut self, model: &Model, out: &mut Vec<Contact>) {
+        for pair in &model.pairs {
+            if !self.cluster_bounds[pair.a].overlaps(&self.cluster_bounds[pair.b]) {
+                continue;
+            }
+            for &(a, b) in &pair.shapes {
+                let (a, b) = (usize::from(a), usize::from(b));
+                if self.bounds[a].overlaps(&self.bounds[b]) {
+                    let margin = self.margin[a] + self.margin[b];
+                    collide_pair(model, &self.placed, &mut self.manifold, a, b, margin, out);
+                }
+            }
+        }
+    }
+
+    /// Sets the gap up to which [`Collider::find`] reports, for a query at rest.
+    pub fn set_margin(&mut self, model: &Model, margin: f64) {
+        self.margin.fill(0.5 * margin);
+        self.cluster_bounds.fill(Aabb::EMPTY);
+        for (cluster, shapes) in model.clusters.iter().enumerate() {
+            for &index in shapes {
+                self.bounds[index] = self.bounds_of(model, index);
+                grow(&mut self.cluster_bounds[cluster], &self.bounds[index]);
+            }
+        }
+    }
+}
+
+fn grow(target: &mut Aabb, other: &Aabb) {
+    target.min = target.min.inf(&other.min);
+    target.max = target.max.sup(&other.max);
+}
+
+/// Farthest point of a geometry from its own frame's origin.
+fn extent(geometry: &Geometry) -> f64 {
+    match geometry {
+        Geometry::HalfSpace => 0.0,
+        Geometry::Sphere { radius } => *radius,
+        Geometry::Capsule { radius, half_length } => radius + half_length,
+        Geometry::Cuboid { half_extents } => half_extents.norm(),
+    }
+}
+
+fn collide_pair(
+    model: &Model,
+    placed: &[Placed],
+    manifold: &mut ContactManifold<(), ()>,
+    a: usize,
+    b: usize,
+    margin: f64,
+    out: &mut Vec<Contact>,
+) {
+    use Geometry::{Capsule, Cuboid as Box, HalfSpace, Sphere};
+    let friction = model.pair_friction(ShapeId(a), ShapeId(b));
+    let push = |out: &mut Vec<Contact>, p: Point| {
+        out.push(Contact {
+            shape_a: ShapeId(a),
+            shape_b: ShapeId(b),
+            position: p.position,
+            normal: p.normal,
+            distance: p.distance,
+            friction,
+            force: V3::zeros(),
+        });
+    };
+    let (pa, pb) = (&placed[a], &placed[b]);
+    let same = &mut |p: Point| push(out, p);
+    match (model.shapes[a].geometry, model.shapes[b].geometry) {
+        (Sphere { radius: ra }, Sphere { radius: rb }) => {
+            closed_form::ball_ball(pa.position, ra, pb.position, rb, margin, same);
+        }
+        (Sphere { radius: ra }, Capsule { radius, half_length }) => {
+            closed_form::ball_capsule(pa.position, ra, pb, radius, half_length, margin, same);
+        }
+        (Capsule { radius, half_length }, Sphere { radius: rb }) => {
+            closed_form::ball_capsule(pb.position, rb, pa, radius, half_length, margin, &mut |p| same(p.flipped()));
+        }
+        (Capsule { radius: ra, half_length: ha }, Capsule { radius: rb, half_length: hb }) => {
+            closed_form::capsule_capsule((pa, ra, ha), (pb, rb, hb), margin, same);
+        }
+        (Box { half_extents }, Sphere { radius }) => {
+            closed_form::box_ball(pa, &half_extents, pb.position, radius, margin, same);
+        }
+        (Sphere { radius }, Box { half_extents }) => {
+            closed_form::box_ball(pb, &half_extents, pa.position, radius, margin, &mut |p| same(p.flipped()));
+        }
+        (Box { half_extents }, Capsule { radius, half_length }) => {
+            closed_form::box_capsule(pa, &half_extents, pb, radius, half_length, margin, same);
+        }
+        (Capsule { radius, half_length }, Box { half_extents }) => {
+            closed_form::box_capsule(pb, &half_extents, pa, radius, half_length, margin, &mut |p| same(p.flipped()));
+        }
+        (HalfSpace, Sphere { radius }) => closed_form::half_space_ball(pa, pb.position, radius, margin, same),
+        (Sphere { radius }, HalfSpace) => {
+            closed_form::half_space_ball(pb, pa.position, radius, margin, &mut |p| same(p.flipped()));
+        }
+        (HalfSpace, Capsule { radius, half_length }) => {
+            closed_form::half_space_capsule(pa, pb, radius, half_length, margin, same);
+        }
+        (Capsule { radius, half_length }, HalfSpace) => {
+            closed_form::half_space_capsule(pb, pa, radius, half_length, margin, &mut |p| same(p.flipped()));
+        }
+        (HalfSpace, Box { half_extents }) => closed_form::half_space_box(pa, pb, &half_extents, margin, same),
+        (Box { half_extents }, HalfSpace) => {
+            closed_form::half_space_box(pb, pa, &half_extents, margin, &mut |p| same(p.flipped()));
+        }
+        (Box { half_extents: ha }, Box { half_extents: hb }) => box_box(manifold, (pa, &ha), (pb, &hb), margin, same),
+        (HalfSpace, HalfSpace) => {}
+    }
+}
+
+/// Two boxes, by parry's separating axes and face clipping on a fresh manifold.
+fn box_box(
+    manifold: &mut ContactManifold<(), ()>,
+    (a, half_a): (&Placed, &V3),
+    (b, half_b): (&Placed, &V3),
+    margin: f64,
+    out: &mut impl FnMut(Point),
+) {
+    let glam = |v: &V3| Vector::new(v.x, v.y, v.z);
+    let rotation = a.rotation.tr_mul(&b.rotation);
+    let translation = a.rotation.tr_mul(&(b.position - a.position));
+    let columns = Mat3::from_cols(
+        glam(&rotation.column(0).into_owned()),
+        glam(&rotation.column(1).into_owned()),
+        glam(&rotation.column(2).into_owned()),
+    );
+    let a_from_b = Pose { rotation: Rotation::from_mat3(&columns), translation: glam(&translation) };
+    manifold.points.clear();
+    contact_manifold_cuboid_cuboid(&a_from_b, &Cuboid::new(glam(half_a)), &Cuboid::new(glam(half_b)), margin, manifold);
+    let normal = a.rotation * V3::new(manifold.local_n1.x, manifold.local_n1.y, manifold.local_n1.z);
+    for point in manifold.points.iter().filter(|p| p.dist <= margin) {
+        let on_a = a.position + a.rotation * V3::new(point.local_p1.x, point.local_p1.y, point.local_p1.z);
+        out(Point { position: on_a + normal * (0.5 * point.dist), normal, distance: point.dist });
+    }
+}

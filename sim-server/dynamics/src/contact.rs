@@ -1,0 +1,140 @@
+//! The contact law: a regularised Coulomb cone whose impulse is the projection of a linear one, so that it derives from a
+//! convex potential (Castro, Permenter, Han: An Unconstrained Convex Formulation of Compliant Contact, 2022).
+
+use crate::spatial::{Force, V3};
+
+/// Compliance along the normal, in units of the pair's inverse mass.
+const NORMAL_COMPLIANCE: f64 = 1e-2;
+/// Compliance along the tangents, in units of the pair's inverse mass.
+const TANGENT_COMPLIANCE: f64 = 1e-3;
+/// Part of the penetration beyond the slop that one step takes back.
+const BAUMGARTE: f64 = 0.2;
+/// Penetration that is left alone, m.
+const SLOP: f64 = 5e-4;
+/// Fastest push-out, m/s.
+const PUSH_OUT_MAX: f64 = 1.0;
+
+/// Separation speed that a contact asks for: no more approach than the gap allows, or push-out of a penetration.
+pub(crate) fn target_speed(distance: f64, dt: f64) -> f64 {
+    if distance > 0.0 { -distance / dt } else { (BAUMGARTE * (-distance - SLOP).max(0.0) / dt).min(PUSH_OUT_MAX) }
+}
+
+/// One contact point in the solve. Components are (tangent, tangent, normal).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Point {
+    /// Directions as unit forces about the group's origin.
+    pub rows: [Force; 3],
+    pub friction: f64,
+    target_speed: f64,
+    inverse_normal: f64,
+    inverse_tangent: f64,
+    /// Relative velocity, b less a, m/s.
+    pub velocity: V3,
+    /// Change of it along the search direction.
+    pub direction: V3,
+    /// Impulse on b, N s.
+    pub impulse: V3,
+    /// Minus the derivative of the impulse by the velocity: tt, tt', t't', tn, t'n, nn.
+    pub stiffness: [f64; 6],
+}
+
+impl Point {
+    /// At `arm` from the group's origin; `inverse_mass` of the pair in 1/kg.
+    pub fn new(arm: &V3, normal: &V3, friction: f64, distance: f64, inverse_mass: f64, dt: f64) -> Self {
+        // The axis least along the normal gives well-conditioned tangents.
+        let tangent = normal.cross(&V3::ith(normal.iamin(), 1.0)).normalize();
+        let other = normal.cross(&tangent);
+        let row = |d: &V3| Force { torque: arm.cross(d), force: *d };
+        Self {
+            rows: [row(&tangent), row(&other), row(normal)],
+            friction,
+            target_speed: target_speed(distance, dt),
+            inverse_normal: 1.0 / (NORMAL_COMPLIANCE * inverse_mass),
+            inverse_tangent: 1.0 / (TANGENT_COMPLIANCE * inverse_mass),
+            velocity: V3::zeros(),
+            direction: V3::zeros(),
+            impulse: V3::zeros(),
+            stiffness: [0.0; 6],
+        }
+    }
+
+    /// Impulse at a relative velocity.
+    #[inline(always)]
+    fn impulse_at(&self, velocity: &V3) -> (V3, Region) {
+        let normal = (self.target_speed - velocity.z) * self.inverse_normal;
+        let (x, y) = (-velocity.x * self.inverse_tangent, -velocity.y * self.inverse_tangent);
+        let slide = (x * x + y * y).sqrt();
+        let mu = self.friction;
+        if slide <= mu * normal {
+            return (V3::new(x, y, normal), Region::Stick);
+        }
+        let ratio = mu * self.inverse_normal / self.inverse_tangent;
+        if normal <= -ratio * slide {
+            return (V3::zeros(), Region::Apart);
+        }
+        let pressed = (normal + ratio * slide) / (1.0 + mu * ratio);
+        let (x, y) = (x / slide, y / slide);
+        (V3::new(mu * pressed * x, mu * pressed * y, pressed), Region::Slide { x, y, pressed, slide })
+    }
+
+    /// Sets the impulse and its stiffness at the current velocity. False if the contact carries nothing.
+    pub fn update(&mut self) -> bool {
+        let (impulse, region) = self.impulse_at(&self.velocity);
+        self.impulse = impulse;
+        self.stiffness = self.stiffness_in(&region);
+        !matches!(region, Region::Apart)
+    }
+
+    fn stiffness_in(&self, region: &Region) -> [f64; 6] {
+        let (n, t) = (self.inverse_normal, self.inverse_tangent);
+        match *region {
+            Region::Apart => [0.0; 6],
+            Region::Stick => [t, 0.0, t, 0.0, 0.0, n],
+            Region::Slide { x, y, pressed, slide } => {
+                let mu = self.friction;
+                let ratio = mu * n / t;
+                let scale = 1.0 / (1.0 + mu * ratio);
+                let along = mu * ratio * scale * t;
+                let across = mu * pressed / slide * t;
+                let cross = mu * scale * n;
+                [
+                    along * x * x + across * y * y,
+                    (along - across) * x * y,
+                    along * y * y + across * x * x,
+                    cross * x,
+                    cross * y,
+                    scale * n,
+                ]
+            }
+        }
+    }
+
+    /// First and second derivative of this contact's potential at `step` along the search direction.
+    #[inline(always)]
+    pub fn slope(&self, step: f64) -> (f64, f64) {
+        let (impulse, region) = self.impulse_at(&(self.velocity + self.direction * step));
+        let g = self.stiffness_in(&region);
+        let d = &self.direction;
+        let curvature = g[0] * d.x * d.x
+            + g[2] * d.y * d.y
+            + g[5] * d.z * d.z
+            + 2.0 * (g[1] * d.x * d.y + g[3] * d.x * d.z + g[4] * d.y * d.z);
+        (-impulse.dot(d), curvature)
+    }
+
+    /// The impulse as a force about the group's origin.
+    pub fn wrench(&self) -> Force {
+        let mut sum = Force::ZERO;
+        for (row, size) in self.rows.iter().zip(self.impulse.iter()) {
+            sum.torque += row.torque * *size;
+            sum.force += row.force * *size;
+        }
+        sum
+    }
+}
+
+enum Region {
+    Apart,
+    Stick,
+    Slide { x: f64, y: f64, pressed: f64, slide: f64 },
+}

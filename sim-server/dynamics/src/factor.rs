@@ -1,0 +1,219 @@
+//! `L^T D L` factor of a symmetric positive definite matrix whose rows follow the trees: eliminated from the leaves to the
+//! roots it fills in only where contact couples two branches.
+
+use crate::model::Model;
+
+/// Lower triangle, row-major with `n` columns. A row's nonzero columns are a bit set and, for speed, runs of columns.
+#[derive(Debug, Clone)]
+pub(crate) struct Factor {
+    n: usize,
+    values: Vec<f64>,
+    inverse_diagonal: Vec<f64>,
+    /// Columns below the diagonal that each row holds in a tree without couplings.
+    tree_pattern: Vec<u128>,
+    /// The same with this step's couplings and their fill-in.
+    pattern: Vec<u128>,
+    tree_runs: Runs,
+    runs: Runs,
+    coupled: bool,
+}
+
+/// Half-open column runs of every row, ascending.
+#[derive(Debug, Clone, Default)]
+struct Runs {
+    runs: Vec<(u16, u16)>,
+    first: Vec<u32>,
+}
+
+impl Runs {
+    fn of(&self, row: usize) -> &[(u16, u16)] {
+        &self.runs[self.first[row] as usize..self.first[row + 1] as usize]
+    }
+
+    fn rebuild(&mut self, pattern: &[u128]) {
+        self.runs.clear();
+        self.first.clear();
+        self.first.push(0);
+        for &bits in pattern {
+            let (mut rest, mut shift) = (bits, 0);
+            while rest != 0 {
+                let zeros = rest.trailing_zeros();
+                let ones = (rest >> zeros).trailing_ones();
+                self.runs.push(((shift + zeros) as u16, (shift + zeros + ones) as u16));
+                shift += zeros + ones;
+                rest = if shift == 128 { 0 } else { bits >> shift };
+            }
+            self.first.push(self.runs.len() as u32);
+        }
+    }
+}
+
+impl Factor {
+    pub fn new(model: &Model) -> Self {
+        let n = model.nv;
+        let mut tree_pattern = vec![0_u128; n];
+        for (dof, &body) in model.dof_body.iter().enumerate() {
+            for &other in model.chains[body].iter().filter(|&&d| usize::from(d) < dof) {
+                tree_pattern[dof] |= 1 << other;
+            }
+        }
+        let mut tree_runs = Runs::default();
+        tree_runs.rebuild(&tree_pattern);
+        Self {
+            n,
+            values: vec![0.0; n * n],
+            inverse_diagonal: vec![0.0; n],
+            pattern: tree_pattern.clone(),
+            tree_pattern,
+            // Room for the worst case, so that no step has to grow it.
+            runs: Runs { runs: Vec::with_capacity(n * (n / 2 + 1)), first: Vec::with_capacity(n + 1) },
+            tree_runs,
+            coupled: false,
+        }
+    }
+
+    /// Forgets the couplings of the step before.
+    pub fn reset_pattern(&mut self) {
+        if self.coupled {
+            self.pattern.copy_from_slice(&self.tree_pattern);
+            self.coupled = false;
+        }
+    }
+
+    /// Notes that all degrees of freedom in the bit set are coupled with each other.
+    pub fn couple(&mut self, dofs: u128) {
+        let mut rest = dofs;
+        while rest != 0 {
+            let dof = rest.trailing_zeros();
+            rest &= rest - 1;
+            self.pattern[dof as usize] |= dofs & ((1 << dof) - 1);
+        }
+        self.coupled = true;
+    }
+
+    /// Works out the fill-in of all couplings: a row passes its columns on to the highest of them.
+    pub fn finish_pattern(&mut self) {
+        if !self.coupled {
+            return;
+        }
+        for row in (0..self.n).rev() {
+            let bits = self.pattern[row];
+            if bits != 0 {
+                let top = 127 - bits.leading_zeros();
+                self.pattern[top as usize] |= bits & ((1 << top) - 1);
+            }
+        }
+        self.runs.rebuild(&self.pattern);
+    }
+
+    fn runs(&self) -> &Runs {
+        if self.coupled { &self.runs } else { &self.tree_runs }
+    }
+
+    /// Starts from a matrix that is zero outside the trees' pattern.
+    pub fn load(&mut self, matrix: &[f64]) {
+        let n = self.n;
+        for row in 0..n {
+            let (target, source) = (&mut self.values[row * n..row * n + row + 1], &matrix[row * n..row * n + row + 1]);
+            target.copy_from_slice(source);
+        }
+    }
+
+    /// Adds to an entry of the lower triangle that the pattern holds.
+    #[inline(always)]
+    pub fn add(&mut self, row: usize, column: usize, value: f64) {
+        debug_assert!(
+            row == column || self.pattern[row] >> column & 1 == 1,
+            "({row}, {column}) is outside the pattern"
+        );
+        self.values[row * self.n + column] += value;
+    }
+
+    /// One row of the lower triangle, to add to.
+    #[inline(always)]
+    pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
+        &mut self.values[row * self.n..row * self.n + row + 1]
+    }
+
+    /// Factorises in place. False if a pivot is not positive: the matrix was not positive definite.
+    pub fn factorise(&mut self) -> bool {
+        let n = self.n;
+        let mut positive = true;
+        let runs = if self.coupled { &self.runs } else { &self.tree_runs };
+        for k in (0..n).rev() {
+            let (above, row) = self.values.split_at_mut(k * n);
+            let row = &mut row[..=k];
+            let pivot = row[k];
+            positive &= pivot > 0.0;
+            let inverse = 1.0 / pivot;
+            self.inverse_diagonal[k] = inverse;
+            let row_runs = runs.of(k);
+            for (which, &(start, end)) in row_runs.iter().enumerate() {
+                for j in usize::from(start)..usize::from(end) {
+                    let scale = row[j] * inverse;
+                    let target = &mut above[j * n..j * n + j + 1];
+                    for &(s, e) in &row_runs[..which] {
+                        let (s, e) = (usize::from(s), usize::from(e));
+                        subtract_scaled(&mut target[s..e], &row[s..e], scale);
+                    }
+                    let s = usize::from(start);
+                    subtract_scaled(&mut target[s..=j], &row[s..=j], scale);
+                }
+            }
+            for &(start, end) in row_runs {
+                for value in &mut row[usize::from(start)..usize::from(end)] {
+                    *value *= inverse;
+                }
+            }
+        }
+        positive
+    }
+
+    /// Solves for `x` in place.
+    pub fn solve(&self, x: &mut [f64]) {
+        let n = self.n;
+        let runs = self.runs();
+        for k in (0..n).rev() {
+            let (head, tail) = x.split_at_mut(k);
+            let value = tail[0];
+            for &(start, end) in runs.of(k) {
+                let (s, e) = (usize::from(start), usize::from(end));
+                subtract_scaled(&mut head[s..e], &self.values[k * n + s..k * n + e], value);
+            }
+            tail[0] *= self.inverse_diagonal[k];
+        }
+        for k in 0..n {
+            let mut value = x[k];
+            for &(start, end) in runs.of(k) {
+                for j in usize::from(start)..usize::from(end) {
+                    value -= self.values[k * n + j] * x[j];
+                }
+            }
+            x[k] = value;
+        }
+    }
+
+    /// `y = M x` for a matrix in the trees' pattern (not this factor).
+    pub fn multiply(&self, matrix: &[f64], x: &[f64], y: &mut [f64]) {
+        let n = self.n;
+        for k in 0..n {
+            let row = &matrix[k * n..k * n + k + 1];
+            let value = x[k];
+            let mut sum = row[k] * value;
+            for &(start, end) in self.tree_runs.of(k) {
+                for j in usize::from(start)..usize::from(end) {
+                    sum += row[j] * x[j];
+                    y[j] += row[j] * value;
+                }
+            }
+            y[k] = sum;
+        }
+    }
+}
+
+#[inline(always)]
+fn subtract_scaled(target: &mut [f64], source: &[f64], scale: f64) {
+    for (t, s) in target.iter_mut().zip(source) {
+        *t -= scale * s;
+    }
+}

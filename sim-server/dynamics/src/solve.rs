@@ -1,0 +1,462 @@
+//! The next velocity as the minimum of one convex function, by Newton's method with a line search.
+
+use crate::Contact;
+use crate::contact::Point;
+use crate::factor::Factor;
+use crate::inertia::Dynamical;
+use crate::kinematics::Kinematics;
+use crate::model::{Joint, Model, State};
+use crate::spatial::{Force, Motion, V3};
+use crate::step::{Input, StepReport};
+
+/// Residual at which the solve stops, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
+const TOLERANCE: f64 = 1e-6;
+const ITERATIONS_MAX: u32 = 50;
+/// Compliance of a joint limit, in units of the joint's inverse inertia.
+const LIMIT_COMPLIANCE: f64 = 1e-2;
+/// Part of a violated limit that one step takes back, and the fastest return, rad/s.
+const LIMIT_BAUMGARTE: f64 = 0.2;
+const LIMIT_RETURN_MAX: f64 = 1.0;
+/// Stiffness that holds a locked degree of freedom, in units of its inertia.
+const LOCK: f64 = 1e12;
+
+/// The contacts between two bodies: they share one relative motion, a sum of columns over degrees of freedom.
+#[derive(Debug, Clone, Copy)]
+struct Group {
+    points: (usize, usize),
+    columns: (usize, usize),
+}
+
+/// A scalar drive or limit on one degree of freedom.
+#[derive(Debug, Clone, Copy)]
+struct Spring {
+    dof: usize,
+    /// Effort is `offset - slope * v`, clamped at `limit`.
+    offset: f64,
+    slope: f64,
+    limit: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Stop {
+    dof: usize,
+    /// Velocity bounds and the inverse compliance beyond them.
+    low: f64,
+    high: f64,
+    inverse_compliance: f64,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Solver {
+    factor: Factor,
+    groups: Vec<Group>,
+    points: Vec<Point>,
+    /// Index into the caller's contacts of each point's normal sign: -1 where the pair was turned round.
+    turned: Vec<f64>,
+    column_dof: Vec<u16>,
+    columns: Vec<Motion>,
+    springs: Vec<Spring>,
+    stops: Vec<Stop>,
+    velocity: Vec<f64>,
+    /// `M (v - v0)`.
+    momentum_change: Vec<f64>,
+    momentum: Vec<f64>,
+    gradient: Vec<f64>,
+    constraint: Vec<f64>,
+    direction: Vec<f64>,
+    mass_direction: Vec<f64>,
+    efforts: Vec<f64>,
+}
+
+const CONTACTS_EXPECTED: usize = 256;
+
+impl Solver {
+    pub fn new(model: &Model) -> Self {
+        let zeros = || vec![0.0; model.nv];
+        Self {
+            factor: Factor::new(model),
+            groups: Vec::with_capacity(CONTACTS_EXPECTED),
+            points: Vec::with_capacity(CONTACTS_EXPECTED),
+            turned: Vec::with_capacity(CONTACTS_EXPECTED),
+            column_dof: Vec::with_capacity(CONTACTS_EXPECTED * 24),
+            columns: Vec::with_capacity(CONTACTS_EXPECTED * 24),
+            springs: Vec::with_capacity(model.nv),
+            stops: Vec::with_capacity(model.nv),
+            velocity: zeros(),
+            momentum_change: zeros(),
+            momentum: zeros(),
+            gradient: zeros(),
+            constraint: zeros(),
+            direction: zeros(),
+            mass_direction: zeros(),
+            efforts: vec![0.0; model.drives.len()],
+        }
+    }
+
+    pub fn efforts(&self) -> &[f64] {
+        &self.efforts
+    }
+
+    /// Replaces `state.qvel` by the velocity at the end of the step and writes contact forces.
+    pub fn solve(
+        &mut self,
+        model: &Model,
+        kin: &Kinematics,
+        dynamical: &Dynamical,
+        state: &mut State,
+        contacts: &mut [Contact],
+        input: &Input<'_>,
+        dt: f64,
+    ) -> StepReport {
+        self.set_up_springs(model, state, input, dt);
+        self.set_up_contacts(model, kin, contacts, dt);
+        self.velocity.copy_from_slice(&state.qvel);
+        for (v, _) in self.velocity.iter_mut().zip(input.locked).filter(|(_, locked)| **locked) {
+            *v = 0.0;
+        }
+        self.momentum_change.fill(0.0);
+        self.factor.multiply(&dynamical.mass_matrix, &self.velocity, &mut self.momentum);
+        for group in &self.groups {
+            let motion = relative_motion(&self.columns, &self.column_dof, group, &self.velocity);
+            for point in &mut self.points[group.points.0..group.points.1] {
+                for (k, row) in point.rows.iter().enumerate() {
+                    point.velocity[k] = motion.dot(row);
+                }
+            }
+        }
+        let mut report = StepReport::default();
+        loop {
+            if self.gradient(model, dynamical, input, dt) {
+                report.converged = true;
+                break;
+            }
+            if report.iterations == ITERATIONS_MAX || !self.newton_direction(model, dynamical, input, dt) {
+                break;
+            }
+            report.iterations += 1;
+            let step = self.line_search(dynamical, dt);
+            self.advance(step);
+        }
+        for (contact, (point, turned)) in contacts.iter_mut().zip(self.points.iter().zip(&self.turned)) {
+            contact.force = point.wrench().force * (turned / dt);
+            report.contacts += u32::from(contact.distance <= 0.0 || point.impulse.z > 0.0);
+        }
+        for (effort, spring) in self.efforts.iter_mut().zip(&self.springs) {
+            *effort = spring.effort(self.velocity[spring.dof]).0;
+        }
+        state.qvel.copy_from_slice(&self.velocity);
+        report
+    }
+
+    fn set_up_springs(&mut self, model: &Model, state: &State, input: &Input<'_>, dt: f64) {
+        self.springs.clear();
+        self.stops.clear();
+        for ((body, drive), &target) in model.drives.iter().zip(input.targets) {
+            let body = &model.bodies[body.0];
+            self.springs.push(Spring {
+                dof: body.dof_start,
+                offset: drive.stiffness * (target - state.qpos[body.qpos_start]),
+                slope: drive.stiffness * dt + drive.damping,
+                limit: drive.effort_limit,
+            });
+        }
+        let bound = |gap: f64| {
+            // Up to the limit if it is ahead, back at a limited rate if it was passed.
+            if gap >= 0.0 { gap / dt } else { (LIMIT_BAUMGARTE * gap / dt).max(-LIMIT_RETURN_MAX) }
+        };
+        for body in &model.bodies[1..] {
+            let Joint::Hinge(hinge) = &body.spec.joint else { continue };
+            let q = state.qpos[body.qpos_start];
+            let (low, high) = (-bound(q - hinge.lower), bound(hinge.upper - q));
+            if low > f64::NEG_INFINITY || high < f64::INFINITY {
+                let inverse_compliance = 1.0 / (LIMIT_COMPLIANCE * model.dof_inverse_weight[body.dof_start]);
+                self.stops.push(Stop { dof: body.dof_start, low, high, inverse_compliance });
+            }
+        }
+    }
+
+    fn set_up_contacts(&mut self, model: &Model, kin: &Kinematics, contacts: &[Contact], dt: f64) {
+        self.groups.clear();
+        self.points.clear();
+        self.turned.clear();
+        self.columns.clear();
+        self.column_dof.clear();
+        self.factor.reset_pattern();
+        let body_of =
+            |contact: &Contact| (model.shapes[contact.shape_a.0].body.0, model.shapes[contact.shape_b.0].body.0);
+        let mut first = 0;
+        while first < contacts.len() {
+            let bodies = body_of(&contacts[first]);
+            let count = contacts[first..].iter().take_while(|c| body_of(c) == bodies).count();
+            let turned = if bodies.1 == 0 { -1.0 } else { 1.0 };
+            let (a, b) = if bodies.1 == 0 { (bodies.1, bodies.0) } else { bodies };
+            let origin = kin.origin[b];
+            let inverse_mass = model.inverse_weight[a] + model.inverse_weight[b];
+            for contact in &contacts[first..first + count] {
+                let (arm, normal) = (contact.position - origin, contact.normal * turned);
+                self.points.push(Point::new(&arm, &normal, contact.friction, contact.distance, inverse_mass, dt));
+                self.turned.push(turned);
+            }
+            let start = self.columns.len();
+            self.push_columns(model, kin, a, b, &origin);
+            self.groups.push(Group { points: (first, first + count), columns: (start, self.columns.len()) });
+            first += count;
+        }
+        self.factor.finish_pattern();
+    }
+
+    /// Columns of the motion of `b` relative to `a`, by ascending degree of freedom.
+    fn push_columns(&mut self, model: &Model, kin: &Kinematics, a: usize, b: usize, origin: &V3) {
+        let (chain_a, chain_b) = (&model.chains[a], &model.chains[b]);
+        // What moves both bodies moves neither against the other.
+        let shared = chain_a.iter().zip(chain_b).take_while(|(x, y)| x == y).count();
+        let (mut rest_a, mut rest_b) = (&chain_a[shared..], &chain_b[shared..]);
+        let shift = origin - kin.origin[a];
+        let mut dofs = 0_u128;
+        loop {
+            let from_a = match (rest_a.first(), rest_b.first()) {
+                (None, None) => break,
+                (Some(x), Some(y)) => x < y,
+                (x, _) => x.is_some(),
+            };
+            let rest = if from_a { &mut rest_a } else { &mut rest_b };
+            let dof = rest[0];
+            *rest = &rest[1..];
+            let axis = &kin.axes[usize::from(dof)];
+            let column = if from_a {
+                let moved = axis.moved(&shift);
+                Motion { angular: -moved.angular, linear: -moved.linear }
+            } else {
+                *axis
+            };
+            self.columns.push(column);
+            self.column_dof.push(dof);
+            dofs |= 1 << dof;
+        }
+        if chain_a.len() > shared && chain_b.len() > shared {
+            self.factor.couple(dofs);
+        }
+    }
+
+    /// Gradient of the objective at the current velocity; true when it is small enough.
+    fn gradient(&mut self, model: &Model, dynamical: &Dynamical, input: &Input<'_>, dt: f64) -> bool {
+        self.constraint.fill(0.0);
+        for spring in &self.springs {
+            self.constraint[spring.dof] += dt * spring.effort(self.velocity[spring.dof]).0;
+        }
+        for stop in &self.stops {
+            self.constraint[stop.dof] += stop.impulse(self.velocity[stop.dof]).0;
+        }
+        for group in &self.groups {
+            let mut wrench = Force::ZERO;
+            let mut loaded = false;
+            for point in &mut self.points[group.points.0..group.points.1] {
+                if point.update() {
+                    wrench.add(&point.wrench());
+                    loaded = true;
+                }
+            }
+            if loaded {
+                for k in group.columns.0..group.columns.1 {
+                    self.constraint[usize::from(self.column_dof[k])] += self.columns[k].dot(&wrench);
+                }
+            }
+        }
+        let (mut residual, mut momentum, mut forced, mut constrained) = (0.0, 0.0, 0.0, 0.0);
+        for dof in 0..model.nv {
+            let bias = dt * dynamical.bias[dof];
+            let gradient = if input.locked.get(dof) == Some(&true) {
+                0.0
+            } else {
+                self.momentum_change[dof] + bias - self.constraint[dof]
+            };
+            self.gradient[dof] = gradient;
+            let weight = 1.0 / dynamical.mass_matrix[dof * model.nv + dof];
+            let total = self.momentum[dof] + self.momentum_change[dof];
+            residual += weight * gradient * gradient;
+            momentum += weight * total * total;
+            forced += weight * bias * bias;
+            constrained += weight * self.constraint[dof] * self.constraint[dof];
+        }
+        residual <= TOLERANCE * TOLERANCE * momentum.max(forced).max(constrained)
+    }
+
+    /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.
+    fn newton_direction(&mut self, model: &Model, dynamical: &Dynamical, input: &Input<'_>, dt: f64) -> bool {
+        self.factor.load(&dynamical.mass_matrix);
+        for spring in &self.springs {
+            self.factor.add(spring.dof, spring.dof, dt * spring.effort(self.velocity[spring.dof]).1);
+        }
+        for stop in &self.stops {
+            self.factor.add(stop.dof, stop.dof, stop.impulse(self.velocity[stop.dof]).1);
+        }
+        for (dof, _) in input.locked.iter().enumerate().filter(|(_, locked)| **locked) {
+            self.factor.add(dof, dof, LOCK * dynamical.mass_matrix[dof * model.nv + dof]);
+        }
+        for group in &self.groups {
+            let points = &self.points[group.points.0..group.points.1];
+            let Some(stiffness) = group_stiffness(points) else { continue };
+            let columns = &self.columns[group.columns.0..group.columns.1];
+            let dofs = &self.column_dof[group.columns.0..group.columns.1];
+            for (r, column) in columns.iter().enumerate() {
+                let force = apply(&stiffness, column);
+                let row = self.factor.row_mut(usize::from(dofs[r]));
+                for (other, &dof) in columns[..=r].iter().zip(dofs) {
+                    row[usize::from(dof)] += other.dot(&force);
+                }
+            }
+        }
+        if !self.factor.factorise() {
+            return false;
+        }
+        for (d, g) in self.direction.iter_mut().zip(&self.gradient) {
+            *d = -g;
+        }
+        self.factor.solve(&mut self.direction);
+        self.factor.multiply(&dynamical.mass_matrix, &self.direction, &mut self.mass_direction);
+        for group in &self.groups {
+            let motion = relative_motion(&self.columns, &self.column_dof, group, &self.direction);
+            for point in &mut self.points[group.points.0..group.points.1] {
+                for (k, row) in point.rows.iter().enumerate() {
+                    point.direction[k] = motion.dot(row);
+                }
+            }
+        }
+        true
+    }
+
+    /// Step length along the direction at which the objective's slope is nearly zero.
+    fn line_search(&self, dynamical: &Dynamical, dt: f64) -> f64 {
+        let mut constant = 0.0;
+        let mut linear = 0.0;
+        for dof in 0..self.direction.len() {
+            constant += self.direction[dof] * (self.momentum_change[dof] + dt * dynamical.bias[dof]);
+            linear += self.direction[dof] * self.mass_direction[dof];
+        }
+        let slope_at = |step: f64| {
+            let (mut slope, mut curvature) = (constant + step * linear, linear);
+            for spring in &self.springs {
+                let d = self.direction[spring.dof];
+                let (effort, stiffness) = spring.effort(self.velocity[spring.dof] + step * d);
+                slope -= dt * effort * d;
+                curvature += dt * stiffness * d * d;
+            }
+            for stop in &self.stops {
+                let d = self.direction[stop.dof];
+                let (impulse, stiffness) = stop.impulse(self.velocity[stop.dof] + step * d);
+                slope -= impulse * d;
+                curvature += stiffness * d * d;
+            }
+            for point in &self.points {
+                let (s, c) = point.slope(step);
+                slope += s;
+                curvature += c;
+            }
+            (slope, curvature)
+        };
+        let start: f64 = self.direction.iter().zip(&self.gradient).map(|(d, g)| d * g).sum();
+        let (mut slope, mut curvature) = slope_at(1.0);
+        // Still descending at the full step, or flat there: Newton's own step is the one that converges quadratically.
+        if slope <= 1e-3 * start.abs() {
+            return 1.0;
+        }
+        let (mut low, mut high, mut step) = (0.0, 1.0, 1.0);
+        for _ in 0..20 {
+            let newton = step - slope / curvature;
+            step = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            (slope, curvature) = slope_at(step);
+            if slope.abs() <= 1e-2 * start.abs() {
+                break;
+            }
+            if slope > 0.0 { high = step } else { low = step }
+        }
+        step
+    }
+
+    fn advance(&mut self, step: f64) {
+        for dof in 0..self.velocity.len() {
+            self.velocity[dof] += step * self.direction[dof];
+            self.momentum_change[dof] += step * self.mass_direction[dof];
+        }
+        for point in &mut self.points {
+            point.velocity += point.direction * step;
+        }
+    }
+}
+
+impl Spring {
+    /// Effort at a velocity, and its decrease per velocity (0 when saturated).
+    #[inline(always)]
+    fn effort(&self, velocity: f64) -> (f64, f64) {
+        let effort = self.offset - self.slope * velocity;
+        if effort > self.limit {
+            (self.limit, 0.0)
+        } else if effort < -self.limit {
+            (-self.limit, 0.0)
+        } else {
+            (effort, self.slope)
+        }
+    }
+}
+
+impl Stop {
+    /// Impulse at a velocity, and its decrease per velocity.
+    #[inline(always)]
+    fn impulse(&self, velocity: f64) -> (f64, f64) {
+        let c = self.inverse_compliance;
+        if velocity < self.low {
+            ((self.low - velocity) * c, c)
+        } else if velocity > self.high {
+            ((self.high - velocity) * c, c)
+        } else {
+            (0.0, 0.0)
+        }
+    }
+}
+
+fn relative_motion(columns: &[Motion], dofs: &[u16], group: &Group, velocity: &[f64]) -> Motion {
+    let mut motion = Motion::ZERO;
+    for k in group.columns.0..group.columns.1 {
+        motion.add_scaled(&columns[k], velocity[usize::from(dofs[k])]);
+    }
+    motion
+}
+
+/// Sum of the points' stiffnesses as a matrix from relative motion to force; none if no point is loaded.
+fn group_stiffness(points: &[Point]) -> Option<[[f64; 6]; 6]> {
+    let mut sum = [[0.0; 6]; 6];
+    let mut loaded = false;
+    for point in points {
+        let g = &point.stiffness;
+        if g[5] == 0.0 {
+            continue;
+        }
+        loaded = true;
+        let flat = |f: &Force| [f.torque.x, f.torque.y, f.torque.z, f.force.x, f.force.y, f.force.z];
+        let rows = [flat(&point.rows[0]), flat(&point.rows[1]), flat(&point.rows[2])];
+        let mut scaled = [[0.0; 6]; 3];
+        for c in 0..6 {
+            scaled[0][c] = g[0] * rows[0][c] + g[1] * rows[1][c] + g[3] * rows[2][c];
+            scaled[1][c] = g[1] * rows[0][c] + g[2] * rows[1][c] + g[4] * rows[2][c];
+            scaled[2][c] = g[3] * rows[0][c] + g[4] * rows[1][c] + g[5] * rows[2][c];
+        }
+        for r in 0..6 {
+            for c in 0..6 {
+                sum[r][c] += rows[0][r] * scaled[0][c] + rows[1][r] * scaled[1][c] + rows[2][r] * scaled[2][c];
+            }
+        }
+    }
+    loaded.then_some(sum)
+}
+
+fn apply(stiffness: &[[f64; 6]; 6], m: &Motion) -> Force {
+    let v = [m.angular.x, m.angular.y, m.angular.z, m.linear.x, m.linear.y, m.linear.z];
+    let mut out = [0.0; 6];
+    // The matrix is symmetric: columns times scalars vectorise, rows times the vector do not.
+    for (row, value) in stiffness.iter().zip(v) {
+        for c in 0..6 {
+            out[c] += row[c] * value;
+        }
+    }
+    Force { torque: V3::new(out[0], out[1], out[2]), force: V3::new(out[3], out[4], out[5]) }
+}
