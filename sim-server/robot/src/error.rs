@@ -1,0 +1,51 @@
+use fiatlux_dynamics::ModelError;
+use thiserror::Error;
+
+use crate::HandKind;
+
+/// Why a robot file or a request about a robot was refused.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum RobotError {
+    /// The file is not TOML, or a field is missing, unknown or of the wrong type.
+    #[error("line {line}: {problem}")]
+    Syntax {
+        /// Line in the file, from 1.
+        line: usize,
+        /// What the parser found.
+        problem: String,
+    },
+    /// A value of the file makes no sense.
+    #[error("line {line}: {part} '{name}': {field} {problem}")]
+    Value {
+        /// Line in the file, from 1.
+        line: usize,
+        /// Kind of the part, such as `joint`.
+        part: &'static str,
+        /// Name of the part.
+        name: String,
+        /// Field at fault.
+        field: &'static str,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+    /// A hand that this version has no figures for.
+    #[error("hand '{0}' is not supported yet; use '{hand}'", hand = HandKind::Inspire)]
+    Hand(String),
+    /// A gain set that does not exist.
+    #[error("gain set '{0}' is unknown; use 'fiatlux' or 'sonic'")]
+    GainSet(String),
+    /// The gains handed over were made for another robot.
+    #[error("gains are for {found} joints, the robot has {expected}; start from Robot::gains")]
+    Gains {
+        /// Joints of the robot.
+        expected: usize,
+        /// Joints found.
+        found: usize,
+    },
+    /// The model was not built from the builder that the robot was added to.
+    #[error("body {0} of the robot is not in this model; use the model built from the robot's builder")]
+    OtherModel(usize),
+    /// The dynamics engine refused a body, a shape or an array.
+    #[error(transparent)]
+    Engine(#[from] ModelError),
+}

@@ -1,0 +1,122 @@
+//! The robot file as it stands, before any check.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RobotFile {
+    pub name: String,
+    pub hand: String,
+    pub joint_order: Vec<String>,
+    pub hand_links: Vec<String>,
+    pub feet: Vec<String>,
+    pub palms: Vec<String>,
+    #[serde(default)]
+    pub exclude: Vec<Vec<String>>,
+    pub checks: Checks,
+    pub posture: BTreeMap<String, f64>,
+    pub gains: GainSets,
+    pub material: Vec<MaterialDef>,
+    pub link: Vec<LinkDef>,
+    pub joint: Vec<JointDef>,
+    #[serde(default)]
+    pub fixed: Vec<FixedDef>,
+    pub shape: Vec<ShapeDef>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Checks {
+    pub joint_count: usize,
+    pub total_mass: f64,
+    pub standing_height: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct GainSets {
+    pub sonic: TunedGains,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct TunedGains {
+    pub natural_frequency_hz: f64,
+    pub damping_ratio: f64,
+    pub joints: Vec<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MaterialDef {
+    pub name: String,
+    pub friction: f64,
+    pub static_friction: f64,
+    pub priority: i32,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LinkDef {
+    pub name: String,
+    pub mass: Option<f64>,
+    pub com: Option<[f64; 3]>,
+    pub inertia: Option<[f64; 6]>,
+    pub group: Option<String>,
+    pub material: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JointDef {
+    pub name: String,
+    pub parent: String,
+    pub child: String,
+    #[serde(default)]
+    pub xyz: [f64; 3],
+    #[serde(default)]
+    pub rpy: [f64; 3],
+    pub axis: [f64; 3],
+    pub lower: f64,
+    pub upper: f64,
+    pub effort_limit: f64,
+    pub stiffness: f64,
+    pub damping: f64,
+    pub armature: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FixedDef {
+    pub name: String,
+    pub parent: String,
+    pub child: String,
+    #[serde(default)]
+    pub xyz: [f64; 3],
+    #[serde(default)]
+    pub rpy: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ShapeDef {
+    pub name: String,
+    pub link: String,
+    pub kind: ShapeKind,
+    pub pos: Option<[f64; 3]>,
+    pub rpy: Option<[f64; 3]>,
+    pub from: Option<[f64; 3]>,
+    pub to: Option<[f64; 3]>,
+    pub radius: Option<f64>,
+    pub half_extents: Option<[f64; 3]>,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum ShapeKind {
+    Sphere,
+    Capsule,
+    Box,
+}

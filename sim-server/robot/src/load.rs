@@ -1,0 +1,159 @@
+//! From a robot file to a checked robot.
+
+use fiatlux_dynamics::Material;
+
+use crate::file::RobotFile;
+use crate::gains::Gains;
+use crate::locate::{Step, line_at};
+use crate::refuse::Refuse;
+use crate::shape::Surface;
+use crate::{HandKind, Robot, RobotError};
+
+/// kg.
+const MASS_TOLERANCE: f64 = 1e-3;
+/// m.
+const HEIGHT_TOLERANCE: f64 = 5e-4;
+
+pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
+    let file: RobotFile = toml::from_str(text).map_err(|error| RobotError::Syntax {
+        line: error.span().map_or(1, |span| line_at(text, span.start)),
+        problem: error.message().trim_end().into(),
+    })?;
+    let refuse = Refuse { text, robot: &file.name };
+    let hand: HandKind =
+        file.hand.parse().map_err(|e: RobotError| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
+    let links = crate::tree::links(&file, &refuse)?;
+    let (joints, links) = crate::tree::joints(&file, links, &refuse)?;
+    let surfaces = surfaces(&file, &refuse)?;
+    let (shapes, groups) = crate::load_shapes::shapes(&file, &surfaces, &refuse)?;
+
+    let link_names: Vec<&str> = links.iter().map(|l| l.name.as_str()).collect();
+    let link_list = |key: &'static str, names: &[String]| {
+        names
+            .iter()
+            .enumerate()
+            .map(|(i, name)| refuse.find(&link_names, name, "link", key, &[Step::Key(key), Step::Index(i)]))
+            .collect::<Result<Vec<usize>, RobotError>>()
+    };
+    let mut robot = Robot {
+        hand_links: link_list("hand_links", &file.hand_links)?,
+        feet: link_list("feet", &file.feet)?,
+        palms: link_list("palms", &file.palms)?,
+        excluded: excluded(&file, &link_names, &refuse)?,
+        q0: vec![0.0; joints.len()],
+        sonic: Gains(joints.iter().map(|j| j.gains).collect()),
+        name: file.name.clone(),
+        hand,
+        links,
+        joints,
+        shapes,
+        surfaces,
+        groups,
+    };
+    read_posture(&file, &mut robot, &refuse)?;
+    read_sonic(&file, &mut robot, &refuse)?;
+    check_sums(&file, &robot, &refuse)?;
+    Ok(robot)
+}
+
+fn surfaces(file: &RobotFile, refuse: &Refuse<'_>) -> Result<Vec<Surface>, RobotError> {
+    let mut surfaces: Vec<Surface> = Vec::new();
+    for (index, def) in file.material.iter().enumerate() {
+        let part = refuse.part("material", index, &def.name);
+        if surfaces.iter().any(|s| s.name == def.name) {
+            return Err(part.refuse("name", "is taken; names must be unique"));
+        }
+        part.not_negative("friction", def.friction)?;
+        part.not_negative("static_friction", def.static_friction)?;
+        surfaces.push(Surface {
+            name: def.name.clone(),
+            material: Material { friction: def.friction, priority: def.priority },
+            static_friction: def.static_friction,
+        });
+    }
+    Ok(surfaces)
+}
+
+fn excluded(file: &RobotFile, link_names: &[&str], refuse: &Refuse<'_>) -> Result<Vec<(usize, usize)>, RobotError> {
+    let mut pairs = Vec::new();
+    for (row, names) in file.exclude.iter().enumerate() {
+        let path = [Step::Key("exclude"), Step::Index(row)];
+        if names.len() < 2 {
+            return Err(refuse.at(&path, "exclude", "has a row with fewer than two links; name at least two".into()));
+        }
+        let mut links = Vec::new();
+        for (i, name) in names.iter().enumerate() {
+            links.push(refuse.find(link_names, name, "link", "exclude", &[path[0], path[1], Step::Index(i)])?);
+        }
+        for (i, &a) in links.iter().enumerate() {
+            pairs.extend(links[i + 1..].iter().map(|&b| (a.min(b), a.max(b))));
+        }
+    }
+    pairs.sort_unstable();
+    pairs.dedup();
+    Ok(pairs)
+}
+
+fn read_posture(file: &RobotFile, robot: &mut Robot, refuse: &Refuse<'_>) -> Result<(), RobotError> {
+    let names: Vec<&str> = robot.joints.iter().map(|j| j.name.as_str()).collect();
+    for (name, &angle) in &file.posture {
+        let path = [Step::Key("posture"), Step::Key(name)];
+        let index = refuse.find(&names, name, "joint", "posture", &path)?;
+        robot.q0[index] = angle;
+    }
+    for (joint, &angle) in robot.joints.iter().zip(&robot.q0) {
+        if !(joint.lower <= angle && angle <= joint.upper) {
+            let problem = format!(
+                "puts {} at {angle}, outside its limits {} to {}; change one of them",
+                joint.name, joint.lower, joint.upper
+            );
+            return Err(refuse.at(&[Step::Key("posture"), Step::Key(&joint.name)], "posture", problem));
+        }
+    }
+    Ok(())
+}
+
+fn read_sonic(file: &RobotFile, robot: &mut Robot, refuse: &Refuse<'_>) -> Result<(), RobotError> {
+    let def = &file.gains.sonic;
+    for (key, value) in [("natural_frequency_hz", def.natural_frequency_hz), ("damping_ratio", def.damping_ratio)] {
+        if !(0.0..=1e6).contains(&value) {
+            let path = [Step::Key("gains"), Step::Key("sonic"), Step::Key(key)];
+            return Err(refuse.at(&path, "gains.sonic", format!("has {key} {value}; it must be from 0 to 1e6")));
+        }
+    }
+    let frequency = 2.0 * std::f64::consts::PI * def.natural_frequency_hz;
+    let names: Vec<&str> = robot.joints.iter().map(|j| j.name.as_str()).collect();
+    for (i, name) in def.joints.iter().enumerate() {
+        let path = [Step::Key("gains"), Step::Key("sonic"), Step::Key("joints"), Step::Index(i)];
+        let index = refuse.find(&names, name, "joint", "gains.sonic", &path)?;
+        robot.sonic.0[index] = robot.joints[index].gains.tuned(frequency, def.damping_ratio);
+    }
+    Ok(())
+}
+
+/// Compares what the file states about the whole robot with what its parts add up to.
+fn check_sums(file: &RobotFile, robot: &Robot, refuse: &Refuse<'_>) -> Result<(), RobotError> {
+    let checks = &file.checks;
+    let differs =
+        |key: &'static str, problem: String| Err(refuse.at(&[Step::Key("checks"), Step::Key(key)], key, problem));
+    if checks.joint_count != robot.joints.len() {
+        let problem =
+            format!("is {}, the file has {} joints; correct one of them", checks.joint_count, robot.joints.len());
+        return differs("joint_count", problem);
+    }
+    let near = |a: f64, b: f64, tolerance: f64| (a - b).abs() <= tolerance;
+    let mass = robot.total_mass();
+    if !near(mass, checks.total_mass, MASS_TOLERANCE) {
+        let problem = format!("is {} kg, the links add up to {mass:.4} kg; correct one of them", checks.total_mass);
+        return differs("total_mass", problem);
+    }
+    let height = robot.standing_height();
+    if !near(height, checks.standing_height, HEIGHT_TOLERANCE) {
+        let problem = format!(
+            "is {} m, the posture and the shapes of the feet make it {height:.4} m; correct one of them",
+            checks.standing_height
+        );
+        return differs("standing_height", problem);
+    }
+    Ok(())
+}

@@ -1,0 +1,166 @@
+use fiatlux_dynamics::Drive;
+use nalgebra::{Isometry3, Matrix3, UnitVector3, Vector3};
+
+use crate::{GainSet, Gains, HandKind, JointGains, RobotError, Shape, Surface};
+
+/// A rigid part of a robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Link {
+    /// Unique name.
+    pub name: String,
+    /// kg; 0 for a frame.
+    pub mass: f64,
+    /// Centre of mass in the link's frame, m.
+    pub com: Vector3<f64>,
+    /// Inertia about the centre of mass, link axes, kg m^2.
+    pub inertia: Matrix3<f64>,
+    /// Index of the parent, which is smaller than the link's own; `None` for the root.
+    pub parent: Option<usize>,
+    /// Pose in the parent at joint angle 0; the identity for the root.
+    pub parent_from_link: Isometry3<f64>,
+    /// Index of the joint above it; `None` when it is the root or fixed to its parent.
+    pub joint: Option<usize>,
+}
+
+/// A driven rotary joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// Unique name.
+    pub name: String,
+    /// Index of the link below it.
+    pub link: usize,
+    /// Axis in that link's frame.
+    pub axis: UnitVector3<f64>,
+    /// Lower limit, rad.
+    pub lower: f64,
+    /// Upper limit, rad.
+    pub upper: f64,
+    /// Drive of the set [`GainSet::Fiatlux`].
+    pub gains: JointGains,
+}
+
+/// A checked robot. Links are indexed in the order of its file, joints in the order of its `joint_order`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    pub(crate) name: String,
+    pub(crate) hand: HandKind,
+    pub(crate) links: Vec<Link>,
+    pub(crate) joints: Vec<Joint>,
+    pub(crate) shapes: Vec<Shape>,
+    pub(crate) surfaces: Vec<Surface>,
+    pub(crate) groups: Vec<String>,
+    pub(crate) q0: Vec<f64>,
+    pub(crate) sonic: Gains,
+    pub(crate) excluded: Vec<(usize, usize)>,
+    pub(crate) hand_links: Vec<usize>,
+    pub(crate) feet: Vec<usize>,
+    pub(crate) palms: Vec<usize>,
+}
+
+impl Robot {
+    /// Reads and checks a robot file; its header describes the format.
+    ///
+    /// # Errors
+    /// [`RobotError::Syntax`] and [`RobotError::Value`], with the line at fault.
+    pub fn from_toml(text: &str) -> Result<Self, RobotError> {
+        crate::load::load(text)
+    }
+
+    /// The Unitree G1 with 29 body joints and two Inspire hands of 12 joints each.
+    ///
+    /// # Errors
+    /// As [`Robot::from_toml`].
+    pub fn g1_inspire() -> Result<Self, RobotError> {
+        Self::from_toml(include_str!("../g1_inspire.toml"))
+    }
+
+    /// Name of the robot.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The hands it carries.
+    pub fn hand(&self) -> HandKind {
+        self.hand
+    }
+
+    /// All links; entry 0 is the root (the pelvis).
+    pub fn links(&self) -> &[Link] {
+        &self.links
+    }
+
+    /// All joints, in the order of every observation, action and state.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+
+    /// All collision shapes.
+    pub fn shapes(&self) -> &[Shape] {
+        &self.shapes
+    }
+
+    /// Surfaces of the shapes; entry 0 is the default.
+    pub fn surfaces(&self) -> &[Surface] {
+        &self.surfaces
+    }
+
+    /// Names of the cull groups, by number.
+    pub fn groups(&self) -> &[String] {
+        &self.groups
+    }
+
+    /// Joint angles of the standing posture, rad.
+    pub fn q0(&self) -> &[f64] {
+        &self.q0
+    }
+
+    /// Pairs of links whose bodies pass through each other, beside those joined by a joint.
+    pub fn excluded(&self) -> &[(usize, usize)] {
+        &self.excluded
+    }
+
+    /// Links whose contact forces are sensed: right hand (from wrist roll), then left.
+    pub fn hand_links(&self) -> &[usize] {
+        &self.hand_links
+    }
+
+    /// Links that carry the soles: left, right.
+    pub fn feet(&self) -> &[usize] {
+        &self.feet
+    }
+
+    /// Palm links: left, right.
+    pub fn palms(&self) -> &[usize] {
+        &self.palms
+    }
+
+    /// Index of the link of that name.
+    pub fn link_index(&self, name: &str) -> Option<usize> {
+        self.links.iter().position(|l| l.name == name)
+    }
+
+    /// Index of the joint of that name.
+    pub fn joint_index(&self, name: &str) -> Option<usize> {
+        self.joints.iter().position(|j| j.name == name)
+    }
+
+    /// kg.
+    pub fn total_mass(&self) -> f64 {
+        self.links.iter().map(|l| l.mass).sum()
+    }
+
+    /// Drives of a set, by joint index.
+    pub fn gains(&self, set: GainSet) -> Gains {
+        match set {
+            GainSet::Fiatlux => Gains(self.joints.iter().map(|j| j.gains).collect()),
+            GainSet::Sonic => self.sonic.clone(),
+        }
+    }
+}
+
+impl JointGains {
+    /// The drive as the engine takes it.
+    pub fn drive(&self) -> Drive {
+        Drive { stiffness: self.stiffness, damping: self.damping, effort_limit: self.effort_limit }
+    }
+}

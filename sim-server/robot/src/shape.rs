@@ -1,0 +1,45 @@
+use fiatlux_dynamics::{Geometry, Material};
+use nalgebra::{Isometry3, Vector3};
+
+/// A collision shape of a link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shape {
+    /// Unique name.
+    pub name: String,
+    /// Index of the link that carries it.
+    pub link: usize,
+    /// Pose in that link.
+    pub link_from_shape: Isometry3<f64>,
+    /// Sphere, capsule or box.
+    pub geometry: Geometry,
+    /// Index into [`crate::Robot::surfaces`].
+    pub surface: usize,
+    /// Number of its cull group, from 0.
+    pub group: u16,
+}
+
+/// What a link's shapes are made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surface {
+    /// Name in the file.
+    pub name: String,
+    /// Coefficient and priority that the engine uses.
+    pub material: Material,
+    /// Static coefficient of the source, recorded only.
+    pub static_friction: f64,
+}
+
+impl Shape {
+    /// Height of the shape's lowest point, m.
+    pub(crate) fn lowest_point(&self, world_from_link: &Isometry3<f64>) -> f64 {
+        let world_from_shape = world_from_link * self.link_from_shape;
+        let down = world_from_shape.inverse_transform_vector(&-Vector3::z());
+        let reach = match self.geometry {
+            Geometry::HalfSpace => f64::INFINITY,
+            Geometry::Sphere { radius } => radius,
+            Geometry::Capsule { radius, half_length } => radius + half_length * down.z.abs(),
+            Geometry::Cuboid { half_extents } => half_extents.dot(&down.abs()),
+        };
+        world_from_shape.translation.z - reach
+    }
+}
