@@ -1,0 +1,119 @@
+//! Every number of the scene. The published values and their sources stand in `scene.toml`, beside the meaning of
+//! each field.
+
+mod check;
+mod parts;
+
+use serde::{Deserialize, Serialize};
+use toml::de::{DeTable, DeValue};
+
+pub use parts::{
+    AttachmentConfig, BenchConfig, BulbConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig, LayoutConfig,
+    RobotStartConfig, RoomConfig, Surface, Surfaces,
+};
+
+use crate::SceneError;
+
+/// The published scene, as text that a person can read and copy from.
+pub const PUBLISHED_SCENE: &str = include_str!("../scene.toml");
+
+/// All numbers of a scene. Units are SI and radians.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneConfig {
+    /// Floor, walls and ceiling.
+    pub room: RoomConfig,
+    /// Work bench with tray.
+    pub bench: BenchConfig,
+    /// Disposal crate.
+    #[serde(rename = "crate")]
+    pub crate_: CrateConfig,
+    /// Lamp socket and its mount.
+    pub fixture: FixtureConfig,
+    /// Both bulbs.
+    pub bulb: BulbConfig,
+    /// Step ladder.
+    pub ladder: LadderConfig,
+    /// The socket's hold on a bulb.
+    pub attachment: AttachmentConfig,
+    /// Friction.
+    pub surfaces: Surfaces,
+    /// Draw of the room.
+    pub layout: LayoutConfig,
+    /// The fixed scene of `climb`.
+    pub climb: ClimbConfig,
+    /// Where the robot starts.
+    pub robot: RobotStartConfig,
+}
+
+impl Default for SceneConfig {
+    fn default() -> Self {
+        Self::from_toml("").expect("the embedded scene is valid")
+    }
+}
+
+impl SceneConfig {
+    /// Reads and checks a config. What the text leaves out keeps its published value.
+    ///
+    /// # Errors
+    /// [`SceneError::Toml`] for text that cannot be read or a field that does not exist, [`SceneError::Value`] for the
+    /// first value that makes no scene.
+    pub fn from_toml(text: &str) -> Result<Self, SceneError> {
+        let mut merged = DeTable::parse(PUBLISHED_SCENE).map_err(|e| toml_error(PUBLISHED_SCENE, &e))?;
+        let changes = DeTable::parse(text).map_err(|e| toml_error(text, &e))?.into_inner();
+        // Every value keeps its place in the text it came from; only values from `text` can be at fault.
+        merge(merged.get_mut(), changes.clone());
+        let config = Self::deserialize(toml::de::Deserializer::from(merged)).map_err(|e| toml_error(text, &e))?;
+        match config.check() {
+            Err(SceneError::Value { field, value, rule, .. }) => {
+                Err(SceneError::Value { field, line: line_of(text, &changes, field), value, rule })
+            }
+            result => result.map(|()| config),
+        }
+    }
+
+    /// Checks that the numbers make a scene. Needed only after a change in place; [`SceneConfig::from_toml`] checks.
+    ///
+    /// # Errors
+    /// [`SceneError::Value`] for the first value at fault.
+    pub fn check(&self) -> Result<(), SceneError> {
+        check::check(self)
+    }
+}
+
+fn toml_error(text: &str, error: &toml::de::Error) -> SceneError {
+    let line = error.span().map(|span| line_at(text, span.start));
+    let quoted = line.and_then(|line| text.lines().nth(line - 1)).unwrap_or_default();
+    SceneError::Toml { line, reason: format!("{} in `{}`", error.message(), quoted.trim()) }
+}
+
+fn merge<'a>(base: &mut DeTable<'a>, changes: DeTable<'a>) {
+    for (key, value) in changes {
+        if let DeValue::Table(_) = value.get_ref()
+            && let Some(old) = base.get_mut(key.get_ref().as_ref())
+            && let DeValue::Table(old_table) = old.get_mut()
+        {
+            if let DeValue::Table(new_table) = value.into_inner() {
+                merge(old_table, new_table);
+            }
+        } else {
+            base.insert(key, value);
+        }
+    }
+}
+
+fn line_of(text: &str, table: &DeTable<'_>, field: &str) -> Option<usize> {
+    let mut keys = field.split('.');
+    let mut value = table.get(keys.next()?)?;
+    for key in keys {
+        value = value.get_ref().get(key)?;
+    }
+    Some(line_at(text, value.span().start))
+}
+
+fn line_at(text: &str, offset: usize) -> usize {
+    1 + text.bytes().take(offset).filter(|&b| b == b'\n').count()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,69 @@
+use fiatlux_dynamics::ModelError;
+use fiatlux_robot::RobotError;
+use thiserror::Error;
+
+/// Why a scene cannot be built.
+#[derive(Debug, Error)]
+pub enum SceneError {
+    /// The text is not TOML, or a field is unknown or of the wrong type.
+    #[error("scene config{}: {reason}", at_line(*.line))]
+    Toml {
+        /// Line of the fault, from 1, where known.
+        line: Option<usize>,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A field has a value that makes no scene.
+    #[error("scene config{}: {field} is {value}; {rule}", at_line(*.line))]
+    Value {
+        /// The field, such as `bench.surface_height`.
+        field: &'static str,
+        /// Its line, from 1, where the config's text gives it.
+        line: Option<usize>,
+        /// The value found.
+        value: String,
+        /// The rule that it breaks.
+        rule: String,
+    },
+    /// The zones do not fit into the room.
+    #[error("no room for seed {seed} after {redraws} draws: '{zone}' found no free place; make zones or gap smaller")]
+    Layout {
+        /// Layout seed.
+        seed: u64,
+        /// How often the room was drawn.
+        redraws: u32,
+        /// The zone that found no place in the last draw.
+        zone: &'static str,
+    },
+    /// The engine refused a part of the scene.
+    #[error("scene cannot be modelled")]
+    Model(#[from] ModelError),
+    /// The robot cannot be added as asked.
+    #[error("scene cannot take the robot")]
+    Robot(#[source] RobotError),
+}
+
+/// Why a world cannot do what it was asked to; it is unchanged then.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum WorldError {
+    /// A joint target is NaN or infinite.
+    #[error("target of joint '{joint}' is not finite; send finite radians")]
+    Target {
+        /// Name of the joint.
+        joint: String,
+    },
+    /// A row cannot be started from.
+    #[error("row to start from: {field} is {value}; {rule}")]
+    Row {
+        /// The field at fault.
+        field: &'static str,
+        /// The value found.
+        value: f64,
+        /// The rule that it breaks.
+        rule: &'static str,
+    },
+}
+
+fn at_line(line: Option<usize>) -> String {
+    line.map(|line| format!(" line {line}")).unwrap_or_default()
+}

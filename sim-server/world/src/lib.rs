@@ -1,0 +1,20 @@
+//! The benchmark's scene as data and as a model of the dynamics engine: room, bench, crate, fixture, bulbs, ladder and
+//! robot, their draw by seed, the socket's hold on a bulb, and geometric measurements.
+mod attach;
+pub mod config;
+mod error;
+mod layout;
+pub mod measure;
+mod props;
+mod rng;
+mod scene;
+mod world;
+
+pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
+pub use config::SceneConfig;
+pub use error::{SceneError, WorldError};
+pub use layout::{LadderStart, Layout, Mount, Place};
+pub use props::LadderPoints;
+pub use rng::{RNG_NAME, Random, Stream};
+pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};
+pub use world::{PHYSICS_DT, SUBSTEPS, World};

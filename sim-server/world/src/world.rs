@@ -1,0 +1,311 @@
+//! One world: a scene in motion, advanced by control steps and measured as rows.
+
+use std::sync::Arc;
+
+use fiatlux_dynamics::{BodyId, Dynamics, Input, State, Wrench};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, HAND_BODIES, JOINTS, LIMBS, Row};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+use crate::attach::{Attachment, AttachmentState, PlugState, hold_wrench};
+use crate::{Scene, ShapeOwner, WorldError};
+
+/// Length of a physics step, s.
+pub const PHYSICS_DT: f64 = 0.005;
+/// Physics steps in a control step.
+pub const SUBSTEPS: usize = 4;
+
+/// A scene in motion. Knows no task: it starts from a row and measures rows. No I/O, no threads, no clock.
+#[derive(Debug, Clone)]
+pub struct World {
+    scene: Arc<Scene>,
+    sensors: Arc<Sensors>,
+    state: State,
+    dynamics: Dynamics,
+    attachments: [Attachment; 2],
+    targets: Vec<f64>,
+    wrenches: Vec<(BodyId, Wrench)>,
+    row: Box<Row>,
+}
+
+/// Which sensed part each shape is, by shape index.
+#[derive(Debug)]
+struct Sensors {
+    parts: Vec<Part>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Other,
+    Ladder,
+    Bulb(u8),
+    Hand(u8),
+    Limb(u8),
+    /// A palm: hand body and limb.
+    Palm(u8, u8),
+}
+
+impl World {
+    /// The scene's reference state with the robot in its standing posture and the old bulb in the socket's hold.
+    pub fn new(scene: Arc<Scene>) -> Self {
+        let mut state = scene.model.reference_state();
+        let mut targets = vec![0.0; scene.model.drives().len()];
+        for (ids, &q) in scene.robot_ids.joints.iter().zip(scene.robot.q0()) {
+            state.qpos[ids.qpos] = q;
+            targets[ids.drive] = q;
+        }
+        let dynamics = Dynamics::new(&scene.model);
+        let sensors = Arc::new(Sensors::new(&scene));
+        let mut world = Self {
+            row: Box::new(blank_row(&scene)),
+            sensors,
+            dynamics,
+            attachments: [Attachment::SEATED, Attachment::FREE],
+            targets,
+            wrenches: Vec::with_capacity(2),
+            state,
+            scene,
+        };
+        world.measure(0, 0);
+        world
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The state as measured after the last control step, or as last set.
+    pub fn row(&self) -> &Row {
+        &self.row
+    }
+
+    /// Generalised state.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// The engine's view of the last physics step.
+    pub fn dynamics(&self) -> &Dynamics {
+        &self.dynamics
+    }
+
+    /// Goes to the state of a row. From there the world runs exactly as the one that measured it.
+    ///
+    /// # Errors
+    /// [`WorldError::Row`] for a number that is not finite or a rotation that is not a unit quaternion.
+    pub fn reset_to(&mut self, row: &Row) -> Result<(), WorldError> {
+        check_row(row)?;
+        let scene = &self.scene;
+        let model = &scene.model;
+        let bodies = [
+            (Some(scene.robot_ids.root), &row.robot),
+            (scene.ladder, &row.ladder),
+            (Some(scene.old_bulb), &row.bulbs[0]),
+            (Some(scene.fresh_bulb), &row.bulbs[1]),
+        ];
+        for (body, values) in bodies {
+            let Some(body) = body else { continue };
+            self.state.set_pose(model, body, &values.pose);
+            let dof = model.bodies()[body.0].dof_start;
+            self.state.qvel[dof..dof + 3].copy_from_slice(values.linear_velocity.as_slice());
+            self.state.qvel[dof + 3..dof + 6].copy_from_slice(values.angular_velocity.as_slice());
+        }
+        for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
+            self.state.qpos[ids.qpos] = row.joint_position[joint];
+            self.state.qvel[ids.dof] = row.joint_velocity[joint];
+            self.targets[ids.drive] = row.joint_target[joint];
+        }
+        for (attachment, values) in self.attachments.iter_mut().zip(&row.attachments) {
+            let state = if values.seated { AttachmentState::Seated } else { AttachmentState::Free };
+            *attachment = Attachment { state, steps_beyond: values.steps_beyond };
+        }
+        (*self.row).clone_from(row);
+        Ok(())
+    }
+
+    /// Advances by one control step of four physics steps towards joint targets, rad in the public joint order; targets
+    /// beyond a joint's limits are clamped to them. `action` is what was received, for the record.
+    ///
+    /// # Errors
+    /// [`WorldError::Target`] for a target that is not finite; the world is unchanged.
+    pub fn step(&mut self, action: &[f64; JOINTS], joint_target: &[f64; JOINTS]) -> Result<&Row, WorldError> {
+        if let Some(joint) = joint_target.iter().position(|t| !t.is_finite()) {
+            let joint = self.scene.robot.joints()[joint].name.clone();
+            return Err(WorldError::Target { joint });
+        }
+        let scene = Arc::clone(&self.scene);
+        for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
+            let limits = &scene.robot.joints()[joint];
+            let target = joint_target[joint].clamp(limits.lower, limits.upper);
+            self.targets[ids.drive] = target;
+            self.row.joint_target[joint] = target;
+        }
+        self.row.action = *action;
+        self.hold_bulbs(&scene);
+        let unconverged = self.physics(&scene, &[], SUBSTEPS);
+        self.measure(self.row.step + 1, unconverged);
+        Ok(&self.row)
+    }
+
+    /// Advances both attachments from the present state and sets their wrenches.
+    fn hold_bulbs(&mut self, scene: &Scene) {
+        let law = &scene.config.attachment;
+        self.wrenches.clear();
+        for (bulb, body) in [scene.old_bulb, scene.fresh_bulb].into_iter().enumerate() {
+            let row = &self.row.bulbs[bulb];
+            let plug = PlugState::measure(&scene.world_from_fixture, &row.pose, scene.config.bulb.seat_z);
+            let socket_free = !self.attachments[1 - bulb].is_seated();
+            self.attachments[bulb].advance(law, &plug, socket_free);
+            if self.attachments[bulb].is_seated() {
+                let com = row.pose.rotation * scene.model.bodies()[body.0].spec.com;
+                let velocity = row.linear_velocity + row.angular_velocity.cross(&com);
+                self.wrenches.push((body, hold_wrench(law, &plug, &velocity, &row.angular_velocity)));
+            }
+        }
+    }
+
+    /// Runs physics steps and notes contact forces; returns how many did not converge.
+    fn physics(&mut self, scene: &Scene, locked: &[bool], steps: usize) -> u32 {
+        let mut unconverged = 0;
+        self.row.hand_force_peak = [[0.0; HAND_BODIES]; 2];
+        for _ in 0..steps {
+            let input = Input { targets: &self.targets, wrenches: &self.wrenches, locked };
+            let report = self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
+            unconverged += u32::from(!report.converged);
+            self.sense();
+        }
+        unconverged
+    }
+
+    /// Sums the last physics step's contact forces per sensed part.
+    fn sense(&mut self) {
+        let row = &mut *self.row;
+        row.hand_force = [[Vector3::zeros(); HAND_BODIES]; 2];
+        row.limb_force = [Vector3::zeros(); LIMBS];
+        let mut touched = false;
+        for contact in self.dynamics.contacts() {
+            let (a, b) = (self.sensors.parts[contact.shape_a.0], self.sensors.parts[contact.shape_b.0]);
+            // The contact's force acts on b.
+            for (sensed, other, force) in [(a, b, -contact.force), (b, a, contact.force)] {
+                match (sensed, other) {
+                    (Part::Hand(hand) | Part::Palm(hand, _), Part::Bulb(bulb)) => {
+                        row.hand_force[usize::from(bulb)][usize::from(hand)] += force;
+                        touched = true;
+                    }
+                    (Part::Limb(limb) | Part::Palm(_, limb), Part::Ladder) => {
+                        row.limb_force[usize::from(limb)] += force;
+                    }
+                    _ => {}
+                }
+            }
+        }
+        if touched {
+            for (peaks, forces) in row.hand_force_peak.iter_mut().zip(&row.hand_force) {
+                for (peak, force) in peaks.iter_mut().zip(forces) {
+                    *peak = peak.max(force.norm());
+                }
+            }
+        }
+    }
+
+    /// Writes the present state into the row.
+    fn measure(&mut self, step: u64, unconverged: u32) {
+        let scene = &self.scene;
+        let row = &mut *self.row;
+        row.step = step;
+        row.unconverged = unconverged;
+        let read = |body: BodyId| read_body(scene, &self.state, body);
+        row.robot = read(scene.robot_ids.root);
+        row.bulbs = [read(scene.old_bulb), read(scene.fresh_bulb)];
+        if let Some(ladder) = scene.ladder {
+            row.ladder = read(ladder);
+        }
+        for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
+            row.joint_position[joint] = self.state.qpos[ids.qpos];
+            row.joint_velocity[joint] = self.state.qvel[ids.dof];
+            row.joint_target[joint] = self.targets[ids.drive];
+            row.joint_effort[joint] = self.dynamics.efforts()[ids.drive];
+        }
+        for (values, attachment) in row.attachments.iter_mut().zip(&self.attachments) {
+            *values = AttachmentRow { seated: attachment.is_seated(), steps_beyond: attachment.steps_beyond };
+        }
+    }
+}
+
+impl Sensors {
+    fn new(scene: &Scene) -> Self {
+        let robot = &scene.robot;
+        let index = |links: &[usize], link: usize| links.iter().position(|l| *l == link).map(|i| i as u8);
+        let limbs: Vec<usize> = robot.feet().iter().chain(robot.palms()).copied().collect();
+        let parts = scene.model.shapes().iter().map(|shape| match ShapeOwner::from_label(shape.label) {
+            ShapeOwner::Ladder => Part::Ladder,
+            ShapeOwner::OldBulb => Part::Bulb(Bulb::Old as u8),
+            ShapeOwner::FreshBulb => Part::Bulb(Bulb::Fresh as u8),
+            ShapeOwner::Robot(link) => match (index(robot.hand_links(), link), index(&limbs, link)) {
+                (Some(hand), Some(limb)) => Part::Palm(hand, limb),
+                (Some(hand), None) => Part::Hand(hand),
+                (None, Some(limb)) => Part::Limb(limb),
+                (None, None) => Part::Other,
+            },
+            _ => Part::Other,
+        });
+        Self { parts: parts.collect() }
+    }
+}
+
+fn read_body(scene: &Scene, state: &State, body: BodyId) -> BodyRow {
+    let body = &scene.model.bodies()[body.0];
+    let (q, v) = (&state.qpos[body.qpos_start..], &state.qvel[body.dof_start..]);
+    // The stored quaternion is taken as it is, so that a restart is exact.
+    let rotation = UnitQuaternion::new_unchecked(Quaternion::new(q[3], q[4], q[5], q[6]));
+    BodyRow {
+        pose: Isometry3::from_parts(Translation3::new(q[0], q[1], q[2]), rotation),
+        linear_velocity: Vector3::new(v[0], v[1], v[2]),
+        angular_velocity: Vector3::new(v[3], v[4], v[5]),
+    }
+}
+
+/// Zeros, with what never moves in its place.
+fn blank_row(scene: &Scene) -> Row {
+    let still = |pose| BodyRow { pose, linear_velocity: Vector3::zeros(), angular_velocity: Vector3::zeros() };
+    Row {
+        step: 0,
+        robot: still(Isometry3::identity()),
+        joint_position: [0.0; JOINTS],
+        joint_velocity: [0.0; JOINTS],
+        joint_target: [0.0; JOINTS],
+        joint_effort: [0.0; JOINTS],
+        action: [0.0; JOINTS],
+        ladder: still(scene.world_from_ladder),
+        bulbs: [still(Isometry3::identity()); 2],
+        fixture: scene.world_from_fixture,
+        crate_: scene.world_from_crate.unwrap_or_else(Isometry3::identity),
+        hand_force: [[Vector3::zeros(); HAND_BODIES]; 2],
+        hand_force_peak: [[0.0; HAND_BODIES]; 2],
+        limb_force: [Vector3::zeros(); LIMBS],
+        attachments: [AttachmentRow { seated: false, steps_beyond: 0 }; 2],
+        unconverged: 0,
+    }
+}
+
+fn check_row(row: &Row) -> Result<(), WorldError> {
+    let finite = |field: &'static str, values: &[f64]| match values.iter().find(|v| !v.is_finite()) {
+        Some(&value) => Err(WorldError::Row { field, value, rule: "it must be finite" }),
+        None => Ok(()),
+    };
+    let bodies =
+        [("robot", &row.robot), ("ladder", &row.ladder), ("old bulb", &row.bulbs[0]), ("fresh bulb", &row.bulbs[1])];
+    for (field, body) in bodies {
+        finite(field, body.pose.translation.vector.as_slice())?;
+        finite(field, body.pose.rotation.coords.as_slice())?;
+        finite(field, body.linear_velocity.as_slice())?;
+        finite(field, body.angular_velocity.as_slice())?;
+        let norm = body.pose.rotation.coords.norm();
+        if (norm - 1.0).abs() > 1e-6 {
+            return Err(WorldError::Row { field, value: norm, rule: "its quaternion must have length 1" });
+        }
+    }
+    finite("joint_position", &row.joint_position)?;
+    finite("joint_velocity", &row.joint_velocity)?;
+    finite("joint_target", &row.joint_target)
+}
