@@ -5,8 +5,10 @@ use crate::spatial::{Force, V3};
 
 /// Compliance along the normal, in units of the pair's inverse mass.
 const NORMAL_COMPLIANCE: f64 = 1e-2;
-/// Compliance along the tangents, in units of the pair's inverse mass.
+/// Compliance along the tangents, in units of the pair's inverse mass, which counts as 1/kg at most here: what a pair
+/// creeps at under a given load does not grow further when it gets lighter.
 const TANGENT_COMPLIANCE: f64 = 1e-3;
+const TANGENT_INVERSE_MASS_MAX: f64 = 1.0;
 /// Part of the penetration beyond the slop that one step takes back.
 const BAUMGARTE: f64 = 0.2;
 /// Penetration that is left alone, m.
@@ -50,7 +52,7 @@ impl Point {
             friction,
             target_speed: target_speed(distance, dt),
             inverse_normal: 1.0 / (NORMAL_COMPLIANCE * inverse_mass),
-            inverse_tangent: 1.0 / (TANGENT_COMPLIANCE * inverse_mass),
+            inverse_tangent: 1.0 / (TANGENT_COMPLIANCE * inverse_mass.min(TANGENT_INVERSE_MASS_MAX)),
             velocity: V3::zeros(),
             direction: V3::zeros(),
             impulse: V3::zeros(),

@@ -96,8 +96,12 @@ impl Dynamical {
     }
 }
 
+/// Step for which the drives' share of the inverse inertia is taken, s.
+const NOMINAL_DT: f64 = 0.005;
+
 /// Inverse inertia in the reference pose: per body the mean over directions at its centre of mass (1/kg), and per degree
-/// of freedom the diagonal of the inverse mass matrix.
+/// of freedom the diagonal. Drives count with what they add to the inertia in an implicit step: a finger link of 3 g behind
+/// a stiff damper is not light to a contact, and a compliance scaled by its bare mass would creep.
 pub(crate) fn inverse_weights(model: &Model) -> (Vec<f64>, Vec<f64>) {
     let mut kin = Kinematics::new(model);
     kin.update(model, &model.reference_state());
@@ -105,6 +109,10 @@ pub(crate) fn inverse_weights(model: &Model) -> (Vec<f64>, Vec<f64>) {
     dynamical.update(model, &kin, &[]);
     let mut factor = Factor::new(model);
     factor.load(&dynamical.mass_matrix);
+    for (body, drive) in &model.drives {
+        let dof = model.bodies[body.0].dof_start;
+        factor.add(dof, dof, NOMINAL_DT * (drive.damping + NOMINAL_DT * drive.stiffness));
+    }
     factor.factorise();
     let solve = |rhs: Vec<f64>| {
         let mut x = rhs;
