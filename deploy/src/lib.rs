@@ -1,1 +1,3 @@
-//! TBD
+//! The one-machine launcher: everything behind one command; today its benchmarks.
+
+pub mod bench;

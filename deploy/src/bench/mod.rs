@@ -1,0 +1,70 @@
+//! Benchmarks: how fast each part is, measured over the same work as its rival.
+
+mod case;
+mod machine;
+mod mujoco;
+mod multibody;
+mod report;
+mod stats;
+pub mod world;
+mod worlds;
+
+pub use case::{Case, cases};
+pub use mujoco::{MujocoTime, Oracle};
+pub use multibody::MultibodyWorld;
+pub use report::{CaseReport, Report, WorldsReport};
+pub use stats::Times;
+
+/// Why a benchmark could not be run.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// The scene of the benchmark could not be built.
+    #[error("benchmark scene")]
+    Scene(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// A start state did not come about.
+    #[error("case '{case}': {problem}")]
+    Start {
+        /// Name of the case.
+        case: &'static str,
+        /// What was expected and what happened.
+        problem: String,
+    },
+    /// Rapier refused a joint.
+    #[error("Rapier took no multibody joint for body '{0}'; its tree has a loop or two parents")]
+    Joint(String),
+    /// The script that times MuJoCo is not there.
+    #[error("no oracle script at '{0}'; run from the repository's root, name it with --oracle, or leave out --mujoco")]
+    NoOracle(std::path::PathBuf),
+    /// A file or program of the MuJoCo timing failed.
+    #[error(
+        "MuJoCo timing: could not {what}; the comparison needs python3 (3.11 or newer) and write access to the \
+             temporary folder; without them leave out --mujoco"
+    )]
+    Io {
+        /// What was tried.
+        what: String,
+        /// Why it failed.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The script failed; it has said why on stderr.
+    #[error(
+        "MuJoCo timing of '{case}' failed ({status}); its own message stands above. On its first run it installs \
+             tests/oracle/requirements.txt and needs a package index; without one leave out --mujoco"
+    )]
+    OracleFailed {
+        /// Name of the case.
+        case: &'static str,
+        /// Exit status.
+        status: std::process::ExitStatus,
+    },
+    /// The script's output is not what was agreed.
+    #[error("MuJoCo timing of '{case}': unexpected output; is the oracle script of another version?")]
+    OracleOutput {
+        /// Name of the case.
+        case: &'static str,
+        /// Why it could not be read.
+        #[source]
+        source: serde_json::Error,
+    },
+}

@@ -1,0 +1,94 @@
+//! The simulation server's command line.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Parser, Subcommand};
+use fiatlux_sim::{ExportScene, Laws, MjcfOptions, Task, to_mjcf};
+
+/// Simulates the errand's scenes for policies.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Writes a scene for another simulator.
+    Export(Export),
+}
+
+#[derive(Debug, clap::Args)]
+struct Export {
+    /// File format.
+    #[arg(long, value_enum, default_value_t = Format::Mjcf)]
+    format: Format,
+    /// Task whose scene to write: S01 to S12, replace or climb.
+    #[arg(long, required_unless_present = "robot_only")]
+    task: Option<Task>,
+    /// Layout seed.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// In place of a task: the robot in its standing posture, without room and props.
+    #[arg(long, conflicts_with_all = ["task", "seed"])]
+    robot_only: bool,
+    /// With --robot-only: a floor under its feet.
+    #[arg(long, requires = "robot_only")]
+    floor: bool,
+    /// Physics step, s.
+    #[arg(long, default_value_t = 0.005, value_parser = timestep)]
+    timestep: f64,
+    /// Keep MuJoCo's default integrator and friction pyramids, with the drives' damping as passive joint damping. Effort
+    /// limits then clamp the stiffness only.
+    #[arg(long)]
+    mujoco_defaults: bool,
+    /// Output file; - is standard output.
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Format {
+    /// MJCF, as MuJoCo 4 loads it.
+    Mjcf,
+}
+
+fn timestep(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if value > 0.0 && value <= 0.1 => Ok(value),
+        _ => Err("a step is a number of seconds above 0 and at most 0.1".into()),
+    }
+}
+
+fn main() -> ExitCode {
+    let Cli { command: Command::Export(export) } = Cli::parse();
+    match run_export(&export) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run_export(export: &Export) -> anyhow::Result<()> {
+    let scene = match &export.task {
+        Some(task) => ExportScene::task(task, export.seed)?,
+        None => ExportScene::robot_only(export.floor)?,
+    };
+    let Format::Mjcf = export.format;
+    let options = MjcfOptions {
+        name: scene.name,
+        timestep: export.timestep,
+        laws: if export.mujoco_defaults { Laws::MujocoDefaults } else { Laws::Ours },
+    };
+    let text = to_mjcf(&scene.model, &scene.state, &scene.targets, &options);
+    if export.output.as_os_str() == "-" {
+        print!("{text}");
+        return Ok(());
+    }
+    std::fs::write(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
+}

@@ -1,0 +1,182 @@
+use fiatlux_dynamics::{BodySpec, Drive, Material, ModelBuilder, ShapeSpec};
+use nalgebra::{Matrix3, Translation3};
+
+use super::*;
+
+/// A floor, a free trunk with two arms given out of depth-first order, and a hand on the first arm.
+fn small_model() -> Model {
+    let mut builder = ModelBuilder::new();
+    let hinge = |drive| {
+        Joint::Hinge(Hinge { axis: Vector3::y_axis(), lower: -0.5, upper: f64::INFINITY, armature: 0.01, drive })
+    };
+    let drive = Drive { stiffness: 40.0, damping: 2.5, effort_limit: 35.0 };
+    let free_drive = Drive { effort_limit: f64::INFINITY, ..drive };
+    let mut add = |name: &str, parent, joint, x| {
+        let spec = BodySpec {
+            name: name.into(),
+            parent,
+            parent_from_body: Isometry3::translation(x, 0.0, 0.25),
+            joint,
+            mass: 1.5,
+            com: Vector3::new(0.0, 0.0, 0.1),
+            inertia: Matrix3::from_diagonal(&Vector3::new(0.1, 0.2, 0.25)),
+        };
+        builder.add_body(spec).expect("a valid model")
+    };
+    let trunk = add("trunk", BodyId::WORLD, Joint::Free, 0.0);
+    let left = add("left <arm> & \"co\"", trunk, hinge(Some(drive)), 0.1);
+    let right = add("right", trunk, hinge(Some(free_drive)), -0.1);
+    let hand = add("hand", left, hinge(None), 0.3);
+    let material = Material { friction: 0.8, priority: 0 };
+    let geometries = [
+        (BodyId::WORLD, "floor", Geometry::HalfSpace, material),
+        (BodyId::WORLD, "bench", Geometry::Cuboid { half_extents: Vector3::new(0.1, 0.2, 0.3) }, material),
+        (trunk, "ball", Geometry::Sphere { radius: 0.05 }, material),
+        (hand, "pin", Geometry::Capsule { radius: 0.01, half_length: 0.02 }, Material { friction: 1.2, priority: 1 }),
+    ];
+    for (cluster, (body, name, geometry, material)) in geometries.into_iter().enumerate() {
+        let (name, body_from_shape, cluster) = (name.into(), Isometry3::identity(), cluster as u16);
+        builder
+            .add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cluster, label: 0 })
+            .expect("a valid model");
+    }
+    builder.exclude(right, hand);
+    builder.exclude(trunk, BodyId::WORLD);
+    builder.build().expect("a valid model")
+}
+
+fn export(laws: Laws) -> String {
+    let model = small_model();
+    let mut state = model.reference_state();
+    // Quarter turn about x: the world's y is then the body's z reversed.
+    let pose = Isometry3::from_parts(
+        Translation3::new(1.0, 2.0, 3.0),
+        UnitQuaternion::from_quaternion(Quaternion::new(0.5f64.sqrt(), 0.5f64.sqrt(), 0.0, 0.0)),
+    );
+    state.set_pose(&model, BodyId(1), &pose);
+    state.qpos[7..].copy_from_slice(&[0.1, 0.2, 0.3]);
+    state.qvel.copy_from_slice(&[1.0, 2.0, 3.0, 0.0, 4.0, 0.0, 0.4, 0.5, 0.6]);
+    to_mjcf(&model, &state, &[0.7, -0.7], &MjcfOptions { name: "small".into(), timestep: 0.005, laws })
+}
+
+#[track_caller]
+fn check_contains(xml: &str, expected: &[&str]) {
+    for line in expected {
+        assert!(xml.lines().any(|l| l.trim() == *line), "missing {line} in\n{xml}");
+    }
+}
+
+#[test]
+fn every_tag_is_closed_in_order_and_every_attribute_quoted() {
+    let xml = export(Laws::Ours);
+    let mut open = Vec::new();
+    for line in xml.lines().map(str::trim) {
+        let inner = line.strip_prefix('<').and_then(|l| l.strip_suffix('>')).expect("one tag a line");
+        assert!(!inner.contains(['<', '>']), "stray bracket in {line}");
+        assert_eq!(inner.matches('"').count() % 2, 0, "stray quote in {line}");
+        let tag = inner.trim_matches('/').split(' ').next().expect("a tag");
+        if inner.starts_with('/') {
+            assert_eq!(open.pop(), Some(tag), "{line}");
+        } else if !inner.ends_with('/') {
+            open.push(tag);
+        }
+    }
+    assert!(open.is_empty(), "left open: {open:?}");
+}
+
+#[test]
+fn bodies_and_joints() {
+    let inertial = r#"<inertial pos="0 0 0.1" mass="1.5" diaginertia="0.1 0.2 0.25"/>"#;
+    check_contains(
+        &export(Laws::Ours),
+        &[
+            r#"<body name="trunk" pos="0 0 0.25" quat="1 0 0 0">"#,
+            r#"<freejoint name="trunk"/>"#,
+            inertial,
+            r#"<joint name="hand" type="hinge" axis="0 1 0" range="-0.5 1000000" armature="0.01"/>"#,
+            r#"<exclude body1="world" body2="trunk"/>"#,
+            r#"<exclude body1="right" body2="hand"/>"#,
+        ],
+    );
+}
+
+#[test]
+fn a_tilted_inertia_is_written_in_full() {
+    let mut builder = ModelBuilder::new();
+    let inertia = Matrix3::new(0.3, 0.01, 0.02, 0.01, 0.2, 0.03, 0.02, 0.03, 0.25);
+    let spec = BodySpec {
+        name: "block".into(),
+        parent: BodyId::WORLD,
+        parent_from_body: Isometry3::identity(),
+        joint: Joint::Free,
+        mass: 1.0,
+        com: Vector3::zeros(),
+        inertia,
+    };
+    builder.add_body(spec).expect("a valid model");
+    let model = builder.build().expect("a valid model");
+    let options = MjcfOptions { name: "block".into(), timestep: 1e-3, laws: Laws::Ours };
+    let xml = to_mjcf(&model, &model.reference_state(), &[], &options);
+    let inertial = r#"<inertial pos="0 0 0" mass="1" fullinertia="0.3 0.2 0.25 0.01 0.02 0.03"/>"#;
+    check_contains(
+        &xml,
+        &[inertial, r#"<option timestep="0.001" gravity="0 0 -9.81" integrator="implicitfast" cone="elliptic"/>"#],
+    );
+    assert!(!xml.contains("ctrl") && !xml.contains("<actuator"), "nothing is driven:\n{xml}");
+}
+
+#[test]
+fn shapes() {
+    check_contains(
+        &export(Laws::Ours),
+        &[
+            r#"<geom name="floor" type="plane" size="0 0 1" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="floor"/>"#,
+            r#"<geom name="bench" type="box" size="0.1 0.2 0.3" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="wood"/>"#,
+            r#"<geom name="ball" type="sphere" size="0.05" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="robot"/>"#,
+            r#"<geom name="pin" type="capsule" size="0.01 0.02" pos="0 0 0" quat="1 0 0 0" friction="1.2" condim="3" priority="1" material="robot"/>"#,
+        ],
+    );
+}
+
+#[test]
+fn names_are_escaped_and_damping_is_where_the_laws_want_it() {
+    let escaped = "left &lt;arm&gt; &amp; &quot;co&quot;";
+    let joint = format!(r#"<joint name="{escaped}" type="hinge" axis="0 1 0" range="-0.5 1000000" armature="0.01""#);
+    let position = format!(r#"<position name="{escaped}" joint="{escaped}" kp="40""#);
+    check_contains(
+        &export(Laws::Ours),
+        &[
+            &format!("{joint}/>"),
+            &format!(r#"{position} kv="2.5" forcerange="-35 35"/>"#),
+            r#"<position name="right" joint="right" kp="40" kv="2.5"/>"#,
+        ],
+    );
+    check_contains(
+        &export(Laws::MujocoDefaults),
+        &[
+            &format!(r#"{joint} damping="2.5"/>"#),
+            &format!(r#"{position} forcerange="-35 35"/>"#),
+            r#"<option timestep="0.005" gravity="0 0 -9.81"/>"#,
+        ],
+    );
+}
+
+/// Depth first, the hand comes before the right arm; the spin is in the trunk's axes.
+#[test]
+fn the_keyframe_is_in_the_order_and_terms_of_mujoco() {
+    let xml = export(Laws::Ours);
+    let key = xml.lines().find(|l| l.contains("<key ")).expect("a keyframe");
+    let field = |name: &str| -> Vec<f64> {
+        let text = key.split(&format!(" {name}=\"")).nth(1).expect("the field").split('"').next().expect("a value");
+        text.split(' ').map(|number| number.parse().expect("a number")).collect()
+    };
+    let half = 0.5f64.sqrt();
+    assert_eq!(field("qpos"), [1.0, 2.0, 3.0, half, half, 0.0, 0.0, 0.1, 0.3, 0.2]);
+    assert_eq!(field("ctrl"), [0.7, -0.7]);
+    for (found, expected) in field("qvel").iter().zip([1.0, 2.0, 3.0, 0.0, 0.0, -4.0, 0.4, 0.6, 0.5]) {
+        assert!((found - expected).abs() < 1e-15, "{key}");
+    }
+    let order: Vec<&str> = xml.lines().filter(|l| l.contains("objtype")).map(str::trim).collect();
+    assert_eq!(order.len(), 5);
+    assert_eq!(order[3], r#"<element objtype="body" objname="right"/>"#);
+}

@@ -1,0 +1,93 @@
+"""Fixtures of motion without contact."""
+
+import mujoco
+import numpy as np
+
+from scene import Scene, numbers
+
+
+def random_rotation(rng):
+    """Uniform quaternion, w first."""
+    q = rng.normal(size=4)
+    return q / np.linalg.norm(q)
+
+
+def dynamics(path=None):
+    """Mass matrix (armature included) and bias force (gravity, Coriolis, centrifugal) of 20 random states."""
+    scene = Scene.export(path, "--robot-only")
+    m, nv = scene.m, scene.m.nv
+    rng = np.random.default_rng(20)
+    probes = np.round(rng.uniform(-1, 1, (4, nv)), 3)
+    states = []
+    for index in range(20):
+        qpos = np.zeros(m.nq)
+        qpos[:3] = rng.uniform(-1, 1, 3)
+        qpos[3:7] = random_rotation(rng)
+        qpos[7:] = rng.uniform(*m.jnt_range[scene.hinge].T)
+        qvel = np.concatenate([rng.uniform(-2, 2, 3), rng.uniform(-4, 4, 3), rng.uniform(-5, 5, nv - 6)])
+        scene.set_state(qpos, qvel)
+        mujoco.mj_forward(m, scene.d)
+        matrix = scene.mass_matrix()
+        state = {
+            "qpos": numbers(scene.qpos()),
+            "qvel": numbers(scene.qvel()),
+            "bias": numbers(scene.bias()),
+            "mass_times_probe": numbers(probes @ matrix),
+        }
+        if index < 3:
+            state["mass_lower"] = numbers(matrix[np.tril_indices(nv)])
+        states.append(state)
+    print(f"dynamics: {scene.summary()}")
+    return {"bodies": scene.names, "nv": nv, "probes": numbers(probes), "states": states}
+
+
+def tumble(path=None):
+    """One second in free fall with a tumbling root, drives on; nothing saturates, touches or meets a limit."""
+    scene = Scene.export(path, "--robot-only")
+    m, d = scene.m, scene.d
+    rng = np.random.default_rng(21)
+    qpos, targets = scene.qpos(), np.zeros(m.nu)
+    qpos[3:7] = random_rotation(rng)
+    low, high = m.jnt_range[scene.hinge].T
+    # Arms away from the body, all joints well inside their ranges.
+    middle = np.clip(qpos[7:], low + 0.25 * (high - low), high - 0.25 * (high - low))
+    for index, name in enumerate(scene.hinge_names):
+        if "shoulder_roll" in name:
+            middle[index] = 0.7 if name.startswith("left") else -0.7
+    qpos[7:] = middle
+    qvel = np.concatenate([[0.5, -0.3, 2.0], [2.0, -1.5, 1.0], np.zeros(m.nv - 6)])
+    of_joint = {int(j): i for i, j in enumerate(scene.hinge)}
+    for drive in range(m.nu):
+        index = of_joint[int(m.actuator_trnid[drive, 0])]
+        kp, kv, limit = m.actuator_gainprm[drive, 0], -m.actuator_biasprm[drive, 2], m.actuator_forcerange[drive, 1]
+        offset = min(0.1, 0.1 * (high - low)[index], 0.3 * limit / kp)
+        targets[drive] = middle[index] + offset * rng.uniform(-1, 1)
+        qvel[6 + index] = min(0.5, 0.3 * limit / kv) * rng.uniform(-1, 1)
+
+    def roll(timestep):
+        scene.reset()
+        m.opt.timestep = timestep
+        scene.set_state(qpos, qvel)
+        d.ctrl[:] = targets
+        rows = []
+        steps = round(0.1 / timestep)
+        for row in range(11):
+            for _ in range(steps if row else 0):
+                mujoco.mj_step(m, d)
+                if d.nefc or scene.saturated():
+                    raise RuntimeError(f"tumble: {d.nefc} constraints, saturated: {scene.saturated()} at {d.time:.3f} s")
+            rows.append({"time": round(0.1 * row, 3), "qpos": numbers(scene.qpos(), 12), "qvel": numbers(scene.qvel(), 12)})
+        scene.check_sane()
+        return rows
+
+    rows, fine = roll(1e-3), roll(1e-3 / 32)
+    error = np.abs(np.array(rows[-1]["qpos"]) - fine[-1]["qpos"])
+    print(f"tumble: at 1 ms MuJoCo is {error[:3].max():.1e} m and {error[7:].max():.1e} rad from its own limit at 1 s")
+    return {
+        "bodies": scene.names,
+        "timestep": 1e-3,
+        "targets": numbers(targets),
+        "rows": rows,
+        "fine_timestep": 1e-3 / 32,
+        "fine_rows": fine,
+    }

@@ -1,0 +1,85 @@
+"""What MuJoCo says about our exported scenes, as fixtures that the Rust tests compare with.
+
+    python3 tests/oracle/oracle.py all          every fixture
+    python3 tests/oracle/oracle.py dynamics     one fixture
+    python3 tests/oracle/oracle.py check F.xml  load a scene, fail on any warning
+    python3 tests/oracle/oracle.py timing --scene F.xml [--states S.json]
+
+Makes its own virtual environment beside itself on the first run.
+"""
+
+import argparse
+import hashlib
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+VENV = HERE / ".venv"
+
+
+def enter_venv():
+    """Restarts this script in its environment, made or renewed when the requirements are not the installed ones."""
+    python = VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if Path(sys.prefix).resolve() == VENV.resolve():
+        return
+    requirements = HERE / "requirements.txt"
+    digest = hashlib.sha256(requirements.read_bytes()).hexdigest()
+    stamp = VENV / "requirements.sha256"
+    if not (python.exists() and stamp.exists() and stamp.read_text() == digest):
+        print(f"making {VENV.name} from {requirements.name}", file=sys.stderr)
+        venv.create(VENV, with_pip=True, clear=True)
+        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        subprocess.run([*pip, "-r", str(requirements)], check=True, stdout=sys.stderr)
+        stamp.write_text(digest)
+    done = subprocess.run([str(python), str(Path(__file__).resolve()), *sys.argv[1:]])
+    sys.exit(done.returncode)
+
+
+def main():
+    import contacts
+    import falls
+    import motion
+    import scene
+    import timing
+
+    fixtures = {
+        "dynamics": (motion.dynamics, "mass matrix and bias force of 20 random states"),
+        "tumble": (motion.tumble, "one second of tumbling in the air"),
+        "fall_ankles_off": (falls.fall_ankles_off, "rest poses after a fall with free ankles"),
+        "fall_zero_action": (falls.fall_zero_action, "when the robot falls under zero action"),
+        "contacts": (contacts.contacts, "distance and normal of random pairs of shapes"),
+    }
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, (_, what) in fixtures.items():
+        command = commands.add_parser(name, help=f"fixture: {what}")
+        if name != "contacts":
+            command.add_argument("--scene", help="MJCF file to use in place of our own export")
+    commands.add_parser("all", help="every fixture")
+    command = commands.add_parser("check", help="load MJCF files; any warning is an error")
+    command.add_argument("files", nargs="+")
+    command = commands.add_parser("timing", help="microseconds per MuJoCo step, as JSON on stdout")
+    timing.add_arguments(command)
+    args = parser.parse_args()
+
+    if args.command == "check":
+        for path in args.files:
+            print(scene.Scene.load(path).summary())
+    elif args.command == "timing":
+        timing.run(args)
+    else:
+        for name in fixtures if args.command == "all" else [args.command]:
+            produce, _ = fixtures[name]
+            data = produce() if name == "contacts" else produce(getattr(args, "scene", None))
+            scene.write_fixture(name, data)
+
+
+if __name__ == "__main__":
+    enter_venv()
+    try:
+        main()
+    except (RuntimeError, ValueError, OSError) as error:
+        sys.exit(f"error: {error}")
