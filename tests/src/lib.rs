@@ -2,6 +2,8 @@
 //! applied.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
+pub mod posture;
+
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Contact, Dynamics, Input, State, StepReport, Wrench};

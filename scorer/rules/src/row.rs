@@ -20,6 +20,11 @@ pub enum Bulb {
     Fresh = 1,
 }
 
+impl Bulb {
+    /// Both, in the order of a row.
+    pub const ALL: [Bulb; 2] = [Bulb::Old, Bulb::Fresh];
+}
+
 /// Index into the sensed limbs of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Limb {
@@ -60,6 +65,10 @@ pub struct Row {
     pub step: u64,
     /// The pelvis.
     pub robot: BodyRow,
+    /// Velocity of the robot's centre of mass, m/s.
+    pub com_velocity: Vector3<f64>,
+    /// Origins of the left and the right palm, m.
+    pub palm_position: [Vector3<f64>; 2],
     /// rad, in the public joint order.
     pub joint_position: [f64; JOINTS],
     /// rad/s.

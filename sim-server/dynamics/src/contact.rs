@@ -9,16 +9,15 @@ const NORMAL_COMPLIANCE: f64 = 1e-2;
 /// creeps at under a given load does not grow further when it gets lighter.
 const TANGENT_COMPLIANCE: f64 = 1e-3;
 const TANGENT_INVERSE_MASS_MAX: f64 = 1.0;
-/// Part of the penetration beyond the slop that one step takes back.
+/// Part of a penetration that one step takes back. There is no slop: the margin around shapes keeps contacts alive, and a
+/// point that overlaps without load would resist sliding.
 const BAUMGARTE: f64 = 0.2;
-/// Penetration that is left alone, m.
-const SLOP: f64 = 5e-4;
 /// Fastest push-out, m/s.
 const PUSH_OUT_MAX: f64 = 1.0;
 
 /// Separation speed that a contact asks for: no more approach than the gap allows, or push-out of a penetration.
 pub(crate) fn target_speed(distance: f64, dt: f64) -> f64 {
-    if distance > 0.0 { -distance / dt } else { (BAUMGARTE * (-distance - SLOP).max(0.0) / dt).min(PUSH_OUT_MAX) }
+    if distance > 0.0 { -distance / dt } else { (-BAUMGARTE * distance / dt).min(PUSH_OUT_MAX) }
 }
 
 /// One contact point in the solve. Components are (tangent, tangent, normal).

@@ -1,6 +1,8 @@
 //! `L^T D L` factor of a symmetric positive definite matrix whose rows follow the trees: eliminated from the leaves to the
 //! roots it fills in only where contact couples two branches.
 
+use std::ops::Range;
+
 use crate::model::Model;
 
 /// Lower triangle, row-major with `n` columns. A row's nonzero columns are a bit set and, for speed, runs of columns.
@@ -16,6 +18,10 @@ pub(crate) struct Factor {
     tree_runs: Runs,
     runs: Runs,
     coupled: bool,
+    /// Rows from here on are eliminated first and hold most of the work.
+    split: usize,
+    /// Rows before the split as they are when those after it have been eliminated.
+    early_rows: Vec<f64>,
 }
 
 /// Half-open column runs of every row, ascending.
@@ -59,7 +65,13 @@ impl Factor {
         }
         let mut tree_runs = Runs::default();
         tree_runs.rebuild(&tree_pattern);
+        let work = |row: &u128| u64::from(row.count_ones()).pow(2);
+        let total: u64 = tree_pattern.iter().map(work).sum();
+        let late = |row: &usize| tree_pattern[*row..].iter().map(work).sum::<u64>() * 10 <= total * 7;
+        let split = (0..n).find(late).unwrap_or(n);
         Self {
+            split,
+            early_rows: vec![0.0; split * n],
             n,
             values: vec![0.0; n * n],
             inverse_diagonal: vec![0.0; n],
@@ -135,12 +147,34 @@ impl Factor {
         &mut self.values[row * self.n..row * self.n + row + 1]
     }
 
-    /// Factorises in place. False if a pivot is not positive: the matrix was not positive definite.
-    pub fn factorise(&mut self) -> bool {
+    /// First of the rows that [`Factor::eliminate_late`] takes.
+    pub fn split(&self) -> usize {
+        self.split
+    }
+
+    /// Eliminates the rows from the split on and keeps what that leaves of those before it. False if a pivot is not
+    /// positive: the matrix was not positive definite.
+    pub fn eliminate_late(&mut self) -> bool {
+        let positive = self.eliminate(self.split..self.n);
+        self.early_rows.copy_from_slice(&self.values[..self.split * self.n]);
+        positive
+    }
+
+    /// Goes back to the rows that [`Factor::eliminate_late`] left.
+    pub fn restore_early(&mut self) {
+        self.values[..self.split * self.n].copy_from_slice(&self.early_rows);
+    }
+
+    /// Eliminates the rows before the split; the factor is complete then.
+    pub fn eliminate_early(&mut self) -> bool {
+        self.eliminate(0..self.split)
+    }
+
+    fn eliminate(&mut self, rows: Range<usize>) -> bool {
         let n = self.n;
         let mut positive = true;
         let runs = if self.coupled { &self.runs } else { &self.tree_runs };
-        for k in (0..n).rev() {
+        for k in rows.rev() {
             let (above, row) = self.values.split_at_mut(k * n);
             let row = &mut row[..=k];
             let pivot = row[k];

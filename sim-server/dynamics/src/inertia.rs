@@ -113,7 +113,8 @@ pub(crate) fn inverse_weights(model: &Model) -> (Vec<f64>, Vec<f64>) {
         let dof = model.bodies[body.0].dof_start;
         factor.add(dof, dof, NOMINAL_DT * (drive.damping + NOMINAL_DT * drive.stiffness));
     }
-    factor.factorise();
+    factor.eliminate_late();
+    factor.eliminate_early();
     let solve = |rhs: Vec<f64>| {
         let mut x = rhs;
         factor.solve(&mut x);

@@ -104,9 +104,14 @@ impl Kinematics {
 
     /// Velocity of the body's own origin.
     pub fn velocity(&self, body: usize) -> Velocity {
+        Velocity { linear: self.velocity_at(body, &V3::zeros()), angular: self.motion[body].angular }
+    }
+
+    /// Velocity of a point of the body, given in its frame.
+    pub fn velocity_at(&self, body: usize, point: &V3) -> V3 {
         let motion = &self.motion[body];
-        let arm = self.position[body] - self.origin[body];
-        Velocity { linear: motion.linear + motion.angular.cross(&arm), angular: motion.angular }
+        let arm = self.position[body] - self.origin[body] + self.rotation[body] * point;
+        motion.linear + motion.angular.cross(&arm)
     }
 }
 

@@ -167,6 +167,8 @@ pub struct Model {
 pub(crate) struct ClusterPair {
     pub a: usize,
     pub b: usize,
+    /// All of these shapes belong to one tree.
+    pub one_tree: bool,
     pub shapes: Vec<(u16, u16)>,
 }
 
@@ -362,7 +364,10 @@ impl ModelBuilder {
                 shapes
                     .sort_by_key(|&(i, j)| (self.shapes[usize::from(i)].body, self.shapes[usize::from(j)].body, i, j));
                 if !shapes.is_empty() {
-                    pairs.push(ClusterPair { a, b, shapes });
+                    let root = |i: &usize| self.bodies[self.shapes[*i].body.0].root;
+                    let first = root(&clusters[a][0]);
+                    let one_tree = clusters[a].iter().chain(&clusters[b]).all(|i| root(i) == first);
+                    pairs.push(ClusterPair { a, b, one_tree, shapes });
                 }
             }
         }

@@ -1,5 +1,7 @@
 //! The next velocity as the minimum of one convex function, by Newton's method with a line search.
 
+use std::ops::Range;
+
 use crate::Contact;
 use crate::contact::Point;
 use crate::factor::Factor;
@@ -25,6 +27,15 @@ const LOCK: f64 = 1e12;
 struct Group {
     points: (usize, usize),
     columns: (usize, usize),
+    /// From relative motion to force; none while no point is loaded.
+    stiffness: Option<[[f64; 6]; 6]>,
+}
+
+impl Group {
+    /// Whether it has a column for a degree of freedom from `split` on.
+    fn reaches(&self, column_dof: &[u16], split: usize) -> bool {
+        usize::from(column_dof[self.columns.1 - 1]) >= split
+    }
 }
 
 /// A scalar drive or limit on one degree of freedom.
@@ -66,9 +77,16 @@ pub(crate) struct Solver {
     direction: Vec<f64>,
     mass_direction: Vec<f64>,
     efforts: Vec<f64>,
+    /// What drives, limits and locks add to the Hessian's diagonal.
+    diagonal: Vec<f64>,
+    /// Every stiffness that reaches the factor's late rows, now and in the iteration before.
+    late: Vec<f64>,
+    late_before: Vec<f64>,
 }
 
 const CONTACTS_EXPECTED: usize = 256;
+/// Gap up to which a contact point without load counts as touching in a report, m.
+const TOUCHING: f64 = 5e-4;
 
 impl Solver {
     pub fn new(model: &Model) -> Self {
@@ -90,6 +108,9 @@ impl Solver {
             direction: zeros(),
             mass_direction: zeros(),
             efforts: vec![0.0; model.drives.len()],
+            diagonal: zeros(),
+            late: Vec::with_capacity(model.nv + 36 * CONTACTS_EXPECTED),
+            late_before: Vec::with_capacity(model.nv + 36 * CONTACTS_EXPECTED),
         }
     }
 
@@ -125,6 +146,8 @@ impl Solver {
             }
         }
         let mut report = StepReport::default();
+        // Another mass matrix: nothing of the step before may be used again.
+        self.late.clear();
         loop {
             if self.gradient(model, dynamical, input, dt) {
                 report.converged = true;
@@ -139,7 +162,7 @@ impl Solver {
         }
         for (contact, (point, turned)) in contacts.iter_mut().zip(self.points.iter().zip(&self.turned)) {
             contact.force = point.wrench().force * (turned / dt);
-            report.contacts += u32::from(contact.distance <= 0.0 || point.impulse.z > 0.0);
+            report.contacts += u32::from(contact.distance <= TOUCHING || point.impulse.z > 0.0);
         }
         for (effort, spring) in self.efforts.iter_mut().zip(&self.springs) {
             *effort = spring.effort(self.velocity[spring.dof]).0;
@@ -199,7 +222,11 @@ impl Solver {
             }
             let start = self.columns.len();
             self.push_columns(model, kin, a, b, &origin);
-            self.groups.push(Group { points: (first, first + count), columns: (start, self.columns.len()) });
+            self.groups.push(Group {
+                points: (first, first + count),
+                columns: (start, self.columns.len()),
+                stiffness: None,
+            });
             first += count;
         }
         self.factor.finish_pattern();
@@ -283,30 +310,7 @@ impl Solver {
 
     /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.
     fn newton_direction(&mut self, model: &Model, dynamical: &Dynamical, input: &Input<'_>, dt: f64) -> bool {
-        self.factor.load(&dynamical.mass_matrix);
-        for spring in &self.springs {
-            self.factor.add(spring.dof, spring.dof, dt * spring.effort(self.velocity[spring.dof]).1);
-        }
-        for stop in &self.stops {
-            self.factor.add(stop.dof, stop.dof, stop.impulse(self.velocity[stop.dof]).1);
-        }
-        for (dof, _) in input.locked.iter().enumerate().filter(|(_, locked)| **locked) {
-            self.factor.add(dof, dof, LOCK * dynamical.mass_matrix[dof * model.nv + dof]);
-        }
-        for group in &self.groups {
-            let points = &self.points[group.points.0..group.points.1];
-            let Some(stiffness) = group_stiffness(points) else { continue };
-            let columns = &self.columns[group.columns.0..group.columns.1];
-            let dofs = &self.column_dof[group.columns.0..group.columns.1];
-            for (r, column) in columns.iter().enumerate() {
-                let force = apply(&stiffness, column);
-                let row = self.factor.row_mut(usize::from(dofs[r]));
-                for (other, &dof) in columns[..=r].iter().zip(dofs) {
-                    row[usize::from(dof)] += other.dot(&force);
-                }
-            }
-        }
-        if !self.factor.factorise() {
+        if !self.factorise(model, dynamical, input, dt) {
             return false;
         }
         for (d, g) in self.direction.iter_mut().zip(&self.gradient) {
@@ -323,6 +327,63 @@ impl Solver {
             }
         }
         true
+    }
+
+    /// Builds and factorises the Hessian. Its late rows (in a humanoid: the fingers, most of the work) are only built
+    /// again when a stiffness that reaches them has changed since the iteration before.
+    fn factorise(&mut self, model: &Model, dynamical: &Dynamical, input: &Input<'_>, dt: f64) -> bool {
+        let split = self.factor.split();
+        std::mem::swap(&mut self.late, &mut self.late_before);
+        self.late.clear();
+        self.diagonal.fill(0.0);
+        for spring in &self.springs {
+            self.diagonal[spring.dof] += dt * spring.effort(self.velocity[spring.dof]).1;
+        }
+        for stop in &self.stops {
+            self.diagonal[stop.dof] += stop.impulse(self.velocity[stop.dof]).1;
+        }
+        for (dof, _) in input.locked.iter().enumerate().filter(|(_, locked)| **locked) {
+            self.diagonal[dof] += LOCK * dynamical.mass_matrix[dof * model.nv + dof];
+        }
+        // A first entry that no cleared list has.
+        self.late.push(1.0);
+        self.late.extend_from_slice(&self.diagonal[split..]);
+        for group in &mut self.groups {
+            group.stiffness = group_stiffness(&self.points[group.points.0..group.points.1]);
+            if group.reaches(&self.column_dof, split) {
+                self.late.extend(group.stiffness.iter().flatten().flatten());
+            }
+        }
+        if self.late == self.late_before {
+            self.factor.restore_early();
+        } else {
+            self.factor.load(&dynamical.mass_matrix);
+            self.add_stiffness(split..model.nv, |group, dofs| group.reaches(dofs, split));
+            if !self.factor.eliminate_late() {
+                self.late.clear();
+                return false;
+            }
+        }
+        self.add_stiffness(0..split, |group, dofs| !group.reaches(dofs, split));
+        self.factor.eliminate_early()
+    }
+
+    fn add_stiffness(&mut self, dofs: Range<usize>, wanted: impl Fn(&Group, &[u16]) -> bool) {
+        for dof in dofs {
+            self.factor.add(dof, dof, self.diagonal[dof]);
+        }
+        for group in self.groups.iter().filter(|group| wanted(group, &self.column_dof)) {
+            let Some(stiffness) = &group.stiffness else { continue };
+            let columns = &self.columns[group.columns.0..group.columns.1];
+            let dofs = &self.column_dof[group.columns.0..group.columns.1];
+            for (r, column) in columns.iter().enumerate() {
+                let force = apply(stiffness, column);
+                let row = self.factor.row_mut(usize::from(dofs[r]));
+                for (other, &dof) in columns[..=r].iter().zip(dofs) {
+                    row[usize::from(dof)] += other.dot(&force);
+                }
+            }
+        }
     }
 
     /// Step length along the direction at which the objective's slope is nearly zero.

@@ -63,7 +63,7 @@ pub struct StepReport {
     pub iterations: u32,
     /// False when the iteration cap was reached first.
     pub converged: bool,
-    /// Contact points that touched or carried load.
+    /// Contact points that carried load or were closer than 0.5 mm.
     pub contacts: u32,
 }
 
@@ -94,8 +94,8 @@ impl Dynamics {
         self.kin.update(model, state);
     }
 
-    /// Advances `state` by `dt` s and leaves poses, velocities and contact forces of the end of the step to read.
-    /// The contact points are those of the start, their forces the mean over the step.
+    /// Advances `state` by `dt` s and leaves contact forces and efforts to read: contact points where they were at the start
+    /// of the step, forces as their mean over it. Poses and velocities of the end need an [`Dynamics::update`].
     ///
     /// The caller has checked the input ([`check_array`]): `targets` has one finite number per drive.
     pub fn step(&mut self, model: &Model, state: &mut State, input: &Input<'_>, dt: f64) -> StepReport {
@@ -104,7 +104,7 @@ impl Dynamics {
         self.dynamical.update(model, &self.kin, input.wrenches);
         self.contacts.clear();
         self.collider.update(model, &self.kin, dt);
-        self.collider.find(model, &mut self.contacts);
+        self.collider.find(model, dt, &mut self.contacts);
         let report = self.solver.solve(model, &self.kin, &self.dynamical, state, &mut self.contacts, input, dt);
         integrate(model, state, dt);
         report
@@ -118,6 +118,16 @@ impl Dynamics {
     /// Velocity of a body at the state last given to [`Dynamics::update`].
     pub fn velocity(&self, body: BodyId) -> Velocity {
         self.kin.velocity(body.0)
+    }
+
+    /// Velocity of the centre of mass of all bodies of one tree at the state last given to [`Dynamics::update`], m/s.
+    pub fn com_velocity(&self, model: &Model, root: BodyId) -> Vector3<f64> {
+        let (mut momentum, mut mass) = (Vector3::zeros(), 0.0);
+        for (index, body) in model.bodies.iter().enumerate().filter(|(_, body)| body.root == root) {
+            momentum += self.kin.velocity_at(index, &body.spec.com) * body.spec.mass;
+            mass += body.spec.mass;
+        }
+        if mass > 0.0 { momentum / mass } else { momentum }
     }
 
     /// Contacts of the last step, with forces.
@@ -156,9 +166,8 @@ impl Dynamics {
         let state = State { qpos: qpos.to_vec(), qvel: vec![0.0; model.nv] };
         self.kin.update(model, &state);
         self.collider.update(model, &self.kin, 0.0);
-        self.collider.set_margin(model, margin);
         let mut found = Vec::new();
-        self.collider.find(model, &mut found);
+        self.collider.find_all(model, margin, &mut found);
         Ok(found)
     }
 }

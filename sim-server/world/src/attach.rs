@@ -3,10 +3,10 @@
 //! Evaluated once per control step; the wrench is held over its physics steps. Nothing acts about the mating axis.
 
 use fiatlux_dynamics::Wrench;
+use fiatlux_rules::measure;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::config::AttachmentConfig;
-use crate::measure;
 
 /// Whether the socket holds a bulb.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

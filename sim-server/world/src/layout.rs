@@ -2,9 +2,10 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, TAU};
 
+use fiatlux_rules::measure;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
 
-use crate::{Random, SceneConfig, SceneError, Stream, measure};
+use crate::{Random, SceneConfig, SceneError, Stream};
 
 /// A place on the floor with a heading about the vertical.
 #[derive(Debug, Clone, Copy, PartialEq)]

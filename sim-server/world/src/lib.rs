@@ -1,10 +1,9 @@
 //! The benchmark's scene as data and as a model of the dynamics engine: room, bench, crate, fixture, bulbs, ladder and
-//! robot, their draw by seed, the socket's hold on a bulb, and geometric measurements.
+//! robot, their draw by seed, and the socket's hold on a bulb.
 mod attach;
 pub mod config;
 mod error;
 mod layout;
-pub mod measure;
 mod props;
 mod rng;
 mod scene;

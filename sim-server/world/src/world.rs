@@ -211,6 +211,7 @@ impl World {
     /// Writes the present state into the row.
     fn measure(&mut self, step: u64, unconverged: u32) {
         let scene = &self.scene;
+        self.dynamics.update(&scene.model, &self.state);
         let row = &mut *self.row;
         row.step = step;
         row.unconverged = unconverged;
@@ -225,6 +226,11 @@ impl World {
             row.joint_velocity[joint] = self.state.qvel[ids.dof];
             row.joint_target[joint] = self.targets[ids.drive];
             row.joint_effort[joint] = self.dynamics.efforts()[ids.drive];
+        }
+        row.com_velocity = self.dynamics.com_velocity(&scene.model, scene.robot_ids.root);
+        for (position, &palm) in row.palm_position.iter_mut().zip(scene.robot.palms()) {
+            let link = &scene.robot_ids.links[palm];
+            *position = (self.dynamics.world_from_body(link.body) * link.body_from_link).translation.vector;
         }
         for (values, attachment) in row.attachments.iter_mut().zip(&self.attachments) {
             *values = AttachmentRow { seated: attachment.is_seated(), steps_beyond: attachment.steps_beyond };
@@ -271,6 +277,8 @@ fn blank_row(scene: &Scene) -> Row {
     Row {
         step: 0,
         robot: still(Isometry3::identity()),
+        com_velocity: Vector3::zeros(),
+        palm_position: [Vector3::zeros(); 2],
         joint_position: [0.0; JOINTS],
         joint_velocity: [0.0; JOINTS],
         joint_target: [0.0; JOINTS],

@@ -17,7 +17,7 @@ use closed_form::{Placed, Point};
 
 /// Shapes nearer than this are contact candidates even at rest, m.
 const REST_MARGIN: f64 = 2e-3;
-/// Most that speed may add to a shape's margin, m.
+/// Most that speed may add to a pair's margin, m.
 const SPEED_MARGIN_MAX: f64 = 0.1;
 
 #[derive(Debug, Clone, Copy)]
@@ -30,6 +30,11 @@ impl Aabb {
     const EMPTY: Aabb = Aabb { min: V3::new(1e30, 1e30, 1e30), max: V3::new(-1e30, -1e30, -1e30) };
 
     #[inline(always)]
+    fn inflated(&self, margin: f64) -> Aabb {
+        Aabb { min: self.min.add_scalar(-margin), max: self.max.add_scalar(margin) }
+    }
+
+    #[inline(always)]
     fn overlaps(&self, other: &Aabb) -> bool {
         self.min.x <= other.max.x
             && other.min.x <= self.max.x
@@ -40,13 +45,23 @@ impl Aabb {
     }
 }
 
+/// Bounds of shapes and of their clusters, inflated by what may be travelled in a step.
+#[derive(Debug, Clone)]
+struct Bounds {
+    shapes: Vec<Aabb>,
+    clusters: Vec<Aabb>,
+}
+
 #[derive(Clone)]
 pub(crate) struct Collider {
     placed: Vec<Placed>,
-    /// Bounds inflated by the shape's margin.
-    bounds: Vec<Aabb>,
-    margin: Vec<f64>,
-    cluster_bounds: Vec<Aabb>,
+    /// For pairs of different trees: inflated by the shapes' own speed.
+    bounds: Bounds,
+    /// For pairs of one tree: inflated by the speed beside that of the root, so that a falling body stays small to itself.
+    kin_bounds: Bounds,
+    /// Velocity of each shape's centre, and how much faster another of its points may be.
+    velocity: Vec<V3>,
+    spin_speed: Vec<f64>,
     manifold: ContactManifold<(), ()>,
     moving: Vec<Moving>,
 }
@@ -59,8 +74,8 @@ struct Moving {
     cluster: usize,
     rotation: Matrix3<f64>,
     position: V3,
-    /// Farthest point from the body's origin.
-    reach: f64,
+    /// Farthest point from the shape's own origin.
+    extent: f64,
 }
 
 impl std::fmt::Debug for Collider {
@@ -69,13 +84,26 @@ impl std::fmt::Debug for Collider {
     }
 }
 
+impl Bounds {
+    fn new(model: &Model) -> Self {
+        Self { shapes: vec![Aabb::EMPTY; model.shapes.len()], clusters: vec![Aabb::EMPTY; model.clusters.len()] }
+    }
+
+    fn set(&mut self, shape: usize, cluster: usize, bounds: Aabb) {
+        self.shapes[shape] = bounds;
+        grow(&mut self.clusters[cluster], &bounds);
+    }
+}
+
 impl Collider {
     pub fn new(model: &Model) -> Self {
+        let shapes = model.shapes.len();
         let mut collider = Self {
-            placed: Vec::with_capacity(model.shapes.len()),
-            bounds: vec![Aabb::EMPTY; model.shapes.len()],
-            margin: vec![0.5 * REST_MARGIN; model.shapes.len()],
-            cluster_bounds: vec![Aabb::EMPTY; model.clusters.len()],
+            placed: Vec::with_capacity(shapes),
+            bounds: Bounds::new(model),
+            kin_bounds: Bounds::new(model),
+            velocity: vec![V3::zeros(); shapes],
+            spin_speed: vec![0.0; shapes],
             manifold: ContactManifold::new(),
             moving: Vec::new(),
         };
@@ -84,92 +112,83 @@ impl Collider {
             let rotation = *shape.body_from_shape.rotation.to_rotation_matrix().matrix();
             let position = shape.body_from_shape.translation.vector;
             collider.placed.push(Placed { rotation, position });
-            if shape.body.0 != 0 {
-                let cluster = model.clusters.iter().position(|c| c.contains(&index)).unwrap_or(0);
-                let reach = position.norm() + extent(&shape.geometry);
-                collider.moving.push(Moving { shape: index, body: shape.body.0, cluster, rotation, position, reach });
-            }
-        }
-        for (cluster, shapes) in model.clusters.iter().enumerate() {
-            for &index in shapes.iter().filter(|&&index| model.shapes[index].body.0 == 0) {
-                let bounds = collider.bounds_of(model, index);
-                collider.bounds[index] = bounds;
-                grow(&mut collider.cluster_bounds[cluster], &bounds);
+            let cluster = model.clusters.iter().position(|c| c.contains(&index)).unwrap_or(0);
+            if shape.body.0 == 0 {
+                let bounds = bounds_of(&shape.geometry, &collider.placed[index], 0.5 * REST_MARGIN);
+                collider.bounds.set(index, cluster, bounds);
+            } else {
+                let extent = extent(&shape.geometry);
+                collider.moving.push(Moving { shape: index, body: shape.body.0, cluster, rotation, position, extent });
             }
         }
         collider
     }
 
-    fn bounds_of(&self, model: &Model, index: usize) -> Aabb {
-        let (placed, margin) = (&self.placed[index], self.margin[index]);
-        let half = match model.shapes[index].geometry {
-            Geometry::HalfSpace => {
-                let up = placed.rotation[(2, 2)] == 1.0;
-                let top = if up { placed.position.z + margin } else { 1e30 };
-                return Aabb { min: V3::repeat(-1e30), max: V3::new(1e30, 1e30, top) };
-            }
-            Geometry::Sphere { radius } => V3::repeat(radius),
-            Geometry::Capsule { radius, half_length } => {
-                (placed.rotation.column(2) * half_length).abs().add_scalar(radius)
-            }
-            Geometry::Cuboid { half_extents } => placed.rotation.abs() * half_extents,
-        };
-        let half = half.add_scalar(margin);
-        Aabb { min: placed.position - half, max: placed.position + half }
-    }
-
-    /// Places all shapes. Their margins cover what their bodies may travel in `dt` s, so that a fast body meets a surface
-    /// in the step in which it would pass it.
+    /// Places all shapes. Their bounds cover what they may travel in `dt` s, so that a fast body meets a surface in the
+    /// step in which it would pass it.
     pub fn update(&mut self, model: &Model, kin: &Kinematics, dt: f64) {
         for moving in &self.moving {
-            let body = moving.body;
-            let rotation = &kin.rotation[body];
-            self.placed[moving.shape] = Placed {
-                rotation: rotation * moving.rotation,
-                position: kin.position[body] + rotation * moving.position,
-            };
-            let velocity = kin.velocity(body);
-            let speed = velocity.linear.norm() + velocity.angular.norm() * moving.reach;
-            self.margin[moving.shape] = 0.5 * REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
+            self.bounds.clusters[moving.cluster] = Aabb::EMPTY;
+            self.kin_bounds.clusters[moving.cluster] = Aabb::EMPTY;
         }
         for moving in &self.moving {
-            self.cluster_bounds[moving.cluster] = Aabb::EMPTY;
-        }
-        for index in 0..self.moving.len() {
-            let (shape, cluster) = (self.moving[index].shape, self.moving[index].cluster);
-            let bounds = self.bounds_of(model, shape);
-            self.bounds[shape] = bounds;
-            grow(&mut self.cluster_bounds[cluster], &bounds);
+            let (shape, body) = (moving.shape, moving.body);
+            let rotation = &kin.rotation[body];
+            let position = kin.position[body] + rotation * moving.position;
+            self.placed[shape] = Placed { rotation: rotation * moving.rotation, position };
+            let (motion, root) = (&kin.motion[body], &kin.motion[model.bodies[body].root.0]);
+            let arm = position - kin.origin[body];
+            let velocity = motion.linear + motion.angular.cross(&arm);
+            let beside = velocity - root.linear - root.angular.cross(&arm);
+            let spin = motion.angular.norm() * moving.extent;
+            let spin_beside = (motion.angular - root.angular).norm() * moving.extent;
+            self.velocity[shape] = velocity;
+            self.spin_speed[shape] = spin;
+            let margin = |speed: f64| 0.5 * REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
+            let bounds = bounds_of(&model.shapes[shape].geometry, &self.placed[shape], 0.0);
+            self.bounds.set(shape, moving.cluster, bounds.inflated(margin(velocity.norm() + spin)));
+            self.kin_bounds.set(shape, moving.cluster, bounds.inflated(margin(beside.norm() + spin_beside)));
         }
     }
 
-    /// Appends every contact point within the margins; points of one body pair stand together.
-    pub fn find(&mut self, model: &Model, out: &mut Vec<Contact>) {
+    /// Appends every contact point that two shapes may reach within `dt` s; points of one body pair stand together.
+    pub fn find(&mut self, model: &Model, dt: f64, out: &mut Vec<Contact>) {
         for pair in &model.pairs {
-            if !self.cluster_bounds[pair.a].overlaps(&self.cluster_bounds[pair.b]) {
+            let bounds = if pair.one_tree { &self.kin_bounds } else { &self.bounds };
+            if !bounds.clusters[pair.a].overlaps(&bounds.clusters[pair.b]) {
                 continue;
             }
             for &(a, b) in &pair.shapes {
                 let (a, b) = (usize::from(a), usize::from(b));
-                if self.bounds[a].overlaps(&self.bounds[b]) {
-                    let margin = self.margin[a] + self.margin[b];
+                if bounds.shapes[a].overlaps(&bounds.shapes[b]) {
+                    let speed = (self.velocity[a] - self.velocity[b]).norm() + self.spin_speed[a] + self.spin_speed[b];
+                    let margin = REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
                     collide_pair(model, &self.placed, &mut self.manifold, a, b, margin, out);
                 }
             }
         }
     }
 
-    /// Sets the gap up to which [`Collider::find`] reports, for a query at rest.
-    pub fn set_margin(&mut self, model: &Model, margin: f64) {
-        self.margin.fill(0.5 * margin);
-        self.cluster_bounds.fill(Aabb::EMPTY);
-        for (cluster, shapes) in model.clusters.iter().enumerate() {
-            for &index in shapes {
-                self.bounds[index] = self.bounds_of(model, index);
-                grow(&mut self.cluster_bounds[cluster], &self.bounds[index]);
-            }
+    /// Appends every contact point with a gap of at most `margin` m, of every pair that may touch.
+    pub fn find_all(&mut self, model: &Model, margin: f64, out: &mut Vec<Contact>) {
+        for &(a, b) in model.pairs.iter().flat_map(|pair| &pair.shapes) {
+            collide_pair(model, &self.placed, &mut self.manifold, a.into(), b.into(), margin, out);
         }
     }
+}
+
+fn bounds_of(geometry: &Geometry, placed: &Placed, margin: f64) -> Aabb {
+    let half = match *geometry {
+        Geometry::HalfSpace => {
+            let up = placed.rotation[(2, 2)] == 1.0;
+            let top = if up { placed.position.z + margin } else { 1e30 };
+            return Aabb { min: V3::repeat(-1e30), max: V3::new(1e30, 1e30, top) };
+        }
+        Geometry::Sphere { radius } => V3::repeat(radius),
+        Geometry::Capsule { radius, half_length } => (placed.rotation.column(2) * half_length).abs().add_scalar(radius),
+        Geometry::Cuboid { half_extents } => placed.rotation.abs() * half_extents,
+    };
+    Aabb { min: placed.position - half, max: placed.position + half }.inflated(margin)
 }
 
 fn grow(target: &mut Aabb, other: &Aabb) {

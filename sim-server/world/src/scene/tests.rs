@@ -3,9 +3,9 @@
 
 use fiatlux_dynamics::{Contact, Dynamics, Input, State, Wrench};
 use fiatlux_robot::GainSet;
+use fiatlux_rules::measure;
 
 use super::*;
-use crate::measure;
 
 fn scene_of(kind: SceneKind, seed: u64) -> Scene {
     let robot = Arc::new(Robot::g1_inspire().unwrap());

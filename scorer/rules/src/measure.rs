@@ -57,7 +57,8 @@ pub fn heights<const N: usize>(world_from_body: &Isometry3<f64>, body_points: &[
 /// Horizontal distance from a point to a rectangle that a body carries, centred on its origin, m; 0 inside.
 pub fn footprint_distance(world_from_body: &Isometry3<f64>, half: &[f64; 2], point: &Vector3<f64>) -> f64 {
     let local = world_from_body.inverse_transform_point(&Point3::from(*point));
-    let outside = |value: f64, half: f64| (value.abs() - half).max(0.0);
+    // Unlike `max`, this keeps what is not a number.
+    let outside = |value: f64, half: f64| if value.abs() < half { 0.0 } else { value.abs() - half };
     libm::hypot(outside(local.x, half[0]), outside(local.y, half[1]))
 }
 
@@ -136,6 +137,7 @@ mod tests {
             let distance = footprint_distance(&body, &[0.3, 0.2], &Vector3::new(point.0, point.1, 1.0));
             assert!((distance - expected).abs() < 1e-12, "{point:?}: {distance}");
         }
+        assert!(footprint_distance(&body, &[0.3, 0.2], &Vector3::new(f64::NAN, 0.0, 0.0)).is_nan());
     }
 
     /// A cone frustum's extent against points sampled on its surface.

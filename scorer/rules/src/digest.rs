@@ -1,0 +1,91 @@
+//! The digest chain over rows: what "bit for bit the same" means.
+
+use nalgebra::{Isometry3, Vector3};
+use sha2::{Digest, Sha256};
+
+use crate::row::{BodyRow, Row};
+
+/// Name and version of the layout below; it is hashed first, so that digests of different layouts never meet.
+pub const ROW_LAYOUT: &str = "fiatlux-row/1";
+
+/// A SHA-256 chain: `digest(k) = SHA-256(digest(k - 1), row k)`, started by `SHA-256(ROW_LAYOUT, 0, context)`.
+///
+/// A row is a sequence of little-endian f64, counts and flags included, in this order: step; root pose and velocity; joint
+/// positions, velocities, targets, efforts; action; ladder; old bulb; fresh bulb (each pose and velocity); poses of fixture
+/// and crate; forces of the old bulb, then of the fresh one, on the 34 hand bodies; their peaks in the same order; forces of
+/// the ladder on the four limbs; per bulb seated and steps beyond; unconverged steps; velocity of the centre of mass;
+/// positions of both palms. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
+#[derive(Debug, Clone)]
+pub struct RowDigest {
+    link: [u8; 32],
+    buffer: Vec<u8>,
+}
+
+impl RowDigest {
+    /// Starts a chain; `context` is whatever else must be equal (task, seeds, config, gains, model).
+    pub fn new(context: &[u8]) -> Self {
+        let mut hash = Sha256::new();
+        hash.update(ROW_LAYOUT);
+        hash.update([0]);
+        hash.update(context);
+        Self { link: hash.finalize().into(), buffer: Vec::with_capacity(8192) }
+    }
+
+    /// Adds a row.
+    pub fn push(&mut self, row: &Row) {
+        self.buffer.clear();
+        self.buffer.extend_from_slice(&self.link);
+        let buffer = &mut self.buffer;
+        visit(row, &mut |number| buffer.extend_from_slice(&number.to_le_bytes()));
+        self.link = Sha256::digest(&self.buffer).into();
+    }
+
+    /// The digest of all rows so far.
+    pub fn bytes(&self) -> [u8; 32] {
+        self.link
+    }
+
+    /// The digest in hexadecimal.
+    pub fn hex(&self) -> String {
+        self.link.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}
+
+fn visit(row: &Row, out: &mut impl FnMut(f64)) {
+    out(row.step as f64);
+    visit_body(&row.robot, out);
+    for joints in [&row.joint_position, &row.joint_velocity, &row.joint_target, &row.joint_effort, &row.action] {
+        joints.iter().for_each(|&number| out(number));
+    }
+    for body in [&row.ladder, &row.bulbs[0], &row.bulbs[1]] {
+        visit_body(body, out);
+    }
+    visit_pose(&row.fixture, out);
+    visit_pose(&row.crate_, out);
+    row.hand_force.iter().flatten().for_each(|force| visit_vector(force, out));
+    row.hand_force_peak.iter().flatten().for_each(|&peak| out(peak));
+    row.limb_force.iter().for_each(|force| visit_vector(force, out));
+    for attachment in &row.attachments {
+        out(f64::from(u8::from(attachment.seated)));
+        out(f64::from(attachment.steps_beyond));
+    }
+    out(f64::from(row.unconverged));
+    visit_vector(&row.com_velocity, out);
+    row.palm_position.iter().for_each(|position| visit_vector(position, out));
+}
+
+fn visit_body(body: &BodyRow, out: &mut impl FnMut(f64)) {
+    visit_pose(&body.pose, out);
+    visit_vector(&body.linear_velocity, out);
+    visit_vector(&body.angular_velocity, out);
+}
+
+fn visit_pose(pose: &Isometry3<f64>, out: &mut impl FnMut(f64)) {
+    visit_vector(&pose.translation.vector, out);
+    let q = pose.rotation.quaternion();
+    [q.w, q.i, q.j, q.k].into_iter().for_each(out);
+}
+
+fn visit_vector(vector: &Vector3<f64>, out: &mut impl FnMut(f64)) {
+    vector.iter().for_each(|&number| out(number));
+}

@@ -1,0 +1,93 @@
+//! A gate: conditions that must hold together.
+
+use crate::settle::PoseSpeed;
+use crate::{Bulb, Geometry, Row, Thresholds};
+
+/// What a predicate reads beside the row.
+#[derive(Debug, Clone, Copy)]
+pub struct Context<'a> {
+    /// Numbers to compare with.
+    pub thresholds: &'a Thresholds,
+    /// The scene's constants.
+    pub geometry: &'a Geometry,
+    /// Low-passed speeds of both bulbs, by [`Bulb`].
+    pub bulb_speeds: [PoseSpeed; 2],
+    /// Heights below which the bulbs count as dropped in this task, by [`Bulb`], m.
+    pub drop_heights: [f64; 2],
+}
+
+impl Context<'_> {
+    /// Low-passed speeds of a bulb.
+    pub fn bulb_speed(&self, bulb: Bulb) -> PoseSpeed {
+        self.bulb_speeds[bulb as usize]
+    }
+
+    /// Height below which a bulb counts as dropped in this task, m.
+    pub fn drop_height(&self, bulb: Bulb) -> f64 {
+        self.drop_heights[bulb as usize]
+    }
+}
+
+/// A predicate of a row. A row with a number that is not finite where a predicate reads it does not satisfy it.
+pub type Predicate = fn(&Row, &Context<'_>) -> bool;
+
+/// One condition of a gate.
+#[derive(Debug, Clone, Copy)]
+pub struct Conjunct {
+    /// Name in results.
+    pub name: &'static str,
+    /// Whether it holds.
+    pub holds: Predicate,
+}
+
+/// Conditions that must hold at the same control step, for a number of consecutive ones.
+#[derive(Debug, Clone, Copy)]
+pub struct Gate {
+    /// The conditions, at most [`MAX_CONJUNCTS`].
+    pub conjuncts: &'static [Conjunct],
+    /// Consecutive control steps; 1 where one is enough.
+    pub sustain_steps: u32,
+}
+
+/// Conjuncts of the longest gate.
+pub const MAX_CONJUNCTS: usize = 5;
+
+/// Which conjuncts of a gate hold in a row, in the gate's order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Conjuncts {
+    held: [bool; MAX_CONJUNCTS],
+    len: usize,
+}
+
+impl Gate {
+    /// Number of conjuncts.
+    pub fn n(&self) -> u32 {
+        self.conjuncts.len() as u32
+    }
+
+    /// Evaluates every conjunct.
+    pub fn evaluate(&self, row: &Row, context: &Context<'_>) -> Conjuncts {
+        let mut conjuncts = Conjuncts { held: [false; MAX_CONJUNCTS], len: self.conjuncts.len().min(MAX_CONJUNCTS) };
+        for (held, conjunct) in conjuncts.held.iter_mut().zip(self.conjuncts) {
+            *held = (conjunct.holds)(row, context);
+        }
+        conjuncts
+    }
+}
+
+impl Conjuncts {
+    /// One entry a conjunct.
+    pub fn as_slice(&self) -> &[bool] {
+        &self.held[..self.len]
+    }
+
+    /// How many hold.
+    pub fn count(&self) -> u32 {
+        self.as_slice().iter().map(|held| u32::from(*held)).sum()
+    }
+
+    /// Whether all hold.
+    pub fn all(&self) -> bool {
+        self.as_slice().iter().all(|held| *held)
+    }
+}

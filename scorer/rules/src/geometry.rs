@@ -1,0 +1,100 @@
+//! Constants of the scene that rules need beside a row.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::measure::{self, Extent};
+use crate::{Bulb, Row};
+
+/// Sizes and points of the things in the room, in their own frames. The defaults are the published scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Geometry {
+    /// Point above the ladder's platform that rules measure to, m.
+    pub ladder_top: [f64; 3],
+    /// Where the ladder's feet touch the floor, m.
+    pub ladder_feet: [[f64; 3]; 4],
+    /// Plug point of a bulb and seat point of the socket on their z axes, m.
+    pub seat_z: f64,
+    /// Outline of a bulb, a solid of revolution about +z, as (z, radius), m.
+    pub bulb_outline: Vec<[f64; 2]>,
+    /// Outer half extents of the crate, m.
+    pub crate_outer_half: [f64; 2],
+    /// Half extents of the crate's interior, m.
+    pub crate_interior_half: [f64; 2],
+    /// Height of the crate's rim above its origin, m.
+    pub crate_rim: f64,
+    /// Height of the crate's inner floor above its origin, m.
+    pub crate_floor: f64,
+    /// Height of the bench's surface, m.
+    pub bench_surface: f64,
+}
+
+impl Default for Geometry {
+    fn default() -> Self {
+        // Half the footprint of 0.608 x 0.979, less the radius of the rails.
+        let [x, y] = [0.288, 0.4735];
+        Self {
+            ladder_top: [0.0, 0.10, 1.18],
+            ladder_feet: [[-x, -y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [x, y, 0.0]],
+            seat_z: 0.036259,
+            bulb_outline: vec![
+                [0.036259, 0.00759],
+                [0.04583, 0.02026],
+                [0.07436, 0.02196],
+                [0.08479, 0.02440],
+                [0.09706, 0.02442],
+                [0.11086, 0.02558],
+                [0.12366, 0.03025],
+                [0.13688, 0.03652],
+                [0.15224, 0.03956],
+                [0.15748, 0.03922],
+                [0.16764, 0.03653],
+                [0.18181, 0.02640],
+                [0.19267, 0.0],
+            ],
+            crate_outer_half: [0.3007, 0.2009],
+            crate_interior_half: [0.2873, 0.1876],
+            crate_rim: 0.17,
+            crate_floor: 0.004,
+            bench_surface: 0.9941,
+        }
+    }
+}
+
+impl Geometry {
+    /// The ladder's top point, world, m.
+    pub fn ladder_top(&self, row: &Row) -> Vector3<f64> {
+        measure::world_point(&row.ladder.pose, &Vector3::from(self.ladder_top))
+    }
+
+    /// Heights of the ladder's feet, m.
+    pub fn ladder_feet(&self, row: &Row) -> [f64; 4] {
+        measure::heights(&row.ladder.pose, &self.ladder_feet.map(Vector3::from))
+    }
+
+    /// The socket's seat point, world, m.
+    pub fn seat(&self, row: &Row) -> Vector3<f64> {
+        measure::world_point(&row.fixture, &Vector3::new(0.0, 0.0, self.seat_z))
+    }
+
+    /// A bulb's plug point, world, m.
+    pub fn plug(&self, row: &Row, bulb: Bulb) -> Vector3<f64> {
+        measure::world_point(&row.bulbs[bulb as usize].pose, &Vector3::new(0.0, 0.0, self.seat_z))
+    }
+
+    /// Distance of a bulb's plug point from the seat point, m.
+    pub fn plug_distance(&self, row: &Row, bulb: Bulb) -> f64 {
+        (self.plug(row, bulb) - self.seat(row)).norm()
+    }
+
+    /// Height of a bulb's lowest point, m.
+    pub fn lowest_point(&self, row: &Row, bulb: Bulb) -> f64 {
+        measure::lowest_point(&self.bulb_outline, &row.bulbs[bulb as usize].pose)
+    }
+
+    /// Extents of a bulb along the crate's axes, from its origin, m.
+    pub fn extents_in_crate(&self, row: &Row, bulb: Bulb) -> [Extent; 3] {
+        measure::extents_in(&self.bulb_outline, &row.bulbs[bulb as usize].pose, &row.crate_)
+    }
+}

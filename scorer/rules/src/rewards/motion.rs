@@ -1,0 +1,84 @@
+//! Terms on how the robot moves, shared by all rewards. Weights differ between them.
+
+use std::f64::consts::FRAC_PI_6;
+
+use nalgebra::Vector3;
+
+use super::term::View;
+use crate::{Bulb, CONTROL_DT, HAND_BODIES_PER_SIDE, JOINTS, LIMBS, Limb, Row};
+
+/// Hips and knees in the public joint order.
+const HIPS_AND_KNEES: [usize; 8] = [0, 1, 2, 3, 6, 7, 8, 9];
+/// Ankle pitch and roll in the public joint order, with their limits, rad (G1 description).
+const ANKLES: [(usize, [f64; 2]); 4] = [(4, PITCH_LIMITS), (5, ROLL_LIMITS), (10, PITCH_LIMITS), (11, ROLL_LIMITS)];
+const PITCH_LIMITS: [f64; 2] = [-0.87267, FRAC_PI_6];
+const ROLL_LIMITS: [f64; 2] = [-0.2618, 0.2618];
+/// Waist in the public joint order.
+const WAIST: std::ops::Range<usize> = 12..15;
+/// Joints of both hands in the public joint order.
+const FINGERS: std::ops::Range<usize> = 29..JOINTS;
+/// Part of a joint's range, about its middle, that counts as soft (the G1 preset of Isaac Lab; the source names no
+/// figure).
+const SOFT_RANGE: f64 = 0.9;
+
+/// Squared horizontal speed of the centre of mass, m^2/s^2.
+pub(super) fn com_sway(view: &View<'_>) -> f64 {
+    view.row.com_velocity.xy().norm_squared()
+}
+
+/// Squared angular velocity of the pelvis about its x and y axes, rad^2/s^2.
+pub(super) fn roll_and_pitch_rate(view: &View<'_>) -> f64 {
+    let pelvis = &view.row.robot;
+    pelvis.pose.rotation.inverse_transform_vector(&pelvis.angular_velocity).xy().norm_squared()
+}
+
+/// Sum of squared changes of the action.
+pub(super) fn action_rate(view: &View<'_>) -> f64 {
+    view.row.action.iter().zip(&view.before.action).map(|(after, before)| (after - before) * (after - before)).sum()
+}
+
+/// Sum of squared accelerations of hips and knees over the control step, rad^2/s^4.
+pub(super) fn joint_acceleration(view: &View<'_>) -> f64 {
+    let (after, before) = (&view.row.joint_velocity, &view.before.joint_velocity);
+    let acceleration = |joint: usize| (after[joint] - before[joint]) / CONTROL_DT;
+    HIPS_AND_KNEES.iter().map(|&joint| acceleration(joint) * acceleration(joint)).sum()
+}
+
+/// How far the ankles are beyond their soft limits, rad.
+pub(super) fn ankle_limits(view: &View<'_>) -> f64 {
+    let excess = |(joint, [lower, upper]): &(usize, [f64; 2])| {
+        let (middle, soft_half) = ((lower + upper) / 2.0, SOFT_RANGE * (upper - lower) / 2.0);
+        ((view.row.joint_position[*joint] - middle).abs() - soft_half).max(0.0)
+    };
+    ANKLES.iter().map(excess).sum()
+}
+
+/// Sum of the waist joints' deviations from the standing posture, which has them at 0, rad.
+pub(super) fn waist_deviation(view: &View<'_>) -> f64 {
+    view.row.joint_position[WAIST].iter().map(|q| q.abs()).sum()
+}
+
+/// Sum of the finger joints' deviations from the standing posture, which has them at 0, rad.
+pub(super) fn finger_deviation(view: &View<'_>) -> f64 {
+    view.row.joint_position[FINGERS].iter().map(|q| q.abs()).sum()
+}
+
+/// Sum of squared contact forces of both bulbs on the bodies of the right hand, N^2.
+pub(super) fn right_hand_force(view: &View<'_>) -> f64 {
+    let [old, fresh] = &view.row.hand_force;
+    old.iter().zip(fresh).take(HAND_BODIES_PER_SIDE).map(|(a, b)| (a + b).norm_squared()).sum()
+}
+
+/// Sum of squared contact forces of one bulb on the bodies of both hands, N^2.
+pub(super) fn grip_force(row: &Row, bulb: Bulb) -> f64 {
+    row.hand_force[bulb as usize].iter().map(Vector3::norm_squared).sum()
+}
+
+/// Part of some limbs that touch the ladder.
+pub(super) fn limbs_on_ladder(row: &Row, limbs: &[Limb], contact_n: f64) -> f64 {
+    let touching = limbs.iter().filter(|limb| row.limb_force[**limb as usize].norm() > contact_n).count();
+    touching as f64 / limbs.len() as f64
+}
+
+/// Feet and palms.
+pub(super) const ALL_LIMBS: [Limb; LIMBS] = [Limb::LeftFoot, Limb::RightFoot, Limb::LeftPalm, Limb::RightPalm];

@@ -1,0 +1,145 @@
+//! The kinds of terms.
+
+use crate::{CONTROL_DT, Cause, Context, Row, Verdict};
+
+/// Shortest start distance that an approach is measured against, m (paper).
+const MIN_START_DISTANCE: f64 = 1e-3;
+
+/// What a step shows to a term.
+pub(super) struct View<'a> {
+    pub before: &'a Row,
+    pub row: &'a Row,
+    pub context: &'a Context<'a>,
+    pub verdict: &'a Verdict,
+}
+
+/// A measure of one row.
+pub(super) type Measure = fn(&Row, &Context<'_>) -> f64;
+
+/// How a term's value comes about.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Kind {
+    /// A value of each step.
+    Rate(fn(&View<'_>) -> f64),
+    /// Difference of the potential `clamp((d0 - d) / d0, 0, 1)` of a distance d that was d0 in row 0.
+    Approach(Measure),
+    /// Difference of a potential between 0 and 1.
+    Potential(Measure),
+    /// Rise of a measure above its best so far.
+    Record(Measure),
+    /// 1 on the first step on which a predicate holds.
+    Once(fn(&Row, &Context<'_>) -> bool),
+    /// 1 on the first step on which a condition is met.
+    Condition(Cause),
+    /// Rise of the gate progress, paid unscaled.
+    GateProgress,
+}
+
+/// A term of a reward.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TermSpec {
+    pub name: &'static str,
+    pub weight: f64,
+    pub kind: Kind,
+}
+
+impl TermSpec {
+    pub const GATE_PROGRESS: Self = Self::new("gate_progress", 1.0, Kind::GateProgress);
+
+    pub const fn new(name: &'static str, weight: f64, kind: Kind) -> Self {
+        Self { name, weight, kind }
+    }
+}
+
+/// What one term paid in one step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Term {
+    /// Name in results.
+    pub name: &'static str,
+    /// Value before weighting.
+    pub value: f64,
+    /// Weight.
+    pub weight: f64,
+    /// What it paid.
+    pub reward: f64,
+}
+
+impl Term {
+    pub(super) fn unpaid(spec: &TermSpec) -> Self {
+        Self { name: spec.name, value: 0.0, weight: spec.weight, reward: 0.0 }
+    }
+}
+
+/// A term and what it remembers.
+#[derive(Debug, Clone)]
+pub(super) struct Ledger {
+    spec: TermSpec,
+    /// Start distance of an approach, m.
+    start: f64,
+    /// Last potential or progress, or best measure.
+    level: f64,
+    paid: bool,
+}
+
+impl Ledger {
+    pub(super) fn new(spec: TermSpec) -> Self {
+        Self { spec, start: 0.0, level: 0.0, paid: false }
+    }
+
+    pub(super) fn spec(&self) -> &TermSpec {
+        &self.spec
+    }
+
+    pub(super) fn start(&mut self, row: &Row, context: &Context<'_>) {
+        *self = Self::new(self.spec);
+        match self.spec.kind {
+            Kind::Approach(distance) => {
+                self.start = distance(row, context).max(MIN_START_DISTANCE);
+                self.level = self.approach(distance(row, context));
+            }
+            Kind::Potential(potential) => self.level = bounded(potential(row, context)),
+            Kind::Record(measure) => self.level = measure(row, context),
+            Kind::Rate(_) | Kind::Once(_) | Kind::Condition(_) | Kind::GateProgress => {}
+        }
+    }
+
+    pub(super) fn advance(&mut self, view: &View<'_>, term: &mut Term) {
+        let (row, context) = (view.row, view.context);
+        let value = match self.spec.kind {
+            Kind::Rate(rate) => rate(view),
+            Kind::Approach(distance) => self.rise_to(self.approach(distance(row, context))),
+            Kind::Potential(potential) => self.rise_to(bounded(potential(row, context))),
+            Kind::GateProgress => self.rise_to(view.verdict.progress),
+            Kind::Record(measure) => {
+                let best = measure(row, context).max(self.level);
+                self.rise_to(best)
+            }
+            Kind::Once(predicate) => self.once(predicate(row, context)),
+            Kind::Condition(cause) => self.once(view.verdict.conditions.contains(cause)),
+        };
+        term.value = if value.is_finite() { value } else { 0.0 };
+        term.reward = match self.spec.kind {
+            Kind::GateProgress => term.value,
+            _ => term.value * term.weight * CONTROL_DT,
+        };
+    }
+
+    fn approach(&self, distance: f64) -> f64 {
+        bounded((self.start - distance) / self.start)
+    }
+
+    fn rise_to(&mut self, level: f64) -> f64 {
+        level - std::mem::replace(&mut self.level, level)
+    }
+
+    fn once(&mut self, holds: bool) -> f64 {
+        let pays = holds && !self.paid;
+        self.paid |= holds;
+        f64::from(u8::from(pays))
+    }
+}
+
+/// Into [0, 1]; what is no number is at the bottom.
+fn bounded(potential: f64) -> f64 {
+    if potential.is_nan() { 0.0 } else { potential.clamp(0.0, 1.0) }
+}

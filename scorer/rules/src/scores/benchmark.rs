@@ -1,0 +1,148 @@
+//! Scores of subtasks and of the benchmark.
+
+use std::collections::BTreeSet;
+
+use super::{Episode, Rate, Summary};
+use crate::Task;
+
+/// Mean and sample standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Sample standard deviation; `None` for a single value.
+    pub std: Option<f64>,
+}
+
+impl Spread {
+    /// Of some values; `None` without any.
+    pub fn of(values: &[f64]) -> Option<Self> {
+        let mean = mean(values)?;
+        let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();
+        let std = (values.len() > 1).then(|| libm::sqrt(squares / (values.len() - 1) as f64));
+        Some(Self { mean, std })
+    }
+}
+
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// All episodes of one task.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SubtaskScore {
+    /// The task.
+    pub task: Task,
+    /// Half the success rate and half the mean gate progress, for each layout seed; then over the seeds.
+    pub score: Spread,
+    /// Successes.
+    pub success: Rate,
+    /// Successes with nothing broken and nothing dropped.
+    pub clean_success: Rate,
+    /// Episodes in which a bulb broke.
+    pub broken: Rate,
+    /// Episodes in which a bulb was dropped.
+    pub dropped: Rate,
+    /// Mean of the episodes.
+    pub gate_progress: f64,
+    /// Mean of the episode scores.
+    pub episode_score: f64,
+    /// Largest of the episodes, N.
+    pub peak_hand_force_n: f64,
+    /// Mean of the episodes.
+    pub control_effort: f64,
+    /// Mean length of the episodes.
+    pub mean_steps: f64,
+}
+
+impl SubtaskScore {
+    /// Scores a task's episodes; `None` where there are none. Those of other tasks are passed over.
+    pub fn of(task: Task, episodes: &[Episode]) -> Option<Self> {
+        let own: Vec<&Episode> = episodes.iter().filter(|episode| episode.summary.task == task).collect();
+        let seeds: BTreeSet<u64> = own.iter().map(|episode| episode.seed).collect();
+        let scores: Vec<f64> = seeds.iter().filter_map(|seed| subtask_score(task, *seed, episodes)).collect();
+        let rate = |is: fn(&Summary) -> bool| Rate::of(own.iter().map(|episode| is(&episode.summary)));
+        let mean_of =
+            |value: fn(&Summary) -> f64| mean(&own.iter().map(|episode| value(&episode.summary)).collect::<Vec<_>>());
+        Some(Self {
+            task,
+            score: Spread::of(&scores)?,
+            success: rate(|s| s.success),
+            clean_success: rate(Summary::clean),
+            broken: rate(|s| s.broken),
+            dropped: rate(|s| s.dropped),
+            gate_progress: mean_of(|s| s.gate_progress)?,
+            episode_score: mean_of(Summary::score)?,
+            peak_hand_force_n: own.iter().fold(0.0, |peak: f64, e| peak.max(e.summary.peak_hand_force_n)),
+            control_effort: mean_of(|s| s.control_effort)?,
+            mean_steps: mean_of(|s| s.steps as f64)?,
+        })
+    }
+}
+
+/// Half the success rate and half the mean gate progress of a task under one layout seed; `None` where it did not run.
+fn subtask_score(task: Task, seed: u64, episodes: &[Episode]) -> Option<f64> {
+    let own = episodes.iter().filter(|episode| episode.summary.task == task && episode.seed == seed);
+    let values: Vec<f64> =
+        own.map(|e| 0.5 * f64::from(u8::from(e.summary.success)) + 0.5 * e.summary.gate_progress).collect();
+    mean(&values)
+}
+
+/// The benchmark under one layout seed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SeedScore {
+    /// Seed of the layout.
+    pub seed: u64,
+    /// Weighted mean over the subtasks that ran.
+    pub score: f64,
+    /// Sum of their weights, of 34.05.
+    pub weight_covered: f64,
+    /// Subtasks that did not run under this seed.
+    pub missing: Vec<Task>,
+}
+
+/// The roll-up of all episodes of a policy.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Benchmark {
+    /// Over the layout seeds; `None` where no subtask ran.
+    pub score: Option<Spread>,
+    /// For each layout seed, ascending.
+    pub per_seed: Vec<SeedScore>,
+    /// Every task that ran, in order; `replace` and `climb` have no weight in the score.
+    pub subtasks: Vec<SubtaskScore>,
+    /// Subtasks that are missing under one seed or more.
+    pub missing: Vec<Task>,
+}
+
+impl Benchmark {
+    /// Rolls episodes up, in any order; sums are equal to the last bit for the same order only.
+    pub fn of(episodes: &[Episode]) -> Self {
+        let is_subtask = |episode: &&Episode| Task::SUBTASKS.contains(&episode.summary.task);
+        let seeds: BTreeSet<u64> = episodes.iter().filter(is_subtask).map(|episode| episode.seed).collect();
+        let per_seed: Vec<SeedScore> = seeds.into_iter().filter_map(|seed| SeedScore::of(seed, episodes)).collect();
+        let is_missing = |task: &Task| per_seed.is_empty() || per_seed.iter().any(|s| s.missing.contains(task));
+        Self {
+            score: Spread::of(&per_seed.iter().map(|seed| seed.score).collect::<Vec<_>>()),
+            subtasks: Task::ALL.into_iter().filter_map(|task| SubtaskScore::of(task, episodes)).collect(),
+            missing: Task::SUBTASKS.into_iter().filter(is_missing).collect(),
+            per_seed,
+        }
+    }
+}
+
+impl SeedScore {
+    /// Scores the subtasks that ran under a seed; `None` where none did.
+    pub fn of(seed: u64, episodes: &[Episode]) -> Option<Self> {
+        let (mut weighted, mut weight_covered, mut missing) = (0.0, 0.0, Vec::new());
+        for task in Task::SUBTASKS {
+            match subtask_score(task, seed, episodes) {
+                Some(score) => {
+                    weighted += task.weight() * score;
+                    weight_covered += task.weight();
+                }
+                None => missing.push(task),
+            }
+        }
+        (weight_covered > 0.0).then(|| Self { seed, score: weighted / weight_covered, weight_covered, missing })
+    }
+}

@@ -1,0 +1,55 @@
+//! From judged episodes to the benchmark's score.
+
+mod benchmark;
+mod rate;
+
+use crate::{End, Task};
+
+pub use benchmark::{Benchmark, SeedScore, Spread, SubtaskScore};
+pub use rate::{Rate, wilson_interval};
+
+/// What one episode amounts to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Summary {
+    /// The task.
+    pub task: Task,
+    /// The gate fired.
+    pub success: bool,
+    /// A bulb pressed harder on a hand body than it can bear.
+    pub broken: bool,
+    /// A bulb was dropped.
+    pub dropped: bool,
+    /// From 0 to 1.
+    pub gate_progress: f64,
+    /// Largest contact force of a bulb on a hand body, N.
+    pub peak_hand_force_n: f64,
+    /// Mean over the steps of the sum of squared actions.
+    pub control_effort: f64,
+    /// Control steps.
+    pub steps: u64,
+    /// How it ended; `None` while it runs or where it was cut.
+    pub end: Option<End>,
+    /// The pelvis was at working height; a diagnostic.
+    pub reached_working_height: bool,
+}
+
+impl Summary {
+    /// Success with nothing broken and nothing dropped.
+    pub fn clean(&self) -> bool {
+        self.success && !self.broken && !self.dropped
+    }
+
+    /// `max(0, success - broken - dropped)`.
+    pub fn score(&self) -> f64 {
+        f64::from(u8::from(self.clean()))
+    }
+}
+
+/// An episode of the benchmark.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Episode {
+    /// Seed of the layout.
+    pub seed: u64,
+    /// What it amounts to.
+    pub summary: Summary,
+}
