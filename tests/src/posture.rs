@@ -55,12 +55,12 @@ pub fn center_of_mass(robot: &Robot, poses: &[Isometry3<f64>]) -> Vector3<f64> {
     moment / robot.total_mass()
 }
 
-/// Takes one Gauss-Newton step on the sum of squared residuals over the root and the listed joints, damped by 1e-3.
+/// Takes one damped Gauss-Newton step on the sum of squared residuals over the root and the listed joints.
 pub fn improve(
     robot: &Robot,
     posture: &Posture,
     joints: &[usize],
-    residuals: &dyn Fn(&Posture, &[Isometry3<f64>]) -> Vec<f64>,
+    residuals: impl Fn(&Posture, &[Isometry3<f64>]) -> Vec<f64>,
 ) -> Posture {
     const STEP: f64 = 1e-6;
     const LONGEST: f64 = 0.1;

@@ -87,26 +87,42 @@ impl Point {
     }
 
     fn stiffness_in(&self, region: &Region) -> [f64; 6] {
-        let (n, t) = (self.inverse_normal, self.inverse_tangent);
         match *region {
             Region::Apart => [0.0; 6],
-            Region::Stick => [t, 0.0, t, 0.0, 0.0, n],
+            Region::Stick => [self.inverse_tangent, 0.0, self.inverse_tangent, 0.0, 0.0, self.inverse_normal],
             Region::Slide { x, y, pressed, slide } => {
-                let mu = self.friction;
-                let ratio = mu * n / t;
-                let scale = 1.0 / (1.0 + mu * ratio);
-                let along = mu * ratio * scale * t;
-                let across = mu * pressed / slide * t;
-                let cross = mu * scale * n;
-                [
-                    along * x * x + across * y * y,
-                    (along - across) * x * y,
-                    along * y * y + across * x * x,
-                    cross * x,
-                    cross * y,
-                    scale * n,
-                ]
+                let (along, across) = self.slide_stiffness(pressed, slide);
+                self.sliding(x, y, along, across)
             }
+        }
+    }
+
+    /// Tangential stiffness of a sliding contact along and across its slide.
+    fn slide_stiffness(&self, pressed: f64, slide: f64) -> (f64, f64) {
+        let mu_ratio = self.friction * self.friction * self.inverse_normal / self.inverse_tangent;
+        let along = mu_ratio / (1.0 + mu_ratio) * self.inverse_tangent;
+        (along, self.friction * pressed / slide * self.inverse_tangent)
+    }
+
+    fn sliding(&self, x: f64, y: f64, along: f64, across: f64) -> [f64; 6] {
+        let mu = self.friction;
+        let scale = self.inverse_normal / (1.0 + mu * mu * self.inverse_normal / self.inverse_tangent);
+        [
+            along * x * x + across * y * y,
+            (along - across) * x * y,
+            along * y * y + across * x * x,
+            mu * scale * x,
+            mu * scale * y,
+            scale,
+        ]
+    }
+
+    /// Makes the stiffness of a sliding contact as large along its slide as across it: friction's potential is a cone, and
+    /// the paraboloid that touches it here bounds it from above, where its own curvature would run past the tip.
+    pub fn bound_stiffness(&mut self, caution: f64) {
+        if let (_, Region::Slide { x, y, pressed, slide }) = self.impulse_at(&self.velocity) {
+            let (along, across) = self.slide_stiffness(pressed, slide);
+            self.stiffness = self.sliding(x, y, along.max(caution * across), across);
         }
     }
 

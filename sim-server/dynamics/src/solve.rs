@@ -22,6 +22,13 @@ const LIMIT_RETURN_MAX: f64 = 1.0;
 /// Stiffness that holds a locked degree of freedom, in units of its inertia.
 const LOCK: f64 = 1e12;
 
+/// Part of a full step below which the next iteration is more cautious, otherwise less; how much more and less; and the
+/// caution that is as good as none.
+const SHORT: f64 = 0.5;
+const MORE_CAUTION: f64 = 30.0;
+const LESS_CAUTION: f64 = 0.1;
+const CAUTION_MIN: f64 = 1e-3;
+
 /// The contacts between two bodies: they share one relative motion, a sum of columns over degrees of freedom.
 #[derive(Debug, Clone, Copy)]
 struct Group {
@@ -77,6 +84,9 @@ pub(crate) struct Solver {
     direction: Vec<f64>,
     mass_direction: Vec<f64>,
     efforts: Vec<f64>,
+    /// How far the Hessian goes from the objective's own (0) to one that bounds the objective from above (1). Short steps
+    /// of the line search raise it: Newton runs across the kinks of friction and saturation then.
+    caution: f64,
     /// What drives, limits and locks add to the Hessian's diagonal.
     diagonal: Vec<f64>,
     /// Every stiffness that reaches the factor's late rows, now and in the iteration before.
@@ -108,6 +118,7 @@ impl Solver {
             direction: zeros(),
             mass_direction: zeros(),
             efforts: vec![0.0; model.drives.len()],
+            caution: 0.0,
             diagonal: zeros(),
             late: Vec::with_capacity(model.nv + 36 * CONTACTS_EXPECTED),
             late_before: Vec::with_capacity(model.nv + 36 * CONTACTS_EXPECTED),
@@ -146,6 +157,7 @@ impl Solver {
             }
         }
         let mut report = StepReport::default();
+        self.caution = 0.0;
         // Another mass matrix: nothing of the step before may be used again.
         self.late.clear();
         loop {
@@ -159,6 +171,17 @@ impl Solver {
             report.iterations += 1;
             let step = self.line_search(dynamical, dt);
             self.advance(step);
+            self.caution = match self.caution {
+                caution if step < SHORT => {
+                    if caution > 0.0 {
+                        (caution * MORE_CAUTION).min(1.0)
+                    } else {
+                        1.0
+                    }
+                }
+                caution if caution > CAUTION_MIN => caution * LESS_CAUTION,
+                _ => 0.0,
+            };
         }
         for (contact, (point, turned)) in contacts.iter_mut().zip(self.points.iter().zip(&self.turned)) {
             contact.force = point.wrench().force * (turned / dt);
@@ -337,7 +360,7 @@ impl Solver {
         self.late.clear();
         self.diagonal.fill(0.0);
         for spring in &self.springs {
-            self.diagonal[spring.dof] += dt * spring.effort(self.velocity[spring.dof]).1;
+            self.diagonal[spring.dof] += dt * spring.stiffness(self.velocity[spring.dof], self.caution);
         }
         for stop in &self.stops {
             self.diagonal[stop.dof] += stop.impulse(self.velocity[stop.dof]).1;
@@ -348,6 +371,9 @@ impl Solver {
         // A first entry that no cleared list has.
         self.late.push(1.0);
         self.late.extend_from_slice(&self.diagonal[split..]);
+        if self.caution > 0.0 {
+            self.points.iter_mut().for_each(|point| point.bound_stiffness(self.caution));
+        }
         for group in &mut self.groups {
             group.stiffness = group_stiffness(&self.points[group.points.0..group.points.1]);
             if group.reaches(&self.column_dof, split) {
@@ -446,6 +472,17 @@ impl Solver {
 }
 
 impl Spring {
+    /// Stiffness for the Hessian: the derivative, or with caution the secant of a saturated spring to where its effort is
+    /// zero, which bounds the potential from above (as for Huber's function).
+    fn stiffness(&self, velocity: f64, caution: f64) -> f64 {
+        let (effort, slope) = self.effort(velocity);
+        if caution > 0.0 && slope == 0.0 && self.slope > 0.0 {
+            caution * effort / (self.offset / self.slope - velocity)
+        } else {
+            slope
+        }
+    }
+
     /// Effort at a velocity, and its decrease per velocity (0 when saturated).
     #[inline(always)]
     fn effort(&self, velocity: f64) -> (f64, f64) {
