@@ -3,4 +3,4 @@ mod mjcf;
 mod scene;
 
 pub use mjcf::{Laws, MjcfOptions, to_mjcf};
-pub use scene::{ExportError, ExportScene, Task};
+pub use scene::{ExportError, ExportScene};

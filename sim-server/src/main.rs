@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
-use fiatlux_sim::{ExportScene, Laws, MjcfOptions, Task, to_mjcf};
+use fiatlux_rules::Task;
+use fiatlux_sim::{ExportScene, Laws, MjcfOptions, to_mjcf};
 
 /// Simulates the errand's scenes for policies.
 #[derive(Debug, Parser)]
@@ -75,7 +76,7 @@ fn main() -> ExitCode {
 }
 
 fn run_export(export: &Export) -> anyhow::Result<()> {
-    let scene = match &export.task {
+    let scene = match export.task {
         Some(task) => ExportScene::task(task, export.seed)?,
         None => ExportScene::robot_only(export.floor)?,
     };

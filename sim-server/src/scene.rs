@@ -1,11 +1,11 @@
 //! What can be exported: a model with its start state.
 
-use std::str::FromStr;
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Geometry, Material, Model, ModelBuilder, ModelError, ShapeSpec, State};
 use fiatlux_robot::{BuildOptions, GainSet, Robot, RobotError, RobotIds};
-use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec};
+use fiatlux_rules::Task;
+use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec, StartError, StartOptions, start};
 use nalgebra::Isometry3;
 use thiserror::Error;
 
@@ -21,27 +21,9 @@ pub enum ExportError {
     /// The scene's config or layout.
     #[error("cannot build the scene")]
     Scene(#[from] SceneError),
-}
-
-/// A task of the benchmark: `S01` to `S12`, `replace` or `climb`.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Task {
-    name: String,
-    kind: SceneKind,
-}
-
-impl FromStr for Task {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        let kind = match name {
-            "S01" | "replace" => SceneKind::FreeLadder,
-            "climb" => SceneKind::Climb,
-            _ if (2..=12).any(|number| name == format!("S{number:02}")) => SceneKind::CoupledLadder,
-            _ => return Err("the tasks are S01 to S12, replace and climb".into()),
-        };
-        Ok(Self { name: name.to_owned(), kind })
-    }
+    /// The task's start state.
+    #[error("cannot stage the start")]
+    Start(#[from] StartError),
 }
 
 /// A model, its start state and what its drives hold there.
@@ -58,17 +40,22 @@ pub struct ExportScene {
 }
 
 impl ExportScene {
-    /// A task's room as the seed lays it out, before any staging: every prop in its place, the robot in the standing
-    /// posture in its zone, the bulbs in the fixture and on the bench.
+    /// A task's start state: the room of the seed, the robot and the bulbs as the first episode begins, without noise.
     ///
     /// # Errors
     /// [`ExportError`].
-    pub fn task(task: &Task, seed: u64) -> Result<Self, ExportError> {
+    pub fn task(task: Task, seed: u64) -> Result<Self, ExportError> {
         let robot = Arc::new(Robot::g1_inspire()?);
         let gains = robot.gains(GainSet::default());
-        let spec = SceneSpec { kind: task.kind, seed, gains, hand_friction: None };
-        let scene = Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?;
-        Ok(Self::standing(format!("{} seed {seed}", task.name), scene.model, &robot, &scene.robot_ids))
+        let spec = SceneSpec { kind: SceneKind::of(task), seed, gains, hand_friction: None };
+        let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec)?);
+        let world = start(Arc::clone(&scene), task, 0, &StartOptions { reset_noise: false })?;
+        let mut targets = vec![0.0; scene.model.drives().len()];
+        for (ids, target) in scene.robot_ids.joints.iter().zip(&world.row().joint_target) {
+            targets[ids.drive] = *target;
+        }
+        let name = format!("{} seed {seed}", task.short_id());
+        Ok(Self { name, model: scene.model.clone(), state: world.state().clone(), targets })
     }
 
     /// The robot alone in its standing posture, soles at z = 0, over a floor of friction 1 or in the air.

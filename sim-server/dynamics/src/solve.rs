@@ -29,6 +29,11 @@ const MORE_CAUTION: f64 = 30.0;
 const LESS_CAUTION: f64 = 0.1;
 const CAUTION_MIN: f64 = 1e-3;
 
+/// Contact points for which memory is kept from the start.
+const CONTACTS_EXPECTED: usize = 128;
+/// Gap up to which a contact point without load counts as touching in a report, m.
+const TOUCHING: f64 = 5e-4;
+
 /// The contacts between two bodies: they share one relative motion, a sum of columns over degrees of freedom.
 #[derive(Debug, Clone, Copy)]
 struct Group {
@@ -69,13 +74,15 @@ pub(crate) struct Solver {
     factor: Factor,
     groups: Vec<Group>,
     points: Vec<Point>,
-    /// Index into the caller's contacts of each point's normal sign: -1 where the pair was turned round.
+    /// -1 where the pair of the caller's contact was turned round, so that b moves; otherwise 1.
     turned: Vec<f64>,
     column_dof: Vec<u16>,
     columns: Vec<Motion>,
     springs: Vec<Spring>,
     stops: Vec<Stop>,
     velocity: Vec<f64>,
+    /// Inverse of the mass matrix's diagonal.
+    weight: Vec<f64>,
     /// `M (v - v0)`.
     momentum_change: Vec<f64>,
     momentum: Vec<f64>,
@@ -94,10 +101,6 @@ pub(crate) struct Solver {
     late_before: Vec<f64>,
 }
 
-const CONTACTS_EXPECTED: usize = 256;
-/// Gap up to which a contact point without load counts as touching in a report, m.
-const TOUCHING: f64 = 5e-4;
-
 impl Solver {
     pub fn new(model: &Model) -> Self {
         let zeros = || vec![0.0; model.nv];
@@ -111,6 +114,7 @@ impl Solver {
             springs: Vec::with_capacity(model.nv),
             stops: Vec::with_capacity(model.nv),
             velocity: zeros(),
+            weight: zeros(),
             momentum_change: zeros(),
             momentum: zeros(),
             gradient: zeros(),
@@ -146,6 +150,9 @@ impl Solver {
         for (v, _) in self.velocity.iter_mut().zip(input.locked).filter(|(_, locked)| **locked) {
             *v = 0.0;
         }
+        for (dof, weight) in self.weight.iter_mut().enumerate() {
+            *weight = 1.0 / dynamical.mass_matrix[dof * model.nv + dof];
+        }
         self.momentum_change.fill(0.0);
         self.factor.multiply(&dynamical.mass_matrix, &self.velocity, &mut self.momentum);
         for group in &self.groups {
@@ -171,16 +178,11 @@ impl Solver {
             report.iterations += 1;
             let step = self.line_search(dynamical, dt);
             self.advance(step);
-            self.caution = match self.caution {
-                caution if step < SHORT => {
-                    if caution > 0.0 {
-                        (caution * MORE_CAUTION).min(1.0)
-                    } else {
-                        1.0
-                    }
-                }
-                caution if caution > CAUTION_MIN => caution * LESS_CAUTION,
-                _ => 0.0,
+            self.caution = match (step < SHORT, self.caution > CAUTION_MIN) {
+                (true, true) => (self.caution * MORE_CAUTION).min(1.0),
+                (true, false) => 1.0,
+                (false, true) => self.caution * LESS_CAUTION,
+                (false, false) => 0.0,
             };
         }
         for (contact, (point, turned)) in contacts.iter_mut().zip(self.points.iter().zip(&self.turned)) {
@@ -321,7 +323,7 @@ impl Solver {
                 self.momentum_change[dof] + bias - self.constraint[dof]
             };
             self.gradient[dof] = gradient;
-            let weight = 1.0 / dynamical.mass_matrix[dof * model.nv + dof];
+            let weight = self.weight[dof];
             let total = self.momentum[dof] + self.momentum_change[dof];
             residual += weight * gradient * gradient;
             momentum += weight * total * total;

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
 pub use parts::{
-    AttachmentConfig, BenchConfig, BulbConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig, LayoutConfig,
-    RobotStartConfig, RoomConfig, Surface, Surfaces,
+    AttachmentConfig, BenchConfig, BulbConfig, CarryConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig,
+    LayoutConfig, RobotStartConfig, RoomConfig, StartConfig, StartNoise, Surface, Surfaces,
 };
 
 use crate::SceneError;
@@ -44,6 +44,8 @@ pub struct SceneConfig {
     pub climb: ClimbConfig,
     /// Where the robot starts.
     pub robot: RobotStartConfig,
+    /// Start states of the tasks.
+    pub start: StartConfig,
 }
 
 impl Default for SceneConfig {

@@ -1,5 +1,5 @@
 //! The benchmark's scene as data and as a model of the dynamics engine: room, bench, crate, fixture, bulbs, ladder and
-//! robot, their draw by seed, and the socket's hold on a bulb.
+//! robot, their draw by seed, the socket's hold on a bulb, and the tasks' start states.
 mod attach;
 pub mod config;
 mod error;
@@ -7,6 +7,7 @@ mod layout;
 mod props;
 mod rng;
 mod scene;
+mod start;
 mod world;
 
 pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
@@ -16,4 +17,5 @@ pub use layout::{LadderStart, Layout, Mount, Place};
 pub use props::LadderPoints;
 pub use rng::{RNG_NAME, Random, Stream};
 pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};
+pub use start::{ACTION_SCALE, StartError, StartOptions, start};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};

@@ -147,6 +147,29 @@ impl World {
         Ok(&self.row)
     }
 
+    /// Runs physics steps towards joint targets, some degrees of freedom held at rest and no bulb in the socket's hold;
+    /// returns how many did not converge. To stage a start state.
+    pub(crate) fn stage(&mut self, joint_target: &[f64; JOINTS], locked: &[bool], steps: usize) -> u32 {
+        let scene = Arc::clone(&self.scene);
+        for (ids, target) in scene.robot_ids.joints.iter().zip(joint_target) {
+            self.targets[ids.drive] = *target;
+        }
+        self.wrenches.clear();
+        self.physics(&scene, locked, steps)
+    }
+
+    /// Makes the present configuration, at rest, row 0. The contact forces between hands and bulbs stay; no other force
+    /// has acted yet.
+    pub(crate) fn begin(&mut self, action: &[f64; JOINTS], unconverged: u32) {
+        self.state.qvel.fill(0.0);
+        self.measure(0, unconverged);
+        let row = &mut *self.row;
+        row.action = *action;
+        row.joint_effort = [0.0; JOINTS];
+        row.limb_force = [Vector3::zeros(); LIMBS];
+        row.hand_force_peak = row.hand_force.map(|forces| forces.map(|force| force.norm()));
+    }
+
     /// Advances both attachments from the present state and sets their wrenches.
     fn hold_bulbs(&mut self, scene: &Scene) {
         let law = &scene.config.attachment;

@@ -3,7 +3,7 @@ use std::fmt::Debug;
 use super::SceneConfig;
 use super::parts::{
     AttachmentConfig, BenchConfig, BulbConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig, LayoutConfig,
-    RoomConfig, Surfaces,
+    RoomConfig, StartConfig, Surfaces,
 };
 use crate::SceneError;
 
@@ -25,7 +25,8 @@ pub(super) fn check(config: &SceneConfig) -> Checked {
     surfaces(&config.surfaces)?;
     layout(&config.layout, &config.room)?;
     climb(&config.climb, &config.room)?;
-    within("robot.pelvis_height", &[config.robot.pelvis_height], 0.1, 10.0)
+    within("robot.pelvis_height", &[config.robot.pelvis_height], 0.1, 10.0)?;
+    start(&config.start)
 }
 
 fn refuse(field: &'static str, value: &impl Debug, rule: impl Into<String>) -> Checked {
@@ -315,4 +316,35 @@ fn climb(c: &ClimbConfig, room: &RoomConfig) -> Checked {
     }
     let apart = (0..2).any(|i| (c.bulb_parking[0][i] - c.bulb_parking[1][i]).abs() > 0.1);
     ensure(apart, "climb.bulb_parking", &c.bulb_parking, "the bulbs must stand 0.1 m apart")
+}
+
+fn start(c: &StartConfig) -> Checked {
+    for (field, noise) in [("start.noise", &c.noise), ("start.ladder_noise", &c.ladder_noise)] {
+        within(field, &[noise.shift, noise.turn, noise.joint], 0.0, 1.0)?;
+    }
+    size("start.mounting_distance", &[c.mounting_distance])?;
+    size("start.dispose_distance", &[c.dispose_distance])?;
+    size("start.leave_distance", &[c.leave_distance])?;
+    place("start.grab_place", &c.grab_place)?;
+    place("start.carry_place", &c.carry_place)?;
+    within("start.platform_pelvis", &[c.platform_pelvis], 0.1, 10.0)?;
+    within("start.clearance", &[c.clearance], 0.0, 0.1)?;
+    within("start.head_start", &[c.head_start], 0.0, 10.0)?;
+    within("start.turn_step", &[c.turn_step], 0.01, 3.2)?;
+    within("start.back_step", &[c.back_step], 0.0, 0.02)?;
+    count("start.redraws", c.redraws, 1, 10_000)?;
+    let carry = &c.carry;
+    within("start.carry.glass_center", &carry.glass_center, -1.0, 1.0)?;
+    within("start.carry.glass_height", &[carry.glass_height], 0.0, 1.0)?;
+    within("start.carry.glass_tilt", &carry.glass_tilt, -3.2, 3.2)?;
+    for (field, angles) in [
+        ("start.carry.arm", &carry.arm),
+        ("start.carry.platform_arm", &carry.platform_arm),
+        ("start.carry.grip", &carry.grip),
+    ] {
+        within(field, &angles.values().copied().collect::<Vec<_>>(), -3.2, 3.2)?;
+    }
+    within("start.carry.holding_time", &[carry.holding_time], 0.0, 1.0)?;
+    let closing_most = 1.0 - carry.holding_time;
+    within("start.carry.closing_time", &[carry.closing_time], 0.0, closing_most)
 }

@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use fiatlux_dynamics::Material;
@@ -307,5 +309,76 @@ section! {
     RobotStartConfig {
         /// Height of the pelvis at the start, m.
         pelvis_height: f64,
+    }
+}
+
+section! {
+    /// Reset noise, uniform and symmetric.
+    #[derive(Copy)]
+    StartNoise {
+        /// Along x and along y, m.
+        shift: f64,
+        /// About the vertical, rad.
+        turn: f64,
+        /// Of every joint, rad.
+        joint: f64,
+    }
+}
+
+section! {
+    /// `[start]`.
+    StartConfig {
+        /// On the floor.
+        noise: StartNoise,
+        /// On the ladder.
+        ladder_noise: StartNoise,
+        /// From the ladder, m.
+        mounting_distance: f64,
+        /// From the crate with the bulb to throw away, m.
+        dispose_distance: f64,
+        /// From the crate on leaving it, m.
+        leave_distance: f64,
+        /// From the fresh bulb, m.
+        grab_place: [f64; 2],
+        /// From the bench, m.
+        carry_place: [f64; 2],
+        /// Height of the pelvis above the ladder's top point, m.
+        platform_pelvis: f64,
+        /// Least gap to what the robot does not stand on, m.
+        clearance: f64,
+        /// Least distance to where the gate of S05 would be met, m.
+        head_start: f64,
+        /// Turn about ladder or crate from one place to try to the next, rad.
+        turn_step: f64,
+        /// Step back on the platform from one place to try to the next, m.
+        back_step: f64,
+        /// Draws of reset noise before the start is refused.
+        redraws: u32,
+        /// A bulb in the hand.
+        carry: CarryConfig,
+    }
+}
+
+section! {
+    /// `[start.carry]`.
+    CarryConfig {
+        /// Angles of the carrying arm's joints by name, rad; the others stand as in the standing posture.
+        arm: BTreeMap<String, f64>,
+        /// What of it is different on the platform.
+        platform_arm: BTreeMap<String, f64>,
+        /// Link whose frame the grasp is given in.
+        hand_link: String,
+        /// Centre of the glass in that frame, m.
+        glass_center: [f64; 3],
+        /// Height of that centre on the bulb's axis, m.
+        glass_height: f64,
+        /// Tilt of the bulb about x, beyond half a turn, then about y, rad.
+        glass_tilt: [f64; 2],
+        /// How long the hand closes around a bulb that is held still, s.
+        closing_time: f64,
+        /// How long it then holds it on its own, s.
+        holding_time: f64,
+        /// Targets of the hand's joints by name, rad.
+        grip: BTreeMap<String, f64>,
     }
 }

@@ -44,6 +44,10 @@ const BAD: &[(&str, &str, usize)] = &[
     ("[climb]\nfixture = [0.0, 0.0, 9.0]", "climb.fixture", 2),
     ("[climb]\nbulb_parking = [[0.0, 0.0], [0.0, 0.0]]", "climb.bulb_parking", 2),
     ("[robot]\npelvis_height = -inf", "robot.pelvis_height", 2),
+    ("[start]\nnoise.joint = -0.1", "start.noise", 2),
+    ("[start]\nmounting_distance = nan", "start.mounting_distance", 2),
+    ("[start.carry]\nclosing_time = 0.9", "start.carry.closing_time", 2),
+    ("[start.carry]\narm.right_elbow_joint = inf", "start.carry.arm", 2),
 ];
 
 #[test]

@@ -1,0 +1,67 @@
+//! A bulb in the hand: the hand closes around it in simulation, while all the rest is held still.
+
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+use fiatlux_rules::{Bulb, JOINTS, Row, Thresholds};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::{Start, StartError};
+use crate::{PHYSICS_DT, Scene, World};
+
+/// Writes angles by joint name into a posture, kept within the joints' limits.
+pub(super) fn set_joints(
+    scene: &Scene,
+    field: &'static str,
+    angles: &BTreeMap<String, f64>,
+    posture: &mut [f64; JOINTS],
+) -> Result<(), StartError> {
+    for (name, angle) in angles {
+        let joint = scene.robot.joint_index(name).ok_or_else(|| StartError::Name { field, name: name.clone() })?;
+        let limits = &scene.robot.joints()[joint];
+        posture[joint] = angle.clamp(limits.lower, limits.upper);
+    }
+    Ok(())
+}
+
+impl Start<'_> {
+    /// Pose of a bulb in the hand that will close around it.
+    pub(super) fn world_from_held_bulb(&self, row: &Row) -> Result<Isometry3<f64>, StartError> {
+        let (robot, carry) = (&self.scene.robot, &self.scene.config.start.carry);
+        let unknown = || StartError::Name { field: "start.carry.hand_link", name: carry.hand_link.clone() };
+        let link = robot.link_index(&carry.hand_link).ok_or_else(unknown)?;
+        let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose).map_err(|_| unknown())?;
+        let [about_x, about_y] = carry.glass_tilt;
+        let hand_from_glass = Isometry3::from_parts(
+            Translation3::from(Vector3::from(carry.glass_center)),
+            UnitQuaternion::from_euler_angles(PI + about_x, about_y, 0.0),
+        );
+        Ok(links[link] * hand_from_glass * Translation3::new(0.0, 0.0, -carry.glass_height))
+    }
+
+    /// Closes the hand, first around the bulb held still, then around the free bulb. Returns how many physics steps did
+    /// not converge.
+    pub(super) fn close_hand(&self, world: &mut World, row: &Row, bulb: Bulb) -> Result<u32, StartError> {
+        let scene = self.scene;
+        let carry = &scene.config.start.carry;
+        let mut locked = vec![true; scene.model.nv()];
+        for joint in carry.grip.keys().filter_map(|name| scene.robot.joint_index(name)) {
+            locked[scene.robot_ids.joints[joint].dof] = false;
+        }
+        let steps = |time: f64| libm::round(time / PHYSICS_DT) as usize;
+        let mut unconverged = world.stage(&row.joint_target, &locked, steps(carry.closing_time));
+        let body = if bulb == Bulb::Old { scene.old_bulb } else { scene.fresh_bulb };
+        let dof = scene.model.bodies()[body.0].dof_start;
+        locked[dof..dof + 6].fill(false);
+        unconverged += world.stage(&row.joint_target, &locked, steps(carry.holding_time));
+
+        let Thresholds { touch_n: least_n, fragility_n: most_n, .. } = Thresholds::default();
+        let forces = &world.row().hand_force[bulb as usize];
+        let force_n = forces.iter().fold(0.0, |largest: f64, force| largest.max(force.norm()));
+        if force_n > least_n && force_n <= most_n {
+            return Ok(unconverged);
+        }
+        let Start { task, episode, .. } = *self;
+        Err(StartError::Hold { task, seed: scene.spec.seed, episode, force_n, least_n, most_n })
+    }
+}

@@ -1,0 +1,229 @@
+//! Where the robot stands.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use fiatlux_dynamics::Contact;
+use fiatlux_rules::{Bulb, Row, Task, Thresholds, measure};
+use nalgebra::Vector2;
+
+use super::{Start, StartError};
+use crate::config::{StartConfig, StartNoise};
+use crate::layout::Place;
+use crate::{Random, Scene, ShapeOwner, Stream, World};
+
+/// The robot exactly in its nominal place and posture.
+pub(super) const NO_NOISE: StartNoise = StartNoise { shift: 0.0, turn: 0.0, joint: 0.0 };
+
+/// How far above its nominal height the robot is put to find what is below its soles, and how far down it looks, m.
+const LIFT: f64 = 0.2;
+
+/// Places to try behind the one on the platform.
+const BACK_STEPS: u32 = 5;
+
+/// Deepest overlap of two links that a start may have, m.
+const SELF_OVERLAP: f64 = 5e-4;
+
+/// Where a task puts the robot.
+enum Stand {
+    /// On the floor.
+    Floor(Place),
+    /// On the floor at a distance from a thing, in a direction that may turn.
+    Around { center: Vector2<f64>, distance: f64, bearing: f64, facing: Vector2<f64> },
+    /// On the ladder's platform, or a little farther back.
+    Platform(Place),
+}
+
+/// The task's reset noise.
+pub(super) fn noise(scene: &Scene, task: Task) -> StartNoise {
+    let config = &scene.config.start;
+    match task {
+        Task::S05 | Task::S09 => NO_NOISE,
+        Task::S02 | Task::S10 => config.ladder_noise,
+        _ if is_on_platform(task) => config.ladder_noise,
+        _ => config.noise,
+    }
+}
+
+/// Whether the robot starts on the ladder.
+pub(super) fn is_on_platform(task: Task) -> bool {
+    matches!(task, Task::S03 | Task::S04 | Task::S11 | Task::S12)
+}
+
+fn facing(position: Vector2<f64>, target: Vector2<f64>) -> Place {
+    Place { position, yaw: measure::bearing(&position, &target) }
+}
+
+fn stand(scene: &Scene, task: Task, row: &Row) -> Stand {
+    let (config, layout) = (&scene.config.start, &scene.layout);
+    let zone = layout.robot.position;
+    let ladder = layout.ladder.position;
+    let crate_ = layout.crate_.unwrap_or(zone);
+    let fresh = row.bulbs[Bulb::Fresh as usize].pose.translation.vector.xy();
+    // Towards the robot's own zone, never beyond it.
+    let around = |center: Vector2<f64>, distance: f64, facing| Stand::Around {
+        center,
+        distance: distance.min((zone - center).norm()),
+        bearing: measure::bearing(&center, &zone),
+        facing,
+    };
+    match task {
+        Task::Replace | Task::Climb => Stand::Floor(layout.robot),
+        Task::S01 => Stand::Floor(facing(zone, ladder)),
+        Task::S02 | Task::S10 => Stand::Around {
+            center: ladder,
+            distance: config.mounting_distance,
+            bearing: layout.ladder.yaw - FRAC_PI_2,
+            facing: ladder,
+        },
+        Task::S03 | Task::S04 | Task::S11 | Task::S12 => {
+            let top = measure::world_point(&scene.world_from_ladder, &scene.ladder_points.top);
+            Stand::Platform(Place { position: top.xy(), yaw: layout.ladder.yaw + FRAC_PI_2 })
+        }
+        Task::S05 => around(ladder, config.mounting_distance, crate_),
+        Task::S06 => around(crate_, config.dispose_distance, crate_),
+        Task::S07 => around(crate_, config.leave_distance, fresh),
+        Task::S08 => Stand::Floor(facing(fresh + Vector2::from(config.grab_place), fresh)),
+        Task::S09 => {
+            let bench = layout.bench.unwrap_or(zone);
+            Stand::Floor(facing(bench + Vector2::from(config.carry_place), ladder))
+        }
+    }
+}
+
+impl Stand {
+    /// Nominal height of the pelvis, m.
+    fn height(&self, scene: &Scene) -> f64 {
+        match self {
+            Stand::Floor(_) | Stand::Around { .. } => scene.config.robot.pelvis_height,
+            Stand::Platform(_) => scene.ladder_points.top.z + scene.config.start.platform_pelvis,
+        }
+    }
+
+    /// The nominal place, then those to go to where it is taken.
+    fn places(&self, config: &StartConfig) -> Vec<Place> {
+        match *self {
+            Stand::Floor(place) => vec![place],
+            Stand::Platform(place) => {
+                let back = -Vector2::new(libm::cos(place.yaw), libm::sin(place.yaw)) * config.back_step;
+                let at = |k: u32| Place { position: place.position + f64::from(k) * back, ..place };
+                (0..=BACK_STEPS).map(at).collect()
+            }
+            Stand::Around { center, distance, bearing, facing: target } => {
+                let turns = 1..=libm::floor(PI / config.turn_step) as u32;
+                let turns = turns.flat_map(|k| [1.0, -1.0].map(|side| side * f64::from(k) * config.turn_step));
+                let at = |turn: f64| {
+                    let angle = bearing + turn;
+                    let arm = Vector2::new(libm::cos(angle), libm::sin(angle));
+                    facing(center + distance * arm, target)
+                };
+                std::iter::once(0.0).chain(turns).map(at).collect()
+            }
+        }
+    }
+}
+
+impl Start<'_> {
+    /// Puts the robot into its place, noise included, its soles on what it stands on, and a bulb into its hand.
+    pub(super) fn put_robot(&self, world: &mut World, row: &mut Row, noise: &StartNoise) -> Result<(), StartError> {
+        let scene = self.scene;
+        let config = &scene.config.start;
+        let stand = stand(scene, self.task, row);
+        let places = stand.places(config);
+        let mut random = Random::new(Stream::Reset, scene.spec.seed, self.episode);
+        let mut first_obstacle = None;
+        let draws = if *noise == NO_NOISE { 1 } else { config.redraws };
+        for _ in 0..draws {
+            // Always the same numbers of the stream, whatever the size of the noise.
+            let mut draw = |half: f64| random.uniform(-half, half);
+            let shift = Vector2::new(draw(noise.shift), draw(noise.shift));
+            let turn = draw(noise.turn);
+            for (joint, limits) in scene.robot.joints().iter().enumerate() {
+                let angle = self.posture[joint] + draw(noise.joint);
+                row.joint_position[joint] = angle.clamp(limits.lower, limits.upper);
+            }
+            let moved = |nominal: &Place| Place {
+                position: nominal.position + shift,
+                yaw: measure::wrap_angle(nominal.yaw + turn),
+            };
+            let lifted = stand.height(scene) + LIFT;
+            self.put(world, row, &moved(&places[0]), lifted)?;
+            if let Some(link) = self_overlap(world) {
+                first_obstacle = first_obstacle.or(Some(link));
+                continue;
+            }
+            let height = lifted - stand.gap_below_soles(world);
+            for nominal in &places {
+                self.put(world, row, &moved(nominal), height)?;
+                match self.obstacle(world, &stand) {
+                    None => return Ok(()),
+                    found => first_obstacle = first_obstacle.or(found),
+                }
+            }
+        }
+        let obstacle = first_obstacle.unwrap_or(stand.support());
+        Err(StartError::Place { task: self.task, seed: scene.spec.seed, episode: self.episode, obstacle })
+    }
+
+    /// Sets the world to the row with the robot's pelvis at a place, `z` m above the floor, and the bulb in its hand.
+    fn put(&self, world: &mut World, row: &mut Row, place: &Place, z: f64) -> Result<(), StartError> {
+        row.robot.pose = place.world_from_place(z);
+        if let Some(bulb) = self.carried {
+            row.bulbs[bulb as usize].pose = self.world_from_held_bulb(row)?;
+        }
+        Ok(world.reset_to(row)?)
+    }
+
+    /// What is nearer to the robot or its bulb than the clearance. In S05 also the crate, where it is nearly reached.
+    fn obstacle(&self, world: &World, stand: &Stand) -> Option<ShapeOwner> {
+        let (scene, row) = (self.scene, world.row());
+        let pelvis = &row.robot.pose.translation.vector;
+        let crate_gap = measure::footprint_distance(&row.crate_, &scene.config.crate_.outer_half, pelvis);
+        if self.task == Task::S05 && crate_gap < Thresholds::default().crate_near_m + scene.config.start.head_start {
+            return Some(ShapeOwner::Crate);
+        }
+        let in_hand =
+            self.carried.map(|bulb| if bulb == Bulb::Old { ShapeOwner::OldBulb } else { ShapeOwner::FreshBulb });
+        let is_own = |owner: ShapeOwner| matches!(owner, ShapeOwner::Robot(_)) || Some(owner) == in_hand;
+        let pairs = nearby(world, scene.config.start.clearance).map(|(owners, _)| owners);
+        pairs.filter(|[a, _]| is_own(*a)).find(|[a, b]| !is_own(*b) && !stand.bears([*a, *b], scene)).map(|[_, b]| b)
+    }
+}
+
+impl Stand {
+    /// What the robot stands on.
+    fn support(&self) -> ShapeOwner {
+        if matches!(self, Stand::Platform(_)) { ShapeOwner::Ladder } else { ShapeOwner::Floor }
+    }
+
+    /// Whether the first is a foot and the second what it stands on.
+    fn bears(&self, [foot, support]: [ShapeOwner; 2], scene: &Scene) -> bool {
+        support == self.support() && matches!(foot, ShapeOwner::Robot(link) if scene.robot.feet().contains(&link))
+    }
+
+    /// Height of the lowest sole above what the robot is to stand on, m; the nominal one where nothing is there.
+    fn gap_below_soles(&self, world: &World) -> f64 {
+        let near = nearby(world, 2.0 * LIFT).filter(|(owners, _)| self.bears(*owners, world.scene()));
+        // Bars beside the feet bear nothing.
+        let below = near.filter(|(_, contact)| contact.normal.z.abs() > 0.99);
+        let gap = below.map(|(_, contact)| contact.distance).fold(f64::INFINITY, f64::min);
+        if gap.is_finite() { gap } else { LIFT }
+    }
+}
+
+/// A link of the robot that the noise has put into another one.
+fn self_overlap(world: &World) -> Option<ShapeOwner> {
+    let is_robot = |owner: &ShapeOwner| matches!(owner, ShapeOwner::Robot(_));
+    let deep = nearby(world, 0.0).filter(|(_, contact)| contact.distance < -SELF_OVERLAP);
+    deep.map(|(owners, _)| owners).find(|owners| owners.iter().all(is_robot)).map(|[link, _]| link)
+}
+
+/// Contact points of shapes with a gap of at most `margin` m, each with their owners in both orders.
+fn nearby(world: &World, margin: f64) -> impl Iterator<Item = ([ShapeOwner; 2], Contact)> + use<'_> {
+    let scene = world.scene();
+    // The state is the model's own: it cannot be refused.
+    let found = scene.model.contacts_at(&world.state().qpos, margin).unwrap_or_default();
+    found.into_iter().flat_map(|contact| {
+        let (a, b) = (scene.owner(contact.shape_a), scene.owner(contact.shape_b));
+        [([a, b], contact), ([b, a], contact)]
+    })
+}
