@@ -83,7 +83,7 @@ impl Attachment {
                 *self = Self::SEATED;
             }
             AttachmentState::Seated => {
-                self.steps_beyond = if plug.gap > law.release_gap { self.steps_beyond + 1 } else { 0 };
+                self.steps_beyond = if plug.gap > law.release_gap { self.steps_beyond.saturating_add(1) } else { 0 };
                 if self.steps_beyond < law.release_steps {
                     return None;
                 }

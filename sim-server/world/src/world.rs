@@ -120,6 +120,9 @@ impl World {
             *attachment = Attachment { state, steps_beyond: values.steps_beyond };
         }
         (*self.row).clone_from(row);
+        // A row of another scene does not move what stands still in this one.
+        self.row.fixture = scene.world_from_fixture;
+        self.row.crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
         Ok(())
     }
 
@@ -145,6 +148,23 @@ impl World {
         let unconverged = self.physics(&scene, &[], SUBSTEPS);
         self.measure(self.row.step + 1, unconverged);
         Ok(&self.row)
+    }
+
+    /// Advances another world of the same scene by one control step: `row` is its state, before and after. A batch of many
+    /// worlds is one `World` a thread, which stays in the cache, and a row each.
+    ///
+    /// # Errors
+    /// As [`World::reset_to`] and [`World::step`]; `row` is unchanged.
+    pub fn step_row(
+        &mut self,
+        row: &mut Row,
+        action: &[f64; JOINTS],
+        joint_target: &[f64; JOINTS],
+    ) -> Result<(), WorldError> {
+        self.reset_to(row)?;
+        self.step(action, joint_target)?;
+        row.clone_from(&self.row);
+        Ok(())
     }
 
     /// Runs physics steps towards joint targets, some degrees of freedom held at rest and no bulb in the socket's hold;
