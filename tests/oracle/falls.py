@@ -141,3 +141,28 @@ def fall(scene, qpos, timestep, limit=5.0):
             return d.time - timestep * (1 - part), before[:2] + part * (now - before)[:2] - qpos[:2]
         before = now
     raise RuntimeError(f"the robot still stands after {limit} s")
+
+
+def firm_ankles(path=None, factor=8.0, duration=10.0):
+    """Ankles `factor` times as stiff and damped, as they are and told to lean back: who stays up, at a 1 ms step."""
+    scene = Scene.export(path, "--robot-only", "--floor")
+    m, d = scene.m, scene.d
+    ankles = [a for a in range(m.nu) if "ankle" in m.actuator(a).name]
+    m.actuator_gainprm[ankles] *= factor
+    m.actuator_biasprm[ankles] *= factor
+    m.opt.timestep = 1e-3
+    cases = []
+    for lean in [0.0, 0.06]:
+        scene.reset()
+        for a in ankles:
+            if "ankle_pitch" in m.actuator(a).name:
+                d.ctrl[a] += lean
+        start, targets, lowest = scene.qpos().copy(), d.ctrl.copy(), np.inf
+        for _ in range(round(duration / m.opt.timestep)):
+            mujoco.mj_step(m, d)
+            lowest = min(lowest, scene.qpos()[2])
+        scene.check_sane()
+        height = scene.qpos()[2]
+        print(f"firm_ankles: leaning {lean} rad, pelvis at {height:.4f} m after {duration:.0f} s, lowest {lowest:.4f} m")
+        cases.append({"lean": lean, "targets": numbers(targets), "height": round(height, 6), "lowest": round(lowest, 6)})
+    return {"bodies": scene.names, "factor": factor, "duration": duration, "start_qpos": numbers(start), "cases": cases}

@@ -50,13 +50,15 @@ def main():
         "tumble": (motion.tumble, "one second of tumbling in the air"),
         "fall_ankles_off": (falls.fall_ankles_off, "rest poses after a fall with free ankles"),
         "fall_zero_action": (falls.fall_zero_action, "when the robot falls under zero action"),
+        "firm_ankles": (falls.firm_ankles, "whether the robot stands on ankles eight times as stiff"),
         "contacts": (contacts.contacts, "distance and normal of random pairs of shapes"),
+        "tasks": (scene.tasks, "what every task's start state holds, loaded without a warning"),
     }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     for name, (_, what) in fixtures.items():
         command = commands.add_parser(name, help=f"fixture: {what}")
-        if name != "contacts":
+        if name not in ("contacts", "tasks"):
             command.add_argument("--scene", help="MJCF file to use in place of our own export")
     commands.add_parser("all", help="every fixture")
     command = commands.add_parser("check", help="load MJCF files; any warning is an error")
@@ -73,7 +75,8 @@ def main():
     else:
         for name in fixtures if args.command == "all" else [args.command]:
             produce, _ = fixtures[name]
-            data = produce() if name == "contacts" else produce(getattr(args, "scene", None))
+            path = getattr(args, "scene", None)
+            data = produce() if path is None else produce(path)
             scene.write_fixture(name, data)
 
 

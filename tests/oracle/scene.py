@@ -151,3 +151,18 @@ def layout(value, indent=0):
         items = [pad + (layout(v, indent + 1) if isinstance(v, list) else json.dumps(v, separators=(",", ":"))) for v in value]
         return "[\n" + ",\n".join(items) + "\n" + " " * indent + "]"
     return json.dumps(value, separators=(",", ":"), allow_nan=False)
+
+
+TASKS = [*(f"S{number:02}" for number in range(1, 13)), "replace", "climb"]
+
+
+def tasks():
+    """Every task's start state, loaded without a warning: what MuJoCo counts in it."""
+    scenes = []
+    for task in TASKS:
+        scene = Scene.export(None, "--task", task, "--seed", "0")
+        m = scene.m
+        print(f"tasks: {task}: {scene.summary()}")
+        counts = {"bodies": m.nbody - 1, "dofs": m.nv, "drives": m.nu, "shapes": m.ngeom, "mass": m.body_mass.sum()}
+        scenes.append({"task": task, **{name: round(float(count), 6) for name, count in counts.items()}})
+    return {"scenes": scenes}

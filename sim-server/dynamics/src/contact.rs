@@ -1,5 +1,5 @@
 //! The contact law: a regularised Coulomb cone whose impulse is the projection of a linear one, so that it derives from a
-//! convex potential (Castro, Permenter, Han: An Unconstrained Convex Formulation of Compliant Contact, 2022).
+//! convex potential (Castro, Permenter, Han: An Unconstrained Convex Formulation of Compliant Contact, 2023).
 
 use crate::spatial::{Force, V3};
 

@@ -14,8 +14,8 @@
 //! 2. *Dynamics*: bias forces `c` by the recursive Newton-Euler algorithm and the mass matrix `M` by composite rigid bodies
 //!    [1], rotor inertias on its diagonal.
 //! 3. *Collision*: bounding boxes of clusters of shapes, then of shapes, then contact points: closed forms for balls,
-//!    capsules, boxes and half-spaces, parry's face clipping for two boxes. Margins grow with speed, so that a fast body
-//!    meets a surface in the step in which it would pass it.
+//!    capsules, boxes and half-spaces, parry's face clipping for two boxes. Margins grow with speed, up to 0.1 m,
+//!    so that a fast body meets a surface in the step in which it would pass it.
 //! 4. *Solve*: the next velocity minimises one convex function
 //!
 //!    ```text

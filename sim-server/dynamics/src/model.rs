@@ -118,7 +118,8 @@ pub struct ShapeSpec {
     pub geometry: Geometry,
     /// Surface.
     pub material: Material,
-    /// Shapes of one cluster lie near each other (a limb, a piece of furniture): they are culled together.
+    /// Shapes of one cluster lie near each other (a limb, a piece of furniture): they are culled together. A cluster belongs
+    /// to the world or to moving bodies, not to both.
     pub cluster: u16,
     /// What the caller wants contact forces summed by, such as a link's index; the engine only passes it on.
     pub label: u32,
@@ -156,9 +157,10 @@ pub struct Model {
     pub(crate) pairs: Vec<ClusterPair>,
     pub(crate) clusters: Vec<Vec<usize>>,
     pub(crate) excluded: Vec<(BodyId, BodyId)>,
-    /// Mean of the diagonal of the inverse inertia at each body's centre of mass in the reference pose, 1/kg.
+    /// Mean over directions of the inverse inertia at each body's centre of mass in the reference pose, 1/kg. Drives count
+    /// with what they add to the inertia in an implicit step of nominal length.
     pub(crate) inverse_weight: Vec<f64>,
-    /// Diagonal of the inverse mass matrix in the reference pose.
+    /// Diagonal of the inverse of the same matrix.
     pub(crate) dof_inverse_weight: Vec<f64>,
 }
 
@@ -289,7 +291,8 @@ impl ModelBuilder {
     /// Finishes the model.
     ///
     /// # Errors
-    /// A model without any body.
+    /// A model without any body, an exclusion of a body that does not exist, gravity that is not finite, or a cluster whose
+    /// shapes belong partly to the world.
     pub fn build(mut self) -> Result<Model, ModelError> {
         if self.bodies.len() == 1 {
             return Err(ModelError::Structure {
@@ -298,6 +301,15 @@ impl ModelBuilder {
                 reason: "there is no body to simulate; add at least one".into(),
             });
         }
+        check_finite("model", "world", "gravity", self.gravity.as_slice())?;
+        if let Some((_, body)) = self.excluded.iter().find(|(_, body)| body.0 >= self.bodies.len()) {
+            return Err(ModelError::Structure {
+                part: "exclusion",
+                name: format!("body {}", body.0),
+                reason: "this body does not exist; exclude bodies that were added".into(),
+            });
+        }
+        self.check_clusters()?;
         self.excluded.sort_unstable();
         self.excluded.dedup();
         let mut dof_body = vec![0; self.nv];
@@ -339,6 +351,19 @@ impl ModelBuilder {
         model.inverse_weight = body_weights;
         model.dof_inverse_weight = dof_weights;
         Ok(model)
+    }
+
+    /// Bounds of what stands still are found once, of what moves in each step: a cluster does one or the other.
+    fn check_clusters(&self) -> Result<(), ModelError> {
+        for shape in self.shapes.iter().filter(|shape| shape.body == BodyId::WORLD) {
+            let moves = |other: &&ShapeSpec| other.cluster == shape.cluster && other.body != BodyId::WORLD;
+            if let Some(other) = self.shapes.iter().find(moves) {
+                let reason =
+                    format!("it shares cluster {} with '{}', which moves; give it its own", shape.cluster, other.name);
+                return Err(ModelError::Structure { part: "shape", name: shape.name.clone(), reason });
+            }
+        }
+        Ok(())
     }
 
     /// The shape pairs that may touch, by cluster and ordered by body pair.
@@ -520,6 +545,7 @@ fn check_body(spec: &BodySpec) -> Result<(), ModelError> {
         "the largest principal moment exceeds the sum of the others by this",
     )?;
     if let Joint::Hinge(hinge) = &spec.joint {
+        check_finite("body", &spec.name, "axis", hinge.axis.as_slice())?;
         check("lower", hinge.lower, hinge.lower < hinge.upper, "it must be below the upper limit")?;
         check(
             "armature",

@@ -61,7 +61,7 @@ pub struct Input<'a> {
 pub struct StepReport {
     /// Newton iterations.
     pub iterations: u32,
-    /// False when the iteration cap was reached first.
+    /// False when the iteration cap was reached first, or when numbers out of range left no positive definite Hessian.
     pub converged: bool,
     /// Contact points that carried load or were closer than 0.5 mm.
     pub contacts: u32,
@@ -97,9 +97,13 @@ impl Dynamics {
     /// Advances `state` by `dt` s and leaves contact forces and efforts to read: contact points where they were at the start
     /// of the step, forces as their mean over it. Poses and velocities of the end need an [`Dynamics::update`].
     ///
-    /// The caller has checked the input ([`check_array`]): `targets` has one finite number per drive.
+    /// The caller has checked that the targets are finite ([`check_array`]).
+    ///
+    /// # Panics
+    /// If `targets` does not have one number per drive, or `locked` neither `nv` flags nor none.
     pub fn step(&mut self, model: &Model, state: &mut State, input: &Input<'_>, dt: f64) -> StepReport {
-        debug_assert_eq!(input.targets.len(), model.drives.len());
+        assert_eq!(input.targets.len(), model.drives.len(), "one target for each drive");
+        assert!(input.locked.is_empty() || input.locked.len() == model.nv, "one flag for each degree of freedom");
         self.kin.update(model, state);
         self.dynamical.update(model, &self.kin, input.wrenches);
         self.contacts.clear();

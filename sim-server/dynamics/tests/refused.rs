@@ -63,6 +63,8 @@ fn bodies() {
     refused(add(BodySpec { parent: BodyId(7), ..body() }), &["arm", "parent 7", "add parents first"]);
     refused(add(hinge(|h| h.lower = 2.0)), &["arm", "lower", "below the upper limit"]);
     refused(add(hinge(|h| h.upper = f64::NAN)), &["arm", "lower"]);
+    let nowhere = nalgebra::UnitVector3::new_unchecked(Vector3::new(f64::NAN, 0.0, 1.0));
+    refused(add(hinge(|h| h.axis = nowhere)), &["arm", "axis", "finite"]);
     refused(add(hinge(|h| h.armature = -1.0)), &["arm", "armature", "negative"]);
     let drive = Drive { stiffness: 1.0, damping: 1.0, effort_limit: 1.0 };
     refused(add(hinge(|h| h.drive = Some(Drive { stiffness: -1.0, ..drive }))), &["arm", "stiffness"]);
@@ -98,6 +100,25 @@ fn shapes() {
     refused(add(ShapeSpec { geometry: flat, ..shape() }), &["half_extents", "-0.1"]);
     let rough = Material { friction: -0.5, priority: 0 };
     refused(add(ShapeSpec { material: rough, ..shape() }), &["friction", "-0.5"]);
+}
+
+#[test]
+fn models() {
+    let builder = || {
+        let mut builder = ModelBuilder::new();
+        builder.add_body(body()).unwrap();
+        builder
+    };
+    let mut heavy = builder();
+    heavy.set_gravity(Vector3::new(0.0, 0.0, f64::NAN));
+    refused(heavy.build(), &["gravity", "finite"]);
+    let mut unknown = builder();
+    unknown.exclude(BodyId(1), BodyId(9));
+    refused(unknown.build(), &["body 9", "does not exist"]);
+    let mut mixed = builder();
+    mixed.add_shape(shape()).unwrap();
+    mixed.add_shape(ShapeSpec { name: "floor".into(), body: BodyId::WORLD, ..shape() }).unwrap();
+    refused(mixed.build(), &["floor", "cluster 0", "'ball'"]);
 }
 
 #[test]

@@ -38,6 +38,18 @@ pub enum SceneError {
     /// The engine refused a part of the scene.
     #[error("scene cannot be modelled")]
     Model(#[from] ModelError),
+    /// The robot is not one that a row of the benchmark can hold.
+    #[error("robot '{robot}' has {found} {part}, a row of the benchmark holds {needed}; use a robot with {needed}")]
+    RobotParts {
+        /// Name of the robot.
+        robot: String,
+        /// What is counted, such as `joints`.
+        part: &'static str,
+        /// How many the robot has.
+        found: usize,
+        /// How many it must have.
+        needed: usize,
+    },
     /// The robot cannot be added as asked.
     #[error("scene cannot take the robot")]
     Robot(#[source] RobotError),
@@ -46,9 +58,11 @@ pub enum SceneError {
 /// Why a world cannot do what it was asked to; it is unchanged then.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum WorldError {
-    /// A joint target is NaN or infinite.
-    #[error("target of joint '{joint}' is not finite; send finite radians")]
-    Target {
+    /// An action or a joint target is NaN or infinite.
+    #[error("{field} of joint '{joint}' is not finite; send finite numbers")]
+    Joint {
+        /// `action` or `target`.
+        field: &'static str,
         /// Name of the joint.
         joint: String,
     },

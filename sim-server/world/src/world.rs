@@ -121,8 +121,11 @@ impl World {
         }
         (*self.row).clone_from(row);
         // A row of another scene does not move what stands still in this one.
-        self.row.fixture = scene.world_from_fixture;
-        self.row.crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
+        let still = blank_row(scene);
+        (self.row.fixture, self.row.crate_) = (still.fixture, still.crate_);
+        if scene.ladder.is_none() {
+            self.row.ladder = still.ladder;
+        }
         Ok(())
     }
 
@@ -130,11 +133,13 @@ impl World {
     /// beyond a joint's limits are clamped to them. `action` is what was received, for the record.
     ///
     /// # Errors
-    /// [`WorldError::Target`] for a target that is not finite; the world is unchanged.
+    /// [`WorldError::Joint`] for a number that is not finite; the world is unchanged.
     pub fn step(&mut self, action: &[f64; JOINTS], joint_target: &[f64; JOINTS]) -> Result<&Row, WorldError> {
-        if let Some(joint) = joint_target.iter().position(|t| !t.is_finite()) {
-            let joint = self.scene.robot.joints()[joint].name.clone();
-            return Err(WorldError::Target { joint });
+        for (field, values) in [("action", action), ("target", joint_target)] {
+            if let Some(joint) = values.iter().position(|value| !value.is_finite()) {
+                let joint = self.scene.robot.joints()[joint].name.clone();
+                return Err(WorldError::Joint { field, joint });
+            }
         }
         let scene = Arc::clone(&self.scene);
         for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
@@ -355,6 +360,19 @@ fn check_row(row: &Row) -> Result<(), WorldError> {
         if (norm - 1.0).abs() > 1e-6 {
             return Err(WorldError::Row { field, value: norm, rule: "its quaternion must have length 1" });
         }
+    }
+    // Rows may come from a file: counters stay where another step cannot overflow them.
+    let limit = |field, value: u64, most: u64| {
+        let rule = "it is more than an episode can reach";
+        if value <= most { Ok(()) } else { Err(WorldError::Row { field, value: value as f64, rule }) }
+    };
+    limit("step", row.step, 1 << 52)?;
+    for attachment in &row.attachments {
+        limit("attachments", attachment.steps_beyond.into(), u64::from(u32::MAX / 2))?;
+    }
+    if row.attachments.iter().all(|attachment| attachment.seated) {
+        let rule = "bulbs are seated; the socket holds one";
+        return Err(WorldError::Row { field: "attachments", value: 2.0, rule });
     }
     finite("joint_position", &row.joint_position)?;
     finite("joint_velocity", &row.joint_velocity)?;

@@ -124,8 +124,8 @@ impl Collider {
         collider
     }
 
-    /// Places all shapes. Their bounds cover what they may travel in `dt` s, so that a fast body meets a surface in the
-    /// step in which it would pass it.
+    /// Places all shapes. Their bounds cover what they may travel in `dt` s, up to 0.1 m, so that a body that is not faster
+    /// than that meets a surface in the step in which it would pass it.
     pub fn update(&mut self, model: &Model, kin: &Kinematics, dt: f64) {
         for moving in &self.moving {
             self.bounds.clusters[moving.cluster] = Aabb::EMPTY;
