@@ -1,6 +1,8 @@
 //! A model as MJCF, the scene format of MuJoCo 4: for a viewer, and for an independent judge of our dynamics.
 //!
-//! Nothing is approximated; what MuJoCo itself does differently is the softness of its contacts and limits.
+//! The model is exported as it is; what MuJoCo itself does differently is the softness of its contacts and limits. What
+//! acts on a model from outside is not part of it: the socket's hold on a bulb, a wrench law, stays with the world, so a
+//! seated bulb drops out of a ceiling socket in MuJoCo.
 //! Bodies, joints, actuators and geoms keep their names. MuJoCo orders bodies depth first, so the tuple `bodies` lists
 //! them in the order of [`Model::bodies`], and actuators stand in the order of [`Model::drives`].
 

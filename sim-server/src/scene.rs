@@ -49,7 +49,8 @@ impl ExportScene {
         let gains = robot.gains(GainSet::default());
         let spec = SceneSpec { kind: SceneKind::of(task), seed, gains, hand_friction: None };
         let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec)?);
-        let world = start(Arc::clone(&scene), task, 0, &StartOptions { reset_noise: false })?;
+        let world =
+            start(Arc::clone(&scene), task, 0, &StartOptions { reset_noise: false, ..StartOptions::default() })?;
         let mut targets = vec![0.0; scene.model.drives().len()];
         for (ids, target) in scene.robot_ids.joints.iter().zip(&world.row().joint_target) {
             targets[ids.drive] = *target;
