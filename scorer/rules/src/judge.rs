@@ -76,6 +76,10 @@ pub struct Verdict {
 
 /// Judges the rows of one episode, one at a time. Rows after the end change nothing.
 ///
+/// Rows are consecutive. Where a row's number is not the last one plus 1, nothing is carried over the gap: the window
+/// in which the gate must hold begins anew with this row, the bulbs' low-passed speeds start again from rest, and no
+/// bulb was struck.
+///
 /// A number in a row that is not finite satisfies no conjunct and meets no condition; nothing panics.
 #[derive(Debug, Clone)]
 pub struct Judge {
@@ -194,10 +198,13 @@ impl Judge {
         &self.verdict
     }
 
-    /// Judges the next row.
+    /// Judges the next row, whose number is the last one plus 1.
     pub fn advance(&mut self, row: &Row) -> &Verdict {
         if self.verdict.end.is_some() {
             return &self.verdict;
+        }
+        if self.verdict.step.checked_add(1) != Some(row.step) {
+            self.forget_motion();
         }
         self.follow_bulbs(row);
         self.squared_actions += row.action.iter().map(|a| a * a).sum::<f64>();
@@ -243,6 +250,13 @@ impl Judge {
     /// Control steps from the start to a row.
     fn steps_at(&self, step: u64) -> u64 {
         step.saturating_sub(self.first_step)
+    }
+
+    /// Drops what compares a row with those before it.
+    fn forget_motion(&mut self) {
+        self.verdict.sustained = 0;
+        self.bulb_speeds = [PoseSpeed::default(); 2];
+        self.last_bulbs = None;
     }
 
     /// Low-pass of the bulbs' speeds. At rest at reset and, as published, through the first step.

@@ -184,6 +184,9 @@ fn a_struck_bulb_is_noted_and_ends_where_asked() {
     for (options, ends) in [(JudgeOptions::default(), false), (struck_ends, true)] {
         for (step, jump, met) in [(3, 2.41, true), (3, 2.39, false), (2, 2.41, false)] {
             let mut judge = started(Task::S04, options);
+            for before in 1..step {
+                judge.advance(&row_at(before, &start_of(Task::S04)));
+            }
             let mut row = row_at(step, &start_of(Task::S04));
             strike(&mut row, jump);
             let verdict = *judge.advance(&row);
@@ -222,4 +225,36 @@ fn working_height_is_a_diagnostic() {
     let mut judge = started(Task::S02, JudgeOptions::default());
     judge.advance(&row_at(1, &goal_of(Task::S02)));
     assert!(judge.summary().success && !judge.summary().reached_working_height);
+}
+
+/// Rows that are missing, repeated or out of order are no time in which a gate held, a bulb moved or was struck.
+#[test]
+fn nothing_is_carried_over_a_gap() {
+    let window = u64::from(Task::S06.spec().gate.sustain_steps);
+    for next in [window + 1, window - 1, window - 2, 0] {
+        let mut judge = started(Task::S06, JudgeOptions::default());
+        for step in 1..window {
+            assert_eq!(u64::from(judge.advance(&row_at(step, &goal_of(Task::S06))).sustained), step);
+        }
+        let verdict = judge.advance(&row_at(next, &goal_of(Task::S06)));
+        assert_eq!((verdict.sustained, verdict.success), (1, false), "row {next}");
+        for more in 1..window {
+            let verdict = judge.advance(&row_at(next + more, &goal_of(Task::S06)));
+            assert_eq!(verdict.success, more == window - 1, "row {next} + {more}");
+        }
+    }
+
+    let moved = |step: u64| {
+        let mut judge = started(Task::S04, JudgeOptions::default());
+        for before in 1..=5 {
+            judge.advance(&row_at(before, &start_of(Task::S04)));
+        }
+        let mut row = row_at(step, &start_of(Task::S04));
+        row.bulbs[OLD].pose.translation.vector.x += 0.1;
+        row.bulbs[OLD].linear_velocity.x = 5.0;
+        let struck = judge.advance(&row).conditions.contains(Cause::Struck);
+        (struck, judge.context().bulb_speeds[OLD].linear > 0.0)
+    };
+    assert_eq!(moved(6), (true, true));
+    assert_eq!(moved(7), (false, false));
 }

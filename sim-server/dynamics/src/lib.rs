@@ -43,6 +43,7 @@
 //! SI units, radians. Quaternions are w first. A free joint's `qpos` is position and quaternion, its `qvel` the velocity of
 //! the body's origin and the angular velocity, both in world axes. [`BodyId::WORLD`] is body 0.
 
+mod check;
 mod collide;
 mod contact;
 mod error;
@@ -52,6 +53,7 @@ mod kinematics;
 mod model;
 mod solve;
 mod spatial;
+mod spring;
 mod step;
 
 pub use error::{ModelError, check_array};

@@ -9,16 +9,12 @@ use crate::inertia::Dynamical;
 use crate::kinematics::Kinematics;
 use crate::model::{Joint, Model, State};
 use crate::spatial::{Force, Motion, V3};
+use crate::spring::{Spring, Stop};
 use crate::step::{Input, StepReport};
 
 /// Residual at which the solve stops, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
 const TOLERANCE: f64 = 1e-6;
 const ITERATIONS_MAX: u32 = 50;
-/// Compliance of a joint limit, in units of the joint's inverse inertia.
-const LIMIT_COMPLIANCE: f64 = 1e-2;
-/// Part of a violated limit that one step takes back, and the fastest return, rad/s.
-const LIMIT_BAUMGARTE: f64 = 0.2;
-const LIMIT_RETURN_MAX: f64 = 1.0;
 /// Stiffness that holds a locked degree of freedom, in units of its inertia.
 const LOCK: f64 = 1e12;
 
@@ -48,25 +44,6 @@ impl Group {
     fn reaches(&self, column_dof: &[u16], split: usize) -> bool {
         usize::from(column_dof[self.columns.1 - 1]) >= split
     }
-}
-
-/// A scalar drive or limit on one degree of freedom.
-#[derive(Debug, Clone, Copy)]
-struct Spring {
-    dof: usize,
-    /// Effort is `offset - slope * v`, clamped at `limit`.
-    offset: f64,
-    slope: f64,
-    limit: f64,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Stop {
-    dof: usize,
-    /// Velocity bounds and the inverse compliance beyond them.
-    low: f64,
-    high: f64,
-    inverse_compliance: f64,
 }
 
 #[derive(Debug, Clone)]
@@ -201,24 +178,13 @@ impl Solver {
         self.stops.clear();
         for ((body, drive), &target) in model.drives.iter().zip(input.targets) {
             let body = &model.bodies[body.0];
-            self.springs.push(Spring {
-                dof: body.dof_start,
-                offset: drive.stiffness * (target - state.qpos[body.qpos_start]),
-                slope: drive.stiffness * dt + drive.damping,
-                limit: drive.effort_limit,
-            });
+            self.springs.push(Spring::new(body.dof_start, drive, target - state.qpos[body.qpos_start], dt));
         }
-        let bound = |gap: f64| {
-            // Up to the limit if it is ahead, back at a limited rate if it was passed.
-            if gap >= 0.0 { gap / dt } else { (LIMIT_BAUMGARTE * gap / dt).max(-LIMIT_RETURN_MAX) }
-        };
         for body in &model.bodies[1..] {
-            let Joint::Hinge(hinge) = &body.spec.joint else { continue };
-            let q = state.qpos[body.qpos_start];
-            let (low, high) = (-bound(q - hinge.lower), bound(hinge.upper - q));
-            if low > f64::NEG_INFINITY || high < f64::INFINITY {
-                let inverse_compliance = 1.0 / (LIMIT_COMPLIANCE * model.dof_inverse_weight[body.dof_start]);
-                self.stops.push(Stop { dof: body.dof_start, low, high, inverse_compliance });
+            if let Joint::Hinge(hinge) = &body.spec.joint {
+                let inverse_weight = model.dof_inverse_weight[body.dof_start];
+                let stop = Stop::new(body.dof_start, hinge, state.qpos[body.qpos_start], inverse_weight, dt);
+                self.stops.extend(stop);
             }
         }
     }
@@ -469,47 +435,6 @@ impl Solver {
         }
         for point in &mut self.points {
             point.velocity += point.direction * step;
-        }
-    }
-}
-
-impl Spring {
-    /// Stiffness for the Hessian: the derivative, or with caution the secant of a saturated spring to where its effort is
-    /// zero, which bounds the potential from above (as for Huber's function).
-    fn stiffness(&self, velocity: f64, caution: f64) -> f64 {
-        let (effort, slope) = self.effort(velocity);
-        if caution > 0.0 && slope == 0.0 && self.slope > 0.0 {
-            caution * effort / (self.offset / self.slope - velocity)
-        } else {
-            slope
-        }
-    }
-
-    /// Effort at a velocity, and its decrease per velocity (0 when saturated).
-    #[inline(always)]
-    fn effort(&self, velocity: f64) -> (f64, f64) {
-        let effort = self.offset - self.slope * velocity;
-        if effort > self.limit {
-            (self.limit, 0.0)
-        } else if effort < -self.limit {
-            (-self.limit, 0.0)
-        } else {
-            (effort, self.slope)
-        }
-    }
-}
-
-impl Stop {
-    /// Impulse at a velocity, and its decrease per velocity.
-    #[inline(always)]
-    fn impulse(&self, velocity: f64) -> (f64, f64) {
-        let c = self.inverse_compliance;
-        if velocity < self.low {
-            ((self.low - velocity) * c, c)
-        } else if velocity > self.high {
-            ((self.high - velocity) * c, c)
-        } else {
-            (0.0, 0.0)
         }
     }
 }

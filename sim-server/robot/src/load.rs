@@ -20,8 +20,7 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         problem: error.message().trim_end().into(),
     })?;
     let refuse = Refuse { text, robot: &file.name };
-    let hand: HandKind =
-        file.hand.parse().map_err(|e: RobotError| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
+    file.hand.parse::<HandKind>().map_err(|e| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
     let links = crate::tree::links(&file, &refuse)?;
     let (joints, links) = crate::tree::joints(&file, links, &refuse)?;
     let surfaces = surfaces(&file, &refuse)?;
@@ -43,7 +42,6 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         q0: vec![0.0; joints.len()],
         sonic: Gains(joints.iter().map(|j| j.gains).collect()),
         name: file.name.clone(),
-        hand,
         links,
         joints,
         shapes,

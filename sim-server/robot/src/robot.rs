@@ -1,7 +1,7 @@
 use fiatlux_dynamics::Drive;
 use nalgebra::{Isometry3, Matrix3, UnitVector3, Vector3};
 
-use crate::{GainSet, Gains, HandKind, JointGains, RobotError, Shape, Surface};
+use crate::{GainSet, Gains, JointGains, RobotError, Shape, Surface};
 
 /// A rigid part of a robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,7 +43,6 @@ pub struct Joint {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     pub(crate) name: String,
-    pub(crate) hand: HandKind,
     pub(crate) links: Vec<Link>,
     pub(crate) joints: Vec<Joint>,
     pub(crate) shapes: Vec<Shape>,
@@ -79,11 +78,6 @@ impl Robot {
         &self.name
     }
 
-    /// The hands it carries.
-    pub fn hand(&self) -> HandKind {
-        self.hand
-    }
-
     /// All links; entry 0 is the root (the pelvis).
     pub fn links(&self) -> &[Link] {
         &self.links
@@ -102,11 +96,6 @@ impl Robot {
     /// Surfaces of the shapes; entry 0 is the default.
     pub fn surfaces(&self) -> &[Surface] {
         &self.surfaces
-    }
-
-    /// Names of the cull groups, by number.
-    pub fn groups(&self) -> &[String] {
-        &self.groups
     }
 
     /// Joint angles of the standing posture, rad.

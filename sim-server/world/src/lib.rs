@@ -19,3 +19,6 @@ pub use rng::{RNG_NAME, Random, Stream};
 pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};
 pub use start::{ACTION_SCALE, StartError, StartOptions, start};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
+
+// The rulebook's control step is the world's.
+const _: () = assert!(PHYSICS_DT * SUBSTEPS as f64 == fiatlux_rules::CONTROL_DT);

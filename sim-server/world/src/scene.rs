@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId};
 use fiatlux_robot::{BuildOptions, Gains, Robot, RobotError, RobotIds};
+use fiatlux_rules::{Geometry, HAND_BODIES, JOINTS};
 use nalgebra::{Isometry3, Vector2, Vector3};
 
 use crate::layout::{LadderStart, Layout, Mount};
@@ -125,10 +126,11 @@ impl Scene {
     /// Builds a scene. Bodies come in the order ladder (where it can move), old bulb, fresh bulb, robot.
     ///
     /// # Errors
-    /// A config that [`SceneConfig::check`] refuses, a room into which the zones do not fit, gains or a friction that
-    /// the robot or the engine refuses.
+    /// A config that [`SceneConfig::check`] refuses, a robot that the benchmark's rows cannot hold, a room into which
+    /// the zones do not fit, gains or a friction that the robot or the engine refuses.
     pub fn build(config: &SceneConfig, robot: Arc<Robot>, spec: SceneSpec) -> Result<Self, SceneError> {
         config.check()?;
+        check_robot(&robot)?;
         let layout = match spec.kind {
             SceneKind::FreeLadder => Layout::draw(config, spec.seed, LadderStart::Free)?,
             SceneKind::CoupledLadder => Layout::draw(config, spec.seed, LadderStart::Coupled)?,
@@ -176,6 +178,22 @@ impl Scene {
         self.owners[shape.0]
     }
 
+    /// What the rulebook needs to know of the scene beside a row.
+    pub fn geometry(&self) -> Geometry {
+        let config = &self.config;
+        Geometry {
+            ladder_top: self.ladder_points.top.into(),
+            ladder_feet: self.ladder_points.feet.map(Into::into),
+            seat_z: config.bulb.seat_z,
+            bulb_outline: config.bulb.outline.clone(),
+            crate_outer_half: config.crate_.outer_half,
+            crate_interior_half: config.crate_.interior_half,
+            crate_rim: config.crate_.rim_height,
+            crate_floor: config.crate_.floor_height,
+            bench_surface: config.bench.surface_height,
+        }
+    }
+
     /// Pose of a bulb that rests in the fixture: upright in it, its plug on the stop.
     pub fn world_from_seated_bulb(&self) -> Isometry3<f64> {
         seated_pose(&self.config, &self.layout)
@@ -185,6 +203,22 @@ impl Scene {
     pub fn world_from_standing_bulb(&self, point: Vector3<f64>) -> Isometry3<f64> {
         standing_pose(&self.config, point)
     }
+}
+
+/// Refuses a robot that does not fit the arrays of a [`fiatlux_rules::Row`].
+fn check_robot(robot: &Robot) -> Result<(), SceneError> {
+    let counts = [
+        ("joints", robot.joints().len(), JOINTS),
+        ("hand links", robot.hand_links().len(), HAND_BODIES),
+        ("feet", robot.feet().len(), 2),
+        ("palms", robot.palms().len(), 2),
+    ];
+    for (part, found, needed) in counts {
+        if found != needed {
+            return Err(SceneError::RobotParts { robot: robot.name().into(), part, found, needed });
+        }
+    }
+    Ok(())
 }
 
 fn robot_error(error: RobotError) -> SceneError {

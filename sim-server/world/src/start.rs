@@ -31,7 +31,9 @@ mod place;
 
 use std::sync::Arc;
 
-use fiatlux_rules::{AttachmentRow, Bulb, JOINTS, Row, Task};
+use fiatlux_dynamics::ModelError;
+use fiatlux_robot::RobotError;
+use fiatlux_rules::{AttachmentRow, Bulb, JOINTS, Row, Task, Thresholds};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -41,15 +43,17 @@ use crate::{Scene, SceneKind, ShapeOwner, World, WorldError};
 pub const ACTION_SCALE: f64 = 0.5;
 
 /// How an episode starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct StartOptions {
     /// Adds the task's reset noise.
     pub reset_noise: bool,
+    /// Thresholds in force: how hard a hand presses its bulb, how near the crate S05 may start.
+    pub thresholds: Thresholds,
 }
 
 impl Default for StartOptions {
     fn default() -> Self {
-        Self { reset_noise: true }
+        Self { reset_noise: true, thresholds: Thresholds::default() }
     }
 }
 
@@ -111,6 +115,12 @@ pub enum StartError {
     /// The world refused the state.
     #[error("cannot set the start state")]
     World(#[from] WorldError),
+    /// The robot's kinematics refused the posture.
+    #[error("cannot find where the hand is that takes the bulb")]
+    Kinematics(#[from] RobotError),
+    /// The engine refused to look for contacts.
+    #[error("cannot find what is in the robot's way")]
+    Contacts(#[from] ModelError),
 }
 
 impl SceneKind {
@@ -154,6 +164,7 @@ struct Start<'a> {
     scene: &'a Scene,
     task: Task,
     episode: u64,
+    thresholds: &'a Thresholds,
     /// The bulb in the hand.
     carried: Option<Bulb>,
     /// Joint angles free of noise, the hand open, rad.
@@ -166,7 +177,8 @@ struct Start<'a> {
 /// in action units. A bulb in the hand is held: the row has the contact forces of the last physics step of staging.
 ///
 /// # Errors
-/// [`StartError`]: the scene is not the task's, the robot finds no place, or its hand does not hold the bulb.
+/// [`StartError`]: the scene is not the task's, the robot finds no place, its hand does not hold the bulb, or robot or
+/// engine refused the state.
 pub fn start(scene: Arc<Scene>, task: Task, episode: u64, options: &StartOptions) -> Result<World, StartError> {
     let needed = SceneKind::of(task);
     if scene.spec.kind != needed {
@@ -192,7 +204,7 @@ pub fn start(scene: Arc<Scene>, task: Task, episode: u64, options: &StartOptions
     let mut row = world.row().clone();
     row.joint_target = targets;
     put_bulbs(&scene, &spots, &mut row);
-    let start = Start { scene: &scene, task, episode, carried, posture };
+    let start = Start { scene: &scene, task, episode, thresholds: &options.thresholds, carried, posture };
     start.put_robot(&mut world, &mut row, &noise)?;
     let unconverged = match carried {
         Some(bulb) => start.close_hand(&mut world, &row, bulb)?,

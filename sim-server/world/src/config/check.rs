@@ -300,8 +300,8 @@ fn layout(c: &LayoutConfig, room: &RoomConfig) -> Checked {
     }
     within("layout.fixture_inset", &[c.fixture_inset], THIN, panel)?;
     within("layout.gap", &[c.gap], 0.0, FAR)?;
-    count("layout.placement_tries", c.placement_tries, 1, 100_000)?;
-    count("layout.redraws", c.redraws, 1, 10_000)?;
+    count("layout.placement_tries", c.placement_tries, 1, 1_000)?;
+    count("layout.redraws", c.redraws, 1, 200)?;
     within("layout.robot_yaw_spread", &[c.robot_yaw_spread], 0.0, 3.2)
 }
 
@@ -330,9 +330,9 @@ fn start(c: &StartConfig) -> Checked {
     within("start.platform_pelvis", &[c.platform_pelvis], 0.1, 10.0)?;
     within("start.clearance", &[c.clearance], 0.0, 0.1)?;
     within("start.head_start", &[c.head_start], 0.0, 10.0)?;
-    within("start.turn_step", &[c.turn_step], 0.01, 3.2)?;
+    within("start.turn_step", &[c.turn_step], 0.05, 3.2)?;
     within("start.back_step", &[c.back_step], 0.0, 0.02)?;
-    count("start.redraws", c.redraws, 1, 10_000)?;
+    count("start.redraws", c.redraws, 1, 200)?;
     let carry = &c.carry;
     within("start.carry.glass_center", &carry.glass_center, -1.0, 1.0)?;
     within("start.carry.glass_height", &[carry.glass_height], 0.0, 1.0)?;

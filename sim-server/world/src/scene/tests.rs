@@ -28,6 +28,51 @@ fn contacts_between(scene: &Scene, contacts: &[Contact], a: ShapeOwner, b: Shape
     contacts.iter().filter(|c| is(c, a, b) || is(c, b, a)).map(|c| c.distance).collect()
 }
 
+/// The rulebook's defaults are the published scene.
+#[test]
+fn geometry_is_the_rulebooks() {
+    let (found, expected) = (scene_of(SceneKind::CoupledLadder, 0).geometry(), Geometry::default());
+    assert_eq!(found.ladder_top, expected.ladder_top);
+    assert_eq!(found.ladder_feet, expected.ladder_feet);
+    assert_eq!(found.seat_z, expected.seat_z);
+    assert_eq!(found.bulb_outline, expected.bulb_outline);
+    assert_eq!(found.crate_outer_half, expected.crate_outer_half);
+    assert_eq!(found.crate_interior_half, expected.crate_interior_half);
+    assert_eq!(found.crate_rim, expected.crate_rim);
+    assert_eq!(found.crate_floor, expected.crate_floor);
+    assert_eq!(found.bench_surface, expected.bench_surface);
+    assert_eq!(found, expected);
+}
+
+/// A robot with other numbers of parts than a row's is refused, with both numbers.
+#[test]
+fn robots_that_do_not_fit_a_row_are_refused() {
+    let published = include_str!("../../../robot/g1_inspire.toml");
+    let finger = "name = \"L_pinky_intermediate_joint\"";
+    let moving = "axis = [0, 0, -1]\nlower = 0\nupper = 1.7\neffort_limit = 0.5\nstiffness = 3\ndamping = 1\n\
+                  armature = 0.0001\n";
+    let (before, after) = published.split_once(&format!("[[joint]]\n{finger}")).unwrap();
+    let fixed = format!("{before}[[fixed]]\n{finger}{}", after.replacen(moving, "", 1))
+        .replace("    \"L_pinky_intermediate_joint\",\n", "")
+        .replace("joint_count = 53", "joint_count = 52");
+    let without = |old: &str, new: &str| {
+        assert_eq!(published.matches(old).count(), 1, "{old}");
+        published.replace(old, new)
+    };
+    for (text, refusal) in [
+        (fixed, "has 52 joints, a row of the benchmark holds 53"),
+        (without("    \"R_pinky_proximal\", \"R_pinky_intermediate\",\n", ""), "has 32 hand links"),
+        (without("\"left_ankle_roll_link\", \"right_ankle_roll_link\"]", "\"left_ankle_roll_link\"]"), "has 1 feet"),
+        (without("palms = [", "palms = [\"left_palm\", "), "has 3 palms, a row of the benchmark holds 2"),
+    ] {
+        let robot = Arc::new(Robot::from_toml(&text).unwrap());
+        let gains = robot.gains(GainSet::Fiatlux);
+        let spec = SceneSpec { kind: SceneKind::Climb, seed: 0, gains, hand_friction: None };
+        let error = Scene::build(&SceneConfig::default(), robot, spec).unwrap_err();
+        assert!(error.to_string().contains(refusal), "{error}");
+    }
+}
+
 #[test]
 fn labels_name_their_owner() {
     for owner in ShapeOwner::PROPS.into_iter().chain((0..100).map(ShapeOwner::Robot)) {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use fiatlux_rules::{Bulb, JOINTS, Row, Thresholds};
+use fiatlux_rules::{Bulb, JOINTS, Row};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Start, StartError};
@@ -30,7 +30,7 @@ impl Start<'_> {
         let (robot, carry) = (&self.scene.robot, &self.scene.config.start.carry);
         let unknown = || StartError::Name { field: "start.carry.hand_link", name: carry.hand_link.clone() };
         let link = robot.link_index(&carry.hand_link).ok_or_else(unknown)?;
-        let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose).map_err(|_| unknown())?;
+        let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
         let [about_x, about_y] = carry.glass_tilt;
         let hand_from_glass = Isometry3::from_parts(
             Translation3::from(Vector3::from(carry.glass_center)),
@@ -55,7 +55,7 @@ impl Start<'_> {
         locked[dof..dof + 6].fill(false);
         unconverged += world.stage(&row.joint_target, &locked, steps(carry.holding_time));
 
-        let Thresholds { touch_n: least_n, fragility_n: most_n, .. } = Thresholds::default();
+        let (least_n, most_n) = (self.thresholds.touch_n, self.thresholds.fragility_n);
         let forces = &world.row().hand_force[bulb as usize];
         let force_n = forces.iter().fold(0.0, |largest: f64, force| largest.max(force.norm()));
         if force_n > least_n && force_n <= most_n {

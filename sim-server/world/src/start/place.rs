@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_dynamics::Contact;
-use fiatlux_rules::{Bulb, Row, Task, Thresholds, measure};
+use fiatlux_rules::{Bulb, Row, Task, measure};
 use nalgebra::Vector2;
 
 use super::{Start, StartError};
@@ -147,14 +147,14 @@ impl Start<'_> {
             };
             let lifted = stand.height(scene) + LIFT;
             self.put(world, row, &moved(&places[0]), lifted)?;
-            if let Some(link) = self_overlap(world) {
+            if let Some(link) = self_overlap(world)? {
                 first_obstacle = first_obstacle.or(Some(link));
                 continue;
             }
-            let height = lifted - stand.gap_below_soles(world);
+            let height = lifted - stand.gap_below_soles(world)?;
             for nominal in &places {
                 self.put(world, row, &moved(nominal), height)?;
-                match self.obstacle(world, &stand) {
+                match self.obstacle(world, &stand)? {
                     None => return Ok(()),
                     found => first_obstacle = first_obstacle.or(found),
                 }
@@ -174,18 +174,19 @@ impl Start<'_> {
     }
 
     /// What is nearer to the robot or its bulb than the clearance. In S05 also the crate, where it is nearly reached.
-    fn obstacle(&self, world: &World, stand: &Stand) -> Option<ShapeOwner> {
+    fn obstacle(&self, world: &World, stand: &Stand) -> Result<Option<ShapeOwner>, StartError> {
         let (scene, row) = (self.scene, world.row());
         let pelvis = &row.robot.pose.translation.vector;
         let crate_gap = measure::footprint_distance(&row.crate_, &scene.config.crate_.outer_half, pelvis);
-        if self.task == Task::S05 && crate_gap < Thresholds::default().crate_near_m + scene.config.start.head_start {
-            return Some(ShapeOwner::Crate);
+        if self.task == Task::S05 && crate_gap < self.thresholds.crate_near_m + scene.config.start.head_start {
+            return Ok(Some(ShapeOwner::Crate));
         }
         let in_hand =
             self.carried.map(|bulb| if bulb == Bulb::Old { ShapeOwner::OldBulb } else { ShapeOwner::FreshBulb });
         let is_own = |owner: ShapeOwner| matches!(owner, ShapeOwner::Robot(_)) || Some(owner) == in_hand;
-        let pairs = nearby(world, scene.config.start.clearance).map(|(owners, _)| owners);
-        pairs.filter(|[a, _]| is_own(*a)).find(|[a, b]| !is_own(*b) && !stand.bears([*a, *b], scene)).map(|[_, b]| b)
+        let mut pairs = nearby(world, scene.config.start.clearance)?.map(|(owners, _)| owners);
+        let in_the_way = |[a, b]: &[ShapeOwner; 2]| is_own(*a) && !is_own(*b) && !stand.bears([*a, *b], scene);
+        Ok(pairs.find(in_the_way).map(|[_, b]| b))
     }
 }
 
@@ -201,29 +202,31 @@ impl Stand {
     }
 
     /// Height of the lowest sole above what the robot is to stand on, m; the nominal one where nothing is there.
-    fn gap_below_soles(&self, world: &World) -> f64 {
-        let near = nearby(world, 2.0 * LIFT).filter(|(owners, _)| self.bears(*owners, world.scene()));
+    fn gap_below_soles(&self, world: &World) -> Result<f64, StartError> {
+        let near = nearby(world, 2.0 * LIFT)?.filter(|(owners, _)| self.bears(*owners, world.scene()));
         // Bars beside the feet bear nothing.
         let below = near.filter(|(_, contact)| contact.normal.z.abs() > 0.99);
         let gap = below.map(|(_, contact)| contact.distance).fold(f64::INFINITY, f64::min);
-        if gap.is_finite() { gap } else { LIFT }
+        Ok(if gap.is_finite() { gap } else { LIFT })
     }
 }
 
 /// A link of the robot that the noise has put into another one.
-fn self_overlap(world: &World) -> Option<ShapeOwner> {
+fn self_overlap(world: &World) -> Result<Option<ShapeOwner>, StartError> {
     let is_robot = |owner: &ShapeOwner| matches!(owner, ShapeOwner::Robot(_));
-    let deep = nearby(world, 0.0).filter(|(_, contact)| contact.distance < -SELF_OVERLAP);
-    deep.map(|(owners, _)| owners).find(|owners| owners.iter().all(is_robot)).map(|[link, _]| link)
+    let deep = nearby(world, 0.0)?.filter(|(_, contact)| contact.distance < -SELF_OVERLAP);
+    Ok(deep.map(|(owners, _)| owners).find(|owners| owners.iter().all(is_robot)).map(|[link, _]| link))
 }
 
 /// Contact points of shapes with a gap of at most `margin` m, each with their owners in both orders.
-fn nearby(world: &World, margin: f64) -> impl Iterator<Item = ([ShapeOwner; 2], Contact)> + use<'_> {
+fn nearby(
+    world: &World,
+    margin: f64,
+) -> Result<impl Iterator<Item = ([ShapeOwner; 2], Contact)> + use<'_>, StartError> {
     let scene = world.scene();
-    // The state is the model's own: it cannot be refused.
-    let found = scene.model.contacts_at(&world.state().qpos, margin).unwrap_or_default();
-    found.into_iter().flat_map(|contact| {
+    let found = scene.model.contacts_at(&world.state().qpos, margin)?;
+    Ok(found.into_iter().flat_map(|contact| {
         let (a, b) = (scene.owner(contact.shape_a), scene.owner(contact.shape_b));
         [([a, b], contact), ([b, a], contact)]
-    })
+    }))
 }
