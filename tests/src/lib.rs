@@ -2,14 +2,15 @@
 //! applied.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
+pub mod grasp;
 pub mod posture;
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Contact, Dynamics, Input, State, StepReport, Wrench};
+use fiatlux_dynamics::{BodyId, Contact, Dynamics, Geometry, Input, ShapeSpec, State, StepReport, Wrench};
 use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_world::{PHYSICS_DT, Random, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, Stream};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 /// The robot, read once per call.
 pub fn robot() -> Arc<Robot> {
@@ -28,6 +29,19 @@ pub fn scaled_gains(robot: &Robot, parts: &[&str], factor: f64) -> Gains {
 pub fn scene(kind: SceneKind, seed: u64, gains: Gains) -> Arc<Scene> {
     let spec = SceneSpec { kind, seed, gains, hand_friction: None };
     Arc::new(Scene::build(&SceneConfig::default(), robot(), spec).unwrap())
+}
+
+/// Height of a shape's lowest point, m.
+fn lowest_point(shape: &ShapeSpec, world_from_body: &Isometry3<f64>) -> f64 {
+    let world_from_shape = world_from_body * shape.body_from_shape;
+    let down = world_from_shape.inverse_transform_vector(&-Vector3::z());
+    let reach = match shape.geometry {
+        Geometry::HalfSpace => f64::INFINITY,
+        Geometry::Sphere { radius } => radius,
+        Geometry::Capsule { radius, half_length } => radius + half_length * down.z.abs(),
+        Geometry::Cuboid { half_extents } => half_extents.dot(&down.abs()),
+    };
+    world_from_shape.translation.z - reach
 }
 
 /// One world with everything in reach.
@@ -86,19 +100,33 @@ impl Rig {
         self.update();
     }
 
-    /// Adds the published reset noise: root within 0.05 m and 0.1 rad, joints within 0.05 rad.
+    /// Adds the reset noise of the tasks on the floor: moves the robot, and its joints within their limits, then puts its
+    /// lowest sole on the floor.
     pub fn add_reset_noise(&mut self, seed: u64) {
+        let scene = Arc::clone(&self.scene);
+        let noise = &scene.config.start.noise;
         let mut random = Random::new(Stream::Reset, seed, 0);
-        let root = self.pose(self.scene.robot_ids.root);
-        let (x, y) = (random.uniform(-0.05, 0.05), random.uniform(-0.05, 0.05));
-        let turn = nalgebra::UnitQuaternion::from_scaled_axis(Vector3::z() * random.uniform(-0.1, 0.1));
-        let shifted =
-            Isometry3::from_parts((root.translation.vector + Vector3::new(x, y, 0.0)).into(), turn * root.rotation);
-        self.place_robot(&shifted);
-        for ids in &Arc::clone(&self.scene).robot_ids.joints {
-            self.state.qpos[ids.qpos] += random.uniform(-0.05, 0.05);
+        let mut draw = |half: f64| random.uniform(-half, half);
+        let shift = Vector3::new(draw(noise.shift), draw(noise.shift), 0.0);
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * draw(noise.turn));
+        for (ids, limits) in scene.robot_ids.joints.iter().zip(scene.robot.joints()) {
+            let angle = self.state.qpos[ids.qpos] + draw(noise.joint);
+            self.state.qpos[ids.qpos] = angle.clamp(limits.lower, limits.upper);
         }
         self.update();
+        let root = self.pose(scene.robot_ids.root);
+        let moved = Isometry3::from_parts((root.translation.vector + shift).into(), turn * root.rotation);
+        self.place_robot(&moved);
+        let lowest = self.lowest_of(|link| scene.robot.feet().contains(&link));
+        self.place_robot(&(Isometry3::translation(0.0, 0.0, -lowest) * moved));
+    }
+
+    /// Lowest point of the robot's links that `counts` picks by index, m.
+    pub fn lowest_of(&self, counts: impl Fn(usize) -> bool) -> f64 {
+        let shapes = self.scene.model.shapes().iter();
+        let picked =
+            shapes.filter(|s| matches!(ShapeOwner::from_label(s.label), ShapeOwner::Robot(link) if counts(link)));
+        picked.map(|shape| lowest_point(shape, &self.pose(shape.body))).fold(f64::INFINITY, f64::min)
     }
 
     /// Locks or frees every degree of freedom of the robot.

@@ -33,6 +33,11 @@ impl Posture {
         robot.forward_kinematics(&self.joints, &self.world_from_pelvis).unwrap()
     }
 
+    /// Centre of mass, m.
+    pub fn center_of_mass(&self, robot: &Robot) -> Vector3<f64> {
+        robot.center_of_mass(&self.joints, &self.world_from_pelvis).unwrap()
+    }
+
     /// Moved along 6 root coordinates (m, rad in world axes) and the listed joints, kept within their limits.
     fn moved(&self, robot: &Robot, joints: &[usize], change: &[f64]) -> Self {
         let mut moved = self.clone();
@@ -46,13 +51,6 @@ impl Posture {
         }
         moved
     }
-}
-
-/// Centre of mass, m.
-pub fn center_of_mass(robot: &Robot, poses: &[Isometry3<f64>]) -> Vector3<f64> {
-    let moment: Vector3<f64> =
-        robot.links().iter().zip(poses).map(|(link, pose)| link.mass * (pose * Point3::from(link.com)).coords).sum();
-    moment / robot.total_mass()
 }
 
 /// Takes one damped Gauss-Newton step on the sum of squared residuals over the root and the listed joints.
@@ -108,7 +106,7 @@ pub fn improve(
 pub fn held_targets(robot: &Robot, posture: &Posture, gains: &Gains) -> Vec<f64> {
     const STEP: f64 = 1e-6;
     let poses = posture.link_poses(robot);
-    let com = center_of_mass(robot, &poses);
+    let com = posture.center_of_mass(robot);
     let weight = 9.81 * robot.total_mass();
     let soles: Vec<(usize, Point3<f64>)> = robot
         .feet()
@@ -124,7 +122,7 @@ pub fn held_targets(robot: &Robot, posture: &Posture, gains: &Gains) -> Vec<f64>
     let potential = |p: &Posture| {
         let poses = p.link_poses(robot);
         let carried: f64 = soles.iter().map(|(foot, point)| (poses[*foot] * point).z / 2.0).sum();
-        weight * (center_of_mass(robot, &poses).z - carried)
+        weight * (p.center_of_mass(robot).z - carried)
     };
     let mut targets = posture.joints.clone();
     for joint in 0..targets.len() {

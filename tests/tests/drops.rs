@@ -3,10 +3,10 @@
 
 use std::f64::consts::TAU;
 
-use fiatlux_dynamics::{BodyId, Contact, Geometry, ShapeId, ShapeSpec};
+use fiatlux_dynamics::{BodyId, Contact, ShapeId};
 use fiatlux_robot::GainSet;
 use fiatlux_tests::{Rig, robot, scene};
-use fiatlux_world::{PHYSICS_DT, Random, SUBSTEPS, SceneKind, ShapeOwner, Stream};
+use fiatlux_world::{ACTION_SCALE, PHYSICS_DT, Random, SUBSTEPS, SceneKind, ShapeOwner, Stream};
 use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
 
 const DROPS: u64 = 40;
@@ -34,18 +34,6 @@ fn random_rotation(random: &mut Random) -> UnitQuaternion<f64> {
     ))
 }
 
-fn lowest_point(shape: &ShapeSpec, world_from_body: &Isometry3<f64>) -> f64 {
-    let world_from_shape = world_from_body * shape.body_from_shape;
-    let down = world_from_shape.inverse_transform_vector(&-Vector3::z());
-    let reach = match shape.geometry {
-        Geometry::HalfSpace => f64::INFINITY,
-        Geometry::Sphere { radius } => radius,
-        Geometry::Capsule { radius, half_length } => radius + half_length * down.z.abs(),
-        Geometry::Cuboid { half_extents } => half_extents.dot(&down.abs()),
-    };
-    world_from_shape.translation.z - reach
-}
-
 /// Puts the robot in a random posture, its lowest point `HEIGHT` above the floor or above the ladder; returns the number
 /// of postures drawn until one touched neither itself nor the room.
 fn hang(rig: &mut Rig, random: &mut Random, above_ladder: bool) -> u32 {
@@ -61,10 +49,7 @@ fn hang(rig: &mut Rig, random: &mut Random, above_ladder: bool) -> u32 {
         let offset = Vector3::new(random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3), 0.0);
         let mut pose = Isometry3::from_parts((center + offset).into(), random_rotation(random));
         rig.place_robot(&pose);
-        let own = |shape: &&ShapeSpec| matches!(ShapeOwner::from_label(shape.label), ShapeOwner::Robot(_));
-        let shapes = scene.model.shapes().iter().filter(own);
-        let lowest = shapes.map(|s| lowest_point(s, &rig.pose(s.body))).fold(f64::INFINITY, f64::min);
-        pose.translation.z += floor + HEIGHT - lowest;
+        pose.translation.z += floor + HEIGHT - rig.lowest_of(|_| true);
         rig.place_robot(&pose);
         let touching = scene.model.contacts_at(&rig.state.qpos, 0.0).unwrap();
         let on_robot = |shape| matches!(scene.owner(shape), ShapeOwner::Robot(_));
@@ -84,7 +69,7 @@ fn hang(rig: &mut Rig, random: &mut Random, above_ladder: bool) -> u32 {
 fn draw_targets(rig: &mut Rig, random: &mut Random) {
     let scene = rig.scene.clone();
     for ((ids, joint), q0) in scene.robot_ids.joints.iter().zip(scene.robot.joints()).zip(scene.robot.q0()) {
-        rig.targets[ids.drive] = (q0 + 0.5 * random.uniform(-1.0, 1.0)).clamp(joint.lower, joint.upper);
+        rig.targets[ids.drive] = (q0 + ACTION_SCALE * random.uniform(-1.0, 1.0)).clamp(joint.lower, joint.upper);
     }
 }
 

@@ -7,15 +7,14 @@
 #[path = "on_ladder/places.rs"]
 mod places;
 
-use std::f64::consts::PI;
-
 use fiatlux_dynamics::BodyId;
 use fiatlux_robot::{GainSet, Gains, JointGains, Robot};
-use fiatlux_rules::{AttachmentRow, BodyRow, JOINTS, LIMBS};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, JOINTS, LIMBS, Row};
+use fiatlux_tests::grasp::close_hand;
 use fiatlux_tests::posture::held_targets;
 use fiatlux_tests::{Rig, robot, scaled_gains, scene};
-use fiatlux_world::{PHYSICS_DT, SceneKind, ShapeOwner, World};
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use fiatlux_world::{PHYSICS_DT, SceneConfig, SceneKind, ShapeOwner, World};
+use nalgebra::{Point3, Vector3};
 
 use places::{Place, find_posture, places};
 
@@ -25,14 +24,6 @@ const STATIC_SECONDS: f64 = 10.0;
 /// How far the targets press a palm into its bar, m.
 const PRESS: f64 = 0.010;
 
-/// Height of the glass's centre in a bulb's frame, m.
-const GLASS_Z: f64 = 0.1531;
-/// Centre of the glass in the right hand's frame, m, and two tilts, rad.
-const GRASP: [f64; 5] = [-0.0572, -0.1299, -0.0210, 0.2070, -0.0347];
-/// Targets of the right hand's joints in their order, rad.
-const GRIP: [f64; 12] =
-    [0.8352, 0.2433, 0.1282, 0.8547, 0.7101, 1.0759, 0.9647, 0.6196, 0.7626, 1.0306, 0.7996, 2.1166];
-
 /// All gains times 8; a hand that holds a bulb keeps its own.
 fn gains(robot: &Robot, with_bulb: bool) -> Gains {
     let stiff = scaled_gains(robot, &[""], 8.0);
@@ -40,26 +31,6 @@ fn gains(robot: &Robot, with_bulb: bool) -> Gains {
     let hand = |index: usize| with_bulb && robot.joints()[index].name.starts_with("R_");
     let pick = |index: usize| -> JointGains { if hand(index) { own.0[index] } else { stiff.0[index] } };
     Gains((0..robot.joints().len()).map(pick).collect())
-}
-
-/// Puts the old bulb into the right hand and closes it, everything else held still.
-fn grasp(rig: &mut Rig) {
-    let scene = rig.scene.clone();
-    let turn = UnitQuaternion::from_euler_angles(PI + GRASP[3], GRASP[4], 0.0);
-    let hand_from_glass = Isometry3::from_parts(Translation3::new(GRASP[0], GRASP[1], GRASP[2]), turn);
-    let world_from_bulb =
-        rig.link_pose("right_hand_base_link") * hand_from_glass * Isometry3::translation(0.0, 0.0, -GLASS_Z);
-    rig.place(scene.old_bulb, &world_from_bulb);
-    rig.lock_robot(true);
-    let fingers = (0..scene.robot.joints().len()).filter(|&j| scene.robot.joints()[j].name.starts_with("R_"));
-    for (joint, target) in fingers.zip(GRIP) {
-        let ids = &scene.robot_ids.joints[joint];
-        rig.locked[ids.dof] = false;
-        rig.targets[ids.drive] = target;
-    }
-    rig.run(0.4);
-    rig.lock_robot(false);
-    rig.lock_body(scene.old_bulb, false);
 }
 
 /// Corners of both soles in the ladder's frame.
@@ -89,8 +60,8 @@ fn floor_load(rig: &Rig) -> f64 {
     on_ladder.iter().map(|(_, contact)| contact.force.z).sum()
 }
 
-/// Forces on feet and palms (left, right) as a world that starts from this state reports them one control step on, N.
-fn reported(rig: &Rig) -> [Vector3<f64>; LIMBS] {
+/// What a world that starts from this state reports one control step on.
+fn reported(rig: &Rig) -> Row {
     let scene = &rig.scene;
     let mut world = World::new(scene.clone());
     let mut row = world.row().clone();
@@ -109,7 +80,7 @@ fn reported(rig: &Rig) -> [Vector3<f64>; LIMBS] {
     }
     row.attachments = [AttachmentRow { seated: false, steps_beyond: 0 }; 2];
     world.reset_to(&row).unwrap();
-    world.step(&[0.0; JOINTS], &targets).unwrap().limb_force
+    world.step(&[0.0; JOINTS], &targets).unwrap().clone()
 }
 
 /// What 10 s of standing showed.
@@ -125,7 +96,9 @@ struct Stand {
     weight_with_ladder: f64,
     carried: f64,
     floor_load: f64,
+    /// Forces that a world reports on feet and palms (left, right), and the old bulb's largest one on a hand body, N.
     reported: [Vector3<f64>; LIMBS],
+    grip: f64,
     unconverged: u32,
 }
 
@@ -142,7 +115,8 @@ fn stand(place: &Place, with_bulb: bool) -> Stand {
     let held = held_targets(&robot, &start, &scene.spec.gains);
     start.apply(&mut rig);
     if with_bulb {
-        grasp(&mut rig);
+        close_hand(&mut rig);
+        rig.lock_robot(false);
     }
     let holds = |joint: usize| with_bulb && robot.joints()[joint].name.starts_with("R_");
     for joint in (0..JOINTS).filter(|&joint| !holds(joint)) {
@@ -164,6 +138,7 @@ fn stand(place: &Place, with_bulb: bool) -> Stand {
     }
     let bulb_mass = if with_bulb { scene.config.bulb.mass } else { 0.0 };
     let weight = (robot.total_mass() + bulb_mass) * GRAVITY;
+    let row = reported(&rig);
     Stand {
         slip,
         ladder_drift: (rig.pose(ladder).translation.vector - ladder_before).norm(),
@@ -173,19 +148,21 @@ fn stand(place: &Place, with_bulb: bool) -> Stand {
         weight_with_ladder: weight + scene.config.ladder.mass * GRAVITY,
         carried: carried(&rig),
         floor_load: floor_load(&rig),
-        reported: reported(&rig),
+        reported: row.limb_force,
+        grip: row.hand_force[Bulb::Old as usize].iter().map(Vector3::norm).fold(0.0, f64::max),
         unconverged: rig.unconverged,
     }
 }
 
 fn check(with_bulb: bool) {
     let mut failed = Vec::new();
-    for place in places() {
+    for place in places(&SceneConfig::default().ladder) {
         let s = stand(&place, with_bulb);
         let reported: f64 = s.reported.iter().map(|force| force.z).sum();
         println!(
             "{}: slip {:.3} mm, ladder {:.3} mm, speed {:.2} mm/s, depth {:.2} mm; of {:.1} N the ladder carries {:.1}, \
-             reported {reported:.1}, of {:.1} N the floor {:.1}; feet and palms {:.1?} N, unconverged {}",
+             reported {reported:.1}, of {:.1} N the floor {:.1}; feet and palms {:.1?} N, \
+             grip {:.1} N, unconverged {}",
             place.name,
             1e3 * s.slip,
             1e3 * s.ladder_drift,
@@ -196,6 +173,7 @@ fn check(with_bulb: bool) {
             s.weight_with_ladder,
             s.floor_load,
             s.reported.map(|force| force.norm()),
+            s.grip,
             s.unconverged,
         );
         let near = |load: f64, weight: f64| (load - weight).abs() < 0.05 * weight;
@@ -209,6 +187,7 @@ fn check(with_bulb: bool) {
             ("reported", near(reported, s.weight)),
             ("floor load", near(s.floor_load, s.weight_with_ladder)),
             ("palms touch", palms.iter().all(|force| force.norm() > 1.0)),
+            ("bulb held", !with_bulb || s.grip > 1.0),
             ("converged", s.unconverged == 0),
         ];
         failed.extend(bars.iter().filter(|(_, met)| !met).map(|(bar, _)| format!("{}: {bar}", place.name)));

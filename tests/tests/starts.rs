@@ -19,7 +19,9 @@ use nalgebra::Vector3;
 
 /// Deepest overlap of anything in a start state, m.
 const OVERLAP: f64 = 1e-3;
-const NO_NOISE: StartOptions = StartOptions { reset_noise: false };
+fn no_noise() -> StartOptions {
+    StartOptions { reset_noise: false, ..StartOptions::default() }
+}
 
 /// The bulb in the hand, from the reference's table of start states.
 fn carried(task: Task) -> Option<Bulb> {
@@ -79,7 +81,7 @@ fn starts_are_as_the_rulebook_says() {
             let clock = Instant::now();
             let mut world = start(scene, task, 0, &StartOptions::default()).unwrap();
             time += clock.elapsed();
-            start(Arc::clone(world.scene()), task, 0, &NO_NOISE).unwrap();
+            start(Arc::clone(world.scene()), task, 0, &no_noise()).unwrap();
             let at = format!("{task} seed {seed}");
 
             let (depth, names) = deepest_overlap(&world);
@@ -129,7 +131,7 @@ fn check_hold(task: Task, row: &Row, at: &str) -> Option<f64> {
 #[test]
 fn starts_without_noise_are_nominal() {
     for task in Task::ALL {
-        let world = started(task, 3, 0, &NO_NOISE);
+        let world = started(task, 3, 0, &no_noise());
         let (scene, row) = (world.scene(), world.row());
         let robot = &row.robot.pose;
         let from = |to: Vector3<f64>| measure::horizontal_distance(&robot.translation.vector, &to);
@@ -193,7 +195,7 @@ fn noise_is_as_published() {
             _ => (0.05, 0.1, 0.05),
         };
         let scene = scene_of(task, 5);
-        let nominal = start(Arc::clone(&scene), task, 0, &NO_NOISE).unwrap().row().clone();
+        let nominal = start(Arc::clone(&scene), task, 0, &no_noise()).unwrap().row().clone();
         let mut most = [0.0_f64; 3];
         for episode in 0..8 {
             let world = start(Arc::clone(&scene), task, episode, &StartOptions::default()).unwrap();
@@ -269,6 +271,10 @@ fn impossible_starts_are_refused() {
     assert!(matches!(error, StartError::Scene { task: Task::S02, .. }), "{error}");
     let open = "[start.carry.grip]\nR_thumb_proximal_yaw_joint = 0.0\nR_thumb_proximal_pitch_joint = 0.0";
     let blocked = "[start]\ncarry_place = [0.0, 0.0]";
+    let thresholds = Thresholds { fragility_n: 1.5, ..Thresholds::default() };
+    let options = StartOptions { thresholds, ..StartOptions::default() };
+    let message = start(scene_of(Task::S09, 0), Task::S09, 0, &options).unwrap_err().to_string();
+    assert!(message.contains("N, not between 1 and 1.5 N"), "{message}");
     for (text, named) in [
         ("[start.carry]\narm.elbow = 0.1", "'elbow'"),
         ("[start.carry]\nhand_link = 'hook'", "'hook'"),

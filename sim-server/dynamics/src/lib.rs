@@ -10,9 +10,9 @@
 //! All bodies, of all trees, share one vector of generalised velocities `v`. One step of length `dt` does:
 //!
 //! 1. *Kinematics*: poses and joint axes as six-dimensional motion vectors in world axes about the position of each tree's
-//!    root [1].
+//!    root \[1\].
 //! 2. *Dynamics*: bias forces `c` by the recursive Newton-Euler algorithm and the mass matrix `M` by composite rigid bodies
-//!    [1], rotor inertias on its diagonal.
+//!    \[1\], rotor inertias on its diagonal.
 //! 3. *Collision*: bounding boxes of clusters of shapes, then of shapes, then contact points: closed forms for balls,
 //!    capsules, boxes and half-spaces, parry's face clipping for two boxes. Margins grow with speed, up to 0.1 m,
 //!    so that a fast body meets a surface in the step in which it would pass it.
@@ -24,19 +24,19 @@
 //!
 //!    Drives are implicit in position and velocity and saturate inside the solve: the potential of `clamp(k (target - q -
 //!    dt v) - d v, limit)`. Contacts are regularised Coulomb cones, their impulse the projection of a linear law on the
-//!    cone, which makes their potential convex [2]. Compliance is a small part of each pair's inverse mass (0.01 along the
+//!    cone, which makes their potential convex \[2\]. Compliance is a small part of each pair's inverse mass (0.01 along the
 //!    normal, 0.001 along the tangents): near-rigid, no creep to speak of. A penetration is taken back by a fifth per step,
-//!    at 1 m/s at most [3]. The price of convexity: a body that slides at speed `s` floats at `mu s dt`.
-//! 5. Newton's method with a line search on the slope [2]. The Hessian keeps the trees' sparsity: it is factorised as
-//!    `L' D L` from the leaves to the roots, which fills in nothing along a branch [1]; where contact couples two branches
-//!    the extra columns are worked out from bit sets, as a sparse Cholesky's symbolic phase does [4]. The start is the
+//!    at 1 m/s at most \[3\]. The price of convexity: a body that slides at speed `s` floats at `mu s dt`.
+//! 5. Newton's method with a line search on the slope \[2\]. The Hessian keeps the trees' sparsity: it is factorised as
+//!    `L' D L` from the leaves to the roots, which fills in nothing along a branch \[1\]; where contact couples two branches
+//!    the extra columns are worked out from bit sets, as a sparse Cholesky's symbolic phase does \[4\]. The start is the
 //!    current velocity, so contact points need no memory.
 //! 6. Positions move along the new velocity (semi-implicit Euler, the exponential map for rotations).
 //!
-//! [1] R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 2, 5, 6 and section 8.
-//! [2] A. Castro, F. Permenter, X. Han, An Unconstrained Convex Formulation of Compliant Contact, IEEE T-RO 2023.
-//! [3] J. Baumgarte, Stabilization of Constraints and Integrals of Motion, CMAME 1972.
-//! [4] T. Davis, Direct Methods for Sparse Linear Systems, SIAM 2006, chapter 4.
+//! \[1\] R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 2, 5, 6 and section 8.
+//! \[2\] A. Castro, F. Permenter, X. Han, An Unconstrained Convex Formulation of Compliant Contact, IEEE T-RO 2023.
+//! \[3\] J. Baumgarte, Stabilization of Constraints and Integrals of Motion, CMAME 1972.
+//! \[4\] T. Davis, Direct Methods for Sparse Linear Systems, SIAM 2006, chapter 4.
 //!
 //! # Conventions
 //!

@@ -5,7 +5,8 @@ use std::f64::consts::FRAC_PI_2;
 use fiatlux_dynamics::Geometry;
 use fiatlux_robot::Robot;
 use fiatlux_tests::Rig;
-use fiatlux_tests::posture::{Nearness, Posture, center_of_mass, improve, nearby};
+use fiatlux_tests::posture::{Nearness, Posture, improve, nearby};
+use fiatlux_world::config::LadderConfig;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -20,9 +21,9 @@ pub struct Rest {
 }
 
 /// One place to stand.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Place {
-    pub name: &'static str,
+    pub name: String,
     /// Height of the tread or platform, m.
     height: f64,
     /// y of the ankles and of the centre of mass in the ladder's frame, m.
@@ -37,40 +38,55 @@ pub struct Place {
 const BODY_JOINTS: usize = 29;
 const FOOT_X: f64 = 0.10;
 const ANKLE_HEIGHT: f64 = 0.035;
-const RAIL_RADIUS: f64 = 0.016;
-const RAIL_X: f64 = 0.288;
 /// Gap that other parts of the robot keep to the ladder, m.
 const CLEARANCE: f64 = 0.010;
 /// Gap that the rest of a hand keeps, m.
 const HAND_CLEARANCE: f64 = 0.003;
 
-fn rail_y(z: f64) -> f64 {
-    -0.4735 + (z - 0.016) * 0.3575 / 1.134
+/// Lower and upper end of the left front rail's axis.
+fn rail_ends(ladder: &LadderConfig) -> [Vector3<f64>; 2] {
+    let ([width, depth, _], radius, [top_y, top_z]) = (ladder.size, ladder.rail_radius, ladder.rail_top);
+    let x = radius - width / 2.0;
+    [Vector3::new(x, radius - depth / 2.0, radius), Vector3::new(x, top_y, top_z)]
+}
+
+/// The point of the left front rail's axis at a height.
+fn on_rail(ladder: &LadderConfig, z: f64) -> Vector3<f64> {
+    let [low, high] = rail_ends(ladder);
+    low.lerp(&high, (z - low.z) / (high.z - low.z))
 }
 
 /// Palm against the outside of a front rail.
-fn rail(z: f64) -> Rest {
-    let axis = Vector3::new(0.0, 0.3575, 1.134).normalize();
-    Rest { point: Vector3::new(-RAIL_X, rail_y(z), z), axis, facing: Vector3::x() }
+fn rail(ladder: &LadderConfig, z: f64) -> Rest {
+    let [low, high] = rail_ends(ladder);
+    Rest { point: on_rail(ladder, z), axis: (high - low).normalize(), facing: Vector3::x() }
 }
 
 /// Palm on the guard bar.
-fn guard_bar(x: f64) -> Rest {
-    Rest { point: Vector3::new(-x, 0.27, 1.845), axis: Vector3::x(), facing: -Vector3::z() }
+fn guard_bar(ladder: &LadderConfig, x: f64) -> Rest {
+    let z = ladder.size[2] - ladder.rail_radius;
+    Rest { point: Vector3::new(-x, ladder.guard_y, z), axis: Vector3::x(), facing: -Vector3::z() }
 }
 
-pub fn places() -> Vec<Place> {
-    let tread = |name, top: f64, ankle, com, knee, rest| {
-        let center = rail_y(top - 0.0125);
-        Place { name, height: top, ankle_y: center + ankle, com_y: center + com, knee, rest }
+/// Every tread from the lowest, then the platform.
+pub fn places(ladder: &LadderConfig) -> Vec<Place> {
+    // Ankles and centre of mass before the tread's centre, m; bend of the knees, rad; where the palms rest.
+    let treads = [
+        (-0.03, 0.0, 0.2, rail(ladder, 0.95)),
+        (-0.03, 0.0, 0.2, rail(ladder, 1.10)),
+        (-0.075, 0.0, 0.8, rail(ladder, 1.07)),
+        (0.0, 0.02, 0.2, guard_bar(ladder, 0.16)),
+    ];
+    assert_eq!(treads.len(), ladder.tread_heights.len());
+    let tread = |(&height, (ankle, com, knee, rest)): (&f64, (f64, f64, f64, Rest))| {
+        let center = on_rail(ladder, height - ladder.tread_thickness / 2.0).y;
+        let name = format!("tread at {height:.3} m");
+        Place { name, height, ankle_y: center + ankle, com_y: center + com, knee, rest }
     };
-    vec![
-        tread("tread at 0.235 m", 0.235, -0.03, 0.0, 0.2, rail(0.95)),
-        tread("tread at 0.470 m", 0.47, -0.03, 0.0, 0.2, rail(1.10)),
-        tread("tread at 0.710 m", 0.71, -0.075, 0.0, 0.8, rail(1.07)),
-        tread("tread at 0.940 m", 0.94, 0.0, 0.02, 0.2, guard_bar(0.16)),
-        Place { name: "platform", height: 1.18, ankle_y: 0.0, com_y: 0.03, knee: 0.3, rest: guard_bar(0.2) },
-    ]
+    let mut places: Vec<Place> = ladder.tread_heights.iter().zip(treads).map(tread).collect();
+    let (height, rest) = (ladder.platform_height, guard_bar(ladder, 0.2));
+    places.push(Place { name: "platform".into(), height, ankle_y: 0.0, com_y: 0.03, knee: 0.3, rest });
+    places
 }
 
 /// A vector of the left side in the ladder's frame, for either side.
@@ -111,7 +127,7 @@ impl Task<'_> {
             all.extend([3.0 * miss.x, 10.0 * miss.y, 30.0 * miss.z]);
             all.extend([10.0 * turn.x, 10.0 * turn.y, turn.z]);
         }
-        let com = (ladder_from_world * Point3::from(center_of_mass(robot, poses))).coords;
+        let com = (ladder_from_world * Point3::from(posture.center_of_mass(robot))).coords;
         all.extend([10.0 * com.x, 10.0 * (com.y - place.com_y)]);
         let lean = (facing().inverse() * (ladder_from_world * poses[0]).rotation).scaled_axis();
         all.extend([0.1 * lean.x, 0.1 * lean.y, 0.3 * lean.z]);
@@ -119,7 +135,8 @@ impl Task<'_> {
             let palm = ladder_from_world * poses[robot.palms()[hand]];
             let (axis, facing) = (on_side(place.rest.axis, hand), on_side(place.rest.facing, hand));
             let normal = palm * -Vector3::x();
-            let reached = (palm * palm_face(robot, hand)).coords + normal * (RAIL_RADIUS - self.press);
+            let reached =
+                (palm * palm_face(robot, hand)).coords + normal * (self.scene.config.ladder.rail_radius - self.press);
             let miss = reached - on_side(place.rest.point, hand);
             let along = miss.dot(&axis);
             all.extend((miss - axis * along).iter().map(|m| 10.0 * m));
