@@ -4,7 +4,7 @@ use std::sync::Barrier;
 use std::thread;
 use std::time::Instant;
 
-use fiatlux_rules::{JOINTS, Row};
+use fiatlux_rules::JOINTS;
 use fiatlux_world::{SUBSTEPS, World};
 use stats_alloc::INSTRUMENTED_SYSTEM;
 
@@ -28,15 +28,15 @@ pub(crate) fn run() -> Result<WorldsReport, BenchError> {
     drop(copy);
 
     let before = heap();
-    let mut many = vec![world.row().clone(); WORLDS];
+    let rows = vec![world.row().clone(); WORLDS];
     let each = heap().saturating_sub(before) / WORLDS;
-    let mut few = vec![world.row().clone(); THREADS];
+    drop(rows);
 
     let (mut rate_many, mut rate_single) = (0.0_f64, 0.0_f64);
     for round in 1..=ROUNDS {
         eprintln!("bench: {WORLDS} worlds on {THREADS} threads, round {round} of {ROUNDS}");
-        rate_single = rate_single.max(rate(&world, &mut few, &targets, CONTROL_STEPS * WORLDS / THREADS));
-        rate_many = rate_many.max(rate(&world, &mut many, &targets, CONTROL_STEPS));
+        rate_single = rate_single.max(rate(&world, &|stage: &mut World| one_after_another(stage, &world, &targets)));
+        rate_many = rate_many.max(rate(&world, &|stage: &mut World| in_turns(stage, &world, &targets)));
     }
     Ok(WorldsReport {
         worlds: WORLDS,
@@ -49,39 +49,42 @@ pub(crate) fn run() -> Result<WorldsReport, BenchError> {
     })
 }
 
-/// Physics steps per second of all rows together, shared out evenly among the threads. Each thread plays its rows in turns
-/// on one `World`; a single row is played without the detour.
-fn rate(world: &World, rows: &mut [Row], targets: &[f64; JOINTS], control_steps: usize) -> f64 {
-    let steps = rows.len() * control_steps * SUBSTEPS;
-    let share = rows.len().div_ceil(THREADS);
-    let barrier = Barrier::new(rows.len().div_ceil(share));
+/// Physics steps per second of all threads together, each of which plays its share of the worlds on one `World`.
+fn rate(world: &World, play: &(impl Fn(&mut World) + Sync)) -> f64 {
+    let barrier = Barrier::new(THREADS);
     let slowest = thread::scope(|scope| {
-        let mut threads = Vec::new();
-        for mine in rows.chunks_mut(share) {
+        let start = || {
             let (mut stage, barrier) = (world.clone(), &barrier);
-            threads.push(scope.spawn(move || {
+            scope.spawn(move || {
                 barrier.wait();
                 let start = Instant::now();
-                for _ in 0..control_steps {
-                    play_once(&mut stage, mine, targets);
-                }
+                play(&mut stage);
                 start.elapsed().as_secs_f64()
-            }));
-        }
+            })
+        };
+        let threads: Vec<_> = (0..THREADS).map(|_| start()).collect();
         threads.into_iter().map(|thread| thread.join().expect("a thread that steps")).fold(0.0, f64::max)
     });
-    steps as f64 / slowest
+    (WORLDS * CONTROL_STEPS * SUBSTEPS) as f64 / slowest
 }
 
-/// One control step of each row.
-fn play_once(stage: &mut World, rows: &mut [Row], targets: &[f64; JOINTS]) {
-    let action = [0.0; JOINTS];
-    if let [_] = rows {
-        stage.step(&action, targets).expect("the targets are finite");
-        return;
+/// A thread's share of the worlds at once: rows that take turns by control steps.
+fn in_turns(stage: &mut World, start: &World, targets: &[f64; JOINTS]) {
+    let mut rows = vec![start.row().clone(); WORLDS / THREADS];
+    for _ in 0..CONTROL_STEPS {
+        for row in &mut rows {
+            stage.step_row(row, &[0.0; JOINTS], targets).expect("a row of this scene");
+        }
     }
-    for row in rows {
-        stage.step_row(row, &action, targets).expect("the targets are finite");
+}
+
+/// The same steps of the same worlds, each played to its end before the next.
+fn one_after_another(stage: &mut World, start: &World, targets: &[f64; JOINTS]) {
+    for _ in 0..WORLDS / THREADS {
+        stage.reset_to(start.row()).expect("a row of this scene");
+        for _ in 0..CONTROL_STEPS {
+            stage.step(&[0.0; JOINTS], targets).expect("the targets are finite");
+        }
     }
 }
 

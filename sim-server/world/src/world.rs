@@ -121,10 +121,10 @@ impl World {
         }
         (*self.row).clone_from(row);
         // A row of another scene does not move what stands still in this one.
-        let still = blank_row(scene);
-        (self.row.fixture, self.row.crate_) = (still.fixture, still.crate_);
+        self.row.fixture = scene.world_from_fixture;
+        self.row.crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
         if scene.ladder.is_none() {
-            self.row.ladder = still.ladder;
+            self.row.ladder = standing_still(scene.world_from_ladder);
         }
         Ok(())
     }
@@ -319,12 +319,15 @@ fn read_body(scene: &Scene, state: &State, body: BodyId) -> BodyRow {
     }
 }
 
+fn standing_still(pose: Isometry3<f64>) -> BodyRow {
+    BodyRow { pose, linear_velocity: Vector3::zeros(), angular_velocity: Vector3::zeros() }
+}
+
 /// Zeros, with what never moves in its place.
 fn blank_row(scene: &Scene) -> Row {
-    let still = |pose| BodyRow { pose, linear_velocity: Vector3::zeros(), angular_velocity: Vector3::zeros() };
     Row {
         step: 0,
-        robot: still(Isometry3::identity()),
+        robot: standing_still(Isometry3::identity()),
         com_velocity: Vector3::zeros(),
         palm_position: [Vector3::zeros(); 2],
         joint_position: [0.0; JOINTS],
@@ -332,8 +335,8 @@ fn blank_row(scene: &Scene) -> Row {
         joint_target: [0.0; JOINTS],
         joint_effort: [0.0; JOINTS],
         action: [0.0; JOINTS],
-        ladder: still(scene.world_from_ladder),
-        bulbs: [still(Isometry3::identity()); 2],
+        ladder: standing_still(scene.world_from_ladder),
+        bulbs: [standing_still(Isometry3::identity()); 2],
         fixture: scene.world_from_fixture,
         crate_: scene.world_from_crate.unwrap_or_else(Isometry3::identity),
         hand_force: [[Vector3::zeros(); HAND_BODIES]; 2],
