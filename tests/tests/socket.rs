@@ -14,7 +14,6 @@ use fiatlux_tests::{Rig, robot, scene};
 use fiatlux_world::config::AttachmentConfig;
 use fiatlux_world::{
     Attachment, LadderStart, Layout, Mount, PHYSICS_DT, PlugState, SUBSTEPS, Scene, SceneConfig, SceneKind, World,
-    hold_wrench,
 };
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -101,9 +100,8 @@ impl Trial {
     fn step(&mut self, wrench: Option<Wrench>) {
         if self.physics_steps.is_multiple_of(SUBSTEPS) {
             let plug = self.plug();
-            self.attachment.advance(&self.law, &plug, true);
             let (velocity, angular) = self.velocity();
-            self.hold = self.attachment.is_seated().then(|| hold_wrench(&self.law, &plug, &velocity, &angular));
+            self.hold = self.attachment.hold(&self.law, &plug, true, &velocity, &angular);
         }
         self.physics_steps += 1;
         self.rig.wrenches = self.hold.into_iter().chain(wrench).map(|wrench| (self.bulb, wrench)).collect();

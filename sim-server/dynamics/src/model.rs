@@ -443,11 +443,6 @@ impl Model {
         &self.excluded
     }
 
-    /// Every pair of shapes that may touch.
-    pub fn shape_pairs(&self) -> impl Iterator<Item = (ShapeId, ShapeId)> + '_ {
-        self.pairs.iter().flat_map(|p| p.shapes.iter()).map(|&(a, b)| (ShapeId(a.into()), ShapeId(b.into())))
-    }
-
     /// The body of that name.
     pub fn body(&self, name: &str) -> Option<BodyId> {
         self.bodies.iter().position(|b| b.spec.name == name).map(BodyId)

@@ -69,9 +69,23 @@ impl Attachment {
         self.state == AttachmentState::Seated
     }
 
+    /// One control step of the socket's hold: advances the state and returns the wrench that a held bulb feels over the
+    /// step's physics, by [`hold_wrench`] with the velocities of its arguments.
+    pub fn hold(
+        &mut self,
+        law: &AttachmentConfig,
+        plug: &PlugState,
+        socket_free: bool,
+        velocity: &Vector3<f64>,
+        angular_velocity: &Vector3<f64>,
+    ) -> Option<Wrench> {
+        self.advance(law, plug, socket_free);
+        self.is_seated().then(|| hold_wrench(law, plug, velocity, angular_velocity))
+    }
+
     /// Advances by one control step. `socket_free` says that the socket holds no other bulb. Neither twist nor speed
     /// matters. Returns the new state where it changed.
-    pub fn advance(&mut self, law: &AttachmentConfig, plug: &PlugState, socket_free: bool) -> Option<AttachmentState> {
+    fn advance(&mut self, law: &AttachmentConfig, plug: &PlugState, socket_free: bool) -> Option<AttachmentState> {
         match self.state {
             AttachmentState::Free => {
                 let fits = plug.gap.abs() <= law.seat_gap

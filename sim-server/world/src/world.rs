@@ -6,7 +6,7 @@ use fiatlux_dynamics::{BodyId, Dynamics, Input, State, Wrench};
 use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, HAND_BODIES, JOINTS, LIMBS, Row};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use crate::attach::{Attachment, AttachmentState, PlugState, hold_wrench};
+use crate::attach::{Attachment, AttachmentState, PlugState};
 use crate::{Scene, ShapeOwner, WorldError};
 
 /// Length of a physics step, s.
@@ -203,12 +203,10 @@ impl World {
             let row = &self.row.bulbs[bulb];
             let plug = PlugState::measure(&scene.world_from_fixture, &row.pose, scene.config.bulb.seat_z);
             let socket_free = !self.attachments[1 - bulb].is_seated();
-            self.attachments[bulb].advance(law, &plug, socket_free);
-            if self.attachments[bulb].is_seated() {
-                let com = row.pose.rotation * scene.model.bodies()[body.0].spec.com;
-                let velocity = row.linear_velocity + row.angular_velocity.cross(&com);
-                self.wrenches.push((body, hold_wrench(law, &plug, &velocity, &row.angular_velocity)));
-            }
+            let com = row.pose.rotation * scene.model.bodies()[body.0].spec.com;
+            let velocity = row.linear_velocity + row.angular_velocity.cross(&com);
+            let wrench = self.attachments[bulb].hold(law, &plug, socket_free, &velocity, &row.angular_velocity);
+            self.wrenches.extend(wrench.map(|wrench| (body, wrench)));
         }
     }
 

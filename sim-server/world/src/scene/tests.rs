@@ -170,19 +170,18 @@ impl<'a> Run<'a> {
         let scene = self.scene;
         let bulb = self.dynamics.world_from_body(scene.old_bulb);
         let plug = crate::PlugState::measure(&scene.world_from_fixture, &bulb, scene.config.bulb.seat_z);
-        old.advance(&scene.config.attachment, &plug, true);
         let velocity = self.dynamics.velocity(scene.old_bulb);
         let arm = bulb.rotation * Vector3::new(0.0, 0.0, scene.config.bulb.com_z);
         let at_com = velocity.linear + velocity.angular.cross(&arm);
-        let hold = crate::hold_wrench(&scene.config.attachment, &plug, &at_com, &velocity.angular);
+        let hold = old.hold(&scene.config.attachment, &plug, true, &at_com, &velocity.angular);
         let hand = Wrench { force: hand, torque: Vector3::zeros() };
-        self.physics_steps(&[(scene.old_bulb, if old.is_seated() { hold } else { hand })]);
+        self.physics_steps(&[(scene.old_bulb, hold.unwrap_or(hand))]);
     }
 
     fn physics_steps(&mut self, wrenches: &[(BodyId, Wrench)]) {
-        for _ in 0..4 {
+        for _ in 0..crate::SUBSTEPS {
             let input = Input { targets: &self.targets, wrenches, locked: &self.locked };
-            let report = self.dynamics.step(&self.scene.model, &mut self.state, &input, 0.005);
+            let report = self.dynamics.step(&self.scene.model, &mut self.state, &input, crate::PHYSICS_DT);
             assert!(report.converged, "{report:?}");
         }
     }
