@@ -3,6 +3,8 @@
 //! A [`Judge`] folds the [`Row`]s of an episode into a [`Verdict`]; the same code ends an episode online and grades it
 //! offline. [`Rewards`] pays for the same rows, term by term. [`Benchmark`] rolls [`Episode`]s up into scores.
 //!
+//! A row and the message that carries it, [`fiatlux_proto::v1::State`], convert into each other.
+//!
 //! Nothing here reads a file, a clock or a simulator. Figures that rules compare with are data: [`Thresholds`] and
 //! [`Geometry`].
 mod cause;
@@ -19,6 +21,7 @@ mod settle;
 mod task;
 mod tasks;
 mod thresholds;
+mod wire;
 
 pub use cause::{Cause, Causes, UnknownCause};
 pub use digest::{ROW_LAYOUT, RowDigest};
@@ -31,3 +34,4 @@ pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summ
 pub use settle::PoseSpeed;
 pub use task::{CONTROL_DT, ControlMode, Factor, Task, TaskSpec, UnknownTask};
 pub use thresholds::{ThresholdError, Thresholds};
+pub use wire::RowError;

@@ -32,13 +32,19 @@ impl Stream {
 }
 
 /// PCG64-MCG (XSL-RR 128/64). Its state is the first 16 bytes, little-endian, of the SHA-256 of [`RNG_NAME`], the
-/// stream's name (each followed by a zero byte), seed and episode (each 8 bytes, little-endian).
+/// stream's name (each followed by a zero byte), seed and episode (each 8 bytes, little-endian), and the term's name
+/// where the stream has terms.
 #[derive(Debug, Clone)]
 pub struct Random(Pcg64Mcg);
 
 impl Random {
     /// The stream of an episode; layouts use episode 0.
     pub fn new(stream: Stream, seed: u64, episode: u64) -> Self {
+        Self::of_term(stream, "", seed, episode)
+    }
+
+    /// A term's own part of an episode's stream, so that its numbers do not depend on which other terms draw.
+    pub fn of_term(stream: Stream, term: &str, seed: u64, episode: u64) -> Self {
         let mut hash = Sha256::new();
         hash.update(RNG_NAME);
         hash.update([0]);
@@ -46,6 +52,7 @@ impl Random {
         hash.update([0]);
         hash.update(seed.to_le_bytes());
         hash.update(episode.to_le_bytes());
+        hash.update(term);
         let mut state = [0; 16];
         state.copy_from_slice(&hash.finalize()[..16]);
         Self(Pcg64Mcg::new(u128::from_le_bytes(state)))
@@ -92,6 +99,16 @@ mod tests {
                 assert_ne!(draw(stream, seed, episode), draw(other, other_seed, other_episode));
             }
         }
+    }
+
+    /// Recorded from the seeding without terms: a layout or a start never changes because a stream was divided.
+    #[test]
+    fn terms_leave_the_streams_as_they_were() {
+        let first = |mut random: Random| random.unit();
+        assert_eq!(first(Random::new(Stream::Reset, 3, 5)), 0.8265777945349678);
+        let terms = ["", "a", "b"].map(|term| first(Random::of_term(Stream::Noise, term, 3, 5)));
+        assert_eq!(terms[0], first(Random::new(Stream::Noise, 3, 5)));
+        assert!(terms[0] != terms[1] && terms[1] != terms[2] && terms[0] != terms[2]);
     }
 
     #[test]

@@ -1,0 +1,2 @@
+//! The policy client.
+fn main() {}

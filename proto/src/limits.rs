@@ -1,0 +1,25 @@
+//! Limits of messages and rates, in one place.
+
+/// Largest request or action that a server reads, bytes. An action takes about 450.
+pub const MAX_CLIENT_MESSAGE: usize = 16 * 1024;
+
+/// Largest message that a client or a recorder reads, bytes. A truth takes about 8,000.
+pub const MAX_SERVER_MESSAGE: usize = 4 * 1024 * 1024;
+
+/// Client messages that wait in a session; more are passed over with a notice.
+pub const MAX_WAITING_MESSAGES: usize = 32;
+
+/// Notices that a session sends a second; those in between are counted in the next one.
+pub const MAX_NOTICES_PER_S: u32 = 10;
+
+/// Rows that lockstep runs ahead of what a recorder has on disk; the server keeps as many.
+pub const RECORDING_WINDOW: u64 = 512;
+
+/// Truths that one reply to a [`crate::v1::TruthRequest`] covers at most.
+pub const MAX_TRUTHS_PER_REQUEST: u64 = 128;
+
+/// A recorder that has not acknowledged anything for so long is gone, s.
+pub const RECORDER_TIMEOUT_S: f64 = 10.0;
+
+/// A recorder acknowledges at least so often, s.
+pub const ACK_PERIOD_S: f64 = 1.0;

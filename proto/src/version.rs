@@ -1,0 +1,17 @@
+//! The version of the protocol.
+
+use crate::v1::Version;
+
+/// What this build speaks. The major number changes when an old client would be misunderstood.
+pub const PROTOCOL: Version = Version { major: 1, minor: 0 };
+
+/// Whether this build understands a peer.
+pub fn is_compatible(peer: &Version) -> bool {
+    peer.major == PROTOCOL.major
+}
+
+impl std::fmt::Display for Version {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}.{}", self.major, self.minor)
+    }
+}

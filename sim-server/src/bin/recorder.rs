@@ -1,0 +1,2 @@
+//! Records sessions into bags.
+fn main() {}
