@@ -1,2 +1,53 @@
-//! The policy client.
-fn main() {}
+//! The policy client: runs a policy on a simulation server.
+
+mod cli;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser};
+
+use cli::{Failure, list, run};
+
+/// Runs policies on a simulation server
+#[derive(Debug, Parser)]
+#[command(
+    name = "policy-client",
+    version,
+    after_help = "Examples:
+  policy-client list
+  policy-client run --policy zero --task S08 --seed 0
+  policy-client run --policy stand --task S01 --episodes 3 -e tcp/192.168.1.7:7447
+  policy-client run --policy replay:bags/S08-seed0-episode0.mcap
+
+Results go to stdout, progress and log to stderr. Exit codes: 0 ok, 1 failed, 2 usage."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Subcommand,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Subcommand {
+    /// Run episodes of a task with a policy
+    Run(Box<run::RunArgs>),
+    /// List the servers that can be reached
+    List(list::ListArgs),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    fiatlux_link::init_log();
+    let done = match cli.command {
+        Subcommand::Run(args) => run::run(&args),
+        Subcommand::List(args) => list::list(&args),
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(Failure::Usage(message)) => Cli::command().error(clap::error::ErrorKind::ValueValidation, message).exit(),
+        Err(Failure::Failed(error)) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

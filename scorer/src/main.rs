@@ -1,2 +1,181 @@
 //! The scorer.
-fn main() {}
+
+mod progress;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context, Result};
+use clap::{Args, Parser, Subcommand};
+use fiatlux_link::LinkArgs;
+use fiatlux_scorer::{GradeOptions, Results, grade, report, tables, verify};
+use progress::ProgressLine;
+
+const FAILED: u8 = 1;
+const DATA_LOSS: u8 = 3;
+
+/// Grades recorded episodes: from bags to scores, tables and a report.
+///
+/// Exit codes: 0 all is well; 1 failed, or an episode differs; 2 wrong usage; 3 done, but some bags could not be scored.
+/// Results go to stdout, everything else to stderr.
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Grade(GradeArgs),
+    Verify(VerifyArgs),
+}
+
+/// Grade bags from their rows alone, and write a table
+///
+/// Every number comes from the recorded rows, so thresholds can be changed without a new run. All bags of one call share
+/// their conditions (policy, mode, gains, noise, thresholds, ends, model and scene). Bags that are cut, aborted or altered
+/// are listed with the reason and not scored; the exit code is then 3. A second copy of an episode with the same rows is
+/// listed and passed over; two different recordings of one episode are an error.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  scorer grade runs/zero                               the table
+  scorer grade runs/zero --html runs/zero/report.html  and the report
+  scorer grade runs/zero --json --out results.json     results.json, as `fiatlux evaluate` writes it
+  scorer grade runs/zero --set fragility_n=30          what if bulbs broke at 30 N?")]
+struct GradeArgs {
+    /// Bags, or folders that are searched for *.mcap to any depth
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Write JSON: the fields of results.json
+    #[arg(long, group = "format")]
+    json: bool,
+    /// Write CSV: one line an episode
+    #[arg(long, group = "format")]
+    csv: bool,
+    /// Write a LaTeX table (booktabs)
+    #[arg(long, group = "format")]
+    latex: bool,
+    /// Also write a report: one self-contained page
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Write to a file instead of stdout; bags are then named from its folder
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Judge by another threshold, such as fragility_n=30; may be repeated, and a wrong name lists all
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Count conjuncts as the published numbers do: from row 1, and with a row of the next episode
+    #[arg(long)]
+    published_counting: bool,
+    /// Threads [default: one for each core]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    workers: usize,
+}
+
+/// Simulate a recorded episode again on a server, and compare bit for bit
+///
+/// Opens a session with the conditions in the bag's header, sends its actions once more and compares the digest of all
+/// rows. Exit code 0: equal to the last bit; 1: it differs, or could not be run.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:
+  scorer verify runs/zero/S01-seed0.mcap -e tcp/127.0.0.1:7447")]
+struct VerifyArgs {
+    /// The bag
+    #[arg(value_name = "BAG")]
+    bag: PathBuf,
+    /// Name of the server, where several are there
+    #[arg(long, value_name = "NAME")]
+    server: Option<String>,
+    #[command(flatten)]
+    link: LinkArgs,
+}
+
+fn main() -> ExitCode {
+    fiatlux_link::init_log();
+    let done = match Cli::parse().command {
+        Command::Grade(args) => run_grade(&args),
+        Command::Verify(args) => run_verify(&args),
+    };
+    done.unwrap_or_else(|error| {
+        eprintln!("scorer: {error:#}");
+        ExitCode::from(FAILED)
+    })
+}
+
+fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
+    let folder = |file: &Path| file.parent().map(Path::to_path_buf).unwrap_or_default();
+    let options = GradeOptions {
+        set: args.set.clone(),
+        published_counting: args.published_counting,
+        workers: args.workers,
+        relative_to: args.out.as_deref().or(args.html.as_deref()).map(folder).unwrap_or_default(),
+    };
+    let line = ProgressLine::new();
+    let graded = grade(&args.paths, &options, &|progress| {
+        let label = format!("{} of {} bags", progress.bags_done, progress.bags);
+        line.show(&label, progress.bytes_done, progress.bytes);
+    });
+    line.clear();
+    let results = graded?;
+    if let Some(file) = &args.html {
+        write(file, &report::html(&results))?;
+    }
+    let text = formatted(&results, args)?;
+    match &args.out {
+        Some(file) => write(file, &text)?,
+        None => print(&text)?,
+    }
+    Ok(if results.has_data_loss() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
+}
+
+fn formatted(results: &Results, args: &GradeArgs) -> Result<String> {
+    Ok(match (args.json, args.csv, args.latex) {
+        (true, ..) => results.to_json()?,
+        (_, true, _) => tables::csv(results),
+        (.., true) => tables::latex(results),
+        _ => tables::text(results),
+    })
+}
+
+fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
+    let line = ProgressLine::new();
+    let verified = verify(
+        &args.bag,
+        &args.link,
+        args.server.as_deref(),
+        &mut |step, steps| line.show(&format!("step {step} of {steps}"), step, steps),
+        &AtomicBool::new(false),
+    );
+    line.clear();
+    let verified = verified?;
+    let (steps, cause) = &verified.recorded_end;
+    if verified.is_equal() {
+        print(&format!("equal: {steps} steps, {cause}, digest {}\n", verified.recorded))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let (again, cause_again) = &verified.simulated_end;
+    print(&format!(
+        "different\n  recorded   {steps} steps, {cause}, digest {}\n  simulated  {again} steps, {cause_again}, digest {}\n\
+         The same build gives the same bytes: compare the server's version and model digest with the bag's header.\n",
+        verified.recorded, verified.simulated
+    ))?;
+    Ok(ExitCode::from(FAILED))
+}
+
+fn write(file: &Path, text: &str) -> Result<()> {
+    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
+}
+
+/// Writes to stdout. That the reader has gone, as `head` does, is no failure.
+fn print(text: &str) -> Result<()> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("cannot write to stdout"),
+        _ => Ok(()),
+    }
+}

@@ -1,6 +1,10 @@
 //! The simulation server: scenes for policies to act in, and their export to other simulators.
 mod mjcf;
 mod scene;
+mod server;
+mod show;
 
 pub use mjcf::{Laws, MjcfOptions, to_mjcf};
 pub use scene::{ExportError, ExportScene};
+pub use server::{Server, ServerError, ServerOptions};
+pub use show::{Frames, scene_update};

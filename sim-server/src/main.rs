@@ -1,5 +1,7 @@
 //! The simulation server's command line.
 
+mod daemon;
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -9,12 +11,24 @@ use fiatlux_rules::Task;
 use fiatlux_sim::{ExportScene, Laws, MjcfOptions, to_mjcf};
 
 /// Simulates the errand's scenes for policies.
+///
+/// Without a subcommand it serves sessions over Zenoh until it is interrupted, on the loopback interface unless -l or -e
+/// say otherwise. When it is ready it prints one line on stdout; its log goes to stderr. Interrupted (SIGINT, SIGTERM) it
+/// ends what runs, lets recorders finish, and exits with 0.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    #[command(flatten)]
+    daemon: daemon::DaemonArgs,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  sim-server                                  for policies on this machine
+  sim-server -l tcp/0.0.0.0:7447 --name lab   for policies on the network
+  sim-server export --task S01 -o scene.xml   the same scene for MuJoCo";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -65,8 +79,12 @@ fn timestep(text: &str) -> Result<f64, String> {
 }
 
 fn main() -> ExitCode {
-    let Cli { command: Command::Export(export) } = Cli::parse();
-    match run_export(&export) {
+    let cli = Cli::parse();
+    let done = match &cli.command {
+        Some(Command::Export(export)) => run_export(export),
+        None => daemon::run(cli.daemon),
+    };
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");

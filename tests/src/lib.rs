@@ -1,9 +1,11 @@
-//! A rig for checks of the world: a scene with its engine laid open, joints that can be locked and forces that can be
-//! applied.
+//! What the checks share. A rig for checks of the world: a scene with its engine laid open, joints that can be locked and
+//! forces that can be applied. [`programs`] starts our programs as processes; [`lossy`] loses messages between them.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
 pub mod grasp;
+pub mod lossy;
 pub mod posture;
+pub mod programs;
 
 use std::sync::Arc;
 

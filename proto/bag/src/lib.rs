@@ -1,1 +1,23 @@
-//! Bags.
+//! Bags: one MCAP file for each episode, written and read.
+//!
+//! The messages of a row stand on topics of their own (see [`topic`]); log time is step times 20 ms, sequence is the step.
+//! The same episode gives the same bytes. What a grade needs (`/state`, `/event`, `/result`) has chunks of its own, so
+//! that a reader skips the rest without unpacking it. The chunk of the other topics comes first: a row whose state is
+//! in a file is there with everything that belongs to it, wherever the file was cut.
+//!
+//! Metadata `fiatlux` after the file's start is the header, `fiatlux.result` at its end the result. A bag that could not
+//! be completed has `fiatlux.cut` instead. While it is written a bag is named `NAME.mcap.part`.
+mod bag;
+mod error;
+mod metadata;
+mod resume;
+mod scan;
+mod stream;
+pub mod topic;
+mod writer;
+
+pub use bag::{Bag, Completeness};
+pub use error::BagError;
+pub use resume::Resumed;
+pub use stream::Messages;
+pub use writer::{BagWriter, ROWS_PER_CHUNK, part_of};

@@ -1,1 +1,29 @@
-//! The Zenoh session.
+//! The Zenoh session of our programs: its options on the command line, its defaults, and the log.
+//!
+//! Nothing leaves the loopback interface unless a flag or a config file asks for it: without them a server listens on
+//! [`DEFAULT_ENDPOINT`], a client connects to it, and neither scouts.
+mod args;
+mod config;
+mod error;
+mod log;
+
+use zenoh::{Session, Wait};
+
+pub use args::{LinkArgs, LinkMode};
+pub use config::Role;
+pub use error::LinkError;
+pub use log::init_log;
+
+/// Where a server listens and a client looks for it, unless told otherwise.
+pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
+
+/// How long the start of a client waits for what it connects to, s. A server keeps trying without end.
+pub const CONNECT_TIMEOUT_S: f64 = 5.0;
+
+/// A session for one process: its parts talk to each other, and there is no network at all.
+///
+/// # Errors
+/// [`LinkError::Open`]: Zenoh could not start its threads.
+pub fn embedded() -> Result<Session, LinkError> {
+    zenoh::open(config::embedded()?).wait().map_err(|source| LinkError::Open { reason: source.to_string() })
+}

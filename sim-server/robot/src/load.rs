@@ -1,6 +1,7 @@
 //! From a robot file to a checked robot.
 
 use fiatlux_dynamics::Material;
+use sha2::{Digest, Sha256};
 
 use crate::file::RobotFile;
 use crate::gains::Gains;
@@ -42,6 +43,7 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         q0: vec![0.0; joints.len()],
         sonic: Gains(joints.iter().map(|j| j.gains).collect()),
         name: file.name.clone(),
+        digest: Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect(),
         links,
         joints,
         shapes,

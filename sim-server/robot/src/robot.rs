@@ -43,6 +43,7 @@ pub struct Joint {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     pub(crate) name: String,
+    pub(crate) digest: String,
     pub(crate) links: Vec<Link>,
     pub(crate) joints: Vec<Joint>,
     pub(crate) shapes: Vec<Shape>,
@@ -76,6 +77,11 @@ impl Robot {
     /// Name of the robot.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// SHA-256 of the text that the robot was read from, hexadecimal.
+    pub fn digest(&self) -> &str {
+        &self.digest
     }
 
     /// All links; entry 0 is the root (the pelvis).

@@ -5,6 +5,7 @@ mod check;
 mod parts;
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use toml::de::{DeTable, DeValue};
 
 pub use parts::{
@@ -72,6 +73,13 @@ impl SceneConfig {
             }
             result => result.map(|()| config),
         }
+    }
+
+    /// SHA-256 of the config as TOML with every value written out, hexadecimal.
+    pub fn digest(&self) -> String {
+        // A struct of numbers, texts and lists always has a form in TOML.
+        let text = toml::to_string(self).unwrap_or_default();
+        Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
     /// Checks that the numbers make a scene. Needed only after a change in place; [`SceneConfig::from_toml`] checks.

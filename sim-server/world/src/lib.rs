@@ -2,6 +2,7 @@
 //! robot, their draw by seed, the socket's hold on a bulb, and the tasks' start states.
 mod attach;
 pub mod config;
+mod episode;
 mod error;
 mod layout;
 mod observe;
@@ -13,6 +14,7 @@ mod world;
 
 pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
 pub use config::SceneConfig;
+pub use episode::{Command, Episode, EpisodeError, EpisodeSpec, Step, Totals};
 pub use error::{SceneError, WorldError};
 pub use layout::{LadderStart, Layout, Mount, Place};
 pub use observe::{NoiseSeed, Observer, Proprioception};

@@ -1,0 +1,65 @@
+//! `policy-client list`.
+
+use clap::Args;
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_policy::describe_servers;
+use fiatlux_proto::v1::ServerInfo;
+use serde_json::{Value, json};
+
+use super::Failure;
+
+/// Options of `list`.
+#[derive(Debug, Args)]
+pub struct ListArgs {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    link: LinkArgs,
+}
+
+/// Prints the servers; false if there is none.
+pub fn list(args: &ListArgs) -> Result<bool, Failure> {
+    let link = args.link.open(Role::Client)?;
+    let servers = describe_servers(&link)?;
+    if args.json {
+        println!("{:#}", Value::Array(servers.iter().map(as_json).collect()));
+    } else if servers.is_empty() {
+        eprintln!("no server answers; start `sim-server`, or name where it is with -e tcp/HOST:PORT");
+    }
+    for server in servers.iter().filter(|_| !args.json) {
+        let tasks: Vec<&str> = server.tasks.iter().map(|task| task.task.as_str()).collect();
+        println!(
+            "{}  version {}  {} of {} sessions open\n    tasks    {}\n    sensors  {}\n    gains    {}",
+            server.server,
+            server.version,
+            server.open_sessions,
+            server.capacity,
+            tasks.join(" "),
+            server.sensors.join(" "),
+            server.gains.join(" ")
+        );
+    }
+    Ok(!servers.is_empty())
+}
+
+fn as_json(server: &ServerInfo) -> Value {
+    let task = |task: &fiatlux_proto::v1::TaskInfo| {
+        json!({
+            "task": task.task, "id": task.id, "name": task.name, "instruction": task.instruction,
+            "horizon_steps": task.horizon_steps, "weight": task.weight,
+        })
+    };
+    json!({
+        "server": server.server,
+        "version": server.version,
+        "protocol": server.protocol.as_ref().map(ToString::to_string),
+        "capacity": server.capacity,
+        "open_sessions": server.open_sessions,
+        "tasks": server.tasks.iter().map(task).collect::<Vec<_>>(),
+        "sensors": server.sensors,
+        "gains": server.gains,
+        "model_digest": server.model_digest,
+        "scene_digest": server.scene_digest,
+    })
+}

@@ -1,0 +1,80 @@
+//! What came of a run, as text or JSON.
+
+use fiatlux_policy::RoundTrips;
+use fiatlux_proto::v1::{EpisodeEnd, SessionInfo};
+use serde_json::{Value, json};
+
+/// An episode that has ended.
+pub struct Episode {
+    pub index: u64,
+    pub end: EpisodeEnd,
+    pub wall_s: f64,
+}
+
+/// What came of a run so far.
+pub struct Report {
+    head: Value,
+    episodes: Vec<Value>,
+    /// Digest of the recorded episode.
+    digest: Option<String>,
+    equal: bool,
+}
+
+impl Report {
+    pub fn new(policy: &str, info: &SessionInfo, digest: Option<String>) -> Self {
+        let task = info.task.as_ref().map_or("", |task| task.task.as_str());
+        let head = json!({
+            "policy": policy, "task": task, "seed": info.seed, "server": info.server, "session": info.session,
+            "mode": info.mode().as_str_name(), "gains": info.gains,
+        });
+        Self { head, episodes: Vec::new(), digest, equal: true }
+    }
+
+    /// Whether no replayed episode differs from its recording.
+    pub fn is_equal(&self) -> bool {
+        self.equal
+    }
+
+    /// Adds an episode; as text it is printed at once.
+    pub fn add(&mut self, episode: Episode, as_json: bool) {
+        let Episode { index, end, wall_s } = episode;
+        let equal = self.digest.as_ref().map(|digest| *digest == end.digest);
+        self.equal &= equal.unwrap_or(true);
+        if !as_json {
+            println!(
+                "{} seed {} episode {index}: {} after {} steps, {} ({wall_s:.1} s)\n    digest {}",
+                self.head["task"].as_str().unwrap_or_default(),
+                self.head["seed"],
+                end.cause,
+                end.steps,
+                if end.success { "success" } else { "no success" },
+                end.digest
+            );
+            match (equal, &self.digest) {
+                (Some(true), _) => println!("    digest equal"),
+                (Some(false), Some(recorded)) => println!(
+                    "    digest differs: the bag has {recorded}\n    the rows are not the same: compare the versions, \
+                     the model and scene digests and the options with the bag's header"
+                ),
+                _ => {}
+            }
+        }
+        self.episodes.push(json!({
+            "episode": index, "cause": end.cause, "causes": end.causes, "steps": end.steps, "success": end.success,
+            "digest": end.digest, "wall_s": wall_s, "recorded_digest": self.digest, "digest_equal": equal,
+        }));
+    }
+
+    /// Prints what stands at the end.
+    pub fn finish(&self, trips: &RoundTrips, as_json: bool) {
+        let [p50, p99] = [0.5, 0.99].map(|share| trips.quantile_s(share).map(|seconds| seconds * 1e6));
+        if as_json {
+            let mut all = self.head.clone();
+            all["episodes"] = json!(self.episodes);
+            all["round_trip"] = json!({ "count": trips.count(), "p50_us": p50, "p99_us": p99 });
+            println!("{all:#}");
+        } else if let (Some(p50), Some(p99)) = (p50, p99) {
+            tracing::info!("a step took {p50:.0} us (median), {p99:.0} us (99th percentile)");
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! Which servers there are.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, Instant};
+
+use fiatlux_proto::keys::{ServerKeys, any_alive, server_of};
+use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+use fiatlux_proto::v1::ServerInfo;
+use fiatlux_proto::{PROTOCOL, decode, is_compatible};
+use zenoh::query::{ConsolidationMode, QueryTarget};
+use zenoh::{Session, Wait};
+
+use super::ClientError;
+
+/// Tokens take a moment to arrive after a connection. For so long a server is looked for, s.
+const DISCOVERY_S: f64 = 5.0;
+
+/// One look takes so long at most.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// Name of the server to use: the one that is asked for, if it is there, or the only one there is.
+///
+/// # Errors
+/// No server, several of them, or another one; the error lists them.
+pub fn find_server(link: &Session, wanted: Option<&str>) -> Result<String, ClientError> {
+    let start = Instant::now();
+    loop {
+        let found: Vec<String> = look(link)?.into_iter().collect();
+        match (wanted, found.as_slice()) {
+            (Some(name), _) if found.iter().any(|other| other == name) => return Ok(name.into()),
+            (None, [only]) => return Ok(only.clone()),
+            (None, [_, _, ..]) => return Err(ClientError::SeveralServers { found }),
+            _ => {}
+        }
+        if start.elapsed().as_secs_f64() >= DISCOVERY_S {
+            return Err(match wanted {
+                Some(name) => ClientError::NotThere { name: name.into(), found, waited_s: DISCOVERY_S },
+                None => ClientError::NoServer { waited_s: DISCOVERY_S },
+            });
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// What every server that answers within about a second says of itself, by name. One whose answer cannot be read, or that
+/// speaks another major version, is passed over with a line in the log.
+///
+/// # Errors
+/// Zenoh fails.
+pub fn describe_servers(link: &Session) -> Result<Vec<ServerInfo>, ClientError> {
+    let mut servers = BTreeMap::new();
+    for _ in 0..2 {
+        let query = link.get(ServerKeys::new("*").describe()).target(QueryTarget::All);
+        let query = query.consolidation(ConsolidationMode::None).timeout(LOOK);
+        for reply in query.wait().map_err(ClientError::zenoh)? {
+            let Ok(sample) = reply.result() else { continue };
+            match decode::<ServerInfo>(&sample.payload().to_bytes(), MAX_SERVER_MESSAGE) {
+                Ok(info) if info.protocol.as_ref().is_some_and(is_compatible) => {
+                    servers.insert(info.server.clone(), info);
+                }
+                Ok(info) => {
+                    let version = info.protocol.map_or_else(|| "no version".into(), |version| version.to_string());
+                    tracing::warn!("server {} speaks protocol {version}, this client {PROTOCOL}", info.server);
+                }
+                Err(error) => tracing::warn!("{}: {error}", sample.key_expr()),
+            }
+        }
+        if !servers.is_empty() {
+            break;
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(servers.into_values().collect())
+}
+
+fn look(link: &Session) -> Result<BTreeSet<String>, ClientError> {
+    let replies = link.liveliness().get(any_alive()).timeout(LOOK).wait().map_err(ClientError::zenoh)?;
+    let name = |reply: zenoh::query::Reply| {
+        let sample = reply.result().ok()?;
+        server_of(sample.key_expr().as_str()).map(str::to_owned)
+    };
+    Ok(replies.into_iter().filter_map(name).collect())
+}

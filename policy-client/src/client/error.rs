@@ -1,0 +1,104 @@
+//! What can go wrong between a client and its server.
+
+use fiatlux_proto::v1::{Refusal, Version};
+use fiatlux_proto::{DecodeError, PROTOCOL};
+use thiserror::Error;
+
+use crate::{PolicyError, SessionFailure};
+
+/// Why a client cannot go on.
+#[derive(Debug, Error)]
+pub enum ClientError {
+    /// Nobody answers.
+    #[error("no server was found within {waited_s} s; start `sim-server`, or name where it is with -e tcp/HOST:PORT")]
+    NoServer {
+        /// How long was looked, s.
+        waited_s: f64,
+    },
+    /// More than one answers.
+    #[error("there are several servers: {}; choose one with --server NAME", found.join(", "))]
+    SeveralServers {
+        /// Their names.
+        found: Vec<String>,
+    },
+    /// Others answer, but not the one asked for.
+    #[error("server '{name}' was not found within {waited_s} s; there is {}", if found.is_empty() { "none".into() } else { found.join(", ") })]
+    NotThere {
+        /// As asked for.
+        name: String,
+        /// Who is there.
+        found: Vec<String>,
+        /// How long was looked, s.
+        waited_s: f64,
+    },
+    /// The server refuses a request.
+    #[error("server {server} refuses{}: {message}", if field.is_empty() { String::new() } else { format!(" '{field}'") })]
+    Refused {
+        /// Name of the server.
+        server: String,
+        /// Field of the request; may be empty.
+        field: String,
+        /// The server's words, with what to do.
+        message: String,
+    },
+    /// Another major version.
+    #[error("server {server} speaks protocol {found}, this client {PROTOCOL}; use a client of the server's version")]
+    Version {
+        /// Name of the server.
+        server: String,
+        /// Its version.
+        found: Version,
+    },
+    /// A reply cannot be read.
+    #[error("the reply of server {server} cannot be read; use server and client of the same version")]
+    Unreadable {
+        /// Name of the server.
+        server: String,
+        /// Why.
+        #[source]
+        source: DecodeError,
+    },
+    /// The server describes a session that cannot be.
+    #[error("the server's session cannot be used: {reason}; use server and client of the same version")]
+    Session {
+        /// What is wrong.
+        reason: String,
+    },
+    /// No answer to a query.
+    #[error("{key} was not answered within {waited_s} s; check that the server runs (`policy-client list`) and try again")]
+    Unanswered {
+        /// Key of the query.
+        key: String,
+        /// How long was waited, s.
+        waited_s: f64,
+    },
+    /// The episode cannot go on.
+    #[error(transparent)]
+    Episode(#[from] SessionFailure),
+    /// The policy gives up.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// A stop was asked for.
+    #[error("stopped")]
+    Stopped,
+    /// Zenoh fails.
+    #[error("Zenoh fails: {reason}; check the link (RUST_LOG=zenoh=debug shows more) and start again")]
+    Zenoh {
+        /// Its words.
+        reason: String,
+    },
+}
+
+impl ClientError {
+    pub(super) fn zenoh(source: zenoh::Error) -> Self {
+        Self::Zenoh { reason: source.to_string() }
+    }
+
+    pub(super) fn unreadable(server: &str) -> impl FnOnce(DecodeError) -> Self {
+        move |source| Self::Unreadable { server: server.into(), source }
+    }
+
+    pub(super) fn refused(server: &str, refusal: Refusal) -> Self {
+        Self::Refused { server: server.into(), field: refusal.field, message: refusal.message }
+    }
+}

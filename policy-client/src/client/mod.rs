@@ -1,0 +1,240 @@
+//! A client on a Zenoh session: finds a server, opens a session on it, and carries messages between it and a
+//! [`ClientSession`].
+
+mod discover;
+mod error;
+mod mailbox;
+mod query;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
+use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+use fiatlux_proto::v1::{
+    CloseReply, CloseRequest, EpisodeEnd, OpenReply, OpenRequest, SessionInfo, open_reply,
+};
+use fiatlux_proto::{PROTOCOL, decode, encoding, is_compatible};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::{Session, Wait};
+
+use crate::session::{ClientSession, Output};
+use crate::{Policy, RoundTrips};
+pub use discover::{describe_servers, find_server};
+pub use error::ClientError;
+use mailbox::{Mail, Mailbox};
+
+/// The time that a server has to answer `open`; it may build the scene first, s.
+const OPEN_TIMEOUT_S: f64 = 60.0;
+
+/// The time that a server has to answer `close`, s.
+const CLOSE_TIMEOUT_S: f64 = 3.0;
+
+/// Longer than a server waits for its recorder before it stages an episode, and less than the session waits for the query.
+const RESET_TIMEOUT: Duration = Duration::from_secs(15);
+
+const LAST_OBSERVATION_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// A stop that is asked for is noticed within this time.
+const STOP_PERIOD: Duration = Duration::from_millis(50);
+
+/// An open session. [`Client::close`] ends it at once; a client that is dropped is missed by the server after the grace
+/// time.
+#[derive(Debug)]
+pub struct Client {
+    link: Session,
+    keys: SessionKeys,
+    info: SessionInfo,
+    mailbox: Arc<Mailbox>,
+    actions: Publisher<'static>,
+    state: ClientSession,
+    origin: Instant,
+    round_trips: RoundTrips,
+    _token: LivelinessToken,
+    _subscribers: [Subscriber<()>; 2],
+}
+
+impl Client {
+    /// Opens a session on the server of that name, or on the only one there is. The protocol's version is filled in.
+    ///
+    /// # Errors
+    /// [`ClientError`]: no server or several, a request that is refused, another version.
+    pub fn open(link: &Session, server: Option<&str>, request: OpenRequest) -> Result<Self, ClientError> {
+        let server = find_server(link, server)?;
+        let request = OpenRequest { protocol: Some(PROTOCOL), ..request };
+        let bytes = query::ask(link, &ServerKeys::new(&server).open(), "OpenRequest", &request, OPEN_TIMEOUT_S)?;
+        let reply = decode::<OpenReply>(&bytes, MAX_SERVER_MESSAGE).map_err(ClientError::unreadable(&server))?;
+        let info = match reply.reply {
+            Some(open_reply::Reply::Session(info)) => check(info)?,
+            Some(open_reply::Reply::Refusal(refusal)) => return Err(ClientError::refused(&server, refusal)),
+            None => return Err(ClientError::Session { reason: "the reply is empty".into() }),
+        };
+        let keys = ServerKeys::new(&server).session(&info.session);
+        let token = link.liveliness().declare_token(keys.client()).wait().map_err(ClientError::zenoh)?;
+        let mailbox = Arc::new(Mailbox::default());
+        let subscribers =
+            [subscribe(link, keys.observation(), &mailbox, Mail::Observation)?, subscribe(link, keys.notice(), &mailbox, Mail::Notice)?];
+        let actions = link.declare_publisher(keys.action()).encoding(encoding("Action"));
+        // The server waits for nothing else: no batching, and ahead of whatever else is on the link.
+        let actions = actions.express(true).priority(Priority::RealTime).congestion_control(CongestionControl::Block);
+        let actions = actions.wait().map_err(ClientError::zenoh)?;
+        Ok(Self {
+            link: link.clone(),
+            state: ClientSession::new(&info),
+            keys,
+            info,
+            mailbox,
+            actions,
+            origin: Instant::now(),
+            round_trips: RoundTrips::default(),
+            _token: token,
+            _subscribers: subscribers,
+        })
+    }
+
+    /// The session as the server described it.
+    pub fn info(&self) -> &SessionInfo {
+        &self.info
+    }
+
+    /// How long steps took so far, over all episodes.
+    pub fn round_trips(&self) -> &RoundTrips {
+        &self.round_trips
+    }
+
+    /// Runs one episode. `progress` is told the step of each observation that the policy is about to answer. A `stop` that
+    /// becomes true ends the run with [`ClientError::Stopped`].
+    ///
+    /// # Errors
+    /// The policy gives up, the server refuses or does not answer, the link is lost for too long, or `stop`.
+    pub fn run_episode(
+        &mut self,
+        episode: u64,
+        policy: &mut dyn Policy,
+        progress: &mut dyn FnMut(u64),
+        stop: &AtomicBool,
+    ) -> Result<EpisodeEnd, ClientError> {
+        let name = policy.name();
+        let mut is_reset = false;
+        self.state.start(episode, self.now_s());
+        loop {
+            if stop.load(Ordering::Relaxed) {
+                return Err(ClientError::Stopped);
+            }
+            let now_s = self.now_s();
+            while let Some(mail) = self.mailbox.take() {
+                self.deliver(mail, now_s);
+            }
+            self.state.tick(now_s);
+            self.round_trips.extend(self.state.take_round_trip_s());
+            while let Some(output) = self.state.poll() {
+                match output {
+                    Output::Done(end) => return Ok(end),
+                    Output::Failed(failure) => return Err(failure.into()),
+                    other => self.send(other)?,
+                }
+            }
+            let Some(observation) = self.state.to_answer() else {
+                let wake = self.state.wake_s().map_or(STOP_PERIOD, |at_s| seconds(at_s - self.now_s()));
+                self.mailbox.wait(wake.min(STOP_PERIOD));
+                continue;
+            };
+            if !is_reset {
+                policy.reset(&self.info, observation)?;
+                is_reset = true;
+            }
+            progress(observation.step);
+            let command = policy.act(observation)?;
+            let now_s = self.now_s();
+            self.state.act(&name, command, now_s)?;
+        }
+    }
+
+    /// Closes the session, so that the server need not wait for the grace time.
+    ///
+    /// # Errors
+    /// The server does not answer, or has closed the session already.
+    pub fn close(self) -> Result<(), ClientError> {
+        let bytes = query::ask(&self.link, &self.keys.close(), "CloseRequest", &CloseRequest {}, CLOSE_TIMEOUT_S)?;
+        let reply = decode::<CloseReply>(&bytes, MAX_SERVER_MESSAGE);
+        match reply.map_err(ClientError::unreadable(&self.info.server))?.refusal {
+            Some(refusal) => Err(ClientError::refused(&self.info.server, refusal)),
+            None => Ok(()),
+        }
+    }
+
+    fn now_s(&self) -> f64 {
+        self.origin.elapsed().as_secs_f64()
+    }
+
+    fn deliver(&mut self, mail: Mail, now_s: f64) {
+        match mail {
+            Mail::Observation(bytes) => self.state.observation(&bytes, now_s),
+            Mail::Notice(bytes) => {
+                tracing::debug!("a notice of {} bytes", bytes.len());
+                self.state.notice(&bytes);
+            }
+            Mail::Reset(Some(Ok(bytes))) => self.state.reset_reply(&bytes, now_s),
+            Mail::Reset(Some(Err(_)) | None) => self.state.reset_unanswered(now_s),
+            Mail::LastObservation(Some(Ok(bytes))) => {
+                self.state.observation_answered();
+                self.state.observation(&bytes, now_s);
+            }
+            Mail::LastObservation(Some(Err(bytes))) => self.state.observation_refused(Some(&bytes)),
+            Mail::LastObservation(None) => self.state.observation_refused(None),
+        }
+    }
+
+    fn send(&self, output: Output) -> Result<(), ClientError> {
+        match output {
+            Output::Action(bytes) => self.actions.put(bytes).wait().map_err(ClientError::zenoh),
+            Output::Reset(bytes) => {
+                query::post(&self.link, &self.keys.reset(), bytes, RESET_TIMEOUT, &self.mailbox, Mail::Reset)
+            }
+            Output::AskObservation => {
+                let (key, mail) = (self.keys.observation(), Mail::LastObservation);
+                query::post(&self.link, &key, Vec::new(), LAST_OBSERVATION_TIMEOUT, &self.mailbox, mail)
+            }
+            Output::Done(_) | Output::Failed(_) => Ok(()),
+        }
+    }
+}
+
+fn subscribe(
+    link: &Session,
+    key: String,
+    mailbox: &Arc<Mailbox>,
+    mail: fn(Vec<u8>) -> Mail,
+) -> Result<Subscriber<()>, ClientError> {
+    let mailbox = Arc::clone(mailbox);
+    let receive = move |sample: zenoh::sample::Sample| mailbox.put(mail(sample.payload().to_bytes().into_owned()));
+    link.declare_subscriber(key).callback(receive).wait().map_err(ClientError::zenoh)
+}
+
+/// Refuses a session that a policy could not work in.
+fn check(info: SessionInfo) -> Result<SessionInfo, ClientError> {
+    let refuse = |reason: String| Err(ClientError::Session { reason });
+    match info.protocol {
+        Some(version) if is_compatible(&version) => {}
+        Some(found) => return Err(ClientError::Version { server: info.server, found }),
+        None => return refuse("it names no version".into()),
+    }
+    if !is_name(&info.session) {
+        return refuse(format!("its id '{}' fits in no key", info.session.escape_debug()));
+    }
+    if info.joints.is_empty() {
+        return refuse("its robot has no joints".into());
+    }
+    let numbers = info.joints.iter().flat_map(|j| [j.lower, j.upper, j.q0, j.stiffness, j.damping, j.effort_limit]);
+    if !numbers.chain([info.control_dt, info.action_scale]).all(f64::is_finite) {
+        return refuse("a number of its robot is not finite".into());
+    }
+    Ok(info)
+}
+
+fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds.max(0.0)).unwrap_or(STOP_PERIOD)
+}

@@ -1,0 +1,29 @@
+//! Policy `hold`.
+
+use fiatlux_proto::v1::{Observation, SessionInfo};
+
+use crate::{Command, Policy, PolicyError};
+
+/// Keeps the posture of the start: repeats the last action of observation 0, which is the staged posture.
+#[derive(Debug, Default)]
+pub struct Hold {
+    posture: Vec<f64>,
+}
+
+impl Policy for Hold {
+    fn name(&self) -> String {
+        "hold".into()
+    }
+
+    fn reset(&mut self, _info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        if first.last_action.is_empty() {
+            return Err(PolicyError::Sensor { policy: "hold", sensor: "last_action" });
+        }
+        self.posture = first.last_action.iter().map(|&angle| f64::from(angle)).collect();
+        Ok(())
+    }
+
+    fn act(&mut self, _observation: &Observation) -> Result<Command, PolicyError> {
+        Ok(Command::Action(self.posture.clone()))
+    }
+}

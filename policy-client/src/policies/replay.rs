@@ -1,0 +1,64 @@
+//! Policy `replay`.
+
+use std::path::Path;
+
+use fiatlux_bag::Bag;
+use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult, Observation, SessionInfo};
+
+use crate::{Command, Policy, PolicyError};
+
+/// Sends the actions of a recorded episode once more, exactly as they were received.
+#[derive(Debug)]
+pub struct Replay {
+    header: EpisodeHeader,
+    result: Option<EpisodeResult>,
+    commands: Vec<Command>,
+}
+
+impl Replay {
+    /// Reads a bag's actions.
+    ///
+    /// # Errors
+    /// A bag that cannot be read.
+    pub fn open(path: &Path) -> Result<Self, PolicyError> {
+        let bag = Bag::open(path)?;
+        let mut commands = Vec::new();
+        for message in bag.actions() {
+            let action = message?.action.unwrap_or_default();
+            let targets = action.action.is_empty() && !action.joint_target.is_empty();
+            let command = if targets { Command::JointTarget(action.joint_target) } else { Command::Action(action.action) };
+            commands.push(command);
+        }
+        Ok(Self { header: bag.header().clone(), result: bag.result().cloned(), commands })
+    }
+
+    /// What was set when the episode was recorded.
+    pub fn header(&self) -> &EpisodeHeader {
+        &self.header
+    }
+
+    /// How the recorded episode ended, where the bag goes so far.
+    pub fn result(&self) -> Option<&EpisodeResult> {
+        self.result.as_ref()
+    }
+}
+
+impl Policy for Replay {
+    fn name(&self) -> String {
+        format!("replay:{}", self.header.policy)
+    }
+
+    fn reset(&mut self, info: &SessionInfo, _first: &Observation) -> Result<(), PolicyError> {
+        let names = info.joints.iter().map(|joint| &joint.name);
+        if names.eq(&self.header.joint_names) {
+            return Ok(());
+        }
+        let reason = "the bag's robot has other joints; replay it on a server of the version that recorded it".into();
+        Err(PolicyError::Unfit { policy: "replay", reason })
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let command = usize::try_from(observation.step).ok().and_then(|step| self.commands.get(step));
+        command.cloned().ok_or(PolicyError::Ended { actions: self.commands.len(), step: observation.step })
+    }
+}

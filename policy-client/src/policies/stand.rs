@@ -1,0 +1,68 @@
+//! Policy `stand`.
+
+use std::sync::Arc;
+
+use fiatlux_proto::v1::{Observation, Proprioception, SessionInfo};
+use fiatlux_robot::{Gains, JointGains, Robot};
+
+use crate::balance::{Balance, Sensed};
+use crate::{Command, Policy, PolicyError};
+
+/// Keeps the robot upright on level ground; [`crate::balance`] says how.
+#[derive(Debug, Default)]
+pub struct Stand {
+    balance: Option<Balance>,
+}
+
+impl Policy for Stand {
+    fn name(&self) -> String {
+        "stand".into()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        proprioception(first)?;
+        if first.last_action.is_empty() {
+            return Err(PolicyError::Sensor { policy: "stand", sensor: "last_action" });
+        }
+        let unfit = |reason: String| PolicyError::Unfit { policy: "stand", reason };
+        let robot = Robot::g1_inspire().map_err(|error| unfit(error.to_string()))?;
+        if !robot.joints().iter().map(|joint| &joint.name).eq(info.joints.iter().map(|joint| &joint.name)) {
+            return Err(unfit("it knows the joints of a G1 with Inspire hands only; use another policy".into()));
+        }
+        let gain = |(joint, own): (&fiatlux_proto::v1::Joint, &JointGains)| JointGains {
+            stiffness: joint.stiffness,
+            damping: joint.damping,
+            effort_limit: joint.effort_limit,
+            ..*own
+        };
+        let own = robot.gains(Default::default());
+        let gains = Gains(info.joints.iter().zip(&own.0).map(gain).collect());
+        let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
+        let target = |(q0, action): (&f64, &f32)| q0 + info.action_scale * f64::from(*action);
+        let staged: Vec<f64> = q0.iter().zip(&first.last_action).map(target).collect();
+        self.balance = Some(Balance::new(Arc::new(robot), gains, &q0, &staged)?);
+        Ok(())
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let (Some(balance), sensed) = (&mut self.balance, proprioception(observation)?) else {
+            return Err(PolicyError::Unfit { policy: "stand", reason: "it was not reset; reset it first".into() });
+        };
+        let joint_position: Vec<f64> = sensed.joint_position.iter().map(|&angle| f64::from(angle)).collect();
+        let sensed = Sensed {
+            base_angular_velocity: vector(&sensed.base_angular_velocity),
+            projected_gravity: vector(&sensed.projected_gravity),
+            base_linear_velocity: vector(&sensed.base_linear_velocity),
+            joint_position: &joint_position,
+        };
+        Ok(Command::JointTarget(balance.step(&sensed)?.to_vec()))
+    }
+}
+
+fn proprioception(observation: &Observation) -> Result<&Proprioception, PolicyError> {
+    observation.proprioception.as_ref().ok_or(PolicyError::Sensor { policy: "stand", sensor: "proprioception" })
+}
+
+fn vector(term: &[f32]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| term.get(axis).map_or(f64::NAN, |&value| f64::from(value)))
+}

@@ -1,0 +1,26 @@
+//! Policy `zero`.
+
+use fiatlux_proto::v1::{Observation, SessionInfo};
+
+use crate::{Command, Policy, PolicyError};
+
+/// All actions 0: every joint is sent to its angle of the standing posture.
+#[derive(Debug, Default)]
+pub struct Zero {
+    joints: usize,
+}
+
+impl Policy for Zero {
+    fn name(&self) -> String {
+        "zero".into()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, _first: &Observation) -> Result<(), PolicyError> {
+        self.joints = info.joints.len();
+        Ok(())
+    }
+
+    fn act(&mut self, _observation: &Observation) -> Result<Command, PolicyError> {
+        Ok(Command::Action(vec![0.0; self.joints]))
+    }
+}

@@ -1,0 +1,92 @@
+//! What a policy is.
+
+use fiatlux_proto::v1::{Observation, SessionInfo};
+use thiserror::Error;
+
+use crate::balance::BalanceError;
+
+/// Turns observations into commands. The terms of an observation are of the right length where they are not empty;
+/// [`Policy::reset`] is the place to refuse a session that lacks a term.
+pub trait Policy: Send {
+    /// Name for the record.
+    fn name(&self) -> String;
+
+    /// An episode begins; `first` is its observation 0, which [`Policy::act`] is shown next.
+    ///
+    /// # Errors
+    /// The policy cannot work in this session.
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError>;
+
+    /// Answers an observation. In lockstep each is shown once, in order; in real time only the newest one.
+    ///
+    /// # Errors
+    /// The policy cannot go on.
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError>;
+}
+
+/// What the robot is told to do for one step: a number for each joint, in the order of `SessionInfo.joints`.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Command {
+    /// In action units: joint target = q0 + action_scale * action.
+    Action(Vec<f64>),
+    /// Joint targets, rad.
+    JointTarget(Vec<f64>),
+}
+
+/// Why a policy cannot be made or go on.
+#[derive(Debug, Error)]
+pub enum PolicyError {
+    /// No policy has that name.
+    #[error("there is no policy '{name}'; use one of {known}")]
+    Unknown {
+        /// As asked for.
+        name: String,
+        /// All names.
+        known: String,
+    },
+    /// The session does not give what the policy reads.
+    #[error("policy {policy} needs the sensor {sensor}, which the session does not give; ask for it when you open the session")]
+    Sensor {
+        /// Name of the policy.
+        policy: &'static str,
+        /// Name of the sensor.
+        sensor: &'static str,
+    },
+    /// The session's robot is not the one that the policy knows.
+    #[error("policy {policy} does not fit the session: {reason}")]
+    Unfit {
+        /// Name of the policy.
+        policy: &'static str,
+        /// What does not fit, and what to do.
+        reason: String,
+    },
+    /// The controller refuses.
+    #[error("the balance controller cannot go on")]
+    Balance(#[from] BalanceError),
+    /// A bag cannot be read.
+    #[error("the bag to be replayed cannot be read")]
+    Bag(#[from] fiatlux_bag::BagError),
+    /// A bag has no action for a step.
+    #[error(
+        "the bag has actions for the steps before {actions} and none for step {step}; it was cut, or this run went on \
+         longer than the recorded one did: compare task, seed, episode, gains, noise and thresholds with the bag's"
+    )]
+    Ended {
+        /// Number of recorded actions.
+        actions: usize,
+        /// The step that has none.
+        step: u64,
+    },
+    /// A command that no server takes.
+    #[error("policy {policy} commands {field} {problem} in step {step}; correct the policy")]
+    Command {
+        /// Name of the policy.
+        policy: String,
+        /// `action` or `joint_target`.
+        field: &'static str,
+        /// What is wrong with it.
+        problem: String,
+        /// Step of the observation that it answers.
+        step: u64,
+    },
+}

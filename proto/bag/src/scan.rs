@@ -1,0 +1,223 @@
+//! What a file holds, found by the lengths of its records, without unpacking a chunk.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use mcap::MAGIC;
+use mcap::records::op;
+
+use crate::{BagError, metadata};
+
+/// Longest record beside chunks that is read, bytes. A header takes about 10,000.
+const MAX_RECORD: u64 = 1 << 20;
+
+/// Most chunks of a file. An errand of 72,000 rows has about 1,200.
+const MAX_CHUNKS: usize = 1 << 16;
+
+/// Most channels of a file.
+const MAX_CHANNELS: usize = 256;
+
+/// Operation code and length.
+const HEAD: u64 = 9;
+
+/// What stands in a zstd chunk before its data, bytes.
+const CHUNK_HEAD: u64 = 8 + 8 + 8 + 4 + 4 + 4 + 8;
+
+/// Largest chunk that is unpacked, bytes.
+pub(crate) const MAX_CHUNK: u64 = 32 << 20;
+
+/// Topics by channel.
+pub(crate) type Channels = BTreeMap<u16, String>;
+
+/// A whole chunk record.
+#[derive(Debug, Clone)]
+pub(crate) struct ChunkAt {
+    pub offset: u64,
+    /// With operation code and length, bytes.
+    pub length: u64,
+    /// Latest log time in it, ns.
+    pub end_time: u64,
+    /// Channels that it has messages of, by its indexes; `None` when they are not all there.
+    pub channels: Option<Vec<u16>>,
+}
+
+impl ChunkAt {
+    /// Whether messages of a topic may stand in it, for all that is known.
+    pub fn may_have(&self, topic: &str, channels: &Channels) -> bool {
+        let is_other = |id: &u16| channels.get(id).is_some_and(|known| known != topic);
+        self.channels.as_ref().is_none_or(|ids| !ids.iter().all(is_other))
+    }
+}
+
+/// What was found.
+#[derive(Debug, Default)]
+pub(crate) struct Scan {
+    pub header: Option<BTreeMap<String, String>>,
+    pub result: Option<BTreeMap<String, String>>,
+    pub cut: Option<BTreeMap<String, String>>,
+    pub chunks: Vec<ChunkAt>,
+    /// As the summary has them.
+    pub channels: Channels,
+    /// Where and why the scan ended before the file's proper end.
+    pub broken: Option<(u64, String)>,
+}
+
+/// Reads a file's records up to its end or to the first that is not whole.
+pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
+    let file = File::open(path).map_err(BagError::io("open", path))?;
+    let size = file.metadata().map_err(BagError::io("read", path))?.len();
+    let mut reader = BufReader::new(file);
+    let mut scan = Scan::default();
+    let magic = read(&mut reader, (MAGIC.len() as u64).min(size)).map_err(BagError::io("read", path))?;
+    if magic != MAGIC {
+        return Err(BagError::not_a_bag(path, "it does not start as an MCAP file does"));
+    }
+    let mut at = MAGIC.len() as u64;
+    loop {
+        let cut = |what: &str| Some((at, format!("the file ends at byte {size}, {what}")));
+        if size - at < HEAD {
+            scan.broken = cut("before its summary's end");
+            break;
+        }
+        let head = read(&mut reader, HEAD).map_err(BagError::io("read", path))?;
+        let (opcode, length) = (head[0], take_u64(&mut &head[1..]).unwrap_or(u64::MAX));
+        if !(op::HEADER..=op::DATA_END).contains(&opcode) && opcode < 0x80 {
+            scan.broken = Some((at, format!("byte {at} starts no record")));
+            break;
+        }
+        if length > size - at - HEAD {
+            scan.broken = cut("in a record");
+            break;
+        }
+        let wanted = match opcode {
+            op::CHUNK => CHUNK_HEAD.min(length),
+            op::MESSAGE_INDEX => 2,
+            op::METADATA | op::CHANNEL => length,
+            _ => 0,
+        };
+        if wanted > length || wanted > MAX_RECORD {
+            scan.broken = Some((at, format!("the record at byte {at} has an impossible length")));
+            break;
+        }
+        let body = read(&mut reader, wanted).map_err(BagError::io("read", path))?;
+        let known = scan.record(opcode, at, HEAD + length, &body);
+        if known.is_none() {
+            scan.broken = Some((at, format!("the record at byte {at} cannot be read")));
+            break;
+        }
+        // Lengths are at most the file's size.
+        reader.seek_relative((length - wanted) as i64).map_err(BagError::io("read", path))?;
+        at += HEAD + length;
+        if opcode == op::FOOTER {
+            let end = read(&mut reader, (size - at).min(MAGIC.len() as u64 + 1)).map_err(BagError::io("read", path))?;
+            if end.len() < MAGIC.len() {
+                scan.broken = Some((at, format!("the file ends at byte {size}, before its end mark")));
+            } else if end != MAGIC {
+                scan.broken = Some((at, format!("byte {at} is not the end of an MCAP file")));
+            }
+            break;
+        }
+    }
+    if let (Some(_), Some(last)) = (&scan.broken, scan.chunks.last_mut()) {
+        // Some of its indexes may be lost.
+        if last.offset + last.length == at || last.channels.is_some() {
+            last.channels = None;
+        }
+    }
+    Ok(scan)
+}
+
+impl Scan {
+    fn record(&mut self, opcode: u8, offset: u64, length: u64, mut body: &[u8]) -> Option<()> {
+        match opcode {
+            op::CHUNK => {
+                let (_start_time, end_time) = (take_u64(&mut body)?, take_u64(&mut body)?);
+                let (unpacked, _crc) = (take_u64(&mut body)?, take::<4>(&mut body)?);
+                let (compression, packed) = (take_text(&mut body)?, take_u64(&mut body)?);
+                let fits = packed.checked_add(CHUNK_HEAD + HEAD) == Some(length) && packed.max(unpacked) <= MAX_CHUNK;
+                if compression != "zstd" || !fits || self.chunks.len() >= MAX_CHUNKS {
+                    return None;
+                }
+                self.chunks.push(ChunkAt { offset, length, end_time, channels: Some(Vec::new()) });
+            }
+            op::MESSAGE_INDEX => {
+                let channel = take_u16(&mut body)?;
+                let last = self.chunks.last_mut()?;
+                if let Some(channels) = &mut last.channels
+                    && !channels.contains(&channel)
+                {
+                    channels.push(channel);
+                }
+                if last.channels.as_ref().is_some_and(|channels| channels.len() > MAX_CHANNELS) {
+                    last.channels = None;
+                }
+            }
+            op::METADATA => {
+                let name = take_text(&mut body)?;
+                let record = match name.as_str() {
+                    metadata::HEADER => &mut self.header,
+                    metadata::RESULT => &mut self.result,
+                    metadata::CUT => &mut self.cut,
+                    _ => return Some(()),
+                };
+                if record.is_none() {
+                    *record = Some(take_map(&mut body)?);
+                }
+            }
+            op::CHANNEL => add_channel(&mut self.channels, body)?,
+            _ => {}
+        }
+        Some(())
+    }
+}
+
+/// Adds what a channel record says; `None` where it cannot be read or there are too many.
+pub(crate) fn add_channel(channels: &mut Channels, mut record: &[u8]) -> Option<()> {
+    let (id, _schema) = (take_u16(&mut record)?, take_u16(&mut record)?);
+    let topic = take_text(&mut record)?;
+    if channels.len() < MAX_CHANNELS {
+        channels.entry(id).or_insert(topic);
+        return Some(());
+    }
+    channels.contains_key(&id).then_some(())
+}
+
+fn read(reader: &mut impl Read, length: u64) -> std::io::Result<Vec<u8>> {
+    let mut bytes = vec![0; length as usize];
+    reader.read_exact(&mut bytes)?;
+    Ok(bytes)
+}
+
+fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
+    let (first, rest) = bytes.split_first_chunk::<N>()?;
+    *bytes = rest;
+    Some(*first)
+}
+
+pub(crate) fn take_u16(bytes: &mut &[u8]) -> Option<u16> {
+    take(bytes).map(u16::from_le_bytes)
+}
+
+pub(crate) fn take_u64(bytes: &mut &[u8]) -> Option<u64> {
+    take(bytes).map(u64::from_le_bytes)
+}
+
+fn take_text(bytes: &mut &[u8]) -> Option<String> {
+    let length = u32::from_le_bytes(take(bytes)?);
+    let (text, rest) = bytes.split_at_checked(length as usize)?;
+    *bytes = rest;
+    String::from_utf8(text.to_vec()).ok()
+}
+
+fn take_map(bytes: &mut &[u8]) -> Option<BTreeMap<String, String>> {
+    let length = u32::from_le_bytes(take(bytes)?);
+    let (mut entries, _) = bytes.split_at_checked(length as usize)?;
+    let mut map = BTreeMap::new();
+    while !entries.is_empty() {
+        let (name, value) = (take_text(&mut entries)?, take_text(&mut entries)?);
+        map.insert(name, value);
+    }
+    Some(map)
+}

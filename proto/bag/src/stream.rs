@@ -1,0 +1,173 @@
+//! The messages of a bag's chunks, one chunk in memory at a time.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::marker::PhantomData;
+use std::path::{Path, PathBuf};
+use std::slice;
+
+use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+use fiatlux_proto::{Message, decode};
+use mcap::records::op;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use prost::Name;
+
+use crate::BagError;
+use crate::scan::{Channels, ChunkAt, MAX_CHUNK, add_channel, take_u16, take_u64};
+use crate::writer::STEP_NS;
+
+/// A message in a chunk.
+pub(crate) struct Found<'a> {
+    pub channel: u16,
+    pub topic: &'a str,
+    pub step: u64,
+    pub bytes: &'a [u8],
+}
+
+/// Walks through one chunk after the other.
+pub(crate) struct ChunkReader {
+    path: PathBuf,
+    file: File,
+    reader: LinearReader,
+    /// The reader stands at the end of a chunk.
+    at_end: bool,
+    offset: u64,
+    /// Bytes of the chunk record that are not read yet.
+    remaining: u64,
+    pub channels: Channels,
+}
+
+fn new_reader() -> LinearReader {
+    let options = LinearReaderOptions::default().with_skip_start_magic(true).with_skip_end_magic(true);
+    // A checksum is compared before any message of its chunk is given out.
+    let options = options.with_prevalidate_chunk_crcs(true);
+    LinearReader::new_with_options(options.with_record_length_limit(MAX_CHUNK as usize))
+}
+
+impl ChunkReader {
+    pub fn open(path: &Path, channels: Channels) -> Result<Self, BagError> {
+        let file = File::open(path).map_err(BagError::io("open", path))?;
+        let reader = new_reader();
+        Ok(Self { path: path.into(), file, reader, at_end: true, offset: 0, remaining: 0, channels })
+    }
+
+    /// Goes to a chunk.
+    pub fn start(&mut self, chunk: &ChunkAt) -> Result<(), BagError> {
+        self.file.seek(SeekFrom::Start(chunk.offset)).map_err(BagError::io("read", &self.path))?;
+        if !self.at_end {
+            self.reader = new_reader();
+            self.at_end = true;
+        }
+        (self.offset, self.remaining) = (chunk.offset, chunk.length);
+        Ok(())
+    }
+
+    /// Shows messages to `look` until it takes one; `None` at the chunk's end.
+    pub fn find<T>(
+        &mut self,
+        mut look: impl FnMut(Found<'_>) -> Result<Option<T>, BagError>,
+    ) -> Result<Option<T>, BagError> {
+        let Self { path, file, reader, at_end, offset, remaining, channels } = self;
+        let damaged = |reason: &str| BagError::damaged(path, *offset, reason);
+        loop {
+            match reader.next_event() {
+                None => return Ok(None),
+                Some(Err(error)) => {
+                    (*at_end, *remaining) = (false, 0);
+                    return Err(damaged(&error.to_string()));
+                }
+                Some(Ok(LinearReadEvent::ReadRequest(hint))) => {
+                    *at_end = *remaining == 0;
+                    if *at_end {
+                        return Ok(None);
+                    }
+                    let wanted = (hint as u64).clamp(1, *remaining) as usize;
+                    let read = file.read(reader.insert(wanted)).map_err(BagError::io("read", path))?;
+                    if read == 0 {
+                        *remaining = 0;
+                        return Err(damaged("the file became shorter"));
+                    }
+                    reader.notify_read(read);
+                    *remaining -= read as u64;
+                }
+                Some(Ok(LinearReadEvent::Record { opcode: op::MESSAGE, data })) => {
+                    let (channel, step, bytes) = message(data).ok_or_else(|| damaged("a message without a head"))?;
+                    let topic = channels.get(&channel).ok_or_else(|| damaged("a message without a channel"))?;
+                    if let Some(taken) = look(Found { channel, topic, step, bytes })? {
+                        return Ok(Some(taken));
+                    }
+                }
+                Some(Ok(LinearReadEvent::Record { opcode: op::CHANNEL, data })) => {
+                    add_channel(channels, data).ok_or_else(|| damaged("a channel that cannot be read"))?;
+                }
+                Some(Ok(LinearReadEvent::Record { .. })) => {}
+            }
+        }
+    }
+}
+
+/// Channel, step and data of a message record.
+fn message(mut record: &[u8]) -> Option<(u16, u64, &[u8])> {
+    let channel = take_u16(&mut record)?;
+    let (_sequence, log_time) = (record.split_off(..4)?, take_u64(&mut record)?);
+    let _publish_time = take_u64(&mut record)?;
+    Some((channel, log_time / STEP_NS, record))
+}
+
+/// The messages of a topic, in the file's order; an error ends them.
+pub struct Messages<'a, M> {
+    path: &'a Path,
+    chunks: slice::Iter<'a, ChunkAt>,
+    topic: &'static str,
+    /// `None` at the end.
+    reader: Option<ChunkReader>,
+    /// What the next call has to say in place of a message.
+    error: Option<BagError>,
+    message: PhantomData<M>,
+}
+
+impl<'a, M: Message + Name + Default> Messages<'a, M> {
+    pub(crate) fn new(path: &'a Path, chunks: &'a [ChunkAt], channels: &Channels, topic: &'static str) -> Self {
+        let (reader, error) = match ChunkReader::open(path, channels.clone()) {
+            Ok(reader) => (Some(reader), None),
+            Err(error) => (None, Some(error)),
+        };
+        Self { path, chunks: chunks.iter(), topic, reader, error, message: PhantomData }
+    }
+
+    fn read(&mut self) -> Result<Option<M>, BagError> {
+        let Some(reader) = &mut self.reader else { return Ok(None) };
+        let (path, topic) = (self.path, self.topic);
+        loop {
+            let found = reader.find(|found| {
+                if found.topic != topic {
+                    return Ok(None);
+                }
+                let step = found.step;
+                let wrong = |source| BagError::Message { path: path.into(), topic, step, source };
+                decode(found.bytes, MAX_SERVER_MESSAGE).map(Some).map_err(wrong)
+            })?;
+            if found.is_some() {
+                return Ok(found);
+            }
+            let may_have = |chunk: &&ChunkAt| chunk.may_have(topic, &reader.channels);
+            let Some(chunk) = self.chunks.find(may_have) else { return Ok(None) };
+            reader.start(chunk)?;
+        }
+    }
+}
+
+impl<M: Message + Name + Default> Iterator for Messages<'_, M> {
+    type Item = Result<M, BagError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if let Some(error) = self.error.take() {
+            return Some(Err(error));
+        }
+        let read = self.read().transpose();
+        if !matches!(read, Some(Ok(_))) {
+            self.reader = None;
+        }
+        read
+    }
+}

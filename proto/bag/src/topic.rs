@@ -1,0 +1,94 @@
+//! Topics of a bag and the schemas of their messages.
+
+use std::sync::OnceLock;
+
+use fiatlux_proto::{DESCRIPTORS, Message};
+use prost_types::{FileDescriptorProto, FileDescriptorSet};
+
+/// `fiatlux.v1.State`, each row.
+pub const STATE: &str = "/state";
+/// `fiatlux.v1.Event`.
+pub const EVENT: &str = "/event";
+/// `fiatlux.v1.EpisodeResult`, the last message.
+pub const RESULT: &str = "/result";
+/// `fiatlux.v1.ActionRecord`, from row 1 on.
+pub const ACTION: &str = "/action";
+/// `fiatlux.v1.Observation`, each row.
+pub const OBSERVATION: &str = "/observation";
+/// `fiatlux.v1.Reward`, from row 1 on.
+pub const REWARD: &str = "/reward";
+/// `foxglove.FrameTransforms`, for viewers.
+pub const TF: &str = "/tf";
+/// `foxglove.SceneUpdate`, for viewers.
+pub const SCENE: &str = "/scene";
+
+/// Topics and full names of their messages; a topic's channel has its place here, from 1.
+pub(crate) const TOPICS: [(&str, &str); 8] = [
+    (STATE, "fiatlux.v1.State"),
+    (EVENT, "fiatlux.v1.Event"),
+    (RESULT, "fiatlux.v1.EpisodeResult"),
+    (ACTION, "fiatlux.v1.ActionRecord"),
+    (OBSERVATION, "fiatlux.v1.Observation"),
+    (REWARD, "fiatlux.v1.Reward"),
+    (TF, "foxglove.FrameTransforms"),
+    (SCENE, "foxglove.SceneUpdate"),
+];
+
+/// Whether a topic stands in the chunks that a grade reads.
+pub(crate) fn is_graded(topic: &str) -> bool {
+    [STATE, EVENT, RESULT].contains(&topic)
+}
+
+/// The channel of a topic.
+pub(crate) fn channel(topic: &str) -> Option<u16> {
+    TOPICS.iter().position(|(name, _)| *name == topic).map(|index| index as u16 + 1)
+}
+
+/// A `FileDescriptorSet` with the file of a message and all that it imports, imports first.
+pub(crate) fn schema(message: &str) -> Vec<u8> {
+    static FILES: OnceLock<Vec<FileDescriptorProto>> = OnceLock::new();
+    // Our own constant: it decodes.
+    let files = FILES.get_or_init(|| FileDescriptorSet::decode(DESCRIPTORS).unwrap_or_default().file);
+    let mut set = FileDescriptorSet::default();
+    let (package, name) = message.rsplit_once('.').unwrap_or_default();
+    let has =
+        |file: &&FileDescriptorProto| file.package() == package && file.message_type.iter().any(|m| m.name() == name);
+    if let Some(file) = files.iter().find(has) {
+        add(file, files, &mut set.file);
+    }
+    set.encode_to_vec()
+}
+
+fn add(file: &FileDescriptorProto, files: &[FileDescriptorProto], set: &mut Vec<FileDescriptorProto>) {
+    if set.iter().any(|known| known.name == file.name) {
+        return;
+    }
+    for import in &file.dependency {
+        if let Some(imported) = files.iter().find(|other| other.name() == import) {
+            add(imported, files, set);
+        }
+    }
+    // Comments are no part of a schema.
+    set.push(FileDescriptorProto { source_code_info: None, ..file.clone() });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn files(message: &str) -> Vec<String> {
+        let set = FileDescriptorSet::decode(schema(message).as_slice()).expect("a schema decodes");
+        set.file.into_iter().map(|file| file.name.unwrap_or_default()).collect()
+    }
+
+    #[test]
+    fn schemas_carry_their_imports_and_no_more() {
+        assert_eq!(files("fiatlux.v1.State"), ["fiatlux/v1/session.proto", "fiatlux/v1/truth.proto"]);
+        assert_eq!(files("fiatlux.v1.Observation"), ["fiatlux/v1/session.proto"]);
+        let frames = ["google/protobuf/timestamp.proto", "foxglove/geometry.proto", "foxglove/frames.proto"];
+        assert_eq!(files("foxglove.FrameTransforms"), frames);
+        for (topic, message) in TOPICS {
+            assert!(!files(message).is_empty(), "{topic}");
+        }
+    }
+}

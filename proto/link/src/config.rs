@@ -1,0 +1,216 @@
+//! Config of a session: Zenoh's defaults, then a file, then ours where the file is silent, then the flags.
+
+use serde_json::{Value, json};
+use zenoh::Config;
+use zenoh::config::EndPoint;
+
+use crate::{CONNECT_TIMEOUT_S, DEFAULT_ENDPOINT, LinkArgs, LinkError, LinkMode};
+
+/// What a program does in the service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Waits for others: listens, and keeps trying where it has to connect.
+    Server,
+    /// Needs a server: connects, and fails when nothing answers.
+    Client,
+}
+
+/// Largest message that is put together from parts, bytes: twice what a message of ours may have.
+const MAX_MESSAGE: usize = 2 * fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+
+/// Protocols that are built in.
+const PROTOCOLS: &[&str] = &["tcp"];
+
+const MODE: &str = "mode";
+const CONNECT: &str = "connect/endpoints";
+const CONNECT_TIMEOUT: &str = "connect/timeout_ms";
+const CONNECT_EXIT: &str = "connect/exit_on_failure";
+const CONNECT_RETRY: &str = "connect/retry";
+const LISTEN: &str = "listen/endpoints";
+const MULTICAST: &str = "scouting/multicast/enabled";
+const GOSSIP: &str = "scouting/gossip/enabled";
+const MESSAGE_SIZE: &str = "transport/link/rx/max_message_size";
+
+/// Config of a session that reaches nobody outside the process.
+pub fn embedded() -> Result<Config, LinkError> {
+    let mut config = Config::default();
+    for (key, value) in [
+        (MODE, json!("peer")),
+        (LISTEN, json!([])),
+        (CONNECT, json!([])),
+        (MULTICAST, json!(false)),
+        (GOSSIP, json!(false)),
+    ] {
+        set(&mut config, key, &value)?;
+    }
+    Ok(config)
+}
+
+/// Config of a program of that role with those options.
+pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
+    let mut config = match &args.config {
+        None => Config::default(),
+        Some(path) => Config::from_file(path)
+            .map_err(|source| LinkError::ConfigFile { path: path.clone(), reason: source.to_string() })?,
+    };
+    for (flag, endpoints) in [("--connect", &args.connect), ("--listen", &args.listen)] {
+        endpoints.iter().try_for_each(|endpoint| check_endpoint(flag, endpoint))?;
+    }
+
+    if let Some(mode) = args.mode {
+        let name = match mode {
+            LinkMode::Peer => "peer",
+            LinkMode::Client => "client",
+            LinkMode::Router => "router",
+        };
+        set(&mut config, MODE, &json!(name))?;
+    }
+    // Gossip makes peers connect to each other by addresses that nobody named.
+    set_where_silent(&mut config, MULTICAST, json!(false))?;
+    set_where_silent(&mut config, GOSSIP, json!(false))?;
+    set_where_silent(&mut config, MESSAGE_SIZE, json!(MAX_MESSAGE))?;
+    if args.no_multicast_scouting {
+        set(&mut config, MULTICAST, &json!(false))?;
+    }
+
+    let only_connects = get(&config, MODE) == json!("client");
+    let scouts = get(&config, MULTICAST) == json!(true);
+    let connects = !args.connect.is_empty() || !is_silent(&config, CONNECT);
+    let listens = !args.listen.is_empty() || !is_silent(&config, LISTEN);
+    if !args.connect.is_empty() {
+        set(&mut config, CONNECT, &json!(args.connect))?;
+    } else if !connects && !scouts && (role == Role::Client && !listens || only_connects) {
+        set(&mut config, CONNECT, &json!([DEFAULT_ENDPOINT]))?;
+    }
+    if !args.listen.is_empty() {
+        set(&mut config, LISTEN, &json!(args.listen))?;
+    } else if !listens {
+        // A server that is told whom to connect to is found there; Zenoh's own default would open a port to the world.
+        let default = role == Role::Server && !connects && !only_connects;
+        set(&mut config, LISTEN, &if default { json!([DEFAULT_ENDPOINT]) } else { json!([]) })?;
+    }
+    if role == Role::Client {
+        set_where_silent(&mut config, CONNECT_TIMEOUT, json!((CONNECT_TIMEOUT_S * 1000.0) as i64))?;
+        set_where_silent(&mut config, CONNECT_EXIT, json!(true))?;
+        let retry = json!({ "period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2 });
+        set_where_silent(&mut config, CONNECT_RETRY, retry)?;
+    }
+    Ok(config)
+}
+
+/// What a config asks for, to explain a failure with.
+#[derive(Debug)]
+pub struct Plan {
+    connect: String,
+    listen: String,
+    timeout_s: f64,
+}
+
+impl Plan {
+    /// Of that config.
+    pub fn of(config: &Config) -> Self {
+        let timeout_s = get(config, CONNECT_TIMEOUT).as_f64().unwrap_or(0.0) / 1000.0;
+        Self { connect: names(&get(config, CONNECT)), listen: names(&get(config, LISTEN)), timeout_s }
+    }
+
+    /// The error behind what Zenoh says.
+    pub fn explain(&self, reason: &str) -> LinkError {
+        let reason = reason.split(" at /").next().unwrap_or(reason).to_string();
+        let text = reason.to_lowercase();
+        if !self.listen.is_empty() && (text.contains("listener") || text.contains("address already in use")) {
+            return LinkError::Listen { endpoints: self.listen.clone(), reason };
+        }
+        if !self.connect.is_empty() && (text.contains("connect") || text.contains("timeout")) {
+            return LinkError::Connect { endpoints: self.connect.clone(), timeout_s: self.timeout_s, reason };
+        }
+        LinkError::Open { reason }
+    }
+}
+
+fn check_endpoint(flag: &'static str, endpoint: &str) -> Result<(), LinkError> {
+    let refuse = |reason: String| LinkError::Endpoint { flag, endpoint: endpoint.to_string(), reason };
+    let parsed: EndPoint = endpoint.parse().map_err(|_| refuse("is no endpoint".to_string()))?;
+    let protocol = parsed.protocol().as_str().to_string();
+    if PROTOCOLS.contains(&protocol.as_str()) {
+        Ok(())
+    } else {
+        Err(refuse(format!("the protocol {protocol} is not built in, only {}", PROTOCOLS.join(", "))))
+    }
+}
+
+/// Whether the config says nothing else there than Zenoh's defaults.
+fn is_silent(config: &Config, key: &'static str) -> bool {
+    get(config, key) == get(&Config::default(), key)
+}
+
+fn set_where_silent(config: &mut Config, key: &'static str, value: Value) -> Result<(), LinkError> {
+    if is_silent(config, key) { set(config, key, &value) } else { Ok(()) }
+}
+
+fn set(config: &mut Config, key: &'static str, value: &Value) -> Result<(), LinkError> {
+    let value = value.to_string();
+    config.insert_json5(key, &value).map_err(|source| LinkError::Setting { key, value, reason: source.to_string() })
+}
+
+fn get(config: &Config, key: &str) -> Value {
+    config.get_json(key).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
+}
+
+/// All endpoints in a setting, whichever of Zenoh's forms it has.
+fn names(setting: &Value) -> String {
+    match setting {
+        Value::String(name) => name.clone(),
+        Value::Array(parts) => join(parts.iter()),
+        Value::Object(parts) => join(parts.values()),
+        _ => String::new(),
+    }
+}
+
+fn join<'a>(parts: impl Iterator<Item = &'a Value>) -> String {
+    parts.map(names).filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(args: &LinkArgs, role: Role) -> [Value; 4] {
+        let config = layered(args, role).expect("layers");
+        [CONNECT, LISTEN, MULTICAST, GOSSIP].map(|key| get(&config, key))
+    }
+
+    #[test]
+    fn nothing_leaves_the_loopback_interface_unless_asked() {
+        let none = LinkArgs::default();
+        assert_eq!(settings(&none, Role::Server), [json!([]), json!([DEFAULT_ENDPOINT]), json!(false), json!(false)]);
+        assert_eq!(settings(&none, Role::Client), [json!([DEFAULT_ENDPOINT]), json!([]), json!(false), json!(false)]);
+        let client = LinkArgs { mode: Some(LinkMode::Client), ..LinkArgs::default() };
+        assert_eq!(settings(&client, Role::Server)[..2], [json!([DEFAULT_ENDPOINT]), json!([])]);
+    }
+
+    #[test]
+    fn flags_go_before_the_file_and_the_file_before_the_defaults() {
+        let path = std::env::temp_dir().join(format!("fiatlux-link-{}.json5", std::process::id()));
+        let text = "{ listen: { endpoints: ['tcp/127.0.0.1:7001'] }, scouting: { multicast: { enabled: true } } }";
+        std::fs::write(&path, text).expect("writes");
+        let file = LinkArgs { config: Some(path.clone()), ..LinkArgs::default() };
+        let listen = json!(["tcp/127.0.0.1:7001"]);
+        assert_eq!(settings(&file, Role::Server), [json!([]), listen.clone(), json!(true), json!(false)]);
+        let connect = vec!["tcp/10.0.0.1:7447".to_string()];
+        let flags = LinkArgs { connect: connect.clone(), no_multicast_scouting: true, ..file };
+        assert_eq!(settings(&flags, Role::Server), [json!(connect), listen, json!(false), json!(false)]);
+        std::fs::remove_file(path).expect("removes");
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (endpoint, part) in [("tcp", "is no endpoint"), ("udp/127.0.0.1:7447", "the protocol udp is not built in")] {
+            let args = LinkArgs { connect: vec![endpoint.to_string()], ..LinkArgs::default() };
+            let message = layered(&args, Role::Client).expect_err("refused").to_string();
+            assert!(message.contains(endpoint) && message.contains(part), "{message}");
+        }
+        let args = LinkArgs { config: Some("/nowhere/zenoh.json5".into()), ..LinkArgs::default() };
+        let message = layered(&args, Role::Client).expect_err("refused").to_string();
+        assert!(message.starts_with("/nowhere/zenoh.json5: "), "{message}");
+    }
+}

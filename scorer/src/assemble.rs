@@ -1,0 +1,268 @@
+//! From graded bags to results: what is scored, what is left out, what does not go together.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use fiatlux_proto::v1;
+use fiatlux_rules::{Benchmark, Episode, ROW_LAYOUT, Rate, SubtaskScore, Task};
+
+use crate::conditions::compared;
+use crate::episode::{Flaw, Graded};
+use crate::results::{EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions};
+use crate::{Conditions, GradeOptions, ScoreError};
+
+/// What became of one bag.
+#[derive(Debug)]
+pub(crate) struct Judged {
+    /// The bag, from the folder of the results.
+    pub bag: String,
+    /// What it says.
+    pub content: Result<Content, (Fault, String)>,
+}
+
+/// A bag that could be read, at least in part.
+#[derive(Debug)]
+pub(crate) struct Content {
+    pub header: v1::EpisodeHeader,
+    /// Why the file ends early, if it does.
+    pub cut: Option<String>,
+    pub graded: Graded,
+}
+
+/// A bag on its way into the tables.
+struct Entry {
+    bag: String,
+    header: v1::EpisodeHeader,
+    graded: Graded,
+}
+
+impl Entry {
+    fn key(&self) -> (Task, u64, u64) {
+        (self.graded.summary.task, self.header.seed, self.header.episode)
+    }
+}
+
+/// Sorts, excludes and rolls up.
+pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Results, ScoreError> {
+    let (mut entries, mut excluded) = (Vec::new(), Vec::new());
+    for Judged { bag, content } in judged {
+        match content {
+            Err((reason, detail)) => excluded.push(excluded_bag(bag, reason, detail, None)),
+            Ok(Content { header, cut, graded }) => match fault(cut, &graded) {
+                Some((reason, detail)) => excluded.push(excluded_bag(bag, reason, detail, Some((&header, &graded)))),
+                None => entries.push(Entry { bag, header, graded }),
+            },
+        }
+    }
+    entries.sort_by(|a, b| a.key().cmp(&b.key()).then_with(|| a.bag.cmp(&b.bag)));
+    let entries = without_copies(entries, &mut excluded)?;
+    check_conditions(&entries)?;
+    excluded.sort_by(|a, b| a.bag.cmp(&b.bag));
+
+    let episodes: Vec<Episode> =
+        entries.iter().map(|entry| Episode { seed: entry.header.seed, summary: entry.graded.summary }).collect();
+    let benchmark = Benchmark::of(&episodes);
+    let seeds: BTreeSet<u64> = entries.iter().map(|entry| entry.header.seed).collect();
+    let conditions = entries.first().map_or_else(Conditions::default, |entry| {
+        Conditions::new(&entry.header, &entry.graded.thresholds, &options.set, options.published_counting)
+    });
+    let (subtasks, extra_tasks): (Vec<_>, Vec<_>) = benchmark
+        .subtasks
+        .iter()
+        .map(|score| (Task::SUBTASKS.contains(&score.task), task_result(score, &entries)))
+        .partition(|(is_subtask, _)| *is_subtask);
+    let versions = versions(&entries);
+    Ok(Results {
+        policy: entries.first().map(|entry| entry.header.policy.clone()).unwrap_or_default(),
+        seeds: seeds.into_iter().collect(),
+        score: score(&benchmark),
+        subtasks: subtasks.into_iter().map(|(_, result)| result).collect(),
+        missing: benchmark.missing.iter().map(Task::to_string).collect(),
+        overall: overall(&episodes),
+        extra_tasks: extra_tasks.into_iter().map(|(_, result)| result).collect(),
+        episodes: entries.into_iter().map(episode_row).collect(),
+        excluded,
+        conditions,
+        versions,
+    })
+}
+
+fn fault(cut: Option<String>, graded: &Graded) -> Option<(Fault, String)> {
+    // An aborted episode's bag may be whole, and a cut bag has no result: the file's state comes first.
+    if let Some(why) = cut {
+        return Some((Fault::Cut, why));
+    }
+    let flaw = graded.flaw.as_ref()?;
+    let reason = match flaw {
+        Flaw::Aborted => Fault::Aborted,
+        Flaw::Unended | Flaw::Gap(_) => Fault::Cut,
+        Flaw::Altered { .. } => Fault::Altered,
+        Flaw::NotFinite => Fault::Unreadable,
+    };
+    Some((reason, flaw.to_string()))
+}
+
+fn excluded_bag(bag: String, reason: Fault, detail: String, content: Option<(&v1::EpisodeHeader, &Graded)>) -> ExcludedBag {
+    ExcludedBag {
+        bag,
+        reason,
+        detail,
+        task: content.map(|(_, graded)| graded.summary.task.to_string()),
+        seed: content.map(|(header, _)| header.seed),
+        episode: content.map(|(header, _)| header.episode),
+        steps: content.map_or(0, |(_, graded)| graded.summary.steps),
+        gate_progress: content.map_or(0.0, |(_, graded)| graded.summary.gate_progress),
+    }
+}
+
+/// One bag for each episode. A copy with the same rows is listed as such; two recordings that differ are an error, for
+/// which of them counts must not hang on a file's name.
+fn without_copies(entries: Vec<Entry>, excluded: &mut Vec<ExcludedBag>) -> Result<Vec<Entry>, ScoreError> {
+    let mut kept: Vec<Entry> = Vec::with_capacity(entries.len());
+    for entry in entries {
+        match kept.last().filter(|last| last.key() == entry.key() && last.header.policy == entry.header.policy) {
+            Some(first) if first.graded.digest == entry.graded.digest => {
+                let detail = format!("has the rows of {}", first.bag);
+                let content = Some((&entry.header, &entry.graded));
+                excluded.push(excluded_bag(entry.bag.clone(), Fault::Duplicate, detail, content));
+            }
+            Some(first) => {
+                return Err(ScoreError::Conflict {
+                    task: entry.graded.summary.task.to_string(),
+                    seed: entry.header.seed,
+                    episode: entry.header.episode,
+                    first_bag: first.bag.clone(),
+                    second_bag: entry.bag,
+                });
+            }
+            None => kept.push(entry),
+        }
+    }
+    Ok(kept)
+}
+
+fn check_conditions(entries: &[Entry]) -> Result<(), ScoreError> {
+    let Some(first) = entries.first() else { return Ok(()) };
+    let expected = compared(&first.header);
+    for entry in &entries[1..] {
+        let found = compared(&entry.header);
+        let names: BTreeSet<&String> = expected.iter().chain(&found).map(|(name, _)| name).collect();
+        let value = |fields: &[(String, String)], name: &String| {
+            fields.iter().find(|(field, _)| field == name).map_or("not given".to_owned(), |(_, value)| value.clone())
+        };
+        for name in names {
+            let (first_value, second_value) = (value(&expected, name), value(&found, name));
+            if first_value != second_value {
+                return Err(ScoreError::Mixed {
+                    field: name.clone(),
+                    first: first_value,
+                    first_bag: first.bag.clone(),
+                    second: second_value,
+                    second_bag: entry.bag.clone(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn score(benchmark: &Benchmark) -> Score {
+    let weight_total = Task::SUBTASKS.into_iter().map(Task::weight).sum();
+    let seed_row = |seed: &fiatlux_rules::SeedScore| SeedRow {
+        seed: seed.seed,
+        score: seed.score,
+        weight_covered: seed.weight_covered,
+        weight_total,
+        missing: seed.missing.iter().map(Task::to_string).collect(),
+    };
+    Score {
+        mean: benchmark.score.map(|score| score.mean),
+        std: benchmark.score.and_then(|score| score.std),
+        per_seed: benchmark.per_seed.iter().map(seed_row).collect(),
+    }
+}
+
+fn task_result(score: &SubtaskScore, entries: &[Entry]) -> TaskResult {
+    let mut ends = BTreeMap::new();
+    for entry in entries.iter().filter(|entry| entry.graded.summary.task == score.task) {
+        *ends.entry(entry.graded.end.clone()).or_insert(0) += 1;
+    }
+    let value = |rate: Rate| rate.value().unwrap_or_default();
+    let interval = |rate: Rate| rate.interval().unwrap_or([0.0, 1.0]);
+    TaskResult {
+        id: score.task.to_string(),
+        name: score.task.name().into(),
+        weight: score.task.weight(),
+        score_mean: score.score.mean,
+        score_std: score.score.std,
+        success_rate: value(score.success),
+        clean_success_rate: value(score.clean_success),
+        gate_progress: score.gate_progress,
+        broken_rate: value(score.broken),
+        dropped_rate: value(score.dropped),
+        peak_hand_force_n: score.peak_hand_force_n,
+        control_effort: score.control_effort,
+        mean_steps: score.mean_steps,
+        episodes: score.success.trials,
+        episode_score: score.episode_score,
+        success_interval: interval(score.success),
+        clean_success_interval: interval(score.clean_success),
+        broken_interval: interval(score.broken),
+        dropped_interval: interval(score.dropped),
+        ends,
+    }
+}
+
+fn overall(episodes: &[Episode]) -> Overall {
+    let own: Vec<_> = episodes.iter().filter(|e| Task::SUBTASKS.contains(&e.summary.task)).map(|e| e.summary).collect();
+    let rate = |is: fn(&fiatlux_rules::Summary) -> bool| {
+        let rate = Rate::of(own.iter().map(is));
+        RateRow { hits: rate.hits, rate: rate.value(), interval: rate.interval() }
+    };
+    Overall {
+        episodes: own.len() as u64,
+        clean_success: rate(fiatlux_rules::Summary::clean),
+        success: rate(|s| s.success),
+        broken: rate(|s| s.broken),
+        dropped: rate(|s| s.dropped),
+    }
+}
+
+fn episode_row(entry: Entry) -> EpisodeRow {
+    let Entry { bag, header, graded } = entry;
+    let summary = graded.summary;
+    EpisodeRow {
+        task: summary.task.to_string(),
+        seed: header.seed,
+        success: summary.success,
+        clean: summary.clean(),
+        broken: summary.broken,
+        dropped: summary.dropped,
+        gate_progress: summary.gate_progress,
+        peak_hand_force_n: summary.peak_hand_force_n,
+        control_effort: summary.control_effort,
+        steps: summary.steps,
+        end: graded.end,
+        state_digest: graded.digest,
+        bag,
+        episode: header.episode,
+        causes: graded.causes,
+        steps_in_gate: graded.steps_in_gate,
+        notes: graded.notes,
+        series: graded.series,
+    }
+}
+
+fn versions(entries: &[Entry]) -> Versions {
+    let each = |value: fn(&v1::EpisodeHeader) -> String| {
+        let values: BTreeSet<String> = entries.iter().map(|entry| value(&entry.header)).collect();
+        values.into_iter().filter(|value| !value.is_empty()).collect()
+    };
+    Versions {
+        results: RESULTS_VERSION,
+        scorer: env!("CARGO_PKG_VERSION").into(),
+        server: each(|header| header.version.clone()),
+        protocol: each(|header| header.protocol.as_ref().map(ToString::to_string).unwrap_or_default()),
+        random: each(|header| header.random.clone()),
+        digest_layout: ROW_LAYOUT.into(),
+    }
+}

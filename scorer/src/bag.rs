@@ -1,0 +1,50 @@
+//! Reads one bag through the grader.
+
+use std::path::Path;
+
+use fiatlux_bag::{Bag, Completeness};
+use fiatlux_rules::Row;
+
+use crate::GradeOptions;
+use crate::assemble::Content;
+use crate::episode::Grader;
+use crate::results::Fault;
+
+/// Grades a bag as far as it goes.
+pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Fault, String)> {
+    let unreadable = |error: &dyn std::error::Error| (Fault::Unreadable, in_full(error));
+    let bag = Bag::open(path).map_err(|error| unreadable(&error))?;
+    let header = bag.header();
+    let mut grader = Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
+    let mut cut = match bag.completeness() {
+        Completeness::Whole => None,
+        Completeness::Cut { reason, .. } => Some(reason.clone()),
+    };
+    for state in bag.states() {
+        let row = match state {
+            Ok(state) => Row::try_from(&state).map_err(|error| in_full(&error)),
+            Err(error) => Err(in_full(&error)),
+        };
+        match row {
+            Ok(row) => grader.push(&row),
+            Err(why) => {
+                cut.get_or_insert(why);
+                break;
+            }
+        }
+    }
+    Ok(Content { header: header.clone(), cut, graded: grader.finish(bag.result()) })
+}
+
+/// An error with what caused it, in one line.
+fn in_full(error: &dyn std::error::Error) -> String {
+    let causes = std::iter::successors(error.source(), |error| error.source());
+    let mut text = error.to_string();
+    for cause in causes.map(ToString::to_string) {
+        // Some messages repeat their source.
+        if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
+}

@@ -1,0 +1,63 @@
+//! What makes a grading impossible as a whole. What is wrong with one bag only is a [`Fault`](crate::Fault).
+
+use std::path::PathBuf;
+
+use fiatlux_rules::ThresholdError;
+use thiserror::Error;
+
+/// Why no results came of a grading.
+#[derive(Debug, Error)]
+pub enum ScoreError {
+    /// A threshold that cannot be set.
+    #[error("--set: {0}")]
+    Threshold(#[from] ThresholdError),
+    /// A path cannot be listed or found.
+    #[error("cannot look into {path}; check that it exists and may be read", path = path.display())]
+    Path {
+        /// The path.
+        path: PathBuf,
+        /// What the system says.
+        #[source]
+        source: std::io::Error,
+    },
+    /// Nothing to grade.
+    #[error("there is no bag in {0}; name files or folders that hold *.mcap")]
+    NoBags(String),
+    /// Two bags whose results do not belong in one table.
+    #[error(
+        "bags of different conditions do not share a table: {field} is {first} in {first_bag} and {second} in \
+         {second_bag}; grade them apart"
+    )]
+    Mixed {
+        /// The condition.
+        field: String,
+        /// Its value in one bag.
+        first: String,
+        /// That bag.
+        first_bag: String,
+        /// Its value in another.
+        second: String,
+        /// The other bag.
+        second_bag: String,
+    },
+    /// Two different recordings of one episode.
+    #[error(
+        "{first_bag} and {second_bag} are two different recordings of {task}, seed {seed}, episode {episode}; grade the \
+         one that counts"
+    )]
+    Conflict {
+        /// The task.
+        task: String,
+        /// Seed of the layout.
+        seed: u64,
+        /// The episode's index.
+        episode: u64,
+        /// A bag.
+        first_bag: String,
+        /// Another bag.
+        second_bag: String,
+    },
+    /// A worker died.
+    #[error("a grading thread ended early; this is a fault of the scorer, please report the bags")]
+    Worker,
+}

@@ -1,0 +1,108 @@
+//! Grades bags, many at a time.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use fiatlux_rules::Thresholds;
+
+use crate::assemble::{Judged, assemble};
+use crate::find::{find, relative};
+use crate::results::{Fault, Results};
+use crate::{ScoreError, bag};
+
+/// How to grade.
+#[derive(Debug, Clone, Default)]
+pub struct GradeOptions {
+    /// Thresholds in place of the recorded ones, as `key=value`.
+    pub set: Vec<String>,
+    /// Counts conjuncts as the published numbers do.
+    pub published_counting: bool,
+    /// Threads; 0 for one for each core.
+    pub workers: usize,
+    /// The folder that bags are named from: that of the results. Empty for the current one.
+    pub relative_to: PathBuf,
+}
+
+/// How far a grading is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Bags that are done.
+    pub bags_done: usize,
+    /// Bags in all.
+    pub bags: usize,
+    /// Bytes of the bags that are done.
+    pub bytes_done: u64,
+    /// Bytes in all.
+    pub bytes: u64,
+}
+
+/// Grades the bags in files and folders (to any depth) from their rows alone.
+///
+/// Bags that are cut, aborted, altered or unreadable are listed in [`Results::excluded`] and not scored; so are further
+/// copies of an episode. The results depend on the bags, their names and the options only.
+///
+/// # Errors
+/// [`ScoreError`]: a threshold or path that is not there, no bag at all, bags of different conditions, or two different
+/// recordings of one episode.
+pub fn grade(
+    paths: &[PathBuf],
+    options: &GradeOptions,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Result<Results, ScoreError> {
+    let mut thresholds = Thresholds::default();
+    options.set.iter().try_for_each(|assignment| thresholds.set(assignment))?;
+    let found = find(paths)?;
+    let folder = if options.relative_to.as_os_str().is_empty() { Path::new(".") } else { &options.relative_to };
+
+    let unfinished = found.unfinished.iter().map(|path| Judged {
+        bag: relative(path, folder),
+        content: Err((Fault::Unfinished, "its recording was never finished; the recorder may still be at work".into())),
+    });
+    let mut judged: Vec<Judged> = unfinished.collect();
+    let contents = each_bag(&found.bags, options, progress)?;
+    judged.extend(found.bags.iter().zip(contents).map(|(path, content)| Judged { bag: relative(path, folder), content }));
+    assemble(judged, options)
+}
+
+type Content = Result<crate::assemble::Content, (Fault, String)>;
+
+/// The bags' contents, in their order. The largest are taken first, so that none is left to one thread at the end.
+fn each_bag(
+    bags: &[PathBuf],
+    options: &GradeOptions,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Result<Vec<Content>, ScoreError> {
+    let sizes: Vec<u64> = bags.iter().map(|path| path.metadata().map_or(0, |data| data.len())).collect();
+    let mut order: Vec<usize> = (0..bags.len()).collect();
+    order.sort_by_key(|i| (std::cmp::Reverse(sizes[*i]), *i));
+    let workers = match options.workers {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        n => n,
+    };
+    let next = AtomicUsize::new(0);
+    let start = Progress { bags_done: 0, bags: bags.len(), bytes_done: 0, bytes: sizes.iter().sum() };
+    let done = Mutex::new(start);
+    let work = || {
+        let mut contents = Vec::new();
+        while let Some(&i) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
+            contents.push((i, bag::read(&bags[i], options)));
+            if let Ok(mut done) = done.lock() {
+                done.bags_done += 1;
+                done.bytes_done += sizes[i];
+                progress(*done);
+            }
+        }
+        contents
+    };
+    let mut contents: Vec<(usize, Content)> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..workers.min(bags.len())).map(|_| scope.spawn(work)).collect();
+        let results = threads.into_iter().map(|thread| thread.join().map_err(|_| ScoreError::Worker));
+        results.collect::<Result<Vec<_>, _>>()
+    })?
+    .into_iter()
+    .flatten()
+    .collect();
+    contents.sort_by_key(|(i, _)| *i);
+    Ok(contents.into_iter().map(|(_, content)| content).collect())
+}

@@ -1,0 +1,106 @@
+//! The episodes of each task, with a figure each.
+
+use std::fmt::Write;
+
+use fiatlux_rules::{CONTROL_DT, Task};
+
+use super::figure::figure;
+use super::markup::{cause_class, escape, words};
+use crate::tables::count;
+use crate::{EpisodeRow, Results};
+
+/// All episodes, a fold a task. Few tasks are shown unfolded.
+pub(super) fn section(out: &mut String, results: &Results) {
+    out.push_str(
+        "<h2>Episodes</h2>\n<p class=\"soft small\">For each episode: which conjuncts of the gate held when, and the largest \
+         contact force of a bulb on any body of either hand. Colours at the right end are the causes of the end.</p>\n\
+         <div class=\"legend\"><span><i class=\"k-held\"></i>holds</span><span><i class=\"k-partly\"></i>holds in some \
+         steps of the bar's width</span><span><i class=\"k-track\"></i>does not hold</span></div>\n",
+    );
+    let limit_n = results.conditions.thresholds.get("fragility_n").copied().unwrap_or(50.0);
+    let groups: Vec<&[EpisodeRow]> = results.episodes.chunk_by(|a, b| a.task == b.task).collect();
+    for episodes in &groups {
+        group(out, episodes, limit_n, groups.len() <= 2);
+    }
+}
+
+fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool) {
+    let id = &episodes[0].task;
+    let clean = episodes.iter().filter(|episode| episode.clean).count();
+    let progress = episodes.iter().map(|episode| episode.gate_progress).sum::<f64>() / episodes.len() as f64;
+    let spec = id.parse::<Task>().ok().map(Task::spec);
+    let name = spec.map_or("", |spec| spec.name);
+    let open = if open { " open" } else { "" };
+    let _ = write!(
+        out,
+        "<details{open}><summary><span class=\"name\">{} {name}</span><span class=\"what\">{clean} of {} clean, gate \
+         progress {progress:.2}</span><span class=\"chips\">",
+        escape(id),
+        episodes.len()
+    );
+    for episode in episodes.iter().take(12) {
+        chip(out, &episode.end);
+    }
+    out.push_str("</span></summary><div class=\"inner\">");
+    if let Some(spec) = spec {
+        let conjuncts: Vec<_> = spec.gate.conjuncts.iter().map(|conjunct| words(conjunct.name)).collect();
+        let window = match spec.gate.sustain_steps {
+            1 => "at one step".to_owned(),
+            steps => format!("for {:.1} s without a break", f64::from(steps) * CONTROL_DT),
+        };
+        let _ = write!(
+            out,
+            "<p class=\"small soft\">\u{201c}{}\u{201d} \u{2013} the gate fires when all hold {window}: {}. At most {:.0} s.</p>",
+            escape(spec.instruction),
+            conjuncts.join(", "),
+            spec.horizon_steps as f64 * CONTROL_DT
+        );
+    }
+    out.push_str("<div class=\"episodes\">");
+    episodes.iter().for_each(|episode| card(out, episode, limit_n));
+    out.push_str("</div></div></details>\n");
+}
+
+fn chip(out: &mut String, cause: &str) {
+    let _ = write!(out, "<span class=\"chip b-{}\">{}</span>", cause_class(cause), escape(cause));
+}
+
+fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64) {
+    let index = if episode.episode == 0 { String::new() } else { format!(", episode {}", episode.episode) };
+    let _ = write!(out, "<article class=\"episode\"><header><b>Seed {}{index}</b>", episode.seed);
+    chip(out, &episode.end);
+    let _ = write!(
+        out,
+        "<span>after {:.2} s</span><span class=\"soft\">progress {:.2}</span>",
+        episode.steps as f64 * CONTROL_DT,
+        episode.gate_progress
+    );
+    for (is, name) in [(episode.broken, "broken"), (episode.dropped, "dropped")] {
+        if is {
+            let _ = write!(out, "<span class=\"flag\">{name}</span>");
+        }
+    }
+    out.push_str("</header>");
+    out.push_str(&figure(episode, limit_n));
+    let also: Vec<_> = episode.causes.iter().filter(|cause| **cause != episode.end).map(String::as_str).collect();
+    let mut notes = Vec::new();
+    if !also.is_empty() {
+        notes.push(format!("in the same step: {}", also.join(", ")));
+    }
+    if episode.steps_in_gate > 0 {
+        notes.push(format!("all held in {}", count(episode.steps_in_gate as usize, "step")));
+    }
+    notes.extend(episode.notes.iter().cloned());
+    let _ = write!(out, "<footer>{}", escape(&notes.join("; ")));
+    if !notes.is_empty() {
+        out.push_str("<br>");
+    }
+    let short: String = episode.state_digest.chars().take(16).collect();
+    let _ = write!(
+        out,
+        "<span class=\"mono\">{}</span> \u{b7} rows <span class=\"mono\" title=\"{}\">{}</span></footer></article>",
+        escape(&episode.bag),
+        escape(&episode.state_digest),
+        escape(&short)
+    );
+}

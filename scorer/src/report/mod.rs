@@ -1,0 +1,166 @@
+//! The report: one self-contained page, in light and dark, without scripts.
+//!
+//! Whatever comes from a bag is escaped. The same results give the same bytes.
+
+mod episodes;
+mod figure;
+mod markup;
+mod overview;
+mod sections;
+
+use std::fmt::Write;
+
+use markup::{escape, percent};
+
+use crate::tables::{count, protocol, seed_count};
+use crate::{RateRow, Results};
+
+const STYLE: &str = include_str!("style.css");
+
+/// The page.
+pub fn html(results: &Results) -> String {
+    let mut out = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" \
+         content=\"light dark\">\n<title>Fiatlux: {}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n",
+        escape(&results.policy)
+    );
+    headline(&mut out, results);
+    if !results.subtasks.is_empty() {
+        subtasks(&mut out, results);
+    }
+    sections::extra_tasks(&mut out, results);
+    if !results.episodes.is_empty() {
+        episodes::section(&mut out, results);
+    }
+    sections::excluded(&mut out, results);
+    sections::conditions(&mut out, results);
+    sections::reproduce(&mut out, results);
+    out.push_str("</main>\n</body>\n</html>\n");
+    out
+}
+
+fn headline(out: &mut String, results: &Results) {
+    let _ = writeln!(out, "<div class=\"kicker\">Fiatlux evaluation</div>");
+    if results.episodes.is_empty() {
+        let _ = writeln!(out, "<h1>No episode could be scored</h1>\n<p>The bags and the reasons are listed below.</p>");
+        return;
+    }
+    let _ = writeln!(
+        out,
+        "<h1>Policy {}</h1>\n<p class=\"soft\">{}, {}. {}.</p>",
+        escape(&results.policy),
+        count(results.episodes.len(), "episode"),
+        escape(&seed_count(results)),
+        escape(&if results.conditions.standard { "Standard protocol".into() } else { protocol(&results.conditions) }),
+    );
+    warnings(out, results);
+    out.push_str("<div class=\"cards\">\n");
+    let overall = &results.overall;
+    if overall.episodes > 0 {
+        rate_card(out, "Clean success rate", &overall.clean_success, overall.episodes, "big");
+        score_card(out, results);
+        rate_card(out, "Success rate", &overall.success, overall.episodes, "mid");
+        violations_card(out, results);
+    }
+    out.push_str("</div>\n");
+    if overall.episodes > 0 {
+        let _ = writeln!(
+            out,
+            "<p class=\"soft small\"><b>Clean success</b>, the primary metric, is an episode whose gate fired with no \
+             bulb broken (a hand body above {} N at any step) and none dropped. <b>S</b> is the mean of the subtasks' \
+             scores s, weighted by difficulty; s is half the success rate and half the mean gate progress. At 0 nothing \
+             was reached that the start did not give; an episode whose gate never fires adds at most half of its \
+             weight; at 1 every gate fired. The spread is the sample standard deviation over layout seeds: scores under \
+             different seeds do not compare, for the layout sets the difficulty.</p>",
+            results.conditions.thresholds.get("fragility_n").copied().unwrap_or_default()
+        );
+    }
+}
+
+/// What a reader must know before the first number.
+fn warnings(out: &mut String, results: &Results) {
+    let mut warn = |title: &str, text: &str| {
+        let _ = writeln!(out, "<div class=\"panel warn\"><b>{title}</b> {}</div>", escape(text));
+    };
+    if !results.conditions.standard {
+        let text = format!("{}.", results.conditions.deviations.join("; "));
+        warn("Not the standard protocol: this run has no place in a ranking.", &text);
+    }
+    if !results.missing.is_empty() && !results.subtasks.is_empty() {
+        let text = format!(
+            "{} did not run under every seed; what did not run is outside the score, not zero.",
+            results.missing.join(", ")
+        );
+        warn("Missing subtasks.", &text);
+    }
+    if results.has_data_loss() {
+        let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));
+        warn("Data loss.", &text);
+    }
+    let odd = results.episodes.iter().filter(|episode| episode.notes.iter().any(|note| note.contains("result says")));
+    let odd = odd.count();
+    if odd > 0 {
+        let text = format!("In {}, the rows say something else than the recorded result. The rows count.", count(odd, "episode"));
+        warn("Results that differ.", &text);
+    }
+}
+
+fn rate_card(out: &mut String, name: &str, rate: &RateRow, episodes: u64, size: &str) {
+    let (value, [low, high]) = (rate.rate.unwrap_or_default(), rate.interval.unwrap_or([0.0, 1.0]));
+    let _ = writeln!(
+        out,
+        "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{}</div>\
+         <div class=\"card-note\">{} of {episodes} episodes<br>95\u{202f}% interval {} to {}</div></div>",
+        percent(value),
+        rate.hits,
+        percent(low),
+        percent(high)
+    );
+}
+
+fn score_card(out: &mut String, results: &Results) {
+    let Some(mean) = results.score.mean else { return };
+    let spread = results.score.std.map_or(String::new(), |std| {
+        format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>")
+    });
+    let seeds: Vec<_> = results
+        .score
+        .per_seed
+        .iter()
+        .map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score))
+        .collect();
+    let shown = if seeds.len() > 12 { format!("{} seeds", seeds.len()) } else { format!("by seed {}", seeds.join(", ")) };
+    let _ = writeln!(
+        out,
+        "<div class=\"panel\"><div class=\"card-name\">Benchmark score S</div><div class=\"big\">{mean:.3}{spread}</div>\
+         <div class=\"card-note\">of 1, mean \u{b1} std over seeds<br>{shown}</div></div>"
+    );
+}
+
+fn violations_card(out: &mut String, results: &Results) {
+    let share = |rate: &RateRow| percent(rate.rate.unwrap_or_default());
+    let overall = &results.overall;
+    let _ = writeln!(
+        out,
+        "<div class=\"panel\"><div class=\"card-name\">Broken / dropped</div><div class=\"mid\">{} / {}</div>\
+         <div class=\"card-note\">{} with a broken bulb,<br>{} with a dropped one</div></div>",
+        share(&overall.broken),
+        share(&overall.dropped),
+        count(overall.broken.hits as usize, "episode"),
+        overall.dropped.hits
+    );
+}
+
+fn subtasks(out: &mut String, results: &Results) {
+    out.push_str("<h2>Subtasks</h2>\n<div class=\"panel wide scroll\">");
+    out.push_str(&overview::figure(results));
+    out.push_str(
+        "<div class=\"legend\"><span><i class=\"k-accent\"></i>score s, with its standard deviation over the seeds</span>\
+         <span><i class=\"k-dot\"></i>clean success with Wilson interval</span><span><i class=\"k-ring\"></i>success, \
+         clean or not</span><span><i class=\"k-held\"></i>mean gate progress</span></div></div>\n",
+    );
+    out.push_str("<div class=\"panel scroll\" style=\"margin-top:14px\">");
+    sections::task_table(out, &results.subtasks, true);
+    out.push_str("</div>\n");
+}

@@ -1,0 +1,210 @@
+//! Tables and lists of the page.
+
+use std::fmt::Write;
+
+use fiatlux_rules::Thresholds;
+
+use super::markup::{escape, shell_word};
+use crate::tables::{force, seeds};
+use crate::{Results, TaskResult};
+
+/// A table of tasks.
+pub(super) fn task_table(out: &mut String, tasks: &[TaskResult], scored: bool) {
+    let score_head = if scored { "<th>Score s</th>" } else { "" };
+    let _ = write!(
+        out,
+        "<table><thead><tr><th class=\"l\">Task</th><th>Episodes</th><th>Clean success</th><th>Success</th><th>Gate<br>\
+         progress</th>{score_head}<th>Broken</th><th>Dropped</th><th>Peak hand<br>force, N</th><th>Control<br>effort</th>\
+         <th>Mean<br>length, s</th></tr></thead><tbody>"
+    );
+    for task in tasks {
+        let score = match (scored, task.score_std) {
+            (true, Some(std)) => format!("<td>{:.3} <span class=\"ci\">\u{b1}\u{202f}{std:.3}</span></td>", task.score_mean),
+            (true, None) => format!("<td>{:.3}</td>", task.score_mean),
+            (false, _) => String::new(),
+        };
+        let _ = write!(
+            out,
+            "<tr><td class=\"l\"><b>{}</b> {}</td><td>{}</td>{}{}<td>{:.2}</td>{score}<td>{:.2}</td><td>{:.2}</td>\
+             <td>{}</td><td>{:.2}</td><td>{:.1}</td></tr>",
+            escape(&task.id),
+            escape(&task.name),
+            task.episodes,
+            rate(task.clean_success_rate, task.clean_success_interval),
+            rate(task.success_rate, task.success_interval),
+            task.gate_progress,
+            task.broken_rate,
+            task.dropped_rate,
+            force(task.peak_hand_force_n),
+            task.control_effort,
+            task.mean_steps * fiatlux_rules::CONTROL_DT,
+        );
+    }
+    out.push_str("</tbody></table>");
+}
+
+fn rate(value: f64, [low, high]: [f64; 2]) -> String {
+    format!("<td>{value:.2} <span class=\"ci\">[{low:.2}, {high:.2}]</span></td>")
+}
+
+/// `replace` and `climb`.
+pub(super) fn extra_tasks(out: &mut String, results: &Results) {
+    if results.extra_tasks.is_empty() {
+        return;
+    }
+    out.push_str("<h2>Outside the score</h2>\n<p class=\"soft small\">These tasks have no weight in S.</p>\n");
+    out.push_str("<div class=\"panel scroll\">");
+    task_table(out, &results.extra_tasks, false);
+    out.push_str("</div>\n");
+}
+
+/// Bags that are not scored.
+pub(super) fn excluded(out: &mut String, results: &Results) {
+    if results.excluded.is_empty() {
+        return;
+    }
+    out.push_str(
+        "<h2>Not scored</h2>\n<div class=\"panel scroll\"><table><thead><tr><th class=\"l\">Bag</th><th class=\"l\">Episode\
+         </th><th class=\"l\">Why</th><th>Steps</th><th>Progress</th></tr></thead><tbody>",
+    );
+    for bag in &results.excluded {
+        let episode = match (&bag.task, bag.seed, bag.episode) {
+            (Some(task), Some(seed), Some(episode)) => format!("{}, seed {seed}, episode {episode}", escape(task)),
+            _ => "\u{2013}".into(),
+        };
+        let _ = write!(
+            out,
+            "<tr><td class=\"l wrap mono\">{}</td><td class=\"l\">{episode}</td><td class=\"l wrap\"><b>{}</b>: {}</td>\
+             <td>{}</td><td>{:.2}</td></tr>",
+            escape(&bag.bag),
+            bag.reason.name(),
+            escape(&bag.detail),
+            bag.steps,
+            bag.gate_progress
+        );
+    }
+    out.push_str("</tbody></table></div>\n");
+}
+
+/// Conditions, versions, digests, thresholds.
+pub(super) fn conditions(out: &mut String, results: &Results) {
+    if results.episodes.is_empty() {
+        return;
+    }
+    let c = &results.conditions;
+    let ends = match c.end_on_overridden.as_slice() {
+        [] => "the task's own conditions".to_owned(),
+        ends => ends.join(", "),
+    };
+    let list = |items: &[String]| if items.is_empty() { "not given".to_owned() } else { items.join(", ") };
+    let v = &results.versions;
+    out.push_str("<h2>Conditions</h2>\n<div class=\"two\">");
+    definitions(out, &[
+        ("Policy", results.policy.clone()),
+        ("Layout seeds", seeds(&results.seeds)),
+        ("Mode", c.mode.clone()),
+        ("Gains, hands", format!("{}, {}", c.gains, c.hands)),
+        ("Noise", if c.noise { "on" } else { "off" }.into()),
+        ("Ends on", ends),
+        ("Counting", if c.published_counting { "as published" } else { "from the reset state" }.into()),
+    ]);
+    definitions(out, &[
+        ("Simulator", list(&v.server)),
+        ("Protocol", list(&v.protocol)),
+        ("Scorer", v.scorer.clone()),
+        ("Random", list(&v.random)),
+        ("Row layout", v.digest_layout.clone()),
+        ("Robot model", c.model_digest.clone()),
+        ("Scene config", c.scene_digest.clone()),
+    ]);
+    out.push_str("</div>\n");
+    thresholds(out, results);
+}
+
+fn definitions(out: &mut String, items: &[(&str, String)]) {
+    out.push_str("<div class=\"panel\"><dl>");
+    for (name, value) in items {
+        let value = if value.is_empty() { "not given".into() } else { escape(value) };
+        let mono = if value.len() >= 40 && !value.contains(' ') { " class=\"mono\"" } else { "" };
+        let _ = write!(out, "<dt>{name}</dt><dd{mono}>{value}</dd>");
+    }
+    out.push_str("</dl></div>");
+}
+
+fn thresholds(out: &mut String, results: &Results) {
+    let c = &results.conditions;
+    let usual = Thresholds::default();
+    let changed = usual.entries().filter(|(key, value)| c.thresholds.get(*key) != Some(value)).count();
+    let what = match changed {
+        0 => "all as published".to_owned(),
+        n => format!("{n} changed"),
+    };
+    let _ = write!(
+        out,
+        "<details><summary><span class=\"name\">Thresholds in force</span><span class=\"what\">{what}</span></summary>\
+         <div class=\"inner scroll\"><table><thead><tr><th class=\"l\">Name</th><th>Value</th><th>Published</th><th class=\
+         \"l\">Set by</th></tr></thead><tbody>"
+    );
+    for (key, published) in usual.entries() {
+        let value = c.thresholds.get(key).copied().unwrap_or(published);
+        let by = match (c.thresholds_set.iter().any(|set| set == key), value == published) {
+            (true, _) => "this grading",
+            (false, true) => "",
+            (false, false) => "the session",
+        };
+        let value = if value == published { value.to_string() } else { format!("<b>{value}</b>") };
+        let _ = write!(
+            out,
+            "<tr><td class=\"l mono\">{key}</td><td>{value}</td><td>{published}</td><td class=\"l\">{by}</td></tr>"
+        );
+    }
+    out.push_str("</tbody></table></div></details>\n");
+}
+
+/// Commands that give these numbers again.
+pub(super) fn reproduce(out: &mut String, results: &Results) {
+    let c = &results.conditions;
+    let mut options: String = c
+        .thresholds_set
+        .iter()
+        .filter_map(|key| c.thresholds.get(key).map(|value| format!(" --set {key}={value}")))
+        .collect();
+    if c.published_counting {
+        options.push_str(" --published-counting");
+    }
+    let show = |out: &mut String, title: &str, command: &str| {
+        let _ = write!(out, "<h3>{title}</h3><pre>{}</pre>", escape(command));
+    };
+    out.push_str("<h2>How to get these numbers again</h2>\n<div class=\"panel\">");
+    show(out, "Grade the same bags, from the folder that this page was written to", &grade_command(results, &options));
+    if let Some(episode) = results.episodes.first() {
+        let command = format!("scorer verify {} -e tcp/HOST:7447", shell_word(&episode.bag));
+        show(out, "Simulate one of them again on a server, and compare bit for bit", &command);
+        let mut tasks: Vec<&str> = results.episodes.iter().map(|episode| episode.task.as_str()).collect();
+        tasks.dedup();
+        let tasks = if results.subtasks.len() == 12 && results.extra_tasks.is_empty() { "all".into() } else { tasks.join(",") };
+        let seeds: Vec<_> = results.seeds.iter().map(u64::to_string).collect();
+        let policy = shell_word(&results.policy);
+        let command = format!("fiatlux evaluate --policy {policy} --tasks {tasks} --seeds {}", seeds.join(","));
+        show(out, "Run the policy again", &command);
+    }
+    out.push_str(
+        "<p class=\"soft small\">The same bags and options give the same bytes, of this page too. An episode's digest is a \
+         SHA-256 chain over all numbers of its rows: equal digests mean that every joint, body and force was equal to the \
+         last bit at every step.</p></div>\n",
+    );
+}
+
+/// Names folders in place of bags, where all of a folder's bags are graded anyway.
+fn grade_command(results: &Results, options: &str) -> String {
+    let bags = results.episodes.iter().map(|e| e.bag.as_str()).chain(results.excluded.iter().map(|e| e.bag.as_str()));
+    let mut folders: Vec<&str> = bags.map(|bag| bag.rsplit_once('/').map_or(".", |(folder, _)| folder)).collect();
+    folders.sort_unstable();
+    folders.dedup();
+    let inside = |folder: &str, other: &str| other == "." || folder.strip_prefix(other).is_some_and(|rest| rest.starts_with('/'));
+    let roots = folders.iter().filter(|folder| !folders.iter().any(|other| other != *folder && inside(folder, other)));
+    let words: Vec<_> = roots.map(|folder| shell_word(folder)).collect();
+    // A list of many folders says no more than a placeholder.
+    let words = if words.len() > 6 { "BAGS".to_owned() } else { words.join(" ") };
+    format!("scorer grade {words}{options} --html report.html")
+}

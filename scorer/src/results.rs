@@ -1,0 +1,263 @@
+//! The results as data: what `results.json` holds.
+//!
+//! `RESULTS.md` lists the fields. They are only ever added to. Nothing here depends on when or where the grading ran.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Conditions, Series};
+
+/// Number of the form of `results.json`. Fields that are added do not change it.
+pub const RESULTS_VERSION: u32 = 1;
+
+/// A policy's results.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Results {
+    /// The policy's name.
+    pub policy: String,
+    /// Layout seeds of the scored episodes, ascending.
+    pub seeds: Vec<u64>,
+    /// The benchmark score S.
+    pub score: Score,
+    /// The subtasks that ran, in order.
+    pub subtasks: Vec<TaskResult>,
+    /// Subtasks that did not run under one of the seeds or more; they are outside the score.
+    pub missing: Vec<String>,
+    /// Scored episodes, by task, seed and index.
+    pub episodes: Vec<EpisodeRow>,
+    /// All subtask episodes together.
+    pub overall: Overall,
+    /// `replace` and `climb`, which have no part in S.
+    pub extra_tasks: Vec<TaskResult>,
+    /// Bags that are not scored, and why.
+    pub excluded: Vec<ExcludedBag>,
+    /// Conditions that all scored episodes share.
+    pub conditions: Conditions,
+    /// What made and what graded the bags.
+    pub versions: Versions,
+}
+
+impl Results {
+    /// Whether bags were left out that would have counted. A second copy of a scored one is no loss.
+    pub fn has_data_loss(&self) -> bool {
+        self.excluded.iter().any(|bag| bag.reason != Fault::Duplicate)
+    }
+
+    /// As `results.json`: indented, with a newline at the end.
+    ///
+    /// # Errors
+    /// None in practice: there are no keys that JSON cannot have.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+}
+
+/// The benchmark score over the layout seeds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// Mean over the seeds, 0 to 1; `null` where no subtask ran.
+    pub mean: Option<f64>,
+    /// Sample standard deviation over the seeds; `null` for a single one.
+    pub std: Option<f64>,
+    /// Each seed's.
+    pub per_seed: Vec<SeedRow>,
+}
+
+/// The benchmark score under one layout seed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SeedRow {
+    /// Seed of the layout.
+    pub seed: u64,
+    /// Weighted mean over the subtasks that ran, 0 to 1.
+    pub score: f64,
+    /// Sum of the weights of the subtasks that ran.
+    pub weight_covered: f64,
+    /// Sum of all weights.
+    pub weight_total: f64,
+    /// Subtasks that did not run under this seed.
+    pub missing: Vec<String>,
+}
+
+/// A task over all its episodes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TaskResult {
+    /// `S01`.
+    pub id: String,
+    /// `Move Ladder`.
+    pub name: String,
+    /// Weight in S; 0 for `replace` and `climb`.
+    pub weight: f64,
+    /// Mean over the seeds of half the success rate and half the mean gate progress, 0 to 1.
+    pub score_mean: f64,
+    /// Sample standard deviation of it over the seeds; `null` for a single one.
+    pub score_std: Option<f64>,
+    /// Share of episodes whose gate fired.
+    pub success_rate: f64,
+    /// Share of them in which also nothing was broken and nothing dropped.
+    pub clean_success_rate: f64,
+    /// Mean gate progress, 0 to 1.
+    pub gate_progress: f64,
+    /// Share of episodes in which a bulb broke.
+    pub broken_rate: f64,
+    /// Share of episodes in which a bulb was dropped.
+    pub dropped_rate: f64,
+    /// Largest force of a bulb on a hand body in any episode, N.
+    pub peak_hand_force_n: f64,
+    /// Mean over the episodes of the mean sum of squared actions.
+    pub control_effort: f64,
+    /// Mean length in control steps.
+    pub mean_steps: f64,
+    /// Number of scored episodes.
+    pub episodes: u64,
+    /// Mean of the episode scores `max(0, success - broken - dropped)`.
+    pub episode_score: f64,
+    /// Wilson 95 % interval of the success rate.
+    pub success_interval: [f64; 2],
+    /// Wilson 95 % interval of the clean success rate.
+    pub clean_success_interval: [f64; 2],
+    /// Wilson 95 % interval of the broken rate.
+    pub broken_interval: [f64; 2],
+    /// Wilson 95 % interval of the dropped rate.
+    pub dropped_interval: [f64; 2],
+    /// How many episodes ended by each cause.
+    pub ends: BTreeMap<String, u64>,
+}
+
+/// A scored episode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EpisodeRow {
+    /// `S01`.
+    pub task: String,
+    /// Seed of the layout.
+    pub seed: u64,
+    /// Its gate fired.
+    pub success: bool,
+    /// And nothing was broken or dropped.
+    pub clean: bool,
+    /// A bulb broke.
+    pub broken: bool,
+    /// A bulb was dropped.
+    pub dropped: bool,
+    /// 0 to 1.
+    pub gate_progress: f64,
+    /// Largest force of a bulb on a hand body, N.
+    pub peak_hand_force_n: f64,
+    /// Mean over the steps of the sum of squared actions.
+    pub control_effort: f64,
+    /// Length in control steps.
+    pub steps: u64,
+    /// The cause of its end.
+    pub end: String,
+    /// Digest of its rows, hexadecimal.
+    pub state_digest: String,
+    /// The bag, from the folder of the results.
+    pub bag: String,
+    /// The episode's index; with the seed it draws reset and noise.
+    pub episode: u64,
+    /// All conditions in force that its last row met.
+    pub causes: Vec<String>,
+    /// Steps in which all conjuncts of the gate held.
+    pub steps_in_gate: u64,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+    /// Its figure, for reports.
+    #[serde(skip)]
+    pub series: Series,
+}
+
+/// All scored subtask episodes together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Overall {
+    /// How many.
+    pub episodes: u64,
+    /// Clean successes, the primary metric.
+    pub clean_success: RateRow,
+    /// Successes.
+    pub success: RateRow,
+    /// Episodes in which a bulb broke.
+    pub broken: RateRow,
+    /// Episodes in which a bulb was dropped.
+    pub dropped: RateRow,
+}
+
+/// A rate with its Wilson 95 % interval.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RateRow {
+    /// Times it happened.
+    pub hits: u64,
+    /// Share; `null` without episodes.
+    pub rate: Option<f64>,
+    /// Wilson 95 % interval; `null` without episodes.
+    pub interval: Option<[f64; 2]>,
+}
+
+/// Why a bag is not scored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fault {
+    /// It cannot be read, or comes from another version.
+    Unreadable,
+    /// Its recording was never finished (`*.mcap.part`).
+    Unfinished,
+    /// It ends before the episode does, or rows are missing.
+    Cut,
+    /// The episode was stopped before its end.
+    Aborted,
+    /// Its rows are not those that its result was made of.
+    Altered,
+    /// A second copy of an episode that is scored.
+    Duplicate,
+}
+
+impl Fault {
+    /// One word for tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Fault::Unreadable => "unreadable",
+            Fault::Unfinished => "unfinished",
+            Fault::Cut => "cut",
+            Fault::Aborted => "aborted",
+            Fault::Altered => "altered",
+            Fault::Duplicate => "duplicate",
+        }
+    }
+}
+
+/// A bag that is listed, but not scored.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ExcludedBag {
+    /// The bag, from the folder of the results.
+    pub bag: String,
+    /// Why.
+    pub reason: Fault,
+    /// Why, in words.
+    pub detail: String,
+    /// Its task, where it says so.
+    pub task: Option<String>,
+    /// Its layout seed, where it says so.
+    pub seed: Option<u64>,
+    /// Its episode's index, where it says so.
+    pub episode: Option<u64>,
+    /// Steps that are there.
+    pub steps: u64,
+    /// Gate progress as far as it goes.
+    pub gate_progress: f64,
+}
+
+/// What made and what graded the bags.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Versions {
+    /// Form of this file.
+    pub results: u32,
+    /// The scorer.
+    pub scorer: String,
+    /// The software that simulated, each version once.
+    pub server: Vec<String>,
+    /// Protocol of the sessions, each version once.
+    pub protocol: Vec<String>,
+    /// Random generator, each once.
+    pub random: Vec<String>,
+    /// Layout of the digests.
+    pub digest_layout: String,
+}

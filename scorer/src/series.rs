@@ -1,0 +1,110 @@
+//! What a figure of an episode shows, thinned out to what a screen can tell apart.
+
+use fiatlux_rules::{CONTROL_DT, Conjuncts, Row};
+
+/// Most points of a figure.
+pub const MAX_BUCKETS: usize = 300;
+
+/// How much of a bucket a conjunct held for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Held {
+    /// In none of its rows.
+    #[default]
+    No,
+    /// In some.
+    Partly,
+    /// In all.
+    Throughout,
+}
+
+/// An episode's figure. Row 0 is in it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Series {
+    /// Names of the conjuncts.
+    pub conjuncts: Vec<&'static str>,
+    /// For each conjunct, for each bucket.
+    pub held: Vec<Vec<Held>>,
+    /// Largest contact force of a bulb on a hand body in each bucket, N.
+    pub hand_force_n: Vec<f64>,
+    /// Rows in all.
+    pub rows: usize,
+    /// Time of the largest force, s.
+    pub peak_time_s: f64,
+}
+
+impl Series {
+    /// Time at which a bucket begins, s; one past the last gives the end.
+    pub fn time_of(&self, bucket: usize) -> f64 {
+        let buckets = self.hand_force_n.len().max(1);
+        (bucket * self.rows / buckets) as f64 * CONTROL_DT
+    }
+}
+
+/// Collects rows; [`Recorder::finish`] thins them out.
+#[derive(Debug, Default)]
+pub(crate) struct Recorder {
+    bits: Vec<u8>,
+    force: Vec<f32>,
+}
+
+impl Recorder {
+    pub(crate) fn push(&mut self, row: &Row, conjuncts: &Conjuncts) {
+        let bits = conjuncts.as_slice().iter().enumerate().fold(0, |bits, (i, held)| bits | u8::from(*held) << i);
+        let squared = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm_squared()));
+        self.bits.push(bits);
+        self.force.push(squared.sqrt() as f32);
+    }
+
+    pub(crate) fn finish(&self, conjuncts: Vec<&'static str>) -> Series {
+        let rows = self.bits.len();
+        let buckets = rows.min(MAX_BUCKETS);
+        let spans: Vec<_> = (0..buckets).map(|i| i * rows / buckets..(i + 1) * rows / buckets).collect();
+        let held_in = |lane: usize, bits: &[u8]| match bits.iter().filter(|bits| *bits >> lane & 1 == 1).count() {
+            0 => Held::No,
+            all if all == bits.len() => Held::Throughout,
+            _ => Held::Partly,
+        };
+        let peak_of = |force: &[f32]| f64::from(force.iter().copied().fold(0.0, f32::max));
+        let peak = peak_of(&self.force);
+        let peak_row = self.force.iter().position(|force| f64::from(*force) == peak).unwrap_or(0);
+        Series {
+            held: (0..conjuncts.len())
+                .map(|lane| spans.iter().map(|span| held_in(lane, &self.bits[span.clone()])).collect())
+                .collect(),
+            hand_force_n: spans.iter().map(|span| peak_of(&self.force[span.clone()])).collect(),
+            conjuncts,
+            rows,
+            peak_time_s: peak_row as f64 * CONTROL_DT,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One row of 6,001 that differs is seen in its bucket, in the lane and in the force.
+    #[test]
+    fn no_single_row_is_lost() {
+        let mut recorder = Recorder { bits: vec![0b01; 6001], force: vec![1.0; 6001] };
+        recorder.bits[4321] = 0b10;
+        recorder.force[4321] = 51.0;
+        let series = recorder.finish(vec!["a", "b"]);
+        let bucket = (0..MAX_BUCKETS).find(|i| series.time_of(i + 1) > 4321.0 * CONTROL_DT).expect("inside");
+        assert_eq!((series.rows, series.hand_force_n.len()), (6001, MAX_BUCKETS));
+        for i in 0..MAX_BUCKETS {
+            let expected = if i == bucket { (Held::Partly, Held::Partly, 51.0) } else { (Held::Throughout, Held::No, 1.0) };
+            assert_eq!((series.held[0][i], series.held[1][i], series.hand_force_n[i]), expected, "{i}");
+        }
+        assert!((series.peak_time_s - 86.42).abs() < 1e-9);
+    }
+
+    #[test]
+    fn short_episodes_keep_every_row() {
+        let recorder = Recorder { bits: vec![0, 1], force: vec![0.0, 2.0] };
+        let series = recorder.finish(vec!["a"]);
+        assert_eq!(series.held, [[Held::No, Held::Throughout]]);
+        assert_eq!((series.time_of(1), series.time_of(2)), (CONTROL_DT, 2.0 * CONTROL_DT));
+        assert_eq!(Recorder::default().finish(vec!["a"]).hand_force_n.len(), 0);
+    }
+}

@@ -1,0 +1,51 @@
+//! The episodes for a spreadsheet, as in RFC 4180.
+
+use crate::Results;
+
+const HEAD: &str = "policy,task,seed,episode,success,clean,broken,dropped,gate_progress,peak_hand_force_n,control_effort,\
+                    steps,end,steps_in_gate,state_digest,bag";
+
+/// One line an episode, under a line with the names of the fields in `results.json`.
+pub fn csv(results: &Results) -> String {
+    let mut lines = vec![HEAD.to_owned()];
+    for e in &results.episodes {
+        let fields = [
+            quoted(&results.policy),
+            e.task.clone(),
+            e.seed.to_string(),
+            e.episode.to_string(),
+            e.success.to_string(),
+            e.clean.to_string(),
+            e.broken.to_string(),
+            e.dropped.to_string(),
+            e.gate_progress.to_string(),
+            e.peak_hand_force_n.to_string(),
+            e.control_effort.to_string(),
+            e.steps.to_string(),
+            quoted(&e.end),
+            e.steps_in_gate.to_string(),
+            e.state_digest.clone(),
+            quoted(&e.bag),
+        ];
+        lines.push(fields.join(","));
+    }
+    lines.join("\n") + "\n"
+}
+
+/// In quotes where it has to be. A name that a spreadsheet would take for a formula is kept from it by an apostrophe.
+fn quoted(text: &str) -> String {
+    let text = if text.starts_with(['=', '+', '-', '@', '\t']) { format!("'{text}") } else { text.to_owned() };
+    if text.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_cannot_break_out() {
+        assert_eq!(quoted("zero"), "zero");
+        assert_eq!(quoted("a,\"b\""), "\"a,\"\"b\"\"\"");
+        assert_eq!(quoted("=1+1"), "'=1+1");
+    }
+}

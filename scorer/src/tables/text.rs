@@ -1,0 +1,136 @@
+//! The table for a terminal, at most 100 columns wide.
+
+use std::fmt::Write;
+
+use super::{count, force, protocol, seed_count};
+use crate::{Fault, RateRow, Results, TaskResult};
+
+const WIDTH: usize = 100;
+
+/// Headline, subtasks, ends, what is missing and what was left out.
+pub fn text(results: &Results) -> String {
+    let mut out = String::new();
+    headline(&mut out, results);
+    if !results.subtasks.is_empty() {
+        out.push('\n');
+        table(&mut out, &results.subtasks, true);
+    }
+    if !results.extra_tasks.is_empty() {
+        out.push_str("\nOutside the score\n");
+        table(&mut out, &results.extra_tasks, false);
+    }
+    if !results.episodes.is_empty() && !results.missing.is_empty() {
+        let list = format!("Missing under at least one seed, and outside its score: {}", results.missing.join(", "));
+        let _ = writeln!(out, "\n{}", wrapped(&list, ""));
+    }
+    excluded(&mut out, results);
+    out
+}
+
+fn headline(out: &mut String, results: &Results) {
+    let episodes = count(results.episodes.len(), "episode");
+    if results.episodes.is_empty() {
+        let _ = writeln!(out, "No episode could be scored.");
+        return;
+    }
+    let _ = writeln!(out, "Policy {}: {episodes}, {}", results.policy, seed_count(results));
+    let _ = writeln!(out, "{}\n", wrapped(&protocol(&results.conditions), "  "));
+    let overall = &results.overall;
+    let rate = |name: &str, rate: &RateRow| match (rate.rate, rate.interval) {
+        (Some(value), Some([low, high])) => format!(
+            "{name:<16}{:>6.1} %   {}/{}, 95 % interval {:.1} to {:.1} %\n",
+            100.0 * value,
+            rate.hits,
+            overall.episodes,
+            100.0 * low,
+            100.0 * high
+        ),
+        _ => String::new(),
+    };
+    out.push_str(&rate("Clean success", &overall.clean_success));
+    if let Some(mean) = results.score.mean {
+        let spread = match results.score.std {
+            Some(std) => format!("+- {std:.4} over the seeds"),
+            None => "of a single seed".into(),
+        };
+        let seeds: Vec<_> = results.score.per_seed.iter().map(|s| format!("{}: {:.4}", s.seed, s.score)).collect();
+        let line = format!("{:<16}{mean:>8.4}   {spread} ({})", "Score S", seeds.join(", "));
+        let _ = writeln!(out, "{}", wrapped(&line, "                           "));
+    }
+    out.push_str(&rate("Success", &overall.success));
+    out.push_str(&rate("Bulb broken", &overall.broken));
+    out.push_str(&rate("Bulb dropped", &overall.dropped));
+}
+
+fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {
+    let score_head = if scored { "     score S +- std" } else { "" };
+    let _ = writeln!(
+        out,
+        "{:<27} {:>4} {:>3}  {:>5} {:>7} {:>8}{score_head}  {:>6} {:>7} {:>6} {:>6}",
+        "task", "w", "n", "clean", "success", "progress", "broken", "dropped", "peak N", "steps"
+    );
+    for task in tasks {
+        let name = format!("{} {}", task.id, task.name);
+        let weight = if scored { format!("{:.2}", task.weight) } else { "-".into() };
+        let std = task.score_std.map_or("      ".into(), |std| format!("{std:.4}"));
+        let score = if scored { format!("   {:>7.4} +- {std}", task.score_mean) } else { String::new() };
+        let _ = writeln!(
+            out,
+            "{name:<27.27} {weight:>4} {:>3}  {:>5.2} {:>7.2} {:>8.2}{score}  {:>6.2} {:>7.2} {:>6} {:>6.0}",
+            task.episodes,
+            task.clean_success_rate,
+            task.success_rate,
+            task.gate_progress,
+            task.broken_rate,
+            task.dropped_rate,
+            force(task.peak_hand_force_n),
+            task.mean_steps,
+        );
+    }
+    out.push_str("\nHow they ended\n");
+    for task in tasks {
+        let mut ends: Vec<_> = task.ends.iter().collect();
+        ends.sort_by_key(|(cause, count)| (std::cmp::Reverse(**count), (*cause).clone()));
+        let ends: Vec<_> = ends.into_iter().map(|(cause, count)| format!("{cause} {count}")).collect();
+        let _ = writeln!(out, "  {:<8}{}", task.id, wrapped(&ends.join(", "), "          "));
+    }
+}
+
+fn excluded(out: &mut String, results: &Results) {
+    if results.excluded.is_empty() {
+        return;
+    }
+    let _ = writeln!(out, "\nNot scored ({})", count(results.excluded.len(), "bag"));
+    for bag in &results.excluded {
+        let what = match (&bag.task, bag.seed, bag.reason) {
+            (_, _, Fault::Unreadable | Fault::Unfinished) | (None, ..) | (_, None, _) => String::new(),
+            (Some(task), Some(seed), _) => {
+                format!(" ({task}, seed {seed}: {} steps, progress {:.2})", bag.steps, bag.gate_progress)
+            }
+        };
+        let line = format!("  {}: {}: {}{what}", bag.bag, bag.reason.name(), bag.detail);
+        let _ = writeln!(out, "{}", wrapped(&line, "      "));
+    }
+}
+
+/// Breaks a text at spaces; further lines are indented. Words that are too long stay whole.
+fn wrapped(text: &str, indent: &str) -> String {
+    let mut lines = vec![String::new()];
+    let mut used = 0;
+    for (i, word) in text.split(' ').enumerate() {
+        let length = word.chars().count();
+        if i > 0 && used + 1 + length > WIDTH - 2 {
+            lines.push(format!("{indent}{word}"));
+            used = indent.len() + length;
+            continue;
+        }
+        if let Some(line) = lines.last_mut() {
+            if i > 0 {
+                line.push(' ');
+            }
+            line.push_str(word);
+            used += length + usize::from(i > 0);
+        }
+    }
+    lines.join("\n")
+}

@@ -1,0 +1,31 @@
+//! Pictures of the benchmark's scene: the robot's head camera and views for people, drawn on the CPU without any graphics
+//! driver. Meshes are made once per scene from our own shapes; one frame is rasterised, lit by a dome and a key light with
+//! a shadow map, and comes out as the same bytes each time.
+//!
+//! ```text
+//! Scene -> Visuals        meshes, once
+//! Row, Camera, Lighting -> Renderer::render -> Image
+//! ```
+//!
+//! A frame passes through these steps: triangles are clipped, projected and written into a depth buffer beside their
+//! number; the shadow map is fitted to what is visible and drawn; ambient occlusion is found on every other pixel; then
+//! each pixel is lit once.
+mod camera;
+mod error;
+mod image;
+mod lighting;
+mod mesh;
+mod occlusion;
+mod paint;
+mod raster;
+mod renderer;
+mod shade;
+mod shadow;
+mod visuals;
+
+pub use camera::{Camera, HEAD_PIXELS};
+pub use error::RenderError;
+pub use image::Image;
+pub use lighting::Lighting;
+pub use renderer::Renderer;
+pub use visuals::Visuals;

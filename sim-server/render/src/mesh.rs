@@ -1,0 +1,91 @@
+//! Triangle meshes.
+
+pub(crate) mod solids;
+
+use fiatlux_world::ShapeOwner;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use crate::paint::Paint;
+
+/// What a mesh moves with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Frame {
+    World,
+    Ladder,
+    Bulb(usize),
+    Link(usize),
+}
+
+/// Three vertices, counter-clockwise seen from outside.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Triangle {
+    pub vertices: [u32; 3],
+    pub paint: Paint,
+}
+
+/// A rigid surface.
+#[derive(Debug, Clone)]
+pub(crate) struct Mesh {
+    pub frame: Frame,
+    pub owner: ShapeOwner,
+    pub positions: Vec<[f32; 3]>,
+    pub normals: Vec<[f32; 3]>,
+    pub triangles: Vec<Triangle>,
+    /// Bounding sphere.
+    pub center: Vector3<f64>,
+    pub radius: f64,
+    /// Throws a shadow.
+    pub casts: bool,
+}
+
+impl Mesh {
+    pub(crate) fn new(frame: Frame, owner: ShapeOwner) -> Self {
+        Self {
+            frame,
+            owner,
+            positions: Vec::new(),
+            normals: Vec::new(),
+            triangles: Vec::new(),
+            center: Vector3::zeros(),
+            radius: 0.0,
+            casts: !matches!(owner, ShapeOwner::Floor | ShapeOwner::Room),
+        }
+    }
+
+    /// Adds a vertex and returns its index.
+    pub(crate) fn vertex(&mut self, pose: &Isometry3<f64>, position: Vector3<f64>, normal: Vector3<f64>) -> u32 {
+        let p = pose * Point3::from(position);
+        let n = pose.rotation * normal.try_normalize(1e-12).unwrap_or_else(Vector3::z);
+        self.positions.push([p.x as f32, p.y as f32, p.z as f32]);
+        self.normals.push([n.x as f32, n.y as f32, n.z as f32]);
+        self.positions.len() as u32 - 1
+    }
+
+    pub(crate) fn triangle(&mut self, vertices: [u32; 3], paint: Paint) {
+        let [a, b, c] = vertices;
+        if a != b && b != c && c != a {
+            self.triangles.push(Triangle { vertices, paint });
+        }
+    }
+
+    /// Four vertices, counter-clockwise seen from outside.
+    pub(crate) fn quad(&mut self, [a, b, c, d]: [u32; 4], paint: Paint) {
+        self.triangle([a, b, c], paint);
+        self.triangle([a, c, d], paint);
+    }
+
+    /// Sets the bounding sphere; to be called when all parts are in.
+    pub(crate) fn finished(mut self) -> Self {
+        let mut low = Vector3::repeat(f64::INFINITY);
+        let mut high = -low;
+        for p in &self.positions {
+            let p = Vector3::from(p.map(f64::from));
+            (low, high) = (low.inf(&p), high.sup(&p));
+        }
+        if !self.positions.is_empty() {
+            self.center = (low + high) / 2.0;
+            self.radius = (high - low).norm() / 2.0;
+        }
+        self
+    }
+}

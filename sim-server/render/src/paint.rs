@@ -1,0 +1,123 @@
+//! Colours and finishes.
+
+/// What a triangle is painted with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Paint {
+    Floor,
+    Wall,
+    Ceiling,
+    Wood,
+    Steel,
+    Tray,
+    Crate,
+    CrateTrim,
+    Socket,
+    Brass,
+    Aluminium,
+    Tread,
+    Rubber,
+    Accent,
+    Shell,
+    Graphite,
+    Joint,
+    Hand,
+    Visor,
+    Light,
+    Cap,
+    Tip,
+    Glass,
+    SpentGlass,
+    LitGlass,
+}
+
+/// How a paint answers to light.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Finish {
+    /// Share of the light that it scatters, linear.
+    pub colour: [f32; 3],
+    /// Share of the light that it mirrors when seen head-on.
+    pub mirror: f32,
+    /// Sharpness of the key light's highlight: the exponent is two to this power.
+    pub sharpness: u8,
+    /// Light of its own, linear.
+    pub glow: f32,
+    /// Takes the room's tint.
+    pub tinted: bool,
+}
+
+impl Paint {
+    pub(crate) const ALL: [Paint; 25] = [
+        Paint::Floor,
+        Paint::Wall,
+        Paint::Ceiling,
+        Paint::Wood,
+        Paint::Steel,
+        Paint::Tray,
+        Paint::Crate,
+        Paint::CrateTrim,
+        Paint::Socket,
+        Paint::Brass,
+        Paint::Aluminium,
+        Paint::Tread,
+        Paint::Rubber,
+        Paint::Accent,
+        Paint::Shell,
+        Paint::Graphite,
+        Paint::Joint,
+        Paint::Hand,
+        Paint::Visor,
+        Paint::Light,
+        Paint::Cap,
+        Paint::Tip,
+        Paint::Glass,
+        Paint::SpentGlass,
+        Paint::LitGlass,
+    ];
+
+    pub(crate) fn finish(self) -> Finish {
+        // sRGB colour, mirror, sharpness, glow.
+        let (rgb, mirror, sharpness, glow) = match self {
+            Paint::Floor => ([150, 153, 156], 0.0, 0, 0.0),
+            Paint::Wall => ([214, 211, 203], 0.0, 0, 0.0),
+            Paint::Ceiling => ([226, 226, 222], 0.0, 0, 0.0),
+            Paint::Wood => ([176, 132, 88], 0.02, 4, 0.0),
+            Paint::Steel => ([92, 97, 104], 0.03, 4, 0.0),
+            Paint::Tray => ([64, 118, 158], 0.03, 4, 0.0),
+            Paint::Crate => ([238, 178, 32], 0.03, 4, 0.0),
+            Paint::CrateTrim => ([205, 140, 18], 0.03, 4, 0.0),
+            Paint::Socket => ([232, 230, 224], 0.03, 5, 0.0),
+            Paint::Brass => ([150, 120, 66], 0.20, 4, 0.0),
+            Paint::Aluminium => ([186, 191, 197], 0.16, 5, 0.0),
+            Paint::Tread => ([70, 74, 80], 0.02, 3, 0.0),
+            Paint::Rubber => ([34, 35, 37], 0.015, 3, 0.0),
+            Paint::Accent => ([226, 92, 38], 0.03, 4, 0.0),
+            Paint::Shell => ([205, 208, 212], 0.04, 5, 0.0),
+            Paint::Graphite => ([98, 102, 109], 0.04, 4, 0.0),
+            Paint::Joint => ([48, 50, 54], 0.03, 4, 0.0),
+            Paint::Hand => ([58, 60, 65], 0.03, 4, 0.0),
+            Paint::Visor => ([14, 16, 20], 0.08, 6, 0.0),
+            Paint::Light => ([150, 220, 255], 0.0, 0, 1.2),
+            Paint::Cap => ([176, 172, 160], 0.30, 4, 0.0),
+            Paint::Tip => ([60, 58, 54], 0.05, 4, 0.0),
+            Paint::Glass => ([246, 245, 240], 0.05, 6, 0.06),
+            Paint::SpentGlass => ([150, 128, 104], 0.06, 6, 0.0),
+            Paint::LitGlass => ([255, 226, 170], 0.02, 6, 2.6),
+        };
+        let tinted = matches!(self, Paint::Floor | Paint::Wall | Paint::Ceiling);
+        Finish { colour: rgb.map(linear), mirror, sharpness, glow, tinted }
+    }
+}
+
+/// Linear value of an 8-bit sRGB one.
+fn linear(srgb: u8) -> f32 {
+    let c = f64::from(srgb) / 255.0;
+    (if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) }) as f32
+}
+
+/// 8-bit sRGB value of a linear one.
+pub(crate) fn encode(linear: f64) -> u8 {
+    let c = linear.clamp(0.0, 1.0);
+    let srgb = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::pow(c, 1.0 / 2.4) - 0.055 };
+    (srgb * 255.0 + 0.5) as u8
+}

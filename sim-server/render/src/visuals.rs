@@ -1,0 +1,91 @@
+//! What a scene looks like: its meshes, and where they are in a row.
+
+mod bulb;
+mod fixture;
+mod g1;
+mod ladder;
+mod robot;
+mod room;
+
+use std::sync::Arc;
+
+use fiatlux_dynamics::{BodyId, Geometry, ShapeSpec};
+use fiatlux_robot::Robot;
+use fiatlux_rules::{Bulb, Row};
+use fiatlux_world::{Scene, ShapeOwner};
+use nalgebra::{Isometry3, Vector3};
+
+use crate::mesh::{Frame, Mesh};
+use crate::paint::Paint;
+
+/// The meshes of a scene, made from its shapes and sizes. Constant: one serves any number of renderers.
+#[derive(Debug, Clone)]
+pub struct Visuals {
+    robot: Arc<Robot>,
+    pub(crate) meshes: Vec<Mesh>,
+}
+
+impl Visuals {
+    /// Makes the meshes.
+    pub fn new(scene: &Scene) -> Self {
+        let mut meshes = vec![room::floor(scene), room::walls(scene)];
+        meshes.push(furniture(scene, ShapeOwner::Bench));
+        meshes.push(furniture(scene, ShapeOwner::Crate));
+        meshes.push(fixture::fixture(scene));
+        meshes.push(ladder::ladder(scene));
+        meshes.push(bulb::bulb(scene, Bulb::Old));
+        meshes.push(bulb::bulb(scene, Bulb::Fresh));
+        meshes.extend(robot::links(&scene.robot));
+        meshes.retain(|mesh| !mesh.triangles.is_empty());
+        Self { robot: Arc::clone(&scene.robot), meshes: meshes.into_iter().map(Mesh::finished).collect() }
+    }
+
+    /// Number of triangles, all meshes together.
+    pub fn triangles(&self) -> usize {
+        self.meshes.iter().map(|mesh| mesh.triangles.len()).sum()
+    }
+
+    /// Where each mesh is; none for the links of a robot whose joint angles are not finite.
+    pub(crate) fn place(&self, row: &Row, poses: &mut Vec<Option<Isometry3<f64>>>) {
+        let links = self.robot.forward_kinematics(&row.joint_position, &row.robot.pose).unwrap_or_default();
+        poses.clear();
+        poses.extend(self.meshes.iter().map(|mesh| match mesh.frame {
+            Frame::World => Some(Isometry3::identity()),
+            Frame::Ladder => Some(row.ladder.pose),
+            Frame::Bulb(bulb) => Some(row.bulbs[bulb].pose),
+            Frame::Link(link) => links.get(link).copied(),
+        }));
+    }
+}
+
+/// The shapes of an owner.
+fn shapes(scene: &Scene, owner: ShapeOwner) -> impl Iterator<Item = &ShapeSpec> {
+    scene.model.shapes().iter().filter(move |shape| ShapeOwner::from_label(shape.label) == owner)
+}
+
+/// The fixed boxes of bench or crate.
+fn furniture(scene: &Scene, owner: ShapeOwner) -> Mesh {
+    let mut mesh = Mesh::new(Frame::World, owner);
+    for shape in shapes(scene, owner).filter(|shape| shape.body == BodyId::WORLD) {
+        let Geometry::Cuboid { half_extents } = shape.geometry else { continue };
+        let paint = match shape.name.as_str() {
+            "bench_top" => Paint::Wood,
+            name if name.starts_with("bench_tray") => Paint::Tray,
+            name if name.starts_with("bench") => Paint::Steel,
+            _ => Paint::Crate,
+        };
+        if shape.name == "bench_top" {
+            mesh.block(&shape.body_from_shape, half_extents, 0.006, 1, 0.0, paint);
+        } else {
+            mesh.cuboid(&shape.body_from_shape, half_extents, paint);
+        }
+        // A band around the crate's walls, half a millimetre proud, so that they read as walls.
+        if owner == ShapeOwner::Crate && shape.name.contains("wall") {
+            let proud = Vector3::new(0.0005, 0.0005, 0.0);
+            let band = Vector3::new(half_extents.x, half_extents.y, 0.010) + proud;
+            let up = Isometry3::translation(0.0, 0.0, half_extents.z - 0.018);
+            mesh.cuboid(&(shape.body_from_shape * up), band, Paint::CrateTrim);
+        }
+    }
+    mesh
+}

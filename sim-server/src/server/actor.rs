@@ -1,0 +1,139 @@
+//! One session among others: its inbox, which never grows without bound, and its way out.
+
+use std::collections::VecDeque;
+use std::sync::Mutex;
+use std::time::Duration;
+
+use fiatlux_proto::keys::SessionKeys;
+use fiatlux_proto::{encoding, limits};
+use zenoh::bytes::Encoding;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Query;
+use zenoh::{Session as Zenoh, Wait};
+
+use super::lock;
+use super::session::{Input, Session};
+
+/// A session with its inbox. One worker at a time has it.
+pub(super) struct Actor {
+    pub id: String,
+    pub session: Mutex<Session<Query>>,
+    inbox: Mutex<Inbox>,
+    /// Gone once the session is done.
+    pub wire: Mutex<Option<Wire>>,
+}
+
+#[derive(Default)]
+struct Inbox {
+    inputs: VecDeque<(Side, Input<Query>)>,
+    /// How many of each side wait.
+    waiting: [usize; 3],
+    passed_over: u64,
+    tick: bool,
+    /// It stands in the run queue, or a worker has it.
+    scheduled: bool,
+    /// The earliest time that the timer holds for it.
+    wake_at: Option<Duration>,
+}
+
+/// Whose messages: each side has its own bound, so that a flood of one does not drown the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Side {
+    Client,
+    Recorder,
+    /// The server's own, few and without a bound.
+    Server,
+}
+
+impl Actor {
+    pub fn new(id: String, session: Session<Query>, wire: Wire) -> Self {
+        Self { id, session: Mutex::new(session), inbox: Mutex::default(), wire: Mutex::new(Some(wire)) }
+    }
+
+    /// Takes a message in; returns whether the session has to be scheduled. One too many is counted and dropped.
+    #[must_use]
+    pub fn push(&self, side: Side, input: Input<Query>) -> bool {
+        let mut inbox = lock(&self.inbox);
+        let waiting = &mut inbox.waiting[side as usize];
+        if side != Side::Server && *waiting >= limits::MAX_WAITING_MESSAGES {
+            inbox.passed_over += u64::from(side == Side::Client);
+        } else {
+            *waiting += 1;
+            inbox.inputs.push_back((side, input));
+        }
+        !std::mem::replace(&mut inbox.scheduled, true)
+    }
+
+    /// The time has come that the session asked for.
+    #[must_use]
+    pub fn tick(&self) -> bool {
+        let mut inbox = lock(&self.inbox);
+        inbox.wake_at = None;
+        inbox.tick = true;
+        !std::mem::replace(&mut inbox.scheduled, true)
+    }
+
+    /// The next input.
+    pub fn take(&self) -> Option<Input<Query>> {
+        let mut inbox = lock(&self.inbox);
+        if std::mem::take(&mut inbox.tick) {
+            return Some(Input::Tick);
+        }
+        if let Some((side, input)) = inbox.inputs.pop_front() {
+            inbox.waiting[side as usize] -= 1;
+            return Some(input);
+        }
+        let count = std::mem::take(&mut inbox.passed_over);
+        (count > 0).then_some(Input::PassedOver(count))
+    }
+
+    /// Whether the worker may leave it: nothing has come meanwhile.
+    pub fn park(&self) -> bool {
+        let mut inbox = lock(&self.inbox);
+        inbox.scheduled = inbox.tick || inbox.passed_over > 0 || !inbox.inputs.is_empty();
+        !inbox.scheduled
+    }
+
+    /// Whether the timer has to be told of a time; it holds an earlier one otherwise.
+    #[must_use]
+    pub fn wakes_earlier(&self, at: Duration) -> bool {
+        let mut inbox = lock(&self.inbox);
+        let earlier = inbox.wake_at.is_none_or(|known| at < known);
+        if earlier {
+            inbox.wake_at = Some(at);
+        }
+        earlier
+    }
+}
+
+/// What a session sends with.
+pub(super) struct Wire {
+    pub observation: Publisher<'static>,
+    pub notice: Publisher<'static>,
+    pub truth: Publisher<'static>,
+    _live: LivelinessToken,
+}
+
+impl Wire {
+    /// Every message may be dropped on the way, and is asked for again then: a peer that does not read costs the server
+    /// nothing but that.
+    pub fn declare(zenoh: &Zenoh, keys: &SessionKeys) -> zenoh::Result<Self> {
+        let publisher = |key: String, message: &str, priority: Priority, express: bool| {
+            zenoh
+                .declare_publisher(key)
+                .encoding(Encoding::from(encoding(message)))
+                .congestion_control(CongestionControl::Drop)
+                .priority(priority)
+                .express(express)
+                .wait()
+        };
+        Ok(Self {
+            observation: publisher(keys.observation(), "Observation", Priority::InteractiveHigh, true)?,
+            notice: publisher(keys.notice(), "Notice", Priority::InteractiveHigh, true)?,
+            truth: publisher(keys.truth_row(), "Truth", Priority::Data, false)?,
+            _live: zenoh.liveliness().declare_token(keys.live()).wait()?,
+        })
+    }
+}

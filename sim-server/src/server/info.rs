@@ -1,0 +1,118 @@
+//! What a server says of itself, of its tasks, and of a session.
+
+use fiatlux_proto::PROTOCOL;
+use fiatlux_proto::v1::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
+use fiatlux_robot::Robot;
+use fiatlux_rules::{CONTROL_DT, ROW_LAYOUT, Task};
+use fiatlux_world::{ACTION_SCALE, Episode, RNG_NAME, Scene, SceneConfig};
+
+use super::plan::{GAINS, Plan, SENSORS};
+use super::session::Times;
+
+/// Version of the software.
+pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Of a server; the number of open sessions is left at 0.
+pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneConfig) -> ServerInfo {
+    ServerInfo {
+        protocol: Some(PROTOCOL),
+        version: VERSION.into(),
+        server: name.into(),
+        tasks: Task::ALL.into_iter().map(task).collect(),
+        sensors: SENSORS.map(Into::into).into(),
+        gains: GAINS.map(Into::into).into(),
+        capacity: u32::try_from(capacity).unwrap_or(u32::MAX),
+        open_sessions: 0,
+        model_digest: robot.digest().into(),
+        scene_digest: scene.digest(),
+    }
+}
+
+fn task(task: Task) -> TaskInfo {
+    TaskInfo {
+        task: task.short_id().into(),
+        id: task.id().into(),
+        name: task.name().into(),
+        instruction: task.instruction().into(),
+        horizon_steps: task.horizon_steps(),
+        weight: task.weight(),
+        conjuncts: conjuncts(task),
+    }
+}
+
+fn conjuncts(task: Task) -> Vec<String> {
+    task.spec().gate.conjuncts.iter().map(|conjunct| conjunct.name.to_owned()).collect()
+}
+
+fn hand_bodies(robot: &Robot) -> Vec<String> {
+    robot.hand_links().iter().map(|link| robot.links()[*link].name.clone()).collect()
+}
+
+/// Of a session.
+pub(super) fn session(server: &str, id: &str, plan: &Plan, scene: &Scene, times: &Times) -> SessionInfo {
+    let robot = &scene.robot;
+    let joints = robot.joints().iter().zip(robot.q0()).zip(&scene.spec.gains.0).map(|((joint, q0), drive)| Joint {
+        name: joint.name.clone(),
+        lower: joint.lower,
+        upper: joint.upper,
+        q0: *q0,
+        stiffness: drive.stiffness,
+        damping: drive.damping,
+        effort_limit: drive.effort_limit,
+    });
+    SessionInfo {
+        protocol: Some(PROTOCOL),
+        server: server.into(),
+        session: id.into(),
+        task: Some(task(plan.task)),
+        mode: plan.mode().into(),
+        seed: plan.seed,
+        joints: joints.collect(),
+        hand_bodies: hand_bodies(robot),
+        sensors: plan.sensors.names(),
+        control_dt: CONTROL_DT,
+        action_scale: ACTION_SCALE,
+        action_timeout_s: times.action_timeout.as_secs_f64(),
+        grace_s: times.grace.as_secs_f64(),
+        resend_s: times.resend.as_secs_f64(),
+        gains: plan.gains.to_string(),
+    }
+}
+
+/// Of an episode.
+pub(super) fn header(server: &str, id: &str, plan: &Plan, episode: &Episode) -> EpisodeHeader {
+    let scene = episode.scene();
+    let robot = &scene.robot;
+    EpisodeHeader {
+        protocol: Some(PROTOCOL),
+        version: VERSION.into(),
+        server: server.into(),
+        session: id.into(),
+        policy: plan.policy.clone(),
+        task: plan.task.short_id().into(),
+        task_id: plan.task.id().into(),
+        instruction: plan.task.instruction().into(),
+        seed: plan.seed,
+        episode: episode.spec().episode,
+        mode: plan.mode().into(),
+        gains: plan.gains.to_string(),
+        hands: plan.hands.to_string(),
+        no_noise: plan.no_noise,
+        sensors: plan.sensors.names(),
+        end_on: episode.judge().ends_on().iter().map(|cause| cause.name().to_owned()).collect(),
+        thresholds: plan.thresholds.entries().map(|(name, value)| (name.to_owned(), value)).collect(),
+        // Numbers and lists of them always have a form in JSON.
+        geometry_json: serde_json::to_string(episode.judge().geometry()).unwrap_or_default(),
+        random: RNG_NAME.into(),
+        digest_layout: ROW_LAYOUT.into(),
+        model_digest: robot.digest().into(),
+        scene_digest: scene.config.digest(),
+        digest_context: episode.digest_context().hex(),
+        joint_names: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
+        hand_bodies: hand_bodies(robot),
+        conjuncts: conjuncts(plan.task),
+        horizon_steps: plan.task.horizon_steps(),
+        control_dt: CONTROL_DT,
+        end_on_overridden: plan.end_on.is_some(),
+    }
+}

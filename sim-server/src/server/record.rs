@@ -1,0 +1,188 @@
+//! What is recorded of an episode: its header, its rows with their events, and its result.
+
+use fiatlux_proto::Message;
+use fiatlux_proto::v1::{
+    ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, State, Truth,
+};
+use fiatlux_rules::{Bulb, Conjuncts};
+use fiatlux_world::Episode;
+
+/// Cause of an end that no row brought.
+pub(super) const ABORTED: &str = "aborted";
+
+/// What an episode ends with that its rows do not say.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Missed {
+    /// Real time: steps in which the last action held.
+    pub steps: u64,
+}
+
+/// Turns the rows of one episode into truths.
+#[derive(Debug)]
+pub(super) struct Record {
+    conjuncts: Conjuncts,
+    seated: [bool; 2],
+}
+
+fn event(step: u64, kind: &str, subject: &str, change: &str, detail: String) -> Event {
+    Event { step, kind: kind.into(), subject: subject.into(), change: change.into(), detail }
+}
+
+fn bulb_name(bulb: Bulb) -> &'static str {
+    match bulb {
+        Bulb::Old => "old_bulb",
+        Bulb::Fresh => "fresh_bulb",
+    }
+}
+
+impl Record {
+    /// Row 0, with everything that must be known beside the rows.
+    pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, observation: &[u8]) -> (Self, Truth) {
+        let row = episode.row();
+        let conjuncts = episode.verdict().conjuncts;
+        let held = named(episode, &conjuncts);
+        let held: Vec<&str> = held.filter(|(_, holds)| *holds).map(|(name, _)| name).collect();
+        let start = event(row.step, "start", &header.task, "", format!("holds: {}", held.join(", ")));
+        let record = Self { conjuncts, seated: row.attachments.map(|attachment| attachment.seated) };
+        let truth = Truth {
+            episode: header.episode,
+            step: row.step,
+            header: Some(header),
+            state: State::from(row).encode_to_vec(),
+            observation: observation.to_vec(),
+            events: vec![start.encode_to_vec()],
+            scene,
+            ..Truth::default()
+        };
+        (record, truth)
+    }
+
+    /// The row after a step, and the result where it is the last one. `events` happened before it.
+    pub fn row(
+        &mut self,
+        episode: &Episode,
+        action: &ActionRecord,
+        observation: &[u8],
+        events: impl Iterator<Item = Event>,
+        missed: Missed,
+    ) -> Truth {
+        let row = episode.row();
+        let mut encoded: Vec<Vec<u8>> = events.map(|event| event.encode_to_vec()).collect();
+        self.note_changes(episode, |event| encoded.push(event.encode_to_vec()));
+        let result = end(episode).map(|end| {
+            let (cause, detail) = (&end.cause, end.causes.join(", "));
+            let change = if episode.end().is_some_and(|end| end.is_truncated()) { "truncated" } else { "terminated" };
+            encoded.push(event(row.step, "end", cause, change, detail).encode_to_vec());
+            result(episode, end, missed)
+        });
+        Truth {
+            episode: episode.spec().episode,
+            step: row.step,
+            state: State::from(row).encode_to_vec(),
+            action: action.encode_to_vec(),
+            observation: observation.to_vec(),
+            reward: reward(episode).encode_to_vec(),
+            events: encoded,
+            result,
+            ..Truth::default()
+        }
+    }
+
+    fn note_changes(&mut self, episode: &Episode, mut out: impl FnMut(Event)) {
+        let row = episode.row();
+        let conjuncts = episode.verdict().conjuncts;
+        if conjuncts != self.conjuncts {
+            for ((name, holds), before) in named(episode, &conjuncts).zip(self.conjuncts.as_slice()) {
+                if holds != *before {
+                    let change = if holds { "holds" } else { "fails" };
+                    out(event(row.step, "conjunct", name, change, String::new()));
+                }
+            }
+            self.conjuncts = conjuncts;
+        }
+        for bulb in Bulb::ALL {
+            let seated = row.attachments[bulb as usize].seated;
+            if std::mem::replace(&mut self.seated[bulb as usize], seated) != seated {
+                let change = if seated { "seated" } else { "released" };
+                out(event(row.step, "attachment", bulb_name(bulb), change, String::new()));
+            }
+        }
+        for cause in episode.newly_met() {
+            out(event(row.step, "condition", cause.name(), "met", String::new()));
+        }
+    }
+}
+
+/// What ends an episode that no row ended.
+pub(super) fn aborted(episode: &Episode, why: &str, events: impl Iterator<Item = Event>, missed: Missed) -> Truth {
+    let step = episode.row().step;
+    let end = EpisodeEnd {
+        cause: ABORTED.into(),
+        causes: Vec::new(),
+        steps: episode.summary().steps,
+        success: episode.summary().success,
+        digest: episode.digest().hex(),
+    };
+    let ending = event(step, "end", ABORTED, ABORTED, why.into());
+    Truth {
+        episode: episode.spec().episode,
+        step,
+        events: events.chain([ending]).map(|event| event.encode_to_vec()).collect(),
+        result: Some(result(episode, end, missed)),
+        ..Truth::default()
+    }
+}
+
+/// How an episode ended, once it has.
+pub(super) fn end(episode: &Episode) -> Option<EpisodeEnd> {
+    let end = episode.end()?;
+    Some(EpisodeEnd {
+        cause: end.cause().name().into(),
+        causes: end.causes.iter().map(|cause| cause.name().to_owned()).collect(),
+        steps: episode.summary().steps,
+        success: episode.summary().success,
+        digest: episode.digest().hex(),
+    })
+}
+
+fn named<'a>(episode: &Episode, conjuncts: &'a Conjuncts) -> impl Iterator<Item = (&'static str, bool)> + use<'a> {
+    let names = episode.spec().task.spec().gate.conjuncts.iter().map(|conjunct| conjunct.name);
+    names.zip(conjuncts.as_slice().iter().copied())
+}
+
+fn reward(episode: &Episode) -> Reward {
+    let verdict = episode.verdict();
+    let terms = episode.terms().iter().map(|term| RewardTerm {
+        name: term.name.into(),
+        value: term.value,
+        weight: term.weight,
+        reward: term.reward,
+    });
+    Reward {
+        step: episode.row().step,
+        terms: terms.collect(),
+        total: episode.reward(),
+        conjuncts: verdict.conjuncts.as_slice().to_vec(),
+        gate_progress: verdict.progress,
+    }
+}
+
+fn result(episode: &Episode, end: EpisodeEnd, missed: Missed) -> EpisodeResult {
+    let (summary, totals) = (episode.summary(), episode.totals());
+    EpisodeResult {
+        end: Some(end),
+        success: summary.success,
+        broken: summary.broken,
+        dropped: summary.dropped,
+        gate_progress: summary.gate_progress,
+        peak_hand_force_n: summary.peak_hand_force_n,
+        control_effort: summary.control_effort,
+        steps: summary.steps,
+        unconverged: totals.unconverged,
+        steps_outside_box: totals.steps_outside_box,
+        missed_steps: missed.steps,
+        total_reward: totals.reward,
+        start_count: episode.judge().start_count().unwrap_or_default(),
+        best_count: episode.verdict().best_count,
+    }
+}

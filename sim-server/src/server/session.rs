@@ -1,0 +1,426 @@
+//! A session as a state machine: messages and the time go in, messages come out. It reads no clock and does no I/O; the
+//! rules that it follows are those of `proto/PROTOCOL.md`.
+
+mod act;
+mod recording;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use fiatlux_proto::v1::notice::Code as NoticeCode;
+use fiatlux_proto::v1::refusal::Code as RefusalCode;
+use fiatlux_proto::v1::{
+    CloseReply, CloseRequest, Event, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
+};
+use fiatlux_proto::{Message, decode, limits};
+use fiatlux_rules::Variant;
+use fiatlux_world::{Episode, EpisodeSpec, Scene};
+use zenoh::bytes::ZBytes;
+
+use super::info;
+use super::notices::Notices;
+use super::plan::{Plan, malformed, refusal};
+use super::record::{self, Record};
+use super::window::Window;
+use act::{Asked, Clock};
+
+/// Spans that a session keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Times {
+    pub grace: Duration,
+    pub action_timeout: Duration,
+    pub resend: Duration,
+    pub recorder_timeout: Duration,
+}
+
+/// What reaches a session. `R` is where a reply goes.
+#[derive(Debug)]
+pub(super) enum Input<R> {
+    Action(ZBytes),
+    Reset(ZBytes, R),
+    Close(ZBytes, R),
+    /// Asks for the last observation.
+    Observation(R),
+    /// The client's liveliness token.
+    ClientSeen,
+    ClientGone,
+    /// A recorder's acknowledgement.
+    Ack(ZBytes),
+    /// A recorder asks for truths.
+    Truths(ZBytes, R),
+    /// Messages of the client that found the inbox full.
+    PassedOver(u64),
+    /// A message of the client that is too large to be read, of so many bytes.
+    TooLarge(usize),
+    /// Nothing but the time.
+    Tick,
+    /// The server shuts down.
+    Shutdown,
+}
+
+/// What a session sends.
+#[derive(Debug)]
+pub(super) enum Output<R> {
+    Observation(ZBytes),
+    Notice(ZBytes),
+    Truth(ZBytes),
+    /// Replies to a query, with the name of their message.
+    Reply(R, &'static str, Vec<ZBytes>),
+    /// A [`Refusal`] as the error reply to a query that has no other form for it.
+    Refuse(R, ZBytes),
+    /// No client has this session any more; it only waits for its recorder.
+    Closed,
+    /// Nothing is left to do.
+    Done,
+}
+
+pub(super) type Sink<'a, R> = &'a mut dyn FnMut(Output<R>);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    Open,
+    /// Closed at that time; truths wait for their recorder.
+    Draining(Duration),
+    Done,
+}
+
+/// An episode that runs or has ended with a row; one that was aborted is gone.
+#[derive(Debug)]
+struct Run {
+    episode: Episode,
+    record: Record,
+    /// The present observation, as published, and when.
+    observation: ZBytes,
+    observed_at: Duration,
+    /// Real time, from the first action on.
+    clock: Option<Clock>,
+    missed: record::Missed,
+}
+
+impl Run {
+    fn index(&self) -> u64 {
+        self.episode.spec().episode
+    }
+
+    fn step(&self) -> u64 {
+        self.episode.row().step
+    }
+
+    fn is_over(&self) -> bool {
+        self.episode.end().is_some()
+    }
+}
+
+/// What waits for room in the recording window.
+#[derive(Debug)]
+enum Held<R> {
+    Action(Asked),
+    Reset(u64, R),
+}
+
+/// One client's session.
+#[derive(Debug)]
+pub(super) struct Session<R> {
+    server: String,
+    id: String,
+    plan: Plan,
+    times: Times,
+    scene: Arc<Scene>,
+    /// Shapes of the scene for a viewer.
+    scene_message: Arc<[u8]>,
+    phase: Phase,
+    run: Option<Run>,
+    window: Window,
+    held: Option<Held<R>>,
+    recording: recording::Recording,
+    notices: Notices,
+    /// Since when the client shows no token.
+    client_gone: Option<Duration>,
+    /// Since when the session waits for its client.
+    client_silent: Duration,
+    /// What happened between two rows.
+    events: Vec<Event>,
+    /// Refused actions that are not among the events any more.
+    refused: u64,
+}
+
+/// Events between two rows that are recorded one by one.
+const MAX_EVENTS: usize = 16;
+
+impl<R> Session<R> {
+    pub fn new(
+        server: &str,
+        id: &str,
+        plan: Plan,
+        times: Times,
+        scene: Arc<Scene>,
+        scene_message: Arc<[u8]>,
+        now: Duration,
+    ) -> Self {
+        Self {
+            server: server.into(),
+            id: id.into(),
+            plan,
+            times,
+            scene,
+            scene_message,
+            phase: Phase::Open,
+            run: None,
+            window: Window::default(),
+            held: None,
+            recording: recording::Recording::default(),
+            notices: Notices::default(),
+            client_gone: Some(now),
+            client_silent: now,
+            events: Vec::new(),
+            refused: 0,
+        }
+    }
+
+    /// What the client is told of it.
+    pub fn info(&self) -> SessionInfo {
+        info::session(&self.server, &self.id, &self.plan, &self.scene, &self.times)
+    }
+
+    /// Nothing is lost when the server stops now.
+    pub fn is_settled(&self) -> bool {
+        let draining = matches!(self.phase, Phase::Draining(_)) && !self.plan.recorded && !self.recording.registered;
+        self.phase == Phase::Done || draining
+    }
+
+    /// Takes one input, after whatever the time has brought.
+    pub fn handle(&mut self, input: Input<R>, now: Duration, out: Sink<'_, R>) {
+        match input {
+            Input::Action(bytes) => self.on_action(&bytes, now, out),
+            Input::Reset(bytes, to) => self.on_reset(&bytes, to, now, out),
+            Input::Close(bytes, to) => self.on_close(&bytes, to, now, out),
+            Input::Observation(to) => match &self.run {
+                Some(run) => out(Output::Reply(to, "Observation", vec![run.observation.clone()])),
+                None => refuse(to, &refusal(RefusalCode::Value, "", "no episode runs; send reset"), out),
+            },
+            Input::ClientSeen => self.client_gone = None,
+            Input::ClientGone => self.client_gone = self.client_gone.or(Some(now)),
+            Input::Ack(bytes) => self.on_ack(&bytes, now, out),
+            Input::Truths(bytes, to) => self.on_truths(&bytes, to, out),
+            Input::PassedOver(count) => {
+                let message = format!("{count} messages found {} others waiting", limits::MAX_WAITING_MESSAGES);
+                let remedy = "send one action for each observation, and the same one again after resend_s";
+                self.notify(NoticeCode::Rate, count, "", message, remedy, now, out);
+            }
+            Input::TooLarge(length) => {
+                let message = format!("a message of {length} bytes; the limit is {}", limits::MAX_CLIENT_MESSAGE);
+                self.notify(NoticeCode::Size, 1, "", message, "send one action a message", now, out);
+            }
+            Input::Tick => {}
+            Input::Shutdown => self.close("the server shuts down", now, out),
+        }
+        self.pass_time(now, out);
+    }
+
+    /// When the session wants to be shown the time.
+    pub fn wake_at(&self) -> Option<Duration> {
+        let times = &self.times;
+        let mut wake = self.notices.wake_at();
+        let mut at = |time: Option<Duration>| wake = wake.into_iter().chain(time).min();
+        match self.phase {
+            Phase::Done => return None,
+            Phase::Draining(_) => at(self.drained_at()),
+            Phase::Open => {
+                at(self.client_gone.map(|since| since + times.grace));
+                at(self.recording.waiting_since.map(|since| since + times.recorder_timeout));
+                if self.held.is_none() {
+                    at(Some(self.client_silent + times.action_timeout));
+                }
+                at(self.run.as_ref().and_then(|run| run.clock.as_ref()).map(|clock| clock.next_step));
+            }
+        }
+        wake
+    }
+
+    fn pass_time(&mut self, now: Duration, out: Sink<'_, R>) {
+        if let Some(notice) = self.notices.due(now) {
+            out(Output::Notice(notice.encode_to_vec().into()));
+        }
+        if self.phase == Phase::Open {
+            self.step_by_the_clock(now, out);
+            self.stop_waiting_for_recorder(now, out);
+            if self.client_gone.is_some_and(|since| now >= since + self.times.grace) {
+                let secs = self.times.grace.as_secs_f64();
+                self.close(&format!("the client has shown no liveliness token for {secs} s"), now, out);
+            } else if self.held.is_none() && now >= self.client_silent + self.times.action_timeout {
+                let secs = self.times.action_timeout.as_secs_f64();
+                self.close(&format!("no action has come for {secs} s"), now, out);
+            }
+        }
+        if matches!(self.phase, Phase::Draining(_)) && self.drained_at().is_none_or(|at| now >= at) {
+            self.phase = Phase::Done;
+            self.run = None;
+            out(Output::Done);
+        }
+    }
+
+    fn on_reset(&mut self, bytes: &ZBytes, to: R, now: Duration, out: Sink<'_, R>) {
+        let request: ResetRequest = match decode(&bytes.to_bytes(), limits::MAX_CLIENT_MESSAGE) {
+            Ok(request) => request,
+            Err(error) => return reset_refused(to, malformed(&error), out),
+        };
+        if self.phase != Phase::Open {
+            return reset_refused(to, closed(), out);
+        }
+        if let Some(run) = &self.run
+            && run.index() == request.episode
+            && run.step() == 0
+            && run.clock.is_none()
+            && self.held.is_none()
+        {
+            self.client_silent = now;
+            let again = Observation::decode(run.observation.to_bytes().as_ref()).unwrap_or_default();
+            return reset_replied(to, again, out);
+        }
+        if let Some(Held::Reset(_, other)) = self.held.take() {
+            reset_refused(other, refusal(RefusalCode::Value, "", "another reset has come since"), out);
+        }
+        if self.must_wait(now) {
+            self.held = Some(Held::Reset(request.episode, to));
+        } else {
+            self.reset(request.episode, to, now, out);
+        }
+    }
+
+    fn reset(&mut self, index: u64, to: R, now: Duration, out: Sink<'_, R>) {
+        self.client_silent = now;
+        self.abort("another episode was asked for", now, out);
+        let spec = EpisodeSpec {
+            task: self.plan.task,
+            episode: index,
+            no_noise: self.plan.no_noise,
+            thresholds: self.plan.thresholds.clone(),
+            end_on: self.plan.end_on,
+            variant: Variant::Benchmark,
+        };
+        let episode = match Episode::start(Arc::clone(&self.scene), &spec) {
+            Ok(episode) => episode,
+            Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "", chain(&error)), out),
+        };
+        let observation = act::observe(&episode, self.plan.sensors);
+        let bytes = observation.encode_to_vec();
+        reset_replied(to, observation, out);
+        let header = info::header(&self.server, &self.id, &self.plan, &episode);
+        self.events.clear();
+        self.refused = 0;
+        let (record, truth) = Record::start(&episode, header, self.scene_message.to_vec(), &bytes);
+        let missed = record::Missed::default();
+        self.run = Some(Run { episode, record, observation: bytes.into(), observed_at: now, clock: None, missed });
+        self.publish_truth(truth, now, out);
+    }
+
+    fn on_close(&mut self, bytes: &ZBytes, to: R, now: Duration, out: Sink<'_, R>) {
+        let reply = match decode::<CloseRequest>(&bytes.to_bytes(), limits::MAX_CLIENT_MESSAGE) {
+            Err(error) => CloseReply { refusal: Some(malformed(&error)) },
+            Ok(_) if self.phase != Phase::Open => CloseReply { refusal: Some(closed()) },
+            Ok(_) => {
+                self.shut("the client closed the session", now, out);
+                CloseReply::default()
+            }
+        };
+        out(Output::Reply(to, "CloseReply", vec![reply.encode_to_vec().into()]));
+    }
+
+    /// Closes for a reason that the client did not give.
+    pub fn close(&mut self, why: &str, now: Duration, out: Sink<'_, R>) {
+        if self.phase == Phase::Open {
+            self.notify(NoticeCode::Lost, 1, "", format!("the session is closed: {why}"), "open another one", now, out);
+            self.shut(why, now, out);
+        }
+    }
+
+    fn shut(&mut self, why: &str, now: Duration, out: Sink<'_, R>) {
+        if let Some(Held::Reset(_, to)) = self.held.take() {
+            reset_refused(to, closed(), out);
+        }
+        self.abort(why, now, out);
+        self.phase = Phase::Draining(now);
+        out(Output::Closed);
+    }
+
+    /// Ends the episode that runs without a last row.
+    fn abort(&mut self, why: &str, now: Duration, out: Sink<'_, R>) {
+        if let Some(run) = self.run.take()
+            && !run.is_over()
+        {
+            let events = self.take_events(run.step());
+            self.publish_truth(record::aborted(&run.episode, why, events, run.missed), now, out);
+        }
+    }
+
+    fn notify(
+        &mut self,
+        code: NoticeCode,
+        count: u64,
+        field: &str,
+        message: String,
+        remedy: &str,
+        now: Duration,
+        out: Sink<'_, R>,
+    ) {
+        let (episode, step) = self.run.as_ref().map_or((0, 0), |run| (run.index(), run.step()));
+        let (field, remedy) = (field.to_owned(), remedy.to_owned());
+        let notice = Notice { code: code.into(), episode, step, field, message, remedy, count };
+        if let Some(notice) = self.notices.offer(notice, now) {
+            out(Output::Notice(notice.encode_to_vec().into()));
+        }
+    }
+
+    /// Notes what happened between two rows.
+    fn note(&mut self, kind: &str, subject: &str, detail: String) {
+        if self.run.as_ref().is_none_or(Run::is_over) {
+            return;
+        }
+        if self.events.len() < MAX_EVENTS {
+            let event = Event { kind: kind.into(), subject: subject.into(), detail, ..Event::default() };
+            self.events.push(event);
+        } else {
+            self.refused += 1;
+        }
+    }
+
+    /// What was noted, for the record of that step.
+    fn take_events(&mut self, step: u64) -> impl Iterator<Item = Event> + use<R> {
+        let more = std::mem::take(&mut self.refused);
+        let more = (more > 0).then(|| Event {
+            kind: "refused".into(),
+            subject: "more".into(),
+            detail: format!("{more} more"),
+            ..Event::default()
+        });
+        let events = std::mem::take(&mut self.events);
+        events.into_iter().chain(more).map(move |event| Event { step, ..event })
+    }
+}
+
+/// An error with its causes.
+fn chain(error: &dyn std::error::Error) -> String {
+    std::iter::successors(error.source(), |error| error.source())
+        .fold(error.to_string(), |text, source| format!("{text}: {source}"))
+}
+
+fn closed() -> Refusal {
+    refusal(RefusalCode::Closed, "", "the session is closed; open another one")
+}
+
+fn refuse<R>(to: R, refusal: &Refusal, out: Sink<'_, R>) {
+    out(Output::Refuse(to, refusal.encode_to_vec().into()));
+}
+
+fn reset_refused<R>(to: R, refusal: Refusal, out: Sink<'_, R>) {
+    let reply = ResetReply { reply: Some(reset_reply::Reply::Refusal(refusal)) };
+    out(Output::Reply(to, "ResetReply", vec![reply.encode_to_vec().into()]));
+}
+
+/// Answers with an observation.
+fn reset_replied<R>(to: R, observation: Observation, out: Sink<'_, R>) {
+    let reply = ResetReply { reply: Some(reset_reply::Reply::Observation(observation)) };
+    out(Output::Reply(to, "ResetReply", vec![reply.encode_to_vec().into()]));
+}

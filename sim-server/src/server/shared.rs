@@ -1,0 +1,249 @@
+//! What all parts of a server share, and what its workers do with it.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::{Duration, Instant};
+
+use fiatlux_proto::keys::ServerKeys;
+use fiatlux_proto::v1::refusal::Code;
+use fiatlux_proto::v1::{OpenReply, Refusal, ServerInfo, SessionInfo, open_reply};
+use fiatlux_proto::{Message, encoding};
+use fiatlux_world::SceneKind;
+use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::query::Query;
+use zenoh::{Session as Zenoh, Wait};
+
+use super::actor::{Actor, Side, Wire};
+use super::lock;
+use super::plan::{self, refusal};
+use super::pool::{Job, RunQueue, Timer};
+use super::scenes::Scenes;
+use super::session::{Input, Output, Session, Times};
+
+/// Inputs that a worker gives a session before others get their turn.
+const TURN: usize = 256;
+/// Sessions that may wait for their recorder, for each one that may be open.
+const DRAINING_PER_OPEN: usize = 3;
+
+pub(super) struct Shared {
+    pub name: String,
+    pub keys: ServerKeys,
+    pub zenoh: Zenoh,
+    pub times: Times,
+    pub capacity: usize,
+    pub scenes: Scenes,
+    pub info: ServerInfo,
+    pub queue: RunQueue,
+    pub timer: Timer,
+    pub sessions: RwLock<BTreeMap<String, Arc<Actor>>>,
+    /// Sessions that clients have.
+    pub open: AtomicUsize,
+    pub closing: AtomicBool,
+    /// Makes the ids of sessions differ from those of an earlier server of the same name.
+    pub id_prefix: String,
+    pub next_id: AtomicU64,
+    pub start: Instant,
+}
+
+impl Shared {
+    pub fn now(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    pub fn find(&self, id: &str) -> Option<Arc<Actor>> {
+        let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner);
+        sessions.get(id).cloned()
+    }
+
+    pub fn all(&self) -> Vec<Arc<Actor>> {
+        let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner);
+        sessions.values().cloned().collect()
+    }
+
+    /// Gives a session an input, and a worker the session.
+    pub fn send(&self, actor: &Arc<Actor>, side: Side, input: Input<Query>) {
+        if actor.push(side, input) {
+            self.queue.push(Job::Run(Arc::clone(actor)));
+        }
+    }
+
+    /// What a worker's thread does.
+    pub fn work(&self) {
+        while let Some(job) = self.queue.next() {
+            let done = catch_unwind(AssertUnwindSafe(|| match &job {
+                Job::Run(actor) => self.run(actor),
+                Job::Open(query) => self.open(query),
+                Job::Describe(query) => self.describe(query),
+            }));
+            if done.is_err()
+                && let Job::Run(actor) = &job
+            {
+                tracing::error!(session = actor.id, "a session failed and is closed; please report this");
+                self.give_up(actor);
+            }
+        }
+    }
+
+    fn run(&self, actor: &Arc<Actor>) {
+        let mut session = lock(&actor.session);
+        let wire = lock(&actor.wire);
+        let mut done = wire.is_none();
+        let mut parked = false;
+        for _ in 0..TURN {
+            let Some(input) = actor.take() else {
+                if let Some(at) = session.wake_at()
+                    && actor.wakes_earlier(at)
+                {
+                    self.timer.set(at, actor);
+                }
+                // An answer that came meanwhile, as from a client in the same process, is taken at once.
+                parked = !done && actor.park();
+                if done || parked {
+                    break;
+                }
+                continue;
+            };
+            session.handle(input, self.now(), &mut |output| done |= self.emit(wire.as_ref(), output));
+        }
+        drop((session, wire));
+        if done {
+            self.remove(actor);
+        } else if !parked {
+            self.queue.push(Job::Run(Arc::clone(actor)));
+        }
+    }
+
+    /// Sends what a session has to say; returns whether that was the last of it.
+    fn emit(&self, wire: Option<&Wire>, output: Output<Query>) -> bool {
+        let put = |publish: fn(&Wire) -> &zenoh::pubsub::Publisher<'static>, bytes: ZBytes| {
+            if let Some(Err(error)) = wire.map(|wire| publish(wire).put(bytes).wait()) {
+                tracing::debug!(%error, "a message is lost");
+            }
+        };
+        match output {
+            Output::Observation(bytes) => put(|wire| &wire.observation, bytes),
+            Output::Notice(bytes) => put(|wire| &wire.notice, bytes),
+            Output::Truth(bytes) => put(|wire| &wire.truth, bytes),
+            Output::Reply(query, message, replies) => replies.into_iter().for_each(|bytes| reply(&query, message, bytes)),
+            Output::Refuse(query, bytes) => refuse(&query, bytes),
+            Output::Closed => {
+                self.open.fetch_sub(1, Ordering::Relaxed);
+            }
+            Output::Done => return true,
+        }
+        false
+    }
+
+    fn remove(&self, actor: &Actor) {
+        let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
+        let removed = sessions.remove(&actor.id);
+        drop(sessions);
+        let wire = lock(&actor.wire).take();
+        if removed.is_some() && wire.is_some() {
+            tracing::info!(session = actor.id, "session is over");
+        }
+    }
+
+    /// Closes a session that panicked, as far as it still can.
+    fn give_up(&self, actor: &Actor) {
+        let mut closed = false;
+        let told = catch_unwind(AssertUnwindSafe(|| {
+            let (mut session, wire) = (lock(&actor.session), lock(&actor.wire));
+            let mut out = |output| {
+                closed |= matches!(output, Output::Closed);
+                self.emit(wire.as_ref(), output);
+            };
+            session.close("the server failed in this session", self.now(), &mut out);
+        }));
+        // Closing fails only where the session was open; its slot is free again.
+        if told.is_err() && !closed {
+            self.open.fetch_sub(1, Ordering::Relaxed);
+        }
+        self.remove(actor);
+    }
+
+    fn describe(&self, query: &Query) {
+        let open_sessions = u32::try_from(self.open.load(Ordering::Relaxed)).unwrap_or(u32::MAX);
+        let info = ServerInfo { open_sessions, ..self.info.clone() };
+        reply(query, "ServerInfo", info.encode_to_vec().into());
+    }
+
+    fn open(&self, query: &Query) {
+        let bytes = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
+        let answer = match self.try_open(&bytes) {
+            Ok(session) => open_reply::Reply::Session(session),
+            Err(refusal) => {
+                tracing::info!(refusal.message, "open refused");
+                open_reply::Reply::Refusal(refusal)
+            }
+        };
+        reply(query, "OpenReply", OpenReply { reply: Some(answer) }.encode_to_vec().into());
+    }
+
+    fn try_open(&self, bytes: &[u8]) -> Result<SessionInfo, Refusal> {
+        let plan = plan::read(bytes)?;
+        if self.closing.load(Ordering::Relaxed) {
+            return Err(refusal(Code::Closed, "", "the server shuts down; open a session on another one"));
+        }
+        let capacity = self.capacity;
+        let sessions = self.all().len();
+        let reserve = |open: usize| (open < capacity && sessions <= capacity * DRAINING_PER_OPEN).then_some(open + 1);
+        if self.open.fetch_update(Ordering::Relaxed, Ordering::Relaxed, reserve).is_err() {
+            let message = format!(
+                "the server is busy: as many sessions are open as it has room for, {capacity}; close one, try again \
+                 later, or start it with a larger --capacity"
+            );
+            return Err(refusal(Code::Busy, "", message));
+        }
+        let opened = self.open_reserved(plan);
+        if opened.is_err() {
+            self.open.fetch_sub(1, Ordering::Relaxed);
+        }
+        opened
+    }
+
+    fn open_reserved(&self, plan: plan::Plan) -> Result<SessionInfo, Refusal> {
+        let built = self.scenes.get(SceneKind::of(plan.task), plan.seed, plan.gains).map_err(|error| {
+            let message = std::iter::successors(std::error::Error::source(&error), |error| error.source())
+                .fold(error.to_string(), |text, source| format!("{text}: {source}"));
+            refusal(Code::Start, "seed", message)
+        })?;
+        let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
+        let keys = self.keys.session(&id);
+        let wire = Wire::declare(&self.zenoh, &keys)
+            .map_err(|error| refusal(Code::Busy, "", format!("Zenoh refuses the session's keys: {error}")))?;
+        let (task, seed, policy) = (plan.task, plan.seed, plan.policy.clone());
+        let now = self.now();
+        let session = Session::new(&self.name, &id, plan, self.times, built.scene, built.shapes, now);
+        let info = session.info();
+        let wake_at = session.wake_at();
+        let actor = Arc::new(Actor::new(id.clone(), session, wire));
+        let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
+        sessions.insert(id.clone(), Arc::clone(&actor));
+        drop(sessions);
+        if let Some(at) = wake_at
+            && actor.wakes_earlier(at)
+        {
+            self.timer.set(at, &actor);
+        }
+        tracing::info!(session = id, %task, seed, policy, "session is open");
+        Ok(info)
+    }
+}
+
+/// Answers a query.
+pub(super) fn reply(query: &Query, message: &str, bytes: ZBytes) {
+    let sent = query.reply(query.key_expr().clone(), bytes).encoding(Encoding::from(encoding(message))).wait();
+    if let Err(error) = sent {
+        tracing::debug!(%error, key = %query.key_expr(), "a reply is lost");
+    }
+}
+
+/// Answers a query with a [`Refusal`] as an error.
+pub(super) fn refuse(query: &Query, bytes: ZBytes) {
+    if let Err(error) = query.reply_err(bytes).encoding(Encoding::from(encoding("Refusal"))).wait() {
+        tracing::debug!(%error, key = %query.key_expr(), "a refusal is lost");
+    }
+}

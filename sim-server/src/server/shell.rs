@@ -1,0 +1,369 @@
+//! A server on a Zenoh session.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, RwLock};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use fiatlux_proto::keys::{self, ServerKeys};
+use fiatlux_proto::v1::refusal::Code;
+use fiatlux_proto::v1::{CloseReply, OpenReply, ResetReply, open_reply, reset_reply};
+use fiatlux_proto::{Message, limits};
+use fiatlux_robot::{Robot, RobotError};
+use fiatlux_world::{SceneConfig, SceneError};
+use thiserror::Error;
+use zenoh::bytes::ZBytes;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session as Zenoh, Wait};
+
+use super::actor::{Actor, Side};
+use super::info;
+use super::lock;
+use super::plan::refusal;
+use super::pool::{Job, RunQueue, Timer};
+use super::scenes::Scenes;
+use super::session::{Input, Times};
+use super::shared::{Shared, refuse, reply};
+
+/// Requests to open or describe that wait for a worker; more are refused.
+const MAX_REQUESTS: usize = 256;
+/// How long a start looks for another server of its name.
+const LOOK_FOR_OTHERS: Duration = Duration::from_millis(500);
+
+/// Choices of a server.
+#[derive(Debug, Clone)]
+pub struct ServerOptions {
+    /// Name in all its keys.
+    pub name: String,
+    /// Worker threads.
+    pub workers: usize,
+    /// Sessions that can be open at once.
+    pub capacity: usize,
+    /// How long a session waits for a client that is gone.
+    pub grace: Duration,
+    /// How long a session waits for an action.
+    pub action_timeout: Duration,
+    /// After this long without an observation a client sends its action again.
+    pub resend: Duration,
+    /// How long a session waits for a recorder that makes no progress.
+    pub recorder_timeout: Duration,
+    /// All numbers of the scene.
+    pub scene: SceneConfig,
+}
+
+impl Default for ServerOptions {
+    fn default() -> Self {
+        Self {
+            name: "local".into(),
+            workers: std::thread::available_parallelism().map_or(1, usize::from),
+            capacity: 64,
+            grace: Duration::from_secs(10),
+            action_timeout: Duration::from_secs(60),
+            resend: Duration::from_millis(100),
+            recorder_timeout: Duration::from_secs_f64(limits::RECORDER_TIMEOUT_S),
+            scene: SceneConfig::default(),
+        }
+    }
+}
+
+/// Why a server does not start.
+#[derive(Debug, Error)]
+pub enum ServerError {
+    /// The name cannot be part of a key.
+    #[error("'{0}' cannot be a server's name; use 1 to 64 letters, digits, - or _")]
+    Name(String),
+    /// There is one of that name already.
+    #[error("another server is named '{0}'; stop it, or give this one another --name")]
+    Taken(String),
+    /// A number that makes no server.
+    #[error("{what} must be above 0")]
+    Zero {
+        /// What is 0.
+        what: &'static str,
+    },
+    /// The robot's file.
+    #[error("cannot load the robot")]
+    Robot(#[from] RobotError),
+    /// The scene config.
+    #[error("cannot use the scene config")]
+    Scene(#[from] SceneError),
+    /// Zenoh refused a key.
+    #[error("Zenoh refuses {key}: {reason}; is its session still open?")]
+    Zenoh {
+        /// The key.
+        key: String,
+        /// What Zenoh says.
+        reason: String,
+    },
+    /// The system gave no thread.
+    #[error("cannot start a thread; use fewer --workers")]
+    Thread(#[source] std::io::Error),
+}
+
+/// A server that runs until it is shut down or dropped.
+pub struct Server {
+    shared: Arc<Shared>,
+    threads: Vec<JoinHandle<()>>,
+    /// What hears messages; the first to go at the end.
+    ears: Vec<Ear>,
+    alive: Option<LivelinessToken>,
+}
+
+#[expect(dead_code, reason = "held, not read: a declaration ends with its handle")]
+enum Ear {
+    Subscriber(Subscriber<()>),
+    Queryable(Queryable<()>),
+}
+
+impl Server {
+    /// Starts a server on a Zenoh session, which stays the caller's.
+    ///
+    /// # Errors
+    /// [`ServerError`]: a name that does not fit or is taken, a scene config that makes no scene, or what Zenoh or the
+    /// system refuse.
+    pub fn start(zenoh: Zenoh, options: ServerOptions) -> Result<Self, ServerError> {
+        if !keys::is_name(&options.name) {
+            return Err(ServerError::Name(options.name));
+        }
+        for (what, number) in [("the number of workers", options.workers), ("the capacity", options.capacity)] {
+            if number == 0 {
+                return Err(ServerError::Zero { what });
+            }
+        }
+        options.scene.check()?;
+        let robot = Arc::new(Robot::g1_inspire()?);
+        let server_keys = ServerKeys::new(&options.name);
+        if is_taken(&zenoh, &server_keys.alive())? {
+            return Err(ServerError::Taken(options.name));
+        }
+        // Milliseconds since 1970: no earlier server of this name had it.
+        let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let shared = Arc::new(Shared {
+            info: info::server(&options.name, options.capacity, &robot, &options.scene),
+            name: options.name,
+            keys: server_keys,
+            zenoh,
+            times: Times {
+                grace: options.grace,
+                action_timeout: options.action_timeout,
+                resend: options.resend,
+                recorder_timeout: options.recorder_timeout,
+            },
+            capacity: options.capacity,
+            scenes: Scenes::new(options.scene, robot),
+            queue: RunQueue::default(),
+            timer: Timer::default(),
+            sessions: RwLock::new(BTreeMap::new()),
+            open: AtomicUsize::new(0),
+            closing: AtomicBool::new(false),
+            id_prefix: format!("{:x}", since_epoch.as_millis()),
+            next_id: AtomicU64::new(1),
+            start: Instant::now(),
+        });
+        let mut server = Self { shared, threads: Vec::new(), ears: Vec::new(), alive: None };
+        server.start_threads(options.workers).map_err(ServerError::Thread)?;
+        server.listen()?;
+        let key = server.shared.keys.alive();
+        let token = server.shared.zenoh.liveliness().declare_token(key.clone()).wait();
+        server.alive = Some(token.map_err(|error| refused(&key, error.as_ref()))?);
+        Ok(server)
+    }
+
+    /// Name of the server.
+    pub fn name(&self) -> &str {
+        &self.shared.name
+    }
+
+    /// Sessions that are open now.
+    pub fn open_sessions(&self) -> usize {
+        self.shared.open.load(Ordering::Relaxed)
+    }
+
+    /// Aborts what runs, then waits until recorders have everything, at most for `deadline`. Returns whether they do.
+    pub fn shutdown(mut self, deadline: Duration) -> bool {
+        self.shared.closing.store(true, Ordering::Relaxed);
+        self.alive = None;
+        let until = Instant::now() + deadline;
+        for actor in self.shared.all() {
+            self.shared.send(&actor, Side::Server, Input::Shutdown);
+        }
+        let settled = |actor: &Arc<Actor>| lock(&actor.session).is_settled();
+        loop {
+            let whole = self.shared.all().iter().all(settled);
+            if whole || Instant::now() >= until {
+                return whole;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    fn start_threads(&mut self, workers: usize) -> std::io::Result<()> {
+        for worker in 0..workers {
+            let shared = Arc::clone(&self.shared);
+            let thread = std::thread::Builder::new().name(format!("session-{worker}"));
+            self.threads.push(thread.spawn(move || shared.work())?);
+        }
+        let shared = Arc::clone(&self.shared);
+        let wake = move || {
+            let wake = |actor: Arc<Actor>| {
+                if actor.tick() {
+                    shared.queue.push(Job::Run(actor));
+                }
+            };
+            shared.timer.run(|| shared.now(), wake);
+        };
+        self.threads.push(std::thread::Builder::new().name("timer".into()).spawn(wake)?);
+        Ok(())
+    }
+
+    fn listen(&mut self) -> Result<(), ServerError> {
+        let keys = &self.shared.keys;
+        let any = keys.session("*");
+        let (describe, open) = (keys.describe(), keys.open());
+        self.answer(describe, Job::Describe)?;
+        self.answer(open, Job::Open)?;
+        self.hear(any.action(), Side::Client, Input::Action)?;
+        self.hear(any.truth_ack(), Side::Recorder, Input::Ack)?;
+        self.answer_session(any.reset(), Side::Client, Input::Reset)?;
+        self.answer_session(any.close(), Side::Client, Input::Close)?;
+        self.answer_session(any.observation(), Side::Client, |_, query| Input::Observation(query))?;
+        self.answer_session(any.truth_rows(), Side::Recorder, Input::Truths)?;
+        self.watch_clients(any.client())
+    }
+
+    /// Messages to any session.
+    fn hear(&mut self, key: String, side: Side, input: fn(ZBytes) -> Input<Query>) -> Result<(), ServerError> {
+        let shared = Arc::clone(&self.shared);
+        let callback = move |sample: Sample| {
+            let Some(actor) = session_of(&shared, sample.key_expr().as_str()) else { return };
+            let bytes = sample.payload();
+            match bytes.len() {
+                length if length <= limits::MAX_CLIENT_MESSAGE => shared.send(&actor, side, input(bytes.clone())),
+                length if side == Side::Client => shared.send(&actor, side, Input::TooLarge(length)),
+                length => tracing::debug!(length, "a recorder's message is too large"),
+            }
+        };
+        let subscriber = self.shared.zenoh.declare_subscriber(key.clone()).callback(callback).wait();
+        self.ears.push(Ear::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
+        Ok(())
+    }
+
+    /// Queries to any session.
+    fn answer_session(
+        &mut self,
+        key: String,
+        side: Side,
+        input: fn(ZBytes, Query) -> Input<Query>,
+    ) -> Result<(), ServerError> {
+        let shared = Arc::clone(&self.shared);
+        let callback = move |query: Query| {
+            let Some(actor) = session_of(&shared, query.key_expr().as_str()) else {
+                return answer_for_nobody(&query, Code::Closed, "there is no such session; open one");
+            };
+            let bytes = query.payload().cloned().unwrap_or_default();
+            if bytes.len() > limits::MAX_CLIENT_MESSAGE {
+                return answer_for_nobody(&query, Code::Malformed, "the request is too large");
+            }
+            shared.send(&actor, side, input(bytes, query));
+        };
+        self.declare_queryable(key, callback)
+    }
+
+    /// Queries to the server.
+    fn answer(&mut self, key: String, job: fn(Query) -> Job) -> Result<(), ServerError> {
+        let shared = Arc::clone(&self.shared);
+        let callback = move |query: Query| {
+            let too_large = query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE);
+            if too_large {
+                answer_for_nobody(&query, Code::Malformed, "the request is too large");
+            } else if shared.queue.requests() >= MAX_REQUESTS {
+                answer_for_nobody(&query, Code::Busy, "too many requests wait; try again later");
+            } else {
+                shared.queue.push(job(query));
+            }
+        };
+        self.declare_queryable(key, callback)
+    }
+
+    fn declare_queryable(
+        &mut self,
+        key: String,
+        callback: impl Fn(Query) + Send + Sync + 'static,
+    ) -> Result<(), ServerError> {
+        let queryable = self.shared.zenoh.declare_queryable(key.clone()).callback(callback).wait();
+        self.ears.push(Ear::Queryable(queryable.map_err(|error| refused(&key, error.as_ref()))?));
+        Ok(())
+    }
+
+    /// Liveliness tokens of clients.
+    fn watch_clients(&mut self, key: String) -> Result<(), ServerError> {
+        let shared = Arc::clone(&self.shared);
+        let callback = move |sample: Sample| {
+            if let Some(actor) = session_of(&shared, sample.key_expr().as_str()) {
+                let seen = sample.kind() == SampleKind::Put;
+                shared.send(&actor, Side::Server, if seen { Input::ClientSeen } else { Input::ClientGone });
+            }
+        };
+        let subscriber = self.shared.zenoh.liveliness().declare_subscriber(key.clone()).history(true);
+        let subscriber = subscriber.callback(callback).wait();
+        self.ears.push(Ear::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
+        Ok(())
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.alive = None;
+        self.ears.clear();
+        self.shared.queue.stop();
+        self.shared.timer.stop();
+        for thread in self.threads.drain(..) {
+            // A worker catches what goes wrong in a session; nothing is left to say here.
+            let _ = thread.join();
+        }
+        for actor in self.shared.all() {
+            drop(lock(&actor.wire).take());
+        }
+    }
+}
+
+/// Whether some server holds the token.
+fn is_taken(zenoh: &Zenoh, alive: &str) -> Result<bool, ServerError> {
+    let tokens = zenoh.liveliness().get(alive).timeout(LOOK_FOR_OTHERS).wait();
+    let tokens = tokens.map_err(|error| refused(alive, error.as_ref()))?;
+    Ok(tokens.into_iter().any(|token| token.result().is_ok()))
+}
+
+fn refused(key: &str, error: &(dyn std::error::Error + Send + Sync)) -> ServerError {
+    ServerError::Zenoh { key: key.into(), reason: error.to_string() }
+}
+
+fn session_of(shared: &Shared, key: &str) -> Option<Arc<Actor>> {
+    let (_, _, id) = keys::SessionKeys::of(key)?;
+    shared.find(id)
+}
+
+/// A refusal that needs no session, in the form that the query's key asks for.
+fn answer_for_nobody(query: &Query, code: Code, message: &str) {
+    let refused = refusal(code, "", message);
+    let key = query.key_expr().as_str();
+    match key.rsplit('/').next() {
+        Some("open") => {
+            let answer = OpenReply { reply: Some(open_reply::Reply::Refusal(refused)) };
+            reply(query, "OpenReply", answer.encode_to_vec().into());
+        }
+        Some("reset") => {
+            let answer = ResetReply { reply: Some(reset_reply::Reply::Refusal(refused)) };
+            reply(query, "ResetReply", answer.encode_to_vec().into());
+        }
+        Some("close") => {
+            let answer = CloseReply { refusal: Some(refused) };
+            reply(query, "CloseReply", answer.encode_to_vec().into());
+        }
+        _ => refuse(query, refused.encode_to_vec().into()),
+    }
+}

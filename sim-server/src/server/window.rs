@@ -1,0 +1,108 @@
+//! The truths that no recorder has on disk yet.
+
+use std::collections::VecDeque;
+
+use fiatlux_proto::Message;
+use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW};
+use fiatlux_proto::v1::{Truth, TruthAck, TruthRequest};
+use zenoh::bytes::ZBytes;
+
+/// Numbers truths and keeps those that are not acknowledged.
+#[derive(Debug, Default)]
+pub(super) struct Window {
+    truths: VecDeque<ZBytes>,
+    /// Number of the first one kept.
+    first: u64,
+}
+
+impl Window {
+    /// Number of the next truth.
+    pub fn next_seq(&self) -> u64 {
+        self.first + self.truths.len() as u64
+    }
+
+    /// Takes a truth in, numbered. A full window loses its oldest truth if `slide`.
+    pub fn push(&mut self, truth: &mut Truth, slide: bool) -> ZBytes {
+        truth.seq = self.next_seq();
+        let bytes = ZBytes::from(truth.encode_to_vec());
+        if slide && self.is_full() {
+            self.truths.pop_front();
+            self.first += 1;
+        }
+        self.truths.push_back(bytes.clone());
+        bytes
+    }
+
+    /// As many are kept as may be.
+    pub fn is_full(&self) -> bool {
+        self.truths.len() as u64 >= RECORDING_WINDOW
+    }
+
+    /// All is acknowledged.
+    pub fn is_empty(&self) -> bool {
+        self.truths.is_empty()
+    }
+
+    /// Forgets what a recorder has on disk; returns how many truths that freed. An acknowledgement of what does not exist
+    /// yet frees nothing.
+    pub fn acknowledge(&mut self, ack: &TruthAck) -> usize {
+        if ack.next_seq > self.next_seq() {
+            return 0;
+        }
+        let freed = ack.next_seq.saturating_sub(self.first).min(self.truths.len() as u64) as usize;
+        self.truths.drain(..freed);
+        self.first += freed as u64;
+        freed
+    }
+
+    /// Those of the asked ones that are kept.
+    pub fn get(&self, request: &TruthRequest) -> Vec<ZBytes> {
+        let skipped = request.from_seq.saturating_sub(self.first).min(self.truths.len() as u64);
+        let missing = self.first.saturating_sub(request.from_seq);
+        let count = request.count.min(MAX_TRUTHS_PER_REQUEST).saturating_sub(missing);
+        self.truths.iter().skip(skipped as usize).take(count as usize).cloned().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seqs(truths: &[ZBytes]) -> Vec<u64> {
+        truths.iter().map(|bytes| Truth::decode(&*bytes.to_bytes()).expect("a truth").seq).collect()
+    }
+
+    #[test]
+    fn truths_are_kept_until_acknowledged() {
+        let mut window = Window::default();
+        for _ in 0..10 {
+            window.push(&mut Truth::default(), false);
+        }
+        let ack = |next_seq| TruthAck { next_seq, ..TruthAck::default() };
+        assert_eq!(window.acknowledge(&ack(11)), 0, "what does not exist is not on disk");
+        assert_eq!((window.acknowledge(&ack(4)), window.acknowledge(&ack(2))), (4, 0));
+        let get = |from_seq, count| seqs(&window.get(&TruthRequest { from_seq, count }));
+        assert_eq!(get(5, 3), [5, 6, 7]);
+        assert_eq!(get(2, 4), [4, 5], "2 and 3 are gone");
+        assert_eq!(get(9, u64::MAX), [9]);
+        assert!(get(10, 5).is_empty() && get(u64::MAX, u64::MAX).is_empty() && get(0, 0).is_empty());
+        assert_eq!(window.acknowledge(&ack(10)), 6);
+        assert!(window.is_empty() && window.next_seq() == 10);
+    }
+
+    #[test]
+    fn a_full_window_slides_or_grows() {
+        let mut window = Window::default();
+        for _ in 0..RECORDING_WINDOW {
+            assert!(!window.is_full());
+            window.push(&mut Truth::default(), true);
+        }
+        assert!(window.is_full());
+        window.push(&mut Truth::default(), true);
+        let oldest = |window: &Window| seqs(&window.get(&TruthRequest { from_seq: 0, count: 2 }));
+        assert_eq!(oldest(&window), [1]);
+        window.push(&mut Truth::default(), false);
+        assert_eq!(oldest(&window), [1]);
+        assert_eq!(window.get(&TruthRequest { from_seq: 1, count: u64::MAX }).len() as u64, MAX_TRUTHS_PER_REQUEST);
+    }
+}

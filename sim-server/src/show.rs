@@ -1,0 +1,222 @@
+//! What a viewer shows: the scene's shapes, and where its frames are.
+//!
+//! Frames: `world`; below it `pelvis` with the robot's links in their tree, `ladder`, `old_bulb`, `fresh_bulb`, `fixture`
+//! and `crate`. What can move is drawn in its own frame, the rest in `world`.
+
+use std::collections::BTreeMap;
+
+use fiatlux_dynamics::{Geometry, ShapeId};
+use fiatlux_proto::foxglove::{
+    Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, Pose, Quaternion, SceneEntity,
+    SceneUpdate, SpherePrimitive, Vector3 as Vector,
+};
+use fiatlux_proto::v1::State;
+use fiatlux_proto::{Duration, Timestamp};
+use fiatlux_robot::Robot;
+use fiatlux_rules::{CONTROL_DT, Row, RowError};
+use fiatlux_world::{Scene, ShapeOwner};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
+
+const WORLD: &str = "world";
+const LADDER: &str = "ladder";
+const OLD_BULB: &str = "old_bulb";
+const FRESH_BULB: &str = "fresh_bulb";
+const FIXTURE: &str = "fixture";
+const CRATE: &str = "crate";
+
+/// Side and thickness of the floor that is drawn, m.
+const FLOOR: [f64; 2] = [12.0, 0.02];
+
+const LIGHT_GREY: [f64; 4] = [0.80, 0.81, 0.83, 1.0];
+const DARK: [f64; 4] = [0.16, 0.17, 0.19, 1.0];
+const ALUMINIUM: [f64; 4] = [0.66, 0.69, 0.72, 1.0];
+const TREAD: [f64; 4] = [0.95, 0.78, 0.10, 1.0];
+const CRATE_YELLOW: [f64; 4] = [0.98, 0.70, 0.05, 1.0];
+const WOOD: [f64; 4] = [0.52, 0.35, 0.20, 1.0];
+const GLOWING: [f64; 4] = [1.0, 0.94, 0.62, 0.95];
+const SPENT: [f64; 4] = [0.30, 0.28, 0.26, 0.95];
+const WHITE: [f64; 4] = [0.93, 0.93, 0.92, 1.0];
+const FLOOR_GREY: [f64; 4] = [0.45, 0.46, 0.47, 1.0];
+
+/// The shapes of everything in a scene but walls and ceiling, so that one sees in. The robot's links and the props are
+/// an entity each.
+pub fn scene_update(scene: &Scene) -> SceneUpdate {
+    let mut entities: BTreeMap<&str, SceneEntity> = BTreeMap::new();
+    for shape in scene.robot.shapes() {
+        let link = &scene.robot.links()[shape.link].name;
+        let dark = scene.robot.hand_links().contains(&shape.link) || scene.robot.feet().contains(&shape.link);
+        let entity = entities.entry(link).or_insert_with(|| entity(link, link));
+        draw(entity, &shape.link_from_shape, &shape.geometry, if dark { DARK } else { LIGHT_GREY });
+    }
+    for (index, shape) in scene.model.shapes().iter().enumerate() {
+        let Some((name, frame, color)) = prop(scene.owner(ShapeId(index)), &shape.name) else { continue };
+        // Shapes of the world have their pose in it, those of a body in the body, whose frame is the entity's.
+        let fixed = match frame {
+            LADDER if scene.ladder.is_none() => Some(scene.world_from_ladder),
+            FIXTURE => Some(scene.world_from_fixture),
+            CRATE => scene.world_from_crate,
+            _ => None,
+        };
+        let frame_from_shape = fixed.map_or(shape.body_from_shape, |pose| pose.inv_mul(&shape.body_from_shape));
+        let entity = entities.entry(name).or_insert_with(|| entity(name, frame));
+        draw(entity, &frame_from_shape, &shape.geometry, color);
+    }
+    SceneUpdate { deletions: Vec::new(), entities: entities.into_values().collect() }
+}
+
+/// Name of the entity, its frame and the colour of a shape; none for what is not drawn, or drawn as the robot's.
+fn prop(owner: ShapeOwner, shape: &str) -> Option<(&'static str, &'static str, [f64; 4])> {
+    let is_step = shape.contains("tread") || shape.contains("platform");
+    Some(match owner {
+        ShapeOwner::Floor => ("floor", WORLD, FLOOR_GREY),
+        ShapeOwner::Bench => ("bench", WORLD, WOOD),
+        ShapeOwner::Crate => (CRATE, CRATE, CRATE_YELLOW),
+        ShapeOwner::Fixture => (FIXTURE, FIXTURE, WHITE),
+        ShapeOwner::Ladder => (LADDER, LADDER, if is_step { TREAD } else { ALUMINIUM }),
+        ShapeOwner::OldBulb => (OLD_BULB, OLD_BULB, SPENT),
+        ShapeOwner::FreshBulb => (FRESH_BULB, FRESH_BULB, GLOWING),
+        ShapeOwner::Room | ShapeOwner::Robot(_) => return None,
+    })
+}
+
+fn entity(name: &str, frame: &str) -> SceneEntity {
+    SceneEntity {
+        timestamp: Some(Timestamp::default()),
+        frame_id: frame.into(),
+        id: name.into(),
+        // It stays.
+        lifetime: Some(Duration::default()),
+        frame_locked: true,
+        ..SceneEntity::default()
+    }
+}
+
+fn draw(entity: &mut SceneEntity, pose: &Isometry3<f64>, geometry: &Geometry, [r, g, b, a]: [f64; 4]) {
+    let color = Some(Color { r, g, b, a });
+    let ball = |z: f64, radius: f64| SpherePrimitive {
+        pose: Some(pose_of(&(pose * Translation3::new(0.0, 0.0, z)))),
+        size: Some(vector(&Vector3::from_element(2.0 * radius))),
+        color,
+    };
+    match *geometry {
+        Geometry::Sphere { radius } => entity.spheres.push(ball(0.0, radius)),
+        Geometry::Capsule { radius, half_length } => {
+            entity.spheres.extend([ball(-half_length, radius), ball(half_length, radius)]);
+            entity.cylinders.push(CylinderPrimitive {
+                pose: Some(pose_of(pose)),
+                size: Some(vector(&Vector3::new(2.0 * radius, 2.0 * radius, 2.0 * half_length))),
+                bottom_scale: 1.0,
+                top_scale: 1.0,
+                color,
+            });
+        }
+        Geometry::Cuboid { half_extents } => {
+            entity.cubes.push(CubePrimitive {
+                pose: Some(pose_of(pose)),
+                size: Some(vector(&(2.0 * half_extents))),
+                color,
+            });
+        }
+        Geometry::HalfSpace => {
+            let [side, thickness] = FLOOR;
+            entity.cubes.push(CubePrimitive {
+                pose: Some(pose_of(&(pose * Translation3::new(0.0, 0.0, -thickness / 2.0)))),
+                size: Some(vector(&Vector3::new(side, side, thickness))),
+                color,
+            });
+        }
+    }
+}
+
+/// The frames of a robot and of the props.
+#[derive(Debug, Clone)]
+pub struct Frames {
+    links: Vec<LinkFrame>,
+}
+
+#[derive(Debug, Clone)]
+struct LinkFrame {
+    name: String,
+    /// Name of the parent; none for the root.
+    parent: Option<String>,
+    parent_from_link: Isometry3<f64>,
+    /// Index and axis of the joint; none where it is fixed to its parent.
+    joint: Option<(usize, UnitVector3<f64>)>,
+}
+
+impl Frames {
+    /// Frames of a robot with the joints of [`Row`].
+    pub fn new(robot: &Robot) -> Self {
+        let links = robot.links().iter().map(|link| LinkFrame {
+            name: link.name.clone(),
+            parent: link.parent.map(|parent| robot.links()[parent].name.clone()),
+            parent_from_link: link.parent_from_link,
+            joint: link.joint.and_then(|joint| Some((joint, robot.joints().get(joint)?.axis))),
+        });
+        Self { links: links.collect() }
+    }
+
+    /// Where all frames are in a row, each in its parent, stamped with the row's time.
+    ///
+    /// # Errors
+    /// A state that is no row.
+    pub fn transforms(&self, state: &State) -> Result<FrameTransforms, RowError> {
+        let row = Row::try_from(state)?;
+        let timestamp = Some(time_of(row.step));
+        let frame = |parent: &str, child: &str, pose: &Isometry3<f64>| {
+            let Pose { position, orientation } = pose_of(pose);
+            FrameTransform {
+                timestamp,
+                parent_frame_id: parent.into(),
+                child_frame_id: child.into(),
+                translation: position,
+                rotation: orientation,
+            }
+        };
+        let links = self.links.iter().map(|link| {
+            let Some(parent) = &link.parent else { return frame(WORLD, &link.name, &row.robot.pose) };
+            let angle = |(joint, axis): (usize, UnitVector3<f64>)| {
+                let angle = row.joint_position.get(joint).copied().unwrap_or_default();
+                UnitQuaternion::from_axis_angle(&axis, angle)
+            };
+            frame(
+                parent,
+                &link.name,
+                &(link.parent_from_link * link.joint.map_or_else(UnitQuaternion::identity, angle)),
+            )
+        });
+        let props = [
+            (LADDER, row.ladder.pose),
+            (OLD_BULB, row.bulbs[0].pose),
+            (FRESH_BULB, row.bulbs[1].pose),
+            (FIXTURE, row.fixture),
+            (CRATE, row.crate_),
+        ];
+        let props = props.iter().map(|(name, pose)| frame(WORLD, name, pose));
+        Ok(FrameTransforms { transforms: links.chain(props).collect() })
+    }
+}
+
+fn time_of(step: u64) -> Timestamp {
+    const STEP_NS: u64 = (CONTROL_DT * 1e9) as u64;
+    let ns = step.saturating_mul(STEP_NS);
+    Timestamp { seconds: (ns / 1_000_000_000) as i64, nanos: (ns % 1_000_000_000) as i32 }
+}
+
+/// Rounded to single precision, which is plenty for a picture and packs to half the size.
+fn rounded(number: f64) -> f64 {
+    f64::from(number as f32)
+}
+
+fn vector(vector: &Vector3<f64>) -> Vector {
+    Vector { x: rounded(vector.x), y: rounded(vector.y), z: rounded(vector.z) }
+}
+
+fn pose_of(pose: &Isometry3<f64>) -> Pose {
+    let q = pose.rotation.quaternion();
+    let orientation = Quaternion { x: rounded(q.i), y: rounded(q.j), z: rounded(q.k), w: rounded(q.w) };
+    Pose { position: Some(vector(&pose.translation.vector)), orientation: Some(orientation) }
+}
+
+#[cfg(test)]
+mod tests;

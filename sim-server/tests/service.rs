@@ -1,0 +1,304 @@
+//! A server and a client of raw messages in one process: what the protocol promises, over a real Zenoh session.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
+
+use fiatlux_proto::keys::{ServerKeys, SessionKeys};
+use fiatlux_proto::v1::{
+    Action, CloseReply, CloseRequest, Notice, Observation, OpenReply, OpenRequest, ResetReply, ResetRequest,
+    ServerInfo, SessionInfo, State, Truth, TruthAck, TruthRequest, notice, open_reply, refusal, reset_reply,
+};
+use fiatlux_proto::{Message, PROTOCOL};
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::{JOINTS, Row, RowDigest, Task};
+use fiatlux_sim::{Server, ServerError, ServerOptions};
+use fiatlux_world::{Command, Episode, EpisodeSpec, Scene, SceneConfig, SceneKind, SceneSpec};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::query::ConsolidationMode;
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
+
+const LONG: Duration = Duration::from_secs(20);
+
+fn start(options: ServerOptions) -> (Session, Server) {
+    let zenoh = fiatlux_link::embedded().unwrap();
+    let server = Server::start(zenoh.clone(), options).unwrap();
+    (zenoh, server)
+}
+
+fn options() -> ServerOptions {
+    ServerOptions { name: "test".into(), workers: 1, ..ServerOptions::default() }
+}
+
+fn query<M: Message + Default>(zenoh: &Session, key: String, request: &impl Message) -> Vec<M> {
+    let replies = zenoh.get(key).payload(request.encode_to_vec()).consolidation(ConsolidationMode::None);
+    let replies = replies.wait().unwrap();
+    let decode = |sample: &Sample| M::decode(&*sample.payload().to_bytes()).unwrap();
+    replies.iter().map(|reply| decode(reply.result().unwrap())).collect()
+}
+
+fn open(zenoh: &Session, request: &OpenRequest) -> Result<SessionInfo, (refusal::Code, String)> {
+    let mut replies: Vec<OpenReply> = query(zenoh, ServerKeys::new("test").open(), request);
+    assert_eq!(replies.len(), 1);
+    match replies.remove(0).reply.unwrap() {
+        open_reply::Reply::Session(session) => Ok(session),
+        open_reply::Reply::Refusal(refusal) => Err((refusal.code(), refusal.message)),
+    }
+}
+
+fn request(task: &str) -> OpenRequest {
+    OpenRequest { protocol: Some(PROTOCOL), task: task.into(), seed: 1, ..OpenRequest::default() }
+}
+
+/// A client that says exactly what it is told to.
+struct Client {
+    zenoh: Session,
+    info: SessionInfo,
+    keys: SessionKeys,
+    observations: Receiver<Observation>,
+    notices: Receiver<Notice>,
+    token: Option<LivelinessToken>,
+}
+
+impl Client {
+    fn open(zenoh: &Session, request: &OpenRequest) -> Self {
+        let info = open(zenoh, request).unwrap();
+        let keys = ServerKeys::new("test").session(&info.session);
+        let token = Some(zenoh.liveliness().declare_token(keys.client()).wait().unwrap());
+        let observations = subscribe(zenoh, keys.observation());
+        let notices = subscribe(zenoh, keys.notice());
+        Self { zenoh: zenoh.clone(), info, keys, observations, notices, token }
+    }
+
+    fn reset(&self, episode: u64) -> Result<Observation, refusal::Code> {
+        let mut replies: Vec<ResetReply> = query(&self.zenoh, self.keys.reset(), &ResetRequest { episode });
+        match replies.remove(0).reply.unwrap() {
+            reset_reply::Reply::Observation(observation) => Ok(observation),
+            reset_reply::Reply::Refusal(refusal) => Err(refusal.code()),
+        }
+    }
+
+    fn close(&self) -> CloseReply {
+        query(&self.zenoh, self.keys.close(), &CloseRequest {}).remove(0)
+    }
+
+    fn send(&self, bytes: Vec<u8>) {
+        self.zenoh.put(self.keys.action(), bytes).wait().unwrap();
+    }
+
+    fn act(&self, episode: u64, step: u64) {
+        self.send(Action { episode, step, action: action(step).to_vec(), joint_target: vec![] }.encode_to_vec());
+    }
+
+    fn next(&self) -> Observation {
+        self.observations.recv_timeout(LONG).unwrap()
+    }
+
+    fn is_quiet(&self) -> bool {
+        self.observations.recv_timeout(Duration::from_millis(50)) == Err(RecvTimeoutError::Timeout)
+    }
+
+    fn notice(&self) -> notice::Code {
+        self.notices.recv_timeout(LONG).unwrap().code()
+    }
+
+    fn truths(&self, from_seq: u64, count: u64) -> Vec<Truth> {
+        query(&self.zenoh, self.keys.truth_rows(), &TruthRequest { from_seq, count })
+    }
+}
+
+fn subscribe<M: Message + Default + 'static>(zenoh: &Session, key: String) -> Receiver<M> {
+    let (send, receive) = channel();
+    let callback = move |sample: Sample| {
+        let _ = send.send(M::decode(&*sample.payload().to_bytes()).unwrap());
+    };
+    zenoh.declare_subscriber(key).callback(callback).background().wait().unwrap();
+    receive
+}
+
+fn action(step: u64) -> [f64; JOINTS] {
+    std::array::from_fn(|joint| 0.3 * (step as f64 * 0.1 + joint as f64).sin())
+}
+
+/// The rows that those actions lead to, and their digest, without a service.
+fn alone(task: Task, seed: u64, episode: u64, steps: u64) -> (Vec<Row>, String) {
+    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let gains = robot.gains(GainSet::default());
+    let spec = SceneSpec { kind: SceneKind::of(task), seed, gains, hand_friction: None };
+    let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap());
+    let mut episode = Episode::start(scene, &EpisodeSpec::new(task, episode)).unwrap();
+    let mut rows = vec![episode.row().clone()];
+    for step in 0..steps {
+        if episode.step(&Command::Action(action(step))).is_err() {
+            break;
+        }
+        rows.push(episode.row().clone());
+    }
+    (rows, episode.digest().hex())
+}
+
+/// Lost, doubled and broken messages cost time, never a wrong step: the rows are those of an episode without a service.
+#[test]
+fn an_episode_survives_a_bad_client() {
+    let (zenoh, server) = start(options());
+    let client = Client::open(&zenoh, &request("S05"));
+    let live: Receiver<Truth> = subscribe(&zenoh, client.keys.truth_row());
+    assert_eq!(client.info.joints.len(), JOINTS);
+    let first = client.reset(4).unwrap();
+    assert_eq!((first.episode, first.step, first.last_action.len()), (4, 0, JOINTS));
+    assert_eq!(client.reset(4).unwrap(), first, "asked again");
+    let mut refused = 0;
+    let mut step = 0;
+    let last = loop {
+        match step % 10 {
+            // Garbage, an unknown field, and numbers that cannot be.
+            1 => client.send(vec![0xff; 40]),
+            2 => client.send([Action { episode: 4, step, ..Action::default() }.encode_to_vec(), vec![0x78, 1]].concat()),
+            3 => client.send(Action { episode: 4, step, action: vec![f64::NAN; JOINTS], ..Action::default() }.encode_to_vec()),
+            4 => client.send(Action { episode: 4, step, action: vec![0.0; 52], ..Action::default() }.encode_to_vec()),
+            5 => client.act(3, step),
+            6 => client.act(4, step + 1),
+            7 => client.send(vec![0; 100_000]),
+            // The observation was lost: the action before it again.
+            8 => {
+                client.act(4, step - 1);
+                assert_eq!(client.next().step, step);
+            }
+            _ => {}
+        }
+        refused += u64::from((1..8).contains(&(step % 10)));
+        client.act(4, step);
+        let observation = client.next();
+        step += 1;
+        assert_eq!((observation.episode, observation.step), (4, step));
+        if step == 100 || observation.end.is_some() {
+            break observation;
+        }
+    };
+    assert!(step > 40 && client.is_quiet(), "{step}");
+    let (rows, digest) = alone(Task::S05, 1, 4, step);
+    if let Some(end) = &last.end {
+        assert_eq!(end.digest, digest);
+    }
+    let noticed: u64 = client.notices.try_iter().map(|notice| notice.count).sum();
+    assert!(noticed <= refused && noticed >= refused.min(10), "{noticed} of {refused}");
+
+    let truths = client.truths(0, 128);
+    assert_eq!(truths.len() as u64, step + 1);
+    assert_eq!(live.try_iter().collect::<Vec<_>>(), truths);
+    let header = truths[0].header.as_ref().unwrap();
+    assert_eq!((header.task.as_str(), header.seed, header.episode), ("S05", 1, 4));
+    for (seq, (truth, row)) in truths.iter().zip(&rows).enumerate() {
+        assert_eq!(truth.seq, seq as u64);
+        assert_eq!(Row::try_from(&State::decode(&*truth.state).unwrap()).unwrap(), *row);
+    }
+    let events: usize = truths.iter().map(|truth| truth.events.len()).sum();
+    assert!(events as u64 >= refused, "refused actions are recorded");
+
+    assert_eq!(client.close(), CloseReply::default());
+    assert!(client.close().refusal.is_some(), "closed already");
+    assert_eq!(client.reset(5), Err(refusal::Code::Closed));
+    if last.end.is_none() {
+        let aborted = client.truths(step + 1, 1).remove(0);
+        let result = aborted.result.unwrap();
+        assert_eq!((result.end.as_ref().unwrap().cause.as_str(), result.steps), ("aborted", step));
+        assert_eq!(result.end.unwrap().digest, digest);
+    }
+    let next_seq = client.truths(0, 1)[0].seq + 1000;
+    let ack = |next_seq| TruthAck { recorder: "r".into(), next_seq }.encode_to_vec();
+    zenoh.put(client.keys.truth_ack(), ack(next_seq)).wait().unwrap();
+    assert_eq!(client.truths(0, 1).len(), 1, "nobody has what does not exist");
+    let end = step + 1 + u64::from(last.end.is_none());
+    zenoh.put(client.keys.truth_ack(), ack(end)).wait().unwrap();
+    assert!(server.shutdown(LONG), "all is recorded");
+}
+
+/// The digest of the last observation is that of the rows in the truths, and of an episode without a service.
+#[test]
+fn an_episode_that_ends_says_how() {
+    let (zenoh, server) = start(options());
+    let client = Client::open(&zenoh, &OpenRequest { sensors: vec!["last_action".into()], ..request("S07") });
+    client.reset(0).unwrap();
+    let mut truths = Vec::new();
+    let mut step = 0;
+    let last = loop {
+        client.act(0, step);
+        let observation = client.next();
+        assert!(observation.proprioception.is_none() && observation.hand_contact_force.is_empty());
+        step += 1;
+        if observation.end.is_some() {
+            break observation;
+        }
+    };
+    client.act(0, step);
+    assert_eq!(client.notice(), notice::Code::Step, "no action follows the end");
+    while (truths.len() as u64) < step + 1 {
+        truths.extend(client.truths(truths.len() as u64, 50));
+    }
+    let end = last.end.unwrap();
+    let result = truths.last().unwrap().result.clone().unwrap();
+    assert_eq!((end.cause.as_str(), end.steps, result.end), ("fall", step, Some(end.clone())));
+    let (_, digest) = alone(Task::S07, 1, 0, step);
+    assert_eq!(end.digest, digest);
+    // The chain can be made again from what is recorded alone, beside its start.
+    let header = truths[0].header.clone().unwrap();
+    assert_ne!(header.digest_context, RowDigest::new(b"").hex());
+    drop(server);
+}
+
+#[test]
+fn a_server_says_what_it_is_and_refuses_what_it_is_not() {
+    let (zenoh, server) = start(ServerOptions { capacity: 1, ..options() });
+    let info: ServerInfo = query(&zenoh, ServerKeys::new("test").describe(), &CloseRequest {}).remove(0);
+    assert_eq!((info.tasks.len(), info.capacity, info.open_sessions), (14, 1, 0));
+    assert!(matches!(Server::start(zenoh.clone(), options()), Err(ServerError::Taken(name)) if name == "test"));
+    assert!(matches!(open(&zenoh, &request("S13")), Err((refusal::Code::Unknown, _))));
+    let client = Client::open(&zenoh, &request("S01"));
+    let (code, message) = open(&zenoh, &request("S01")).unwrap_err();
+    assert!(code == refusal::Code::Busy && message.contains(", 1;"), "{message}");
+    client.close();
+    assert!(open(&zenoh, &request("S01")).is_ok(), "its place is free");
+    assert_eq!(query::<ResetReply>(&zenoh, ServerKeys::new("test").session("x").reset(), &CloseRequest {}).len(), 1);
+    server.shutdown(Duration::from_millis(100));
+}
+
+/// A client that goes loses its session and nobody else's.
+#[test]
+fn a_client_that_is_gone_is_let_go() {
+    let (zenoh, server) = start(ServerOptions { grace: Duration::from_millis(200), ..options() });
+    let mut gone = Client::open(&zenoh, &request("S07"));
+    let stays = Client::open(&zenoh, &request("S07"));
+    gone.reset(0).unwrap();
+    gone.act(0, 0);
+    gone.next();
+    gone.token = None;
+    assert_eq!(gone.notice(), notice::Code::Lost);
+    assert_eq!(gone.reset(1), Err(refusal::Code::Closed));
+    let last = gone.truths(0, 10).pop().unwrap();
+    assert_eq!(last.result.unwrap().end.unwrap().cause, "aborted");
+    stays.reset(0).unwrap();
+    stays.act(0, 0);
+    assert_eq!(stays.next().step, 1);
+    assert_eq!(server.open_sessions(), 1);
+    server.shutdown(LONG);
+}
+
+/// By the wall clock: one action is enough for many steps, and a step comes every 20 ms.
+#[test]
+fn real_time_goes_on_by_itself() {
+    let (zenoh, server) = start(options());
+    let client = Client::open(&zenoh, &OpenRequest { mode: 2, ..request("S07") });
+    client.reset(0).unwrap();
+    assert!(client.is_quiet(), "the clock starts with the first action");
+    let start = std::time::Instant::now();
+    client.act(0, 0);
+    while client.next().step < 11 {}
+    let seconds = start.elapsed().as_secs_f64();
+    assert!(seconds > 0.19, "{seconds}");
+    client.close();
+    let held = client.truths(2, 1).remove(0).action;
+    assert!(fiatlux_proto::v1::ActionRecord::decode(&*held).unwrap().held);
+    drop(server);
+}

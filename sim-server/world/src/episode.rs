@@ -1,0 +1,296 @@
+//! One episode of a task: a world in motion, judged, paid, observed and chained into a digest.
+
+use std::sync::Arc;
+
+use fiatlux_rules::{
+    Cause, Causes, End, JOINTS, Judge, JudgeOptions, Rewards, Row, RowDigest, Summary, Task, Term, Thresholds, Variant,
+    Verdict,
+};
+use thiserror::Error;
+
+use crate::{
+    ACTION_SCALE, NoiseSeed, Observer, Proprioception, RNG_NAME, Scene, StartError, StartOptions, World, WorldError,
+    start,
+};
+
+/// What an episode is, beside the scene that it plays in. Layout seed and gains are the scene's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EpisodeSpec {
+    /// The task.
+    pub task: Task,
+    /// Index; with the layout seed it draws the noise of reset and of sensors.
+    pub episode: u64,
+    /// Leaves out the noise of reset and of sensors.
+    pub no_noise: bool,
+    /// Thresholds in force.
+    pub thresholds: Thresholds,
+    /// What ends it in place of the task's own conditions.
+    pub end_on: Option<Causes>,
+    /// Which reward it pays; not part of the digest.
+    pub variant: Variant,
+}
+
+impl EpisodeSpec {
+    /// An episode as the standard protocol has it.
+    pub fn new(task: Task, episode: u64) -> Self {
+        Self {
+            task,
+            episode,
+            no_noise: false,
+            thresholds: Thresholds::default(),
+            end_on: None,
+            variant: Variant::Benchmark,
+        }
+    }
+
+    /// What must be equal beside the rows for two digests to be comparable, as bytes.
+    ///
+    /// Texts are followed by a zero byte; numbers are little-endian, whole ones of 8 bytes. In this order: id of the task;
+    /// layout seed; episode; for each joint
+    /// stiffness, damping, effort limit and armature (f64); friction of the hands (f64, NaN for the robot's own);
+    /// a byte for `no_noise`; each threshold's name and value (f64); names of the conditions that end the episode, then
+    /// an empty text; digest of the robot's file; digest of the scene config; [`RNG_NAME`].
+    pub fn context(&self, scene: &Scene) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(4096);
+        let text = |bytes: &mut Vec<u8>, text: &str| {
+            bytes.extend_from_slice(text.as_bytes());
+            bytes.push(0);
+        };
+        let number = |bytes: &mut Vec<u8>, number: f64| bytes.extend_from_slice(&number.to_le_bytes());
+        text(&mut bytes, self.task.id());
+        bytes.extend_from_slice(&scene.spec.seed.to_le_bytes());
+        bytes.extend_from_slice(&self.episode.to_le_bytes());
+        for drive in &scene.spec.gains.0 {
+            for value in [drive.stiffness, drive.damping, drive.effort_limit, drive.armature] {
+                number(&mut bytes, value);
+            }
+        }
+        number(&mut bytes, scene.spec.hand_friction.unwrap_or(f64::NAN));
+        bytes.push(u8::from(self.no_noise));
+        for (name, value) in self.thresholds.entries() {
+            text(&mut bytes, name);
+            number(&mut bytes, value);
+        }
+        for cause in self.judge(scene).ends_on().iter() {
+            text(&mut bytes, cause.name());
+        }
+        text(&mut bytes, "");
+        text(&mut bytes, scene.robot.digest());
+        text(&mut bytes, &scene.config.digest());
+        text(&mut bytes, RNG_NAME);
+        bytes
+    }
+
+    fn judge(&self, scene: &Scene) -> Judge {
+        let options = JudgeOptions { end_on: self.end_on, ..JudgeOptions::default() };
+        Judge::new(self.task, self.thresholds.clone(), scene.geometry(), options)
+    }
+}
+
+/// What a policy asks of the robot in a control step, by joint in the public order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Action units: joint target = q0 + [`ACTION_SCALE`] action.
+    Action([f64; JOINTS]),
+    /// Joint targets, rad. Recorded and carried out as the action `(target - q0) / ACTION_SCALE`.
+    JointTarget([f64; JOINTS]),
+}
+
+impl Command {
+    /// In action units.
+    pub fn action(&self, q0: &[f64; JOINTS]) -> [f64; JOINTS] {
+        match self {
+            Command::Action(action) => *action,
+            Command::JointTarget(target) => std::array::from_fn(|joint| (target[joint] - q0[joint]) / ACTION_SCALE),
+        }
+    }
+}
+
+/// Why an episode took no step; it is unchanged then.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum EpisodeError {
+    /// It has ended.
+    #[error("the episode ended at step {step}; start another one")]
+    Ended {
+        /// Its last row.
+        step: u64,
+    },
+    /// The world refused the command.
+    #[error(transparent)]
+    World(#[from] WorldError),
+}
+
+/// What a control step brought.
+#[derive(Debug, Clone, Copy)]
+pub struct Step<'a> {
+    /// The row after it.
+    pub row: &'a Row,
+    /// What the rows so far say.
+    pub verdict: &'a Verdict,
+    /// What each term of the reward paid.
+    pub terms: &'a [Term],
+    /// What the robot senses of itself.
+    pub observation: &'a Proprioception,
+    /// Some number of the action was outside the box [-1, 1].
+    pub outside_box: bool,
+}
+
+/// Sums over an episode that no verdict has.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Totals {
+    /// Physics steps that did not converge, those of staging among them.
+    pub unconverged: u64,
+    /// Steps whose action left the box [-1, 1].
+    pub steps_outside_box: u64,
+    /// Sum of the rewards.
+    pub reward: f64,
+}
+
+/// One episode, from its start state on. No I/O, no threads, no clock: the rows follow from scene, spec and commands.
+#[derive(Debug, Clone)]
+pub struct Episode {
+    spec: EpisodeSpec,
+    q0: [f64; JOINTS],
+    world: World,
+    judge: Judge,
+    rewards: Rewards,
+    observer: Observer,
+    observation: Proprioception,
+    context: RowDigest,
+    digest: RowDigest,
+    totals: Totals,
+}
+
+impl Episode {
+    /// Stages an episode: row 0 is judged, observed and in the digest.
+    ///
+    /// # Errors
+    /// [`StartError`]: the scene is not the task's, or the task does not start in it.
+    pub fn start(scene: Arc<Scene>, spec: &EpisodeSpec) -> Result<Self, StartError> {
+        let q0: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint]);
+        let options = StartOptions { reset_noise: !spec.no_noise, thresholds: spec.thresholds.clone() };
+        let world = start(Arc::clone(&scene), spec.task, spec.episode, &options)?;
+        let row = world.row();
+        let mut judge = spec.judge(&scene);
+        judge.start(row);
+        let mut rewards = Rewards::new(&judge, spec.variant);
+        rewards.start(&judge, row);
+        let seed = NoiseSeed { seed: scene.spec.seed, episode: spec.episode };
+        let mut observer = Observer::new(q0, (!spec.no_noise).then_some(seed));
+        let observation = observer.observe(row);
+        let context = RowDigest::new(&spec.context(&scene));
+        let mut digest = context.clone();
+        digest.push(row);
+        let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
+        let spec = spec.clone();
+        Ok(Self { spec, q0, judge, rewards, observer, observation, context, digest, totals, world })
+    }
+
+    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest.
+    ///
+    /// # Errors
+    /// [`EpisodeError`]; the episode is unchanged.
+    pub fn step(&mut self, command: &Command) -> Result<Step<'_>, EpisodeError> {
+        if let Some(end) = self.judge.verdict().end {
+            return Err(EpisodeError::Ended { step: end.step });
+        }
+        // A joint target goes through action units too, so that the recorded action alone repeats a step.
+        let action = command.action(&self.q0);
+        let target = std::array::from_fn(|joint| self.q0[joint] + ACTION_SCALE * action[joint]);
+        let row = self.world.step(&action, &target)?;
+        self.judge.advance(row);
+        self.rewards.advance(&self.judge, row);
+        self.observation = self.observer.observe(row);
+        self.digest.push(row);
+        let outside_box = action.iter().any(|number| number.abs() > 1.0);
+        self.totals.unconverged += u64::from(row.unconverged);
+        self.totals.steps_outside_box += u64::from(outside_box);
+        self.totals.reward += self.rewards.reward();
+        Ok(Step {
+            row: self.world.row(),
+            verdict: self.judge.verdict(),
+            terms: self.rewards.terms(),
+            observation: &self.observation,
+            outside_box,
+        })
+    }
+
+    /// What it is.
+    pub fn spec(&self) -> &EpisodeSpec {
+        &self.spec
+    }
+
+    /// The scene it plays in.
+    pub fn scene(&self) -> &Arc<Scene> {
+        self.world.scene()
+    }
+
+    /// The world.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// The last row.
+    pub fn row(&self) -> &Row {
+        self.world.row()
+    }
+
+    /// The judge.
+    pub fn judge(&self) -> &Judge {
+        &self.judge
+    }
+
+    /// What the rows so far say.
+    pub fn verdict(&self) -> &Verdict {
+        self.judge.verdict()
+    }
+
+    /// What each term of the reward paid in the last step.
+    pub fn terms(&self) -> &[Term] {
+        self.rewards.terms()
+    }
+
+    /// What all terms paid in the last step.
+    pub fn reward(&self) -> f64 {
+        self.rewards.reward()
+    }
+
+    /// What the robot senses of itself in the last row.
+    pub fn observation(&self) -> &Proprioception {
+        &self.observation
+    }
+
+    /// Digest of the rows so far, row 0 included.
+    pub fn digest(&self) -> &RowDigest {
+        &self.digest
+    }
+
+    /// The digest chain before row 0.
+    pub fn digest_context(&self) -> &RowDigest {
+        &self.context
+    }
+
+    /// Sums that no verdict has.
+    pub fn totals(&self) -> Totals {
+        self.totals
+    }
+
+    /// What it amounts to so far.
+    pub fn summary(&self) -> Summary {
+        self.judge.summary()
+    }
+
+    /// How it ended, once it has.
+    pub fn end(&self) -> Option<End> {
+        self.judge.verdict().end
+    }
+
+    /// Conditions that the last row met for the first time.
+    pub fn newly_met(&self) -> impl Iterator<Item = Cause> + use<'_> {
+        let step = self.row().step;
+        Cause::ALL.into_iter().filter(move |cause| step > 0 && self.judge.first_met(*cause) == Some(step))
+    }
+}
+
+#[cfg(test)]
+mod tests;
