@@ -12,8 +12,14 @@ fn main() {
     prost_build::Config::new()
         .btree_map(["."])
         .enable_type_names()
-        .type_attribute(".fiatlux.v1.EpisodeHeader", "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]")
-        .type_attribute(".fiatlux.v1.EpisodeResult", "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]")
+        .type_attribute(
+            ".fiatlux.v1.EpisodeHeader",
+            "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]",
+        )
+        .type_attribute(
+            ".fiatlux.v1.EpisodeResult",
+            "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]",
+        )
         .type_attribute(".fiatlux.v1.EpisodeEnd", "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]")
         .type_attribute(".fiatlux.v1.Version", "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]")
         .compile_fds(set)

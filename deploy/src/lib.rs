@@ -1,3 +1,4 @@
-//! The one-machine launcher: everything behind one command; today its benchmarks.
+//! The one-machine launcher: everything behind one command, and the benchmarks.
 
 pub mod bench;
+pub mod evaluate;

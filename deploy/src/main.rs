@@ -1,4 +1,6 @@
-//! The command `fiatlux`. Results on stdout, progress and errors on stderr; exit code 0 ok, 1 failed, 2 usage.
+//! The command `fiatlux`. Results on stdout, progress and errors on stderr; exit code 0 ok, 1 failed, 2 usage, 3 finished
+//! with data loss.
+mod evaluate_command;
 
 use std::alloc::System;
 use std::path::PathBuf;
@@ -22,6 +24,13 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Plays a policy through tasks and seeds, records every episode and grades it.
+    ///
+    /// Server, recorder, policy and scorer run in this process and talk over an embedded Zenoh session. Bags, results.json
+    /// and report.html are left in the output folder; the table goes to stdout. Ctrl-C stops cleanly and grades what is
+    /// finished; the same command again goes on from there.
+    #[command(after_help = evaluate_command::EXAMPLES)]
+    Evaluate(evaluate_command::EvaluateArgs),
     /// Measures speeds.
     #[command(subcommand)]
     Bench(Bench),
@@ -57,9 +66,12 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 fn main() -> ExitCode {
-    let Command::Bench(Bench::World(args)) = Cli::parse().command;
-    match bench_world(args) {
-        Ok(()) => ExitCode::SUCCESS,
+    let done = match Cli::parse().command {
+        Command::Evaluate(args) => evaluate_command::run(&args),
+        Command::Bench(Bench::World(args)) => bench_world(args).map(|()| ExitCode::SUCCESS),
+    };
+    match done {
+        Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE

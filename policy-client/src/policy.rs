@@ -45,7 +45,9 @@ pub enum PolicyError {
         known: String,
     },
     /// The session does not give what the policy reads.
-    #[error("policy {policy} needs the sensor {sensor}, which the session does not give; ask for it when you open the session")]
+    #[error(
+        "policy {policy} needs the sensor {sensor}, which the session does not give; ask for it when you open the session"
+    )]
     Sensor {
         /// Name of the policy.
         policy: &'static str,

@@ -12,13 +12,13 @@ pub use prost::Message;
 pub use version::{PROTOCOL, is_compatible};
 
 /// The messages of the service.
-#[allow(missing_docs, clippy::doc_markdown)]
+#[allow(missing_docs, clippy::large_enum_variant)]
 pub mod v1 {
     include!(concat!(env!("OUT_DIR"), "/fiatlux.v1.rs"));
 }
 
 /// Foxglove's well-known messages, as far as bags use them.
-#[allow(missing_docs, clippy::doc_markdown)]
+#[allow(missing_docs)]
 pub mod foxglove {
     include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
 }

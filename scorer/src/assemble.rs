@@ -7,7 +7,9 @@ use fiatlux_rules::{Benchmark, Episode, ROW_LAYOUT, Rate, SubtaskScore, Task};
 
 use crate::conditions::compared;
 use crate::episode::{Flaw, Graded};
-use crate::results::{EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions};
+use crate::results::{
+    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions,
+};
 use crate::{Conditions, GradeOptions, ScoreError};
 
 /// What became of one bag.
@@ -101,7 +103,12 @@ fn fault(cut: Option<String>, graded: &Graded) -> Option<(Fault, String)> {
     Some((reason, flaw.to_string()))
 }
 
-fn excluded_bag(bag: String, reason: Fault, detail: String, content: Option<(&v1::EpisodeHeader, &Graded)>) -> ExcludedBag {
+fn excluded_bag(
+    bag: String,
+    reason: Fault,
+    detail: String,
+    content: Option<(&v1::EpisodeHeader, &Graded)>,
+) -> ExcludedBag {
     ExcludedBag {
         bag,
         reason,

@@ -12,10 +12,17 @@ use crate::results::Fault;
 
 /// Grades a bag as far as it goes.
 pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Fault, String)> {
+    // What is said of a bag must not depend on the folder from which it was graded.
+    let folder = path.parent().map(|folder| folder.join("").display().to_string()).filter(|folder| !folder.is_empty());
+    let in_full = |error: &dyn std::error::Error| match &folder {
+        Some(folder) => in_full(error).replace(folder, ""),
+        None => in_full(error),
+    };
     let unreadable = |error: &dyn std::error::Error| (Fault::Unreadable, in_full(error));
     let bag = Bag::open(path).map_err(|error| unreadable(&error))?;
     let header = bag.header();
-    let mut grader = Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
+    let mut grader =
+        Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
     let mut cut = match bag.completeness() {
         Completeness::Whole => None,
         Completeness::Cut { reason, .. } => Some(reason.clone()),

@@ -60,7 +60,8 @@ pub(crate) fn compared(header: &v1::EpisodeHeader) -> Vec<(String, String)> {
 impl Conditions {
     /// From the header of one of the episodes and the thresholds that it was graded by.
     pub(crate) fn new(header: &v1::EpisodeHeader, thresholds: &Thresholds, set: &[String], published: bool) -> Self {
-        let thresholds_set: Vec<String> = set.iter().filter_map(|set| set.split_once('=')).map(|(k, _)| k.trim().into()).collect();
+        let thresholds_set: Vec<String> =
+            set.iter().filter_map(|set| set.split_once('=')).map(|(k, _)| k.trim().into()).collect();
         let mut deviations = Vec::new();
         if mode(header) != "lockstep" {
             deviations.push(format!("mode is {}", mode(header)));

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use fiatlux_proto::v1;
-use fiatlux_rules::{Cause, Causes, Geometry, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds};
+use fiatlux_rules::{
+    Cause, Causes, Geometry, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds,
+};
 use thiserror::Error;
 
 use crate::Series;
@@ -28,7 +30,7 @@ pub enum HeaderError {
     #[error("the scene's constants in the header cannot be read ({0}); the bag may come from another version")]
     Geometry(#[from] serde_json::Error),
     /// The start of the digest chain.
-    #[error("digest_context in the header is no hexadecimal; the bag may come from another version")]
+    #[error("digest_context in the header is not 64 hexadecimal digits; the bag may come from another version")]
     Context,
     /// Rows that this version digests in another way.
     #[error("the bag's digest has the layout {0}, this scorer knows {known}; use the scorer of that version", known = fiatlux_rules::ROW_LAYOUT)]
@@ -129,10 +131,10 @@ impl Grader {
         let ends = header.end_on.iter().map(|name| name.parse::<Cause>()).collect::<Result<Causes, _>>()?;
         let own_choice = header.end_on_overridden || !header.end_on.is_empty();
         let options = JudgeOptions { end_on: own_choice.then_some(ends), published_counting };
-        let context = bytes_of(&header.digest_context).ok_or(HeaderError::Context)?;
+        let digest = RowDigest::from_hex(&header.digest_context).ok_or(HeaderError::Context)?;
         Ok(Self {
             judge: Judge::new(task, thresholds, geometry, options),
-            digest: RowDigest::new(&context),
+            digest,
             recorder: Recorder::default(),
             next_step: 0,
             gap: None,
@@ -166,7 +168,9 @@ impl Grader {
         let flaw = self.flaw(recorded, &digest);
         let mut notes = Vec::new();
         let (end, causes) = match (&summary.end, recorded) {
-            (Some(end), _) => (end.cause().name().to_owned(), end.causes.iter().map(|cause| cause.name().to_owned()).collect()),
+            (Some(end), _) => {
+                (end.cause().name().to_owned(), end.causes.iter().map(|cause| cause.name().to_owned()).collect())
+            }
             (None, Some(recorded)) => {
                 if flaw.is_none() {
                     notes.push(format!("recorded until '{}', which does not end it here", recorded.cause));
@@ -187,7 +191,9 @@ impl Grader {
                 (result.missed_steps, "steps had no action in time"),
                 (result.steps_outside_box, "actions left the box [-1, 1]"),
             ];
-            notes.extend(counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")));
+            notes.extend(
+                counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")),
+            );
         }
         let conjuncts = summary.task.spec().gate.conjuncts.iter().map(|conjunct| conjunct.name).collect();
         Graded {
@@ -232,11 +238,7 @@ fn differences(summary: &Summary, result: &v1::EpisodeResult) -> Vec<String> {
         ("gate progress", summary.gate_progress.to_string(), result.gate_progress.to_string()),
     ];
     let differing = fields.into_iter().filter(|(_, rows, recorded)| rows != recorded);
-    differing.map(|(name, rows, recorded)| format!("{name} is {rows} by its rows, its result says {recorded}")).collect()
-}
-
-/// Bytes of a hexadecimal string.
-fn bytes_of(hex: &str) -> Option<Vec<u8>> {
-    let pairs = hex.as_bytes().chunks(2);
-    pairs.map(|pair| u8::from_str_radix(std::str::from_utf8(pair).ok().filter(|p| p.len() == 2)?, 16).ok()).collect()
+    differing
+        .map(|(name, rows, recorded)| format!("{name} is {rows} by its rows, its result says {recorded}"))
+        .collect()
 }

@@ -61,7 +61,8 @@ pub fn grade(
     });
     let mut judged: Vec<Judged> = unfinished.collect();
     let contents = each_bag(&found.bags, options, progress)?;
-    judged.extend(found.bags.iter().zip(contents).map(|(path, content)| Judged { bag: relative(path, folder), content }));
+    judged
+        .extend(found.bags.iter().zip(contents).map(|(path, content)| Judged { bag: relative(path, folder), content }));
     assemble(judged, options)
 }
 

@@ -10,10 +10,11 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use fiatlux_link::LinkArgs;
-use fiatlux_scorer::{GradeOptions, Results, grade, report, tables, verify};
+use fiatlux_scorer::{GradeOptions, Results, ScoreError, grade, report, tables, verify};
 use progress::ProgressLine;
 
 const FAILED: u8 = 1;
+const USAGE: u8 = 2;
 const DATA_LOSS: u8 = 3;
 
 /// Grades recorded episodes: from bags to scores, tables and a report.
@@ -101,7 +102,8 @@ fn main() -> ExitCode {
     };
     done.unwrap_or_else(|error| {
         eprintln!("scorer: {error:#}");
-        ExitCode::from(FAILED)
+        let is_usage = matches!(error.downcast_ref(), Some(ScoreError::Threshold(_)));
+        ExitCode::from(if is_usage { USAGE } else { FAILED })
     })
 }
 

@@ -93,7 +93,8 @@ mod tests {
         let bucket = (0..MAX_BUCKETS).find(|i| series.time_of(i + 1) > 4321.0 * CONTROL_DT).expect("inside");
         assert_eq!((series.rows, series.hand_force_n.len()), (6001, MAX_BUCKETS));
         for i in 0..MAX_BUCKETS {
-            let expected = if i == bucket { (Held::Partly, Held::Partly, 51.0) } else { (Held::Throughout, Held::No, 1.0) };
+            let expected =
+                if i == bucket { (Held::Partly, Held::Partly, 51.0) } else { (Held::Throughout, Held::No, 1.0) };
             assert_eq!((series.held[0][i], series.held[1][i], series.hand_force_n[i]), expected, "{i}");
         }
         assert!((series.peak_time_s - 86.42).abs() < 1e-9);

@@ -123,7 +123,12 @@ mod tests {
             usual.entries().map(|(key, value)| (key.into(), value)).collect();
         thresholds.insert("fragility_n".into(), 30.0);
         let ends = vec!["success".to_owned(), "fall".to_owned()];
-        let header = EpisodeHeader { thresholds: thresholds.into_iter().collect(), end_on: ends, seed: 3, ..EpisodeHeader::default() };
+        let header = EpisodeHeader {
+            thresholds: thresholds.into_iter().collect(),
+            end_on: ends,
+            seed: 3,
+            ..EpisodeHeader::default()
+        };
         let request = request(&header);
         assert_eq!((request.thresholds.len(), request.thresholds["fragility_n"]), (1, 30.0));
         assert!(request.end_on.is_empty() && request.seed == 3);

@@ -113,7 +113,8 @@ fn choose_ports(endpoints: &mut [String]) -> anyhow::Result<()> {
     for endpoint in endpoints {
         if let Some(host) = endpoint.strip_prefix("tcp/").and_then(|address| address.strip_suffix(":0")) {
             let free = TcpListener::bind((host.trim_matches(['[', ']']), 0)).and_then(|socket| socket.local_addr());
-            let free = free.with_context(|| format!("no free port for {endpoint}; is {host} an address of this machine?"))?;
+            let free =
+                free.with_context(|| format!("no free port for {endpoint}; is {host} an address of this machine?"))?;
             *endpoint = format!("tcp/{host}:{}", free.port());
         }
     }

@@ -1,10 +1,12 @@
 //! The simulation server: scenes for policies to act in, and their export to other simulators.
 mod mjcf;
+mod recorder;
 mod scene;
 mod server;
 mod show;
 
 pub use mjcf::{Laws, MjcfOptions, to_mjcf};
+pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
 pub use server::{Server, ServerError, ServerOptions};
 pub use show::{Frames, scene_update};

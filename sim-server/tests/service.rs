@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
+use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v1::{
     Action, CloseReply, CloseRequest, Notice, Observation, OpenReply, OpenRequest, ResetReply, ResetRequest,
@@ -155,8 +156,12 @@ fn an_episode_survives_a_bad_client() {
         match step % 10 {
             // Garbage, an unknown field, and numbers that cannot be.
             1 => client.send(vec![0xff; 40]),
-            2 => client.send([Action { episode: 4, step, ..Action::default() }.encode_to_vec(), vec![0x78, 1]].concat()),
-            3 => client.send(Action { episode: 4, step, action: vec![f64::NAN; JOINTS], ..Action::default() }.encode_to_vec()),
+            2 => {
+                let good = Action { episode: 4, step, ..Action::default() }.encode_to_vec();
+                client.send([good, vec![0x78, 1]].concat());
+            }
+            3 => client
+                .send(Action { episode: 4, step, action: vec![f64::NAN; JOINTS], ..Action::default() }.encode_to_vec()),
             4 => client.send(Action { episode: 4, step, action: vec![0.0; 52], ..Action::default() }.encode_to_vec()),
             5 => client.act(3, step),
             6 => client.act(4, step + 1),
@@ -262,6 +267,31 @@ fn a_server_says_what_it_is_and_refuses_what_it_is_not() {
     assert!(open(&zenoh, &request("S01")).is_ok(), "its place is free");
     assert_eq!(query::<ResetReply>(&zenoh, ServerKeys::new("test").session("x").reset(), &CloseRequest {}).len(), 1);
     server.shutdown(Duration::from_millis(100));
+}
+
+/// The same bytes over a network as in one process, and a client that vanishes is noticed.
+#[test]
+fn an_episode_over_tcp() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let endpoint = vec![format!("tcp/127.0.0.1:{port}")];
+    let listens = LinkArgs { listen: endpoint.clone(), ..LinkArgs::default() }.open(Role::Server).unwrap();
+    let server = Server::start(listens, ServerOptions { grace: Duration::from_millis(100), ..options() }).unwrap();
+    let connects = LinkArgs { connect: endpoint, ..LinkArgs::default() }.open(Role::Client).unwrap();
+    let client = Client::open(&connects, &request("S05"));
+    client.reset(0).unwrap();
+    for step in 0..40 {
+        client.act(0, step);
+        assert_eq!(client.next().step, step + 1);
+    }
+    let (rows, _) = alone(Task::S05, 1, 0, 40);
+    let truth = client.truths(40, 1).remove(0);
+    assert_eq!(Row::try_from(&State::decode(&*truth.state).unwrap()).unwrap(), rows[40]);
+    connects.close().wait().unwrap();
+    let until = std::time::Instant::now() + LONG;
+    while server.open_sessions() > 0 && std::time::Instant::now() < until {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(server.open_sessions(), 0);
 }
 
 /// A client that goes loses its session and nobody else's.

@@ -97,7 +97,8 @@ fn pass_messages(from: &Session, to: &Session, keys: &[&str], counts: &Arc<Count
         let (to, counts) = (to.clone(), Arc::clone(counts));
         let subscriber = from.declare_subscriber(format!("{ROOT}/{key}")).callback(move |sample| {
             if !counts.loses() {
-                let put = to.put(sample.key_expr().clone(), sample.payload().clone()).encoding(sample.encoding().clone());
+                let put =
+                    to.put(sample.key_expr().clone(), sample.payload().clone()).encoding(sample.encoding().clone());
                 drop(put.express(true).wait());
             }
         });

@@ -5,7 +5,6 @@ mod plan;
 mod progress;
 mod report;
 pub mod run;
-mod stop;
 
 /// Why a command has not done its work.
 pub enum Failure {

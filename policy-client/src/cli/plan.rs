@@ -31,7 +31,13 @@ pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
             })?;
             let task = args.task.clone().ok_or_else(|| Failure::Usage("name a task: --task S01 to S12".into()))?;
             let request = request(args, policy.as_ref(), &EpisodeHeader { task, ..EpisodeHeader::default() });
-            Ok(Plan { policy, request, first: args.episode.unwrap_or(0), count: args.episodes.unwrap_or(1), digest: None })
+            Ok(Plan {
+                policy,
+                request,
+                first: args.episode.unwrap_or(0),
+                count: args.episodes.unwrap_or(1),
+                digest: None,
+            })
         }
     }
 }
@@ -45,9 +51,13 @@ fn replay(args: &RunArgs, policy: Replay) -> Result<Plan, Failure> {
         header.end_on.clear();
     }
     let digest = policy.result().and_then(|result| result.end.as_ref()).map(|end| end.digest.clone());
+    let digest = digest.filter(|digest| !digest.is_empty());
+    if digest.is_none() {
+        tracing::warn!("the bag has no digest, for it was cut or aborted; nothing is compared at the end");
+    }
     let request = request(args, &policy, &header);
     let first = args.episode.unwrap_or(header.episode);
-    Ok(Plan { policy: Box::new(policy), request, first, count: 1, digest: digest.filter(|digest| !digest.is_empty()) })
+    Ok(Plan { policy: Box::new(policy), request, first, count: 1, digest })
 }
 
 /// The flags go before the header.

@@ -30,7 +30,8 @@ impl Progress {
         let per_s = step as f64 / (now - self.start).as_secs_f64().max(1e-9);
         let left_s = self.horizon.saturating_sub(step) as f64 / per_s.max(1e-9);
         let (episode, horizon) = (self.episode, self.horizon);
-        let line = format!("episode {episode}: step {step} of {horizon}, {per_s:.0} steps/s, at most {left_s:.0} s left");
+        let line =
+            format!("episode {episode}: step {step} of {horizon}, {per_s:.0} steps/s, at most {left_s:.0} s left");
         let (before, after) = if self.terminal { ("\r\x1b[K", "") } else { ("", "\n") };
         self.show(&format!("{before}{line}{after}"));
     }

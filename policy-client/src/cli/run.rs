@@ -3,17 +3,17 @@
 use std::time::Instant;
 
 use clap::Args;
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{LinkArgs, Role, stop_on_signal};
 use fiatlux_policy::{Client, ClientError};
 
 use super::progress::Progress;
 use super::report::{Episode, Report};
-use super::{Failure, plan, stop};
+use super::{Failure, plan};
 
 /// Options of `run`.
 #[derive(Debug, Args)]
 #[command(after_help = "Policies:
-  zero        all actions 0; the robot falls in about a second
+  zero        all actions 0; a robot that leans on nothing falls in about a second
   random      uniform in [-1, 1], drawn from seed and episode
   hold        keeps the posture of the start
   stand       keeps the robot upright on level ground
@@ -73,7 +73,7 @@ pub struct RunArgs {
 /// Runs the episodes and prints what came of them; false if a replay's digest differs.
 pub fn run(args: &RunArgs) -> Result<bool, Failure> {
     let mut plan = plan::plan(args)?;
-    let stop = stop::on_ctrl_c()?;
+    let stop = stop_on_signal()?;
     let link = args.link.open(Role::Client)?;
     let mut client = Client::open(&link, args.server.as_deref(), plan.request)?;
     let horizon = client.info().task.as_ref().map_or(0, |task| task.horizon_steps);

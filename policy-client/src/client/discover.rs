@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use fiatlux_proto::keys::{ServerKeys, any_alive, server_of};
+use fiatlux_proto::keys::{ServerKeys, any_alive, is_name, server_of};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v1::ServerInfo;
 use fiatlux_proto::{PROTOCOL, decode, is_compatible};
@@ -55,6 +55,7 @@ pub fn describe_servers(link: &Session) -> Result<Vec<ServerInfo>, ClientError> 
         for reply in query.wait().map_err(ClientError::zenoh)? {
             let Ok(sample) = reply.result() else { continue };
             match decode::<ServerInfo>(&sample.payload().to_bytes(), MAX_SERVER_MESSAGE) {
+                Ok(info) if !is_name(&info.server) => tracing::warn!("{}: a server without a name", sample.key_expr()),
                 Ok(info) if info.protocol.as_ref().is_some_and(is_compatible) => {
                     servers.insert(info.server.clone(), info);
                 }

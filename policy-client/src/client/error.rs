@@ -65,7 +65,9 @@ pub enum ClientError {
         reason: String,
     },
     /// No answer to a query.
-    #[error("{key} was not answered within {waited_s} s; check that the server runs (`policy-client list`) and try again")]
+    #[error(
+        "{key} was not answered within {waited_s} s; check that the server runs (`policy-client list`) and try again"
+    )]
     Unanswered {
         /// Key of the query.
         key: String,

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v1::{
-    CloseReply, CloseRequest, EpisodeEnd, OpenReply, OpenRequest, SessionInfo, open_reply,
+    CloseReply, CloseRequest, EpisodeEnd, Notice, OpenReply, OpenRequest, SessionInfo, open_reply,
 };
 use fiatlux_proto::{PROTOCOL, decode, encoding, is_compatible};
 use zenoh::liveliness::LivelinessToken;
@@ -75,8 +75,10 @@ impl Client {
         let keys = ServerKeys::new(&server).session(&info.session);
         let token = link.liveliness().declare_token(keys.client()).wait().map_err(ClientError::zenoh)?;
         let mailbox = Arc::new(Mailbox::default());
-        let subscribers =
-            [subscribe(link, keys.observation(), &mailbox, Mail::Observation)?, subscribe(link, keys.notice(), &mailbox, Mail::Notice)?];
+        let subscribers = [
+            subscribe(link, keys.observation(), &mailbox, Mail::Observation)?,
+            subscribe(link, keys.notice(), &mailbox, Mail::Notice)?,
+        ];
         let actions = link.declare_publisher(keys.action()).encoding(encoding("Action"));
         // The server waits for nothing else: no batching, and ahead of whatever else is on the link.
         let actions = actions.express(true).priority(Priority::RealTime).congestion_control(CongestionControl::Block);
@@ -174,7 +176,10 @@ impl Client {
         match mail {
             Mail::Observation(bytes) => self.state.observation(&bytes, now_s),
             Mail::Notice(bytes) => {
-                tracing::debug!("a notice of {} bytes", bytes.len());
+                if let Ok(notice) = decode::<Notice>(&bytes, MAX_SERVER_MESSAGE) {
+                    let Notice { episode, step, message, remedy, .. } = &notice;
+                    tracing::warn!("notice of the server, episode {episode} step {step}: {message}; {remedy}");
+                }
                 self.state.notice(&bytes);
             }
             Mail::Reset(Some(Ok(bytes))) => self.state.reset_reply(&bytes, now_s),

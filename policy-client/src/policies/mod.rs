@@ -18,7 +18,7 @@ pub use zero::Zero;
 
 /// Names of the policies and what they do.
 pub const NAMES: [(&str, &str); 5] = [
-    ("zero", "all actions 0: every joint goes to its angle of the standing posture; the robot falls in about a second"),
+    ("zero", "all actions 0: every joint goes to its angle of the standing posture, on which the robot soon falls"),
     ("random", "uniform in [-1, 1], drawn from the session's seed and the episode's index"),
     ("hold", "keeps the posture of the start"),
     ("stand", "keeps the robot upright on level ground by closing a loop over its centre of mass"),

@@ -25,11 +25,8 @@ impl Policy for Random {
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        self.generator = Pcg64Mcg::new(u128::from(info.seed) << 64 | u128::from(first.episode));
-        // States that differ in few bits start alike; they part within a few draws.
-        for _ in 0..16 {
-            self.generator.next_u64();
-        }
+        let seed = mix(info.seed);
+        self.generator = Pcg64Mcg::new(u128::from(seed) << 64 | u128::from(mix(seed ^ first.episode)));
         self.joints = info.joints.len();
         Ok(())
     }
@@ -37,6 +34,15 @@ impl Policy for Random {
     fn act(&mut self, _observation: &Observation) -> Result<Command, PolicyError> {
         Ok(Command::Action((0..self.joints).map(|_| uniform(self.generator.next_u64())).collect()))
     }
+}
+
+/// Spreads a number over all bits: the finaliser of SplitMix64 (Steele, Lea and Flood, 2014). A PCG whose state differs from
+/// another's in its lowest bit alone is the same one.
+fn mix(number: u64) -> u64 {
+    let number = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let number = (number ^ (number >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let number = (number ^ (number >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    number ^ (number >> 31)
 }
 
 /// From -1 to 1, of the 53 highest bits.

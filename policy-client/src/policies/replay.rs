@@ -26,7 +26,8 @@ impl Replay {
         for message in bag.actions() {
             let action = message?.action.unwrap_or_default();
             let targets = action.action.is_empty() && !action.joint_target.is_empty();
-            let command = if targets { Command::JointTarget(action.joint_target) } else { Command::Action(action.action) };
+            let command =
+                if targets { Command::JointTarget(action.joint_target) } else { Command::Action(action.action) };
             commands.push(command);
         }
         Ok(Self { header: bag.header().clone(), result: bag.result().cloned(), commands })

@@ -54,7 +54,7 @@ enum Phase {
     /// `reset` is asked; the query is out until then, or the next one waits for then.
     Resetting { out: bool, until_s: f64 },
     /// The policy has to answer this.
-    Acting(Observation),
+    Acting(Box<Observation>),
     /// The action of that step is out.
     Waiting { step: u64, action: Vec<u8>, again_s: f64 },
 }
@@ -315,7 +315,7 @@ impl ClientSession {
                 self.phase = Phase::Idle;
                 self.outputs.push_back(Output::Done(end));
             }
-            None => self.phase = Phase::Acting(observation),
+            None => self.phase = Phase::Acting(Box::new(observation)),
         }
     }
 

@@ -58,7 +58,7 @@ mod tests {
 
     #[test]
     fn a_header_reads_back_to_the_last_bit() {
-        let thresholds = [0.1 + 0.2, 1e300, f64::MIN_POSITIVE, 2.2250738585072011e-308, -0.0, 50.0];
+        let thresholds = [0.1 + 0.2, 1e300, f64::MIN_POSITIVE, 2.225_073_858_507_201e-308, -0.0, 50.0];
         let header = EpisodeHeader {
             protocol: Some(Version { major: 1, minor: 7 }),
             instruction: "say \"yes\",\nthen 12".into(),

@@ -20,7 +20,7 @@ pub const ROWS_PER_CHUNK: u64 = 128;
 /// A chunk ends early when it would grow beyond this, bytes.
 const MAX_GROUP: usize = 8 << 20;
 
-/// zstd. Level 3 takes 1.4 times as long for 4 % less.
+/// zstd. Of 6,000 rows, level 3 takes 1.4 times as long for 2 % less.
 const LEVEL: u32 = 1;
 
 /// Length of a step, ns.

@@ -15,13 +15,14 @@ pub struct LinkArgs {
     /// Zenoh config file (json5); the flags below go before it
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated
+    /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated [a client's default: tcp/127.0.0.1:7447]
     #[arg(short = 'e', long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Listen on this endpoint, such as tcp/0.0.0.0:7447; may be repeated
+    /// Listen on this endpoint, such as tcp/0.0.0.0:7447; may be repeated [a server's default, unless it has -e:
+    /// tcp/127.0.0.1:7447]
     #[arg(short, long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Part in the Zenoh network [default: peer]
+    /// Part in the Zenoh network [default: client for a program that connects to one server, else peer]
     #[arg(long, value_name = "MODE")]
     pub mode: Option<LinkMode>,
     /// Turn multicast scouting off where a config file turns it on; without a config file it is off

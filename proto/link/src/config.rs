@@ -73,10 +73,15 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
         set(&mut config, MULTICAST, &json!(false))?;
     }
 
-    let only_connects = get(&config, MODE) == json!("client");
     let scouts = get(&config, MULTICAST) == json!(true);
     let connects = !args.connect.is_empty() || !is_silent(&config, CONNECT);
     let listens = !args.listen.is_empty() || !is_silent(&config, LISTEN);
+    // A router passes nothing on between peers that do not gossip, but between a client and a peer it does.
+    let single = args.connect.len() < 2 && is_silent(&config, CONNECT);
+    if role == Role::Client && single && !scouts && !listens {
+        set_where_silent(&mut config, MODE, json!("client"))?;
+    }
+    let only_connects = get(&config, MODE) == json!("client");
     if !args.connect.is_empty() {
         set(&mut config, CONNECT, &json!(args.connect))?;
     } else if !connects && !scouts && (role == Role::Client && !listens || only_connects) {
@@ -188,6 +193,19 @@ mod tests {
         assert_eq!(settings(&client, Role::Server)[..2], [json!([DEFAULT_ENDPOINT]), json!([])]);
     }
 
+    /// With one server a client goes through whatever it is connected to; several are reached as a peer only.
+    #[test]
+    fn the_mode_follows_from_the_endpoints() {
+        let mode = |endpoints: &[&str], mode, role| {
+            let connect = endpoints.iter().map(ToString::to_string).collect();
+            get(&layered(&LinkArgs { connect, mode, ..LinkArgs::default() }, role).expect("layers"), MODE)
+        };
+        let (one, two) = (["tcp/10.0.0.1:1"], ["tcp/10.0.0.1:1", "tcp/10.0.0.2:1"]);
+        assert_eq!([mode(&[], None, Role::Client), mode(&one, None, Role::Client)], [json!("client"), json!("client")]);
+        assert_eq!([mode(&two, None, Role::Client), mode(&one, None, Role::Server)], [Value::Null, Value::Null]);
+        assert_eq!(mode(&one, Some(LinkMode::Peer), Role::Client), json!("peer"));
+    }
+
     #[test]
     fn flags_go_before_the_file_and_the_file_before_the_defaults() {
         let path = std::env::temp_dir().join(format!("fiatlux-link-{}.json5", std::process::id()));
@@ -204,7 +222,8 @@ mod tests {
 
     #[test]
     fn what_is_wrong_is_named() {
-        for (endpoint, part) in [("tcp", "is no endpoint"), ("udp/127.0.0.1:7447", "the protocol udp is not built in")] {
+        for (endpoint, part) in [("tcp", "is no endpoint"), ("udp/127.0.0.1:7447", "the protocol udp is not built in")]
+        {
             let args = LinkArgs { connect: vec![endpoint.to_string()], ..LinkArgs::default() };
             let message = layered(&args, Role::Client).expect_err("refused").to_string();
             assert!(message.contains(endpoint) && message.contains(part), "{message}");

@@ -1,4 +1,5 @@
-//! The Zenoh session of our programs: its options on the command line, its defaults, and the log.
+//! The Zenoh session of our programs: its options on the command line, its defaults, the log, and
+//! the signals that end a program.
 //!
 //! Nothing leaves the loopback interface unless a flag or a config file asks for it: without them a server listens on
 //! [`DEFAULT_ENDPOINT`], a client connects to it, and neither scouts.
@@ -6,6 +7,7 @@ mod args;
 mod config;
 mod error;
 mod log;
+mod signal;
 
 use zenoh::{Session, Wait};
 
@@ -13,6 +15,7 @@ pub use args::{LinkArgs, LinkMode};
 pub use config::Role;
 pub use error::LinkError;
 pub use log::init_log;
+pub use signal::stop_on_signal;
 
 /// Where a server listens and a client looks for it, unless told otherwise.
 pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";

@@ -1,15 +1,19 @@
 //! The log of a program.
 
+use std::io::IsTerminal;
+
 use tracing_subscriber::EnvFilter;
 
-/// Warnings of everything, and what our own programs do.
-const DEFAULT_FILTER: &str = "warn,fiatlux=info,sim_server=info,recorder=info,policy_client=info,scorer=info";
+/// Warnings of everything, and what our own programs do. Zenoh warns at each start that gossip is off; it is meant to be.
+const DEFAULT_FILTER: &str = "warn,zenoh::net::routing::hat::peer=error,\
+    fiatlux=info,sim_server=info,recorder=info,policy_client=info,scorer=info";
 
 /// Sends the log to stderr, so that stdout holds results alone. The environment variable `RUST_LOG` chooses what is
 /// logged; without it, warnings of Zenoh and what our own programs do. A second call does nothing.
 pub fn init_log() {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(DEFAULT_FILTER));
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
+    let log = log.with_ansi(std::io::stderr().is_terminal());
     // Only a log that is there already is refused.
     let _ = log.try_init();
 }

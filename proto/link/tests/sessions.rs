@@ -19,7 +19,8 @@ fn two_parts_of_one_process_talk_over_an_embedded_session() {
 #[test]
 fn a_client_finds_the_server_that_listens() {
     let endpoint = free_endpoint();
-    let server = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server).expect("listens");
+    let server =
+        LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server).expect("listens");
     let _alive = server.liveliness().declare_token("a/alive").wait().expect("declares");
     let _answers = answer(&server);
     let start = Instant::now();

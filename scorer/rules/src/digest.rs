@@ -31,6 +31,14 @@ impl RowDigest {
         Self { link: hash.finalize().into(), buffer: Vec::with_capacity(8192) }
     }
 
+    /// Goes on from a link of a chain, such as its start, given as [`RowDigest::hex`] gives it; `None` for anything else.
+    pub fn from_hex(link: &str) -> Option<Self> {
+        let digit = |byte: u8| char::from(byte).to_digit(16).map(|digit| digit as u8);
+        let pair = |pair: &[u8]| Some(digit(*pair.first()?)? << 4 | digit(*pair.get(1)?)?);
+        let bytes: Option<Vec<u8>> = link.as_bytes().chunks(2).map(pair).collect();
+        Some(Self { link: bytes?.try_into().ok()?, buffer: Vec::with_capacity(8192) })
+    }
+
     /// Adds a row.
     pub fn push(&mut self, row: &Row) {
         self.buffer.clear();

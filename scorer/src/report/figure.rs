@@ -117,7 +117,7 @@ fn hand_force(out: &mut String, episode: &EpisodeRow, limit_n: f64, top: f64, bo
          <text x=\"{name}\" y=\"{label}\" text-anchor=\"end\" class=\"t-alarm\">{} N</text>\
          <text x=\"{name}\" y=\"{}\" text-anchor=\"end\" class=\"t-small\">hand force</text>",
         limit_n,
-        px(bottom - 14.0),
+        px(top - 5.0),
         left = px(LEFT),
         right = px(RIGHT),
         bottom = px(bottom),

@@ -101,7 +101,10 @@ fn warnings(out: &mut String, results: &Results) {
     let odd = results.episodes.iter().filter(|episode| episode.notes.iter().any(|note| note.contains("result says")));
     let odd = odd.count();
     if odd > 0 {
-        let text = format!("In {}, the rows say something else than the recorded result. The rows count.", count(odd, "episode"));
+        let text = format!(
+            "In {}, the rows say something else than the recorded result. The rows count.",
+            count(odd, "episode")
+        );
         warn("Results that differ.", &text);
     }
 }
@@ -121,16 +124,14 @@ fn rate_card(out: &mut String, name: &str, rate: &RateRow, episodes: u64, size: 
 
 fn score_card(out: &mut String, results: &Results) {
     let Some(mean) = results.score.mean else { return };
-    let spread = results.score.std.map_or(String::new(), |std| {
-        format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>")
-    });
-    let seeds: Vec<_> = results
+    let spread = results
         .score
-        .per_seed
-        .iter()
-        .map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score))
-        .collect();
-    let shown = if seeds.len() > 12 { format!("{} seeds", seeds.len()) } else { format!("by seed {}", seeds.join(", ")) };
+        .std
+        .map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
+    let seeds: Vec<_> =
+        results.score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
+    let shown =
+        if seeds.len() > 12 { format!("{} seeds", seeds.len()) } else { format!("by seed {}", seeds.join(", ")) };
     let _ = writeln!(
         out,
         "<div class=\"panel\"><div class=\"card-name\">Benchmark score S</div><div class=\"big\">{mean:.3}{spread}</div>\
@@ -144,7 +145,7 @@ fn violations_card(out: &mut String, results: &Results) {
     let _ = writeln!(
         out,
         "<div class=\"panel\"><div class=\"card-name\">Broken / dropped</div><div class=\"mid\">{} / {}</div>\
-         <div class=\"card-note\">{} with a broken bulb,<br>{} with a dropped one</div></div>",
+         <div class=\"card-note\">{} with a broken bulb<br>{} with a dropped one</div></div>",
         share(&overall.broken),
         share(&overall.dropped),
         count(overall.broken.hits as usize, "episode"),
@@ -158,8 +159,10 @@ fn subtasks(out: &mut String, results: &Results) {
     out.push_str(
         "<div class=\"legend\"><span><i class=\"k-accent\"></i>score s, with its standard deviation over the seeds</span>\
          <span><i class=\"k-dot\"></i>clean success with Wilson interval</span><span><i class=\"k-ring\"></i>success, \
-         clean or not</span><span><i class=\"k-held\"></i>mean gate progress</span></div></div>\n",
+         clean or not</span><span><i class=\"k-held\"></i>mean gate progress</span></div>",
     );
+    out.push_str(&overview::causes(results));
+    out.push_str("</div>\n");
     out.push_str("<div class=\"panel scroll\" style=\"margin-top:14px\">");
     sections::task_table(out, &results.subtasks, true);
     out.push_str("</div>\n");

@@ -1,5 +1,6 @@
 //! The figure of all subtasks: score, success, gate progress and ends, a row each.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use super::markup::{cause_class, escape, px};
@@ -9,10 +10,17 @@ const WIDTH: f64 = 1096.0;
 const HEAD: f64 = 46.0;
 const ROW: f64 = 30.0;
 /// Left edge and width of each panel; a value is written on its right.
-const SCORE: (f64, f64) = (276.0, 150.0);
-const SUCCESS: (f64, f64) = (524.0, 170.0);
+const SCORE: (f64, f64) = (274.0, 140.0);
+const SUCCESS: (f64, f64) = (526.0, 168.0);
 const PROGRESS: (f64, f64) = (762.0, 110.0);
 const ENDS: (f64, f64) = (930.0, 166.0);
+
+/// A legend of the causes that occur, in the order of their names.
+pub(super) fn causes(results: &Results) -> String {
+    let causes: BTreeSet<&String> = results.subtasks.iter().flat_map(|task| task.ends.keys()).collect();
+    let entry = |cause: &&String| format!("<span><i class=\"b-{}\"></i>{}</span>", cause_class(cause), escape(cause));
+    format!("<div class=\"legend\"><span>Ends:</span>{}</div>", causes.iter().map(entry).collect::<String>())
+}
 
 /// SVG of the subtasks that ran.
 pub(super) fn figure(results: &Results) -> String {
@@ -95,7 +103,8 @@ fn bar(out: &mut String, (x, width): (f64, f64), top: f64, share: f64, class: &s
     let mut rect = |length: f64, class: &str| {
         if length > 0.0 {
             let (x, y, length) = (px(x), px(top + 8.0), px(length));
-            let _ = write!(out, "<rect x=\"{x}\" y=\"{y}\" width=\"{length}\" height=\"14\" rx=\"2\" class=\"{class}\"/>");
+            let _ =
+                write!(out, "<rect x=\"{x}\" y=\"{y}\" width=\"{length}\" height=\"14\" rx=\"2\" class=\"{class}\"/>");
         }
     };
     rect(width, "f-track");
@@ -106,7 +115,7 @@ fn bar(out: &mut String, (x, width): (f64, f64), top: f64, share: f64, class: &s
 fn rate(out: &mut String, y: f64, rate: f64, [low, high]: [f64; 2], clean: bool) {
     let at = |share: f64| px(SUCCESS.0 + SUCCESS.1 * share);
     let (line, width) = if clean { ("s-accent", 2.0) } else { ("s-soft", 1.5) };
-    let point = if clean { "f-accent s-accent" } else { "s-soft" };
+    let point = if clean { "f-accent" } else { "s-soft" };
     let fill = if clean { "" } else { " style=\"fill:var(--card)\"" };
     let _ = write!(
         out,

@@ -13,13 +13,15 @@ pub(super) fn task_table(out: &mut String, tasks: &[TaskResult], scored: bool) {
     let score_head = if scored { "<th>Score s</th>" } else { "" };
     let _ = write!(
         out,
-        "<table><thead><tr><th class=\"l\">Task</th><th>Episodes</th><th>Clean success</th><th>Success</th><th>Gate<br>\
+        "<table><thead><tr><th class=\"l\">Task</th><th>n</th><th>Clean success</th><th>Success</th><th>Gate<br>\
          progress</th>{score_head}<th>Broken</th><th>Dropped</th><th>Peak hand<br>force, N</th><th>Control<br>effort</th>\
-         <th>Mean<br>length, s</th></tr></thead><tbody>"
+         <th>Length,<br>s</th></tr></thead><tbody>"
     );
     for task in tasks {
         let score = match (scored, task.score_std) {
-            (true, Some(std)) => format!("<td>{:.3} <span class=\"ci\">\u{b1}\u{202f}{std:.3}</span></td>", task.score_mean),
+            (true, Some(std)) => {
+                format!("<td>{:.3} <span class=\"ci\">\u{b1}\u{202f}{std:.3}</span></td>", task.score_mean)
+            }
             (true, None) => format!("<td>{:.3}</td>", task.score_mean),
             (false, _) => String::new(),
         };
@@ -99,24 +101,30 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
     let list = |items: &[String]| if items.is_empty() { "not given".to_owned() } else { items.join(", ") };
     let v = &results.versions;
     out.push_str("<h2>Conditions</h2>\n<div class=\"two\">");
-    definitions(out, &[
-        ("Policy", results.policy.clone()),
-        ("Layout seeds", seeds(&results.seeds)),
-        ("Mode", c.mode.clone()),
-        ("Gains, hands", format!("{}, {}", c.gains, c.hands)),
-        ("Noise", if c.noise { "on" } else { "off" }.into()),
-        ("Ends on", ends),
-        ("Counting", if c.published_counting { "as published" } else { "from the reset state" }.into()),
-    ]);
-    definitions(out, &[
-        ("Simulator", list(&v.server)),
-        ("Protocol", list(&v.protocol)),
-        ("Scorer", v.scorer.clone()),
-        ("Random", list(&v.random)),
-        ("Row layout", v.digest_layout.clone()),
-        ("Robot model", c.model_digest.clone()),
-        ("Scene config", c.scene_digest.clone()),
-    ]);
+    definitions(
+        out,
+        &[
+            ("Policy", results.policy.clone()),
+            ("Layout seeds", seeds(&results.seeds)),
+            ("Mode", c.mode.clone()),
+            ("Gains, hands", format!("{}, {}", c.gains, c.hands)),
+            ("Noise", if c.noise { "on" } else { "off" }.into()),
+            ("Ends on", ends),
+            ("Counting", if c.published_counting { "as published" } else { "from the reset state" }.into()),
+        ],
+    );
+    definitions(
+        out,
+        &[
+            ("Simulator", list(&v.server)),
+            ("Protocol", list(&v.protocol)),
+            ("Scorer", v.scorer.clone()),
+            ("Random", list(&v.random)),
+            ("Row layout", v.digest_layout.clone()),
+            ("Robot model", c.model_digest.clone()),
+            ("Scene config", c.scene_digest.clone()),
+        ],
+    );
     out.push_str("</div>\n");
     thresholds(out, results);
 }
@@ -182,7 +190,8 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
         show(out, "Simulate one of them again on a server, and compare bit for bit", &command);
         let mut tasks: Vec<&str> = results.episodes.iter().map(|episode| episode.task.as_str()).collect();
         tasks.dedup();
-        let tasks = if results.subtasks.len() == 12 && results.extra_tasks.is_empty() { "all".into() } else { tasks.join(",") };
+        let tasks =
+            if results.subtasks.len() == 12 && results.extra_tasks.is_empty() { "all".into() } else { tasks.join(",") };
         let seeds: Vec<_> = results.seeds.iter().map(u64::to_string).collect();
         let policy = shell_word(&results.policy);
         let command = format!("fiatlux evaluate --policy {policy} --tasks {tasks} --seeds {}", seeds.join(","));
@@ -201,7 +210,9 @@ fn grade_command(results: &Results, options: &str) -> String {
     let mut folders: Vec<&str> = bags.map(|bag| bag.rsplit_once('/').map_or(".", |(folder, _)| folder)).collect();
     folders.sort_unstable();
     folders.dedup();
-    let inside = |folder: &str, other: &str| other == "." || folder.strip_prefix(other).is_some_and(|rest| rest.starts_with('/'));
+    let inside = |folder: &str, other: &str| {
+        other == "." || folder.strip_prefix(other).is_some_and(|rest| rest.starts_with('/'))
+    };
     let roots = folders.iter().filter(|folder| !folders.iter().any(|other| other != *folder && inside(folder, other)));
     let words: Vec<_> = roots.map(|folder| shell_word(folder)).collect();
     // A list of many folders says no more than a placeholder.

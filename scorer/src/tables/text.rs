@@ -63,20 +63,20 @@ fn headline(out: &mut String, results: &Results) {
 }
 
 fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {
-    let score_head = if scored { "     score S +- std" } else { "" };
+    let score_head = if scored { "    s +- std    " } else { "" };
     let _ = writeln!(
         out,
-        "{:<27} {:>4} {:>3}  {:>5} {:>7} {:>8}{score_head}  {:>6} {:>7} {:>6} {:>6}",
-        "task", "w", "n", "clean", "success", "progress", "broken", "dropped", "peak N", "steps"
+        "{:<26} {:>4} {:>3}  {:>5} {:>7} {:>5}{score_head}  {:>5} {:>5} {:>6} {:>6}",
+        "task", "w", "n", "clean", "success", "gate", "broke", "drop", "peak N", "steps"
     );
     for task in tasks {
         let name = format!("{} {}", task.id, task.name);
         let weight = if scored { format!("{:.2}", task.weight) } else { "-".into() };
-        let std = task.score_std.map_or("      ".into(), |std| format!("{std:.4}"));
-        let score = if scored { format!("   {:>7.4} +- {std}", task.score_mean) } else { String::new() };
+        let std = task.score_std.map_or("        ".into(), |std| format!("+- {std:.3}"));
+        let score = if scored { format!("  {:>5.3} {std}", task.score_mean) } else { String::new() };
         let _ = writeln!(
             out,
-            "{name:<27.27} {weight:>4} {:>3}  {:>5.2} {:>7.2} {:>8.2}{score}  {:>6.2} {:>7.2} {:>6} {:>6.0}",
+            "{name:<26.26} {weight:>4} {:>3}  {:>5.2} {:>7.2} {:>5.2}{score}  {:>5.2} {:>5.2} {:>6} {:>6.0}",
             task.episodes,
             task.clean_success_rate,
             task.success_rate,

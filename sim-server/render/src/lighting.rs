@@ -8,7 +8,7 @@ const KEY_NOMINAL: f64 = 1500.0;
 const KEY_TILT: f64 = 40.0 / 180.0 * std::f64::consts::PI;
 /// Light that a surface gets from the nominal dome and, facing it, from the nominal key light; ours, for pictures of
 /// even brightness.
-const NOMINAL_LIGHT: [f64; 2] = [0.62, 1.25];
+const NOMINAL_LIGHT: [f64; 2] = [0.58, 1.55];
 
 /// How a scene is lit. The default is the published benchmark's nominal light.
 #[derive(Debug, Clone, PartialEq)]

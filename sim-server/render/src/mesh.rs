@@ -23,9 +23,19 @@ pub(crate) struct Triangle {
     pub paint: Paint,
 }
 
+/// How finely round things are cut into triangles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Detail {
+    /// For people to look at.
+    Fine,
+    /// For a robot's camera and for shadows.
+    Coarse,
+}
+
 /// A rigid surface.
 #[derive(Debug, Clone)]
 pub(crate) struct Mesh {
+    detail: Detail,
     pub frame: Frame,
     pub owner: ShapeOwner,
     pub positions: Vec<[f32; 3]>,
@@ -39,8 +49,9 @@ pub(crate) struct Mesh {
 }
 
 impl Mesh {
-    pub(crate) fn new(frame: Frame, owner: ShapeOwner) -> Self {
+    pub(crate) fn new(frame: Frame, owner: ShapeOwner, detail: Detail) -> Self {
         Self {
+            detail,
             frame,
             owner,
             positions: Vec::new(),
@@ -49,6 +60,14 @@ impl Mesh {
             center: Vector3::zeros(),
             radius: 0.0,
             casts: !matches!(owner, ShapeOwner::Floor | ShapeOwner::Room),
+        }
+    }
+
+    /// Segments around something that deserves `fine` ones when looked at closely.
+    fn segments(&self, fine: u32) -> u32 {
+        match self.detail {
+            Detail::Fine => fine,
+            Detail::Coarse => (fine * 2 / 5).max(6),
         }
     }
 

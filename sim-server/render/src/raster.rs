@@ -22,6 +22,7 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
+    #[inline]
     pub(crate) fn at(&self, u: f32, v: f32) -> f32 {
         self.origin + self.slope[0] * u + self.slope[1] * v
     }
@@ -109,12 +110,14 @@ impl Edge {
         Self { top, slope: (bottom[0] - top[0]) / (bottom[1] - top[1]), side }
     }
 
+    #[inline]
     fn at(&self, v: f64) -> f64 {
         self.top[0] + (v - self.top[1]) * self.slope
     }
 }
 
 /// The first whole number, at least 0, that is not below `x`.
+#[inline]
 fn first_inside(x: f64) -> usize {
     // A cast cuts towards zero and takes what is below zero to it.
     let whole = x as usize;

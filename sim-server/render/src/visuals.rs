@@ -15,41 +15,40 @@ use fiatlux_rules::{Bulb, Row};
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
-use crate::mesh::{Frame, Mesh};
+use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
 /// The meshes of a scene, made from its shapes and sizes. Constant: one serves any number of renderers.
 #[derive(Debug, Clone)]
 pub struct Visuals {
     robot: Arc<Robot>,
-    pub(crate) meshes: Vec<Mesh>,
+    /// Fine and coarse meshes of the same things in the same order.
+    fine: Vec<Mesh>,
+    coarse: Vec<Mesh>,
 }
 
 impl Visuals {
     /// Makes the meshes.
     pub fn new(scene: &Scene) -> Self {
-        let mut meshes = vec![room::floor(scene), room::walls(scene)];
-        meshes.push(furniture(scene, ShapeOwner::Bench));
-        meshes.push(furniture(scene, ShapeOwner::Crate));
-        meshes.push(fixture::fixture(scene));
-        meshes.push(ladder::ladder(scene));
-        meshes.push(bulb::bulb(scene, Bulb::Old));
-        meshes.push(bulb::bulb(scene, Bulb::Fresh));
-        meshes.extend(robot::links(&scene.robot));
-        meshes.retain(|mesh| !mesh.triangles.is_empty());
-        Self { robot: Arc::clone(&scene.robot), meshes: meshes.into_iter().map(Mesh::finished).collect() }
+        Self {
+            robot: Arc::clone(&scene.robot),
+            fine: meshes(scene, Detail::Fine),
+            coarse: meshes(scene, Detail::Coarse),
+        }
     }
 
-    /// Number of triangles, all meshes together.
-    pub fn triangles(&self) -> usize {
-        self.meshes.iter().map(|mesh| mesh.triangles.len()).sum()
+    pub(crate) fn meshes(&self, detail: Detail) -> &[Mesh] {
+        match detail {
+            Detail::Fine => &self.fine,
+            Detail::Coarse => &self.coarse,
+        }
     }
 
     /// Where each mesh is; none for the links of a robot whose joint angles are not finite.
     pub(crate) fn place(&self, row: &Row, poses: &mut Vec<Option<Isometry3<f64>>>) {
         let links = self.robot.forward_kinematics(&row.joint_position, &row.robot.pose).unwrap_or_default();
         poses.clear();
-        poses.extend(self.meshes.iter().map(|mesh| match mesh.frame {
+        poses.extend(self.fine.iter().map(|mesh| match mesh.frame {
             Frame::World => Some(Isometry3::identity()),
             Frame::Ladder => Some(row.ladder.pose),
             Frame::Bulb(bulb) => Some(row.bulbs[bulb].pose),
@@ -58,14 +57,27 @@ impl Visuals {
     }
 }
 
+fn meshes(scene: &Scene, detail: Detail) -> Vec<Mesh> {
+    let mut meshes = vec![room::floor(scene, detail), room::walls(scene, detail)];
+    meshes.push(furniture(scene, ShapeOwner::Bench, detail));
+    meshes.push(furniture(scene, ShapeOwner::Crate, detail));
+    meshes.push(fixture::fixture(scene, detail));
+    meshes.push(ladder::ladder(scene, detail));
+    meshes.push(bulb::bulb(scene, Bulb::Old, detail));
+    meshes.push(bulb::bulb(scene, Bulb::Fresh, detail));
+    meshes.extend(robot::links(&scene.robot, detail));
+    meshes.retain(|mesh| !mesh.triangles.is_empty());
+    meshes.into_iter().map(Mesh::finished).collect()
+}
+
 /// The shapes of an owner.
 fn shapes(scene: &Scene, owner: ShapeOwner) -> impl Iterator<Item = &ShapeSpec> {
     scene.model.shapes().iter().filter(move |shape| ShapeOwner::from_label(shape.label) == owner)
 }
 
 /// The fixed boxes of bench or crate.
-fn furniture(scene: &Scene, owner: ShapeOwner) -> Mesh {
-    let mut mesh = Mesh::new(Frame::World, owner);
+fn furniture(scene: &Scene, owner: ShapeOwner, detail: Detail) -> Mesh {
+    let mut mesh = Mesh::new(Frame::World, owner, detail);
     for shape in shapes(scene, owner).filter(|shape| shape.body == BodyId::WORLD) {
         let Geometry::Cuboid { half_extents } = shape.geometry else { continue };
         let paint = match shape.name.as_str() {

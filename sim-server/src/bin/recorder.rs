@@ -1,2 +1,105 @@
 //! Records sessions into bags.
-fn main() {}
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context;
+use clap::Parser;
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions};
+
+/// Records the sessions of simulation servers, an episode in an MCAP file each.
+///
+/// Prints a line for each bag that ended. Exit codes: 0 all whole, 1 failed, 2 usage, 3 some bags are cut.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    /// Folder of the bags
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Record only this server [default: all]
+    #[arg(long, value_name = "NAME")]
+    server: Option<String>,
+    /// Name of this recorder, for the servers
+    #[arg(long, value_name = "NAME", default_value = "recorder")]
+    name: String,
+    /// All bags in one folder, in place of SERVER/SESSION/
+    #[arg(long)]
+    flat: bool,
+    #[command(flatten)]
+    link: LinkArgs,
+}
+
+/// Finished with data loss.
+const CUT: u8 = 3;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    fiatlux_link::init_log();
+    match run(cli) {
+        Ok(false) => ExitCode::SUCCESS,
+        Ok(true) => ExitCode::from(CUT),
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Records until it is told to stop; returns whether a bag is cut.
+fn run(cli: Cli) -> anyhow::Result<bool> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.context("cannot start the runtime")?;
+    std::fs::create_dir_all(&cli.out).with_context(|| format!("cannot make the folder {}", cli.out.display()))?;
+    let session = cli.link.open(Role::Client)?;
+    let any_cut = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&any_cut);
+    let recorder = Recorder::start(
+        session,
+        RecorderOptions {
+            out: cli.out,
+            server: cli.server,
+            name: cli.name,
+            naming: if cli.flat { Naming::Flat } else { Naming::BySession },
+            on_bag: Box::new(move |report| {
+                seen.fetch_or(matches!(report.end, BagEnd::Cut(_)), Ordering::Relaxed);
+                println!("{}", line(&report));
+            }),
+        },
+    )?;
+    runtime.block_on(stop_signal()).context("cannot wait for a signal")?;
+    for part in recorder.stop() {
+        tracing::info!("{} is unfinished; a recorder started now with the same --out goes on with it", part.display());
+    }
+    Ok(any_cut.load(Ordering::Relaxed))
+}
+
+/// One bag on one line.
+fn line(BagReport { path, end, .. }: &BagReport) -> String {
+    let path = path.display();
+    match end {
+        BagEnd::Whole(result) => {
+            let cause = result.end.as_ref().map_or("", |end| end.cause.as_str());
+            format!("{path}: {cause} after {} steps, progress {:.3}", result.steps, result.gate_progress)
+        }
+        BagEnd::Cut(reason) => format!("{path}: cut: {reason}"),
+    }
+}
+
+#[cfg(unix)]
+async fn stop_signal() -> std::io::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+    }
+    Ok(())
+}
+
+#[cfg(not(unix))]
+async fn stop_signal() -> std::io::Result<()> {
+    tokio::signal::ctrl_c().await
+}

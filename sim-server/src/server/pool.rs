@@ -5,6 +5,7 @@ use std::collections::{BinaryHeap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
+use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
 use super::actor::Actor;
@@ -17,36 +18,54 @@ pub(super) enum Job {
     Describe(Query),
 }
 
-/// Jobs in the order in which they came.
-#[derive(Default)]
-pub(super) struct RunQueue {
-    state: Mutex<(VecDeque<Job>, bool)>,
+/// Replies that a session has for a query.
+pub(super) struct Answer {
+    pub query: Query,
+    pub kind: AnswerKind,
+}
+
+pub(super) enum AnswerKind {
+    /// Messages of that name.
+    Replies(&'static str, Vec<ZBytes>),
+    /// A refusal where there is no other form for it.
+    Refusal(ZBytes),
+}
+
+/// Work for threads, in the order in which it came.
+pub(super) struct Queue<T> {
+    state: Mutex<(VecDeque<T>, bool)>,
     changed: Condvar,
 }
 
-impl RunQueue {
-    pub fn push(&self, job: Job) {
-        lock(&self.state).0.push_back(job);
+impl<T> Default for Queue<T> {
+    fn default() -> Self {
+        Self { state: Mutex::new((VecDeque::new(), false)), changed: Condvar::new() }
+    }
+}
+
+impl<T> Queue<T> {
+    pub fn push(&self, work: T) {
+        lock(&self.state).0.push_back(work);
         self.changed.notify_one();
     }
 
-    /// The next job; none once the queue is stopped.
-    pub fn next(&self) -> Option<Job> {
+    /// What comes next; none once the queue is stopped.
+    pub fn next(&self) -> Option<T> {
         let mut state = lock(&self.state);
         loop {
             if state.1 {
                 return None;
             }
-            if let Some(job) = state.0.pop_front() {
-                return Some(job);
+            if let Some(work) = state.0.pop_front() {
+                return Some(work);
             }
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
-    /// Jobs that are not sessions: requests that have not been answered.
-    pub fn requests(&self) -> usize {
-        lock(&self.state).0.iter().filter(|job| !matches!(job, Job::Run(_))).count()
+    /// How much of a kind waits.
+    pub fn count(&self, is_of_kind: impl Fn(&T) -> bool) -> usize {
+        lock(&self.state).0.iter().filter(|work| is_of_kind(work)).count()
     }
 
     pub fn stop(&self) {

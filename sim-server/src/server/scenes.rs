@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
+use fiatlux_proto::Message;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec};
 
@@ -63,6 +64,6 @@ impl Scenes {
     }
 }
 
-fn shapes(_scene: &Scene) -> Vec<u8> {
-    Vec::new()
+fn shapes(scene: &Scene) -> Vec<u8> {
+    crate::show::scene_update(scene).encode_to_vec()
 }

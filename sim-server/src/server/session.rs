@@ -2,6 +2,7 @@
 //! rules that it follows are those of `proto/PROTOCOL.md`.
 
 mod act;
+mod message;
 mod recording;
 #[cfg(test)]
 mod tests;
@@ -11,72 +12,21 @@ use std::time::Duration;
 
 use fiatlux_proto::v1::notice::Code as NoticeCode;
 use fiatlux_proto::v1::refusal::Code as RefusalCode;
-use fiatlux_proto::v1::{
-    CloseReply, CloseRequest, Event, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
-};
+use fiatlux_proto::v1::{CloseReply, CloseRequest, Event, Notice, Observation, ResetRequest, SessionInfo};
 use fiatlux_proto::{Message, decode, limits};
 use fiatlux_rules::Variant;
 use fiatlux_world::{Episode, EpisodeSpec, Scene};
 use zenoh::bytes::ZBytes;
 
+use super::chain;
 use super::info;
 use super::notices::Notices;
 use super::plan::{Plan, malformed, refusal};
 use super::record::{self, Record};
 use super::window::Window;
 use act::{Asked, Clock};
-
-/// Spans that a session keeps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Times {
-    pub grace: Duration,
-    pub action_timeout: Duration,
-    pub resend: Duration,
-    pub recorder_timeout: Duration,
-}
-
-/// What reaches a session. `R` is where a reply goes.
-#[derive(Debug)]
-pub(super) enum Input<R> {
-    Action(ZBytes),
-    Reset(ZBytes, R),
-    Close(ZBytes, R),
-    /// Asks for the last observation.
-    Observation(R),
-    /// The client's liveliness token.
-    ClientSeen,
-    ClientGone,
-    /// A recorder's acknowledgement.
-    Ack(ZBytes),
-    /// A recorder asks for truths.
-    Truths(ZBytes, R),
-    /// Messages of the client that found the inbox full.
-    PassedOver(u64),
-    /// A message of the client that is too large to be read, of so many bytes.
-    TooLarge(usize),
-    /// Nothing but the time.
-    Tick,
-    /// The server shuts down.
-    Shutdown,
-}
-
-/// What a session sends.
-#[derive(Debug)]
-pub(super) enum Output<R> {
-    Observation(ZBytes),
-    Notice(ZBytes),
-    Truth(ZBytes),
-    /// Replies to a query, with the name of their message.
-    Reply(R, &'static str, Vec<ZBytes>),
-    /// A [`Refusal`] as the error reply to a query that has no other form for it.
-    Refuse(R, ZBytes),
-    /// No client has this session any more; it only waits for its recorder.
-    Closed,
-    /// Nothing is left to do.
-    Done,
-}
-
-pub(super) type Sink<'a, R> = &'a mut dyn FnMut(Output<R>);
+pub(super) use message::{Input, Output, Sink, Times};
+use message::{closed, refuse, reset_refused, reset_replied};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
@@ -116,7 +66,7 @@ impl Run {
 /// What waits for room in the recording window.
 #[derive(Debug)]
 enum Held<R> {
-    Action(Asked),
+    Action(Box<Asked>),
     Reset(u64, R),
 }
 
@@ -215,6 +165,8 @@ impl<R> Session<R> {
             }
             Input::Tick => {}
             Input::Shutdown => self.close("the server shuts down", now, out),
+            #[cfg(test)]
+            Input::Panic => panic!("a test asked for it"),
         }
         self.pass_time(now, out);
     }
@@ -398,29 +350,4 @@ impl<R> Session<R> {
         let events = std::mem::take(&mut self.events);
         events.into_iter().chain(more).map(move |event| Event { step, ..event })
     }
-}
-
-/// An error with its causes.
-fn chain(error: &dyn std::error::Error) -> String {
-    std::iter::successors(error.source(), |error| error.source())
-        .fold(error.to_string(), |text, source| format!("{text}: {source}"))
-}
-
-fn closed() -> Refusal {
-    refusal(RefusalCode::Closed, "", "the session is closed; open another one")
-}
-
-fn refuse<R>(to: R, refusal: &Refusal, out: Sink<'_, R>) {
-    out(Output::Refuse(to, refusal.encode_to_vec().into()));
-}
-
-fn reset_refused<R>(to: R, refusal: Refusal, out: Sink<'_, R>) {
-    let reply = ResetReply { reply: Some(reset_reply::Reply::Refusal(refusal)) };
-    out(Output::Reply(to, "ResetReply", vec![reply.encode_to_vec().into()]));
-}
-
-/// Answers with an observation.
-fn reset_replied<R>(to: R, observation: Observation, out: Sink<'_, R>) {
-    let reply = ResetReply { reply: Some(reset_reply::Reply::Observation(observation)) };
-    out(Output::Reply(to, "ResetReply", vec![reply.encode_to_vec().into()]));
 }

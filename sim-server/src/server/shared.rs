@@ -16,14 +16,16 @@ use zenoh::query::Query;
 use zenoh::{Session as Zenoh, Wait};
 
 use super::actor::{Actor, Side, Wire};
-use super::lock;
 use super::plan::{self, refusal};
-use super::pool::{Job, RunQueue, Timer};
+use super::pool::{Answer, AnswerKind, Job, Queue, Timer};
 use super::scenes::Scenes;
 use super::session::{Input, Output, Session, Times};
+use super::{chain, lock};
 
 /// Inputs that a worker gives a session before others get their turn.
 const TURN: usize = 256;
+/// Queries whose replies wait to be sent.
+const MAX_ANSWERS: usize = 1024;
 /// Sessions that may wait for their recorder, for each one that may be open.
 const DRAINING_PER_OPEN: usize = 3;
 
@@ -35,7 +37,9 @@ pub(super) struct Shared {
     pub capacity: usize,
     pub scenes: Scenes,
     pub info: ServerInfo,
-    pub queue: RunQueue,
+    pub queue: Queue<Job>,
+    /// A reply waits as long as its query says where the way to the client is full, so workers leave them to another thread.
+    pub answers: Queue<Answer>,
     pub timer: Timer,
     pub sessions: RwLock<BTreeMap<String, Arc<Actor>>>,
     /// Sessions that clients have.
@@ -126,14 +130,33 @@ impl Shared {
             Output::Observation(bytes) => put(|wire| &wire.observation, bytes),
             Output::Notice(bytes) => put(|wire| &wire.notice, bytes),
             Output::Truth(bytes) => put(|wire| &wire.truth, bytes),
-            Output::Reply(query, message, replies) => replies.into_iter().for_each(|bytes| reply(&query, message, bytes)),
-            Output::Refuse(query, bytes) => refuse(&query, bytes),
+            Output::Reply(query, message, replies) => self.answer(query, AnswerKind::Replies(message, replies)),
+            Output::Refuse(query, bytes) => self.answer(query, AnswerKind::Refusal(bytes)),
             Output::Closed => {
                 self.open.fetch_sub(1, Ordering::Relaxed);
             }
             Output::Done => return true,
         }
         false
+    }
+
+    /// One too many is not sent: its client asks again.
+    fn answer(&self, query: Query, kind: AnswerKind) {
+        if self.answers.count(|_| true) < MAX_ANSWERS {
+            self.answers.push(Answer { query, kind });
+        }
+    }
+
+    /// What the thread does that sends replies.
+    pub fn send_answers(&self) {
+        while let Some(Answer { query, kind }) = self.answers.next() {
+            match kind {
+                AnswerKind::Replies(message, replies) => {
+                    replies.into_iter().for_each(|bytes| reply(&query, message, bytes));
+                }
+                AnswerKind::Refusal(bytes) => refuse(&query, bytes),
+            }
+        }
     }
 
     fn remove(&self, actor: &Actor) {
@@ -167,7 +190,7 @@ impl Shared {
     fn describe(&self, query: &Query) {
         let open_sessions = u32::try_from(self.open.load(Ordering::Relaxed)).unwrap_or(u32::MAX);
         let info = ServerInfo { open_sessions, ..self.info.clone() };
-        reply(query, "ServerInfo", info.encode_to_vec().into());
+        self.answer(query.clone(), AnswerKind::Replies("ServerInfo", vec![info.encode_to_vec().into()]));
     }
 
     fn open(&self, query: &Query) {
@@ -179,7 +202,8 @@ impl Shared {
                 open_reply::Reply::Refusal(refusal)
             }
         };
-        reply(query, "OpenReply", OpenReply { reply: Some(answer) }.encode_to_vec().into());
+        let answer = OpenReply { reply: Some(answer) }.encode_to_vec().into();
+        self.answer(query.clone(), AnswerKind::Replies("OpenReply", vec![answer]));
     }
 
     fn try_open(&self, bytes: &[u8]) -> Result<SessionInfo, Refusal> {
@@ -188,7 +212,7 @@ impl Shared {
             return Err(refusal(Code::Closed, "", "the server shuts down; open a session on another one"));
         }
         let capacity = self.capacity;
-        let sessions = self.all().len();
+        let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner).len();
         let reserve = |open: usize| (open < capacity && sessions <= capacity * DRAINING_PER_OPEN).then_some(open + 1);
         if self.open.fetch_update(Ordering::Relaxed, Ordering::Relaxed, reserve).is_err() {
             let message = format!(
@@ -205,11 +229,8 @@ impl Shared {
     }
 
     fn open_reserved(&self, plan: plan::Plan) -> Result<SessionInfo, Refusal> {
-        let built = self.scenes.get(SceneKind::of(plan.task), plan.seed, plan.gains).map_err(|error| {
-            let message = std::iter::successors(std::error::Error::source(&error), |error| error.source())
-                .fold(error.to_string(), |text, source| format!("{text}: {source}"));
-            refusal(Code::Start, "seed", message)
-        })?;
+        let built = self.scenes.get(SceneKind::of(plan.task), plan.seed, plan.gains);
+        let built = built.map_err(|error| refusal(Code::Start, "seed", chain(&error)))?;
         let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
         let keys = self.keys.session(&id);
         let wire = Wire::declare(&self.zenoh, &keys)

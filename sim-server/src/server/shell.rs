@@ -24,7 +24,7 @@ use super::actor::{Actor, Side};
 use super::info;
 use super::lock;
 use super::plan::refusal;
-use super::pool::{Job, RunQueue, Timer};
+use super::pool::{Job, Queue, Timer};
 use super::scenes::Scenes;
 use super::session::{Input, Times};
 use super::shared::{Shared, refuse, reply};
@@ -155,7 +155,8 @@ impl Server {
             },
             capacity: options.capacity,
             scenes: Scenes::new(options.scene, robot),
-            queue: RunQueue::default(),
+            queue: Queue::default(),
+            answers: Queue::default(),
             timer: Timer::default(),
             sessions: RwLock::new(BTreeMap::new()),
             open: AtomicUsize::new(0),
@@ -207,6 +208,9 @@ impl Server {
             let thread = std::thread::Builder::new().name(format!("session-{worker}"));
             self.threads.push(thread.spawn(move || shared.work())?);
         }
+        let shared = Arc::clone(&self.shared);
+        let answers = std::thread::Builder::new().name("answers".into());
+        self.threads.push(answers.spawn(move || shared.send_answers())?);
         let shared = Arc::clone(&self.shared);
         let wake = move || {
             let wake = |actor: Arc<Actor>| {
@@ -280,7 +284,7 @@ impl Server {
             let too_large = query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE);
             if too_large {
                 answer_for_nobody(&query, Code::Malformed, "the request is too large");
-            } else if shared.queue.requests() >= MAX_REQUESTS {
+            } else if shared.queue.count(|job| !matches!(job, Job::Run(_))) >= MAX_REQUESTS {
                 answer_for_nobody(&query, Code::Busy, "too many requests wait; try again later");
             } else {
                 shared.queue.push(job(query));
@@ -320,6 +324,7 @@ impl Drop for Server {
         self.alive = None;
         self.ears.clear();
         self.shared.queue.stop();
+        self.shared.answers.stop();
         self.shared.timer.stop();
         for thread in self.threads.drain(..) {
             // A worker catches what goes wrong in a session; nothing is left to say here.
@@ -365,5 +370,38 @@ fn answer_for_nobody(query: &Query, code: Code, message: &str) {
             reply(query, "CloseReply", answer.encode_to_vec().into());
         }
         _ => refuse(query, refused.encode_to_vec().into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_proto::PROTOCOL;
+    use fiatlux_proto::v1::OpenRequest;
+
+    use super::*;
+
+    /// A fault of ours closes the session that met it; the worker goes on with the others.
+    #[test]
+    #[allow(clippy::unwrap_used)]
+    fn a_panic_stays_in_its_session() {
+        let zenoh = fiatlux_link::embedded().unwrap();
+        let options = ServerOptions { name: "panics".into(), workers: 1, capacity: 2, ..ServerOptions::default() };
+        let server = Server::start(zenoh.clone(), options).unwrap();
+        let request = OpenRequest { protocol: Some(PROTOCOL), task: "S07".into(), ..OpenRequest::default() };
+        for _ in 0..2 {
+            let replies = zenoh.get(server.shared.keys.open()).payload(request.encode_to_vec()).wait().unwrap();
+            assert!(replies.recv().unwrap().result().is_ok());
+        }
+        let [faulty, other] = <[_; 2]>::try_from(server.shared.all()).unwrap_or_else(|_| panic!("two sessions"));
+        server.shared.send(&faulty, Side::Server, Input::Panic);
+        let until = Instant::now() + Duration::from_secs(10);
+        while server.shared.find(&faulty.id).is_some() && Instant::now() < until {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert_eq!((server.shared.all().len(), server.open_sessions()), (1, 1));
+        let key = server.shared.keys.session(&other.id).reset();
+        let reply = zenoh.get(key).wait().unwrap().recv().unwrap();
+        let reply = ResetReply::decode(&*reply.result().unwrap().payload().to_bytes()).unwrap();
+        assert!(matches!(reply.reply, Some(reset_reply::Reply::Observation(_))));
     }
 }

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::Mesh;
+use super::{Detail, Mesh};
 use crate::paint::Paint;
 
 /// A point of a profile that turns about z: height, radius, and the normal's direction in that half plane.
@@ -25,6 +25,7 @@ impl Rim {
 impl Mesh {
     /// A surface of revolution about z. The profile goes upwards on the outside.
     pub(crate) fn revolve(&mut self, pose: &Isometry3<f64>, profile: &[Rim], segments: u32, paint: Paint) {
+        let segments = self.segments(segments);
         let mut below: Option<Vec<u32>> = None;
         for rim in profile {
             let ring: Vec<u32> = (0..segments)
@@ -57,7 +58,7 @@ impl Mesh {
         let length = (to - from).norm();
         // The cone that touches both balls leaves them at this angle from their equators.
         let tilt = if length > 0.0 { libm::asin(((r0 - r1) / length).clamp(-1.0, 1.0)) } else { 0.0 };
-        let steps = (segments / 4).max(2);
+        let steps = (self.segments(segments) / 4).max(2);
         let mut profile = Vec::new();
         for (center, radius, low, high) in [(0.0, r0, -FRAC_PI_2, tilt), (length, r1, tilt, FRAC_PI_2)] {
             for k in 0..=steps {
@@ -83,8 +84,9 @@ impl Mesh {
         let round = 0.25 * radius.min(half);
         let mut profile = vec![Rim::new(-half, 0.0, [-1.0, 0.0])];
         for (side, angles) in [(-1.0, [-FRAC_PI_2, 0.0]), (1.0, [0.0, FRAC_PI_2])] {
-            for k in 0..=2 {
-                let angle = angles[0] + (angles[1] - angles[0]) * f64::from(k) / 2.0;
+            let steps = if self.detail == Detail::Coarse { 1 } else { 2 };
+            for k in 0..=steps {
+                let angle = angles[0] + (angles[1] - angles[0]) * f64::from(k) / f64::from(steps);
                 let (c, s) = (libm::cos(angle), libm::sin(angle));
                 profile.push(Rim::new(side * (half - round) + round * s, radius - round + round * c, [s, c]));
             }
@@ -104,7 +106,7 @@ impl Mesh {
         paint: Paint,
     ) {
         let first = self.positions.len();
-        let steps = segments / 2;
+        let steps = self.segments(segments) / 2;
         let profile: Vec<Rim> = (0..=steps)
             .map(|k| {
                 let angle = -FRAC_PI_2 + 2.0 * FRAC_PI_2 * f64::from(k) / f64::from(steps);
@@ -163,6 +165,7 @@ impl Mesh {
         taper: f64,
         paint: Paint,
     ) {
+        let steps = if self.detail == Detail::Coarse { 1 } else { steps };
         let round = round.min(half.min());
         let core = half - Vector3::repeat(round);
         // Rounding angle and side of the core, across a face.
@@ -190,8 +193,7 @@ impl Mesh {
                         p[u] += side_u * core[u];
                         p[v] += side_v * core[v];
                         let wide = 1.0 + slope * p.z;
-                        let tilted =
-                            Vector3::new(n.x / wide, n.y / wide, n.z - slope * (p.x * n.x + p.y * n.y) / wide);
+                        let tilted = Vector3::new(n.x / wide, n.y / wide, n.z - slope * (p.x * n.x + p.y * n.y) / wide);
                         grid.push(self.vertex(pose, Vector3::new(p.x * wide, p.y * wide, p.z), tilted));
                     }
                 }

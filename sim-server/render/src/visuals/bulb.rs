@@ -3,7 +3,7 @@ use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::Isometry3;
 
 use crate::mesh::solids::Rim;
-use crate::mesh::{Frame, Mesh};
+use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
 /// Segments around the axis.
@@ -14,12 +14,12 @@ const CAP_LENGTH: f64 = 0.036;
 const THREAD: (f64, f64) = (0.0006, 4.5);
 
 /// A bulb: its outline turned about its axis, a threaded metal cap below and glass above.
-pub(crate) fn bulb(scene: &Scene, bulb: Bulb) -> Mesh {
+pub(crate) fn bulb(scene: &Scene, bulb: Bulb, detail: Detail) -> Mesh {
     let (owner, glass) = match bulb {
         Bulb::Old => (ShapeOwner::OldBulb, Paint::SpentGlass),
         Bulb::Fresh => (ShapeOwner::FreshBulb, Paint::Glass),
     };
-    let mut mesh = Mesh::new(Frame::Bulb(bulb as usize), owner);
+    let mut mesh = Mesh::new(Frame::Bulb(bulb as usize), owner, detail);
     let outline = &scene.config.bulb.outline;
     let (Some(&[bottom, bottom_radius]), Some(&[top, _])) = (outline.first(), outline.last()) else {
         return mesh;

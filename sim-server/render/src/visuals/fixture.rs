@@ -4,12 +4,12 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::shapes;
 use crate::mesh::solids::Rim;
-use crate::mesh::{Frame, Mesh};
+use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
 /// The lamp's socket: a rounded housing, the collar with its bore and the brass sleeve in it, and the rod it hangs on.
-pub(crate) fn fixture(scene: &Scene) -> Mesh {
-    let mut mesh = Mesh::new(Frame::World, ShapeOwner::Fixture);
+pub(crate) fn fixture(scene: &Scene, detail: Detail) -> Mesh {
+    let mut mesh = Mesh::new(Frame::World, ShapeOwner::Fixture, detail);
     let (config, seat) = (&scene.config.fixture, scene.config.bulb.seat_z);
     let pose = &scene.world_from_fixture;
     let (stop, mouth) = (seat + config.stop_height, seat + config.mouth_height);
@@ -25,7 +25,7 @@ pub(crate) fn fixture(scene: &Scene) -> Mesh {
         Rim::new(mouth, outer - lip, [1.0, 0.0]),
         Rim::new(mouth, bore, [1.0, 0.0]),
     ];
-    mesh.revolve(pose, &collar, 32, Paint::Socket);
+    mesh.revolve(pose, &collar, 32, Paint::Shell);
     let inner = config.sleeve_radius[0];
     let sleeve = [
         Rim::new(mouth, bore, [0.0, -1.0]),

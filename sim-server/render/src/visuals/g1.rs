@@ -28,27 +28,28 @@ const PARTS: &[(&str, Paint, Solid)] = &[
     ("waist_yaw_link", Joint, Disc([0.0, 0.0, 0.004], 2, [0.052, 0.030])),
     ("torso_link", Joint, Disc([0.002, 0.0, 0.030], 2, [0.054, 0.040])),
     ("torso_link", Graphite, Block([0.004, 0.0, 0.092], [0.060, 0.076, 0.050], 0.034, 0.10)),
-    ("torso_link", Shell, Block([0.003, 0.0, 0.214], [0.066, 0.094, 0.083], 0.036, 0.10)),
+    ("torso_link", Shell, Block([0.003, 0.0, 0.214], [0.067, 0.097, 0.083], 0.036, 0.12)),
     ("torso_link", Graphite, Block([0.066, 0.0, 0.222], [0.010, 0.046, 0.034], 0.009, 0.12)),
     ("torso_link", Graphite, Block([-0.062, 0.0, 0.205], [0.018, 0.062, 0.062], 0.016, 0.0)),
     ("torso_link", Joint, Disc([0.002, 0.0, 0.305], 2, [0.044, 0.026])),
-    ("head_link", Shell, Egg([0.0, 0.0, 0.437], [0.070, 0.066, 0.096])),
-    ("head_link", Visor, Egg([0.014, 0.0, 0.434], [0.0625, 0.057, 0.078])),
-    ("head_link", Light, Bar([0.0640, -0.028, 0.462], [0.0690, -0.014, 0.464], [0.0022, 0.0022])),
-    ("head_link", Light, Bar([0.0690, -0.014, 0.464], [0.0710, 0.000, 0.465], [0.0022, 0.0022])),
-    ("head_link", Light, Bar([0.0710, 0.000, 0.465], [0.0690, 0.014, 0.464], [0.0022, 0.0022])),
-    ("head_link", Light, Bar([0.0690, 0.014, 0.464], [0.0640, 0.028, 0.462], [0.0022, 0.0022])),
-    ("head_link", Graphite, Disc([-0.004, 0.062, 0.437], 1, [0.022, 0.006])),
-    ("head_link", Graphite, Disc([-0.004, -0.062, 0.437], 1, [0.022, 0.006])),
+    ("head_link", Shell, Egg([0.0, 0.0, 0.430], [0.071, 0.067, 0.086])),
+    ("head_link", Visor, Egg([0.014, 0.0, 0.426], [0.0640, 0.060, 0.071])),
+    ("head_link", Light, Bar([0.0640, -0.028, 0.4555], [0.0690, -0.014, 0.4570], [0.0022, 0.0022])),
+    ("head_link", Light, Bar([0.0690, -0.014, 0.4570], [0.0710, 0.000, 0.4578], [0.0022, 0.0022])),
+    ("head_link", Light, Bar([0.0710, 0.000, 0.4578], [0.0690, 0.014, 0.4570], [0.0022, 0.0022])),
+    ("head_link", Light, Bar([0.0690, 0.014, 0.4570], [0.0640, 0.028, 0.4555], [0.0022, 0.0022])),
+    ("head_link", Graphite, Disc([-0.004, 0.062, 0.430], 1, [0.022, 0.006])),
+    ("head_link", Graphite, Disc([-0.004, -0.062, 0.430], 1, [0.022, 0.006])),
     ("shoulder_pitch_link", Joint, Disc([0.0, 0.012, -0.004], 1, [0.040, 0.026])),
     ("shoulder_pitch_link", Graphite, Disc([0.0, 0.040, -0.012], 0, [0.034, 0.040])),
     ("shoulder_roll_link", Shell, Bar([0.0, 0.0012, -0.0004], [0.0, 0.0067, -0.0500], [0.042, 0.037])),
     ("shoulder_roll_link", Joint, Disc([0.0, 0.0064, -0.086], 2, [0.034, 0.018])),
     ("shoulder_yaw_link", Shell, Bar([0.002, -0.001, -0.008], [0.011, -0.004, -0.060], [0.037, 0.034])),
     ("elbow_link", Joint, Disc([0.0, 0.0, 0.0], 1, [0.034, 0.036])),
-    ("elbow_link", Shell, Bar([0.020, 0.003, -0.008], [0.074, 0.003, -0.0101], [0.0335, 0.030])),
-    ("wrist_roll_link", Joint, Disc([0.014, 0.0, 0.0], 0, [0.028, 0.024])),
-    ("wrist_pitch_link", Shell, Bar([0.006, 0.0, 0.0], [0.038, 0.0, 0.0], [0.0285, 0.0275])),
+    ("elbow_link", Shell, Bar([0.024, 0.003, -0.009], [0.084, 0.002, -0.0100], [0.0335, 0.0285])),
+    ("wrist_roll_link", Joint, Disc([0.016, 0.0, 0.0], 0, [0.0265, 0.014])),
+    ("wrist_roll_link", Graphite, Disc([0.034, 0.0, 0.0], 1, [0.024, 0.028])),
+    ("wrist_pitch_link", Graphite, Bar([0.008, 0.0, 0.0], [0.036, 0.0, 0.0], [0.0270, 0.0265])),
     ("wrist_yaw_link", Joint, Disc([0.012, 0.0, 0.0], 0, [0.027, 0.022])),
     ("hand_base_link", Hand, Block([-0.0008, -0.0262, 0.0], [0.021, 0.0260, 0.027], 0.010, 0.0)),
     ("palm", Hand, Block([-0.0005, 0.0, 0.0], [0.0165, 0.0417, 0.0365], 0.010, 0.0)),
@@ -71,14 +72,15 @@ const PARTS: &[(&str, Paint, Solid)] = &[
 
 /// Adds the look of a link; false for one that has none.
 pub(super) fn dress(mesh: &mut Mesh, link: &str) -> bool {
-    let (mirror, name) = match (link.strip_prefix("left_"), link.strip_prefix("right_")) {
+    let (side, name) = match (link.strip_prefix("left_"), link.strip_prefix("right_")) {
         (Some(name), _) => (1.0, name),
         (_, Some(name)) => (-1.0, name),
         _ => (1.0, link),
     };
+    // Both hands' frames have y against the fingers, so there is nothing to mirror.
+    let mirror = if matches!(name, "hand_base_link" | "palm") { 1.0 } else { side };
     let at = |[x, y, z]: [f64; 3]| Vector3::new(x, mirror * y, z);
     let here = Isometry3::identity();
-    // The hands' frames are turned: their y points along the fingers of the right hand, against those of the left.
     let mut dressed = false;
     for (_, paint, solid) in PARTS.iter().filter(|part| part.0 == name) {
         dressed = true;

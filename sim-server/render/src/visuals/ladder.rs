@@ -3,13 +3,13 @@ use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
 use super::shapes;
-use crate::mesh::{Frame, Mesh};
+use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
 /// The ladder: aluminium rails, treads and platform with dark grips on them, rubber feet.
-pub(crate) fn ladder(scene: &Scene) -> Mesh {
+pub(crate) fn ladder(scene: &Scene, detail: Detail) -> Mesh {
     let frame = if scene.ladder.is_some() { Frame::Ladder } else { Frame::World };
-    let mut mesh = Mesh::new(frame, ShapeOwner::Ladder);
+    let mut mesh = Mesh::new(frame, ShapeOwner::Ladder, detail);
     for shape in shapes(scene, ShapeOwner::Ladder) {
         debug_assert!((shape.body == BodyId::WORLD) == (frame == Frame::World));
         let pose = &shape.body_from_shape;

@@ -4,18 +4,18 @@ use fiatlux_world::ShapeOwner;
 use nalgebra::{Isometry3, Vector3};
 
 use super::g1;
-use crate::mesh::{Frame, Mesh};
+use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
 /// One mesh a link. A link of the G1 that has a look of its own gets that; any other is drawn as its collision shapes.
-pub(crate) fn links(robot: &Robot) -> Vec<Mesh> {
+pub(crate) fn links(robot: &Robot, detail: Detail) -> Vec<Mesh> {
     let fingers = |link: usize| robot.hand_links().contains(&link);
     robot
         .links()
         .iter()
         .enumerate()
         .map(|(index, link)| {
-            let mut mesh = Mesh::new(Frame::Link(index), ShapeOwner::Robot(index));
+            let mut mesh = Mesh::new(Frame::Link(index), ShapeOwner::Robot(index), detail);
             if !g1::dress(&mut mesh, &link.name) {
                 let paint = if fingers(index) { Paint::Hand } else { Paint::Shell };
                 for shape in robot.shapes().iter().filter(|shape| shape.link == index) {

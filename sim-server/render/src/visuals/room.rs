@@ -3,15 +3,15 @@ use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
 use super::shapes;
-use crate::mesh::{Frame, Mesh};
+use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
 /// Half the side of the square of floor that is drawn, m; it fades out well before.
 const FLOOR_HALF: f64 = 40.0;
 
 /// The floor; its tiles are drawn by the shader.
-pub(crate) fn floor(scene: &Scene) -> Mesh {
-    let mut mesh = Mesh::new(Frame::World, ShapeOwner::Floor);
+pub(crate) fn floor(scene: &Scene, detail: Detail) -> Mesh {
+    let mut mesh = Mesh::new(Frame::World, ShapeOwner::Floor, detail);
     for _ in shapes(scene, ShapeOwner::Floor) {
         let half = Vector3::new(FLOOR_HALF, FLOOR_HALF, 0.0);
         mesh.cuboid_face(&Isometry3::identity(), half, 2, 1.0, Paint::Floor);
@@ -21,11 +21,11 @@ pub(crate) fn floor(scene: &Scene) -> Mesh {
 
 /// The faces of walls and ceiling that look into the room. Seen from outside they face away, so that a view from there
 /// looks through them.
-pub(crate) fn walls(scene: &Scene) -> Mesh {
+pub(crate) fn walls(scene: &Scene, detail: Detail) -> Mesh {
     let room = &scene.config.room;
     let middle = |range: [f64; 2]| (range[0] + range[1]) / 2.0;
     let center = Vector3::new(middle(room.zone_x), middle(room.zone_y), room.wall_top / 2.0);
-    let mut mesh = Mesh::new(Frame::World, ShapeOwner::Room);
+    let mut mesh = Mesh::new(Frame::World, ShapeOwner::Room, detail);
     for shape in shapes(scene, ShapeOwner::Room) {
         let Geometry::Cuboid { half_extents } = shape.geometry else { continue };
         let pose = &shape.body_from_shape;

@@ -89,7 +89,7 @@ impl<R> Session<R> {
         }
         let Some(asked) = self.read_command(action, now, out) else { return };
         if self.must_wait(now) {
-            self.held = Some(Held::Action(asked));
+            self.held = Some(Held::Action(Box::new(asked)));
         } else {
             self.advance(asked, Arrival::default(), now, out);
         }
@@ -174,8 +174,8 @@ impl<R> Session<R> {
     }
 
     /// Goes on with an action that waited for the recorder.
-    pub(super) fn advance_held(&mut self, asked: Asked, now: Duration, out: Sink<'_, R>) {
-        self.advance(asked, Arrival::default(), now, out);
+    pub(super) fn advance_held(&mut self, asked: Box<Asked>, now: Duration, out: Sink<'_, R>) {
+        self.advance(*asked, Arrival::default(), now, out);
     }
 
     fn advance(&mut self, asked: Asked, arrival: Arrival, now: Duration, out: Sink<'_, R>) {

@@ -1,0 +1,136 @@
+//! The main job: server, recorder, policies and scorer in one process, over an embedded Zenoh session.
+//!
+//! Every episode is a session like any other: the policy sees messages only, and the scorer sees bags only.
+mod done;
+mod play;
+mod progress;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use fiatlux_policy::{PolicyError, policies};
+use fiatlux_rules::Task;
+use fiatlux_scorer::{GradeOptions, Results, ScoreError, grade};
+use fiatlux_sim::{RecorderError, ServerError, ServerOptions};
+use thiserror::Error;
+
+pub use progress::Progress;
+
+/// Name of the server in this process.
+const SERVER: &str = "evaluate";
+
+/// What to evaluate.
+#[derive(Debug, Clone)]
+pub struct EvaluateOptions {
+    /// Name of the policy, as `policy-client` takes it.
+    pub policy: String,
+    /// Tasks, each once.
+    pub tasks: Vec<Task>,
+    /// Layout seeds, each once; one episode of each task is played in each.
+    pub seeds: Vec<u64>,
+    /// Folder for bags, results and report. Whole bags of the same evaluation that are there already are kept.
+    pub out: PathBuf,
+    /// Episodes at once.
+    pub workers: usize,
+    /// Named set of gains.
+    pub gains: String,
+}
+
+/// One episode to play.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Job {
+    task: Task,
+    seed: u64,
+}
+
+impl Job {
+    /// Name of its bag within the folder.
+    fn bag_name(self) -> String {
+        format!("{}-s{}-e0.mcap", self.task, self.seed)
+    }
+}
+
+/// What came of it.
+#[derive(Debug)]
+pub struct Outcome {
+    /// Scores of all whole bags.
+    pub results: Results,
+    /// Episodes that were there already.
+    pub resumed: usize,
+    /// Episodes that were not played or not recorded whole, with the reason.
+    pub lost: Vec<String>,
+    /// It was stopped before the end.
+    pub stopped: bool,
+}
+
+/// Why an evaluation could not be carried out.
+#[derive(Debug, Error)]
+pub enum EvaluateError {
+    /// The folder cannot be used.
+    #[error("cannot use the output folder {}: {problem}", path.display())]
+    Folder {
+        /// The folder or a file in it.
+        path: PathBuf,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+    /// The policy cannot be made.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The robot's file.
+    #[error("cannot load the robot")]
+    Robot(#[from] fiatlux_robot::RobotError),
+    /// No Zenoh session within the process.
+    #[error("cannot open a Zenoh session within this process")]
+    Link(#[from] fiatlux_link::LinkError),
+    /// The server did not start.
+    #[error("cannot start the server")]
+    Server(#[from] ServerError),
+    /// The recorder did not start.
+    #[error("cannot start the recorder")]
+    Recorder(#[from] RecorderError),
+    /// No episode was recorded.
+    #[error("no episode was recorded:\n  {lost}")]
+    Nothing {
+        /// What happened to each.
+        lost: String,
+    },
+    /// The bags cannot be graded.
+    #[error("cannot grade the bags")]
+    Score(#[from] ScoreError),
+}
+
+/// Plays, records and grades. `stop` ends it early; what is finished by then is graded, and a later call with the same
+/// options goes on from there.
+///
+/// # Errors
+/// [`EvaluateError`]; bags that are finished stay.
+pub fn evaluate(
+    options: &EvaluateOptions,
+    stop: &Arc<AtomicBool>,
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Outcome, EvaluateError> {
+    // A wrong name is an error before anything is played.
+    policies::by_name(&options.policy)?;
+    let bags = options.out.join("bags");
+    std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
+    let jobs: Vec<Job> =
+        options.tasks.iter().flat_map(|&task| options.seeds.iter().map(move |&seed| Job { task, seed })).collect();
+    let server = ServerOptions { name: SERVER.into(), workers: options.workers, ..ServerOptions::default() };
+    let todo = done::not_done(&jobs, &bags, options)?;
+    let resumed = jobs.len() - todo.len();
+    let lost = if todo.is_empty() { Vec::new() } else { play::play(&todo, &bags, server, options, stop, progress)? };
+    let paths: Vec<PathBuf> = jobs.iter().map(|job| bags.join(job.bag_name())).filter(|path| path.exists()).collect();
+    if paths.is_empty() {
+        return Err(EvaluateError::Nothing { lost: lost.join("\n  ") });
+    }
+    let grading =
+        GradeOptions { workers: options.workers, relative_to: options.out.clone(), ..GradeOptions::default() };
+    let results = grade(&paths, &grading, &|_| {})?;
+    Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
+}
+
+fn folder(path: &Path, problem: impl ToString) -> EvaluateError {
+    EvaluateError::Folder { path: path.into(), problem: problem.to_string() }
+}

@@ -1,0 +1,65 @@
+//! Which episodes of an evaluation are in its folder already.
+
+use std::path::Path;
+
+use fiatlux_bag::{Bag, Completeness, part_of};
+use fiatlux_proto::v1::EpisodeHeader;
+use fiatlux_robot::Robot;
+use fiatlux_world::SceneConfig;
+
+use super::{EvaluateError, EvaluateOptions, Job, folder};
+
+/// Jobs without a whole bag. Bags that are not whole, of an episode that was aborted, or of another model are removed:
+/// their episodes are played again.
+///
+/// # Errors
+/// A bag of another policy or of other gains: its place is not taken.
+pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Vec<Job>, EvaluateError> {
+    let world = Digests { model: Robot::g1_inspire()?.digest().into(), scene: SceneConfig::default().digest() };
+    let mut todo = Vec::new();
+    for &job in jobs {
+        let path = bags.join(job.bag_name());
+        let part = part_of(&path);
+        if part.exists() {
+            std::fs::remove_file(&part).map_err(|error| folder(&part, error))?;
+        }
+        if !path.exists() {
+            todo.push(job);
+            continue;
+        }
+        let bag = Bag::open(&path).map_err(|error| folder(&path, error))?;
+        check_same(bag.header(), &path, options)?;
+        if !is_current(&bag, &world) {
+            std::fs::remove_file(&path).map_err(|error| folder(&path, error))?;
+            todo.push(job);
+        }
+    }
+    Ok(todo)
+}
+
+fn check_same(header: &EpisodeHeader, path: &Path, options: &EvaluateOptions) -> Result<(), EvaluateError> {
+    for (field, found, wanted) in
+        [("policy", &header.policy, &options.policy), ("gains", &header.gains, &options.gains)]
+    {
+        if found != wanted {
+            let problem =
+                format!("it holds an episode with {field} '{found}', not '{wanted}'; name another folder with --out");
+            return Err(folder(path, problem));
+        }
+    }
+    Ok(())
+}
+
+/// Whole, played to its end, and in the world that this build simulates.
+fn is_current(bag: &Bag, world: &Digests) -> bool {
+    let header = bag.header();
+    let ended = bag.result().and_then(|result| result.end.as_ref()).is_some_and(|end| end.cause != "aborted");
+    let same_world = header.model_digest == world.model && header.scene_digest == world.scene;
+    ended && same_world && header.version == env!("CARGO_PKG_VERSION") && *bag.completeness() == Completeness::Whole
+}
+
+/// Of the robot and of the scene config.
+struct Digests {
+    model: String,
+    scene: String,
+}

@@ -1,0 +1,172 @@
+//! Plays episodes: a server, a recorder and a few clients on one embedded session.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
+use std::time::{Duration, Instant};
+
+use fiatlux_policy::{Client, ClientError, policies};
+use fiatlux_proto::PROTOCOL;
+use fiatlux_proto::v1::OpenRequest;
+use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, Server, ServerOptions};
+
+use super::{EvaluateError, EvaluateOptions, Job, Progress, SERVER};
+
+/// How often progress is reported.
+const REPORT_PERIOD: Duration = Duration::from_millis(250);
+/// How long bags may take to close after the last episode.
+const CLOSING_TIME: Duration = Duration::from_secs(15);
+
+/// Plays the jobs; returns what was lost, by episode.
+pub(super) fn play(
+    jobs: &[Job],
+    bags: &Path,
+    server: ServerOptions,
+    options: &EvaluateOptions,
+    stop: &Arc<AtomicBool>,
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Vec<String>, EvaluateError> {
+    let link = fiatlux_link::embedded()?;
+    let (bag_sender, bag_reports) = mpsc::channel::<BagReport>();
+    let recorder = Recorder::start(
+        link.clone(),
+        RecorderOptions {
+            out: bags.into(),
+            server: Some(SERVER.into()),
+            naming: Naming::Flat,
+            on_bag: Box::new(move |report| drop(bag_sender.send(report))),
+            name: SERVER.into(),
+        },
+    )?;
+    let server = Server::start(link.clone(), server)?;
+    let board = Board::new(jobs, options.workers);
+    std::thread::scope(|scope| {
+        let client = |seat| {
+            let (board, link) = (&board, &link);
+            scope.spawn(move || {
+                while let Some(job) = board.next(seat).filter(|_| !stop.load(Ordering::Relaxed)) {
+                    let played = play_one(link, job, options, &mut |step| board.note_step(seat, step), stop);
+                    board.finish(seat, played.err());
+                }
+            })
+        };
+        let clients: Vec<_> = (0..options.workers).map(client).collect();
+        let mut last_report = Instant::now();
+        while clients.iter().any(|client| !client.is_finished()) {
+            std::thread::sleep(Duration::from_millis(10));
+            if last_report.elapsed() >= REPORT_PERIOD {
+                last_report = Instant::now();
+                progress(&board.look());
+            }
+        }
+    });
+    server.shutdown(CLOSING_TIME);
+    recorder.stop();
+    progress(&board.look());
+    let cut = bag_reports.try_iter().filter_map(|report| match report.end {
+        BagEnd::Cut(reason) => Some(format!("{}: {reason}", report.path.display())),
+        BagEnd::Whole(_) => None,
+    });
+    Ok(board.lost().into_iter().chain(cut).collect())
+}
+
+/// Plays one episode in a session of its own.
+fn play_one(
+    link: &zenoh::Session,
+    job: Job,
+    options: &EvaluateOptions,
+    on_step: &mut dyn FnMut(u64),
+    stop: &AtomicBool,
+) -> Result<(), ClientError> {
+    let request = OpenRequest {
+        protocol: Some(PROTOCOL),
+        policy: options.policy.clone(),
+        task: job.task.to_string(),
+        seed: job.seed,
+        gains: options.gains.clone(),
+        recorded: true,
+        ..OpenRequest::default()
+    };
+    let mut policy = policies::by_name(&options.policy)?;
+    let mut client = Client::open(link, Some(SERVER), request)?;
+    client.run_episode(0, policy.as_mut(), on_step, stop)?;
+    client.close()
+}
+
+/// Who plays what: one seat a client.
+struct Board<'a> {
+    jobs: &'a [Job],
+    start: Instant,
+    state: Mutex<BoardState>,
+}
+
+#[derive(Default)]
+struct BoardState {
+    next: usize,
+    finished: usize,
+    /// Steps of finished episodes.
+    steps: u64,
+    /// Job and step at each seat.
+    seats: Vec<Option<(Job, u64)>>,
+    lost: Vec<(Job, String)>,
+}
+
+impl<'a> Board<'a> {
+    fn new(jobs: &'a [Job], seats: usize) -> Self {
+        let state = BoardState { seats: vec![None; seats], ..BoardState::default() };
+        Self { jobs, start: Instant::now(), state: Mutex::new(state) }
+    }
+
+    fn state(&self) -> MutexGuard<'_, BoardState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn next(&self, seat: usize) -> Option<Job> {
+        let mut state = self.state();
+        let job = self.jobs.get(state.next).copied()?;
+        state.next += 1;
+        state.seats[seat] = Some((job, 0));
+        Some(job)
+    }
+
+    fn note_step(&self, seat: usize, step: u64) {
+        // The board is for people to look at.
+        if step % 64 == 0 {
+            if let Some((_, at)) = &mut self.state().seats[seat] {
+                *at = step;
+            }
+        }
+    }
+
+    fn finish(&self, seat: usize, error: Option<ClientError>) {
+        let mut state = self.state();
+        let Some((job, step)) = state.seats[seat].take() else { return };
+        state.finished += 1;
+        state.steps += step;
+        if let Some(error) = error.filter(|error| !matches!(error, ClientError::Stopped)) {
+            state.lost.push((job, error.to_string()));
+        }
+    }
+
+    fn look(&self) -> Progress {
+        let state = self.state();
+        let playing: Vec<_> = state.seats.iter().flatten().map(|&(job, step)| (job.task, job.seed, step)).collect();
+        let under_way = playing.iter().map(|(task, _, step)| task.horizon_steps().saturating_sub(*step));
+        let waiting = self.jobs[state.next..].iter().map(|job| job.task.horizon_steps());
+        Progress {
+            episodes: self.jobs.len(),
+            finished: state.finished,
+            steps: state.steps + playing.iter().map(|(_, _, step)| step).sum::<u64>(),
+            elapsed: self.start.elapsed(),
+            steps_left: under_way.chain(waiting).sum(),
+            playing,
+        }
+    }
+
+    /// Episodes that failed, in the order of the jobs.
+    fn lost(&self) -> Vec<String> {
+        let mut lost = self.state().lost.clone();
+        lost.sort_by_key(|(job, _)| self.jobs.iter().position(|other| other == job));
+        lost.into_iter().map(|(job, error)| format!("{} seed {}: {error}", job.task, job.seed)).collect()
+    }
+}

@@ -1,0 +1,131 @@
+//! The command as a user meets it: its output, its exit codes.
+
+mod fake;
+
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use fiatlux_bag::BagWriter;
+use fiatlux_proto::v1::{Action, ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult};
+use fiatlux_proto::{Message, PROTOCOL};
+use serde_json::Value;
+
+use fake::{DIGEST, FakeServer, HORIZON, tcp};
+
+fn policy_client(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_policy-client"));
+    command.args(args).env_remove("RUST_LOG");
+    command
+}
+
+/// Exit code, stdout, stderr.
+fn run(args: &[&str]) -> (i32, String, String) {
+    let Output { status, stdout, stderr } = policy_client(args).output().expect("runs");
+    let text = |bytes| String::from_utf8(bytes).expect("text");
+    (status.code().expect("exits"), text(stdout), text(stderr))
+}
+
+#[test]
+fn wrong_usage_exits_with_2_and_says_what_is_right() {
+    let cases: [(&[&str], &str); 5] = [
+        (&["run", "--policy", "walk", "--task", "S01"], "use one of zero, random, hold, stand, replay:BAG"),
+        (&["run", "--policy", "zero"], "name a task"),
+        (&["run", "--policy", "zero", "--task", "S01", "--set", "fragility"], "write NAME=VALUE"),
+        (&["run", "--policy", "zero", "--task", "S01", "--episodes", "0"], "--episodes"),
+        (&[], "Usage: policy-client"),
+    ];
+    for (args, part) in cases {
+        let (code, stdout, stderr) = run(args);
+        assert_eq!((code, stdout.as_str()), (2, ""), "{args:?}: {stderr}");
+        assert!(stderr.contains(part), "{args:?}: {stderr}");
+    }
+}
+
+#[test]
+fn without_a_server_it_fails_and_names_where_it_looked() {
+    let (code, stdout, stderr) = run(&["run", "--policy", "zero", "--task", "S01", "-e", "tcp/127.0.0.1:9"]);
+    assert_eq!((code, stdout.as_str()), (1, ""), "{stderr}");
+    assert!(stderr.contains("nothing answers at tcp/127.0.0.1:9") && stderr.contains("-e tcp/HOST:PORT"), "{stderr}");
+}
+
+#[test]
+fn a_run_prints_its_result_and_the_servers_are_listed() {
+    let ([link, _], endpoint) = tcp();
+    let _server = FakeServer::new(&link, "lab", 0);
+    let (code, stdout, stderr) = run(&["run", "--policy", "zero", "--task", "S01", "-e", &endpoint]);
+    assert_eq!(code, 0, "{stderr}");
+    assert!(stdout.contains("S01 seed 0 episode 0: time-out after 200 steps, no success"), "{stdout}");
+    for mode in ["peer", "client"] {
+        let args = ["run", "-p", "zero", "-t", "S01", "-n", "2", "--json", "-e", &endpoint, "--mode", mode];
+        let (code, stdout, stderr) = run(&args);
+        assert_eq!(code, 0, "{stderr}");
+        let result: Value = serde_json::from_str(&stdout).expect("JSON");
+        let steps = result["episodes"].as_array().expect("a list").iter().map(|episode| episode["steps"].as_u64());
+        assert_eq!(steps.collect::<Vec<_>>(), [Some(HORIZON); 2]);
+    }
+    let (code, stdout, _) = run(&["list", "-e", &endpoint]);
+    assert!(code == 0 && stdout.starts_with("lab "), "{stdout}");
+    let (code, stdout, _) = run(&["list", "--json", "-e", &endpoint]);
+    let servers: Value = serde_json::from_str(&stdout).expect("JSON");
+    assert_eq!((code, servers[0]["server"].as_str()), (0, Some("lab")));
+}
+
+#[test]
+fn a_replay_compares_digests() {
+    let ([link, _], endpoint) = tcp();
+    let _server = FakeServer::new(&link, "lab", 0);
+    for (digest, code, words) in [(DIGEST, 0, "digest equal"), ("1234", 1, "digest differs: the bag has 1234")] {
+        let bag = bag(digest);
+        let (found, stdout, stderr) = run(&["run", "--policy", &format!("replay:{}", bag.display()), "-e", &endpoint]);
+        std::fs::remove_file(bag).expect("removes");
+        assert_eq!(found, code, "{stdout}{stderr}");
+        assert!(stdout.contains(words) && stdout.contains("seed 5 episode 2"), "{stdout}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_closes_the_session() {
+    let ([link, _], endpoint) = tcp();
+    let server = FakeServer::new(&link, "lab", 0);
+    let args = ["run", "--policy", "zero", "--task", "S01", "--episodes", "1000000", "-e", &endpoint];
+    let child = policy_client(&args).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("starts");
+    let until = Instant::now() + Duration::from_secs(20);
+    while server.steps.load(Ordering::Relaxed) == 0 {
+        assert!(Instant::now() < until, "it does not start");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("sends");
+    assert!(sent.success());
+    let output = child.wait_with_output().expect("ends");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(server.closed.load(Ordering::Relaxed) && stderr.contains("stopped"), "{stderr}");
+}
+
+/// A bag of an episode that the fake server answers in the same way.
+fn bag(digest: &str) -> PathBuf {
+    let path = std::env::temp_dir().join(format!("fiatlux-command-{digest}-{}.mcap", std::process::id()));
+    let header = EpisodeHeader {
+        protocol: Some(PROTOCOL),
+        policy: "old".into(),
+        task: "S01".into(),
+        seed: 5,
+        episode: 2,
+        joint_names: vec![String::new(); 2],
+        ..EpisodeHeader::default()
+    };
+    let mut bag = BagWriter::create(&path, &header).expect("creates");
+    bag.message("/state", 0, &[]).expect("writes");
+    for step in 0..HORIZON {
+        let action = Action { episode: 2, step, action: vec![0.5; 2], ..Action::default() };
+        let record = ActionRecord { action: Some(action), ..ActionRecord::default() };
+        bag.message("/action", step + 1, &record.encode_to_vec()).expect("writes");
+        bag.message("/state", step + 1, &[]).expect("writes");
+    }
+    let end = EpisodeEnd { digest: digest.into(), ..EpisodeEnd::default() };
+    bag.finish(&EpisodeResult { end: Some(end), ..EpisodeResult::default() }).expect("finishes");
+    path
+}

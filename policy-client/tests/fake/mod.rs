@@ -1,0 +1,139 @@
+//! A small server that counts instead of simulating.
+
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_proto::keys::ServerKeys;
+use fiatlux_proto::v1::{
+    Action, CloseReply, EpisodeEnd, Joint, Mode, Observation, OpenReply, OpenRequest, Refusal, ResetReply,
+    ResetRequest, ServerInfo, SessionInfo, TaskInfo, open_reply, reset_reply,
+};
+use fiatlux_proto::{Message, PROTOCOL, decode};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::{Query, Queryable};
+use zenoh::{Session, Wait};
+
+/// Steps of an episode.
+pub const HORIZON: u64 = 200;
+
+/// Digest of every episode.
+pub const DIGEST: &str = "00ff";
+
+/// A server's session and a client's, over TCP, and the endpoint.
+pub fn tcp() -> ([Session; 2], String) {
+    let socket = TcpListener::bind("127.0.0.1:0").expect("binds");
+    let endpoints = vec![format!("tcp/{}", socket.local_addr().expect("is bound"))];
+    drop(socket);
+    let server = LinkArgs { listen: endpoints.clone(), ..LinkArgs::default() }.open(Role::Server).expect("listens");
+    let client = LinkArgs { connect: endpoints.clone(), ..LinkArgs::default() }.open(Role::Client).expect("connects");
+    ([server, client], endpoints.concat())
+}
+
+/// Serves one session, whose id is `1`.
+pub struct FakeServer {
+    pub steps: Arc<AtomicU64>,
+    pub closed: Arc<AtomicBool>,
+    _alive: LivelinessToken,
+    _queryables: Vec<Queryable<()>>,
+    _actions: Subscriber<()>,
+}
+
+impl FakeServer {
+    /// One of `lose` actions is passed over; 0 for none.
+    pub fn new(link: &Session, name: &str, lose: u64) -> Self {
+        let keys = ServerKeys::new(name);
+        let session = keys.session("1");
+        let (steps, episode, received) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)), AtomicU64::new(0));
+        let present = {
+            let (steps, episode) = (Arc::clone(&steps), Arc::clone(&episode));
+            move || observation(episode.load(Ordering::Relaxed), steps.load(Ordering::Relaxed))
+        };
+        let info = ServerInfo { protocol: Some(PROTOCOL), server: name.into(), ..ServerInfo::default() };
+        let server = name.to_owned();
+        let open = move |bytes: &[u8]| {
+            let request: OpenRequest = decode(bytes, 1 << 16).expect("a request");
+            let reply = if request.task == "S99" {
+                let message = "there is no S99; use S01".into();
+                open_reply::Reply::Refusal(Refusal { field: "task".into(), message, ..Refusal::default() })
+            } else {
+                open_reply::Reply::Session(SessionInfo { seed: request.seed, ..session_info(&server) })
+            };
+            OpenReply { reply: Some(reply) }.encode_to_vec()
+        };
+        let reset = {
+            let (steps, episode, present) = (Arc::clone(&steps), Arc::clone(&episode), present.clone());
+            move |bytes: &[u8]| {
+                let request: ResetRequest = decode(bytes, 1 << 16).expect("a request");
+                steps.store(0, Ordering::Relaxed);
+                episode.store(request.episode, Ordering::Relaxed);
+                ResetReply { reply: Some(reset_reply::Reply::Observation(present())) }.encode_to_vec()
+            }
+        };
+        let closed = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&closed);
+        let close = move |_: &[u8]| {
+            flag.store(true, Ordering::Relaxed);
+            CloseReply::default().encode_to_vec()
+        };
+        let last = present.clone();
+        let queryables = vec![
+            queryable(link, keys.describe(), move |_| info.encode_to_vec()),
+            queryable(link, keys.open(), open),
+            queryable(link, session.reset(), reset),
+            queryable(link, session.observation(), move |_| last().encode_to_vec()),
+            queryable(link, session.close(), close),
+        ];
+        let publisher = link.declare_publisher(session.observation()).express(true).wait().expect("declares");
+        let counted = Arc::clone(&steps);
+        let act = move |sample: zenoh::sample::Sample| {
+            let action: Action = decode(&sample.payload().to_bytes(), 1 << 16).expect("an action");
+            if lose > 0 && received.fetch_add(1, Ordering::Relaxed) % lose == lose - 1 {
+                return;
+            }
+            let step = counted.load(Ordering::Relaxed);
+            assert!(action.step == step || action.step + 1 == step, "action {} at step {step}", action.step);
+            counted.store(action.step + 1, Ordering::Relaxed);
+            publisher.put(present().encode_to_vec()).wait().expect("publishes");
+        };
+        Self {
+            steps,
+            closed,
+            _alive: link.liveliness().declare_token(keys.alive()).wait().expect("declares"),
+            _queryables: queryables,
+            _actions: link.declare_subscriber(session.action()).callback(act).wait().expect("declares"),
+        }
+    }
+}
+
+fn queryable(link: &Session, key: String, answer: impl Fn(&[u8]) -> Vec<u8> + Send + Sync + 'static) -> Queryable<()> {
+    let reply = move |query: Query| {
+        let bytes = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+        query.reply(query.key_expr().clone(), answer(&bytes)).wait().expect("replies");
+    };
+    link.declare_queryable(key).callback(reply).wait().expect("declares")
+}
+
+fn session_info(server: &str) -> SessionInfo {
+    SessionInfo {
+        protocol: Some(PROTOCOL),
+        server: server.into(),
+        session: "1".into(),
+        mode: Mode::Lockstep.into(),
+        task: Some(TaskInfo { task: "S01".into(), horizon_steps: HORIZON, ..TaskInfo::default() }),
+        joints: vec![Joint::default(); 2],
+        resend_s: 0.02,
+        grace_s: Duration::from_secs(5).as_secs_f64(),
+        control_dt: 0.02,
+        action_scale: 0.5,
+        ..SessionInfo::default()
+    }
+}
+
+fn observation(episode: u64, step: u64) -> Observation {
+    let end = EpisodeEnd { cause: "time-out".into(), steps: step, digest: DIGEST.into(), ..EpisodeEnd::default() };
+    Observation { episode, step, end: (step == HORIZON).then_some(end), ..Observation::default() }
+}

@@ -1,0 +1,38 @@
+//! The end of a program that someone asks for.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio::signal::unix::{SignalKind, signal};
+
+/// Exit code of a program that is interrupted a second time, as shells have it.
+const INTERRUPTED: i32 = 130;
+
+/// A flag that Ctrl-C or SIGTERM sets, for a program that then ends cleanly. A second one ends it at once.
+///
+/// # Errors
+/// The system gives no thread or no signal handler.
+pub fn stop_on_signal() -> std::io::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
+    let (mut interrupt, mut terminate) = {
+        let _guard = runtime.enter();
+        (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?)
+    };
+    std::thread::Builder::new().name("signals".into()).spawn(move || {
+        runtime.block_on(async move {
+            for times in 1.. {
+                tokio::select! {
+                    _ = interrupt.recv() => {}
+                    _ = terminate.recv() => {}
+                }
+                if times > 1 {
+                    std::process::exit(INTERRUPTED);
+                }
+                flag.store(true, Ordering::Relaxed);
+            }
+        });
+    })?;
+    Ok(stop)
+}

@@ -1,0 +1,153 @@
+//! Episodes made of moved rooms, and bags of them.
+#![allow(dead_code)] // Each test file uses a part of it.
+
+#[path = "../../rules/tests/common/mod.rs"]
+pub mod room;
+
+use std::path::{Path, PathBuf};
+
+use fiatlux_bag::BagWriter;
+use fiatlux_proto::{Message, PROTOCOL, v1};
+use fiatlux_rules::{Geometry, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
+use room::{Draw, goal_of, row_at, start_of, topple, touch};
+
+/// What happens in an episode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Story {
+    /// Nothing, until this step.
+    Waits(u64),
+    /// The robot falls at this step.
+    Falls(u64),
+    /// The goal is reached at this step.
+    Succeeds(u64),
+    /// The goal is reached at this step, with a bulb crushed on the way.
+    Crushes(u64),
+}
+
+/// A folder of its own, removed in the end.
+pub struct Folder(pub PathBuf);
+
+impl Folder {
+    pub fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("fiatlux-scorer-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).expect("a folder");
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+pub fn header(task: Task, seed: u64) -> v1::EpisodeHeader {
+    v1::EpisodeHeader {
+        protocol: Some(PROTOCOL),
+        version: "0.1.0".into(),
+        server: "test".into(),
+        policy: "zero".into(),
+        task: task.short_id().into(),
+        task_id: task.id().into(),
+        instruction: task.instruction().into(),
+        seed,
+        mode: v1::Mode::Lockstep.into(),
+        gains: "fiatlux".into(),
+        hands: "inspire".into(),
+        thresholds: Thresholds::default().entries().map(|(key, value)| (key.into(), value)).collect(),
+        random: "pcg64/1".into(),
+        digest_layout: ROW_LAYOUT.into(),
+        model_digest: "5f70bf18a086007016e948b04aed3b82103a36bea41755b6cddfaf10ace3c6ef".into(),
+        scene_digest: "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08".into(),
+        digest_context: RowDigest::new(b"test").hex(),
+        control_dt: 0.02,
+        ..v1::EpisodeHeader::default()
+    }
+}
+
+/// Rows as a simulator gives them: every number moves a little.
+pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
+    let mut draw = Draw(seed ^ task as u64);
+    let (Story::Waits(at) | Story::Falls(at) | Story::Succeeds(at) | Story::Crushes(at)) = story;
+    let until = at + u64::from(task.spec().gate.sustain_steps);
+    let mut rows = Vec::new();
+    let mut judge = Judge::new(task, Thresholds::default(), Geometry::default(), JudgeOptions::default());
+    for step in 0..=until {
+        let succeeds = matches!(story, Story::Succeeds(_) | Story::Crushes(_)) && step >= at;
+        let mut row = row_at(step, &if succeeds { goal_of(task) } else { start_of(task) });
+        if matches!(story, Story::Falls(_)) && step >= at {
+            topple(&mut row);
+        }
+        if story == Story::Crushes(at) && step > at / 2 && step < at / 2 + 8 {
+            touch(&mut row, 1 - room::OLD, room::LEFT, 20.0 + 12.0 * (step - at / 2) as f64);
+        }
+        for list in [&mut row.joint_position, &mut row.joint_velocity, &mut row.joint_effort, &mut row.joint_target] {
+            list.iter_mut().for_each(|number| *number = 0.01 * draw.unit());
+        }
+        row.action.iter_mut().for_each(|number| *number = 0.3 * draw.unit());
+        for force in row.hand_force.iter_mut().flatten().filter(|force| force.norm() > 0.0) {
+            *force *= 1.0 + 0.3 * draw.unit();
+        }
+        if step == 0 {
+            judge.start(&row)
+        } else {
+            judge.advance(&row)
+        };
+        let ended = judge.verdict().end.is_some();
+        rows.push(row);
+        if ended {
+            break;
+        }
+    }
+    rows
+}
+
+/// The result that a server gives.
+pub fn result(header: &v1::EpisodeHeader, rows: &[Row]) -> v1::EpisodeResult {
+    let task: Task = header.task.parse().expect("a task");
+    let mut judge = Judge::new(task, Thresholds::default(), Geometry::default(), JudgeOptions::default());
+    let mut digest = RowDigest::new(b"test");
+    for row in rows {
+        if row.step == 0 {
+            judge.start(row)
+        } else {
+            judge.advance(row)
+        };
+        digest.push(row);
+    }
+    let summary = judge.summary();
+    let end = v1::EpisodeEnd {
+        cause: summary.end.map_or("aborted", |end| end.cause().name()).into(),
+        causes: summary.end.map_or(vec![], |end| end.causes.iter().map(|cause| cause.name().into()).collect()),
+        steps: rows.len() as u64 - 1,
+        success: summary.success,
+        digest: digest.hex(),
+    };
+    v1::EpisodeResult {
+        end: Some(end),
+        success: summary.success,
+        broken: summary.broken,
+        dropped: summary.dropped,
+        gate_progress: summary.gate_progress,
+        peak_hand_force_n: summary.peak_hand_force_n,
+        control_effort: summary.control_effort,
+        steps: summary.steps,
+        ..v1::EpisodeResult::default()
+    }
+}
+
+/// An unfinished bag with these rows.
+pub fn begin(path: &Path, header: &v1::EpisodeHeader, rows: &[Row]) -> BagWriter {
+    let mut writer = BagWriter::create(path, header).expect("a new bag");
+    for row in rows {
+        writer.message(fiatlux_bag::topic::STATE, row.step, &v1::State::from(row).encode_to_vec()).expect("a message");
+    }
+    writer
+}
+
+/// A bag of a story.
+pub fn write(path: &Path, task: Task, seed: u64, story: Story) {
+    let (header, rows) = (header(task, seed), rows(task, seed, story));
+    begin(path, &header, &rows).finish(&result(&header, &rows)).expect("finished");
+}

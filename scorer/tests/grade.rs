@@ -1,0 +1,158 @@
+//! Bags on disk through the whole grading.
+
+mod common;
+
+use common::room::{OLD, take};
+use common::{Folder, Story, begin, header, result, rows, write};
+use fiatlux_rules::Task;
+use fiatlux_scorer::{Fault, GradeOptions, Results, ScoreError, grade, report, tables};
+
+fn grade_in(folder: &Folder, options: GradeOptions) -> Result<Results, ScoreError> {
+    grade(std::slice::from_ref(&folder.0), &GradeOptions { relative_to: folder.0.clone(), ..options }, &|_| {})
+}
+
+fn graded(folder: &Folder) -> Results {
+    grade_in(folder, GradeOptions::default()).expect("graded")
+}
+
+fn bag(folder: &Folder, name: &str) -> std::path::PathBuf {
+    folder.0.join(format!("{name}.mcap"))
+}
+
+/// S = (2.25 x 1 + 3 x 0) / 5.25 under seed 0, and 0 under seed 1, where S01 is all there is.
+#[test]
+fn scores_are_those_of_the_rows() {
+    let folder = Folder::new("scores");
+    write(&bag(&folder, "a"), Task::S01, 0, Story::Succeeds(30));
+    write(&bag(&folder, "b"), Task::S01, 1, Story::Falls(20));
+    write(&bag(&folder, "c"), Task::S02, 0, Story::Falls(10));
+    write(&bag(&folder, "d"), Task::Climb, 0, Story::Succeeds(5));
+    let results = graded(&folder);
+    let scores: Vec<_> = results.score.per_seed.iter().map(|seed| seed.score).collect();
+    assert_eq!(scores, [2.25 / 5.25, 0.0]);
+    assert_eq!(results.subtasks.iter().map(|task| task.id.as_str()).collect::<Vec<_>>(), ["S01", "S02"]);
+    assert_eq!(results.extra_tasks[0].id, "climb");
+    assert_eq!((results.overall.episodes, results.overall.clean_success.hits), (3, 1));
+    assert_eq!(results.missing.len(), 11);
+    let episodes: Vec<_> = results.episodes.iter().map(|e| (e.bag.as_str(), e.end.as_str(), e.steps)).collect();
+    let expected =
+        [("a.mcap", "success", 79), ("b.mcap", "fall", 20), ("c.mcap", "fall", 10), ("d.mcap", "success", 5)];
+    assert_eq!(episodes, expected);
+    assert!(results.excluded.is_empty() && !results.has_data_loss() && results.conditions.standard);
+    let back: Results = serde_json::from_str(&results.to_json().expect("JSON")).expect("reads back");
+    assert_eq!(back.overall, results.overall);
+}
+
+/// Whatever the number of threads.
+#[test]
+fn the_same_bags_give_the_same_bytes() {
+    let folder = Folder::new("bytes");
+    for seed in 0..6 {
+        write(&bag(&folder, &format!("x{seed}")), Task::S03, seed, Story::Falls(20 + 10 * seed));
+    }
+    let all = |workers| {
+        let results = grade_in(&folder, GradeOptions { workers, ..GradeOptions::default() }).expect("graded");
+        let tables = [tables::text(&results), tables::csv(&results), tables::latex(&results), report::html(&results)];
+        (results.to_json().expect("JSON"), tables)
+    };
+    assert_eq!(all(1), all(4));
+}
+
+#[test]
+fn what_cannot_count_is_listed_with_its_reason() {
+    let folder = Folder::new("excluded");
+    write(&bag(&folder, "good"), Task::S03, 0, Story::Falls(30));
+    std::fs::copy(bag(&folder, "good"), bag(&folder, "later")).expect("copied");
+    let (head, all) = (header(Task::S03, 1), rows(Task::S03, 1, Story::Falls(30)));
+    begin(&bag(&folder, "cut"), &head, &all[..20]).finish_cut("the link was lost").expect("finished");
+    let mut changed = all.clone();
+    changed[7].joint_position[3] += 1e-15;
+    begin(&bag(&folder, "altered"), &head, &changed).finish(&result(&head, &all)).expect("finished");
+    let gap: Vec<_> = all.iter().filter(|row| row.step != 9).cloned().collect();
+    begin(&bag(&folder, "gap"), &head, &gap).finish(&result(&head, &all)).expect("finished");
+    begin(&bag(&folder, "aborted"), &head, &all[..20]).finish(&result(&head, &all[..20])).expect("finished");
+    std::fs::write(bag(&folder, "text"), "no bag").expect("written");
+    std::fs::write(folder.0.join("late.mcap.part"), "").expect("written");
+    let results = graded(&folder);
+    let found: Vec<_> = results.excluded.iter().map(|bag| (bag.bag.as_str(), bag.reason)).collect();
+    let expected = [
+        ("aborted.mcap", Fault::Aborted),
+        ("altered.mcap", Fault::Altered),
+        ("cut.mcap", Fault::Cut),
+        ("gap.mcap", Fault::Cut),
+        ("late.mcap.part", Fault::Unfinished),
+        ("later.mcap", Fault::Duplicate),
+        ("text.mcap", Fault::Unreadable),
+    ];
+    assert_eq!(found, expected);
+    assert_eq!((results.episodes.len(), results.has_data_loss()), (1, true));
+    let text = tables::text(&results);
+    assert!(text.contains("the bag's numbers were changed") && text.contains("the link was lost"), "{text}");
+    assert!(!text.contains(&folder.0.display().to_string()), "{text}");
+}
+
+#[test]
+fn what_does_not_go_together_is_an_error() {
+    let folder = Folder::new("mixed");
+    write(&bag(&folder, "a"), Task::S03, 0, Story::Falls(30));
+    let all = rows(Task::S03, 1, Story::Falls(30));
+    let mut head = header(Task::S03, 1);
+    head.thresholds.insert("fragility_n".into(), 30.0);
+    begin(&bag(&folder, "b"), &head, &all).finish(&result(&head, &all)).expect("finished");
+    let error = grade_in(&folder, GradeOptions::default()).expect_err("mixed").to_string();
+    assert!(error.contains("threshold fragility_n is 50 in a.mcap and 30 in b.mcap"), "{error}");
+
+    let folder = Folder::new("conflict");
+    write(&bag(&folder, "a"), Task::S03, 0, Story::Falls(30));
+    write(&bag(&folder, "b"), Task::S03, 0, Story::Falls(40));
+    let error = grade_in(&folder, GradeOptions::default()).expect_err("conflict").to_string();
+    assert!(error.contains("two different recordings of S03, seed 0, episode 0"), "{error}");
+
+    let options = GradeOptions { set: vec!["fragility=3".into()], ..GradeOptions::default() };
+    assert!(matches!(grade_in(&folder, options), Err(ScoreError::Threshold(_))));
+}
+
+/// A crush at 30 N that was none at 50 N ends the episode; what comes after it does not count.
+#[test]
+fn thresholds_change_without_a_new_run() {
+    let folder = Folder::new("set");
+    let (head, mut all) = (header(Task::S04, 0), rows(Task::S04, 0, Story::Succeeds(40)));
+    let row = &mut all[20];
+    take(row, OLD);
+    common::room::touch(row, OLD, common::room::LEFT, 40.0);
+    begin(&bag(&folder, "a"), &head, &all).finish(&result(&head, &all)).expect("finished");
+    let usual = graded(&folder);
+    assert_eq!((usual.episodes[0].end.as_str(), usual.episodes[0].clean), ("success", true));
+    let options = GradeOptions { set: vec!["fragility_n=30".into()], ..GradeOptions::default() };
+    let strict = grade_in(&folder, options).expect("graded");
+    let episode = &strict.episodes[0];
+    assert_eq!((episode.end.as_str(), episode.steps, episode.broken, episode.success), ("crush", 20, true, false));
+    assert!(!strict.conditions.standard && strict.conditions.thresholds_set == ["fragility_n"]);
+}
+
+/// A policy may call itself anything; its name is text on the page and in the tables.
+#[test]
+fn names_are_not_markup() {
+    let folder = Folder::new("names");
+    let (mut head, all) = (header(Task::S03, 0), rows(Task::S03, 0, Story::Falls(30)));
+    head.policy = "<script>alert('x')</script>".into();
+    head.server = "\"><img src=x>".into();
+    head.version = "<b>1</b>".into();
+    begin(&bag(&folder, "a"), &head, &all).finish(&result(&head, &all)).expect("finished");
+    let page = report::html(&graded(&folder));
+    assert!(!page.contains("<script") && !page.contains("<img") && !page.contains("<b>1</b>"));
+    assert!(page.contains("&lt;script&gt;alert(&#39;x&#39;)"));
+}
+
+/// In a terminal of 100 columns no line is broken by it.
+#[test]
+fn the_table_fits() {
+    let folder = Folder::new("width");
+    for task in Task::ALL {
+        write(&bag(&folder, &task.to_string()), task, 0, Story::Falls(20));
+        write(&bag(&folder, &format!("{task}-1")), task, 1, Story::Crushes(40));
+    }
+    let text = tables::text(&graded(&folder));
+    let widest = text.lines().map(|line| line.chars().count()).max().unwrap_or(0);
+    assert!(widest <= 100, "{widest}\n{text}");
+}

@@ -1,0 +1,51 @@
+//! Milliseconds a frame of the head camera on one core, from a few start states.
+//!
+//! ```text
+//! cargo run --release -p fiatlux-render --example time_frames
+//! ```
+
+use std::error::Error;
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::Instant;
+
+use fiatlux_render::{Camera, HEAD_PIXELS, Lighting, Renderer, Visuals};
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::Task;
+use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, start};
+
+const FRAMES: usize = 200;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let robot = Arc::new(Robot::g1_inspire()?);
+    let light = Lighting::default();
+    let mut renderer = Renderer::new(HEAD_PIXELS, HEAD_PIXELS);
+    println!("{:24} {:>8} {:>8} {:>8}", "case", "min ms", "p50 ms", "p90 ms");
+    for (name, task, seed) in [
+        ("standing", Task::S01, 0),
+        ("before the ladder", Task::S02, 0),
+        ("on the ladder", Task::S03, 0),
+        ("with a bulb, on it", Task::S11, 4),
+        ("at the bench", Task::S08, 0),
+        ("at the crate", Task::S06, 0),
+    ] {
+        let spec =
+            SceneSpec { kind: SceneKind::of(task), seed, gains: robot.gains(GainSet::Fiatlux), hand_friction: None };
+        let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
+        let world = start(Arc::clone(&scene), task, 0, &StartOptions::default())?;
+        let visuals = Visuals::new(&scene);
+        let mut times: Vec<f64> = (0..FRAMES)
+            .map(|_| {
+                let begun = Instant::now();
+                let camera = Camera::head(&robot, world.row());
+                if let Ok(camera) = camera {
+                    black_box(renderer.render(&visuals, world.row(), &camera, &light));
+                }
+                begun.elapsed().as_secs_f64() * 1e3
+            })
+            .collect();
+        times.sort_by(f64::total_cmp);
+        println!("{name:24} {:8.2} {:8.2} {:8.2}", times[0], times[FRAMES / 2], times[FRAMES * 9 / 10]);
+    }
+    Ok(())
+}

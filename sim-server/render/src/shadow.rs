@@ -1,0 +1,180 @@
+//! The key light's shadow map, fitted to what the picture shows.
+
+use crate::raster::{Corner, Setup, fill};
+use crate::shade::{Vec3, add, cross, dot, normalize, scale};
+
+/// Share of the map's side that is kept free around what is visible.
+const MARGIN: f32 = 0.03;
+/// A surface is lit while it is no deeper than this in a shadow, m.
+const BIAS: f32 = 0.003;
+/// Half the angle that the key light fills in the soft filter, as a slope; ours.
+const SUN_SLOPE: f32 = 0.035;
+
+/// Height along the light of the uppermost thing that turns its back to the light, over a grid across the light. Backs
+/// instead of fronts: a lit surface never shades itself.
+#[derive(Debug, Clone)]
+pub(crate) struct ShadowMap {
+    size: usize,
+    height: Vec<f32>,
+    axes: [Vec3; 3],
+    /// Texels a metre, and the map's lower corner across the light.
+    texels: f32,
+    corner: [f32; 2],
+    /// Range of what is visible across the light.
+    low: [f32; 2],
+    high: [f32; 2],
+}
+
+impl ShadowMap {
+    pub(crate) fn new(size: usize) -> Self {
+        let zero = [0.0; 3];
+        Self {
+            size,
+            height: vec![0.0; size * size],
+            axes: [zero; 3],
+            texels: 1.0,
+            corner: [0.0; 2],
+            low: [0.0; 2],
+            high: [0.0; 2],
+        }
+    }
+
+    /// Starts a frame; `towards` is the unit vector to the light.
+    pub(crate) fn aim(&mut self, towards: Vec3) {
+        let helper = if towards[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+        let across = normalize(cross(helper, towards));
+        // The map is a mirror image of what the light sees, so that the rasteriser keeps the backs.
+        self.axes = [across, cross(towards, across), towards];
+        self.low = [f32::INFINITY; 2];
+        self.high = [f32::NEG_INFINITY; 2];
+    }
+
+    /// Notes a visible point that may lie in shadow.
+    pub(crate) fn see(&mut self, point: Vec3) {
+        for i in 0..2 {
+            let at = dot(self.axes[i], point);
+            self.low[i] = self.low[i].min(at);
+            self.high[i] = self.high[i].max(at);
+        }
+    }
+
+    /// Fits the map to the visible points and clears it; false where there is none.
+    pub(crate) fn fit(&mut self) -> bool {
+        let side = (self.high[0] - self.low[0]).max(self.high[1] - self.low[1]);
+        if !side.is_finite() {
+            return false;
+        }
+        let side = (side * (1.0 + 2.0 * MARGIN)).max(0.2);
+        self.texels = self.size as f32 / side;
+        for i in 0..2 {
+            let corner = (self.low[i] + self.high[i]) / 2.0 - side / 2.0;
+            // Whole texels: shadows do not crawl while the camera moves on a little.
+            self.corner[i] = libm::floorf(corner * self.texels) / self.texels;
+        }
+        self.height.fill(f32::NEG_INFINITY);
+        true
+    }
+
+    /// Whether a sphere can throw a shadow on anything visible.
+    pub(crate) fn reaches(&self, center: Vec3, radius: f32) -> bool {
+        (0..2).all(|i| {
+            let at = dot(self.axes[i], center);
+            at + radius >= self.low[i] && at - radius <= self.high[i]
+        })
+    }
+
+    /// Where a point of the world is on the map.
+    pub(crate) fn corner_of(&self, point: Vec3) -> Corner {
+        let [u, v] = self.texel(point);
+        Corner { u, v, depth: dot(self.axes[2], point) }
+    }
+
+    /// Draws a triangle; the corners are counter-clockwise seen from outside.
+    pub(crate) fn draw(&mut self, [a, b, c]: [Corner; 3]) {
+        if let Some(setup) = Setup::new(&[a, b, c], self.size, self.size) {
+            let plane = setup.plane([a.depth, b.depth, c.depth]);
+            fill(&setup, &plane, self.size, &mut self.height, None);
+        }
+    }
+
+    #[inline]
+    fn texel(&self, point: Vec3) -> [f32; 2] {
+        let along = |i: usize| (dot(self.axes[i], point) - self.corner[i]) * self.texels - 0.5;
+        [along(0), along(1)]
+    }
+
+    /// Share of the key light that reaches a point with that normal: a tent of three by three texels.
+    pub(crate) fn light(&self, point: Vec3, normal: Vec3) -> f32 {
+        // A step off the surface of about a texel keeps slanted ones clear of their own edges.
+        let point = add(point, scale(normal, 1.2 / self.texels));
+        let height = dot(self.axes[2], point) + BIAS;
+        let [u, v] = self.texel(point);
+        let last = self.size as f32 - 3.0;
+        if !(u >= 1.0 && v >= 1.0 && u < last && v < last) {
+            return 1.0;
+        }
+        let (x, y) = (u as usize, v as usize);
+        let (fu, fv) = (u - x as f32, v - y as f32);
+        // Deep in light or shadow, the corners tell.
+        let lit = |j: usize, i: usize| self.height[(y + j - 1) * self.size + x + i - 1] <= height;
+        let first = lit(0, 0);
+        if lit(0, 3) == first && lit(3, 0) == first && lit(3, 3) == first && lit(1, 1) == first && lit(2, 2) == first {
+            return if first { 1.0 } else { 0.0 };
+        }
+        let across = [1.0 - fu, 1.0, 1.0, fu];
+        let down = [1.0 - fv, 1.0, 1.0, fv];
+        let mut sum = 0.0;
+        for (j, weight) in down.iter().enumerate() {
+            let from = (y + j - 1) * self.size + x - 1;
+            let row = &self.height[from..from + 4];
+            let mut lit = 0.0;
+            for i in 0..4 {
+                lit += if row[i] <= height { across[i] } else { 0.0 };
+            }
+            sum += weight * lit;
+        }
+        sum / 9.0
+    }
+
+    /// As [`ShadowMap::light`] with a shadow that is the softer the farther it falls. `turn` in [0, 1) turns the pattern of
+    /// samples.
+    pub(crate) fn soft_light(&self, point: Vec3, normal: Vec3, turn: f32) -> f32 {
+        let point = add(point, scale(normal, 1.5 / self.texels));
+        let height = dot(self.axes[2], point) + BIAS;
+        let [u, v] = self.texel(point);
+        let at = |radius: f32, k: usize| -> f32 {
+            let [du, dv] = disc_sample(k, turn);
+            let (x, y) = (u + radius * du + 0.5, v + radius * dv + 0.5);
+            let last = self.size as f32;
+            if x >= 0.0 && y >= 0.0 && x < last && y < last {
+                self.height[y as usize * self.size + x as usize]
+            } else {
+                f32::NEG_INFINITY
+            }
+        };
+        let search = (0.05 * self.texels).max(2.0);
+        let (mut blockers, mut above) = (0.0, 0.0);
+        for k in 0..SAMPLES {
+            let top = at(search, k);
+            if top > height {
+                blockers += 1.0;
+                above += top - height;
+            }
+        }
+        if blockers == 0.0 {
+            return 1.0;
+        }
+        let radius = (above / blockers * SUN_SLOPE * self.texels).clamp(1.2, search);
+        let lit = (0..SAMPLES).filter(|&k| at(radius, k) <= height).count();
+        lit as f32 / SAMPLES as f32
+    }
+}
+
+const SAMPLES: usize = 16;
+
+/// Points of a disc of radius 1, even in area (a sunflower's seeds), turned.
+fn disc_sample(k: usize, turn: f32) -> [f32; 2] {
+    let radius = libm::sqrtf((k as f32 + 0.5) / SAMPLES as f32);
+    let angle = 2.399_963_2 * k as f32 + std::f32::consts::TAU * turn;
+    [radius * libm::cosf(angle), radius * libm::sinf(angle)]
+}

@@ -1,0 +1,168 @@
+//! Records sessions into bags, an episode each.
+//!
+//! Zenoh's callbacks put truths into the queue of a worker thread, which alone has its sessions' state; a session stays
+//! with one worker. A row takes some 70 us (poses, compression, file), so one worker keeps up with 14,000 rows/s: more
+//! than four cores simulate. There is a worker for each four cores.
+mod bags;
+mod order;
+mod track;
+mod worker;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{self, Sender};
+use std::thread::{self, JoinHandle};
+use std::time::Instant;
+
+use fiatlux_proto::keys::{any_session, is_name};
+use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult};
+use fiatlux_robot::{Robot, RobotError};
+use thiserror::Error;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::SampleKind;
+use zenoh::{Session as Zenoh, Wait};
+
+use crate::show::Frames;
+use worker::{Happened, Worker};
+
+/// Cores that one worker serves.
+const CORES_PER_WORKER: usize = 4;
+
+/// How bags are named below the folder they go to. A name that is taken gets a number.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Naming {
+    /// `SERVER/SESSION/TASK-sSEED-eEPISODE.mcap`.
+    #[default]
+    BySession,
+    /// `TASK-sSEED-eEPISODE.mcap`.
+    Flat,
+}
+
+/// What to record, and where to.
+pub struct RecorderOptions {
+    /// Folder of the bags.
+    pub out: PathBuf,
+    /// Only this server's sessions; `None` for all.
+    pub server: Option<String>,
+    /// Name of the recorder, for the servers.
+    pub name: String,
+    /// How bags are named.
+    pub naming: Naming,
+    /// Called with each bag that ended, by the thread that wrote it: it must not wait.
+    pub on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
+}
+
+/// How a bag ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BagEnd {
+    /// It has all of its episode, which ended so.
+    Whole(EpisodeResult),
+    /// It has a part, for this reason.
+    Cut(String),
+}
+
+/// A bag that ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BagReport {
+    /// The file: `NAME.mcap`, or `NAME.mcap.part` where it could not be finished.
+    pub path: PathBuf,
+    /// The episode's header.
+    pub header: EpisodeHeader,
+    /// How it ended.
+    pub end: BagEnd,
+}
+
+/// Why nothing is recorded.
+#[derive(Debug, Error)]
+pub enum RecorderError {
+    /// Not a server's name.
+    #[error("'{0}' is no server's name; use 1 to 64 letters, digits, - or _")]
+    Name(String),
+    /// The robot whose poses are recorded.
+    #[error("cannot load the robot")]
+    Robot(#[from] RobotError),
+    /// No thread could be started.
+    #[error("cannot start a thread; free some memory")]
+    Thread(#[source] std::io::Error),
+    /// Zenoh refused.
+    #[error("cannot watch for sessions: {0}; open the Zenoh session again")]
+    Zenoh(String),
+}
+
+/// What all workers share.
+struct Shared {
+    out: PathBuf,
+    name: String,
+    naming: Naming,
+    frames: Frames,
+    on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
+}
+
+/// A recorder at work. Dropped, it goes on to the end of what it has received, as [`Recorder::stop`] does.
+pub struct Recorder {
+    tokens: Option<Subscriber<()>>,
+    workers: Vec<(Sender<Happened>, JoinHandle<Vec<PathBuf>>)>,
+}
+
+impl Recorder {
+    /// Follows all sessions, those that are open already among them. An unfinished bag of a session that is still there
+    /// is taken up.
+    ///
+    /// # Errors
+    /// [`RecorderError`].
+    pub fn start(session: Zenoh, options: RecorderOptions) -> Result<Self, RecorderError> {
+        let RecorderOptions { out, server, name, naming, on_bag } = options;
+        if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
+            return Err(RecorderError::Name(server.clone()));
+        }
+        let frames = Frames::new(&Robot::g1_inspire()?);
+        let shared = Arc::new(Shared { out, name, naming, frames, on_bag });
+        let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
+        let mut recorder = Self { tokens: None, workers: Vec::new() };
+        for number in 0..cores.div_ceil(CORES_PER_WORKER) {
+            let (queue, inbox) = mpsc::channel();
+            let (zenoh, shared) = (session.clone(), Arc::clone(&shared));
+            let worker = Worker { zenoh, shared, inbox, queue: queue.clone(), start: Instant::now() };
+            let thread = thread::Builder::new().name(format!("recorder-{number}")).spawn(move || worker.run());
+            recorder.workers.push((queue, thread.map_err(RecorderError::Thread)?));
+        }
+        let queues: Vec<_> = recorder.workers.iter().map(|(queue, _)| queue.clone()).collect();
+        let tokens = session.liveliness().declare_subscriber(any_session(server.as_deref())).history(true);
+        let tokens = tokens.callback(move |sample| {
+            let key: Arc<str> = sample.key_expr().as_str().into();
+            // A session always goes to the same worker.
+            let place = key.bytes().fold(0_usize, |sum, byte| sum.wrapping_mul(31).wrapping_add(byte.into()));
+            let happened = if sample.kind() == SampleKind::Put { Happened::Live(key) } else { Happened::Gone(key) };
+            // The worker may be gone.
+            let _ = queues[place % queues.len()].send(happened);
+        });
+        recorder.tokens = Some(tokens.wait().map_err(|error| RecorderError::Zenoh(error.to_string()))?);
+        Ok(recorder)
+    }
+
+    /// Writes what was received and ends. Returns the files of unfinished bags (`NAME.mcap.part`), sorted: a recorder
+    /// that is started while their sessions live takes them up.
+    pub fn stop(mut self) -> Vec<PathBuf> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Vec<PathBuf> {
+        self.tokens = None;
+        for (queue, _) in &self.workers {
+            let _ = queue.send(Happened::Stop);
+        }
+        let left = self.workers.drain(..).flat_map(|(_, thread)| thread.join().unwrap_or_default());
+        let mut left: Vec<PathBuf> = left.collect();
+        left.sort();
+        left
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+#[cfg(test)]
+mod tests;

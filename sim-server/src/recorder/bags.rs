@@ -1,0 +1,164 @@
+//! The bags of one session on disk.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use fiatlux_bag::{Bag, BagError, BagWriter, part_of, topic};
+use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+use fiatlux_proto::v1::{EpisodeHeader, State, Truth};
+use fiatlux_proto::{Message, decode};
+use fiatlux_rules::Task;
+use tracing::warn;
+
+use super::track::Write;
+use super::{BagEnd, BagReport, Naming, Shared};
+use crate::show::Frames;
+
+/// Rows from one set of poses to the next: 25 Hz.
+const ROWS_PER_FRAMES: u64 = 2;
+
+/// Most bags of one name in a folder.
+const MAX_SAME_NAME: u32 = 10_000;
+
+/// Writes the bags of a session, one after the other.
+pub(super) struct Bags {
+    folder: PathBuf,
+    shared: Arc<Shared>,
+    open: Option<OpenBag>,
+}
+
+struct OpenBag {
+    header: EpisodeHeader,
+    writer: BagWriter,
+}
+
+impl Bags {
+    /// Names that come from the network must have been checked.
+    pub fn new(shared: &Arc<Shared>, server: &str, session: &str) -> Self {
+        let folder = match shared.naming {
+            Naming::Flat => shared.out.clone(),
+            Naming::BySession => shared.out.join(server).join(session),
+        };
+        Self { folder, shared: Arc::clone(shared), open: None }
+    }
+
+    /// Takes up the bag that an earlier recorder left of this session, if there is one.
+    pub fn take_up(&mut self, server: &str, session: &str) -> Option<(EpisodeHeader, u64)> {
+        let mut names: Vec<PathBuf> =
+            fs::read_dir(&self.folder).ok()?.filter_map(|entry| entry.ok()).map(|entry| entry.path()).collect();
+        names.sort();
+        let is_ours = |part: &&PathBuf| {
+            part.extension().is_some_and(|extension| extension == "part")
+                && Bag::open(part).is_ok_and(|bag| bag.header().server == server && bag.header().session == session)
+        };
+        let part = names.iter().find(is_ours)?;
+        match BagWriter::resume(&part.with_extension("")) {
+            Ok(resumed) => {
+                let next_step = resumed.writer.next_step();
+                self.open = Some(OpenBag { header: resumed.header.clone(), writer: resumed.writer });
+                Some((resumed.header, next_step))
+            }
+            Err(error) => {
+                warn!(part = %part.display(), error = &error as &dyn std::error::Error, "an unfinished bag stays as it is");
+                None
+            }
+        }
+    }
+
+    /// The step after the last row on disk of the open bag.
+    pub fn next_step_on_disk(&self) -> u64 {
+        self.open.as_ref().map_or(0, |open| open.writer.next_step_on_disk())
+    }
+
+    /// The open bag's file, which stays as it is.
+    pub fn leave(self) -> Option<PathBuf> {
+        self.open.map(|open| part_of(open.writer.path()))
+    }
+
+    /// Writes; `false` when the open bag had to be given up, which is reported.
+    pub fn write(&mut self, write: Write) -> bool {
+        let done = match write {
+            Write::Open(header) => self.start(&header),
+            Write::Row(truth) => self.row(&truth),
+            Write::Finish(result) => return self.end(BagEnd::Whole(*result)),
+            Write::Cut(reason) => return self.end(BagEnd::Cut(reason)),
+        };
+        if let Err(error) = &done {
+            self.fail(error);
+        }
+        done.is_ok()
+    }
+
+    fn start(&mut self, header: &EpisodeHeader) -> Result<(), BagError> {
+        // The task's own short name: the header's text may be anything.
+        let task = header.task.parse::<Task>().map_or("unknown", Task::short_id);
+        let name = format!("{task}-s{}-e{}", header.seed, header.episode);
+        for number in 1..=MAX_SAME_NAME {
+            let name = if number == 1 { format!("{name}.mcap") } else { format!("{name}-{number}.mcap") };
+            match BagWriter::create(&self.folder.join(name), header) {
+                Err(BagError::Exists { .. }) => {}
+                Err(error) => return Err(error),
+                Ok(writer) => {
+                    self.open = Some(OpenBag { header: header.clone(), writer });
+                    return Ok(());
+                }
+            }
+        }
+        Err(BagError::Exists { path: self.folder.join(name) })
+    }
+
+    fn row(&mut self, truth: &Truth) -> Result<(), BagError> {
+        let Some(OpenBag { writer, .. }) = &mut self.open else { return Ok(()) };
+        if truth.step.is_multiple_of(ROWS_PER_FRAMES)
+            && let Some(frames) = frames(&self.shared.frames, &truth.state)
+        {
+            writer.message(topic::TF, truth.step, &frames)?;
+        }
+        writer.push(truth)
+    }
+
+    fn end(&mut self, end: BagEnd) -> bool {
+        let Some(OpenBag { header, writer }) = self.open.take() else { return true };
+        let part = part_of(writer.path());
+        let done = match &end {
+            BagEnd::Whole(result) => writer.finish(result),
+            BagEnd::Cut(reason) => writer.finish_cut(reason),
+        };
+        match done {
+            Ok(path) => (self.shared.on_bag)(BagReport { path, header, end }),
+            Err(error) => {
+                let end = BagEnd::Cut(explain(&error));
+                (self.shared.on_bag)(BagReport { path: part, header, end });
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Reports a bag that cannot be written; what there is of it stays unfinished.
+    fn fail(&mut self, error: &BagError) {
+        match self.open.take() {
+            Some(OpenBag { header, writer }) => {
+                let path: &Path = &part_of(writer.path());
+                (self.shared.on_bag)(BagReport { path: path.into(), header, end: BagEnd::Cut(explain(error)) });
+            }
+            None => warn!(error = error as &dyn std::error::Error, "an episode is not recorded"),
+        }
+    }
+}
+
+/// An error with its causes.
+fn explain(error: &dyn std::error::Error) -> String {
+    let causes = std::iter::successors(Some(error), |error| error.source());
+    causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")
+}
+
+/// Encoded poses of a row; none where the truth has none, or no readable one.
+fn frames(frames: &Frames, state: &[u8]) -> Option<Vec<u8>> {
+    if state.is_empty() {
+        return None;
+    }
+    let state: State = decode(state, MAX_SERVER_MESSAGE).ok()?;
+    Some(frames.transforms(&state).ok()?.encode_to_vec())
+}
