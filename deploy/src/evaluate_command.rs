@@ -1,13 +1,12 @@
 //! `fiatlux evaluate`.
 
-use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use clap::Args;
-use fiatlux::evaluate::{EvaluateOptions, Outcome, Progress, evaluate};
+use fiatlux::evaluate::{EvaluateOptions, Outcome, evaluate};
+use fiatlux_link::ProgressLine;
 use fiatlux_rules::Task;
 use fiatlux_scorer::{report, tables};
 
@@ -19,13 +18,10 @@ pub const EXAMPLES: &str = "Examples:
 
 Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with episodes that are missing.";
 
-/// Time between lines of progress where stderr is no terminal.
-const LINE_PERIOD: Duration = Duration::from_secs(10);
-
 /// Options of the command.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
-    /// Policy: zero, random, hold, stand, or replay:BAG.
+    /// Policy: zero, random, hold or stand.
     #[arg(long)]
     policy: String,
     /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb.
@@ -95,7 +91,7 @@ fn seeds(text: &str) -> Result<SeedList, String> {
 
 /// Runs the command.
 pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
-    fiatlux_link::init_log();
+    fiatlux_link::init_quiet_log();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     // A policy may be named by a path.
     let folder = args.policy.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
@@ -108,9 +104,9 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
         gains: args.gains.clone(),
     };
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
-    let mut line = ProgressLine::new();
-    let outcome = evaluate(&options, &stop, &mut |progress| line.show(progress));
-    line.end();
+    let line = ProgressLine::default();
+    let outcome = evaluate(&options, &stop, &mut |progress| line.show(|| progress.clone()));
+    line.clear();
     let outcome = outcome?;
     write_results(&options, &outcome)?;
     if args.json {
@@ -140,34 +136,6 @@ fn write_results(options: &EvaluateOptions, outcome: &Outcome) -> anyhow::Result
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
-}
-
-/// One line that is written over on a terminal; a line now and then elsewhere.
-struct ProgressLine {
-    is_terminal: bool,
-    last: Option<Instant>,
-}
-
-impl ProgressLine {
-    fn new() -> Self {
-        Self { is_terminal: std::io::stderr().is_terminal(), last: None }
-    }
-
-    fn show(&mut self, progress: &Progress) {
-        if self.is_terminal {
-            eprint!("\r\x1b[K{progress}");
-            drop(std::io::stderr().flush());
-        } else if self.last.is_none_or(|last| last.elapsed() >= LINE_PERIOD) {
-            eprintln!("{progress}");
-            self.last = Some(Instant::now());
-        }
-    }
-
-    fn end(&self) {
-        if self.is_terminal {
-            eprintln!();
-        }
-    }
 }
 
 #[cfg(test)]

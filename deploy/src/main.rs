@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
+use fiatlux::bench::service::{self, ServiceOptions};
 use fiatlux::bench::world::{self, Options};
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 
@@ -40,6 +41,8 @@ enum Command {
 enum Bench {
     /// Microseconds per physics step of 5 ms on one core, and many worlds on two.
     World(WorldArgs),
+    /// Control steps per second of sessions: in one process, over TCP, and with many client processes.
+    Service(ServiceArgs),
 }
 
 #[derive(Debug, Args)]
@@ -58,6 +61,22 @@ struct WorldArgs {
     oracle: PathBuf,
 }
 
+#[derive(Debug, Args)]
+struct ServiceArgs {
+    /// Sessions of the case with many of them.
+    #[arg(long, default_value_t = 32)]
+    sessions: usize,
+    /// Seconds that client processes are watched for.
+    #[arg(long, default_value_t = 15.0, value_parser = positive)]
+    seconds: f64,
+    /// Program of the client processes [default: policy-client beside this program]
+    #[arg(long)]
+    policy_client: Option<PathBuf>,
+    /// Prints JSON in place of the table.
+    #[arg(long)]
+    json: bool,
+}
+
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
@@ -69,6 +88,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Evaluate(args) => evaluate_command::run(&args),
         Command::Bench(Bench::World(args)) => bench_world(args).map(|()| ExitCode::SUCCESS),
+        Command::Bench(Bench::Service(args)) => bench_service(args).map(|()| ExitCode::SUCCESS),
     };
     match done {
         Ok(code) => code,
@@ -77,6 +97,19 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+fn bench_service(args: ServiceArgs) -> anyhow::Result<()> {
+    fiatlux_link::init_quiet_log();
+    let beside = || Ok::<_, std::io::Error>(std::env::current_exe()?.with_file_name("policy-client"));
+    let policy_client = args.policy_client.map_or_else(beside, Ok)?;
+    let report = service::run(&ServiceOptions { sessions: args.sessions, seconds: args.seconds, policy_client })?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        print!("{report}");
+    }
+    Ok(())
 }
 
 fn bench_world(args: WorldArgs) -> anyhow::Result<()> {

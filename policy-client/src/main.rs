@@ -36,7 +36,7 @@ enum Subcommand {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    fiatlux_link::init_log();
+    fiatlux_link::init_quiet_log();
     let done = match cli.command {
         Subcommand::Run(args) => run::run(&args),
         Subcommand::List(args) => list::list(&args),

@@ -1,17 +1,13 @@
 //! The scorer.
 
-mod progress;
-
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
-use fiatlux_link::LinkArgs;
+use fiatlux_link::{LinkArgs, ProgressLine};
 use fiatlux_scorer::{GradeOptions, Results, ScoreError, grade, report, tables, verify};
-use progress::ProgressLine;
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
@@ -95,7 +91,7 @@ struct VerifyArgs {
 }
 
 fn main() -> ExitCode {
-    fiatlux_link::init_log();
+    fiatlux_link::init_quiet_log();
     let done = match Cli::parse().command {
         Command::Grade(args) => run_grade(&args),
         Command::Verify(args) => run_verify(&args),
@@ -115,10 +111,10 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
         workers: args.workers,
         relative_to: args.out.as_deref().or(args.html.as_deref()).map(folder).unwrap_or_default(),
     };
-    let line = ProgressLine::new();
+    let line = ProgressLine::default();
     let graded = grade(&args.paths, &options, &|progress| {
-        let label = format!("{} of {} bags", progress.bags_done, progress.bags);
-        line.show(&label, progress.bytes_done, progress.bytes);
+        let left = || line.left(progress.bytes_done, progress.bytes);
+        line.show(|| format!("{} of {} bags, {} left", progress.bags_done, progress.bags, left()));
     });
     line.clear();
     let results = graded?;
@@ -143,13 +139,14 @@ fn formatted(results: &Results, args: &GradeArgs) -> Result<String> {
 }
 
 fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
-    let line = ProgressLine::new();
+    let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let line = ProgressLine::default();
     let verified = verify(
         &args.bag,
         &args.link,
         args.server.as_deref(),
-        &mut |step, steps| line.show(&format!("step {step} of {steps}"), step, steps),
-        &AtomicBool::new(false),
+        &mut |step, steps| line.show(|| format!("step {step} of {steps}, {} left", line.left(step, steps))),
+        &stop,
     );
     line.clear();
     let verified = verified?;

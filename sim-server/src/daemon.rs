@@ -10,7 +10,6 @@ use clap::Args;
 use fiatlux_link::{DEFAULT_ENDPOINT, LinkArgs, LinkMode, Role};
 use fiatlux_sim::{Server, ServerOptions};
 use fiatlux_world::SceneConfig;
-use tokio::signal::unix::{SignalKind, signal};
 use zenoh::Wait;
 
 /// How long recorders have after an interrupt.
@@ -67,11 +66,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
     options.workers = args.workers.unwrap_or(options.workers);
 
     // Before the server can be found: an interrupt that comes early is not lost.
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
-    let (mut interrupt, mut terminate) = {
-        let _context = runtime.enter();
-        (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?)
-    };
+    let stop = fiatlux_link::stop_on_signal()?;
     let mut link = args.link;
     choose_ports(&mut link.listen)?;
     let zenoh = link.open(Role::Server)?;
@@ -80,12 +75,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
     writeln!(stdout, "{} as {}", reachable(&link), server.name())?;
     stdout.flush()?;
 
-    runtime.block_on(async {
-        tokio::select! {
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-        }
-    });
+    fiatlux_link::wait_for(&stop);
     tracing::info!("interrupted: {} sessions are ended", server.open_sessions());
     if !server.shutdown(SHUTDOWN) {
         tracing::warn!("a recorder has not taken everything within {} s; its bag is cut", SHUTDOWN.as_secs());

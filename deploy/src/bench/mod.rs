@@ -5,6 +5,7 @@ mod machine;
 mod mujoco;
 mod multibody;
 mod report;
+pub mod service;
 mod stats;
 pub mod world;
 mod worlds;

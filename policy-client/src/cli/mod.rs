@@ -2,7 +2,6 @@
 
 pub mod list;
 mod plan;
-mod progress;
 mod report;
 pub mod run;
 

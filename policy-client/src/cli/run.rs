@@ -3,10 +3,9 @@
 use std::time::Instant;
 
 use clap::Args;
-use fiatlux_link::{LinkArgs, Role, stop_on_signal};
+use fiatlux_link::{LinkArgs, ProgressLine, Role, stop_on_signal};
 use fiatlux_policy::{Client, ClientError};
 
-use super::progress::Progress;
 use super::report::{Episode, Report};
 use super::{Failure, plan};
 
@@ -80,10 +79,16 @@ pub fn run(args: &RunArgs) -> Result<bool, Failure> {
     let mut report = Report::new(&plan.policy.name(), client.info(), plan.digest);
     let mut failure = None;
     for index in plan.first..plan.first.saturating_add(plan.count) {
-        let mut progress = Progress::new(index, horizon);
+        let line = ProgressLine::default();
         let start = Instant::now();
-        let end = client.run_episode(index, plan.policy.as_mut(), &mut |step| progress.at(step), &stop);
-        progress.finish();
+        let mut progress = |step| {
+            line.show(|| {
+                let (rate, left) = (line.rate(step), line.left(step, horizon));
+                format!("episode {index}: step {step} of {horizon}, {rate:.0} steps/s, at most {left} left")
+            });
+        };
+        let end = client.run_episode(index, plan.policy.as_mut(), &mut progress, &stop);
+        line.clear();
         match end {
             Ok(end) => report.add(Episode { index, end, wall_s: start.elapsed().as_secs_f64() }, args.json),
             Err(error) => {

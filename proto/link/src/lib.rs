@@ -7,6 +7,7 @@ mod args;
 mod config;
 mod error;
 mod log;
+mod progress;
 mod signal;
 
 use zenoh::{Session, Wait};
@@ -14,8 +15,9 @@ use zenoh::{Session, Wait};
 pub use args::{LinkArgs, LinkMode};
 pub use config::Role;
 pub use error::LinkError;
-pub use log::init_log;
-pub use signal::stop_on_signal;
+pub use log::{init_log, init_quiet_log};
+pub use progress::ProgressLine;
+pub use signal::{stop_on_signal, wait_for};
 
 /// Where a server listens and a client looks for it, unless told otherwise.
 pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";

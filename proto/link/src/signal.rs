@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use tokio::signal::unix::{SignalKind, signal};
 
@@ -35,4 +36,11 @@ pub fn stop_on_signal() -> std::io::Result<Arc<AtomicBool>> {
         });
     })?;
     Ok(stop)
+}
+
+/// Blocks until the flag of [`stop_on_signal`] is set.
+pub fn wait_for(stop: &AtomicBool) {
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }

@@ -1,8 +1,10 @@
-//! Writes pictures of some start states: a view from beside and the head camera's.
+//! Writes pictures of some start states: a view from beside, and what the head camera sees.
 //!
 //! ```text
 //! cargo run --release -p fiatlux-render --example stills -- OUT_DIR
 //! ```
+//!
+//! The first of them, `robot_on_ladder.png`, is the one in `docs/`.
 
 use std::error::Error;
 use std::path::Path;
@@ -14,16 +16,37 @@ use fiatlux_rules::Task;
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, start};
 use nalgebra::Vector3;
 
-/// Task, layout seed, and where the camera stands from what it looks at: bearing from the robot's heading (degrees),
-/// height above the middle (m), vertical field of view (degrees).
-const STILLS: &[(Task, u64, f64, f64, f64)] = &[
-    (Task::S02, 0, 70.0, 0.5, 36.0),
-    (Task::S03, 0, 75.0, 0.3, 36.0),
-    (Task::S05, 0, 150.0, 0.8, 36.0),
-    (Task::S08, 0, 120.0, 0.7, 36.0),
-    (Task::S10, 0, 60.0, 0.4, 36.0),
-    (Task::S11, 0, 75.0, 0.2, 36.0),
-    (Task::S12, 0, 75.0, 0.2, 36.0),
+/// A view. Bearings are in degrees from the robot's heading, distances in metres.
+struct Still {
+    name: &'static str,
+    task: Task,
+    seed: u64,
+    /// How far the camera is from what it looks at, on which bearing, and how high it is.
+    away: f64,
+    bearing: f64,
+    height: f64,
+    /// What it looks at: so far ahead of the robot, so high.
+    ahead: f64,
+    target_height: f64,
+    /// Vertical field of view, degrees.
+    fov: f64,
+    /// Yaw of the key light, degrees.
+    light: f64,
+}
+
+const fn still(name: &'static str, task: Task, seed: u64, view: [f64; 7]) -> Still {
+    let [away, bearing, height, ahead, target_height, fov, light] = view;
+    Still { name, task, seed, away, bearing, height, ahead, target_height, fov, light }
+}
+
+const STILLS: &[Still] = &[
+    still("robot_on_ladder", Task::S11, 4, [4.0, -66.0, 2.4, 0.30, 1.33, 39.0, -30.0]),
+    still("climb_ladder", Task::S02, 4, [4.2, -60.0, 2.2, 0.45, 1.15, 38.0, -30.0]),
+    still("remove_old_bulb", Task::S03, 5, [3.6, -38.0, 2.1, 0.10, 1.40, 41.0, 60.0]),
+    still("carry_to_disposal", Task::S05, 4, [4.4, 70.0, 2.0, 0.40, 0.95, 38.0, -30.0]),
+    still("grab_new_bulb", Task::S08, 0, [3.2, 65.0, 1.9, 0.40, 0.80, 36.0, 0.0]),
+    still("climb_with_bulb", Task::S10, 4, [4.2, -60.0, 2.2, 0.45, 1.15, 38.0, -30.0]),
+    still("bulb_in_place", Task::S12, 5, [3.6, -38.0, 2.1, 0.10, 1.40, 41.0, 60.0]),
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -31,32 +54,31 @@ fn main() -> Result<(), Box<dyn Error>> {
     let out = Path::new(&out);
     std::fs::create_dir_all(out)?;
     let robot = Arc::new(Robot::g1_inspire()?);
-    let light = Lighting::default();
-    let mut still = Renderer::supersampled(1280, 960, 2);
+    let mut large = Renderer::supersampled(1280, 960, 3);
     let mut eye = Renderer::new(HEAD_PIXELS, HEAD_PIXELS);
-    for &(task, seed, bearing, rise, fov) in STILLS {
-        let spec =
-            SceneSpec { kind: SceneKind::of(task), seed, gains: robot.gains(GainSet::Fiatlux), hand_friction: None };
+    for still in STILLS {
+        let spec = SceneSpec {
+            kind: SceneKind::of(still.task),
+            seed: still.seed,
+            gains: robot.gains(GainSet::Fiatlux),
+            hand_friction: None,
+        };
         let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
-        let world = start(Arc::clone(&scene), task, 0, &StartOptions::default())?;
+        let world = start(Arc::clone(&scene), still.task, 0, &StartOptions::default())?;
         let (row, visuals) = (world.row(), Visuals::new(&scene));
 
-        // Robot, ladder and fixture in one picture.
-        let (pelvis, ladder) = (row.robot.pose.translation.vector, row.ladder.pose.translation.vector);
-        let fixture = row.fixture.translation.vector;
         let heading = row.robot.pose.rotation * Vector3::x();
-        let yaw = libm::atan2(heading.y, heading.x) + bearing.to_radians();
-        let low = pelvis.inf(&ladder).inf(&fixture);
-        let high = pelvis.sup(&ladder).sup(&fixture);
-        let mut target = (low + high) / 2.0;
-        target.z = (high.z + 0.5) / 2.0;
-        let radius = 0.5 * (Vector3::new(high.x, high.y, high.z + 0.35) - Vector3::new(low.x, low.y, 0.0)).norm();
-        let away = radius / libm::sin(fov.to_radians() / 2.0);
-        let eye_at = target + Vector3::new(libm::cos(yaw) * away, libm::sin(yaw) * away, rise);
-        let camera = Camera::look_at(eye_at, target, fov.to_radians(), 4.0 / 3.0);
-        write(out, &format!("{}_{seed}", task.id()), still.render(&visuals, row, &camera, &light))?;
+        let yaw = libm::atan2(heading.y, heading.x);
+        let flat = |angle: f64, length: f64| Vector3::new(libm::cos(angle), libm::sin(angle), 0.0) * length;
+        let mut target = row.robot.pose.translation.vector + flat(yaw, still.ahead);
+        target.z = still.target_height;
+        let mut from = target + flat(yaw + still.bearing.to_radians(), still.away);
+        from.z = still.height;
+        let camera = Camera::look_at(from, target, still.fov.to_radians(), 4.0 / 3.0);
+        let light = Lighting::default().with_key_turned(0.0, still.light.to_radians());
+        write(out, still.name, large.render(&visuals, row, &camera, &light))?;
         let head = Camera::head(&robot, row)?;
-        write(out, &format!("{}_{seed}_head", task.id()), eye.render(&visuals, row, &head, &light))?;
+        write(out, &format!("{}_head", still.name), eye.render(&visuals, row, &head, &light))?;
     }
     Ok(())
 }

@@ -21,6 +21,8 @@ mod raster;
 mod renderer;
 mod shade;
 mod shadow;
+mod tone;
+mod view;
 mod visuals;
 
 pub use camera::{Camera, HEAD_PIXELS};

@@ -75,17 +75,23 @@ impl Paint {
         Paint::LitGlass,
     ];
 
+    /// Whether a flat surface of it at that height (m) looks the same all around but for shadows.
+    pub(crate) fn is_plain(self, finishes: &[Finish], height: f32) -> bool {
+        let patterned = self == Paint::Floor || (self == Paint::Wall && height < 0.3);
+        !patterned && finishes[self as usize].mirror == 0.0
+    }
+
     pub(crate) fn finish(self) -> Finish {
         // sRGB colour, mirror, sharpness, glow.
         let (rgb, mirror, sharpness, glow) = match self {
             Paint::Floor => ([136, 137, 140], 0.0, 0, 0.0),
             Paint::Wall => ([222, 217, 208], 0.0, 0, 0.0),
             Paint::Ceiling => ([226, 226, 222], 0.0, 0, 0.0),
-            Paint::Wood => ([186, 138, 92], 0.02, 4, 0.0),
+            Paint::Wood => ([186, 138, 92], 0.0, 0, 0.0),
             Paint::Steel => ([92, 97, 104], 0.03, 4, 0.0),
-            Paint::Tray => ([64, 118, 158], 0.03, 4, 0.0),
-            Paint::Crate => ([238, 178, 32], 0.03, 4, 0.0),
-            Paint::CrateTrim => ([205, 140, 18], 0.03, 4, 0.0),
+            Paint::Tray => ([64, 118, 158], 0.0, 0, 0.0),
+            Paint::Crate => ([238, 178, 32], 0.0, 0, 0.0),
+            Paint::CrateTrim => ([205, 140, 18], 0.0, 0, 0.0),
             Paint::Socket => ([124, 130, 138], 0.04, 5, 0.0),
             Paint::Brass => ([150, 120, 66], 0.20, 4, 0.0),
             Paint::Aluminium => ([150, 158, 168], 0.18, 5, 0.0),
@@ -102,7 +108,7 @@ impl Paint {
             Paint::Tip => ([60, 58, 54], 0.05, 4, 0.0),
             Paint::Glass => ([255, 233, 184], 0.05, 6, 0.16),
             Paint::SpentGlass => ([150, 128, 104], 0.06, 6, 0.0),
-            Paint::LitGlass => ([255, 226, 170], 0.02, 6, 2.6),
+            Paint::LitGlass => ([255, 216, 148], 0.02, 6, 2.2),
         };
         let tinted = matches!(self, Paint::Floor | Paint::Wall | Paint::Ceiling);
         Finish { colour: rgb.map(linear), mirror, sharpness, glow, tinted }

@@ -40,8 +40,9 @@ impl Setup {
     pub(crate) fn new(corners: &[Corner; 3], width: usize, height: usize) -> Option<Self> {
         let c = corners.map(|c| [f64::from(c.u), f64::from(c.v)]);
         let area = (c[1][0] - c[0][0]) * (c[2][1] - c[0][1]) - (c[2][0] - c[0][0]) * (c[1][1] - c[0][1]);
-        // v grows downwards: counter-clockwise for the viewer is negative here. Also refuses NaN.
-        if !(area < -1e-9) {
+        // v grows downwards: counter-clockwise for the viewer is negative here. What is no number does not face.
+        let faces = area < -1e-9;
+        if !faces {
             return None;
         }
         let low = |i: usize| c[0][i].min(c[1][i]).min(c[2][i]);

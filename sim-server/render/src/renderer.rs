@@ -2,15 +2,17 @@
 
 use fiatlux_rules::{Bulb, Row};
 use fiatlux_world::ShapeOwner;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 
 use crate::lighting::PreparedLight;
 use crate::mesh::{Detail, Mesh};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
 use crate::raster::{Corner, Plane, Setup, fill};
-use crate::shade::{Shader, Spot, Tone, Vec3, add, dot, floor, normalize, scale, sub};
+use crate::shade::{Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tiles};
 use crate::shadow::ShadowMap;
+use crate::tone::Tone;
+use crate::view::{Turn, View, single};
 use crate::{Camera, Image, Lighting, Visuals};
 
 /// Nothing is seen at this pixel.
@@ -44,6 +46,8 @@ pub struct Renderer {
 struct Surface {
     /// Components of the normal times the inverse depth, which are linear over the picture.
     normal: [Plane; 3],
+    /// The unit normal, where it is the same all over.
+    flat: Option<Vec3>,
     paint: Paint,
     mesh: u16,
 }
@@ -57,69 +61,8 @@ struct Vertex {
     corner: Corner,
 }
 
-/// The camera as the rasteriser takes it.
-struct View {
-    eye: Vec3,
-    axes: [Vec3; 3],
-    focal: [f32; 2],
-    inverse_focal: [f32; 2],
-    middle: [f32; 2],
-    near: f32,
-}
-
-impl View {
-    fn new(camera: &Camera, [width, height]: [usize; 2]) -> Self {
-        let axis = |i: usize| {
-            let mut unit = Vector3::zeros();
-            unit[i] = 1.0;
-            single(&(camera.world_from_camera.rotation * unit))
-        };
-        let focal = camera.focal(width, height);
-        Self {
-            eye: single(&camera.world_from_camera.translation.vector),
-            axes: [axis(0), axis(1), axis(2)],
-            focal: focal.map(|f| f as f32),
-            inverse_focal: focal.map(|f| (1.0 / f) as f32),
-            middle: [width as f32 / 2.0 - 0.5, height as f32 / 2.0 - 0.5],
-            near: camera.near.max(1e-4) as f32,
-        }
-    }
-
-    /// From the eye through a pixel, one metre ahead.
-    #[inline]
-    fn ray(&self, x: usize, y: usize) -> Vec3 {
-        let left = (self.middle[0] - x as f32) * self.inverse_focal[0];
-        let up = (self.middle[1] - y as f32) * self.inverse_focal[1];
-        add(self.axes[0], add(scale(self.axes[1], left), scale(self.axes[2], up)))
-    }
-
-    fn project(&self, at: Vec3) -> Corner {
-        let depth = 1.0 / at[0];
-        let u = self.middle[0] - self.focal[0] * at[1] * depth;
-        let v = self.middle[1] - self.focal[1] * at[2] * depth;
-        Corner { u, v, depth }
-    }
-
-    /// Whether a sphere can be in the picture.
-    fn reaches(&self, center: Vec3, radius: f32) -> bool {
-        let way = sub(center, self.eye);
-        let at = self.axes.map(|axis| dot(axis, way));
-        if at[0] + radius < self.near {
-            return false;
-        }
-        (0..2).all(|i| {
-            let slope = (self.middle[i] + 0.5) / self.focal[i];
-            at[i + 1].abs() - slope * at[0] <= radius * (1.0 + slope * slope).sqrt()
-        })
-    }
-}
-
-fn single(v: &Vector3<f64>) -> Vec3 {
-    [v.x as f32, v.y as f32, v.z as f32]
-}
-
 impl Renderer {
-    /// For pictures of that size in pixels, one sample each: what a robot's camera needs.
+    /// For pictures of that size in pixels, both above 0, one sample each: what a robot's camera needs.
     pub fn new(width: usize, height: usize) -> Self {
         Self::supersampled(width, height, 1)
     }
@@ -127,10 +70,10 @@ impl Renderer {
     /// For pictures of that size with `samples` by `samples` samples a pixel and shadows that soften with distance: for
     /// people to look at.
     pub fn supersampled(width: usize, height: usize, samples: usize) -> Self {
-        let samples = samples.max(1);
+        let (width, height, samples) = (width.max(1), height.max(1), samples.max(1));
         let (w, h) = (width * samples, height * samples);
         let large = samples > 1 || w.max(h) > 512;
-        let (shadow, detail) = if large { (2048, Detail::Fine) } else { (384, Detail::Coarse) };
+        let (shadow, cell, detail) = if large { (2048, 2, Detail::Fine) } else { (320, 4, Detail::Coarse) };
         Self {
             size: [width, height],
             samples,
@@ -143,7 +86,7 @@ impl Renderer {
             vertices: Vec::new(),
             casters: Vec::new(),
             shadow: ShadowMap::new(shadow),
-            occlusion: Occlusion::new(w, h),
+            occlusion: Occlusion::new(w, h, cell),
             finishes: Paint::ALL.iter().map(|paint| paint.finish()).collect(),
             tone: Tone::new(),
             image: Image::new(width, height),
@@ -267,9 +210,14 @@ impl Renderer {
         let [width, height] = self.grid();
         let Some(setup) = Setup::new(&corners.map(|c| c.corner), width, height) else { return };
         let depths = corners.map(|c| c.corner.depth);
-        let normal = [0, 1, 2].map(|i| setup.plane([0, 1, 2].map(|k| corners[k].normal[i] * depths[k])));
+        let [a, b, c] = corners.map(|c| c.normal);
+        let flat = (a == b && b == c).then_some(a);
+        let normal = match flat {
+            Some(_) => [Plane::default(); 3],
+            None => [0, 1, 2].map(|i| setup.plane([a[i] * depths[0], b[i] * depths[1], c[i] * depths[2]])),
+        };
         let id = self.surfaces.len() as u32;
-        self.surfaces.push(Surface { normal, paint, mesh: mesh as u16 });
+        self.surfaces.push(Surface { normal, flat, paint, mesh: mesh as u16 });
         fill(&setup, &setup.plane(depths), width, &mut self.depth, Some((&mut self.ids, id)));
     }
 
@@ -305,42 +253,104 @@ impl Renderer {
                 self.shadow.draw(corners);
             }
         }
+        self.shadow.finish();
         true
     }
 
     fn find_occlusion(&mut self, view: &View) {
-        let width = self.grid()[0];
+        // The grid reaches a cell beyond the picture; there it repeats the border.
+        let [width, height] = self.grid();
+        let inside = move |x: usize, y: usize| (x.min(width - 1), y.min(height - 1));
         let (depth, ids, surfaces) = (&self.depth, &self.ids, &self.surfaces);
         let point = |x: usize, y: usize| {
+            let (x, y) = inside(x, y);
             let inverse = depth[y * width + x];
             (inverse > 0.0).then(|| (add(view.eye, scale(view.ray(x, y), 1.0 / inverse)), inverse))
         };
-        let normal =
-            |x: usize, y: usize| surfaces.get(ids[y * width + x] as usize).map(|surface| surface.normal_at(x, y));
+        let normal = |x: usize, y: usize| {
+            let (x, y) = inside(x, y);
+            surfaces.get(ids[y * width + x] as usize).map(|surface| surface.normal_at(x, y))
+        };
         self.occlusion.find(view.focal[1], point, normal);
     }
 
     /// Lights every sample and averages those of a pixel.
     fn shade(&mut self, view: &View, light: &PreparedLight, shaded: bool) {
-        let (n, [width, height]) = (self.samples, self.size);
         let shader = Shader { light, finishes: &self.finishes };
+        let mut rgb = std::mem::take(&mut self.image.rgb);
+        if self.samples == 1 {
+            for y in (0..self.size[1]).step_by(2) {
+                for x in (0..self.size[0]).step_by(2) {
+                    self.shade_four(&mut rgb, &shader, view, [x, y], shaded);
+                }
+            }
+        } else {
+            self.shade_mean(&mut rgb, &shader, view, shaded);
+        }
+        self.image.rgb = rgb;
+    }
+
+    /// Lights two by two pixels. Where they show one surface that is all in light or all in shadow, what reaches it is
+    /// found once.
+    fn shade_four(&self, rgb: &mut [u8], shader: &Shader<'_>, view: &View, [x, y]: [usize; 2], shaded: bool) {
+        let [width, height] = self.size;
+        let at = y * width + x;
+        let whole = x + 1 < width && y + 1 < height;
+        let mut shared = None;
+        if whole
+            && [at + 1, at + width, at + width + 1].iter().all(|i| self.ids[*i] == self.ids[at])
+            && let Some(surface) = self.surfaces.get(self.ids[at] as usize)
+        {
+            let (point, normal) = (self.point_at(view, x, y), surface.normal_at(x, y));
+            let lit = self.lit(point, normal, shader, shaded);
+            if lit == 0.0 || lit == 1.0 {
+                let open = self.occlusion.at(x, y, self.depth[at]);
+                shared = Some((lit, open));
+                if surface.paint == Paint::Floor && is_clear(point) {
+                    let spot = Spot { point, normal, ray: view.ray(x, y), footprint: None, open, lit };
+                    let colour = shader.colour(surface.paint, &spot);
+                    for (i, j) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
+                        let (at, ray) = (j * width + i, view.ray(i, j));
+                        let distance = 1.0 / self.depth[at];
+                        let point = add(view.eye, scale(ray, distance));
+                        let tile = tiles(point, normal, ray, distance * view.inverse_focal[0]);
+                        let bytes = scale(colour, tile).map(|light| self.tone.byte(light));
+                        rgb[3 * at..3 * at + 3].copy_from_slice(&bytes);
+                    }
+                    return;
+                }
+            }
+            if shared.is_some() && surface.flat.is_some() && surface.paint.is_plain(&self.finishes, point[2]) {
+                let colour = self.sample_colour(shader, view, [x, y], shaded, shared);
+                let bytes = colour.map(|light| self.tone.byte(light));
+                for i in [at, at + 1, at + width, at + width + 1] {
+                    rgb[3 * i..3 * i + 3].copy_from_slice(&bytes);
+                }
+                return;
+            }
+        }
+        for j in y..(y + 2).min(height) {
+            for i in x..(x + 2).min(width) {
+                let colour = self.sample_colour(shader, view, [i, j], shaded, shared);
+                let at = 3 * (j * width + i);
+                rgb[at..at + 3].copy_from_slice(&colour.map(|light| self.tone.byte(light)));
+            }
+        }
+    }
+
+    fn shade_mean(&self, rgb: &mut [u8], shader: &Shader<'_>, view: &View, shaded: bool) {
+        let (n, [width, height]) = (self.samples, self.size);
         let share = 1.0 / (n * n) as f32;
         for y in 0..height {
             for x in 0..width {
-                if n == 1 {
-                    let colour = self.sample_colour(&shader, view, x, y, shaded);
-                    let at = 3 * (y * width + x);
-                    self.image.rgb[at..at + 3].copy_from_slice(&colour.map(|light| self.tone.byte(light)));
-                    continue;
-                }
                 let mut sum = [0.0; 3];
                 for j in y * n..(y + 1) * n {
                     for i in x * n..(x + 1) * n {
-                        sum = add(sum, self.tone.curve(self.sample_colour(&shader, view, i, j, shaded)));
+                        sum = add(sum, self.tone.curve(self.sample_colour(shader, view, [i, j], shaded, None)));
                     }
                 }
                 let at = 3 * (y * width + x);
-                for (byte, value) in self.image.rgb[at..at + 3].iter_mut().zip(sum) {
+                for (byte, value) in rgb[at..at + 3].iter_mut().zip(sum) {
                     *byte = self.tone.byte_of_mean(value * share);
                 }
             }
@@ -348,7 +358,30 @@ impl Renderer {
     }
 
     #[inline]
-    fn sample_colour(&self, shader: &Shader<'_>, view: &View, x: usize, y: usize, shaded: bool) -> Vec3 {
+    fn point_at(&self, view: &View, x: usize, y: usize) -> Vec3 {
+        let inverse = self.depth[y * self.size[0] * self.samples + x];
+        add(view.eye, scale(view.ray(x, y), 1.0 / inverse))
+    }
+
+    /// Share of the key light that reaches a point, where the surface faces it.
+    #[inline]
+    fn lit(&self, point: Vec3, normal: Vec3, shader: &Shader<'_>, shaded: bool) -> f32 {
+        if !shaded || dot(normal, shader.light.towards_key) <= 0.0 {
+            return 1.0;
+        }
+        self.shadow.light(point, normal)
+    }
+
+    /// Light from a sample; `shared` is the share of the key light and of the dome that reach it, where known.
+    #[inline]
+    fn sample_colour(
+        &self,
+        shader: &Shader<'_>,
+        view: &View,
+        [x, y]: [usize; 2],
+        shaded: bool,
+        shared: Option<(f32, f32)>,
+    ) -> Vec3 {
         let at = y * self.size[0] * self.samples + x;
         let ray = view.ray(x, y);
         let Some(surface) = self.surfaces.get(self.ids[at] as usize) else { return shader.haze(normalize(ray)) };
@@ -356,52 +389,30 @@ impl Renderer {
         let distance = 1.0 / inverse;
         let point = add(view.eye, scale(ray, distance));
         let normal = surface.normal_at(x, y);
-        let lit = if !shaded || dot(normal, shader.light.towards_key) <= 0.0 {
-            1.0
-        } else if self.samples > 1 {
-            self.shadow.soft_light(point, normal, turn_of(x, y))
-        } else {
-            self.shadow.light(point, normal)
+        let (lit, open) = match shared {
+            Some(shared) => shared,
+            None => {
+                let soft = self.samples > 1 && shaded && dot(normal, shader.light.towards_key) > 0.0;
+                let lit = match soft {
+                    true => self.shadow.soft_light(point, normal, turn_of(x, y)),
+                    false => self.lit(point, normal, shader, shaded),
+                };
+                (lit, self.occlusion.at(x, y, inverse))
+            }
         };
-        let spot = Spot {
-            point,
-            normal,
-            ray: normalize(ray),
-            footprint: distance / view.focal[0],
-            open: self.occlusion.at(x, y, inverse),
-            lit,
-        };
-        shader.colour(surface.paint, &spot)
+        let footprint = Some(distance * view.inverse_focal[0]);
+        shader.colour(surface.paint, &Spot { point, normal, ray, footprint, open, lit })
     }
 }
 
 impl Surface {
     #[inline]
     fn normal_at(&self, x: usize, y: usize) -> Vec3 {
+        if let Some(normal) = self.flat {
+            return normal;
+        }
         let (u, v) = (x as f32, y as f32);
         normalize([self.normal[0].at(u, v), self.normal[1].at(u, v), self.normal[2].at(u, v)])
-    }
-}
-
-/// A pose in single precision.
-struct Turn {
-    rows: [Vec3; 3],
-    shift: Vec3,
-}
-
-impl Turn {
-    fn new(pose: &Isometry3<f64>) -> Self {
-        let matrix = pose.rotation.to_rotation_matrix();
-        let rows = [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)] as f32));
-        Self { rows, shift: single(&pose.translation.vector) }
-    }
-
-    fn point(&self, p: Vec3) -> Vec3 {
-        add(self.vector(p), self.shift)
-    }
-
-    fn vector(&self, v: Vec3) -> Vec3 {
-        [dot(self.rows[0], v), dot(self.rows[1], v), dot(self.rows[2], v)]
     }
 }
 

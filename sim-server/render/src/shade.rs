@@ -1,7 +1,7 @@
 //! Light on one pixel.
 
 use crate::lighting::PreparedLight;
-use crate::paint::{Finish, Paint, encode};
+use crate::paint::{Finish, Paint};
 
 pub(crate) type Vec3 = [f32; 3];
 
@@ -45,11 +45,13 @@ pub(crate) fn normalize(a: Vec3) -> Vec3 {
     scale(a, 1.0 / dot(a, a).max(1e-30).sqrt())
 }
 
-/// The next whole number below; for values within +-2^31.
+/// The next whole number below; for values within +-2^22.
 #[inline]
 pub(crate) fn floor(x: f32) -> f32 {
-    let whole = x as i32 as f32;
-    if whole > x { whole - 1.0 } else { whole }
+    // Adding this rounds to a whole number, at a fraction of the cost of a checked cast.
+    const WHOLE: f32 = 1.5 * (1 << 23) as f32;
+    let near = (x + WHOLE) - WHOLE;
+    if near > x { near - 1.0 } else { near }
 }
 
 /// Light of the dome from above, from below (off the floor), and how much its brighter side adds; linear.
@@ -65,18 +67,16 @@ const TILE: f32 = 0.5;
 const GROUT: f32 = 0.006;
 /// Height of the skirting on the walls, m.
 const SKIRTING: f32 = 0.09;
-/// Exposure before the tone curve.
-const EXPOSURE: f32 = 0.92;
 
 /// What lights a pixel and how it is seen.
 pub(crate) struct Spot {
     pub point: Vec3,
     /// Unit normal.
     pub normal: Vec3,
-    /// Unit vector from the eye.
+    /// From the eye; of any length above 0.
     pub ray: Vec3,
-    /// Width of the pixel on a surface that faces it, m.
-    pub footprint: f32,
+    /// Width of the pixel on a surface that faces it, m; None leaves out the floor's tiles.
+    pub footprint: Option<f32>,
     /// Share of the dome that is not occluded.
     pub open: f32,
     /// Share of the key light that arrives.
@@ -96,7 +96,11 @@ impl Shader<'_> {
         let light = self.light;
         let mut base = finish.colour;
         match paint {
-            Paint::Floor => base = scale(base, tiles(spot)),
+            Paint::Floor => {
+                if let Some(footprint) = spot.footprint {
+                    base = scale(base, tiles(spot.point, spot.normal, spot.ray, footprint));
+                }
+            }
             Paint::Wall if spot.point[2] < SKIRTING => base = scale(base, 0.62),
             _ => {}
         }
@@ -112,8 +116,9 @@ impl Shader<'_> {
         let glow = finish.glow;
         let mut colour = product(base, add(add(dome, key), [glow; 3]));
         if finish.mirror > 0.0 {
-            let back = -dot(n, spot.ray);
-            let mirrored = add(spot.ray, scale(n, 2.0 * back));
+            let ray = normalize(spot.ray);
+            let back = -dot(n, ray);
+            let mirrored = add(ray, scale(n, 2.0 * back));
             let grazing = 1.0 - back.clamp(0.0, 1.0);
             let grazing = grazing * grazing * grazing * grazing * grazing;
             let mirror = finish.mirror + (1.0 - finish.mirror) * 0.5 * grazing;
@@ -133,9 +138,11 @@ impl Shader<'_> {
             colour = add(add(colour, room), scale(light.key, shine));
         }
         if paint == Paint::Floor {
-            let from_origin = (spot.point[0] * spot.point[0] + spot.point[1] * spot.point[1]).sqrt();
-            let away = ((from_origin - FADE[0]) / (FADE[1] - FADE[0])).clamp(0.0, 1.0);
-            colour = mix(colour, self.haze(spot.ray), away * away * (3.0 - 2.0 * away));
+            let square = spot.point[0] * spot.point[0] + spot.point[1] * spot.point[1];
+            if square > FADE[0] * FADE[0] {
+                let away = ((square.sqrt() - FADE[0]) / (FADE[1] - FADE[0])).min(1.0);
+                colour = mix(colour, self.haze(normalize(spot.ray)), away * away * (3.0 - 2.0 * away));
+            }
         }
         colour
     }
@@ -147,74 +154,26 @@ impl Shader<'_> {
     }
 }
 
-/// Brightness of the tiled floor, smoothed over the pixel.
-fn tiles(spot: &Spot) -> f32 {
-    let slant = (-dot(spot.normal, spot.ray)).max(0.05);
-    let width = spot.footprint / slant;
-    let cover = |x: f32| {
-        let from_joint = x - TILE * floor(x / TILE + 0.5);
-        let (low, high) = (from_joint - width / 2.0, from_joint + width / 2.0);
-        ((high.min(GROUT / 2.0) - low.max(-GROUT / 2.0)) / width).clamp(0.0, 1.0)
+/// Whether a point of the floor is so near that the haze does not reach it.
+pub(crate) fn is_clear(point: Vec3) -> bool {
+    let most = FADE[0] - 0.2;
+    point[0] * point[0] + point[1] * point[1] < most * most
+}
+
+/// Brightness of the tiled floor, smoothed over a pixel of that footprint.
+#[inline]
+pub(crate) fn tiles(point: Vec3, normal: Vec3, ray: Vec3, footprint: f32) -> f32 {
+    let width = footprint / (-dot(normal, ray)).max(0.05);
+    let (x, y) = (point[0] * (1.0 / TILE), point[1] * (1.0 / TILE));
+    // Halves of the pixel and of the joint, and their overlap.
+    let (pixel, grout) = (0.5 * width, 0.5 * GROUT);
+    let overlap = |x: f32| {
+        let from_joint = TILE * (x - floor(x + 0.5)).abs();
+        (pixel.min(grout - from_joint) + pixel.min(grout + from_joint)).max(0.0)
     };
-    let joint = cover(spot.point[0]).max(cover(spot.point[1]));
-    let number = |x: f32| floor(x / TILE) as i32;
-    let odd = (number(spot.point[0]) + number(spot.point[1])) & 1;
-    let checker = if odd == 0 { 1.0 } else { 1.0 - 0.05 * (1.0 - width / TILE).max(0.0) };
-    checker * (1.0 - 0.35 * joint)
-}
-
-/// From linear light to 8-bit sRGB by way of a curve with a soft toe and shoulder.
-#[derive(Debug, Clone)]
-pub(crate) struct Tone {
-    /// The curve, by the upper bits of the number: finer where it is darker, as the eye is.
-    curve: Vec<f32>,
-    /// sRGB of the curve's value.
-    bytes: Vec<u8>,
-    /// sRGB, by the square root of a mean of the curve's values.
-    of_mean: Vec<u8>,
-}
-
-impl Tone {
-    /// Steps within each doubling of light, as bits.
-    const FINE: u32 = 9;
-    /// Least and largest light that differ from what is beyond them, as exponents of their numbers.
-    const RANGE: [u32; 2] = [127 - 12, 127 + 5];
-
-    const FIRST: u32 = Self::RANGE[0] << Self::FINE;
-
-    pub(crate) fn new() -> Self {
-        let steps = (Self::RANGE[1] - Self::RANGE[0]) << Self::FINE;
-        let curve: Vec<f32> = (0..steps)
-            .map(|k| {
-                let x = f32::from_bits((Self::FIRST + k) << (23 - Self::FINE)) * EXPOSURE;
-                (x * (1.9 * x + 0.18) / (x * (1.75 * x + 0.85) + 0.16)).min(1.0)
-            })
-            .collect();
-        let bytes = curve.iter().map(|c| encode(f64::from(*c))).collect();
-        let of_mean = (0..4096).map(|k| encode((f64::from(k) / 4095.0) * (f64::from(k) / 4095.0))).collect();
-        Self { curve, bytes, of_mean }
-    }
-
-    #[inline]
-    fn index(&self, light: f32) -> usize {
-        // Less than nothing, and what is no number, count as dark.
-        let bits = light.max(0.0).to_bits() >> (23 - Self::FINE);
-        (bits.saturating_sub(Self::FIRST) as usize).min(self.curve.len() - 1)
-    }
-
-    /// The curve's values, in [0, 1].
-    pub(crate) fn curve(&self, light: Vec3) -> Vec3 {
-        light.map(|c| self.curve[self.index(c)])
-    }
-
-    /// sRGB of the curve's value.
-    #[inline]
-    pub(crate) fn byte(&self, light: f32) -> u8 {
-        self.bytes[self.index(light)]
-    }
-
-    /// sRGB of a mean of the curve's values.
-    pub(crate) fn byte_of_mean(&self, mean: f32) -> u8 {
-        self.of_mean[((mean.max(0.0).sqrt() * 4095.0) as usize).min(4095)]
-    }
+    let (across, along) = (overlap(x), overlap(y));
+    let joint = if across.max(along) > 0.0 { across.max(along) / width } else { 0.0 };
+    let number = 0.5 * (floor(x) + floor(y));
+    let checker = if number > floor(number) { 1.0 - 0.05 * (1.0 - width / TILE).max(0.0) } else { 1.0 };
+    checker * (1.0 - 0.35 * joint.min(1.0))
 }

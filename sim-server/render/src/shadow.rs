@@ -7,6 +7,8 @@ use crate::shade::{Vec3, add, cross, dot, normalize, scale};
 const MARGIN: f32 = 0.03;
 /// A surface is lit while it is no deeper than this in a shadow, m.
 const BIAS: f32 = 0.003;
+/// Side of a block of texels; the map's side is a multiple of it.
+const BLOCK: usize = 8;
 /// Half the angle that the key light fills in the soft filter, as a slope; ours.
 const SUN_SLOPE: f32 = 0.035;
 
@@ -16,6 +18,8 @@ const SUN_SLOPE: f32 = 0.035;
 pub(crate) struct ShadowMap {
     size: usize,
     height: Vec<f32>,
+    /// The largest height in each block of texels and those around it that the filter takes in.
+    blocks: Vec<f32>,
     axes: [Vec3; 3],
     /// Texels a metre, and the map's lower corner across the light.
     texels: f32,
@@ -31,6 +35,7 @@ impl ShadowMap {
         Self {
             size,
             height: vec![0.0; size * size],
+            blocks: vec![0.0; (size / BLOCK) * (size / BLOCK)],
             axes: [zero; 3],
             texels: 1.0,
             corner: [0.0; 2],
@@ -97,6 +102,24 @@ impl ShadowMap {
         }
     }
 
+    /// Ends the drawing.
+    pub(crate) fn finish(&mut self) {
+        let (size, count) = (self.size, self.size / BLOCK);
+        for j in 0..count {
+            for i in 0..count {
+                let (left, right) = ((i * BLOCK).saturating_sub(1), (i * BLOCK + BLOCK + 2).min(size));
+                let (top, bottom) = ((j * BLOCK).saturating_sub(1), (j * BLOCK + BLOCK + 2).min(size));
+                let mut most = f32::NEG_INFINITY;
+                for row in self.height[top * size..bottom * size].chunks_exact(size) {
+                    for value in &row[left..right] {
+                        most = if *value > most { *value } else { most };
+                    }
+                }
+                self.blocks[j * count + i] = most;
+            }
+        }
+    }
+
     #[inline]
     fn texel(&self, point: Vec3) -> [f32; 2] {
         let along = |i: usize| (dot(self.axes[i], point) - self.corner[i]) * self.texels - 0.5;
@@ -115,25 +138,25 @@ impl ShadowMap {
         }
         let (x, y) = (u as usize, v as usize);
         let (fu, fv) = (u - x as f32, v - y as f32);
-        // Deep in light or shadow, the corners tell.
-        let lit = |j: usize, i: usize| self.height[(y + j - 1) * self.size + x + i - 1] <= height;
-        let first = lit(0, 0);
-        if lit(0, 3) == first && lit(3, 0) == first && lit(3, 3) == first && lit(1, 1) == first && lit(2, 2) == first {
-            return if first { 1.0 } else { 0.0 };
+        if height >= self.blocks[(y / BLOCK) * (self.size / BLOCK) + x / BLOCK] {
+            return 1.0;
         }
         let across = [1.0 - fu, 1.0, 1.0, fu];
         let down = [1.0 - fv, 1.0, 1.0, fv];
         let mut sum = 0.0;
+        let mut any = false;
         for (j, weight) in down.iter().enumerate() {
             let from = (y + j - 1) * self.size + x - 1;
             let row = &self.height[from..from + 4];
             let mut lit = 0.0;
             for i in 0..4 {
                 lit += if row[i] <= height { across[i] } else { 0.0 };
+                any |= row[i] > height;
             }
             sum += weight * lit;
         }
-        sum / 9.0
+        // Exactly 1 where nothing is in the way.
+        if any { sum / 9.0 } else { 1.0 }
     }
 
     /// As [`ShadowMap::light`] with a shadow that is the softer the farther it falls. `turn` in [0, 1) turns the pattern of

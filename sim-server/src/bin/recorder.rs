@@ -50,8 +50,7 @@ fn main() -> ExitCode {
 
 /// Records until it is told to stop; returns whether a bag is cut.
 fn run(cli: Cli) -> anyhow::Result<bool> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let runtime = runtime.context("cannot start the runtime")?;
+    let stop = fiatlux_link::stop_on_signal().context("cannot listen for signals")?;
     std::fs::create_dir_all(&cli.out).with_context(|| format!("cannot make the folder {}", cli.out.display()))?;
     let session = cli.link.open(Role::Client)?;
     let any_cut = Arc::new(AtomicBool::new(false));
@@ -69,7 +68,7 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
             }),
         },
     )?;
-    runtime.block_on(stop_signal()).context("cannot wait for a signal")?;
+    fiatlux_link::wait_for(&stop);
     for part in recorder.stop() {
         tracing::info!("{} is unfinished; a recorder started now with the same --out goes on with it", part.display());
     }
@@ -86,20 +85,4 @@ fn line(BagReport { path, end, .. }: &BagReport) -> String {
         }
         BagEnd::Cut(reason) => format!("{path}: cut: {reason}"),
     }
-}
-
-#[cfg(unix)]
-async fn stop_signal() -> std::io::Result<()> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
-    tokio::select! {
-        _ = interrupt.recv() => {}
-        _ = terminate.recv() => {}
-    }
-    Ok(())
-}
-
-#[cfg(not(unix))]
-async fn stop_signal() -> std::io::Result<()> {
-    tokio::signal::ctrl_c().await
 }

@@ -55,11 +55,10 @@ impl Window {
         freed
     }
 
-    /// Those of the asked ones that are kept.
+    /// As many as are asked for, from the first of them that is kept.
     pub fn get(&self, request: &TruthRequest) -> Vec<ZBytes> {
         let skipped = request.from_seq.saturating_sub(self.first).min(self.truths.len() as u64);
-        let missing = self.first.saturating_sub(request.from_seq);
-        let count = request.count.min(MAX_TRUTHS_PER_REQUEST).saturating_sub(missing);
+        let count = request.count.min(MAX_TRUTHS_PER_REQUEST);
         self.truths.iter().skip(skipped as usize).take(count as usize).cloned().collect()
     }
 }
@@ -83,7 +82,7 @@ mod tests {
         assert_eq!((window.acknowledge(&ack(4)), window.acknowledge(&ack(2))), (4, 0));
         let get = |from_seq, count| seqs(&window.get(&TruthRequest { from_seq, count }));
         assert_eq!(get(5, 3), [5, 6, 7]);
-        assert_eq!(get(2, 4), [4, 5], "2 and 3 are gone");
+        assert_eq!(get(2, 3), [4, 5, 6], "2 and 3 are gone");
         assert_eq!(get(9, u64::MAX), [9]);
         assert!(get(10, 5).is_empty() && get(u64::MAX, u64::MAX).is_empty() && get(0, 0).is_empty());
         assert_eq!(window.acknowledge(&ack(10)), 6);
@@ -99,7 +98,7 @@ mod tests {
         }
         assert!(window.is_full());
         window.push(&mut Truth::default(), true);
-        let oldest = |window: &Window| seqs(&window.get(&TruthRequest { from_seq: 0, count: 2 }));
+        let oldest = |window: &Window| seqs(&window.get(&TruthRequest { from_seq: 0, count: 1 }));
         assert_eq!(oldest(&window), [1]);
         window.push(&mut Truth::default(), false);
         assert_eq!(oldest(&window), [1]);

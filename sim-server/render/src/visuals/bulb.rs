@@ -31,15 +31,19 @@ pub(crate) fn bulb(scene: &Scene, bulb: Bulb, detail: Detail) -> Mesh {
     let contact = [Rim::new(bottom, 0.0, [-1.0, 0.0]), Rim::new(bottom, bottom_radius, [-1.0, 0.0])];
     mesh.revolve(&at, &contact, SEGMENTS, Paint::Tip);
     mesh.revolve(&at, &smooth(outline, bottom, shoulder, 3), SEGMENTS, Paint::Tip);
-    let mut cap = smooth(outline, shoulder, neck, 40);
+    let (cap_steps, glass_steps, thread) = match detail {
+        Detail::Fine => (40, 30, THREAD.0),
+        Detail::Coarse => (3, 14, 0.0),
+    };
+    let mut cap = smooth(outline, shoulder, neck, cap_steps);
     for rim in &mut cap {
         let turn = std::f64::consts::TAU * THREAD.1 * (rim.z - shoulder) / (neck - shoulder);
-        rim.r -= THREAD.0 * (1.0 - libm::cos(turn));
-        let slope = THREAD.0 * libm::sin(turn) * std::f64::consts::TAU * THREAD.1 / (neck - shoulder);
+        rim.r -= thread * (1.0 - libm::cos(turn));
+        let slope = thread * libm::sin(turn) * std::f64::consts::TAU * THREAD.1 / (neck - shoulder);
         rim.normal[0] += slope * rim.normal[1];
     }
     mesh.revolve(&at, &cap, SEGMENTS, Paint::Cap);
-    mesh.revolve(&at, &smooth(outline, neck, top, 30), SEGMENTS, glass);
+    mesh.revolve(&at, &smooth(outline, neck, top, glass_steps), SEGMENTS, glass);
     mesh
 }
 

@@ -41,8 +41,8 @@ const PARTS: &[(&str, Paint, Solid)] = &[
     ("head_link", Graphite, Disc([-0.004, 0.062, 0.430], 1, [0.022, 0.006])),
     ("head_link", Graphite, Disc([-0.004, -0.062, 0.430], 1, [0.022, 0.006])),
     ("shoulder_pitch_link", Joint, Disc([0.0, 0.012, -0.004], 1, [0.040, 0.026])),
-    ("shoulder_pitch_link", Graphite, Disc([0.0, 0.040, -0.012], 0, [0.034, 0.040])),
-    ("shoulder_roll_link", Shell, Bar([0.0, 0.0012, -0.0004], [0.0, 0.0067, -0.0500], [0.042, 0.037])),
+    ("shoulder_pitch_link", Graphite, Disc([0.0, 0.040, -0.010], 0, [0.037, 0.043])),
+    ("shoulder_roll_link", Shell, Bar([0.0, 0.0040, -0.0120], [0.0, 0.0067, -0.0520], [0.0405, 0.037])),
     ("shoulder_roll_link", Joint, Disc([0.0, 0.0064, -0.086], 2, [0.034, 0.018])),
     ("shoulder_yaw_link", Shell, Bar([0.002, -0.001, -0.008], [0.011, -0.004, -0.060], [0.037, 0.034])),
     ("elbow_link", Joint, Disc([0.0, 0.0, 0.0], 1, [0.034, 0.036])),
@@ -97,7 +97,7 @@ pub(super) fn dress(mesh: &mut Mesh, link: &str) -> bool {
                 let place = Isometry3::translation(center[0], mirror * center[1], center[2]);
                 mesh.block(&place, half.into(), round, 3, taper, *paint);
             }
-            Egg(center, radii) => mesh.egg(&here, at(center), radii.into(), 36, *paint),
+            Egg(center, radii) => mesh.egg(&here, at(center), radii.into(), 56, *paint),
         }
     }
     dressed

@@ -1,0 +1,68 @@
+//! How far long work is, on stderr.
+
+use std::fmt::Display;
+use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Between two looks on a terminal.
+const TERMINAL_PERIOD: Duration = Duration::from_millis(200);
+/// Between two lines elsewhere, such as in the log of a CI run.
+const LINE_PERIOD: Duration = Duration::from_secs(10);
+
+/// One line that is written over on a terminal; a line now and then elsewhere. Short work shows nothing.
+#[derive(Debug)]
+pub struct ProgressLine {
+    start: Instant,
+    is_terminal: bool,
+    /// When to show the next look, and whether one stands there.
+    state: Mutex<(Instant, bool)>,
+}
+
+impl Default for ProgressLine {
+    fn default() -> Self {
+        let is_terminal = std::io::stderr().is_terminal();
+        let period = if is_terminal { TERMINAL_PERIOD } else { LINE_PERIOD };
+        let start = Instant::now();
+        Self { start, is_terminal, state: Mutex::new((start + period, false)) }
+    }
+}
+
+impl ProgressLine {
+    /// Shows a look at the work if one is due; `look` is not asked otherwise.
+    pub fn show<D: Display>(&self, look: impl FnOnce() -> D) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        if now < state.0 {
+            return;
+        }
+        // A stderr that is gone is no reason to stop.
+        if self.is_terminal {
+            *state = (now + TERMINAL_PERIOD, true);
+            let _ = write!(std::io::stderr(), "\r\x1b[K{}", look());
+        } else {
+            *state = (now + LINE_PERIOD, false);
+            let _ = writeln!(std::io::stderr(), "{}", look());
+        }
+    }
+
+    /// Time that is left where `done` of `all` took the time since the start, as minutes and seconds.
+    pub fn left(&self, done: u64, all: u64) -> String {
+        let per_unit = self.start.elapsed().as_secs_f64() / done.max(1) as f64;
+        let left = (per_unit * all.saturating_sub(done) as f64) as u64;
+        format!("{}:{:02}", left / 60, left % 60)
+    }
+
+    /// Units a second since the start.
+    pub fn rate(&self, done: u64) -> f64 {
+        done as f64 / self.start.elapsed().as_secs_f64().max(1e-9)
+    }
+
+    /// Wipes the line, for what is written next.
+    pub fn clear(&self) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if std::mem::take(&mut state.1) {
+            let _ = write!(std::io::stderr(), "\r\x1b[K");
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Camera and poses in single precision.
+
+use nalgebra::{Isometry3, Vector3};
+
+use crate::Camera;
+use crate::raster::Corner;
+use crate::shade::{Vec3, add, dot, scale, sub};
+
+/// The camera as the rasteriser takes it.
+pub(crate) struct View {
+    pub eye: Vec3,
+    pub axes: [Vec3; 3],
+    pub focal: [f32; 2],
+    pub inverse_focal: [f32; 2],
+    middle: [f32; 2],
+    pub near: f32,
+}
+
+impl View {
+    pub(crate) fn new(camera: &Camera, [width, height]: [usize; 2]) -> Self {
+        let axis = |i: usize| {
+            let mut unit = Vector3::zeros();
+            unit[i] = 1.0;
+            single(&(camera.world_from_camera.rotation * unit))
+        };
+        let focal = camera.focal(width, height);
+        Self {
+            eye: single(&camera.world_from_camera.translation.vector),
+            axes: [axis(0), axis(1), axis(2)],
+            focal: focal.map(|f| f as f32),
+            inverse_focal: focal.map(|f| (1.0 / f) as f32),
+            middle: [width as f32 / 2.0 - 0.5, height as f32 / 2.0 - 0.5],
+            near: camera.near.max(1e-4) as f32,
+        }
+    }
+
+    /// From the eye through a pixel, one metre ahead.
+    #[inline]
+    pub(crate) fn ray(&self, x: usize, y: usize) -> Vec3 {
+        let left = (self.middle[0] - x as f32) * self.inverse_focal[0];
+        let up = (self.middle[1] - y as f32) * self.inverse_focal[1];
+        add(self.axes[0], add(scale(self.axes[1], left), scale(self.axes[2], up)))
+    }
+
+    pub(crate) fn project(&self, at: Vec3) -> Corner {
+        let depth = 1.0 / at[0];
+        let u = self.middle[0] - self.focal[0] * at[1] * depth;
+        let v = self.middle[1] - self.focal[1] * at[2] * depth;
+        Corner { u, v, depth }
+    }
+
+    /// Whether a sphere can be in the picture.
+    pub(crate) fn reaches(&self, center: Vec3, radius: f32) -> bool {
+        let way = sub(center, self.eye);
+        let at = self.axes.map(|axis| dot(axis, way));
+        if at[0] + radius < self.near {
+            return false;
+        }
+        (0..2).all(|i| {
+            let slope = (self.middle[i] + 0.5) / self.focal[i];
+            at[i + 1].abs() - slope * at[0] <= radius * (1.0 + slope * slope).sqrt()
+        })
+    }
+}
+
+pub(crate) fn single(v: &Vector3<f64>) -> Vec3 {
+    [v.x as f32, v.y as f32, v.z as f32]
+}
+
+/// A pose in single precision.
+pub(crate) struct Turn {
+    rows: [Vec3; 3],
+    shift: Vec3,
+}
+
+impl Turn {
+    pub(crate) fn new(pose: &Isometry3<f64>) -> Self {
+        let matrix = pose.rotation.to_rotation_matrix();
+        let rows = [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)] as f32));
+        Self { rows, shift: single(&pose.translation.vector) }
+    }
+
+    pub(crate) fn point(&self, p: Vec3) -> Vec3 {
+        add(self.vector(p), self.shift)
+    }
+
+    pub(crate) fn vector(&self, v: Vec3) -> Vec3 {
+        [dot(self.rows[0], v), dot(self.rows[1], v), dot(self.rows[2], v)]
+    }
+}
