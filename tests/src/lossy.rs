@@ -8,6 +8,7 @@ use fiatlux_proto::keys::ROOT;
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
+use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::SampleKind;
 use zenoh::{Config, Session, Wait};
 
@@ -116,9 +117,10 @@ fn pass_queries(from: &Session, to: &Session, counts: &Arc<Counts>) {
         let (to, counts) = (to.clone(), Arc::clone(&counts));
         std::thread::spawn(move || {
             let payload = query.payload().cloned().unwrap_or_else(ZBytes::new);
-            let Ok(replies) = to.get(query.selector()).payload(payload).timeout(Duration::from_secs(20)).wait() else {
-                return;
-            };
+            let ask = to.get(query.selector()).payload(payload).timeout(Duration::from_secs(20));
+            // Some answers are several replies of one key.
+            let ask = ask.target(QueryTarget::All).consolidation(ConsolidationMode::None);
+            let Ok(replies) = ask.wait() else { return };
             while let Ok(reply) = replies.recv() {
                 if counts.loses() {
                     continue;

@@ -1,5 +1,7 @@
 //! Starts our programs as processes of their own, each with its own port and its log kept until the test has passed.
 
+mod service;
+
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpListener;
@@ -10,8 +12,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-/// How long a program may take to say something that a test waits for.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub use service::{
+    Played, Service, Watch, alone, client, connect, endpoint, grade, played, record, router, wait_until,
+};
+
+/// How long a program may take to say or do something that a test waits for.
+pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Path of one of our programs, built in the profile of the running test.
 ///

@@ -15,6 +15,8 @@ pub(crate) struct RobotFile {
     pub palms: Vec<String>,
     #[serde(default)]
     pub exclude: Vec<Vec<String>>,
+    #[serde(default)]
+    pub sensors: SensorMounts,
     pub checks: Checks,
     pub posture: BTreeMap<String, f64>,
     pub gains: GainSets,
@@ -24,6 +26,13 @@ pub(crate) struct RobotFile {
     #[serde(default)]
     pub fixed: Vec<FixedDef>,
     pub shape: Vec<ShapeDef>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SensorMounts {
+    pub lidar: Option<String>,
+    pub camera: Option<String>,
 }
 
 #[derive(Deserialize)]

@@ -35,10 +35,16 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
             .map(|(i, name)| refuse.find(&link_names, name, "link", key, &[Step::Key(key), Step::Index(i)]))
             .collect::<Result<Vec<usize>, RobotError>>()
     };
+    let mount = |key: &'static str, field: &'static str, name: &Option<String>| {
+        let path = [Step::Key("sensors"), Step::Key(key)];
+        name.as_ref().map(|name| refuse.find(&link_names, name, "link", field, &path)).transpose()
+    };
     let mut robot = Robot {
         hand_links: link_list("hand_links", &file.hand_links)?,
         feet: link_list("feet", &file.feet)?,
         palms: link_list("palms", &file.palms)?,
+        lidar: mount("lidar", "sensors.lidar", &file.sensors.lidar)?,
+        camera: mount("camera", "sensors.camera", &file.sensors.camera)?,
         excluded: excluded(&file, &link_names, &refuse)?,
         q0: vec![0.0; joints.len()],
         sonic: Gains(joints.iter().map(|j| j.gains).collect()),

@@ -55,6 +55,8 @@ pub struct Robot {
     pub(crate) hand_links: Vec<usize>,
     pub(crate) feet: Vec<usize>,
     pub(crate) palms: Vec<usize>,
+    pub(crate) lidar: Option<usize>,
+    pub(crate) camera: Option<usize>,
 }
 
 impl Robot {
@@ -127,6 +129,16 @@ impl Robot {
     /// Palm links: left, right.
     pub fn palms(&self) -> &[usize] {
         &self.palms
+    }
+
+    /// Link whose frame is the LiDAR's, where the robot has one.
+    pub fn lidar(&self) -> Option<usize> {
+        self.lidar
+    }
+
+    /// Link whose frame is the camera's, which looks along its +x with +z up, where the robot has one.
+    pub fn camera(&self) -> Option<usize> {
+        self.camera
     }
 
     /// Index of the link of that name.

@@ -15,8 +15,11 @@ const QUIET: Duration = Duration::from_secs(1);
 /// Between two questions for the same truth.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// A truth that was not in so many answers is lost.
+/// A truth that was not in so many answers is lost, where the server has had to forget it.
 const TRIES: u32 = 3;
+
+/// And where the server should still have it: the question, or its answer, may be what was lost.
+const TRIES_IN_WINDOW: u32 = 15;
 
 /// How far a recorder that takes up a bag looks for the first truth that the server has, in requests.
 const MAX_PROBES: u64 = 4096;
@@ -134,17 +137,18 @@ impl Order {
         // What is not there may be under way, or the server has not made it yet.
         self.ask_at = now + AGAIN;
         self.heard_at = now;
-        let Some(first) = first else { return };
+        let (Some(first), Some((newest, _))) = (first, self.waiting.last_key_value()) else { return };
         if from != self.next || first <= self.next {
             self.ask_at = now;
             return;
         }
         self.tries += 1;
-        if self.tries >= TRIES {
+        // The server has no more than its window before what it sends.
+        let window = newest.saturating_sub(RECORDING_WINDOW);
+        let is_in_window = window <= self.next;
+        if self.tries >= if is_in_window { TRIES_IN_WINDOW } else { TRIES } {
             self.tries = 0;
-            // The server has no more than its window before what it sends.
-            let window = first.saturating_sub(RECORDING_WINDOW);
-            self.lost = Some((self.next, if window > self.next { window } else { first }));
+            self.lost = Some((self.next, if is_in_window { first } else { window.min(first) }));
         }
     }
 
@@ -243,9 +247,10 @@ mod tests {
         assert_eq!(order.request(now).map(|request| request.from_seq), Some(2000 - RECORDING_WINDOW));
         (1990..2000).for_each(|seq| order.take(truth(seq), now));
         order.answered(now);
-        for _ in 0..TRIES {
+        for _ in 1..TRIES_IN_WINDOW {
+            assert_eq!(order.next(), None, "the server should have it");
             now += AGAIN;
-            order.request(now);
+            assert!(order.request(now).is_some());
             order.answered(now);
         }
         assert_eq!(order.next(), Some(Next::Lost { from: 1488, to: 1990 }));

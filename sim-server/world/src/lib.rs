@@ -5,6 +5,7 @@ pub mod config;
 mod episode;
 mod error;
 mod layout;
+mod lidar;
 mod observe;
 mod props;
 mod rng;
@@ -17,7 +18,12 @@ pub use config::SceneConfig;
 pub use episode::{Command, Episode, EpisodeError, EpisodeSpec, Step, Totals};
 pub use error::{SceneError, WorldError};
 pub use layout::{LadderStart, Layout, Mount, Place};
-pub use observe::{NoiseSeed, Observer, Proprioception};
+pub use lidar::{LIDAR_COLUMNS, LIDAR_RANGE, LIDAR_RAYS, LIDAR_ROWS, Lidar};
+pub use observe::{
+    ClimbPrivileged, FEATURES, FOOT_FORCE_HEIGHT, NoiseSeed, ObservationTerm, Observer, Privileged, Proprioception,
+    Signal, StandardTerms, flat_privileged, flat_standard, foot_force_estimate, hand_force, limb_force,
+    observation_length, observation_terms, world_from_link,
+};
 pub use props::LadderPoints;
 pub use rng::{RNG_NAME, Random, Stream};
 pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};

@@ -98,12 +98,14 @@ fn lost_rows_cut_the_bag_and_the_next_episode_is_whole() {
     take(&mut track, episode(9, 1, 2));
     assert_eq!(written(&mut track), "o0 0 1 2");
     let mut now = NOW;
-    for _ in 0..3 {
-        assert!(track.request(now).is_some());
+    let mut all = String::new();
+    while all.is_empty() {
+        assert!(track.request(now).is_some() && now < NOW + Duration::from_secs(20));
         track.answered(now);
         now += Duration::from_secs(1);
+        all = written(&mut track);
     }
-    assert_eq!(written(&mut track), "c o1 0 1 f");
+    assert_eq!(all, "c o1 0 1 f");
 }
 
 #[test]

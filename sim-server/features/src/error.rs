@@ -1,0 +1,137 @@
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// Why there are no weights or no features.
+#[derive(Debug, Error)]
+pub enum FeatureError {
+    /// The file cannot be read.
+    #[error("cannot read the weights '{path}'; check that the file exists and may be read")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The file is larger than any file of this network.
+    #[error(
+        "the weights '{path}' have more than {limit} bytes; a ResNet-18 in f32 has about 47,000,000: save the state dict \
+         alone, without the optimiser's state"
+    )]
+    FileSize {
+        /// The file.
+        path: PathBuf,
+        /// The largest size that is read.
+        limit: u64,
+    },
+    /// The file is no safetensors file, or is cut within its header.
+    #[error("the weights are no safetensors file: {problem}; write them with safetensors.torch.save_file")]
+    Format {
+        /// What is wrong, with what was expected and found.
+        problem: String,
+    },
+    /// A tensor that the network needs is not there.
+    #[error(
+        "the weights lack the tensor '{tensor}', expected with shape {shape:?}; save torchvision's resnet18().state_dict()"
+    )]
+    Missing {
+        /// Its name.
+        tensor: String,
+        /// Its shape.
+        shape: Vec<usize>,
+    },
+    /// A tensor that this network does not have: the file is of another network.
+    #[error("the weights have a tensor '{tensor}' that ResNet-18 has not; save torchvision's resnet18().state_dict()")]
+    Unexpected {
+        /// Its name.
+        tensor: String,
+    },
+    /// A tensor has another shape.
+    #[error(
+        "tensor '{tensor}': expected shape {expected:?}, found {found:?}; save torchvision's resnet18().state_dict()"
+    )]
+    Shape {
+        /// Its name.
+        tensor: String,
+        /// The network's shape.
+        expected: Vec<usize>,
+        /// The file's shape.
+        found: Vec<u64>,
+    },
+    /// A tensor has another type of number.
+    #[error("tensor '{tensor}': expected dtype F32, found {found}; convert the state dict with .float() before saving")]
+    Type {
+        /// Its name.
+        tensor: String,
+        /// The file's type.
+        found: String,
+    },
+    /// A tensor's place in the file is not of its size, or not in the file.
+    #[error(
+        "tensor '{tensor}': expected {expected} bytes within the {data} bytes of data, found bytes {begin} to {end}; the \
+         file is cut or damaged: copy it again"
+    )]
+    Extent {
+        /// Its name.
+        tensor: String,
+        /// Bytes of its shape.
+        expected: u64,
+        /// Bytes behind the header.
+        data: u64,
+        /// Where the header says it begins.
+        begin: u64,
+        /// Where the header says it ends.
+        end: u64,
+    },
+    /// A tensor holds a number that no network can use.
+    #[error(
+        "tensor '{tensor}': expected {expected}, found {found} at index {index}; use a checkpoint from before it diverged"
+    )]
+    Number {
+        /// Its name.
+        tensor: String,
+        /// What is allowed there.
+        expected: &'static str,
+        /// The number.
+        found: f32,
+        /// Where, counted through the tensor.
+        index: usize,
+    },
+    /// The image's sides do not fit the network.
+    #[error(
+        "an image of {width} x {height} pixels: expected sides that are multiples of 32, from 32 to {limit}; render it so"
+    )]
+    ImageSize {
+        /// Pixels in a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// The largest side.
+        limit: usize,
+    },
+    /// The image has not the bytes of its size.
+    #[error(
+        "an image of {width} x {height} pixels: expected {expected} bytes of RGB, found {found}; pass 3 bytes a pixel"
+    )]
+    ImageBytes {
+        /// Pixels in a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Three for each pixel.
+        expected: usize,
+        /// The bytes given.
+        found: usize,
+    },
+    /// The weights are so large that the sums overflow.
+    #[error("feature {index}: expected a finite number, found {found}; the weights '{label}' overflow f32: use others")]
+    Overflow {
+        /// The weights.
+        label: String,
+        /// The feature.
+        index: usize,
+        /// Its value.
+        found: f32,
+    },
+}

@@ -1,0 +1,40 @@
+//! A convolution with its batch norm folded in.
+
+use crate::weights::Filled;
+
+/// What batch norm adds to the variance; torchvision's default.
+const EPSILON: f64 = 1e-5;
+
+/// A convolution with bias: `weight * g / sqrt(v + e)` and `b - m * g / sqrt(v + e)`, reckoned in f64.
+#[derive(Debug, Clone)]
+pub(crate) struct Folded {
+    /// As `[outputs][inputs][rows][columns]`.
+    weights: Vec<f32>,
+    pub bias: Vec<f32>,
+    pub inputs: usize,
+    pub outputs: usize,
+    pub kernel: usize,
+    pub stride: usize,
+}
+
+impl Folded {
+    pub fn new(Filled { layer, tensors }: &Filled) -> Self {
+        let [conv, gain, shift, mean, variance] = tensors;
+        let scales: Vec<f64> =
+            gain.iter().zip(variance).map(|(&g, &v)| f64::from(g) / (f64::from(v) + EPSILON).sqrt()).collect();
+        let of_output = conv.chunks_exact(layer.fan_in()).zip(&scales);
+        Self {
+            weights: of_output.flat_map(|(w, scale)| w.iter().map(move |&w| (f64::from(w) * scale) as f32)).collect(),
+            bias: (0..layer.outputs).map(|i| (f64::from(shift[i]) - f64::from(mean[i]) * scales[i]) as f32).collect(),
+            inputs: layer.inputs,
+            outputs: layer.outputs,
+            kernel: layer.kernel,
+            stride: layer.stride,
+        }
+    }
+
+    /// The weight of an input channel's pixel (`y`, `x`) of the window.
+    pub fn weight(&self, output: usize, input: usize, y: usize, x: usize) -> f32 {
+        self.weights[((output * self.inputs + input) * self.kernel + y) * self.kernel + x]
+    }
+}

@@ -1,0 +1,129 @@
+//! The matrix product under every convolution: rows gathered from an image times packed weights.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x16};
+
+/// Columns of a panel of weights; every layer's number of output channels is a multiple of it.
+pub(crate) const LANES: usize = 16;
+
+/// Rows that one pass of the inner loop sums: 6 rows of 16 columns fill 12 of AVX2's 16 registers.
+const ROWS: usize = 6;
+
+/// The right-hand matrix, `depth` x `columns`, as panels of [`LANES`] columns so that the inner loop reads it in order.
+#[derive(Debug, Clone)]
+pub(crate) struct Panels {
+    data: Vec<[f32; LANES]>,
+    depth: usize,
+}
+
+impl Panels {
+    /// Packs the matrix whose entry in row `k` and column `n` is `entry(k, n)`.
+    pub fn new(depth: usize, columns: usize, entry: impl Fn(usize, usize) -> f32) -> Self {
+        debug_assert_eq!(columns % LANES, 0);
+        let rows = (0..columns / LANES).flat_map(|panel| (0..depth).map(move |k| (panel, k)));
+        let data = rows.map(|(panel, k)| std::array::from_fn(|lane| entry(k, panel * LANES + lane))).collect();
+        Self { data, depth }
+    }
+}
+
+/// The left-hand matrix. Row `i` is made of pieces of `run` numbers, one for each tap, at `rows[i] + tap` in `data`: with
+/// the taps of a convolution's window this is im2col without the copy.
+#[derive(Clone, Copy)]
+pub(crate) struct Gathered<'a> {
+    pub data: &'a [f32],
+    pub rows: &'a [usize],
+    pub taps: &'a [usize],
+    pub run: usize,
+}
+
+/// What becomes of a sum that is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Finish {
+    /// It is written as it is.
+    Keep,
+    /// Negative values become zero.
+    Relu,
+    /// It is added to what stands in the output, and negative values become zero: the end of a residual block.
+    AddRelu,
+}
+
+impl Finish {
+    /// Writes one vector to the start of `out`.
+    #[inline(always)]
+    pub fn write<S: Simd, V: SimdFloat<S, Element = f32>>(self, simd: S, sum: V, out: &mut [f32]) {
+        let zero = V::splat(simd, 0.0);
+        let value = match self {
+            Finish::Keep => sum,
+            // In this order x86 passes on a NaN, which the last check then finds.
+            Finish::Relu => zero.max(sum),
+            Finish::AddRelu => zero.max(sum + V::from_slice(simd, out)),
+        };
+        value.store_slice(out);
+    }
+}
+
+/// Where a product goes: its row `i` to `data[rows[i]..]`.
+pub(crate) struct Target<'a> {
+    pub data: &'a mut [f32],
+    pub rows: &'a [usize],
+    pub finish: Finish,
+}
+
+/// `left * right + bias`, where a bias of `None` is zero. Each number is summed in the order of the depth, whatever the
+/// number of rows.
+#[inline(always)]
+pub(crate) fn multiply<S: Simd>(
+    simd: S,
+    left: Gathered<'_>,
+    right: &Panels,
+    bias: Option<&[f32]>,
+    target: &mut Target<'_>,
+) {
+    for (index, panel) in right.data.chunks_exact(right.depth).enumerate() {
+        let column = index * LANES;
+        let start = match bias {
+            Some(bias) => f32x16::from_slice(simd, &bias[column..column + LANES]),
+            None => f32x16::splat(simd, 0.0),
+        };
+        let mut row = 0;
+        row = blocks::<S, ROWS>(simd, left, panel, start, target, row, column);
+        row = blocks::<S, 4>(simd, left, panel, start, target, row, column);
+        row = blocks::<S, 2>(simd, left, panel, start, target, row, column);
+        blocks::<S, 1>(simd, left, panel, start, target, row, column);
+    }
+}
+
+/// As many blocks of `N` rows as there are from `row` on, for the columns of one panel. Returns the first row left.
+#[inline(always)]
+fn blocks<S: Simd, const N: usize>(
+    simd: S,
+    left: Gathered<'_>,
+    panel: &[[f32; LANES]],
+    start: f32x16<S>,
+    target: &mut Target<'_>,
+    mut row: usize,
+    column: usize,
+) -> usize {
+    while row + N <= left.rows.len() {
+        let mut sums = [start; N];
+        for (&tap, panel) in left.taps.iter().zip(panel.chunks_exact(left.run)) {
+            // Cut to one length here, in plain sight of the compiler, they need no check of bounds within.
+            let panel = &panel[..left.run];
+            let mut pieces = [[].as_slice(); N];
+            for n in 0..N {
+                pieces[n] = &left.data[left.rows[row + n] + tap..][..left.run];
+            }
+            for k in 0..left.run {
+                let weights = f32x16::from_slice(simd, &panel[k]);
+                for n in 0..N {
+                    sums[n] = f32x16::splat(simd, pieces[n][k]).mul_add(weights, sums[n]);
+                }
+            }
+        }
+        for n in 0..N {
+            target.finish.write(simd, sums[n], &mut target.data[target.rows[row + n] + column..][..LANES]);
+        }
+        row += N;
+    }
+    row
+}

@@ -1,0 +1,172 @@
+//! Convolutions of 3 x 3 at stride 1 by Winograd's method: tiles of the input and the weights are transformed so that a
+//! convolution becomes one matrix product over the channels for each number of a tile.
+
+use std::marker::PhantomData;
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
+
+use crate::folded::Folded;
+use crate::gemm::{Finish, Gathered, Panels, Target, multiply};
+use crate::plane::Plane;
+use crate::tiles::Tile;
+
+/// Tiles that are multiplied before the next: they stay in the cache for all output channels.
+const CHUNK: usize = 48;
+
+/// Numbers between the matrices of the scratch memory, so that they do not fall on the same lines of the cache.
+const GAP: usize = 16;
+
+const LANES: usize = 8;
+
+/// Scratch memory, shared by all layers.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    tiles: Vec<f32>,
+    products: Vec<f32>,
+}
+
+/// A convolution with its weights transformed and packed, for tiles of `IN` x `IN` input and `OUT` x `OUT` output pixels.
+#[derive(Debug)]
+pub(crate) struct Winograd<T, const IN: usize, const OUT: usize> {
+    /// One matrix for each number of a tile.
+    panels: Vec<Panels>,
+    bias: Vec<f32>,
+    inputs: usize,
+    outputs: usize,
+    tile: PhantomData<T>,
+}
+
+impl<T: Tile<IN, OUT>, const IN: usize, const OUT: usize> Winograd<T, IN, OUT> {
+    pub fn new(folded: &Folded) -> Self {
+        let (inputs, outputs) = (folded.inputs, folded.outputs);
+        let transformed: Vec<[[f32; IN]; IN]> = (0..inputs * outputs)
+            .map(|i| transform_weights::<T, IN, OUT>(|y, x| folded.weight(i % outputs, i / outputs, y, x)))
+            .collect();
+        let of = |at: usize| {
+            Panels::new(inputs, outputs, |input, output| transformed[input * outputs + output][at / IN][at % IN])
+        };
+        let panels = (0..IN * IN).map(of).collect();
+        Self { panels, bias: folded.bias.clone(), inputs, outputs, tile: PhantomData }
+    }
+
+    /// Reads `input` (border 1) and writes `output`, both of the same size.
+    #[inline(always)]
+    pub fn run<S: Simd>(&self, simd: S, input: &Plane, output: &mut Plane, finish: Finish, scratch: &mut Scratch) {
+        let across = output.width.div_ceil(OUT);
+        let tiles = across * output.height.div_ceil(OUT);
+        let chunk = CHUNK.min(tiles);
+        let tile_pitch = chunk * self.inputs + GAP;
+        let product_pitch = chunk * self.outputs + GAP;
+        // Grows only: what stands there is overwritten before it is read.
+        grow(&mut scratch.tiles, IN * IN * tile_pitch);
+        grow(&mut scratch.products, IN * IN * product_pitch);
+        let rows: [usize; CHUNK] = std::array::from_fn(|i| i * self.inputs);
+        let out_rows: [usize; CHUNK] = std::array::from_fn(|i| i * self.outputs);
+        for first in (0..tiles).step_by(chunk) {
+            let count = chunk.min(tiles - first);
+            for i in 0..count {
+                let (y, x) = ((first + i) / across * OUT, (first + i) % across * OUT);
+                let to = &mut scratch.tiles[i * self.inputs..];
+                self.transform_tile(simd, input, y, x, to, tile_pitch);
+            }
+            for (at, panels) in self.panels.iter().enumerate() {
+                let left = Gathered {
+                    data: &scratch.tiles[at * tile_pitch..],
+                    rows: &rows[..count],
+                    taps: &[0],
+                    run: self.inputs,
+                };
+                let data = &mut scratch.products[at * product_pitch..];
+                let mut target = Target { data, rows: &out_rows[..count], finish: Finish::Keep };
+                multiply(simd, left, panels, None, &mut target);
+            }
+            for i in 0..count {
+                let (y, x) = ((first + i) / across * OUT, (first + i) % across * OUT);
+                let from = &scratch.products[i * self.outputs..];
+                self.finish_tile(simd, from, product_pitch, output, y, x, finish);
+            }
+        }
+    }
+
+    /// `B' d B` of the tile whose first pixel is (`y`, `x`) of the bordered image; its number `i` goes to `to[i * pitch..]`.
+    #[inline(always)]
+    fn transform_tile<S: Simd>(&self, simd: S, input: &Plane, y: usize, x: usize, to: &mut [f32], pitch: usize) {
+        let zero = f32x8::splat(simd, 0.0);
+        let run = IN * self.inputs;
+        let rows: [&[f32]; IN] = std::array::from_fn(|i| &input.data[input.at_bordered(y + i, x)..][..run]);
+        for channel in (0..self.inputs).step_by(LANES) {
+            let mut half = [[zero; IN]; IN];
+            for j in 0..IN {
+                let at = j * self.inputs + channel;
+                let mut column = [zero; IN];
+                for i in 0..IN {
+                    column[i] = f32x8::from_slice(simd, &rows[i][at..at + LANES]);
+                }
+                let column = T::input(column);
+                for i in 0..IN {
+                    half[i][j] = column[i];
+                }
+            }
+            for i in 0..IN {
+                let row = T::input(half[i]);
+                for j in 0..IN {
+                    row[j].store_slice(&mut to[(IN * i + j) * pitch + channel..][..LANES]);
+                }
+            }
+        }
+    }
+
+    /// `A' m A` plus bias: the output pixels of the tile whose first is (`y`, `x`).
+    #[inline(always)]
+    fn finish_tile<S: Simd>(
+        &self,
+        simd: S,
+        from: &[f32],
+        pitch: usize,
+        output: &mut Plane,
+        y: usize,
+        x: usize,
+        finish: Finish,
+    ) {
+        let zero = f32x8::splat(simd, 0.0);
+        // The last tile may hang over the edge.
+        let (height, width) = (OUT.min(output.height - y), OUT.min(output.width - x));
+        for channel in (0..self.outputs).step_by(LANES) {
+            let bias = f32x8::from_slice(simd, &self.bias[channel..channel + LANES]);
+            let mut half = [[zero; IN]; OUT];
+            for j in 0..IN {
+                let mut column = [zero; IN];
+                for i in 0..IN {
+                    column[i] = f32x8::from_slice(simd, &from[(IN * i + j) * pitch + channel..][..LANES]);
+                }
+                let column = T::output(column);
+                for i in 0..OUT {
+                    half[i][j] = column[i];
+                }
+            }
+            for i in 0..height {
+                let at = output.at(y + i, x) + channel;
+                let row = T::output(half[i]);
+                for j in 0..width {
+                    finish.write(simd, row[j] + bias, &mut output.data[at + j * self.outputs..][..LANES]);
+                }
+            }
+        }
+    }
+}
+
+/// `G g G'` of one 3 x 3 window, rounded once.
+fn transform_weights<T: Tile<IN, OUT>, const IN: usize, const OUT: usize>(
+    weight: impl Fn(usize, usize) -> f32,
+) -> [[f32; IN]; IN] {
+    let rows: [[f64; IN]; 3] = std::array::from_fn(|y| T::weights(std::array::from_fn(|x| f64::from(weight(y, x)))));
+    let columns: [[f64; IN]; IN] = std::array::from_fn(|x| T::weights([rows[0][x], rows[1][x], rows[2][x]]));
+    std::array::from_fn(|y| std::array::from_fn(|x| columns[x][y] as f32))
+}
+
+fn grow(scratch: &mut Vec<f32>, len: usize) {
+    if scratch.len() < len {
+        scratch.resize(len, 0.0);
+    }
+}

@@ -1,0 +1,201 @@
+//! A server with what belongs to it: its recorder, its clients, its bags.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, Receiver};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use fiatlux_proto::Message;
+use fiatlux_proto::keys::{ROOT, SessionKeys};
+use fiatlux_proto::v1::Observation;
+use serde_json::Value;
+use zenoh::{Config, Session, Wait};
+
+use super::{PATIENCE, Running, Scratch, free_port};
+
+/// A server of a test's own, named `test`, on a port of its own.
+#[derive(Debug)]
+pub struct Service {
+    /// The server.
+    pub server: Running,
+    /// Its port.
+    pub port: u16,
+    /// Logs, and bags in `bags`. Dropped last.
+    pub folder: Scratch,
+}
+
+impl Service {
+    /// Starts a server with these options more, and waits until it can be found.
+    pub fn start(name: &str, args: &[&str]) -> Self {
+        let folder = Scratch::new(name);
+        let mut all = vec!["--name", "test", "-l", "tcp/127.0.0.1:0"];
+        all.extend(args);
+        let mut server = Running::start("sim-server", &all, &folder);
+        let line = server.wait_for("listening on tcp/127.0.0.1:");
+        let port = line.split(':').nth(1).and_then(|rest| rest.split(' ').next()).and_then(|port| port.parse().ok());
+        let port = port.unwrap_or_else(|| panic!("no port in '{line}'"));
+        Self { server, port, folder }
+    }
+
+    /// Starts a router and a server behind it; the port is the router's.
+    pub fn start_behind_router(name: &str) -> (Self, Running) {
+        let folder = Scratch::new(name);
+        let port = free_port();
+        let router = router(port, &folder);
+        let mut server = Running::start("sim-server", &["--name", "test", "-e", &endpoint(port)], &folder);
+        server.wait_for("connected to tcp/127.0.0.1:");
+        (Self { server, port, folder }, router)
+    }
+
+    /// Folder of the bags.
+    pub fn bags(&self) -> PathBuf {
+        self.folder.path().join("bags")
+    }
+
+    /// A recorder of this server.
+    pub fn record(&self) -> Running {
+        record(self.port, &self.folder)
+    }
+
+    /// A policy client of this server: `run --json` with these options.
+    pub fn client(&self, args: &[&str]) -> Running {
+        client(self.port, args, &self.folder)
+    }
+
+    /// Plays with a policy client to the end.
+    pub fn play(&self, args: &[&str]) -> Vec<Played> {
+        played(&mut self.client(args))
+    }
+}
+
+/// `tcp/127.0.0.1:PORT`.
+pub fn endpoint(port: u16) -> String {
+    format!("tcp/127.0.0.1:{port}")
+}
+
+/// A Zenoh router that listens on that port.
+pub fn router(port: u16, folder: &Scratch) -> Running {
+    let mut router = Running::start("fiatlux-test-router", &[&port.to_string()], folder);
+    router.wait_for("ready");
+    router
+}
+
+/// A recorder that connects to that port; its bags go to `bags` in the folder.
+pub fn record(port: u16, folder: &Scratch) -> Running {
+    let bags = folder.path().join("bags").display().to_string();
+    Running::start("recorder", &["--out", &bags, "-e", &endpoint(port)], folder)
+}
+
+/// A policy client that connects to that port: `run --json` with these options.
+pub fn client(port: u16, args: &[&str], folder: &Scratch) -> Running {
+    let endpoint = endpoint(port);
+    let mut all = vec!["run", "--json", "-e", &endpoint];
+    all.extend(args);
+    Running::start("policy-client", &all, folder)
+}
+
+/// How an episode ended, as the policy client says.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Played {
+    /// Cause.
+    pub cause: String,
+    /// Length in steps.
+    pub steps: u64,
+    /// Digest of all rows.
+    pub digest: String,
+    /// Whether it is that of the bag that was replayed.
+    pub is_equal: Option<bool>,
+}
+
+/// The episodes of a policy client that has to end well.
+pub fn played(client: &mut Running) -> Vec<Played> {
+    let (status, text) = client.finish(PATIENCE);
+    assert!(status.success(), "{status}; log:\n{}", client.log());
+    let report: Value = serde_json::from_str(&text).unwrap();
+    let episode = |episode: &Value| Played {
+        cause: episode["cause"].as_str().unwrap().into(),
+        steps: episode["steps"].as_u64().unwrap(),
+        digest: episode["digest"].as_str().unwrap().into(),
+        is_equal: episode["digest_equal"].as_bool(),
+    };
+    report["episodes"].as_array().unwrap().iter().map(episode).collect()
+}
+
+/// What comes of these options where nothing disturbs: on a server without any other client or recorder. Played once for
+/// all tests of a process.
+pub fn alone(args: &[&str]) -> Vec<Played> {
+    static KNOWN: Mutex<BTreeMap<String, Vec<Played>>> = Mutex::new(BTreeMap::new());
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    known.entry(args.join(" ")).or_insert_with(|| Service::start("alone", &[]).play(args)).clone()
+}
+
+/// `scorer grade --json` over what is in a folder: its exit code and its results.
+pub fn grade(bags: &Path, folder: &Scratch) -> (i32, Value) {
+    let mut scorer = Running::start("scorer", &["grade", "--json", &bags.display().to_string()], folder);
+    let (status, text) = scorer.finish(PATIENCE);
+    let results = serde_json::from_str(&text);
+    (status.code().unwrap(), results.unwrap_or_else(|error| panic!("{error}; log:\n{}", scorer.log())))
+}
+
+/// A client of a server's network that says only what a test tells it to.
+pub fn connect(port: u16) -> Session {
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_string()),
+        ("scouting/multicast/enabled", "false".into()),
+        ("connect/endpoints", format!("[\"{}\"]", endpoint(port))),
+        ("connect/timeout_ms", "5000".into()),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    zenoh::open(config).wait().unwrap()
+}
+
+/// Watches how far sessions are.
+pub struct Watch {
+    observations: Receiver<(String, u64)>,
+    _link: Session,
+}
+
+impl Watch {
+    /// Watches all sessions that are played from now on, on the network that is reached at that port.
+    pub fn start(port: u16) -> Self {
+        let link = connect(port);
+        let (sender, observations) = mpsc::channel();
+        let subscriber = link.declare_subscriber(format!("{ROOT}/*/s/*/observation")).callback(move |sample| {
+            let key = sample.key_expr().as_str();
+            let observation = Observation::decode(&*sample.payload().to_bytes());
+            if let (Some((_, _, session)), Ok(observation)) = (SessionKeys::of(key), observation) {
+                drop(sender.send((session.to_owned(), observation.step)));
+            }
+        });
+        subscriber.background().wait().unwrap();
+        Self { observations, _link: link }
+    }
+
+    /// Waits until some session is at that step or beyond; returns its id.
+    pub fn wait_for(&self, step: u64) -> String {
+        let until = Instant::now() + PATIENCE;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            match self.observations.recv_timeout(left) {
+                Ok((session, at)) if at >= step => return session,
+                Ok(_) => {}
+                Err(error) => panic!("no session came to step {step}: {error}"),
+            }
+        }
+    }
+}
+
+/// Waits until something is so.
+///
+/// # Panics
+/// Where it does not become so.
+pub fn wait_until(what: &str, patience: Duration, is_so: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < patience, "after {patience:?} it is not so: {what}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}

@@ -1,0 +1,92 @@
+//! The programs together, as processes that talk over TCP: what was played is what was recorded, graded, simulated again.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[path = "end_to_end/evaluate.rs"]
+mod evaluate;
+
+use fiatlux_bag::{Bag, Completeness};
+use fiatlux_tests::programs::{PATIENCE, Running, Service, Watch, alone, endpoint, grade, played};
+
+/// The way of an episode through all programs: the bag that the recorder wrote is graded as the client saw it end, and the
+/// server simulates it again to the last bit, for the scorer and for the client.
+fn goes_all_the_way(name: &str, args: &[&str]) {
+    let mut service = Service::start(name, &[]);
+    let mut recorder = service.record();
+    let episode = service.play(&[args, &["--recorded"]].concat()).remove(0);
+    let line = recorder.wait_for(".mcap");
+    let expected = format!("{} after {} steps", episode.cause, episode.steps);
+    assert!(line.contains(&expected), "{line}");
+
+    let bags = service.folder.files(".mcap");
+    let [bag] = &bags[..] else { panic!("one bag: {bags:?}") };
+    let (code, results) = grade(bag, &service.folder);
+    let graded = &results["episodes"][0];
+    assert_eq!((code, results["excluded"].as_array().unwrap().len()), (0, 0), "{results:#}");
+    assert_eq!(graded["state_digest"], episode.digest);
+    assert_eq!((graded["steps"].as_u64(), graded["end"].as_str()), (Some(episode.steps), Some(episode.cause.as_str())));
+
+    let bag = bag.display().to_string();
+    let mut scorer = Running::start("scorer", &["verify", &bag, "-e", &endpoint(service.port)], &service.folder);
+    let (status, text) = scorer.finish(PATIENCE);
+    assert!(status.success() && text.starts_with("equal: ") && text.contains(&episode.digest), "{text}");
+    let again = service.play(&["--policy", &format!("replay:{bag}")]).remove(0);
+    assert_eq!((again.is_equal, again.digest), (Some(true), episode.digest));
+
+    recorder.signal("TERM");
+    assert!(recorder.finish(PATIENCE).0.success(), "no bag is cut");
+    service.server.signal("TERM");
+    assert!(service.server.finish(PATIENCE).0.success());
+}
+
+/// Guards the whole way for actions in action units.
+#[test]
+fn actions_go_all_the_way() {
+    goes_all_the_way("actions", &["--policy", "random", "--task", "S01", "--seed", "3"]);
+}
+
+/// Guards the whole way for joint targets, whose record is made of what the client sent and not of its rounded form; and
+/// that thresholds of the run's own reach the second run.
+#[test]
+fn joint_targets_go_all_the_way() {
+    goes_all_the_way("targets", &["--policy", "stand", "--task", "S05", "--set", "fall_tilt_rad=0.05"]);
+}
+
+/// Guards that sessions do not share anything that a step reads: each digest is that of the episode alone.
+#[test]
+fn two_sessions_do_not_disturb_each_other() {
+    let long = ["--policy", "zero", "--task", "S08"];
+    let short = ["--policy", "random", "--task", "S05", "--seed", "2", "--episodes", "5"];
+    let (long_alone, short_alone) = (alone(&long), alone(&short));
+    assert_eq!((long_alone[0].steps, short_alone.len()), (6000, 5));
+    let service = Service::start("two", &[]);
+    let watch = Watch::start(service.port);
+    let mut first = service.client(&long);
+    watch.wait_for(100);
+    let second = service.play(&short);
+    assert!(first.is_running(), "both ran at once");
+    assert_eq!(second, short_alone);
+    assert_eq!(played(&mut first), long_alone);
+}
+
+/// Guards the orderly end: a server that is asked to end closes its sessions, and their recorder closes the bags.
+#[test]
+fn a_server_that_is_asked_to_end_ends_its_episodes() {
+    let mut service = Service::start("end", &[]);
+    let mut recorder = service.record();
+    let watch = Watch::start(service.port);
+    let mut client = service.client(&["--policy", "zero", "--task", "S08", "--recorded"]);
+    watch.wait_for(300);
+    service.server.signal("TERM");
+    let (status, _) = service.server.finish(PATIENCE);
+    assert!(status.success(), "{status}");
+    recorder.wait_for("aborted after ");
+    let bags = service.folder.files(".mcap");
+    let bag = Bag::open(&bags[0]).unwrap();
+    let result = bag.result().unwrap();
+    assert_eq!((bags.len(), bag.completeness()), (1, &Completeness::Whole));
+    assert_eq!(result.end.as_ref().unwrap().cause, "aborted");
+    assert!(result.steps >= 300 && bag.states().count() as u64 == result.steps + 1, "every row is there");
+    let (status, _) = client.finish(PATIENCE);
+    assert_eq!(status.code(), Some(1));
+    assert!(client.log().contains("the server shuts down"), "{}", client.log());
+}

@@ -1,0 +1,98 @@
+//! `fiatlux evaluate`: the same results whatever the number of workers, and however often it is interrupted.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use fiatlux_bag::Bag;
+use fiatlux_proto::v1::EpisodeHeader;
+use fiatlux_tests::programs::{PATIENCE, Running, Scratch, wait_until};
+use serde_json::Value;
+
+fn evaluate(args: &[&str], out: &Path, scratch: &Scratch) -> Running {
+    let out = out.display().to_string();
+    Running::start("fiatlux", &[&["evaluate", "--out", &out], args].concat(), scratch)
+}
+
+fn results(out: &Path) -> Value {
+    serde_json::from_slice(&fs::read(out.join("results.json")).unwrap()).unwrap()
+}
+
+/// The bags of an evaluation by name, with when they were written.
+fn bags(out: &Path) -> Vec<(PathBuf, SystemTime)> {
+    let entries = fs::read_dir(out.join("bags")).unwrap().map(Result::unwrap);
+    let bags = entries.filter(|entry| entry.path().extension().is_some_and(|extension| extension == "mcap"));
+    let mut bags: Vec<_> = bags.map(|bag| (bag.path(), bag.metadata().unwrap().modified().unwrap())).collect();
+    bags.sort();
+    bags
+}
+
+/// Two bags hold the same episode: all is equal but the session's id, which is the server's at that time.
+fn assert_same(left: &Path, right: &Path) {
+    let [left, right] = [left, right].map(|path| Bag::open(path).unwrap());
+    let without_id = |bag: &Bag| EpisodeHeader { session: String::new(), ..bag.header().clone() };
+    assert_eq!(without_id(&left), without_id(&right));
+    assert_eq!((left.result(), left.completeness()), (right.result(), right.completeness()));
+    macro_rules! assert_equal {
+        ($($topic:ident)*) => {$(
+            assert!(left.$topic().map(Result::unwrap).eq(right.$topic().map(Result::unwrap)), stringify!($topic));
+        )*};
+    }
+    assert_equal!(states actions observations rewards events frames scenes);
+}
+
+/// Guards that results depend on what is evaluated alone: not on the number of workers, nor on a second call, which finds
+/// all episodes done.
+#[test]
+fn results_do_not_depend_on_the_workers() {
+    let scratch = Scratch::new("evaluate");
+    let asked = ["--policy", "zero", "--tasks", "S01,S08", "--seeds", "0..1"];
+    let [one, two] = ["1", "2"].map(|workers| {
+        let out = scratch.path().join(workers);
+        let (status, _) = evaluate(&[&asked[..], &["--workers", workers]].concat(), &out, &scratch).finish(PATIENCE);
+        assert!(status.success(), "{status}");
+        out
+    });
+    for name in ["results.json", "report.html"] {
+        assert!(fs::read(one.join(name)).unwrap() == fs::read(two.join(name)).unwrap(), "{name} differs");
+    }
+    let written = bags(&one);
+    assert_eq!(written.len(), 4);
+    for ((left, _), (right, _)) in written.iter().zip(&bags(&two)) {
+        assert_eq!(left.file_name(), right.file_name());
+        assert_same(left, right);
+    }
+
+    let before = fs::read(one.join("results.json")).unwrap();
+    let mut again = evaluate(&asked, &one, &scratch);
+    assert!(again.finish(PATIENCE).0.success());
+    assert!(again.log().contains("4 episodes were in "), "{}", again.log());
+    assert_eq!(bags(&one), written, "no bag is written again");
+    assert_eq!(fs::read(one.join("results.json")).unwrap(), before);
+}
+
+/// Guards Ctrl-C: an evaluation ends soon, what is finished is graded and kept, and the same command does the rest.
+#[test]
+fn an_interrupted_evaluation_is_resumed() {
+    let scratch = Scratch::new("interrupt");
+    let out = scratch.path().join("out");
+    let asked = ["--policy", "stand", "--tasks", "S05", "--seeds", "0..2"];
+    let mut first = evaluate(&[&asked[..], &["--workers", "1"]].concat(), &out, &scratch);
+    let (done, begun) = (out.join("bags/S05-s0-e0.mcap"), out.join("bags/S05-s1-e0.mcap.part"));
+    wait_until("one episode is done and the next one has begun", PATIENCE, || done.exists() && begun.exists());
+    first.signal("INT");
+    let (status, _) = first.finish(Duration::from_secs(15));
+    assert_eq!(status.code(), Some(3), "finished with episodes that are missing");
+    assert!(first.log().contains("the same command goes on from here"), "{}", first.log());
+    let seeds = |results: &Value| results["episodes"].as_array().unwrap().iter().map(|e| e["seed"].clone()).collect();
+    let graded: Vec<Value> = seeds(&results(&out));
+    assert_eq!(graded, [0]);
+    let kept = bags(&out).remove(0);
+
+    let mut second = evaluate(&[&asked[..], &["--workers", "2"]].concat(), &out, &scratch);
+    assert!(second.finish(PATIENCE).0.success());
+    assert!(second.log().contains("1 episodes were in "), "{}", second.log());
+    let graded: Vec<Value> = seeds(&results(&out));
+    assert_eq!(graded, [0, 1, 2]);
+    assert_eq!(bags(&out)[0], kept, "what was done is not done again");
+}

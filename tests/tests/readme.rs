@@ -1,0 +1,102 @@
+//! Runs every command of the README, and compares its program with the example that it names.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use fiatlux_tests::programs::{Running, Scratch, free_port, program};
+
+/// The README's fenced blocks in a language, in order.
+fn blocks(readme: &str, language: &str) -> Vec<String> {
+    let opening = format!("\n```{language}\n");
+    readme.split(&opening).skip(1).map(|rest| rest.split("\n```").next().unwrap().to_owned()).collect()
+}
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().into()
+}
+
+fn readme() -> String {
+    std::fs::read_to_string(repository().join("README.md")).unwrap()
+}
+
+#[test]
+fn the_policy_is_the_example() {
+    let example = std::fs::read_to_string(repository().join("policy-client/examples/wave.rs")).unwrap();
+    let [shown] = &blocks(&readme(), "rust")[..] else { panic!("one program") };
+    assert!(example.contains(shown), "the README's policy is not that of policy-client/examples/wave.rs");
+}
+
+/// A folder in which the README's commands find what they name: programs of the profile under test below
+/// `target/release`, and a `cargo` that runs them.
+fn stage(scratch: &Scratch) -> PathBuf {
+    let programs = program("fiatlux").parent().unwrap().to_owned();
+    let build = ["build", "--quiet", "--locked", "-p", "fiatlux-policy", "--example", "wave", "--target-dir"];
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(build).arg(programs.parent().unwrap()).current_dir(repository());
+    if programs.ends_with("release") {
+        cargo.arg("--release");
+    }
+    assert!(cargo.status().unwrap().success());
+    let folder = scratch.path();
+    std::fs::create_dir_all(folder.join("target")).unwrap();
+    std::os::unix::fs::symlink(&programs, folder.join("target/release")).unwrap();
+    let bin = folder.join("bin");
+    std::fs::create_dir_all(&bin).unwrap();
+    let shim = "#!/bin/sh\n\
+        case \"$*\" in\n\
+        'run --release -p fiatlux-policy --example wave') exec target/release/examples/wave ;;\n\
+        'run --release -- bench service') exec target/release/fiatlux bench service --seconds 0.5 --sessions 3 ;;\n\
+        'run --release -- bench world') exec target/release/fiatlux bench world --seconds 0.5 ;;\n\
+        'run --release -- '*) shift 3; exec target/release/fiatlux \"$@\" ;;\n\
+        'build --release --workspace --bins') ;;\n\
+        *) echo \"unexpected: cargo $*\" >&2; exit 2 ;;\n\
+        esac\n";
+    std::fs::write(bin.join("cargo"), shim).unwrap();
+    assert!(Command::new("chmod").arg("+x").arg(bin.join("cargo")).status().unwrap().success());
+    bin
+}
+
+/// Commands run in the order of the page. Servers and recorders go on until the end; the second pair of machines is this
+/// one, at another port. `cargo test --workspace` is what runs this.
+#[test]
+fn every_command_works() {
+    let scratch = Scratch::new("readme");
+    let bin = stage(&scratch);
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
+    let mut background = Vec::new();
+    let other_port = free_port().to_string();
+    for line in blocks(&readme(), "sh").iter().flat_map(|block| block.lines()) {
+        let line = match line.contains("0.0.0.0") || line.contains("192.168.1.7") {
+            true => {
+                line.replace("0.0.0.0", "127.0.0.1").replace("192.168.1.7", "127.0.0.1").replace("7447", &other_port)
+            }
+            false => line.to_owned(),
+        };
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let daemon = ["sim-server", "recorder"].into_iter().find(|name| words[0] == format!("target/release/{name}"));
+        match daemon {
+            _ if line == "cargo test --workspace" => {}
+            Some(name) if words.get(1) != Some(&"export") => {
+                let bags = scratch.path().join("bags").display().to_string();
+                let args: Vec<&str> =
+                    words[1..].iter().map(|word| if *word == "bags" { &*bags } else { word }).collect();
+                let mut running = Running::start(name, &args, &scratch);
+                if name == "sim-server" {
+                    running.wait_for("listening on");
+                }
+                background.push(running);
+            }
+            _ => {
+                println!("{line}");
+                let mut shell = Command::new("bash");
+                shell.args(["-c", &line]).env("PATH", &path).current_dir(scratch.path()).stdin(Stdio::null());
+                let done = shell.output().unwrap();
+                let [out, log] = [&done.stdout, &done.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+                assert!(done.status.success(), "{line}: {}\n{out}\n{log}", done.status);
+                assert!(!out.is_empty() || log.is_empty() || line.contains("export"), "{line} says nothing: {log}");
+            }
+        }
+    }
+    assert!(scratch.path().join("results/zero/report.html").exists());
+}
