@@ -90,7 +90,11 @@ fn play_one(
     let mut policy = policies::by_name(&options.policy)?;
     let mut client = Client::open(link, Some(SERVER), request)?;
     client.run_episode(0, policy.as_mut(), on_step, stop)?;
-    client.close()
+    // The episode is over; a session that is not closed ends by itself.
+    if let Err(error) = client.close() {
+        tracing::debug!("{} seed {}: the session was not closed: {error}", job.task, job.seed);
+    }
+    Ok(())
 }
 
 /// Who plays what: one seat a client.

@@ -1,5 +1,5 @@
-//! Writes seeded weights as a safetensors file: `cargo run --release -p fiatlux-features --example write_weights -- FILE
-//! [SEED]`.
+//! Writes seeded weights as a safetensors file: `cargo run --release -p fiatlux-features --example write_weights --
+//! FILE [SEED]`.
 
 use fiatlux_features::Weights;
 

@@ -16,8 +16,8 @@ pub enum FeatureError {
     },
     /// The file is larger than any file of this network.
     #[error(
-        "the weights '{path}' have more than {limit} bytes; a ResNet-18 in f32 has about 47,000,000: save the state dict \
-         alone, without the optimiser's state"
+        "the weights '{path}' have more than {limit} bytes; a ResNet-18 in f32 has about 47,000,000: save the \
+         state dict alone, without the optimiser's state"
     )]
     FileSize {
         /// The file.
@@ -33,7 +33,8 @@ pub enum FeatureError {
     },
     /// A tensor that the network needs is not there.
     #[error(
-        "the weights lack the tensor '{tensor}', expected with shape {shape:?}; save torchvision's resnet18().state_dict()"
+        "the weights lack the tensor '{tensor}', expected with shape {shape:?}; save torchvision's \
+         resnet18().state_dict()"
     )]
     Missing {
         /// Its name.
@@ -69,8 +70,8 @@ pub enum FeatureError {
     },
     /// A tensor's place in the file is not of its size, or not in the file.
     #[error(
-        "tensor '{tensor}': expected {expected} bytes within the {data} bytes of data, found bytes {begin} to {end}; the \
-         file is cut or damaged: copy it again"
+        "tensor '{tensor}': expected {expected} bytes within the {data} bytes of data, found bytes {begin} to {end}; \
+         the file is cut or damaged: copy it again"
     )]
     Extent {
         /// Its name.
@@ -86,7 +87,8 @@ pub enum FeatureError {
     },
     /// A tensor holds a number that no network can use.
     #[error(
-        "tensor '{tensor}': expected {expected}, found {found} at index {index}; use a checkpoint from before it diverged"
+        "tensor '{tensor}': expected {expected}, found {found} at index {index}; use a checkpoint from before \
+         it diverged"
     )]
     Number {
         /// Its name.
@@ -100,7 +102,8 @@ pub enum FeatureError {
     },
     /// The image's sides do not fit the network.
     #[error(
-        "an image of {width} x {height} pixels: expected sides that are multiples of 32, from 32 to {limit}; render it so"
+        "an image of {width} x {height} pixels: expected sides that are multiples of 32, from 32 to {limit}; \
+         render it so"
     )]
     ImageSize {
         /// Pixels in a row.

@@ -26,8 +26,8 @@ impl Panels {
     }
 }
 
-/// The left-hand matrix. Row `i` is made of pieces of `run` numbers, one for each tap, at `rows[i] + tap` in `data`: with
-/// the taps of a convolution's window this is im2col without the copy.
+/// The left-hand matrix. Row `i` is made of pieces of `run` numbers, one for each tap, at `rows[i] + tap` in `data`:
+/// with the taps of a convolution's window this is im2col without the copy.
 #[derive(Clone, Copy)]
 pub(crate) struct Gathered<'a> {
     pub data: &'a [f32],

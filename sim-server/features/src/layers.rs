@@ -1,5 +1,5 @@
-//! The network's shape: its convolutions and their tensors, named and ordered as in torchvision's `resnet18` (He et al.,
-//! "Deep Residual Learning for Image Recognition", 2015, table 1).
+//! The network's shape: its convolutions and their tensors, named and ordered as in torchvision's `resnet18` (He et
+//! al., "Deep Residual Learning for Image Recognition", 2015, table 1).
 
 use std::convert::Infallible;
 

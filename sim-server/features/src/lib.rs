@@ -6,12 +6,12 @@
 //! ```
 //!
 //! Batch norm is folded into the convolutions. Those of 3 x 3 at stride 1, five sixths of the work, go by Winograd's
-//! method; the others are one matrix product over the window, gathered in place. All products run on one inner loop over
-//! weights packed once.
+//! method; the others are one matrix product over the window, gathered in place. All products run on one inner loop
+//! over weights packed once.
 //!
-//! The order of every sum is fixed, so the same build on the same machine gives the same bytes. The loop takes the widest
-//! vector instructions that the CPU has, with or without fused multiplication, so two kinds of CPU differ in the last
-//! digits: features are an observation and stand outside the digest of an episode.
+//! The order of every sum is fixed, so the same build on the same machine gives the same bytes. The loop takes the
+//! widest vector instructions that the CPU has, with or without fused multiplication, so two kinds of CPU differ in the
+//! last digits: features are an observation and stand outside the digest of an episode.
 mod direct;
 mod error;
 mod folded;

@@ -85,11 +85,11 @@ impl Planes {
     }
 }
 
-/// ResNet-18 up to the average over the last image, with batch norm folded into the convolutions. It runs on the calling
-/// thread and allocates only when the size of the image changes.
+/// ResNet-18 up to the average over the last image, with batch norm folded into the convolutions. It runs on the
+/// calling thread and allocates only when the size of the image changes.
 ///
-/// The same build on the same machine gives the same bytes. The widest vector instructions that the CPU has are chosen when
-/// it is made, so another CPU may round otherwise.
+/// The same build on the same machine gives the same bytes. The widest vector instructions that the CPU has are chosen
+/// when it is made, so another CPU may round otherwise.
 #[derive(Debug)]
 pub struct ResNet18 {
     level: Level,
@@ -103,7 +103,7 @@ pub struct ResNet18 {
 }
 
 impl ResNet18 {
-    /// Folds and packs the weights: some 80 MB.
+    /// Folds and packs the weights: some 95 MB.
     pub fn new(weights: &Weights) -> Self {
         Self {
             level: Level::new(),

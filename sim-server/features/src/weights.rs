@@ -65,12 +65,12 @@ impl Weights {
 
     /// Untrained weights that anyone can draw again to the bit.
     ///
-    /// One stream of PCG64-MCG (XSL-RR 128/64) draws all of them. Its state is the first 16 bytes, little-endian, of the
-    /// SHA-256 of [`SEEDED_NAME`], a zero byte and the seed (8 bytes, little-endian). The convolutions come in
-    /// torchvision's order, each as `[outputs][inputs][rows][columns]`. A weight is `(2 u - 1) sqrt(6 / n)`, in f64 and
-    /// then rounded to f32, where `u` is the next 64 bits shifted right by 11, times 2^-53, and `n` the number of inputs
-    /// that one output sums: uniform with variance `2 / n`, that of He et al., "Delving Deep into Rectifiers", 2015,
-    /// equation 10. Batch norms have weight 1, bias 0, mean 0 and variance 1.
+    /// One stream of PCG64-MCG (XSL-RR 128/64) draws all of them. Its state is the first 16 bytes, little-endian, of
+    /// the SHA-256 of [`SEEDED_NAME`], a zero byte and the seed (8 bytes, little-endian), with the lowest bit set. The
+    /// convolutions come in torchvision's order, each as `[outputs][inputs][rows][columns]`. A weight is `(2 u - 1)
+    /// sqrt(6 / n)`, in f64 and then rounded to f32, where `u` is the next 64 bits shifted right by 11, times 2^-53,
+    /// and `n` the number of inputs that one output sums: uniform with variance `2 / n`, that of He et al., "Delving
+    /// Deep into Rectifiers", 2015, equation 10. Batch norms have weight 1, bias 0, mean 0 and variance 1.
     pub fn seeded(seed: u64) -> Self {
         let mut hash = Sha256::new();
         hash.update(SEEDED_NAME);
@@ -83,8 +83,8 @@ impl Weights {
         Self { network, label: format!("{SEEDED_NAME}:{seed}") }
     }
 
-    /// What identifies the weights in records: `fiatlux-resnet18-seeded/1:SEED`, or `safetensors:` and the SHA-256 of the
-    /// file in hexadecimal.
+    /// What identifies the weights in records: `fiatlux-resnet18-seeded/1:SEED`, or `safetensors:` and the SHA-256 of
+    /// the file in hexadecimal.
     pub fn label(&self) -> String {
         self.label.clone()
     }

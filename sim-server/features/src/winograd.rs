@@ -26,7 +26,8 @@ pub(crate) struct Scratch {
     products: Vec<f32>,
 }
 
-/// A convolution with its weights transformed and packed, for tiles of `IN` x `IN` input and `OUT` x `OUT` output pixels.
+/// A convolution with its weights transformed and packed, for tiles of `IN` x `IN` input and `OUT` x `OUT` output
+/// pixels.
 #[derive(Debug)]
 pub(crate) struct Winograd<T, const IN: usize, const OUT: usize> {
     /// One matrix for each number of a tile.
@@ -89,7 +90,8 @@ impl<T: Tile<IN, OUT>, const IN: usize, const OUT: usize> Winograd<T, IN, OUT> {
         }
     }
 
-    /// `B' d B` of the tile whose first pixel is (`y`, `x`) of the bordered image; its number `i` goes to `to[i * pitch..]`.
+    /// `B' d B` of the tile whose first pixel is (`y`, `x`) of the bordered image; its number `i` goes to `to[i *
+    /// pitch..]`.
     #[inline(always)]
     fn transform_tile<S: Simd>(&self, simd: S, input: &Plane, y: usize, x: usize, to: &mut [f32], pitch: usize) {
         let zero = f32x8::splat(simd, 0.0);
@@ -168,5 +170,68 @@ fn transform_weights<T: Tile<IN, OUT>, const IN: usize, const OUT: usize>(
 fn grow(scratch: &mut Vec<f32>, len: usize) {
     if scratch.len() < len {
         scratch.resize(len, 0.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::{Level, dispatch};
+
+    use super::*;
+    use crate::direct::Direct;
+    use crate::layers::Layer;
+    use crate::tiles::{F2, F4};
+    use crate::weights::Filled;
+
+    const CHANNELS: usize = 16;
+
+    fn numbers(count: usize) -> Vec<f32> {
+        (0..count).map(|i| (i * 37 % 101) as f32 / 50.0 - 1.0).collect()
+    }
+
+    fn image(height: usize, width: usize) -> Plane {
+        let mut plane = Plane::new(height, width, CHANNELS, 1);
+        for y in 0..height {
+            let at = plane.at(y, 0);
+            plane.data[at..at + width * CHANNELS]
+                .copy_from_slice(&numbers((y + 1) * width * CHANNELS)[y..][..width * CHANNELS]);
+        }
+        plane
+    }
+
+    /// Both tiles against the sum over the window, on sizes that leave tiles hanging over the edge, with the widest and
+    /// the narrowest vectors of the machine. The borders stay zero.
+    #[test]
+    fn tiles_give_the_convolution_whatever_the_size() {
+        let layer = Layer {
+            conv: String::new(),
+            norm: String::new(),
+            inputs: CHANNELS,
+            outputs: CHANNELS,
+            kernel: 3,
+            stride: 1,
+        };
+        let all = |value| vec![value; CHANNELS];
+        let tensors = [numbers(CHANNELS * CHANNELS * 9), all(1.0), numbers(CHANNELS), all(0.0), all(1.0)];
+        let folded = Folded::new(&Filled { layer, tensors });
+        let direct = Direct::new(&folded);
+        let small = Winograd::<F2, 4, 2>::new(&folded);
+        let large = Winograd::<F4, 6, 4>::new(&folded);
+        let mut scratch = Scratch::default();
+        for (height, width) in [(1, 1), (2, 5), (3, 4), (4, 4), (7, 30)] {
+            let input = image(height, width);
+            for (level, finish) in [(Level::new(), Finish::AddRelu), (Level::baseline(), Finish::Keep)] {
+                let [mut expected, mut of_small, mut of_large] = [(); 3].map(|()| image(height, width));
+                dispatch!(level, simd => direct.run(simd, &input, &mut expected, finish));
+                dispatch!(level, simd => small.run(simd, &input, &mut of_small, finish, &mut scratch));
+                dispatch!(level, simd => large.run(simd, &input, &mut of_large, finish, &mut scratch));
+                for (found, bar) in [(&of_small, 1e-5), (&of_large, 5e-5)] {
+                    for (found, expected) in found.data.iter().zip(&expected.data) {
+                        assert!((found - expected).abs() < bar, "{height} x {width}: {found}, expected {expected}");
+                    }
+                }
+                assert!(expected.data.iter().any(|&value| value > 1.0));
+            }
+        }
     }
 }

@@ -1,4 +1,5 @@
 //! What holds of the network whatever the weights: repeatable bytes, any fitting size, and errors for the rest.
+#![allow(clippy::unwrap_used)]
 
 use fiatlux_features::{FEATURES, FeatureError, ResNet18, Weights};
 use sha2::{Digest, Sha256};

@@ -1,4 +1,5 @@
 //! The features against PyTorch's (`tests/oracle/features.py` at the root of the repository).
+#![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
 

@@ -92,6 +92,13 @@ fn numbers() {
 }
 
 #[test]
+fn sensors_name_links() {
+    check_refused("[sensors]", "mid360_link", "mid36_link", "lidar = ", &["sensors.lidar", "'mid36_link'"]);
+    check_refused("[sensors]", "d435_link", "d43_link", "camera = ", &["sensors.camera", "'d43_link'"]);
+    check_refused("[sensors]", "camera = ", "microphone = ", "microphone", &["unknown field `microphone`"]);
+}
+
+#[test]
 fn names_and_tree() {
     let waist = "name = \"waist_yaw_joint\"\n";
     check_refused(

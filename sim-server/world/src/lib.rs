@@ -1,5 +1,5 @@
 //! The benchmark's scene as data and as a model of the dynamics engine: room, bench, crate, fixture, bulbs, ladder and
-//! robot, their draw by seed, the socket's hold on a bulb, and the tasks' start states.
+//! robot, their draw by seed, the socket's hold on a bulb, the tasks' start states, and what a policy senses.
 mod attach;
 pub mod config;
 mod episode;

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use common::start_row;
 use fiatlux_dynamics::Geometry;
+use fiatlux_robot::Robot;
 use fiatlux_rules::{Row, Task};
 use fiatlux_world::{LIDAR_COLUMNS, LIDAR_RAYS, LIDAR_ROWS, Lidar, Random, Scene, ShapeOwner, Stream};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -130,7 +131,7 @@ fn ranges_are_those_of_the_scene() {
             assert!(error < 1e-3, "step {}, ray {ray}: {range} m, not {expected} m", row.step);
         }
     }
-    println!("largest error {:.2e} m; hits on floor, boxes, capsules {hits:?}", worst);
+    println!("largest error {worst:.2e} m; hits on floor, boxes, capsules {hits:?}");
     assert!(hits.iter().all(|hits| *hits > 1000), "the scenes show too little: {hits:?}");
 }
 
@@ -211,6 +212,18 @@ fn points_are_the_hits() {
         let height = (world_from_sensor * point).z as f32;
         assert!(height > -1e-4 && height < ladder_top + 1e-4, "{height}");
     }
+}
+
+#[test]
+fn a_robot_without_a_lidar_is_refused() {
+    let published = include_str!("../../robot/g1_inspire.toml");
+    let without = published.replace("lidar = \"mid360_link\"\n", "");
+    assert!(without.len() < published.len());
+    let robot = Arc::new(Robot::from_toml(&without).unwrap());
+    let (scene, _) = start_row(Task::S02);
+    let blind = Scene::build(&scene.config, robot, scene.spec.clone()).unwrap();
+    let message = Lidar::new(&blind).unwrap_err().to_string();
+    assert!(message.contains("'g1_inspire' has 0 LiDAR mounts"), "{message}");
 }
 
 /// In `climb` a row's ladder pose cannot move the ladder that stands fast, and one scan leaves nothing for the next.
