@@ -29,7 +29,7 @@ pub struct EvaluateOptions {
     pub tasks: Vec<Task>,
     /// Layout seeds, each once; one episode of each task is played in each.
     pub seeds: Vec<u64>,
-    /// Folder for bags, results and report. Whole bags of the same evaluation that are there already are kept.
+    /// Folder for bags, results and report. Whole bags of the same evaluation and version that are there already are kept.
     pub out: PathBuf,
     /// Episodes at once.
     pub workers: usize,
@@ -117,18 +117,34 @@ pub fn evaluate(
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
     let jobs: Vec<Job> =
         options.tasks.iter().flat_map(|&task| options.seeds.iter().map(move |&seed| Job { task, seed })).collect();
-    let server = ServerOptions { name: SERVER.into(), workers: options.workers, ..ServerOptions::default() };
+    // A client that failed keeps its place until the grace time is over.
+    let server = ServerOptions {
+        name: SERVER.into(),
+        workers: options.workers,
+        capacity: jobs.len().max(1),
+        ..ServerOptions::default()
+    };
     let todo = done::not_done(&jobs, &bags, options)?;
     let resumed = jobs.len() - todo.len();
-    let lost = if todo.is_empty() { Vec::new() } else { play::play(&todo, &bags, server, options, stop, progress)? };
-    let paths: Vec<PathBuf> = jobs.iter().map(|job| bags.join(job.bag_name())).filter(|path| path.exists()).collect();
-    if paths.is_empty() {
+    let failed = if todo.is_empty() { Vec::new() } else { play::play(&todo, &bags, server, options, stop, progress)? };
+    let reason = |job: &Job| failed.iter().find(|(other, _)| other == job).map(|(_, reason)| reason.as_str());
+    let (recorded, missing): (Vec<Job>, Vec<Job>) = jobs.iter().partition(|job| bags.join(job.bag_name()).exists());
+    let mut lost: Vec<String> =
+        missing.iter().filter_map(|job| Some(format!("{} seed {}: {}", job.task, job.seed, reason(job)?))).collect();
+    if recorded.is_empty() {
         return Err(EvaluateError::Nothing { lost: lost.join("\n  ") });
     }
+    let results = grade_bags(&recorded, &bags, options)?;
+    lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
+    Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
+}
+
+/// Grades the bags of some jobs, named from the output folder.
+fn grade_bags(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Results, ScoreError> {
+    let paths: Vec<PathBuf> = jobs.iter().map(|job| bags.join(job.bag_name())).collect();
     let grading =
         GradeOptions { workers: options.workers, relative_to: options.out.clone(), ..GradeOptions::default() };
-    let results = grade(&paths, &grading, &|_| {})?;
-    Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
+    grade(&paths, &grading, &|_| {})
 }
 
 fn folder(path: &Path, problem: impl ToString) -> EvaluateError {

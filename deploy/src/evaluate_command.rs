@@ -7,6 +7,7 @@ use anyhow::Context;
 use clap::Args;
 use fiatlux::evaluate::{EvaluateOptions, Outcome, evaluate};
 use fiatlux_link::ProgressLine;
+use fiatlux_policy::policies;
 use fiatlux_rules::Task;
 use fiatlux_scorer::{report, tables};
 
@@ -22,7 +23,7 @@ Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with episodes that are missing."
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
     /// Policy: zero, random, hold or stand.
-    #[arg(long)]
+    #[arg(long, value_parser = policy)]
     policy: String,
     /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb.
     #[arg(long, default_value = "all", value_parser = tasks)]
@@ -37,7 +38,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
     /// Gains of the joint drives: fiatlux or sonic.
-    #[arg(long, default_value = "fiatlux")]
+    #[arg(long, default_value = "fiatlux", value_parser = ["fiatlux", "sonic"])]
     gains: String,
     /// Prints results.json in place of the table.
     #[arg(long)]
@@ -49,6 +50,13 @@ struct TaskList(Vec<Task>);
 
 #[derive(Debug, Clone)]
 struct SeedList(Vec<u64>);
+
+fn policy(name: &str) -> Result<String, String> {
+    if name.starts_with("replay:") {
+        return Err("a bag is one episode; replay it with policy-client run, or compare it with scorer verify".into());
+    }
+    policies::by_name(name).map(|_| name.into()).map_err(|error| error.to_string())
+}
 
 fn tasks(text: &str) -> Result<TaskList, String> {
     let mut tasks = Vec::new();
@@ -110,9 +118,9 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     let outcome = outcome?;
     write_results(&options, &outcome)?;
     if args.json {
-        print!("{}", outcome.results.to_json()?);
+        fiatlux_link::print(outcome.results.to_json()?);
     } else {
-        print!("{}", tables::text(&outcome.results));
+        fiatlux_link::print(tables::text(&outcome.results));
     }
     for lost in &outcome.lost {
         eprintln!("lost: {lost}");
@@ -139,6 +147,7 @@ fn write_results(options: &EvaluateOptions, outcome: &Outcome) -> anyhow::Result
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -64,8 +64,8 @@ struct WorldArgs {
 #[derive(Debug, Args)]
 struct ServiceArgs {
     /// Sessions of the case with many of them.
-    #[arg(long, default_value_t = 32)]
-    sessions: usize,
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u16).range(2..=1024))]
+    sessions: u16,
     /// Seconds that client processes are watched for.
     #[arg(long, default_value_t = 15.0, value_parser = positive)]
     seconds: f64,
@@ -103,7 +103,8 @@ fn bench_service(args: ServiceArgs) -> anyhow::Result<()> {
     fiatlux_link::init_quiet_log();
     let beside = || Ok::<_, std::io::Error>(std::env::current_exe()?.with_file_name("policy-client"));
     let policy_client = args.policy_client.map_or_else(beside, Ok)?;
-    let report = service::run(&ServiceOptions { sessions: args.sessions, seconds: args.seconds, policy_client })?;
+    let report =
+        service::run(&ServiceOptions { sessions: args.sessions.into(), seconds: args.seconds, policy_client })?;
     if args.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {

@@ -17,7 +17,7 @@ use cli::{Failure, list, run};
   policy-client list
   policy-client run --policy zero --task S08 --seed 0
   policy-client run --policy stand --task S01 --episodes 3 -e tcp/192.168.1.7:7447
-  policy-client run --policy replay:bags/S08-seed0-episode0.mcap
+  policy-client run --policy replay:bags/S08-s0-e0.mcap
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 ok, 1 failed, 2 usage."
 )]

@@ -78,7 +78,7 @@ struct GradeArgs {
 /// rows. Exit code 0: equal to the last bit; 1: it differs, or could not be run.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
-  scorer verify runs/zero/S01-seed0.mcap -e tcp/127.0.0.1:7447")]
+  scorer verify results/zero/bags/S01-s0-e0.mcap -e tcp/127.0.0.1:7447")]
 struct VerifyArgs {
     /// The bag
     #[arg(value_name = "BAG")]
@@ -111,6 +111,10 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
         workers: args.workers,
         relative_to: args.out.as_deref().or(args.html.as_deref()).map(folder).unwrap_or_default(),
     };
+    // The names of bags are relative to these folders.
+    for folder in [&args.out, &args.html].into_iter().flatten().map(|file| folder(file)) {
+        make(&folder)?;
+    }
     let line = ProgressLine::default();
     let graded = grade(&args.paths, &options, &|progress| {
         let left = || line.left(progress.bytes_done, progress.bytes);
@@ -164,10 +168,14 @@ fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
     Ok(ExitCode::from(FAILED))
 }
 
-fn write(file: &Path, text: &str) -> Result<()> {
-    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+fn make(folder: &Path) -> Result<()> {
+    if folder.as_os_str().is_empty() {
+        return Ok(());
     }
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))
+}
+
+fn write(file: &Path, text: &str) -> Result<()> {
     std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 

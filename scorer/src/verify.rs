@@ -6,8 +6,6 @@ use std::sync::atomic::AtomicBool;
 use fiatlux_link::{LinkArgs, LinkError, Role};
 use fiatlux_policy::policies::Replay;
 use fiatlux_policy::{Client, ClientError, PolicyError};
-use fiatlux_proto::v1::{EpisodeHeader, Mode, OpenRequest};
-use fiatlux_rules::Thresholds;
 use thiserror::Error;
 use tracing::warn;
 
@@ -59,7 +57,7 @@ impl Verification {
 /// `progress` is told steps done and steps in all; a `stop` that becomes true ends it.
 ///
 /// # Errors
-/// [`VerifyError`]: a bag that is cut, aborted, altered or was recorded in real time; no server, or one that refuses.
+/// [`VerifyError`]: a bag that is cut, aborted or altered; no server, or one that refuses.
 pub fn verify(
     path: &Path,
     link: &LinkArgs,
@@ -72,13 +70,10 @@ pub fn verify(
     if let Some(reason) = content.cut.or_else(|| content.graded.flaw.as_ref().map(ToString::to_string)) {
         return Err(wrong(reason));
     }
-    if content.header.mode() == Mode::RealTime {
-        return Err(wrong("it was recorded in real time, where the clock decides which action leads to a row".into()));
-    }
     let steps = content.graded.summary.steps;
     let mut replay = Replay::open(path)?;
     let session = link.open(Role::Client)?;
-    let mut client = Client::open(&session, server, request(&content.header))?;
+    let mut client = Client::open(&session, server, replay.request())?;
     let end = client.run_episode(content.header.episode, &mut replay, &mut |step| progress(step, steps), stop)?;
     if let Err(error) = client.close() {
         // The answer is there; the server ends the session by itself.
@@ -90,47 +85,4 @@ pub fn verify(
         recorded_end: (steps, content.graded.end),
         simulated_end: (end.steps, end.cause),
     })
-}
-
-/// The request that led to a bag with this header.
-fn request(header: &EpisodeHeader) -> OpenRequest {
-    let usual = Thresholds::default();
-    let is_usual = |key: &str, value: f64| usual.entries().any(|(known, usual)| known == key && usual == value);
-    let set = header.thresholds.iter().filter(|(key, value)| !is_usual(key, **value));
-    OpenRequest {
-        policy: header.policy.clone(),
-        task: header.task.clone(),
-        seed: header.seed,
-        mode: header.mode,
-        sensors: header.sensors.clone(),
-        gains: header.gains.clone(),
-        hands: header.hands.clone(),
-        no_noise: header.no_noise,
-        end_on: if header.end_on_overridden { header.end_on.clone() } else { Vec::new() },
-        thresholds: set.map(|(key, value)| (key.clone(), *value)).collect(),
-        ..OpenRequest::default()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_what_was_chosen_is_asked_for() {
-        let usual = Thresholds::default();
-        let mut thresholds: std::collections::HashMap<String, f64> =
-            usual.entries().map(|(key, value)| (key.into(), value)).collect();
-        thresholds.insert("fragility_n".into(), 30.0);
-        let ends = vec!["success".to_owned(), "fall".to_owned()];
-        let header = EpisodeHeader {
-            thresholds: thresholds.into_iter().collect(),
-            end_on: ends,
-            seed: 3,
-            ..EpisodeHeader::default()
-        };
-        let request = request(&header);
-        assert_eq!((request.thresholds.len(), request.thresholds["fragility_n"]), (1, 30.0));
-        assert!(request.end_on.is_empty() && request.seed == 3);
-    }
 }

@@ -206,6 +206,8 @@ fn processes(name: &str, sessions: usize, options: &ServiceOptions) -> Result<Se
         }
         std::thread::sleep(Duration::from_millis(5));
     }
+    // The last of them are still staging their episodes.
+    std::thread::sleep(Duration::from_secs(2));
     let (start, before) = (Instant::now(), rows.load(Ordering::Relaxed));
     std::thread::sleep(Duration::from_secs_f64(options.seconds));
     let (played, open) = (rows.load(Ordering::Relaxed) - before, service.server.open_sessions());

@@ -7,34 +7,41 @@ use fiatlux_proto::v1::EpisodeHeader;
 use fiatlux_robot::Robot;
 use fiatlux_world::SceneConfig;
 
-use super::{EvaluateError, EvaluateOptions, Job, folder};
+use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
 
-/// Jobs without a whole bag. Bags that are not whole, of an episode that was aborted, or of another model are removed:
-/// their episodes are played again.
+/// Jobs without a bag that can be scored. Bags that are cut, damaged, of an aborted episode, or of another version or model
+/// are removed: their episodes are played again. Two builds of one version are taken for the same.
 ///
 /// # Errors
 /// A bag of another policy or of other gains: its place is not taken.
 pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Vec<Job>, EvaluateError> {
     let world = Digests { model: Robot::g1_inspire()?.digest().into(), scene: SceneConfig::default().digest() };
-    let mut todo = Vec::new();
+    let remove = |path: &Path| std::fs::remove_file(path).map_err(|error| folder(path, error));
+    let mut kept = Vec::new();
     for &job in jobs {
         let path = bags.join(job.bag_name());
         let part = part_of(&path);
         if part.exists() {
-            std::fs::remove_file(&part).map_err(|error| folder(&part, error))?;
+            remove(&part)?;
         }
-        if !path.exists() {
-            todo.push(job);
-            continue;
-        }
-        let bag = Bag::open(&path).map_err(|error| folder(&path, error))?;
-        check_same(bag.header(), &path, options)?;
-        if !is_current(&bag, &world) {
-            std::fs::remove_file(&path).map_err(|error| folder(&path, error))?;
-            todo.push(job);
+        match Bag::open(&path) {
+            Ok(bag) => {
+                check_same(bag.header(), &path, options)?;
+                if is_current(&bag, &world) { kept.push(job) } else { remove(&path)? }
+            }
+            Err(_) if path.exists() => remove(&path)?,
+            Err(_) => {}
         }
     }
-    Ok(todo)
+    if !kept.is_empty() {
+        // The rows tell whether a bag is what it was.
+        let excluded = grade_bags(&kept, bags, options)?.excluded;
+        let is_excluded = |job: &Job| excluded.iter().any(|bag| bag.bag.ends_with(&job.bag_name()));
+        for job in kept.extract_if(.., |job| is_excluded(job)) {
+            remove(&bags.join(job.bag_name()))?;
+        }
+    }
+    Ok(jobs.iter().filter(|job| !kept.contains(job)).copied().collect())
 }
 
 fn check_same(header: &EpisodeHeader, path: &Path, options: &EvaluateOptions) -> Result<(), EvaluateError> {

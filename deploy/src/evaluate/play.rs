@@ -2,13 +2,13 @@
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use fiatlux_policy::{Client, ClientError, policies};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v1::OpenRequest;
-use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, Server, ServerOptions};
+use fiatlux_sim::{Naming, Recorder, RecorderOptions, Server, ServerOptions};
 
 use super::{EvaluateError, EvaluateOptions, Job, Progress, SERVER};
 
@@ -17,7 +17,7 @@ const REPORT_PERIOD: Duration = Duration::from_millis(250);
 /// How long bags may take to close after the last episode.
 const CLOSING_TIME: Duration = Duration::from_secs(15);
 
-/// Plays the jobs; returns what was lost, by episode.
+/// Plays the jobs; returns why some failed.
 pub(super) fn play(
     jobs: &[Job],
     bags: &Path,
@@ -25,16 +25,16 @@ pub(super) fn play(
     options: &EvaluateOptions,
     stop: &Arc<AtomicBool>,
     progress: &mut dyn FnMut(&Progress),
-) -> Result<Vec<String>, EvaluateError> {
+) -> Result<Vec<(Job, String)>, EvaluateError> {
     let link = fiatlux_link::embedded()?;
-    let (bag_sender, bag_reports) = mpsc::channel::<BagReport>();
     let recorder = Recorder::start(
         link.clone(),
         RecorderOptions {
             out: bags.into(),
             server: Some(SERVER.into()),
             naming: Naming::Flat,
-            on_bag: Box::new(move |report| drop(bag_sender.send(report))),
+            // What became of each bag is read from the bags.
+            on_bag: Box::new(|_| ()),
             name: SERVER.into(),
         },
     )?;
@@ -63,11 +63,7 @@ pub(super) fn play(
     server.shutdown(CLOSING_TIME);
     recorder.stop();
     progress(&board.look());
-    let cut = bag_reports.try_iter().filter_map(|report| match report.end {
-        BagEnd::Cut(reason) => Some(format!("{}: {reason}", report.path.display())),
-        BagEnd::Whole(_) => None,
-    });
-    Ok(board.lost().into_iter().chain(cut).collect())
+    Ok(board.failed())
 }
 
 /// Plays one episode in a session of its own.
@@ -112,7 +108,7 @@ struct BoardState {
     steps: u64,
     /// Job and step at each seat.
     seats: Vec<Option<(Job, u64)>>,
-    lost: Vec<(Job, String)>,
+    failed: Vec<(Job, String)>,
 }
 
 impl<'a> Board<'a> {
@@ -134,11 +130,8 @@ impl<'a> Board<'a> {
     }
 
     fn note_step(&self, seat: usize, step: u64) {
-        // The board is for people to look at.
-        if step % 64 == 0 {
-            if let Some((_, at)) = &mut self.state().seats[seat] {
-                *at = step;
-            }
+        if let Some((_, at)) = &mut self.state().seats[seat] {
+            *at = step;
         }
     }
 
@@ -148,7 +141,7 @@ impl<'a> Board<'a> {
         state.finished += 1;
         state.steps += step;
         if let Some(error) = error.filter(|error| !matches!(error, ClientError::Stopped)) {
-            state.lost.push((job, error.to_string()));
+            state.failed.push((job, error.to_string()));
         }
     }
 
@@ -167,10 +160,7 @@ impl<'a> Board<'a> {
         }
     }
 
-    /// Episodes that failed, in the order of the jobs.
-    fn lost(&self) -> Vec<String> {
-        let mut lost = self.state().lost.clone();
-        lost.sort_by_key(|(job, _)| self.jobs.iter().position(|other| other == job));
-        lost.into_iter().map(|(job, error)| format!("{} seed {}: {error}", job.task, job.seed)).collect()
+    fn failed(&self) -> Vec<(Job, String)> {
+        self.state().failed.clone()
     }
 }

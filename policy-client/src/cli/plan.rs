@@ -30,7 +30,7 @@ pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
                 other => other.into(),
             })?;
             let task = args.task.clone().ok_or_else(|| Failure::Usage("name a task: --task S01 to S12".into()))?;
-            let request = request(args, policy.as_ref(), &EpisodeHeader { task, ..EpisodeHeader::default() });
+            let request = request(args, OpenRequest { policy: policy.name(), task, ..OpenRequest::default() });
             Ok(Plan {
                 policy,
                 request,
@@ -46,38 +46,29 @@ fn replay(args: &RunArgs, policy: Replay) -> Result<Plan, Failure> {
     if args.episodes.is_some_and(|count| count != 1) {
         return Err(Failure::Usage("a bag holds one episode: leave --episodes out".into()));
     }
-    let mut header = policy.header().clone();
-    if !header.end_on_overridden {
-        header.end_on.clear();
-    }
     let digest = policy.result().and_then(|result| result.end.as_ref()).map(|end| end.digest.clone());
     let digest = digest.filter(|digest| !digest.is_empty());
     if digest.is_none() {
         tracing::warn!("the bag has no digest, for it was cut or aborted; nothing is compared at the end");
     }
-    let request = request(args, &policy, &header);
-    let first = args.episode.unwrap_or(header.episode);
+    let request = request(args, policy.request());
+    let first = args.episode.unwrap_or(policy.header().episode);
     Ok(Plan { policy: Box::new(policy), request, first, count: 1, digest })
 }
 
-/// The flags go before the header.
-fn request(args: &RunArgs, policy: &dyn Policy, header: &EpisodeHeader) -> OpenRequest {
-    let mut thresholds = header.thresholds.clone();
-    thresholds.extend(args.set.iter().cloned());
-    // An action that held in real time is recorded like any other: in lockstep the same rows come of it.
-    let mode = if args.real_time { Mode::RealTime } else { Mode::Lockstep };
-    OpenRequest {
-        protocol: None,
-        policy: policy.name(),
-        task: args.task.clone().unwrap_or_else(|| header.task.clone()),
-        seed: args.seed.unwrap_or(header.seed),
-        mode: mode.into(),
-        sensors: header.sensors.clone(),
-        gains: args.gains.clone().unwrap_or_else(|| header.gains.clone()),
-        hands: header.hands.clone(),
-        no_noise: args.no_noise || header.no_noise,
-        recorded: args.recorded,
-        end_on: if args.end_on.is_empty() { header.end_on.clone() } else { args.end_on.clone() },
-        thresholds,
+/// The flags go before what is there.
+fn request(args: &RunArgs, mut request: OpenRequest) -> OpenRequest {
+    request.task = args.task.clone().unwrap_or(request.task);
+    request.seed = args.seed.unwrap_or(request.seed);
+    request.gains = args.gains.clone().unwrap_or(request.gains);
+    request.no_noise |= args.no_noise;
+    request.recorded = args.recorded;
+    request.thresholds.extend(args.set.iter().cloned());
+    if args.real_time {
+        request.set_mode(Mode::RealTime);
     }
+    if !args.end_on.is_empty() {
+        request.end_on.clone_from(&args.end_on);
+    }
+    request
 }

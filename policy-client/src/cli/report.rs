@@ -1,5 +1,6 @@
 //! What came of a run, as text or JSON.
 
+use fiatlux_link::print;
 use fiatlux_policy::RoundTrips;
 use fiatlux_proto::v1::{EpisodeEnd, SessionInfo};
 use serde_json::{Value, json};
@@ -41,21 +42,21 @@ impl Report {
         let equal = self.digest.as_ref().map(|digest| *digest == end.digest);
         self.equal &= equal.unwrap_or(true);
         if !as_json {
-            println!(
-                "{} seed {} episode {index}: {} after {} steps, {} ({wall_s:.1} s)\n    digest {}",
+            print(format!(
+                "{} seed {} episode {index}: {} after {} steps, {} ({wall_s:.1} s)\n    digest {}\n",
                 self.head["task"].as_str().unwrap_or_default(),
                 self.head["seed"],
                 end.cause,
                 end.steps,
                 if end.success { "success" } else { "no success" },
                 end.digest
-            );
+            ));
             match (equal, &self.digest) {
-                (Some(true), _) => println!("    digest equal"),
-                (Some(false), Some(recorded)) => println!(
+                (Some(true), _) => print("    digest equal\n"),
+                (Some(false), Some(recorded)) => print(format!(
                     "    digest differs: the bag has {recorded}\n    the rows are not the same: compare the versions, \
-                     the model and scene digests and the options with the bag's header"
-                ),
+                     the model and scene digests and the options with the bag's header\n"
+                )),
                 _ => {}
             }
         }
@@ -72,7 +73,7 @@ impl Report {
             let mut all = self.head.clone();
             all["episodes"] = json!(self.episodes);
             all["round_trip"] = json!({ "count": trips.count(), "p50_us": p50, "p99_us": p99 });
-            println!("{all:#}");
+            print(format!("{all:#}\n"));
         } else if let (Some(p50), Some(p99)) = (p50, p99) {
             tracing::info!("a step took {p50:.0} us (median), {p99:.0} us (99th percentile)");
         }

@@ -24,7 +24,7 @@ Examples:
   policy-client run --policy zero --task S08 --seed 0
   policy-client run --policy random --task S01 --seed 3 --episodes 10 --json
   policy-client run --policy hold --task S06 --set fragility_n=30 --end-on fall,time-out
-  policy-client run --policy replay:bags/S08-seed0-episode0.mcap -e tcp/192.168.1.7:7447")]
+  policy-client run --policy replay:bags/S08-s0-e0.mcap -e tcp/192.168.1.7:7447")]
 pub struct RunArgs {
     /// Name of the policy, see below
     #[arg(short, long, value_name = "NAME")]

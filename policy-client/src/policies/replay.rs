@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use fiatlux_bag::Bag;
-use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult, Observation, SessionInfo};
+use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult, Mode, Observation, OpenRequest, SessionInfo};
 
 use crate::{Command, Policy, PolicyError};
 
@@ -36,6 +36,25 @@ impl Replay {
     /// What was set when the episode was recorded.
     pub fn header(&self) -> &EpisodeHeader {
         &self.header
+    }
+
+    /// The request that opens a session for the same rows: in lockstep, whatever the mode was, for the bag has the action
+    /// that led to each row. It bears the recorded policy's name: a bag of the replay is a copy.
+    pub fn request(&self) -> OpenRequest {
+        let header = self.header.clone();
+        OpenRequest {
+            policy: header.policy,
+            task: header.task,
+            seed: header.seed,
+            mode: Mode::Lockstep.into(),
+            sensors: header.sensors,
+            gains: header.gains,
+            hands: header.hands,
+            no_noise: header.no_noise,
+            end_on: if header.end_on_overridden { header.end_on } else { Vec::new() },
+            thresholds: header.thresholds,
+            ..OpenRequest::default()
+        }
     }
 
     /// How the recorded episode ended, where the bag goes so far.

@@ -7,6 +7,7 @@ mod args;
 mod config;
 mod error;
 mod log;
+mod print;
 mod progress;
 mod signal;
 
@@ -16,6 +17,7 @@ pub use args::{LinkArgs, LinkMode};
 pub use config::Role;
 pub use error::LinkError;
 pub use log::{init_log, init_quiet_log};
+pub use print::print;
 pub use progress::ProgressLine;
 pub use signal::{stop_on_signal, wait_for};
 

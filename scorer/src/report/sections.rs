@@ -194,7 +194,11 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
             if results.subtasks.len() == 12 && results.extra_tasks.is_empty() { "all".into() } else { tasks.join(",") };
         let seeds: Vec<_> = results.seeds.iter().map(u64::to_string).collect();
         let policy = shell_word(&results.policy);
-        let command = format!("fiatlux evaluate --policy {policy} --tasks {tasks} --seeds {}", seeds.join(","));
+        let gains = match results.conditions.gains.as_str() {
+            "fiatlux" => String::new(),
+            other => format!(" --gains {}", shell_word(other)),
+        };
+        let command = format!("fiatlux evaluate --policy {policy} --tasks {tasks} --seeds {}{gains}", seeds.join(","));
         show(out, "Run the policy again", &command);
     }
     out.push_str(

@@ -48,7 +48,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Records until it is told to stop; returns whether a bag is cut.
+/// Records until it is told to stop; returns whether a bag is cut or unfinished.
 fn run(cli: Cli) -> anyhow::Result<bool> {
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for signals")?;
     std::fs::create_dir_all(&cli.out).with_context(|| format!("cannot make the folder {}", cli.out.display()))?;
@@ -64,15 +64,16 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
             naming: if cli.flat { Naming::Flat } else { Naming::BySession },
             on_bag: Box::new(move |report| {
                 seen.fetch_or(matches!(report.end, BagEnd::Cut(_)), Ordering::Relaxed);
-                println!("{}", line(&report));
+                fiatlux_link::print(line(&report) + "\n");
             }),
         },
     )?;
     fiatlux_link::wait_for(&stop);
-    for part in recorder.stop() {
-        tracing::info!("{} is unfinished; a recorder started now with the same --out goes on with it", part.display());
+    let unfinished = recorder.stop();
+    for part in &unfinished {
+        tracing::warn!("{} is unfinished; a recorder started now with the same --out goes on with it", part.display());
     }
-    Ok(any_cut.load(Ordering::Relaxed))
+    Ok(any_cut.load(Ordering::Relaxed) || !unfinished.is_empty())
 }
 
 /// One bag on one line.

@@ -48,11 +48,13 @@ impl Bags {
         let mut names: Vec<PathBuf> =
             fs::read_dir(&self.folder).ok()?.filter_map(|entry| entry.ok()).map(|entry| entry.path()).collect();
         names.sort();
-        let is_ours = |part: &&PathBuf| {
-            part.extension().is_some_and(|extension| extension == "part")
-                && Bag::open(part).is_ok_and(|bag| bag.header().server == server && bag.header().session == session)
+        // The last episode of the session: what is left of earlier ones was given up.
+        let episode_of = |part: &PathBuf| {
+            let bag = part.extension().filter(|extension| *extension == "part").and_then(|_| Bag::open(part).ok())?;
+            let header = bag.header();
+            (header.server == server && header.session == session).then_some(header.episode)
         };
-        let part = names.iter().find(is_ours)?;
+        let (_, part) = names.iter().filter_map(|part| Some((episode_of(part)?, part))).max_by_key(|(e, _)| *e)?;
         match BagWriter::resume(&part.with_extension("")) {
             Ok(resumed) => {
                 let next_step = resumed.writer.next_step();
@@ -96,16 +98,24 @@ impl Bags {
         let name = format!("{task}-s{}-e{}", header.seed, header.episode);
         for number in 1..=MAX_SAME_NAME {
             let name = if number == 1 { format!("{name}.mcap") } else { format!("{name}-{number}.mcap") };
-            match BagWriter::create(&self.folder.join(name), header) {
+            match BagWriter::create(&self.folder.join(&name), header) {
                 Err(BagError::Exists { .. }) => {}
-                Err(error) => return Err(error),
+                Err(error) => return Err(self.refuse(name, header, error)),
                 Ok(writer) => {
                     self.open = Some(OpenBag { header: header.clone(), writer });
                     return Ok(());
                 }
             }
         }
-        Err(BagError::Exists { path: self.folder.join(name) })
+        let error = BagError::Exists { path: self.folder.join(&name) };
+        Err(self.refuse(name, header, error))
+    }
+
+    /// Reports a bag that cannot be made.
+    fn refuse(&self, name: String, header: &EpisodeHeader, error: BagError) -> BagError {
+        let end = BagEnd::Cut(explain(&error));
+        (self.shared.on_bag)(BagReport { path: self.folder.join(name), header: header.clone(), end });
+        error
     }
 
     fn row(&mut self, truth: &Truth) -> Result<(), BagError> {

@@ -140,7 +140,7 @@ impl<R> Session<R> {
         self.phase == Phase::Done || draining
     }
 
-    /// Takes one input, after whatever the time has brought.
+    /// Takes one input, then whatever the time has brought.
     pub fn handle(&mut self, input: Input<R>, now: Duration, out: Sink<'_, R>) {
         match input {
             Input::Action(bytes) => self.on_action(&bytes, now, out),

@@ -215,10 +215,14 @@ impl Shared {
         let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner).len();
         let reserve = |open: usize| (open < capacity && sessions <= capacity * DRAINING_PER_OPEN).then_some(open + 1);
         if self.open.fetch_update(Ordering::Relaxed, Ordering::Relaxed, reserve).is_err() {
-            let message = format!(
-                "the server is busy: as many sessions are open as it has room for, {capacity}; close one, try again \
-                 later, or start it with a larger --capacity"
-            );
+            let message = if self.open.load(Ordering::Relaxed) < capacity {
+                "the server is busy: too many closed sessions still wait for their recorder; try again in 10 s".into()
+            } else {
+                format!(
+                    "the server is busy: as many sessions are open as it has room for, {capacity}; close one, try again \
+                     later, or start it with a larger --capacity"
+                )
+            };
             return Err(refusal(Code::Busy, "", message));
         }
         let opened = self.open_reserved(plan);
