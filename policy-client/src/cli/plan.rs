@@ -4,7 +4,7 @@ use std::path::Path;
 
 use fiatlux_policy::policies::{self, Replay};
 use fiatlux_policy::{Policy, PolicyError};
-use fiatlux_proto::v1::{EpisodeHeader, Mode, OpenRequest};
+use fiatlux_proto::v1::{Mode, OpenRequest};
 
 use super::Failure;
 use super::run::RunArgs;
