@@ -8,17 +8,15 @@ Makes its own virtual environment in target/ on the first run.
 """
 
 import argparse
-import hashlib
 import io
-import os
 import random
 import struct
-import subprocess
 import sys
-import venv
 import zlib
 from collections import Counter
 from pathlib import Path
+
+import environment
 
 HERE = Path(__file__).resolve().parent
 VENV = HERE.parents[1] / "target" / "bags-venv"
@@ -28,24 +26,6 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = 9
 CUTS = 20
 GRADED = {"/state", "/event", "/result"}
-
-
-def enter_venv():
-    """Restarts this script in its environment, made or renewed when the requirements are not the installed ones."""
-    python = VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if Path(sys.prefix).resolve() == VENV.resolve():
-        return
-    requirements = HERE / "bags.requirements.txt"
-    digest = hashlib.sha256(requirements.read_bytes()).hexdigest()
-    stamp = VENV / "requirements.sha256"
-    if not (python.exists() and stamp.exists() and stamp.read_text() == digest):
-        print(f"making {VENV.name} from {requirements.name}", file=sys.stderr)
-        venv.create(VENV, with_pip=True, clear=True)
-        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        subprocess.run([*pip, "-r", str(requirements)], check=True, stdout=sys.stderr)
-        stamp.write_text(digest)
-    done = subprocess.run([str(python), str(Path(__file__).resolve()), *sys.argv[1:]])
-    sys.exit(done.returncode)
 
 
 def top_level(data):
@@ -244,5 +224,5 @@ def main():
 
 
 if __name__ == "__main__":
-    enter_venv()
+    environment.enter(__file__, VENV, HERE / "bags.requirements.txt")
     main()

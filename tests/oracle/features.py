@@ -11,12 +11,11 @@ first run; PyTorch needs several GB there.
 import argparse
 import hashlib
 import json
-import os
-import subprocess
 import sys
 import time
-import venv
 from pathlib import Path
+
+import environment
 
 HERE = Path(__file__).resolve().parent
 VENV = HERE.parents[1] / "target" / "features-venv"
@@ -28,25 +27,7 @@ DIGITS = 9
 REPEATS = 60
 
 
-def enter_venv():
-    """Restarts this script in its environment, made or renewed when the requirements are not the installed ones."""
-    python = VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if Path(sys.prefix).resolve() == VENV.resolve():
-        return
-    requirements = HERE / "features.requirements.txt"
-    digest = hashlib.sha256(requirements.read_bytes()).hexdigest()
-    stamp = VENV / "requirements.sha256"
-    if not (python.exists() and stamp.exists() and stamp.read_text() == digest):
-        print(f"making {VENV.name} from {requirements.name}", file=sys.stderr)
-        venv.create(VENV, with_pip=True, clear=True)
-        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        subprocess.run([*pip, "-r", str(requirements)], check=True, stdout=sys.stderr)
-        stamp.write_text(digest)
-    done = subprocess.run([str(python), str(Path(__file__).resolve()), *sys.argv[1:]])
-    sys.exit(done.returncode)
-
-
-enter_venv()
+environment.enter(__file__, VENV, HERE / "features.requirements.txt")
 
 import torch  # noqa: E402
 import torch.nn.functional as F  # noqa: E402

@@ -9,33 +9,13 @@ Makes its own virtual environment beside itself on the first run.
 """
 
 import argparse
-import hashlib
-import os
-import subprocess
 import sys
-import venv
 from pathlib import Path
+
+import environment
 
 HERE = Path(__file__).resolve().parent
 VENV = HERE / ".venv"
-
-
-def enter_venv():
-    """Restarts this script in its environment, made or renewed when the requirements are not the installed ones."""
-    python = VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if Path(sys.prefix).resolve() == VENV.resolve():
-        return
-    requirements = HERE / "requirements.txt"
-    digest = hashlib.sha256(requirements.read_bytes()).hexdigest()
-    stamp = VENV / "requirements.sha256"
-    if not (python.exists() and stamp.exists() and stamp.read_text() == digest):
-        print(f"making {VENV.name} from {requirements.name}", file=sys.stderr)
-        venv.create(VENV, with_pip=True, clear=True)
-        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        subprocess.run([*pip, "-r", str(requirements)], check=True, stdout=sys.stderr)
-        stamp.write_text(digest)
-    done = subprocess.run([str(python), str(Path(__file__).resolve()), *sys.argv[1:]])
-    sys.exit(done.returncode)
 
 
 def main():
@@ -81,7 +61,7 @@ def main():
 
 
 if __name__ == "__main__":
-    enter_venv()
+    environment.enter(__file__, VENV, HERE / "requirements.txt")
     try:
         main()
     except (RuntimeError, ValueError, OSError) as error:
