@@ -2,26 +2,43 @@
 
 use std::path::PathBuf;
 
+/// Messages that a bag's metadata has as JSON: header, result, and what is in them.
+const IN_METADATA: [&str; 15] = [
+    "EpisodeHeader",
+    "OpenRequest",
+    "EpisodeResult",
+    "EpisodeEnd",
+    "Version",
+    "Sensor",
+    "Randomization",
+    "PropScale",
+    "Drawn",
+    "Layout",
+    "Place",
+    "Pose",
+    "Grip",
+    "Light",
+    "StartNoise",
+];
+
 fn main() {
     println!("cargo::rerun-if-changed=proto");
-    let files = ["fiatlux/v1/session.proto", "fiatlux/v1/truth.proto", "foxglove/frames.proto", "foxglove/scene.proto"];
+    let files = [
+        "fiatlux/v1/session.proto",
+        "fiatlux/v1/truth.proto",
+        "foxglove/frames.proto",
+        "foxglove/scene.proto",
+        "foxglove/sensors.proto",
+    ];
     let set = protox::compile(files, ["proto"]).expect("the message files compile");
     let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     let bytes = protox::prost::Message::encode_to_vec(&set);
     std::fs::write(out.join("descriptors.bin"), bytes).expect("OUT_DIR can be written");
-    prost_build::Config::new()
-        .btree_map(["."])
-        .enable_type_names()
-        .type_attribute(
-            ".fiatlux.v1.EpisodeHeader",
-            "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]",
-        )
-        .type_attribute(
-            ".fiatlux.v1.EpisodeResult",
-            "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]",
-        )
-        .type_attribute(".fiatlux.v1.EpisodeEnd", "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]")
-        .type_attribute(".fiatlux.v1.Version", "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]")
-        .compile_fds(set)
-        .expect("the messages generate");
+    let mut config = prost_build::Config::new();
+    config.btree_map(["."]).enable_type_names();
+    for message in IN_METADATA {
+        let attribute = "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]";
+        config.type_attribute(format!(".fiatlux.v1.{message}"), attribute);
+    }
+    config.compile_fds(set).expect("the messages generate");
 }

@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use fiatlux_policy::{PolicyError, policies};
+use fiatlux_policy::{PolicyError, SessionArgs, policies};
+use fiatlux_proto::PROTOCOL;
+use fiatlux_proto::v1::OpenRequest;
 use fiatlux_rules::Task;
 use fiatlux_scorer::{GradeOptions, Results, ScoreError, grade};
 use fiatlux_sim::{RecorderError, ServerError, ServerOptions};
@@ -33,8 +35,10 @@ pub struct EvaluateOptions {
     pub out: PathBuf,
     /// Episodes at once.
     pub workers: usize,
-    /// Named set of gains.
-    pub gains: String,
+    /// Folder of the weights that a session may name.
+    pub weights: Option<PathBuf>,
+    /// What every session is asked for beside policy, task and seed.
+    pub session: SessionArgs,
 }
 
 /// One episode to play.
@@ -42,6 +46,23 @@ pub struct EvaluateOptions {
 struct Job {
     task: Task,
     seed: u64,
+}
+
+impl EvaluateOptions {
+    /// Opens a session for a job.
+    fn request(&self, job: Job) -> Result<OpenRequest, PolicyError> {
+        let mut request = OpenRequest {
+            protocol: Some(PROTOCOL),
+            policy: self.policy.clone(),
+            task: job.task.to_string(),
+            seed: job.seed,
+            sensors: policies::by_name(&self.policy)?.sensors(),
+            recorded: true,
+            ..OpenRequest::default()
+        };
+        self.session.apply(&mut request);
+        Ok(request)
+    }
 }
 
 impl Job {
@@ -122,6 +143,7 @@ pub fn evaluate(
         name: SERVER.into(),
         workers: options.workers,
         capacity: jobs.len().max(1),
+        weights: options.weights.clone(),
         ..ServerOptions::default()
     };
     let todo = done::not_done(&jobs, &bags, options)?;

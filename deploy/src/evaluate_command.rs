@@ -7,7 +7,7 @@ use anyhow::Context;
 use clap::Args;
 use fiatlux::evaluate::{EvaluateOptions, Outcome, evaluate};
 use fiatlux_link::ProgressLine;
-use fiatlux_policy::policies;
+use fiatlux_policy::{SessionArgs, policies};
 use fiatlux_rules::Task;
 use fiatlux_scorer::{report, tables};
 
@@ -37,12 +37,11 @@ pub struct EvaluateArgs {
     /// Episodes at once [default: one a core].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
-    /// Gains of the joint drives: fiatlux or sonic.
-    #[arg(long, default_value = "fiatlux", value_parser = ["fiatlux", "sonic"])]
-    gains: String,
     /// Prints results.json in place of the table.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    session: SessionArgs,
 }
 
 #[derive(Debug, Clone)]
@@ -103,13 +102,15 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     // A policy may be named by a path.
     let folder = args.policy.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
+    let mut session = args.session.clone();
     let options = EvaluateOptions {
         policy: args.policy.clone(),
         tasks: args.tasks.0.clone(),
         seeds: args.seeds.0.clone(),
         out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(folder)),
         workers: args.workers.map_or(cores, usize::from),
-        gains: args.gains.clone(),
+        weights: session.split_weights(),
+        session,
     };
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let line = ProgressLine::default();

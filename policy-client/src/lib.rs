@@ -8,9 +8,11 @@ mod client;
 pub mod policies;
 mod policy;
 mod session;
+mod session_args;
 mod stats;
 
 pub use client::{Client, ClientError, describe_servers, find_server};
 pub use policy::{Command, Policy, PolicyError};
 pub use session::{ClientSession, Output, SessionFailure};
+pub use session_args::SessionArgs;
 pub use stats::RoundTrips;

@@ -1,6 +1,6 @@
 //! What a policy is.
 
-use fiatlux_proto::v1::{Observation, SessionInfo};
+use fiatlux_proto::v1::{Observation, Sensor, SessionInfo};
 use thiserror::Error;
 
 use crate::balance::BalanceError;
@@ -10,6 +10,17 @@ use crate::balance::BalanceError;
 pub trait Policy: Send {
     /// Name for the record.
     fn name(&self) -> String;
+
+    /// The sensors it needs; none for those of the robot's own body. A session that is opened for it has these.
+    fn sensors(&self) -> Vec<Sensor> {
+        Vec::new()
+    }
+
+    /// Sensors of the session that it wants to see of this step beside what the observation has: it is shown them in the
+    /// observation that [`Policy::act`] gets. The server computes them then; lockstep waits.
+    fn look(&mut self, _observation: &Observation) -> Vec<&'static str> {
+        Vec::new()
+    }
 
     /// An episode begins; `first` is its observation 0, which [`Policy::act`] is shown next.
     ///

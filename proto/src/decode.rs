@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-use prost::encoding::{DecodeContext, decode_key, skip_field};
+use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 use prost::{Message, Name};
-use prost_types::FileDescriptorSet;
+use prost_types::field_descriptor_proto::Type;
+use prost_types::{DescriptorProto, FileDescriptorSet};
 use thiserror::Error;
 
 use crate::{DESCRIPTORS, PROTOCOL};
@@ -35,8 +36,8 @@ pub enum DecodeError {
     /// A field that this version does not know: what it asks for would silently not happen.
     #[error("{message} has a field with number {number}, which this version does not know; use messages of {PROTOCOL}")]
     UnknownField {
-        /// Name of the message.
-        message: &'static str,
+        /// Name of the message, and of the field where it is in one within.
+        message: String,
         /// Field number.
         number: u32,
     },
@@ -53,34 +54,81 @@ pub fn decode<M: Message + Name + Default>(bytes: &[u8], limit: usize) -> Result
     }
     let malformed = |source| DecodeError::Malformed { message, source };
     let decoded = M::decode(bytes).map_err(malformed)?;
-    let known = field_numbers(&M::full_name());
-    let mut rest = bytes;
-    while !rest.is_empty() {
-        let (number, wire_type) = decode_key(&mut rest).map_err(malformed)?;
-        if !known.contains(&number) {
-            return Err(DecodeError::UnknownField { message, number });
+    check_fields(bytes, &M::full_name()).map_err(|error| match error {
+        FieldError::Malformed(source) => malformed(source),
+        FieldError::Unknown { path, number } => {
+            DecodeError::UnknownField { message: format!("{message}{path}"), number }
         }
-        skip_field(wire_type, number, &mut rest, DecodeContext::default()).map_err(malformed)?;
-    }
+    })?;
     Ok(decoded)
 }
 
-/// Field numbers of a message of ours, by its full name.
-fn field_numbers(full_name: &str) -> &'static [u32] {
-    static NUMBERS: OnceLock<BTreeMap<String, Vec<u32>>> = OnceLock::new();
-    let numbers = NUMBERS.get_or_init(|| {
+enum FieldError {
+    Malformed(prost::DecodeError),
+    /// In the message at that path of fields.
+    Unknown {
+        path: String,
+        number: u32,
+    },
+}
+
+/// Finds the first field that a message or one within it does not have.
+fn check_fields(mut bytes: &[u8], full_name: &str) -> Result<(), FieldError> {
+    let Some(fields) = messages().get(full_name) else { return Ok(()) };
+    while !bytes.is_empty() {
+        let (number, wire_type) = decode_key(&mut bytes).map_err(FieldError::Malformed)?;
+        let field = fields.get(&number);
+        let field = field.ok_or_else(|| FieldError::Unknown { path: String::new(), number })?;
+        match &field.message {
+            Some(inner) if wire_type == WireType::LengthDelimited => {
+                let length = decode_varint(&mut bytes).map_err(FieldError::Malformed)?;
+                // The message was decoded before: its lengths are right.
+                let (within, rest) = bytes.split_at(bytes.len().min(length as usize));
+                check_fields(within, inner).map_err(|error| match error {
+                    FieldError::Unknown { path, number } => {
+                        FieldError::Unknown { path: format!(".{}{path}", field.name), number }
+                    }
+                    malformed => malformed,
+                })?;
+                bytes = rest;
+            }
+            _ => skip_field(wire_type, number, &mut bytes, DecodeContext::default()).map_err(FieldError::Malformed)?,
+        }
+    }
+    Ok(())
+}
+
+struct Field {
+    name: String,
+    /// Full name of the message that it holds.
+    message: Option<String>,
+}
+
+/// The fields of all messages by number, by the message's full name.
+fn messages() -> &'static BTreeMap<String, BTreeMap<u32, Field>> {
+    static MESSAGES: OnceLock<BTreeMap<String, BTreeMap<u32, Field>>> = OnceLock::new();
+    MESSAGES.get_or_init(|| {
         let set = FileDescriptorSet::decode(DESCRIPTORS).unwrap_or_default();
-        let messages = set.file.into_iter().flat_map(|file| {
+        let mut messages = BTreeMap::new();
+        for file in set.file {
             let package = file.package.unwrap_or_default();
-            file.message_type.into_iter().map(move |message| (package.clone(), message))
-        });
-        let entry = |(package, message): (String, prost_types::DescriptorProto)| {
-            let numbers = message.field.iter().map(|field| field.number.unwrap_or_default() as u32).collect();
-            (format!("{package}.{}", message.name.unwrap_or_default()), numbers)
-        };
-        messages.map(entry).collect()
+            file.message_type.into_iter().for_each(|message| describe(&package, message, &mut messages));
+        }
+        messages
+    })
+}
+
+/// Adds a message and those defined within it.
+fn describe(scope: &str, message: DescriptorProto, messages: &mut BTreeMap<String, BTreeMap<u32, Field>>) {
+    let full_name = format!("{scope}.{}", message.name());
+    for nested in message.nested_type {
+        describe(&full_name, nested, messages);
+    }
+    let fields = message.field.into_iter().map(|field| {
+        let holds = (field.r#type() == Type::Message).then(|| field.type_name().trim_start_matches('.').to_owned());
+        (field.number() as u32, Field { name: field.name().into(), message: holds })
     });
-    numbers.get(full_name).map_or(&[], Vec::as_slice)
+    messages.insert(full_name, fields.collect());
 }
 
 #[cfg(test)]
@@ -106,6 +154,17 @@ mod tests {
         assert!(error(&unknown).starts_with("Action has a field with number 9, which this version does not know"));
     }
 
+    #[test]
+    fn unknown_fields_are_found_within_messages() {
+        // Field 9, a message; in it field 15, a varint.
+        let unknown = [0x4a, 0x02, 0x78, 0x01];
+        let error = decode::<OpenRequest>(&unknown, 100).expect_err("refused").to_string();
+        assert!(error.starts_with("OpenRequest.randomization has a field with number 15"), "{error}");
+        // A map's entry is a message of its own.
+        let request = OpenRequest { thresholds: [("a".into(), 1.0)].into(), ..OpenRequest::default() };
+        assert_eq!(decode::<OpenRequest>(&request.encode_to_vec(), 100), Ok(request));
+    }
+
     /// Whatever bytes come, there is an answer.
     #[test]
     fn random_bytes_are_refused_or_read() {
@@ -126,7 +185,7 @@ mod tests {
     #[test]
     fn every_message_is_described() {
         for name in ["fiatlux.v1.Action", "fiatlux.v1.OpenRequest", "fiatlux.v1.TruthAck", "foxglove.SceneUpdate"] {
-            assert!(!field_numbers(name).is_empty(), "{name}");
+            assert!(messages().contains_key(name), "{name}");
         }
     }
 }

@@ -110,6 +110,11 @@ impl SessionKeys {
         format!("{}/close", self.root)
     }
 
+    /// Queryable: [`crate::v1::LookRequest`] to [`crate::v1::LookReply`].
+    pub fn look(&self) -> String {
+        format!("{}/look", self.root)
+    }
+
     /// Publication [`crate::v1::Truth`], one for each row.
     pub fn truth_row(&self) -> String {
         format!("{}/truth/row", self.root)

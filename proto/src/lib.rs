@@ -5,6 +5,7 @@
 mod decode;
 pub mod keys;
 pub mod limits;
+mod sensor;
 mod version;
 
 pub use decode::{DecodeError, decode};

@@ -6,6 +6,9 @@ pub const MAX_CLIENT_MESSAGE: usize = 16 * 1024;
 /// Largest message that a client or a recorder reads, bytes. A truth takes about 8,000.
 pub const MAX_SERVER_MESSAGE: usize = 4 * 1024 * 1024;
 
+/// Sides of the head camera's image, pixels: the least and the most.
+pub const IMAGE_SIDES: [u32; 2] = [16, 640];
+
 /// Client messages that wait in a session; more are passed over with a notice.
 pub const MAX_WAITING_MESSAGES: usize = 32;
 
@@ -14,6 +17,10 @@ pub const MAX_NOTICES_PER_S: u32 = 10;
 
 /// Rows that lockstep runs ahead of what a recorder has on disk; the server keeps as many.
 pub const RECORDING_WINDOW: u64 = 512;
+
+/// Bytes of rows that a server keeps for a recorder: with pictures among them a row is no longer small. The window is full
+/// at either bound.
+pub const RECORDING_WINDOW_BYTES: usize = 64 << 20;
 
 /// Truths that one reply to a [`crate::v1::TruthRequest`] covers at most.
 pub const MAX_TRUTHS_PER_REQUEST: u64 = 128;

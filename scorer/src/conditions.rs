@@ -15,8 +15,20 @@ pub struct Conditions {
     pub gains: String,
     /// Hands.
     pub hands: String,
-    /// Noise of reset and of sensors.
+    /// Noise of start state and of sensors.
     pub noise: bool,
+    /// What the standard protocol draws and these episodes did not: `layout`, `start`, `grip`, `light`, `tint`, `sensors`.
+    #[serde(default)]
+    pub fixed: Vec<String>,
+    /// Sizes of props: `published`, `random`, or the factors that differ from 1.
+    #[serde(default)]
+    pub prop_scale: String,
+    /// What the policy could sense.
+    #[serde(default)]
+    pub sensors: Vec<String>,
+    /// Label of the weights of the camera's features; empty without features.
+    #[serde(default)]
+    pub weights: String,
     /// What ended the episodes, where that was the session's own choice; else empty, and it was the task's.
     pub end_on_overridden: Vec<String>,
     /// Whether thresholds, gains, noise and ends are those of the standard protocol. Other runs have no place in a
@@ -38,13 +50,16 @@ pub struct Conditions {
 
 /// What is compared between bags, by name, as a person would write it.
 pub(crate) fn compared(header: &v1::EpisodeHeader) -> Vec<(String, String)> {
-    let end_on = if header.end_on_overridden { named_ends(&header.end_on) } else { "the task's own".into() };
+    let end_on = if header.end_on_overridden { listed(&header.end_on) } else { "the task's own".into() };
     let mut fields: Vec<(String, String)> = [
         ("policy", quoted(&header.policy)),
         ("mode", mode(header).into()),
         ("gains", gains(header).into()),
         ("hands", hands(header).into()),
-        ("noise", if header.no_noise { "off" } else { "on" }.into()),
+        ("fixed", listed(&fixed(header))),
+        ("prop_scale", prop_scale(header)),
+        ("sensors", listed(&sensors(header))),
+        ("weights", quoted(&header.weights)),
         ("end_on", end_on),
         ("model_digest", quoted(&header.model_digest)),
         ("scene_digest", quoted(&header.scene_digest)),
@@ -72,11 +87,15 @@ impl Conditions {
         if hands(header) != "inspire" {
             deviations.push(format!("hands are {}", quoted(hands(header))));
         }
-        if header.no_noise {
-            deviations.push("noise is off".into());
+        deviations.extend(fixed(header).into_iter().map(|what| format!("{what} is fixed")));
+        if prop_scale(header) != PUBLISHED {
+            deviations.push(format!("sizes of props are {}", prop_scale(header)));
         }
+        let beyond = ["privileged", "verdict"];
+        let seen = header.sensors.iter().filter(|sensor| beyond.contains(&sensor.name.as_str()));
+        deviations.extend(seen.map(|sensor| format!("the policy could sense {}", sensor.name)));
         if header.end_on_overridden {
-            deviations.push(format!("episodes ended on {}", named_ends(&header.end_on)));
+            deviations.push(format!("episodes ended on {}", listed(&header.end_on)));
         }
         let usual = Thresholds::default();
         for ((key, value), (_, usual)) in thresholds.entries().zip(usual.entries()) {
@@ -91,7 +110,11 @@ impl Conditions {
             mode: mode(header).into(),
             gains: gains(header).into(),
             hands: hands(header).into(),
-            noise: !header.no_noise,
+            noise: !fixed(header).iter().any(|what| ["start", "sensors"].contains(what)),
+            fixed: fixed(header).into_iter().map(str::to_owned).collect(),
+            prop_scale: prop_scale(header),
+            sensors: sensors(header),
+            weights: header.weights.clone(),
             end_on_overridden: if header.end_on_overridden { header.end_on.clone() } else { Vec::new() },
             standard: deviations.is_empty(),
             deviations,
@@ -119,10 +142,52 @@ fn hands(header: &v1::EpisodeHeader) -> &str {
     if header.hands.is_empty() { "inspire" } else { &header.hands }
 }
 
-fn quoted(text: &str) -> String {
-    format!("'{text}'")
+/// Sizes of props that nobody changed.
+const PUBLISHED: &str = "published";
+
+/// What does not vary in spite of the standard protocol.
+fn fixed(header: &v1::EpisodeHeader) -> Vec<&'static str> {
+    let random = header.randomization.unwrap_or_default();
+    let switches = [
+        ("layout", random.fixed_layout),
+        ("start", random.fixed_start),
+        ("grip", random.fixed_grip),
+        ("light", random.fixed_light),
+        ("tint", random.fixed_tint),
+        ("sensors", random.exact_sensors),
+    ];
+    switches.into_iter().filter(|(_, is_fixed)| *is_fixed).map(|(what, _)| what).collect()
 }
 
-fn named_ends(ends: &[String]) -> String {
-    if ends.is_empty() { "nothing".into() } else { ends.join(", ") }
+fn prop_scale(header: &v1::EpisodeHeader) -> String {
+    if header.randomization.is_some_and(|random| random.prop_scale) {
+        return "random".into();
+    }
+    let scale = header.request.as_ref().and_then(|request| request.prop_scale).unwrap_or_default();
+    let factors = [
+        ("ladder_x", scale.ladder_x),
+        ("ladder_y", scale.ladder_y),
+        ("ladder_z", scale.ladder_z),
+        ("socket", scale.socket),
+        ("fresh_bulb", scale.fresh_bulb),
+    ];
+    let changed = factors.into_iter().filter(|(_, factor)| ![0.0, 1.0].contains(factor));
+    let changed: Vec<_> = changed.map(|(name, factor)| format!("{name} {factor}")).collect();
+    if changed.is_empty() { PUBLISHED.into() } else { changed.join(", ") }
+}
+
+fn sensors(header: &v1::EpisodeHeader) -> Vec<String> {
+    let rate = |sensor: &v1::Sensor| match sensor {
+        v1::Sensor { on_request: true, .. } => "look".into(),
+        v1::Sensor { rate_hz, .. } => format!("{rate_hz}"),
+    };
+    header.sensors.iter().map(|sensor| format!("{}@{}", sensor.name, rate(sensor))).collect()
+}
+
+fn listed(names: &[impl AsRef<str>]) -> String {
+    if names.is_empty() { "nothing".into() } else { names.iter().map(AsRef::as_ref).collect::<Vec<_>>().join(", ") }
+}
+
+fn quoted(text: &str) -> String {
+    format!("'{text}'")
 }

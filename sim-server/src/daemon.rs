@@ -37,6 +37,9 @@ pub struct DaemonArgs {
     /// one.
     #[arg(long, value_name = "FILE.toml")]
     scene: Option<PathBuf>,
+    /// Folder of safetensors files with weights of ResNet-18; a session names one of them for the camera's features.
+    #[arg(long, value_name = "DIR")]
+    weights: Option<PathBuf>,
     #[command(flatten)]
     link: LinkArgs,
 }
@@ -61,6 +64,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
         grace: args.grace,
         action_timeout: args.action_timeout,
         scene,
+        weights: args.weights,
         ..ServerOptions::default()
     };
     options.workers = args.workers.unwrap_or(options.workers);

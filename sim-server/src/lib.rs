@@ -2,11 +2,13 @@
 mod mjcf;
 mod recorder;
 mod scene;
+mod senses;
 mod server;
 mod show;
 
 pub use mjcf::{Laws, MjcfOptions, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
+pub use senses::{SenseError, Senses, Sensor, Sensors};
 pub use server::{Server, ServerError, ServerOptions};
 pub use show::{Frames, scene_update};

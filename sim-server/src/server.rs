@@ -6,6 +6,7 @@
 
 mod actor;
 mod info;
+mod networks;
 mod notices;
 mod plan;
 mod pool;

@@ -6,9 +6,10 @@
 use std::collections::BTreeMap;
 
 use fiatlux_dynamics::{Geometry, ShapeId};
+use fiatlux_proto::foxglove::packed_element_field::NumericType;
 use fiatlux_proto::foxglove::{
-    Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, Pose, Quaternion, SceneEntity,
-    SceneUpdate, SpherePrimitive, Vector3 as Vector,
+    Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, PackedElementField, PointCloud, Pose,
+    Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Vector3 as Vector,
 };
 use fiatlux_proto::v1::State;
 use fiatlux_proto::{Duration, Timestamp};
@@ -197,7 +198,35 @@ impl Frames {
     }
 }
 
-fn time_of(step: u64) -> Timestamp {
+/// Points in a frame, m.
+pub(crate) fn point_cloud(
+    timestamp: Timestamp,
+    frame_id: String,
+    points: impl Iterator<Item = [f32; 3]>,
+) -> PointCloud {
+    const NUMBER: u32 = size_of::<f32>() as u32;
+    let field = |(index, name): (u32, &str)| PackedElementField {
+        name: name.into(),
+        offset: index * NUMBER,
+        r#type: NumericType::Float32.into(),
+    };
+    PointCloud {
+        timestamp: Some(timestamp),
+        frame_id,
+        pose: Some(pose_of(&Isometry3::identity())),
+        point_stride: 3 * NUMBER,
+        fields: (0..).zip(["x", "y", "z"]).map(field).collect(),
+        data: points.flatten().flat_map(f32::to_le_bytes).collect(),
+    }
+}
+
+/// The frame of a link of the robot; the world's where it has none.
+pub(crate) fn frame_of(robot: &Robot, link: Option<usize>) -> String {
+    link.map_or_else(|| WORLD.to_owned(), |link| robot.links()[link].name.clone())
+}
+
+/// A row's time.
+pub(crate) fn time_of(step: u64) -> Timestamp {
     const STEP_NS: u64 = (CONTROL_DT * 1e9) as u64;
     let ns = step.saturating_mul(STEP_NS);
     Timestamp { seconds: (ns / 1_000_000_000) as i64, nanos: (ns % 1_000_000_000) as i32 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use fiatlux_bag::{Bag, Completeness, part_of};
-use fiatlux_proto::v1::EpisodeHeader;
+use fiatlux_proto::v1::{EpisodeHeader, OpenRequest};
 use fiatlux_robot::Robot;
 use fiatlux_world::SceneConfig;
 
@@ -13,7 +13,7 @@ use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
 /// are removed: their episodes are played again. Two builds of one version are taken for the same.
 ///
 /// # Errors
-/// A bag of another policy or of other gains: its place is not taken.
+/// A bag of another policy or another session: its place is not taken.
 pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Vec<Job>, EvaluateError> {
     let world = Digests { model: Robot::g1_inspire()?.digest().into(), scene: SceneConfig::default().digest() };
     let remove = |path: &Path| std::fs::remove_file(path).map_err(|error| folder(path, error));
@@ -26,8 +26,8 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
         }
         match Bag::open(&path) {
             Ok(bag) => {
-                check_same(bag.header(), &path, options)?;
-                if is_current(&bag, &world) { kept.push(job) } else { remove(&path)? }
+                let is_same = is_same(bag.header(), &path, &options.request(job)?)?;
+                if is_same && is_current(&bag, &world) { kept.push(job) } else { remove(&path)? }
             }
             Err(_) if path.exists() => remove(&path)?,
             Err(_) => {}
@@ -44,17 +44,18 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
     Ok(jobs.iter().filter(|job| !kept.contains(job)).copied().collect())
 }
 
-fn check_same(header: &EpisodeHeader, path: &Path, options: &EvaluateOptions) -> Result<(), EvaluateError> {
-    for (field, found, wanted) in
-        [("policy", &header.policy, &options.policy), ("gains", &header.gains, &options.gains)]
-    {
-        if found != wanted {
-            let problem =
-                format!("it holds an episode with {field} '{found}', not '{wanted}'; name another folder with --out");
-            return Err(folder(path, problem));
-        }
+/// Whether a bag is of the session that is asked for; `false` where it does not say.
+fn is_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest) -> Result<bool, EvaluateError> {
+    let Some(found) = &header.request else { return Ok(false) };
+    if found == wanted {
+        return Ok(true);
     }
-    Ok(())
+    let what = if found.policy == wanted.policy {
+        "an episode of another session: other sensors, gains, thresholds or the like".into()
+    } else {
+        format!("an episode with policy '{}', not '{}'", found.policy, wanted.policy)
+    };
+    Err(folder(path, format!("it holds {what}; name another folder with --out")))
 }
 
 /// Whole, played to its end, and in the world that this build simulates.

@@ -6,8 +6,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use fiatlux_policy::{Client, ClientError, policies};
-use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v1::OpenRequest;
 use fiatlux_sim::{Naming, Recorder, RecorderOptions, Server, ServerOptions};
 
 use super::{EvaluateError, EvaluateOptions, Job, Progress, SERVER};
@@ -74,17 +72,8 @@ fn play_one(
     on_step: &mut dyn FnMut(u64),
     stop: &AtomicBool,
 ) -> Result<(), ClientError> {
-    let request = OpenRequest {
-        protocol: Some(PROTOCOL),
-        policy: options.policy.clone(),
-        task: job.task.to_string(),
-        seed: job.seed,
-        gains: options.gains.clone(),
-        recorded: true,
-        ..OpenRequest::default()
-    };
     let mut policy = policies::by_name(&options.policy)?;
-    let mut client = Client::open(link, Some(SERVER), request)?;
+    let mut client = Client::open(link, Some(SERVER), options.request(job)?)?;
     client.run_episode(0, policy.as_mut(), on_step, stop)?;
     // The episode is over; a session that is not closed ends by itself.
     if let Err(error) = client.close() {

@@ -30,7 +30,8 @@ pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
                 other => other.into(),
             })?;
             let task = args.task.clone().ok_or_else(|| Failure::Usage("name a task: --task S01 to S12".into()))?;
-            let request = request(args, OpenRequest { policy: policy.name(), task, ..OpenRequest::default() });
+            let sensors = policy.sensors();
+            let request = request(args, OpenRequest { policy: policy.name(), task, sensors, ..OpenRequest::default() });
             Ok(Plan {
                 policy,
                 request,
@@ -60,15 +61,10 @@ fn replay(args: &RunArgs, policy: Replay) -> Result<Plan, Failure> {
 fn request(args: &RunArgs, mut request: OpenRequest) -> OpenRequest {
     request.task = args.task.clone().unwrap_or(request.task);
     request.seed = args.seed.unwrap_or(request.seed);
-    request.gains = args.gains.clone().unwrap_or(request.gains);
-    request.no_noise |= args.no_noise;
     request.recorded = args.recorded;
-    request.thresholds.extend(args.set.iter().cloned());
+    args.session.apply(&mut request);
     if args.real_time {
         request.set_mode(Mode::RealTime);
-    }
-    if !args.end_on.is_empty() {
-        request.end_on.clone_from(&args.end_on);
     }
     request
 }

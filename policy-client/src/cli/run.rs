@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use clap::Args;
 use fiatlux_link::{LinkArgs, ProgressLine, Role, stop_on_signal};
-use fiatlux_policy::{Client, ClientError};
+use fiatlux_policy::{Client, ClientError, SessionArgs};
 
 use super::report::{Episode, Report};
 use super::{Failure, plan};
@@ -16,14 +16,15 @@ use super::{Failure, plan};
   random      uniform in [-1, 1], drawn from seed and episode
   hold        keeps the posture of the start
   stand       keeps the robot upright on level ground
-  replay:BAG  sends a recorded episode's actions once more. Task, seed, episode, gains, noise, thresholds and --end-on
-              are the bag's unless given. It runs in lockstep unless --real-time is given, also when the bag was
+  replay:BAG  sends a recorded episode's actions once more. Task, seed, episode and everything about the session are
+              the bag's unless given. It runs in lockstep unless --real-time is given, also when the bag was
               recorded in real time. At the end the digest is compared with the bag's.
 
 Examples:
   policy-client run --policy zero --task S08 --seed 0
   policy-client run --policy random --task S01 --seed 3 --episodes 10 --json
   policy-client run --policy hold --task S06 --set fragility_n=30 --end-on fall,time-out
+  policy-client run --policy stand --task S05 --recorded --record camera,lidar
   policy-client run --policy replay:bags/S08-s0-e0.mcap -e tcp/192.168.1.7:7447")]
 pub struct RunArgs {
     /// Name of the policy, see below
@@ -47,24 +48,14 @@ pub struct RunArgs {
     /// Step at 50 Hz by the wall clock, whether an action has come or not; without it the server waits
     #[arg(long)]
     pub real_time: bool,
-    /// Named set of gains of the joints' drives, such as sonic
-    #[arg(long, value_name = "NAME")]
-    pub gains: Option<String>,
-    /// Leave out the noise of start and sensors
-    #[arg(long)]
-    pub no_noise: bool,
     /// Wait for a recorder: the episode goes no further than it has recorded
     #[arg(long)]
     pub recorded: bool,
-    /// Override a threshold, such as fragility_n=30; may be repeated
-    #[arg(long, value_name = "NAME=VALUE", value_parser = threshold)]
-    pub set: Vec<(String, f64)>,
-    /// What ends an episode in place of the task's own conditions, such as fall,time-out
-    #[arg(long, value_name = "CAUSES", value_delimiter = ',')]
-    pub end_on: Vec<String>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub session: SessionArgs,
     #[command(flatten)]
     pub link: LinkArgs,
 }
@@ -107,13 +98,4 @@ pub fn run(args: &RunArgs) -> Result<bool, Failure> {
         Some(ClientError::Stopped) => Err(anyhow::anyhow!("stopped; the session is closed").into()),
         Some(error) => Err(error.into()),
     }
-}
-
-fn threshold(text: &str) -> Result<(String, f64), String> {
-    let (name, value) = text.split_once('=').ok_or("write NAME=VALUE, such as fragility_n=30")?;
-    let value: f64 = value.parse().map_err(|_| format!("'{value}' is no number"))?;
-    if name.is_empty() || !value.is_finite() {
-        return Err("write NAME=VALUE with a finite number, such as fragility_n=30".into());
-    }
-    Ok((name.into(), value))
 }

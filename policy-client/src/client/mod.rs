@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v1::{
-    CloseReply, CloseRequest, EpisodeEnd, Notice, OpenReply, OpenRequest, SessionInfo, open_reply,
+    CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
+    SessionInfo, look_reply, open_reply,
 };
 use fiatlux_proto::{PROTOCOL, decode, encoding, is_compatible};
 use zenoh::liveliness::LivelinessToken;
@@ -29,6 +30,12 @@ use mailbox::{Mail, Mailbox};
 
 /// The time that a server has to answer `open`; it may build the scene first, s.
 const OPEN_TIMEOUT_S: f64 = 60.0;
+
+/// The time that a server has to answer a look: features of a large image take some tenths of a second, s.
+const LOOK_TIMEOUT_S: f64 = 5.0;
+
+/// How often it is asked.
+const LOOK_TRIES: u32 = 4;
 
 /// The time that a server has to answer `close`, s.
 const CLOSE_TIMEOUT_S: f64 = 3.0;
@@ -149,7 +156,19 @@ impl Client {
                 is_reset = true;
             }
             progress(observation.step);
-            let command = policy.act(observation)?;
+            let asked = policy.look(observation);
+            let command = if asked.is_empty() {
+                policy.act(observation)?
+            } else {
+                let mut observation = observation.clone();
+                match self.look(&observation, &asked) {
+                    Ok(seen) => add(&mut observation, seen),
+                    // In real time the step may be over.
+                    Err(ClientError::Refused { field, .. }) if self.is_real_time() && field == "step" => continue,
+                    Err(error) => return Err(error),
+                }
+                policy.act(&observation)?
+            };
             let now_s = self.now_s();
             self.state.act(&name, command, now_s)?;
         }
@@ -166,6 +185,39 @@ impl Client {
             Some(refusal) => Err(ClientError::refused(&self.info.server, refusal)),
             None => Ok(()),
         }
+    }
+
+    /// Sensors of the session at the step of an observation, which must be the present one.
+    ///
+    /// # Errors
+    /// The server refuses (another step is present, a sensor that the session does not have) or does not answer.
+    pub fn look(&self, observation: &Observation, sensors: &[&str]) -> Result<Observation, ClientError> {
+        let request = LookRequest {
+            episode: observation.episode,
+            step: observation.step,
+            sensors: sensors.iter().map(|name| (*name).into()).collect(),
+        };
+        let server = &self.info.server;
+        let mut tries = 1;
+        let bytes = loop {
+            match query::ask(&self.link, &self.keys.look(), "LookRequest", &request, LOOK_TIMEOUT_S) {
+                // The question or its answer may have been lost.
+                Err(ClientError::Unanswered { .. }) if tries < LOOK_TRIES => tries += 1,
+                answered => break answered?,
+            }
+        };
+        let reply = decode::<LookReply>(&bytes, MAX_SERVER_MESSAGE).map_err(ClientError::unreadable(server))?;
+        match reply.reply {
+            Some(look_reply::Reply::Observation(seen)) => {
+                self.state.check(seen).map_err(|reason| ClientError::Session { reason })
+            }
+            Some(look_reply::Reply::Refusal(refusal)) => Err(ClientError::refused(server, refusal)),
+            None => Err(ClientError::Session { reason: "the reply to a look is empty".into() }),
+        }
+    }
+
+    fn is_real_time(&self) -> bool {
+        self.info.mode() == Mode::RealTime
     }
 
     fn now_s(&self) -> f64 {
@@ -206,6 +258,25 @@ impl Client {
             Output::Done(_) | Output::Failed(_) => Ok(()),
         }
     }
+}
+
+/// Adds the terms that were looked at.
+fn add(observation: &mut Observation, seen: Observation) {
+    fn fill<T: Default + PartialEq>(field: &mut T, seen: T) {
+        if seen != T::default() {
+            *field = seen;
+        }
+    }
+    fill(&mut observation.proprioception, seen.proprioception);
+    fill(&mut observation.hand_contact_force, seen.hand_contact_force);
+    fill(&mut observation.limb_contact_force, seen.limb_contact_force);
+    fill(&mut observation.last_action, seen.last_action);
+    fill(&mut observation.lidar, seen.lidar);
+    fill(&mut observation.camera, seen.camera);
+    fill(&mut observation.features, seen.features);
+    fill(&mut observation.flat, seen.flat);
+    fill(&mut observation.privileged, seen.privileged);
+    fill(&mut observation.verdict, seen.verdict);
 }
 
 fn subscribe(

@@ -41,20 +41,9 @@ impl Replay {
     /// The request that opens a session for the same rows: in lockstep, whatever the mode was, for the bag has the action
     /// that led to each row. It bears the recorded policy's name: a bag of the replay is a copy.
     pub fn request(&self) -> OpenRequest {
-        let header = self.header.clone();
-        OpenRequest {
-            policy: header.policy,
-            task: header.task,
-            seed: header.seed,
-            mode: Mode::Lockstep.into(),
-            sensors: header.sensors,
-            gains: header.gains,
-            hands: header.hands,
-            no_noise: header.no_noise,
-            end_on: if header.end_on_overridden { header.end_on } else { Vec::new() },
-            thresholds: header.thresholds,
-            ..OpenRequest::default()
-        }
+        let EpisodeHeader { policy, task, seed, thresholds, request, .. } = self.header.clone();
+        // The thresholds are those that were in force, should this version have other defaults.
+        OpenRequest { policy, task, seed, thresholds, mode: Mode::Lockstep.into(), ..request.unwrap_or_default() }
     }
 
     /// How the recorded episode ended, where the bag goes so far.

@@ -16,6 +16,7 @@ use fiatlux_proto::v1::{
 use fiatlux_proto::{Message, decode};
 
 use crate::{Command, PolicyError};
+use check::Lengths;
 pub use failure::SessionFailure;
 
 /// Longest time between two tries, s.
@@ -63,8 +64,7 @@ enum Phase {
 #[derive(Debug)]
 pub struct ClientSession {
     server: String,
-    joints: usize,
-    hand_bodies: usize,
+    lengths: Lengths,
     real_time: bool,
     resend_s: f64,
     silence_s: f64,
@@ -95,8 +95,7 @@ impl ClientSession {
         let grace_s = if info.grace_s.is_finite() { info.grace_s.clamp(0.0, 3600.0) } else { 0.0 };
         Self {
             server: info.server.clone(),
-            joints: info.joints.len(),
-            hand_bodies: info.hand_bodies.len(),
+            lengths: Lengths::new(info),
             real_time: info.mode() == Mode::RealTime,
             resend_s,
             // A server that waits for its recorder is silent for so long, and is no dead one.
@@ -158,7 +157,7 @@ impl ClientSession {
     pub fn act(&mut self, policy: &str, command: Command, now_s: f64) -> Result<(), PolicyError> {
         let Phase::Acting(observation) = &self.phase else { return Ok(()) };
         let step = observation.step;
-        check::command(policy, &command, self.joints, step)?;
+        check::command(policy, &command, self.lengths.joints, step)?;
         let mut action = Action { episode: self.episode, step, ..Action::default() };
         match command {
             Command::Action(numbers) => action.action = numbers,
@@ -178,10 +177,15 @@ impl ClientSession {
     /// A message came on `observation`, published or as the answer to a query.
     pub fn observation(&mut self, bytes: &[u8], now_s: f64) {
         let read = decode::<Observation>(bytes, MAX_SERVER_MESSAGE).map_err(|error| error.to_string());
-        match read.and_then(|observation| check::observation(observation, self.joints, self.hand_bodies)) {
+        match read.and_then(|observation| self.lengths.check(observation)) {
             Ok(observation) => self.observed(observation, now_s),
             Err(reason) => self.unreadable("observation", reason),
         }
+    }
+
+    /// Passes an observation on whose terms have the session's lengths; otherwise what is wrong.
+    pub fn check(&self, observation: Observation) -> Result<Observation, String> {
+        self.lengths.check(observation)
     }
 
     /// The query `observation` has ended: with an error reply, or with nothing.
@@ -213,7 +217,7 @@ impl ClientSession {
         }
         match reply {
             Some(reset_reply::Reply::Observation(observation)) => {
-                match check::observation(observation, self.joints, self.hand_bodies) {
+                match self.lengths.check(observation) {
                     Ok(first) if first.episode == self.episode && first.step == 0 => self.accept(first, now_s),
                     // The answer to an earlier reset.
                     Ok(_) => {}

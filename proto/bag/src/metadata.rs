@@ -52,7 +52,7 @@ where
 
 #[cfg(test)]
 mod tests {
-    use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult, Version};
+    use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult, OpenRequest, PropScale, Randomization, Sensor, Version};
 
     use super::*;
 
@@ -68,7 +68,12 @@ mod tests {
             seed: u64::MAX,
             thresholds: thresholds.iter().enumerate().map(|(i, t)| (format!("t{i}"), *t)).collect(),
             joint_names: vec!["a".into(), "b".into()],
-            no_noise: true,
+            randomization: Some(Randomization { fixed_start: true, ..Randomization::default() }),
+            request: Some(OpenRequest {
+                prop_scale: Some(PropScale { socket: 0.1 + 0.2, ..PropScale::default() }),
+                ..OpenRequest::default()
+            }),
+            sensors: vec![Sensor { name: "lidar".into(), rate_hz: 12.5, ..Sensor::default() }],
             control_dt: 0.02,
             ..EpisodeHeader::default()
         };

@@ -22,8 +22,13 @@ pub const TF: &str = "/tf";
 /// `foxglove.SceneUpdate`, for viewers.
 pub const SCENE: &str = "/scene";
 
+/// `foxglove.CompressedImage` of the head camera, where the session asked for it.
+pub const CAMERA: &str = "/camera";
+/// `foxglove.PointCloud` of what the LiDAR hits, where the session asked for it.
+pub const LIDAR: &str = "/lidar";
+
 /// Topics and full names of their messages; a topic's channel has its place here, from 1.
-pub(crate) const TOPICS: [(&str, &str); 8] = [
+pub(crate) const TOPICS: [(&str, &str); 10] = [
     (STATE, "fiatlux.v1.State"),
     (EVENT, "fiatlux.v1.Event"),
     (RESULT, "fiatlux.v1.EpisodeResult"),
@@ -32,6 +37,8 @@ pub(crate) const TOPICS: [(&str, &str); 8] = [
     (REWARD, "fiatlux.v1.Reward"),
     (TF, "foxglove.FrameTransforms"),
     (SCENE, "foxglove.SceneUpdate"),
+    (CAMERA, "foxglove.CompressedImage"),
+    (LIDAR, "foxglove.PointCloud"),
 ];
 
 /// Whether a topic stands in the chunks that a grade reads.
@@ -83,8 +90,9 @@ mod tests {
 
     #[test]
     fn schemas_carry_their_imports_and_no_more() {
-        assert_eq!(files("fiatlux.v1.State"), ["fiatlux/v1/session.proto", "fiatlux/v1/truth.proto"]);
-        assert_eq!(files("fiatlux.v1.Observation"), ["fiatlux/v1/session.proto"]);
+        let ours = ["observation", "room", "session", "truth"].map(|file| format!("fiatlux/v1/{file}.proto"));
+        assert_eq!(files("fiatlux.v1.State"), ours);
+        assert_eq!(files("fiatlux.v1.Observation"), ours[..1]);
         let frames = ["google/protobuf/timestamp.proto", "foxglove/geometry.proto", "foxglove/frames.proto"];
         assert_eq!(files("foxglove.FrameTransforms"), frames);
         for (topic, message) in TOPICS {

@@ -138,6 +138,8 @@ impl BagWriter {
             (topic::ACTION, &truth.action),
             (topic::OBSERVATION, &truth.observation),
             (topic::REWARD, &truth.reward),
+            (topic::CAMERA, &truth.camera),
+            (topic::LIDAR, &truth.lidar),
         ];
         for (topic, bytes) in other {
             if !bytes.is_empty() {

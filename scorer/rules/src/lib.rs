@@ -34,4 +34,4 @@ pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summ
 pub use settle::PoseSpeed;
 pub use task::{CONTROL_DT, ControlMode, Factor, Task, TaskSpec, UnknownTask};
 pub use thresholds::{ThresholdError, Thresholds};
-pub use wire::RowError;
+pub use wire::{RowError, pose_message, read_pose};

@@ -53,8 +53,8 @@ impl From<&Row> for v1::State {
             ladder: Some(body(&row.ladder)),
             old_bulb: Some(bulb(Bulb::Old)),
             fresh_bulb: Some(bulb(Bulb::Fresh)),
-            fixture: Some(pose(&row.fixture)),
-            crate_: Some(pose(&row.crate_)),
+            fixture: Some(pose_message(&row.fixture)),
+            crate_: Some(pose_message(&row.crate_)),
             limb_force: row.limb_force.iter().flat_map(|force| force.iter().copied()).collect(),
             unconverged: row.unconverged,
         }
@@ -109,7 +109,8 @@ fn quaternion(pose: &Isometry3<f64>) -> Vec<f64> {
     vec![q.w, q.i, q.j, q.k]
 }
 
-fn pose(pose: &Isometry3<f64>) -> v1::Pose {
+/// A pose as a message.
+pub fn pose_message(pose: &Isometry3<f64>) -> v1::Pose {
     v1::Pose { position: list(&pose.translation.vector), quaternion: quaternion(pose) }
 }
 
@@ -144,7 +145,11 @@ fn isometry(field: &'static str, position: &[f64], quaternion: &[f64]) -> Result
     Ok(Isometry3::from_parts(Translation3::from(vector(field, position)?), rotation))
 }
 
-fn read_pose(field: &'static str, pose: &Option<v1::Pose>) -> Result<Isometry3<f64>, RowError> {
+/// A pose from a message's field; its numbers are not checked.
+///
+/// # Errors
+/// [`RowError`]: it is missing, or has a wrong length.
+pub fn read_pose(field: &'static str, pose: &Option<v1::Pose>) -> Result<Isometry3<f64>, RowError> {
     let pose = pose.as_ref().ok_or(RowError::Missing { field })?;
     isometry(field, &pose.position, &pose.quaternion)
 }

@@ -1,5 +1,7 @@
 //! The network: layers in order, and the images between them.
 
+use std::sync::Arc;
+
 use fearless_simd::{Level, dispatch};
 
 use crate::direct::Direct;
@@ -94,7 +96,7 @@ impl Planes {
 pub struct ResNet18 {
     level: Level,
     label: String,
-    convs: Network<Conv>,
+    convs: Arc<Network<Conv>>,
     /// What a byte of each colour becomes.
     normalised: [[f32; 3]; 256],
     planes: Planes,
@@ -108,7 +110,7 @@ impl ResNet18 {
         Self {
             level: Level::new(),
             label: weights.label(),
-            convs: weights.network().map(|filled| Conv::new(&Folded::new(filled))),
+            convs: Arc::new(weights.network().map(|filled| Conv::new(&Folded::new(filled)))),
             normalised: std::array::from_fn(|byte| {
                 std::array::from_fn(|colour| (byte as f32 / 255.0 - MEAN[colour]) / STD[colour])
             }),
@@ -116,6 +118,29 @@ impl ResNet18 {
             scratch: Scratch::default(),
             features: [0.0; FEATURES],
         }
+    }
+
+    /// A second network with the same weights, which both share, and with memory of its own for the images in between.
+    pub fn twin(&self) -> Self {
+        Self {
+            level: self.level,
+            label: self.label.clone(),
+            convs: Arc::clone(&self.convs),
+            normalised: self.normalised,
+            planes: Planes::new(0, 0),
+            scratch: Scratch::default(),
+            features: [0.0; FEATURES],
+        }
+    }
+
+    /// Label of the weights.
+    pub fn label(&self) -> &str {
+        &self.label
+    }
+
+    /// The features of the last image.
+    pub fn last(&self) -> &[f32; FEATURES] {
+        &self.features
     }
 
     /// The features of an image: 512 numbers, none negative, each the mean of a channel of the last layer. `rgb` has 3

@@ -14,6 +14,11 @@ const HEAD_NEAR: f64 = 0.05;
 const HEAD_MOUNT: &str = "d435_link";
 const HEAD_LINK: &str = "head_link";
 
+/// The head camera's field of view from left to right, rad.
+pub fn head_fov() -> f64 {
+    2.0 * libm::atan(HEAD_SLOPE)
+}
+
 /// A pinhole camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
@@ -39,7 +44,7 @@ impl Camera {
             return Err(RenderError::NoMount { robot: robot.name().into(), link: HEAD_MOUNT });
         };
         let poses = robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
-        let fov = 2.0 * libm::atan(HEAD_SLOPE);
+        let fov = head_fov();
         Ok(Self {
             world_from_camera: poses[mount],
             horizontal_fov: fov,
@@ -47,6 +52,13 @@ impl Camera {
             near: HEAD_NEAR,
             hidden_link: robot.link_index(HEAD_LINK),
         })
+    }
+
+    /// The same camera for a picture of that size in square pixels: the horizontal field of view stays.
+    pub fn fitted(mut self, width: usize, height: usize) -> Self {
+        let slope = libm::tan(self.horizontal_fov / 2.0) * height as f64 / width as f64;
+        self.vertical_fov = 2.0 * libm::atan(slope);
+        self
     }
 
     /// A camera at `eye` (m, world) that looks at `target` with the horizon level. `vertical_fov` in rad; `aspect` is

@@ -25,7 +25,7 @@ mod tone;
 mod view;
 mod visuals;
 
-pub use camera::{Camera, HEAD_PIXELS};
+pub use camera::{Camera, HEAD_PIXELS, head_fov};
 pub use error::RenderError;
 pub use image::Image;
 pub use lighting::Lighting;

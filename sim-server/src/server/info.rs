@@ -1,13 +1,15 @@
 //! What a server says of itself, of its tasks, and of a session.
 
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v1::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
+use fiatlux_proto::v1::{EpisodeHeader, FlatTerm, Joint, ServerInfo, SessionInfo, TaskInfo};
+use fiatlux_render::head_fov;
 use fiatlux_robot::Robot;
 use fiatlux_rules::{CONTROL_DT, ROW_LAYOUT, Task};
-use fiatlux_world::{ACTION_SCALE, Episode, RNG_NAME, Scene, SceneConfig};
+use fiatlux_world::{ACTION_SCALE, Episode, ObservationTerm, RNG_NAME, Scene, SceneConfig, observation_terms};
 
-use super::plan::{GAINS, Plan, SENSORS};
+use super::plan::{GAINS, Plan};
 use super::session::Times;
+use crate::senses::Sensor;
 
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -19,7 +21,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
         version: VERSION.into(),
         server: name.into(),
         tasks: Task::ALL.into_iter().map(task).collect(),
-        sensors: SENSORS.map(Into::into).into(),
+        sensors: Sensor::ALL.map(|sensor| sensor.name().into()).into(),
         gains: GAINS.map(Into::into).into(),
         capacity: u32::try_from(capacity).unwrap_or(u32::MAX),
         open_sessions: 0,
@@ -49,7 +51,7 @@ fn hand_bodies(robot: &Robot) -> Vec<String> {
 }
 
 /// Of a session.
-pub(super) fn session(server: &str, id: &str, plan: &Plan, scene: &Scene, times: &Times) -> SessionInfo {
+pub(super) fn session(server: &str, id: &str, plan: &Plan, weights: &str, scene: &Scene, times: &Times) -> SessionInfo {
     let robot = &scene.robot;
     let joints = robot.joints().iter().zip(robot.q0()).zip(&scene.spec.gains.0).map(|((joint, q0), drive)| Joint {
         name: joint.name.clone(),
@@ -69,18 +71,36 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, scene: &Scene, times:
         seed: plan.seed,
         joints: joints.collect(),
         hand_bodies: hand_bodies(robot),
-        sensors: plan.sensors.names(),
+        sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
         action_scale: ACTION_SCALE,
         action_timeout_s: times.action_timeout.as_secs_f64(),
         grace_s: times.grace.as_secs_f64(),
         resend_s: times.resend.as_secs_f64(),
         gains: plan.gains.to_string(),
+        image_width: plan.image_size[0] as u32,
+        image_height: plan.image_size[1] as u32,
+        image_fov: head_fov(),
+        weights: weights.into(),
+        randomization: None,
+        reward: plan.reward_name().into(),
+        flat_terms: if plan.sensors.all().contains(Sensor::Flat) { flat_terms(plan.task) } else { Vec::new() },
     }
 }
 
+fn flat_terms(task: Task) -> Vec<FlatTerm> {
+    let term = |term: &ObservationTerm| FlatTerm {
+        name: term.name.into(),
+        offset: term.offset as u32,
+        length: term.length as u32,
+        scale: term.scale,
+        noise: term.noise,
+    };
+    observation_terms(task).iter().map(term).collect()
+}
+
 /// Of an episode.
-pub(super) fn header(server: &str, id: &str, plan: &Plan, episode: &Episode) -> EpisodeHeader {
+pub(super) fn header(server: &str, id: &str, plan: &Plan, weights: &str, episode: &Episode) -> EpisodeHeader {
     let scene = episode.scene();
     let robot = &scene.robot;
     EpisodeHeader {
@@ -88,7 +108,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, episode: &Episode) -> 
         version: VERSION.into(),
         server: server.into(),
         session: id.into(),
-        policy: plan.policy.clone(),
+        policy: plan.request.policy.clone(),
         task: plan.task.short_id().into(),
         task_id: plan.task.id().into(),
         instruction: plan.task.instruction().into(),
@@ -97,8 +117,10 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, episode: &Episode) -> 
         mode: plan.mode().into(),
         gains: plan.gains.to_string(),
         hands: plan.hands.to_string(),
-        no_noise: plan.no_noise,
-        sensors: plan.sensors.names(),
+        sensors: plan.sensors.messages(),
+        image_width: plan.image_size[0] as u32,
+        image_height: plan.image_size[1] as u32,
+        weights: weights.into(),
         end_on: episode.judge().ends_on().iter().map(|cause| cause.name().to_owned()).collect(),
         thresholds: plan.thresholds.entries().map(|(name, value)| (name.to_owned(), value)).collect(),
         // Numbers and lists of them always have a form in JSON.
@@ -114,5 +136,9 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, episode: &Episode) -> 
         horizon_steps: plan.task.horizon_steps(),
         control_dt: CONTROL_DT,
         end_on_overridden: plan.end_on.is_some(),
+        randomization: None,
+        drawn: None,
+        request: Some(plan.request.clone()),
+        reward: plan.reward_name().into(),
     }
 }

@@ -1,52 +1,51 @@
 //! What a client asks for when it opens a session, checked field by field.
 
+mod sensors;
+
+use fiatlux_features::SIDE_STEP;
 use fiatlux_proto::v1::refusal::Code;
 use fiatlux_proto::v1::{Mode, OpenRequest, Refusal};
 use fiatlux_proto::{DecodeError, PROTOCOL, decode, is_compatible, limits};
+use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
-use fiatlux_rules::{Cause, Causes, Task, Thresholds};
+use fiatlux_rules::{Cause, Causes, Task, Thresholds, Variant};
 
-/// Sensor names, in the order in which sessions list them.
-pub(super) const SENSORS: [&str; 3] = ["proprioception", "hand_contact", "last_action"];
-/// Sensors of the benchmark that this server does not have.
-const LATER_SENSORS: [&str; 4] = ["camera", "lidar", "features", "privileged"];
+use crate::senses::Sensors;
+pub(super) use sensors::SensorPlan;
+
 /// Names of the gains.
 pub(super) const GAINS: [&str; 2] = ["fiatlux", "sonic"];
 
-/// Which terms observations have.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Sensors {
-    pub proprioception: bool,
-    pub hand_contact: bool,
-    pub last_action: bool,
-}
-
-impl Sensors {
-    pub fn names(self) -> Vec<String> {
-        let asked = [self.proprioception, self.hand_contact, self.last_action];
-        SENSORS.iter().zip(asked).filter(|(_, asked)| *asked).map(|(name, _)| (*name).to_owned()).collect()
-    }
-}
+/// The side of the camera's image unless a session asks for another, pixels.
+const IMAGE_SIDE: u32 = HEAD_PIXELS as u32;
 
 /// A session as it was asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plan {
-    pub policy: String,
+    /// As it came.
+    pub request: OpenRequest,
     pub task: Task,
     pub seed: u64,
     pub real_time: bool,
-    pub sensors: Sensors,
+    pub sensors: SensorPlan,
+    /// Width and height of the camera's image, pixels.
+    pub image_size: [usize; 2],
     pub gains: GainSet,
     pub hands: HandKind,
     pub no_noise: bool,
     pub recorded: bool,
     pub end_on: Option<Causes>,
     pub thresholds: Thresholds,
+    pub reward: Variant,
 }
 
 impl Plan {
     pub fn mode(&self) -> Mode {
         if self.real_time { Mode::RealTime } else { Mode::Lockstep }
+    }
+
+    pub fn reward_name(&self) -> &'static str {
+        reward_name(self.reward)
     }
 }
 
@@ -86,38 +85,66 @@ fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
             return Err(unknown("mode", message));
         }
     };
+    let task = request.task.parse::<Task>().map_err(|error| unknown("task", error.to_string()))?;
+    let sensors = sensors::read(request, task)?;
+    check_weights(request, &sensors)?;
     Ok(Plan {
-        policy: request.policy.clone(),
-        task: request.task.parse::<Task>().map_err(|error| unknown("task", error.to_string()))?,
+        request: request.clone(),
+        task,
         seed: request.seed,
         real_time,
-        sensors: sensors(&request.sensors)?,
+        image_size: image_size(request, &sensors)?,
+        sensors,
         gains: gains(&request.gains)?,
         hands: hands(&request.hands)?,
-        no_noise: request.no_noise,
+        no_noise: request.randomization.as_ref().is_some_and(|r| r.fixed_start && r.exact_sensors),
         recorded: request.recorded,
         end_on: end_on(&request.end_on)?,
         thresholds: thresholds(request)?,
+        reward: reward(&request.reward)?,
     })
 }
 
-fn sensors(names: &[String]) -> Result<Sensors, Refusal> {
-    let all = names.is_empty();
-    let mut sensors = Sensors { proprioception: all, hand_contact: all, last_action: all };
-    for name in names {
-        match name.as_str() {
-            "proprioception" => sensors.proprioception = true,
-            "hand_contact" => sensors.hand_contact = true,
-            "last_action" => sensors.last_action = true,
-            other => {
-                let later = LATER_SENSORS.contains(&other);
-                let what = if later { "is not supported yet" } else { "does not exist" };
-                let message = format!("sensor '{other}' {what}; ask for some of {}", SENSORS.join(", "));
-                return Err(refusal(Code::Unknown, "sensors", message));
-            }
-        }
+fn reward_name(reward: Variant) -> &'static str {
+    match reward {
+        Variant::Benchmark => "benchmark",
+        Variant::Training => "training",
     }
-    Ok(sensors)
+}
+
+fn reward(name: &str) -> Result<Variant, Refusal> {
+    let known = [Variant::Benchmark, Variant::Training];
+    let found = known.into_iter().find(|reward| name == reward_name(*reward) || name.is_empty());
+    found.ok_or_else(|| {
+        let message = format!("there is no reward '{name}'; use one of {}", known.map(reward_name).join(", "));
+        refusal(Code::Unknown, "reward", message)
+    })
+}
+
+fn image_size(request: &OpenRequest, sensors: &SensorPlan) -> Result<[usize; 2], Refusal> {
+    let [least, most] = limits::IMAGE_SIDES;
+    let with_features = sensors.all().meets(Sensors::WITH_FEATURES);
+    let side = |field: &str, side: u32| {
+        let side = if side == 0 { IMAGE_SIDE } else { side };
+        if !(least..=most).contains(&side) {
+            let message = format!("{field} is {side} pixels; it must be within {least} and {most}");
+            return Err(refusal(Code::Value, field, message));
+        }
+        if with_features && !(side as usize).is_multiple_of(SIDE_STEP) {
+            let message = format!("{field} is {side} pixels; features need a multiple of {SIDE_STEP}");
+            return Err(refusal(Code::Value, field, message));
+        }
+        Ok(side as usize)
+    };
+    Ok([side("image_width", request.image_width)?, side("image_height", request.image_height)?])
+}
+
+fn check_weights(request: &OpenRequest, sensors: &SensorPlan) -> Result<(), Refusal> {
+    if !request.weights.is_empty() && !sensors.all().meets(Sensors::WITH_FEATURES) {
+        let message = "weights are named, but no sensor needs them; ask for features or flat, or leave them out";
+        return Err(refusal(Code::Value, "weights", message));
+    }
+    Ok(())
 }
 
 fn gains(name: &str) -> Result<GainSet, Refusal> {
@@ -167,9 +194,14 @@ fn thresholds(request: &OpenRequest) -> Result<Thresholds, Refusal> {
 #[cfg(test)]
 mod tests {
     use fiatlux_proto::Message;
-    use fiatlux_proto::v1::Version;
+    use fiatlux_proto::v1::{self, Version};
 
     use super::*;
+    use crate::senses::Sensor;
+
+    fn named(names: &[&str]) -> Vec<v1::Sensor> {
+        names.iter().map(|name| v1::Sensor { name: (*name).into(), ..v1::Sensor::default() }).collect()
+    }
 
     fn request() -> OpenRequest {
         OpenRequest { protocol: Some(PROTOCOL), task: "S05".into(), ..OpenRequest::default() }
@@ -179,14 +211,18 @@ mod tests {
     fn what_is_left_out_has_its_default() {
         let plan = read(&request().encode_to_vec()).expect("valid");
         assert_eq!((plan.task, plan.real_time, plan.gains), (Task::S05, false, GainSet::Fiatlux));
-        assert_eq!(plan.sensors.names(), SENSORS);
+        assert_eq!(plan.sensors.all(), Sensors::of_body(Task::S05));
+        assert_eq!((plan.image_size, plan.reward), ([256, 256], Variant::Benchmark));
         assert_eq!((plan.end_on, plan.thresholds), (None, Thresholds::default()));
     }
 
     #[test]
     fn what_is_asked_for_is_taken() {
         let asked = OpenRequest {
-            sensors: vec!["last_action".into(), "proprioception".into()],
+            sensors: named(&["last_action", "camera"]),
+            image_width: 480,
+            image_height: 270,
+            reward: "training".into(),
             gains: "sonic".into(),
             hands: "inspire".into(),
             end_on: vec!["fall".into(), "time-out".into()],
@@ -195,7 +231,8 @@ mod tests {
             ..request()
         };
         let plan = read(&asked.encode_to_vec()).expect("valid");
-        assert_eq!(plan.sensors.names(), ["proprioception", "last_action"]);
+        assert_eq!(plan.sensors.all(), Sensors::of(&[Sensor::Camera, Sensor::LastAction]));
+        assert_eq!((plan.image_size, plan.reward), ([480, 270], Variant::Training));
         assert_eq!((plan.gains, plan.real_time), (GainSet::Sonic, true));
         assert_eq!(plan.end_on, Some(Causes::of(&[Cause::Fall, Cause::TimeOut])));
         assert_eq!((plan.thresholds.fragility_n, plan.thresholds.grip_bodies), (30.0, 3));
@@ -205,7 +242,8 @@ mod tests {
     #[test]
     fn refusals() {
         let list = |name: &str| vec![name.to_owned()];
-        let cases: [(OpenRequest, Code, &str, &str); 13] = [
+        let flat = || named(&["flat"]);
+        let cases = [
             (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 1.0"),
             (
                 OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
@@ -215,8 +253,17 @@ mod tests {
             ),
             (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
             (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),
-            (OpenRequest { sensors: list("camera"), ..request() }, Code::Unknown, "sensors", "not supported yet"),
-            (OpenRequest { sensors: list("smell"), ..request() }, Code::Unknown, "sensors", "does not exist"),
+            (OpenRequest { sensors: named(&["smell"]), ..request() }, Code::Unknown, "sensors", "does not exist"),
+            (OpenRequest { image_width: 15, ..request() }, Code::Value, "image_width", "within 16 and 640"),
+            (OpenRequest { image_height: 641, ..request() }, Code::Value, "image_height", "within 16 and 640"),
+            (
+                OpenRequest { sensors: flat(), image_height: 250, ..request() },
+                Code::Value,
+                "image_height",
+                "multiple of 32",
+            ),
+            (OpenRequest { weights: "a".into(), ..request() }, Code::Value, "weights", "ask for features or flat"),
+            (OpenRequest { reward: "more".into(), ..request() }, Code::Unknown, "reward", "benchmark, training"),
             (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
             (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),
             (OpenRequest { hands: "claw".into(), ..request() }, Code::Unknown, "hands", "use 'inspire'"),

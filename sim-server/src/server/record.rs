@@ -17,6 +17,14 @@ pub(super) struct Missed {
     pub steps: u64,
 }
 
+/// What was sensed of a row, encoded; empty where the bag is not to have it.
+#[derive(Debug, Default)]
+pub(super) struct Seen {
+    pub observation: Vec<u8>,
+    pub camera: Vec<u8>,
+    pub lidar: Vec<u8>,
+}
+
 /// Turns the rows of one episode into truths.
 #[derive(Debug)]
 pub(super) struct Record {
@@ -37,7 +45,7 @@ fn bulb_name(bulb: Bulb) -> &'static str {
 
 impl Record {
     /// Row 0, with everything that must be known beside the rows.
-    pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, observation: &[u8]) -> (Self, Truth) {
+    pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, seen: Seen) -> (Self, Truth) {
         let row = episode.row();
         let conjuncts = episode.verdict().conjuncts;
         let held = named(episode, &conjuncts);
@@ -49,7 +57,9 @@ impl Record {
             step: row.step,
             header: Some(header),
             state: State::from(row).encode_to_vec(),
-            observation: observation.to_vec(),
+            observation: seen.observation,
+            camera: seen.camera,
+            lidar: seen.lidar,
             events: vec![start.encode_to_vec()],
             scene,
             ..Truth::default()
@@ -62,7 +72,7 @@ impl Record {
         &mut self,
         episode: &Episode,
         action: &ActionRecord,
-        observation: &[u8],
+        seen: Seen,
         events: impl Iterator<Item = Event>,
         missed: Missed,
     ) -> Truth {
@@ -80,7 +90,9 @@ impl Record {
             step: row.step,
             state: State::from(row).encode_to_vec(),
             action: action.encode_to_vec(),
-            observation: observation.to_vec(),
+            observation: seen.observation,
+            camera: seen.camera,
+            lidar: seen.lidar,
             reward: reward(episode).encode_to_vec(),
             events: encoded,
             result,

@@ -1,9 +1,10 @@
 //! Scenes, built once and shared by the sessions that play in them.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use fiatlux_proto::Message;
+use fiatlux_render::Visuals;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec};
 
@@ -20,6 +21,20 @@ pub(super) struct Built {
     pub scene: Arc<Scene>,
     /// An encoded `foxglove.SceneUpdate`.
     pub shapes: Arc<[u8]>,
+    /// Its meshes, once a camera has asked for them.
+    visuals: Arc<OnceLock<Arc<Visuals>>>,
+}
+
+impl Built {
+    fn new(scene: Arc<Scene>) -> Self {
+        let shapes = crate::show::scene_update(&scene).encode_to_vec().into();
+        Self { scene, shapes, visuals: Arc::default() }
+    }
+
+    /// The scene's meshes.
+    pub fn visuals(&self) -> Arc<Visuals> {
+        Arc::clone(self.visuals.get_or_init(|| Arc::new(Visuals::new(&self.scene))))
+    }
 }
 
 /// Builds scenes of one config and keeps those last used.
@@ -43,9 +58,7 @@ impl Scenes {
         }
         // Two sessions may build the same scene at once; that costs time only.
         let spec = SceneSpec { kind, seed, gains: self.robot.gains(gains), hand_friction: None };
-        let scene = Arc::new(Scene::build(&self.config, Arc::clone(&self.robot), spec)?);
-        let shapes = shapes(&scene).into();
-        let built = Built { scene, shapes };
+        let built = Built::new(Arc::new(Scene::build(&self.config, Arc::clone(&self.robot), spec)?));
         let mut kept = lock(&self.kept);
         if kept.len() >= KEPT {
             kept.pop_front();
@@ -62,8 +75,4 @@ impl Scenes {
         kept.push_back(entry);
         Some(built)
     }
-}
-
-fn shapes(scene: &Scene) -> Vec<u8> {
-    crate::show::scene_update(scene).encode_to_vec()
 }

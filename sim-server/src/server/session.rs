@@ -2,6 +2,7 @@
 //! rules that it follows are those of `proto/PROTOCOL.md`.
 
 mod act;
+mod look;
 mod message;
 mod recording;
 #[cfg(test)]
@@ -10,12 +11,13 @@ mod tests;
 use std::sync::Arc;
 use std::time::Duration;
 
+use fiatlux_features::ResNet18;
 use fiatlux_proto::v1::notice::Code as NoticeCode;
 use fiatlux_proto::v1::refusal::Code as RefusalCode;
 use fiatlux_proto::v1::{CloseReply, CloseRequest, Event, Notice, Observation, ResetRequest, SessionInfo};
 use fiatlux_proto::{Message, decode, limits};
-use fiatlux_rules::Variant;
-use fiatlux_world::{Episode, EpisodeSpec, Scene};
+use fiatlux_render::Lighting;
+use fiatlux_world::{Episode, EpisodeSpec};
 use zenoh::bytes::ZBytes;
 
 use super::chain;
@@ -23,10 +25,13 @@ use super::info;
 use super::notices::Notices;
 use super::plan::{Plan, malformed, refusal};
 use super::record::{self, Record};
+use super::scenes::Built;
 use super::window::Window;
+use crate::senses::Senses;
 use act::{Asked, Clock};
+use look::{observe, recorded};
 pub(super) use message::{Input, Output, Sink, Times};
-use message::{closed, refuse, reset_refused, reset_replied};
+use message::{closed, looked, refuse, reset_refused, reset_replied};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
@@ -77,9 +82,10 @@ pub(super) struct Session<R> {
     id: String,
     plan: Plan,
     times: Times,
-    scene: Arc<Scene>,
-    /// Shapes of the scene for a viewer.
-    scene_message: Arc<[u8]>,
+    built: Built,
+    senses: Senses,
+    /// Label of the weights of the camera's features; empty without them.
+    weights: String,
     phase: Phase,
     run: Option<Run>,
     window: Window,
@@ -105,17 +111,19 @@ impl<R> Session<R> {
         id: &str,
         plan: Plan,
         times: Times,
-        scene: Arc<Scene>,
-        scene_message: Arc<[u8]>,
+        built: Built,
+        network: Option<ResNet18>,
         now: Duration,
     ) -> Self {
+        let weights = network.as_ref().map(|network| network.label().to_owned()).unwrap_or_default();
         Self {
             server: server.into(),
             id: id.into(),
+            senses: Senses::new(plan.sensors.all(), plan.image_size, network),
+            weights,
             plan,
             times,
-            scene,
-            scene_message,
+            built,
             phase: Phase::Open,
             run: None,
             window: Window::default(),
@@ -131,7 +139,7 @@ impl<R> Session<R> {
 
     /// What the client is told of it.
     pub fn info(&self) -> SessionInfo {
-        info::session(&self.server, &self.id, &self.plan, &self.scene, &self.times)
+        info::session(&self.server, &self.id, &self.plan, &self.weights, &self.built.scene, &self.times)
     }
 
     /// Nothing is lost when the server stops now.
@@ -150,6 +158,10 @@ impl<R> Session<R> {
                 Some(run) => out(Output::Reply(to, "Observation", vec![run.observation.clone()])),
                 None => refuse(to, &refusal(RefusalCode::Value, "", "no episode runs; send reset"), out),
             },
+            Input::Look(bytes, to) => {
+                let seen = self.on_look(&bytes);
+                looked(to, seen, out);
+            }
             Input::ClientSeen => self.client_gone = None,
             Input::ClientGone => self.client_gone = self.client_gone.or(Some(now)),
             Input::Ack(bytes) => self.on_ack(&bytes, now, out),
@@ -250,19 +262,28 @@ impl<R> Session<R> {
             no_noise: self.plan.no_noise,
             thresholds: self.plan.thresholds.clone(),
             end_on: self.plan.end_on,
-            variant: Variant::Benchmark,
+            variant: self.plan.reward,
         };
-        let episode = match Episode::start(Arc::clone(&self.scene), &spec) {
+        let episode = match Episode::start(Arc::clone(&self.built.scene), &spec) {
             Ok(episode) => episode,
             Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "", chain(&error)), out),
         };
-        let observation = act::observe(&episode, self.plan.sensors);
+        let built = &self.built;
+        let (senses, sensors) = (&mut self.senses, &self.plan.sensors);
+        let first = senses
+            .begin(&built.scene, || built.visuals(), Lighting::default())
+            .and_then(|()| observe(senses, &episode, sensors.due(0)))
+            .and_then(|first| Ok((first.clone(), recorded(senses, &episode, sensors, first)?)));
+        let (observation, seen) = match first {
+            Ok(first) => first,
+            Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "sensors", chain(&error)), out),
+        };
         let bytes = observation.encode_to_vec();
         reset_replied(to, observation, out);
-        let header = info::header(&self.server, &self.id, &self.plan, &episode);
+        let header = info::header(&self.server, &self.id, &self.plan, &self.weights, &episode);
         self.events.clear();
         self.refused = 0;
-        let (record, truth) = Record::start(&episode, header, self.scene_message.to_vec(), &bytes);
+        let (record, truth) = Record::start(&episode, header, self.built.shapes.to_vec(), seen);
         let missed = record::Missed::default();
         self.run = Some(Run { episode, record, observation: bytes.into(), observed_at: now, clock: None, missed });
         self.publish_truth(truth, now, out);

@@ -16,11 +16,13 @@ use zenoh::query::Query;
 use zenoh::{Session as Zenoh, Wait};
 
 use super::actor::{Actor, Side, Wire};
+use super::networks::Networks;
 use super::plan::{self, refusal};
 use super::pool::{Answer, AnswerKind, Job, Queue, Timer};
 use super::scenes::Scenes;
 use super::session::{Input, Output, Session, Times};
 use super::{chain, lock};
+use crate::senses::Sensors;
 
 /// Inputs that a worker gives a session before others get their turn.
 const TURN: usize = 256;
@@ -36,6 +38,7 @@ pub(super) struct Shared {
     pub times: Times,
     pub capacity: usize,
     pub scenes: Scenes,
+    pub networks: Networks,
     pub info: ServerInfo,
     pub queue: Queue<Job>,
     /// A reply waits as long as its query says where the way to the client is full, so workers leave them to another thread.
@@ -237,11 +240,14 @@ impl Shared {
         let built = built.map_err(|error| refusal(Code::Start, "seed", chain(&error)))?;
         let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
         let keys = self.keys.session(&id);
+        let network =
+            plan.sensors.all().meets(Sensors::WITH_FEATURES).then(|| self.networks.get(&plan.request.weights));
+        let network = network.transpose()?;
         let wire = Wire::declare(&self.zenoh, &keys)
             .map_err(|error| refusal(Code::Busy, "", format!("Zenoh refuses the session's keys: {error}")))?;
-        let (task, seed, policy) = (plan.task, plan.seed, plan.policy.clone());
+        let (task, seed, policy) = (plan.task, plan.seed, plan.request.policy.clone());
         let now = self.now();
-        let session = Session::new(&self.name, &id, plan, self.times, built.scene, built.shapes, now);
+        let session = Session::new(&self.name, &id, plan, self.times, built, network, now);
         let info = session.info();
         let wake_at = session.wake_at();
         let actor = Arc::new(Actor::new(id.clone(), session, wire));

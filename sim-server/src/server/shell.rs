@@ -1,6 +1,7 @@
 //! A server on a Zenoh session.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, RwLock};
 use std::thread::JoinHandle;
@@ -8,7 +9,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use fiatlux_proto::keys::{self, ServerKeys};
 use fiatlux_proto::v1::refusal::Code;
-use fiatlux_proto::v1::{CloseReply, OpenReply, ResetReply, open_reply, reset_reply};
+use fiatlux_proto::v1::{CloseReply, LookReply, OpenReply, ResetReply, look_reply, open_reply, reset_reply};
 use fiatlux_proto::{Message, limits};
 use fiatlux_robot::{Robot, RobotError};
 use fiatlux_world::{SceneConfig, SceneError};
@@ -23,6 +24,7 @@ use zenoh::{Session as Zenoh, Wait};
 use super::actor::{Actor, Side};
 use super::info;
 use super::lock;
+use super::networks::Networks;
 use super::plan::refusal;
 use super::pool::{Job, Queue, Timer};
 use super::scenes::Scenes;
@@ -53,6 +55,8 @@ pub struct ServerOptions {
     pub recorder_timeout: Duration,
     /// All numbers of the scene.
     pub scene: SceneConfig,
+    /// Folder of the weights that sessions may name for the camera's features.
+    pub weights: Option<PathBuf>,
 }
 
 impl Default for ServerOptions {
@@ -66,6 +70,7 @@ impl Default for ServerOptions {
             resend: Duration::from_millis(100),
             recorder_timeout: Duration::from_secs_f64(limits::RECORDER_TIMEOUT_S),
             scene: SceneConfig::default(),
+            weights: None,
         }
     }
 }
@@ -155,6 +160,7 @@ impl Server {
             },
             capacity: options.capacity,
             scenes: Scenes::new(options.scene, robot),
+            networks: Networks::new(options.weights),
             queue: Queue::default(),
             answers: Queue::default(),
             timer: Timer::default(),
@@ -235,6 +241,7 @@ impl Server {
         self.answer_session(any.reset(), Side::Client, Input::Reset)?;
         self.answer_session(any.close(), Side::Client, Input::Close)?;
         self.answer_session(any.observation(), Side::Client, |_, query| Input::Observation(query))?;
+        self.answer_session(any.look(), Side::Client, Input::Look)?;
         self.answer_session(any.truth_rows(), Side::Recorder, Input::Truths)?;
         self.watch_clients(any.client())
     }
@@ -364,6 +371,10 @@ fn answer_for_nobody(query: &Query, code: Code, message: &str) {
         Some("reset") => {
             let answer = ResetReply { reply: Some(reset_reply::Reply::Refusal(refused)) };
             reply(query, "ResetReply", answer.encode_to_vec().into());
+        }
+        Some("look") => {
+            let answer = LookReply { reply: Some(look_reply::Reply::Refusal(refused)) };
+            reply(query, "LookReply", answer.encode_to_vec().into());
         }
         Some("close") => {
             let answer = CloseReply { refusal: Some(refused) };

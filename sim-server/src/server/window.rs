@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use fiatlux_proto::Message;
-use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW};
+use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW, RECORDING_WINDOW_BYTES};
 use fiatlux_proto::v1::{Truth, TruthAck, TruthRequest};
 use zenoh::bytes::ZBytes;
 
@@ -13,6 +13,8 @@ pub(super) struct Window {
     truths: VecDeque<ZBytes>,
     /// Number of the first one kept.
     first: u64,
+    /// What they take.
+    bytes: usize,
 }
 
 impl Window {
@@ -25,17 +27,24 @@ impl Window {
     pub fn push(&mut self, truth: &mut Truth, slide: bool) -> ZBytes {
         truth.seq = self.next_seq();
         let bytes = ZBytes::from(truth.encode_to_vec());
-        if slide && self.is_full() {
-            self.truths.pop_front();
-            self.first += 1;
+        while slide && self.is_full() {
+            self.drop_first();
         }
+        self.bytes += bytes.len();
         self.truths.push_back(bytes.clone());
         bytes
     }
 
     /// As many are kept as may be.
     pub fn is_full(&self) -> bool {
-        self.truths.len() as u64 >= RECORDING_WINDOW
+        self.truths.len() as u64 >= RECORDING_WINDOW || self.bytes >= RECORDING_WINDOW_BYTES
+    }
+
+    fn drop_first(&mut self) {
+        if let Some(first) = self.truths.pop_front() {
+            self.first += 1;
+            self.bytes -= first.len();
+        }
     }
 
     /// All is acknowledged.
@@ -50,8 +59,7 @@ impl Window {
             return 0;
         }
         let freed = ack.next_seq.saturating_sub(self.first).min(self.truths.len() as u64) as usize;
-        self.truths.drain(..freed);
-        self.first += freed as u64;
+        (0..freed).for_each(|_| self.drop_first());
         freed
     }
 

@@ -108,15 +108,25 @@ fn a_message_of_ten_megabytes_through_a_router() {
 fn hostile_requests_to_open() {
     let service = Service::start("refusals", &["--capacity", "1"]);
     let link = connect(service.port);
-    let one = |name: &str| vec![name.to_owned()];
     let set = |name: &str, value: f64| [(name.to_owned(), value)].into();
     let version = Version { major: PROTOCOL.major + 1, minor: 4 };
-    let cases: [(OpenRequest, Refused, &str, &[&str]); 10] = [
+    let cases: [(OpenRequest, Refused, &str, &[&str]); 11] = [
         (OpenRequest { protocol: Some(version), ..request("S01") }, Refused::Version, "protocol", &["2.4", "1.0"]),
         (OpenRequest { protocol: None, ..request("S01") }, Refused::Version, "protocol", &["1.0"]),
         (request("S99"), Refused::Unknown, "task", &["S99", "S01"]),
-        (OpenRequest { sensors: one("smell"), ..request("S01") }, Refused::Unknown, "sensors", &["does not exist"]),
-        (OpenRequest { sensors: one("camera"), ..request("S01") }, Refused::Unknown, "sensors", &["not supported yet"]),
+        (
+            OpenRequest { sensors: vec!["smell".into()], ..request("S01") },
+            Refused::Unknown,
+            "sensors",
+            &["does not exist"],
+        ),
+        (OpenRequest { image_width: 100_000, ..request("S01") }, Refused::Value, "image_width", &["within 16 and 640"]),
+        (
+            OpenRequest { sensors: vec!["features".into()], weights: "../secret".into(), ..request("S01") },
+            Refused::Value,
+            "weights",
+            &["--weights DIR"],
+        ),
         (OpenRequest { hands: "dex3".into(), ..request("S01") }, Refused::Unknown, "hands", &["not supported yet"]),
         (OpenRequest { gains: "soft".into(), ..request("S01") }, Refused::Unknown, "gains", &["sonic"]),
         (

@@ -24,7 +24,7 @@ pub enum Variant {
 
 /// Pays for the rows of one episode. Runs beside a [`Judge`], whose verdict it reads.
 ///
-/// A value that is not finite pays nothing.
+/// What is not finite pays nothing: a potential counts it as 0, a record passes over it, and a value drops out.
 #[derive(Debug, Clone)]
 pub struct Rewards {
     ledgers: Vec<Ledger>,

@@ -76,8 +76,8 @@ pub(super) fn grip_force(row: &Row, bulb: Bulb) -> f64 {
 
 /// Part of some limbs that touch the ladder.
 pub(super) fn limbs_on_ladder(row: &Row, limbs: &[Limb], contact_n: f64) -> f64 {
-    let touching = limbs.iter().filter(|limb| row.limb_force[**limb as usize].norm() > contact_n).count();
-    touching as f64 / limbs.len() as f64
+    let loads = limbs.iter().map(|limb| row.limb_force[*limb as usize].norm());
+    loads.filter(|load| load.is_finite() && *load > contact_n).count() as f64 / limbs.len() as f64
 }
 
 /// Feet and palms.

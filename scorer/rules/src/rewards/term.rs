@@ -98,7 +98,7 @@ impl Ledger {
                 self.level = self.approach(distance(row, context));
             }
             Kind::Potential(potential) => self.level = bounded(potential(row, context)),
-            Kind::Record(measure) => self.level = measure(row, context),
+            Kind::Record(measure) => self.level = finite(measure(row, context)),
             Kind::Rate(_) | Kind::Once(_) | Kind::Condition(_) | Kind::GateProgress => {}
         }
     }
@@ -111,17 +111,19 @@ impl Ledger {
             Kind::Potential(potential) => self.rise_to(bounded(potential(row, context))),
             Kind::GateProgress => self.rise_to(view.verdict.progress),
             Kind::Record(measure) => {
-                let best = measure(row, context).max(self.level);
+                // `max` takes the other where one is no number.
+                let best = finite(measure(row, context)).max(self.level);
                 self.rise_to(best)
             }
             Kind::Once(predicate) => self.once(predicate(row, context)),
             Kind::Condition(cause) => self.once(view.verdict.conditions.contains(cause)),
         };
-        term.value = if value.is_finite() { value } else { 0.0 };
-        term.reward = match self.spec.kind {
-            Kind::GateProgress => term.value,
-            _ => term.value * term.weight * CONTROL_DT,
+        let reward = match self.spec.kind {
+            Kind::GateProgress => value,
+            _ => value * term.weight * CONTROL_DT,
         };
+        // A finite value can be too large to weight.
+        (term.value, term.reward) = if reward.is_finite() { (value, reward) } else { (0.0, 0.0) };
     }
 
     fn approach(&self, distance: f64) -> f64 {
@@ -139,7 +141,12 @@ impl Ledger {
     }
 }
 
-/// Into [0, 1]; what is no number is at the bottom.
+/// Into [0, 1]; what is not finite is at the bottom.
 fn bounded(potential: f64) -> f64 {
-    if potential.is_nan() { 0.0 } else { potential.clamp(0.0, 1.0) }
+    if potential.is_finite() { potential.clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// No number in place of an infinite one.
+fn finite(measure: f64) -> f64 {
+    if measure.is_finite() { measure } else { f64::NAN }
 }

@@ -116,8 +116,8 @@ fn pelvis_depth(row: &Row, cx: &Context<'_>) -> f64 {
 
 /// Grows with the largest contact force on a hand body, over tens of newtons.
 fn fresh_bulb_grip(row: &Row, _cx: &Context<'_>) -> f64 {
-    let largest = row.hand_force[Bulb::Fresh as usize].iter().fold(0.0, |a: f64, force| a.max(force.norm()));
-    libm::tanh(largest / 10.0)
+    let forces = row.hand_force[Bulb::Fresh as usize].iter().map(nalgebra::Vector3::norm);
+    libm::tanh(forces.filter(|force| force.is_finite()).fold(0.0, f64::max) / 10.0)
 }
 
 /// 1 where the bulb's axis is that of the socket, falling off over tenths of a radian.

@@ -3,15 +3,14 @@
 use std::time::Duration;
 
 use fiatlux_proto::v1::notice::Code as NoticeCode;
-use fiatlux_proto::v1::{Action, ActionRecord, Observation, Proprioception};
+use fiatlux_proto::v1::{Action, ActionRecord};
 use fiatlux_proto::{DecodeError, Message, decode, limits};
 use fiatlux_rules::{CONTROL_DT, JOINTS};
-use fiatlux_world::{Command, Episode};
+use fiatlux_world::Command;
 use zenoh::bytes::ZBytes;
 
-use super::{Held, Output, Phase, Run, Session, Sink};
-use crate::server::plan::Sensors;
-use crate::server::record;
+use super::look::{observe, recorded};
+use super::{Held, Output, Phase, Run, Session, Sink, chain};
 
 /// A control step by the wall clock.
 const PERIOD: Duration = Duration::from_nanos((CONTROL_DT * 1e9) as u64);
@@ -150,7 +149,7 @@ impl<R> Session<R> {
             return None;
         };
         let command = if field == "action" { Command::Action(numbers) } else { Command::JointTarget(numbers) };
-        let robot = &self.scene.robot;
+        let robot = &self.built.scene.robot;
         let q0 = std::array::from_fn(|joint| robot.q0()[joint]);
         if let Some(joint) = command.action(&q0).iter().position(|number| !number.is_finite()) {
             let message = format!("{field} of joint '{}' is not finite", robot.joints()[joint].name);
@@ -187,8 +186,12 @@ impl<R> Session<R> {
                 return self.refuse_action(NoticeCode::Value, "action", message, "send finite numbers", now, out);
             }
         };
-        let bytes = observe(&run.episode, self.plan.sensors).encode_to_vec();
-        run.observation = ZBytes::from(bytes.clone());
+        let due = self.plan.sensors.due(run.step());
+        let observation = match observe(&mut self.senses, &run.episode, due) {
+            Ok(observation) => observation,
+            Err(error) => return self.close(&chain(&error), now, out),
+        };
+        run.observation = observation.encode_to_vec().into();
         run.observed_at = now;
         run.missed.steps += u64::from(arrival.held);
         self.client_silent = if arrival.held { self.client_silent } else { now };
@@ -203,7 +206,11 @@ impl<R> Session<R> {
         };
         let events = self.take_events(self.run.as_ref().map_or(0, Run::step));
         let Some(run) = &mut self.run else { return };
-        let truth = run.record.row(&run.episode, &made, &bytes, events, run.missed);
+        let seen = match recorded(&mut self.senses, &run.episode, &self.plan.sensors, observation) {
+            Ok(seen) => seen,
+            Err(error) => return self.close(&chain(&error), now, out),
+        };
+        let truth = run.record.row(&run.episode, &made, seen, events, run.missed);
         if run.is_over() {
             run.clock = None;
         }
@@ -229,32 +236,5 @@ impl<R> Session<R> {
             self.notify(NoticeCode::Unspecified, 1, "", message, "run fewer sessions on this server", now, out);
         }
         self.advance(asked, Arrival { held, lateness_s: lateness.as_secs_f64() }, now, out);
-    }
-}
-
-/// What a policy sees in the last row.
-pub(super) fn observe(episode: &Episode, sensors: Sensors) -> Observation {
-    let row = episode.row();
-    let floats = |numbers: &[f64]| numbers.iter().map(|number| *number as f32).collect::<Vec<f32>>();
-    let proprioception = sensors.proprioception.then(|| {
-        let sensed = episode.observation();
-        Proprioception {
-            base_angular_velocity: floats(&sensed.base_angular_velocity),
-            projected_gravity: floats(&sensed.projected_gravity),
-            base_linear_velocity: floats(&sensed.base_linear_velocity),
-            base_height: sensed.base_height as f32,
-            joint_position: floats(&sensed.joint_position),
-            joint_velocity: floats(&sensed.joint_velocity),
-        }
-    });
-    let [old, fresh] = &row.hand_force;
-    let forces = old.iter().zip(fresh).flat_map(|(old, fresh)| <[f64; 3]>::from(old + fresh));
-    Observation {
-        episode: episode.spec().episode,
-        step: row.step,
-        proprioception,
-        hand_contact_force: if sensors.hand_contact { forces.map(|f| f as f32).collect() } else { Vec::new() },
-        last_action: if sensors.last_action { floats(&row.action) } else { Vec::new() },
-        end: record::end(episode),
     }
 }

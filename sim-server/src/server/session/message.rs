@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use fiatlux_proto::Message;
 use fiatlux_proto::v1::refusal::Code as RefusalCode;
-use fiatlux_proto::v1::{Observation, Refusal, ResetReply, reset_reply};
+use fiatlux_proto::v1::{LookReply, Observation, Refusal, ResetReply, look_reply, reset_reply};
 use zenoh::bytes::ZBytes;
 
 use crate::server::plan::refusal;
@@ -26,6 +26,8 @@ pub(in crate::server) enum Input<R> {
     Close(ZBytes, R),
     /// Asks for the last observation.
     Observation(R),
+    /// Asks for sensors at the present step.
+    Look(ZBytes, R),
     /// The client's liveliness token.
     ClientSeen,
     ClientGone,
@@ -75,6 +77,12 @@ pub(super) fn refuse<R>(to: R, refusal: &Refusal, out: Sink<'_, R>) {
 pub(super) fn reset_refused<R>(to: R, refusal: Refusal, out: Sink<'_, R>) {
     let reply = ResetReply { reply: Some(reset_reply::Reply::Refusal(refusal)) };
     out(Output::Reply(to, "ResetReply", vec![reply.encode_to_vec().into()]));
+}
+
+/// Answers a look.
+pub(super) fn looked<R>(to: R, seen: Result<Observation, Refusal>, out: Sink<'_, R>) {
+    let reply = seen.map_or_else(look_reply::Reply::Refusal, look_reply::Reply::Observation);
+    out(Output::Reply(to, "LookReply", vec![LookReply { reply: Some(reply) }.encode_to_vec().into()]));
 }
 
 /// Answers with an observation.

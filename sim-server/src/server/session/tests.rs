@@ -3,15 +3,16 @@
 
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v1::{
-    Action, ActionRecord, EpisodeResult, OpenRequest, ResetReply, State, Truth, TruthAck, TruthRequest, notice,
-    refusal, reset_reply,
+    Action, ActionRecord, EpisodeResult, LookReply, LookRequest, OpenRequest, ResetReply, Sensor, State, Truth,
+    TruthAck, TruthRequest, look_reply, notice, refusal, reset_reply,
 };
 use fiatlux_robot::Robot;
 use fiatlux_rules::{JOINTS, Task};
-use fiatlux_world::{SceneConfig, SceneKind, SceneSpec};
+use fiatlux_world::{SceneConfig, SceneKind};
 
 use super::*;
 use crate::server::plan;
+use crate::server::scenes::Scenes;
 
 const MS: Duration = Duration::from_millis(1);
 const TIMES: Times = Times {
@@ -43,15 +44,10 @@ fn desk(request: OpenRequest) -> Desk {
     let bytes = OpenRequest { protocol: Some(PROTOCOL), task: "S07".into(), ..request }.encode_to_vec();
     let plan = plan::read(&bytes).unwrap();
     let robot = Arc::new(Robot::g1_inspire().unwrap());
-    let spec = SceneSpec {
-        kind: SceneKind::of(Task::S07),
-        seed: plan.seed,
-        gains: robot.gains(plan.gains),
-        hand_friction: None,
-    };
-    let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap());
+    let scenes = Scenes::new(SceneConfig::default(), robot);
+    let built = scenes.get(SceneKind::of(Task::S07), plan.seed, plan.gains).unwrap();
     let now = Duration::from_secs(100);
-    let mut session = Session::new("lab", "1", plan, TIMES, scene, Arc::from([7_u8; 3]), now);
+    let mut session = Session::new("lab", "1", plan, TIMES, built, None, now);
     session.handle(Input::ClientSeen, now, &mut |_| ());
     Desk { session, now, said: Vec::new() }
 }
@@ -100,6 +96,14 @@ impl Desk {
             _ => None,
         });
         truths.next_back().unwrap()
+    }
+
+    fn observed(&self) -> Observation {
+        let mut observations = self.said.iter().filter_map(|output| match output {
+            Output::Observation(bytes) => Some(Observation::decode(&*bytes.to_bytes()).unwrap()),
+            _ => None,
+        });
+        observations.next_back().unwrap()
     }
 
     fn notice(&self) -> Notice {
@@ -165,7 +169,8 @@ fn lockstep_answers_each_action_once() {
     let mut desk = desk(OpenRequest::default());
     assert_eq!(desk.reset(5), [Reply(1), truth(0)]);
     let header = desk.truth();
-    assert_eq!((header.scene, header.header.unwrap().episode), (vec![7; 3], 5));
+    assert_eq!(header.header.unwrap().episode, 5);
+    assert!(header.scene == desk.session.built.shapes.to_vec());
     for step in 0..3 {
         assert_eq!(desk.act(5, step), [observation(step + 1), truth(step + 1)]);
     }
@@ -232,7 +237,7 @@ fn joint_targets_are_recorded_in_action_units() {
     let target = vec![0.1; JOINTS];
     desk.send(&Action { joint_target: target.clone(), ..Action::default() });
     let row = State::decode(&*desk.truth().state).unwrap();
-    let q0 = desk.session.scene.robot.q0().to_vec();
+    let q0 = desk.session.built.scene.robot.q0().to_vec();
     for joint in 0..JOINTS {
         assert_eq!(row.action[joint], (target[joint] - q0[joint]) / 0.5, "{joint}");
     }
@@ -416,4 +421,73 @@ fn real_time_steps_by_the_clock() {
     assert_eq!(desk.session.wake_at(), Some(desk.now + 20 * MS));
     desk.close();
     assert_eq!(desk.result().missed_steps, 2);
+}
+
+fn look(desk: &mut Desk, episode: u64, step: u64, sensors: &[&str]) -> look_reply::Reply {
+    let sensors = sensors.iter().map(|name| (*name).to_owned()).collect();
+    let bytes = LookRequest { episode, step, sensors }.encode_to_vec();
+    assert_eq!(desk.give(Input::Look(bytes.into(), 9)), [Reply(9)]);
+    let Some(Output::Reply(9, "LookReply", replies)) = desk.said.last() else { panic!("{:?}", desk.said.last()) };
+    LookReply::decode(&*replies[0].to_bytes()).unwrap().reply.unwrap()
+}
+
+#[test]
+fn a_look_shows_the_present_step() {
+    let on_request = |name: &str| Sensor { on_request: true, ..Sensor::from(name) };
+    let sensors = vec![on_request("camera"), on_request("privileged"), Sensor::from("last_action")];
+    let mut desk = desk(OpenRequest { sensors, image_width: 32, image_height: 16, ..OpenRequest::default() });
+    desk.reset(0);
+    desk.act(0, 0);
+    let recorded = Observation::decode(desk.truth().observation.as_slice()).unwrap();
+    let look_reply::Reply::Observation(seen) = look(&mut desk, 0, 1, &["camera"]) else { panic!("refused") };
+    assert_eq!((seen.episode, seen.step), (0, 1));
+    assert_eq!(seen.camera.map(|image| image.rgb.len()), Some(3 * 32 * 16));
+    assert_eq!((seen.privileged, seen.last_action.len()), (None, 0), "not asked for");
+    // The bag has the last action alone: the others are only looked at.
+    assert_eq!((recorded.camera, recorded.last_action.len()), (None, JOINTS));
+
+    let refused = |desk: &mut Desk, episode, step, sensor| match look(desk, episode, step, &[sensor]) {
+        look_reply::Reply::Refusal(refusal) => refusal,
+        look_reply::Reply::Observation(_) => panic!("not refused"),
+    };
+    for (episode, step, sensor, field, message) in [
+        (0, 0, "camera", "step", "step 0 is not the present one, 1"),
+        (0, 2, "camera", "step", "step 2"),
+        (1, 1, "camera", "episode", "episode 1"),
+        (0, 1, "lidar", "sensors", "no sensor 'lidar' but last_action, camera, privileged"),
+        (0, 1, "smell", "sensors", "no sensor 'smell'"),
+    ] {
+        let refusal = refused(&mut desk, episode, step, sensor);
+        assert_eq!(refusal.field, field);
+        assert!(refusal.message.contains(message), "{refusal:?}");
+    }
+    desk.close();
+    assert_eq!(refused(&mut desk, 0, 1, "camera").code(), refusal::Code::Closed);
+}
+
+/// Large sensors are in the bag at the rate that was asked for, apart from the observation; small ones as published.
+#[test]
+fn bags_have_large_sensors_at_their_own_rate() {
+    let camera = Sensor { rate_hz: 10.0, recorded: true, record_hz: 25.0, ..Sensor::from("camera") };
+    let lidar = Sensor { rate_hz: 25.0, ..Sensor::from("lidar") };
+    let sensors = vec![camera, lidar, Sensor::from("proprioception")];
+    let mut desk = desk(OpenRequest { sensors, image_width: 16, image_height: 16, ..OpenRequest::default() });
+    desk.reset(0);
+    for step in 0..7 {
+        let truth = desk.truth();
+        let published = if step == 0 {
+            let reset_reply::Reply::Observation(first) = desk.reset_reply() else { panic!("refused") };
+            first
+        } else {
+            desk.observed()
+        };
+        assert_eq!((truth.step, published.step), (step, step));
+        assert_eq!(published.camera.is_some(), step % 5 == 0, "{step}");
+        assert_eq!(published.lidar.is_empty(), step % 2 == 1, "{step}");
+        assert_eq!(truth.camera.is_empty(), step % 2 == 1, "{step}");
+        assert!(truth.lidar.is_empty(), "not recorded");
+        let recorded = Observation::decode(truth.observation.as_slice()).unwrap();
+        assert_eq!(recorded, Observation { camera: None, lidar: Vec::new(), ..published });
+        desk.act(0, step);
+    }
 }

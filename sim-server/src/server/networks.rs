@@ -1,0 +1,98 @@
+//! Networks for the features of the camera's image, made once and shared by the sessions that use them.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use fiatlux_features::{ResNet18, Weights};
+use fiatlux_proto::v1::Refusal;
+use fiatlux_proto::v1::refusal::Code;
+
+use super::plan::refusal;
+use super::{chain, lock};
+
+/// Networks that are kept; each takes 95 MB.
+const KEPT: usize = 3;
+/// Seed of the weights of sessions that name none.
+const SEED: u64 = 0;
+
+/// Makes networks from the files of one folder, and from the seed.
+pub(super) struct Networks {
+    folder: Option<PathBuf>,
+    /// By the name of the file, empty for the seed; the last used is the last.
+    kept: Mutex<VecDeque<(String, ResNet18)>>,
+}
+
+impl Networks {
+    pub fn new(folder: Option<PathBuf>) -> Self {
+        Self { folder, kept: Mutex::default() }
+    }
+
+    /// A network with the weights of a file, or with seeded ones where the name is empty.
+    pub fn get(&self, file: &str) -> Result<ResNet18, Refusal> {
+        // Two sessions that want the same one wait for it together.
+        let mut kept = lock(&self.kept);
+        let found = kept.iter().position(|(name, _)| name == file);
+        let network = match found.and_then(|index| kept.remove(index)) {
+            Some((_, network)) => network,
+            None => ResNet18::new(&self.weights(file)?),
+        };
+        let twin = network.twin();
+        if kept.len() >= KEPT {
+            kept.pop_front();
+        }
+        kept.push_back((file.to_owned(), network));
+        Ok(twin)
+    }
+
+    fn weights(&self, file: &str) -> Result<Weights, Refusal> {
+        if file.is_empty() {
+            return Ok(Weights::seeded(SEED));
+        }
+        let wrong = |message: String| refusal(Code::Value, "weights", message);
+        let Some(folder) = &self.folder else {
+            let message = "this server has no folder of weights; start it with --weights DIR, or leave weights empty";
+            return Err(wrong(message.into()));
+        };
+        // A client names a file of that folder and of no other.
+        if Path::new(file).file_name().is_none_or(|name| name != file) {
+            return Err(wrong(format!("'{file}' is no name of a file; give one without a folder")));
+        }
+        Weights::from_safetensors(folder.join(file)).map_err(|error| wrong(chain(&error)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn networks_are_made_once_and_say_what_they_are() {
+        let networks = Networks::new(None);
+        let label = networks.get("").expect("seeded").label().to_owned();
+        assert!(label.ends_with(":0"), "{label}");
+        assert_eq!(networks.get("").expect("seeded").label(), label);
+        assert_eq!(lock(&networks.kept).len(), 1);
+    }
+
+    /// A client reaches no file outside the folder, and is told what is wrong with one inside.
+    #[test]
+    fn refusals_name_the_file() {
+        let folder = std::env::temp_dir().join(format!("fiatlux-weights-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        std::fs::write(folder.join("wrong"), b"no weights").expect("a file");
+        let networks = Networks::new(Some(folder.clone()));
+        let refused = |networks: &Networks, file| {
+            let refusal = networks.get(file).expect_err(file);
+            assert_eq!((refusal.code(), refusal.field.as_str()), (Code::Value, "weights"));
+            refusal.message
+        };
+        for outside in ["../wrong", "/etc/passwd", "a/b", "..", "wrong/"] {
+            assert!(refused(&networks, outside).contains("is no name of a file"), "{outside}");
+        }
+        assert!(refused(&networks, "missing").contains("missing"));
+        assert!(refused(&networks, "wrong").contains("no safetensors file"));
+        assert!(refused(&Networks::new(None), "wrong").contains("--weights DIR"));
+        std::fs::remove_dir_all(folder).expect("removed");
+    }
+}
