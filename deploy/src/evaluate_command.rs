@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::Args;
-use fiatlux::evaluate::{EvaluateOptions, Outcome, evaluate};
+use fiatlux::evaluate::{EvaluateOptions, Outcome, Progress, evaluate};
 use fiatlux_link::ProgressLine;
 use fiatlux_policy::{SessionArgs, policies};
-use fiatlux_rules::Task;
+use fiatlux_rules::{CONTROL_DT, Task};
 use fiatlux_scorer::{report, tables};
 
 /// Shown below the options.
@@ -114,7 +114,7 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     };
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let line = ProgressLine::default();
-    let outcome = evaluate(&options, &stop, &mut |progress| line.show(|| progress.clone()));
+    let outcome = evaluate(&options, &stop, &mut |progress| line.show(|| look(&line, progress)));
     line.clear();
     let outcome = outcome?;
     write_results(&options, &outcome)?;
@@ -136,6 +136,16 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     }
     let whole = outcome.lost.is_empty() && !outcome.stopped;
     Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(3) })
+}
+
+fn look(line: &ProgressLine, progress: &Progress) -> String {
+    let Progress { episodes, finished, steps, steps_left, playing } = progress;
+    let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
+    let mut text = format!("{finished}/{episodes} episodes, {rate:.0} steps/s, at most {left} left");
+    for (task, seed, step) in playing {
+        text += &format!("  {task}/{seed} at {:.0} s", *step as f64 * CONTROL_DT);
+    }
+    text
 }
 
 fn write_results(options: &EvaluateOptions, outcome: &Outcome) -> anyhow::Result<()> {

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
+use fiatlux::bench::sensors::{self, SensorOptions};
 use fiatlux::bench::service::{self, ServiceOptions};
 use fiatlux::bench::world::{self, Options};
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
@@ -41,6 +42,8 @@ enum Command {
 enum Bench {
     /// Microseconds per physics step of 5 ms on one core, and many worlds on two.
     World(WorldArgs),
+    /// Control steps per second of one core by what the policy senses, and microseconds of each sensor.
+    Sensors(SensorArgs),
     /// Control steps per second of sessions: in one process, over TCP, and with many client processes.
     Service(ServiceArgs),
 }
@@ -58,6 +61,22 @@ struct WorldArgs {
     seconds: f64,
     /// Script that times MuJoCo.
     #[arg(long, default_value = "tests/oracle/oracle.py")]
+    oracle: PathBuf,
+}
+
+#[derive(Debug, Args)]
+struct SensorArgs {
+    /// Also times PyTorch on the features. Needs Python 3.11 or newer; makes its own environment of several GB.
+    #[arg(long)]
+    pytorch: bool,
+    /// Prints JSON in place of the table.
+    #[arg(long)]
+    json: bool,
+    /// Seconds that each case may take.
+    #[arg(long, default_value_t = 5.0, value_parser = positive)]
+    seconds: f64,
+    /// Script that times PyTorch.
+    #[arg(long, default_value = "tests/oracle/features.py")]
     oracle: PathBuf,
 }
 
@@ -88,6 +107,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Evaluate(args) => evaluate_command::run(&args),
         Command::Bench(Bench::World(args)) => bench_world(args).map(|()| ExitCode::SUCCESS),
+        Command::Bench(Bench::Sensors(args)) => bench_sensors(args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::Service(args)) => bench_service(args).map(|()| ExitCode::SUCCESS),
     };
     match done {
@@ -105,6 +125,17 @@ fn bench_service(args: ServiceArgs) -> anyhow::Result<()> {
     let policy_client = args.policy_client.map_or_else(beside, Ok)?;
     let report =
         service::run(&ServiceOptions { sessions: args.sessions.into(), seconds: args.seconds, policy_client })?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        print!("{report}");
+    }
+    Ok(())
+}
+
+fn bench_sensors(args: SensorArgs) -> anyhow::Result<()> {
+    let options = SensorOptions { seconds: args.seconds, oracle: args.pytorch.then_some(args.oracle) };
+    let report = sensors::run(&options)?;
     if args.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use fiatlux_bag::{Bag, Completeness};
+use fiatlux_link::in_full;
 use fiatlux_rules::Row;
 
 use crate::GradeOptions;
@@ -41,17 +42,4 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
         }
     }
     Ok(Content { header: header.clone(), cut, graded: grader.finish(bag.result()) })
-}
-
-/// An error with what caused it, in one line.
-fn in_full(error: &dyn std::error::Error) -> String {
-    let causes = std::iter::successors(error.source(), |error| error.source());
-    let mut text = error.to_string();
-    for cause in causes.map(ToString::to_string) {
-        // Some messages repeat their source.
-        if !text.contains(&cause) {
-            text = format!("{text}: {cause}");
-        }
-    }
-    text
 }

@@ -1,7 +1,6 @@
 //! The server as a process of its own.
 
 use std::io::Write as _;
-use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -72,7 +71,10 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
     // Before the server can be found: an interrupt that comes early is not lost.
     let stop = fiatlux_link::stop_on_signal()?;
     let mut link = args.link;
-    choose_ports(&mut link.listen)?;
+    for endpoint in &mut link.listen {
+        let free = fiatlux_link::choose_port(endpoint);
+        *endpoint = free.with_context(|| format!("no free port for {endpoint}; is its host one of this machine's?"))?;
+    }
     let zenoh = link.open(Role::Server)?;
     let server = Server::start(zenoh.clone(), options)?;
     let mut stdout = std::io::stdout();
@@ -100,17 +102,4 @@ fn reachable(link: &LinkArgs) -> String {
     } else {
         format!("listening on {DEFAULT_ENDPOINT}")
     }
-}
-
-/// Replaces port 0 by one that is free now, so that the server can say where it listens.
-fn choose_ports(endpoints: &mut [String]) -> anyhow::Result<()> {
-    for endpoint in endpoints {
-        if let Some(host) = endpoint.strip_prefix("tcp/").and_then(|address| address.strip_suffix(":0")) {
-            let free = TcpListener::bind((host.trim_matches(['[', ']']), 0)).and_then(|socket| socket.local_addr());
-            let free =
-                free.with_context(|| format!("no free port for {endpoint}; is {host} an address of this machine?"))?;
-            *endpoint = format!("tcp/{host}:{}", free.port());
-        }
-    }
-    Ok(())
 }

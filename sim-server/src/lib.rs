@@ -10,5 +10,5 @@ pub use mjcf::{Laws, MjcfOptions, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
 pub use senses::{SenseError, Senses, Sensor, Sensors};
-pub use server::{Server, ServerError, ServerOptions};
+pub use server::{Server, ServerError, ServerOptions, joints};
 pub use show::{Frames, scene_update};

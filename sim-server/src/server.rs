@@ -17,18 +17,12 @@ mod shared;
 mod shell;
 mod window;
 
-use std::error::Error;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+pub use info::joints;
 pub use shell::{Server, ServerError, ServerOptions};
 
 /// A lock that outlives a panic elsewhere: what it guards is then closed, not shared.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// An error with its causes.
-fn chain(error: &dyn Error) -> String {
-    std::iter::successors(error.source(), |error| (*error).source())
-        .fold(error.to_string(), |text, source| format!("{text}: {source}"))
 }

@@ -1,7 +1,7 @@
 """What PyTorch says about the features of the head camera: writes fixtures/features.json and times one thread.
 
     cargo run --release -p fiatlux-features --example write_weights -- target/resnet18.safetensors
-    python3 tests/oracle/features.py target/resnet18.safetensors [--time-only]
+    python3 tests/oracle/features.py target/resnet18.safetensors [--time-only [--json]]
 
 The network is written out with torch.nn.functional. It runs twice: with the weights of the file, and with batch norms of
 the formula in `with_norms`, since those of seeded weights do nothing. Makes its own virtual environment in target/ on the
@@ -106,8 +106,9 @@ def folded(weights):
     return out
 
 
-def timing(weights):
+def timing(weights, as_json):
     """Median and least milliseconds of a frame on one thread, in the forms that PyTorch offers."""
+    medians = []
     image = normalised(images()["noise"], torch.float32)
     last = dict(memory_format=torch.channels_last)
     flat = folded(weights)
@@ -123,18 +124,24 @@ def timing(weights):
             network(w, x)
             times.append(1e3 * (time.perf_counter() - started))
         times.sort()
+        medians.append(times[REPEATS // 2])
+        if as_json:
+            continue
         print(f"PyTorch {torch.__version__}, {form}: least {times[0]:.1f}, median {times[REPEATS // 2]:.1f} ms a frame")
+    if as_json:
+        print(json.dumps({"torch": torch.__version__, "fastest_median_ms": min(medians)}))
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", type=Path)
     parser.add_argument("--time-only", action="store_true")
+    parser.add_argument("--json", action="store_true", help="with --time-only: the fastest form's median")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     weights = load_file(arguments.weights)
     with torch.inference_mode():
-        timing(weights)
+        timing(weights, arguments.json)
         if arguments.time_only:
             return
         cases = {}

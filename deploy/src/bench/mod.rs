@@ -5,6 +5,7 @@ mod machine;
 mod mujoco;
 mod multibody;
 mod report;
+pub mod sensors;
 pub mod service;
 mod stats;
 pub mod world;
@@ -33,13 +34,15 @@ pub enum BenchError {
     /// Rapier refused a joint.
     #[error("Rapier took no multibody joint for body '{0}'; its tree has a loop or two parents")]
     Joint(String),
-    /// The script that times MuJoCo is not there.
-    #[error("no oracle script at '{0}'; run from the repository's root, name it with --oracle, or leave out --mujoco")]
-    NoOracle(std::path::PathBuf),
-    /// A file or program of the MuJoCo timing failed.
+    /// The script that times MuJoCo or PyTorch is not there.
     #[error(
-        "MuJoCo timing: could not {what}; the comparison needs python3 (3.11 or newer) and write access to the \
-             temporary folder; without them leave out --mujoco"
+        "no oracle script at '{0}'; run from the repository's root, name it with --oracle, or leave the comparison out"
+    )]
+    NoOracle(std::path::PathBuf),
+    /// A file or program of a comparison failed.
+    #[error(
+        "comparison: could not {what}; it needs python3 (3.11 or newer) and write access to the temporary folder; \
+             without them leave it out"
     )]
     Io {
         /// What was tried.
@@ -50,8 +53,8 @@ pub enum BenchError {
     },
     /// The script failed; it has said why on stderr.
     #[error(
-        "MuJoCo timing of '{case}' failed ({status}); its own message stands above. On its first run it installs \
-             tests/oracle/requirements.txt and needs a package index; without one leave out --mujoco"
+        "comparison of '{case}' failed ({status}); its own message stands above. On its first run it installs its \
+             requirements (tests/oracle) and needs a package index; without one leave the comparison out"
     )]
     OracleFailed {
         /// Name of the case.
@@ -60,7 +63,7 @@ pub enum BenchError {
         status: std::process::ExitStatus,
     },
     /// The script's output is not what was agreed.
-    #[error("MuJoCo timing of '{case}': unexpected output; is the oracle script of another version?")]
+    #[error("comparison of '{case}': unexpected output; is the oracle script of another version?")]
     OracleOutput {
         /// Name of the case.
         case: &'static str,

@@ -1,14 +1,13 @@
 //! How fast sessions run: the same episode in one process and over TCP, recorded and not, and many clients at once.
 
 use std::fmt;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{LinkArgs, Role, choose_port};
 use fiatlux_policy::{Client, policies};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v1::OpenRequest;
@@ -261,8 +260,7 @@ impl Drop for Player {
 }
 
 fn free_endpoint() -> Result<String, String> {
-    let address = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
-    Ok(format!("tcp/{}", address.map_err(|error| format!("no free port: {error}"))?))
+    choose_port("tcp/127.0.0.1:0").map_err(|error| format!("no free port: {error}"))
 }
 
 fn text(error: impl fmt::Display) -> String {

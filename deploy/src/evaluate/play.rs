@@ -85,7 +85,6 @@ fn play_one(
 /// Who plays what: one seat a client.
 struct Board<'a> {
     jobs: &'a [Job],
-    start: Instant,
     state: Mutex<BoardState>,
 }
 
@@ -103,7 +102,7 @@ struct BoardState {
 impl<'a> Board<'a> {
     fn new(jobs: &'a [Job], seats: usize) -> Self {
         let state = BoardState { seats: vec![None; seats], ..BoardState::default() };
-        Self { jobs, start: Instant::now(), state: Mutex::new(state) }
+        Self { jobs, state: Mutex::new(state) }
     }
 
     fn state(&self) -> MutexGuard<'_, BoardState> {
@@ -143,7 +142,6 @@ impl<'a> Board<'a> {
             episodes: self.jobs.len(),
             finished: state.finished,
             steps: state.steps + playing.iter().map(|(_, _, step)| step).sum::<u64>(),
-            elapsed: self.start.elapsed(),
             steps_left: under_way.chain(waiting).sum(),
             playing,
         }

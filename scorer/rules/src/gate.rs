@@ -28,7 +28,7 @@ impl Context<'_> {
     }
 }
 
-/// A predicate of a row. A row with a number that is not finite where a predicate reads it does not satisfy it.
+/// A predicate of a row.
 pub type Predicate = fn(&Row, &Context<'_>) -> bool;
 
 /// One condition of a gate.

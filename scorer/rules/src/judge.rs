@@ -80,7 +80,7 @@ pub struct Verdict {
 /// in which the gate must hold begins anew with this row, the bulbs' low-passed speeds start again from rest, and no
 /// bulb was struck.
 ///
-/// A number in a row that is not finite satisfies no conjunct and meets no condition; nothing panics.
+/// Rows have finite numbers: those of a world do, and no other is read from a message. Whatever they hold, nothing panics.
 #[derive(Debug, Clone)]
 pub struct Judge {
     task: Task,

@@ -25,6 +25,12 @@ pub enum RowError {
         /// The length it must have.
         expected: usize,
     },
+    /// A number is infinite or none at all: no world has such a state, and rules are not made for it.
+    #[error("State: {field} has a number that is not finite")]
+    NotFinite {
+        /// The field.
+        field: &'static str,
+    },
 }
 
 impl From<&Row> for v1::State {
@@ -61,7 +67,7 @@ impl From<&Row> for v1::State {
     }
 }
 
-/// Lengths are checked, numbers are not: a number that is not finite satisfies no rule, and a world refuses it.
+/// Lengths are checked, and that all numbers are finite.
 impl TryFrom<&v1::State> for Row {
     type Error = RowError;
 
@@ -124,7 +130,12 @@ fn body(body: &BodyRow) -> v1::Body {
 }
 
 fn array<const N: usize>(field: &'static str, numbers: &[f64]) -> Result<[f64; N], RowError> {
+    check_finite(field, numbers)?;
     numbers.try_into().map_err(|_| RowError::Length { field, found: numbers.len(), expected: N })
+}
+
+fn check_finite(field: &'static str, numbers: &[f64]) -> Result<(), RowError> {
+    if numbers.iter().all(|number| number.is_finite()) { Ok(()) } else { Err(RowError::NotFinite { field }) }
 }
 
 fn vector(field: &'static str, numbers: &[f64]) -> Result<Vector3<f64>, RowError> {
@@ -135,6 +146,7 @@ fn vectors<const N: usize>(field: &'static str, numbers: &[f64]) -> Result<[Vect
     if numbers.len() != 3 * N {
         return Err(RowError::Length { field, found: numbers.len(), expected: 3 * N });
     }
+    check_finite(field, numbers)?;
     Ok(std::array::from_fn(|i| Vector3::new(numbers[3 * i], numbers[3 * i + 1], numbers[3 * i + 2])))
 }
 
@@ -145,10 +157,10 @@ fn isometry(field: &'static str, position: &[f64], quaternion: &[f64]) -> Result
     Ok(Isometry3::from_parts(Translation3::from(vector(field, position)?), rotation))
 }
 
-/// A pose from a message's field; its numbers are not checked.
+/// A pose from a message's field. That its quaternion has length 1 is not checked.
 ///
 /// # Errors
-/// [`RowError`]: it is missing, or has a wrong length.
+/// [`RowError`]: it is missing, has a wrong length, or a number that is not finite.
 pub fn read_pose(field: &'static str, pose: &Option<v1::Pose>) -> Result<Isometry3<f64>, RowError> {
     let pose = pose.as_ref().ok_or(RowError::Missing { field })?;
     isometry(field, &pose.position, &pose.quaternion)

@@ -44,19 +44,16 @@ fn rows_come_back_bit_for_bit() {
     }
 }
 
-/// Quaternions that are not quite of unit length, negative zero and what is no number pass as they are.
+/// Quaternions that are not quite of unit length, negative zero and the smallest numbers pass as they are.
 #[test]
 fn odd_numbers_come_back_bit_for_bit() {
     let mut row = full(&mut Draw(5), 7);
     row.robot.pose.rotation.as_mut_unchecked().coords *= 1.0 + 1e-9;
     row.joint_velocity[0] = -0.0;
-    row.joint_effort[1] = f64::from_bits(0x7ff8_0000_0000_1234);
-    row.action[2] = f64::NEG_INFINITY;
     row.com_velocity.x = f64::MIN_POSITIVE / 2.0;
     let state = v1::State::decode(&v1::State::from(&row).encode_to_vec()[..]).expect("decodes");
     let back = Row::try_from(&state).expect("a row");
     assert_eq!(digest(&back), digest(&row));
-    assert_eq!(back.joint_effort[1].to_bits(), row.joint_effort[1].to_bits());
     assert_eq!(back.joint_velocity[0].to_bits(), (-0.0_f64).to_bits());
 }
 
@@ -78,6 +75,10 @@ fn bulb(bulb: &mut Option<v1::Bulb>) -> &mut v1::Bulb {
 #[test]
 fn other_shapes_are_refused() {
     let spoils: &[Spoil] = &[
+        ("joint_effort has a number that is not finite", |s| s.joint_effort[1] = f64::NAN),
+        ("action has a number that is not finite", |s| s.action[2] = f64::NEG_INFINITY),
+        ("robot has a number that is not finite", |s| body(&mut s.robot).position[0] = f64::INFINITY),
+        ("limb_force has a number that is not finite", |s| s.limb_force[11] = f64::INFINITY),
         ("robot is missing", |s| s.robot = None),
         ("ladder is missing", |s| s.ladder = None),
         ("old_bulb is missing", |s| s.old_bulb = None),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use fiatlux_bag::{Bag, BagError, BagWriter, part_of, topic};
+use fiatlux_link::in_full;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v1::{EpisodeHeader, State, Truth};
 use fiatlux_proto::{Message, decode};
@@ -113,7 +114,7 @@ impl Bags {
 
     /// Reports a bag that cannot be made.
     fn refuse(&self, name: String, header: &EpisodeHeader, error: BagError) -> BagError {
-        let end = BagEnd::Cut(explain(&error));
+        let end = BagEnd::Cut(in_full(&error));
         (self.shared.on_bag)(BagReport { path: self.folder.join(name), header: header.clone(), end });
         error
     }
@@ -138,7 +139,7 @@ impl Bags {
         match done {
             Ok(path) => (self.shared.on_bag)(BagReport { path, header, end }),
             Err(error) => {
-                let end = BagEnd::Cut(explain(&error));
+                let end = BagEnd::Cut(in_full(&error));
                 (self.shared.on_bag)(BagReport { path: part, header, end });
                 return false;
             }
@@ -151,17 +152,11 @@ impl Bags {
         match self.open.take() {
             Some(OpenBag { header, writer }) => {
                 let path: &Path = &part_of(writer.path());
-                (self.shared.on_bag)(BagReport { path: path.into(), header, end: BagEnd::Cut(explain(error)) });
+                (self.shared.on_bag)(BagReport { path: path.into(), header, end: BagEnd::Cut(in_full(error)) });
             }
             None => warn!(error = error as &dyn std::error::Error, "an episode is not recorded"),
         }
     }
-}
-
-/// An error with its causes.
-fn explain(error: &dyn std::error::Error) -> String {
-    let causes = std::iter::successors(Some(error), |error| error.source());
-    causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")
 }
 
 /// Encoded poses of a row; none where the truth has none, or no readable one.

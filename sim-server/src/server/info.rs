@@ -3,7 +3,7 @@
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v1::{EpisodeHeader, FlatTerm, Joint, ServerInfo, SessionInfo, TaskInfo};
 use fiatlux_render::head_fov;
-use fiatlux_robot::Robot;
+use fiatlux_robot::{JointGains, Robot};
 use fiatlux_rules::{CONTROL_DT, ROW_LAYOUT, Task};
 use fiatlux_world::{ACTION_SCALE, Episode, ObservationTerm, RNG_NAME, Scene, SceneConfig, observation_terms};
 
@@ -50,10 +50,11 @@ fn hand_bodies(robot: &Robot) -> Vec<String> {
     robot.hand_links().iter().map(|link| robot.links()[*link].name.clone()).collect()
 }
 
-/// Of a session.
-pub(super) fn session(server: &str, id: &str, plan: &Plan, weights: &str, scene: &Scene, times: &Times) -> SessionInfo {
+/// The joints of a scene's robot with the gains in force, as a client is told of them.
+pub fn joints(scene: &Scene) -> Vec<Joint> {
     let robot = &scene.robot;
-    let joints = robot.joints().iter().zip(robot.q0()).zip(&scene.spec.gains.0).map(|((joint, q0), drive)| Joint {
+    let joints = robot.joints().iter().zip(robot.q0()).zip(&scene.spec.gains.0);
+    let joint = |((joint, q0), drive): ((&fiatlux_robot::Joint, &f64), &JointGains)| Joint {
         name: joint.name.clone(),
         lower: joint.lower,
         upper: joint.upper,
@@ -61,7 +62,12 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, weights: &str, scene:
         stiffness: drive.stiffness,
         damping: drive.damping,
         effort_limit: drive.effort_limit,
-    });
+    };
+    joints.map(joint).collect()
+}
+
+/// Of a session.
+pub(super) fn session(server: &str, id: &str, plan: &Plan, weights: &str, scene: &Scene, times: &Times) -> SessionInfo {
     SessionInfo {
         protocol: Some(PROTOCOL),
         server: server.into(),
@@ -69,8 +75,8 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, weights: &str, scene:
         task: Some(task(plan.task)),
         mode: plan.mode().into(),
         seed: plan.seed,
-        joints: joints.collect(),
-        hand_bodies: hand_bodies(robot),
+        joints: joints(scene),
+        hand_bodies: hand_bodies(&scene.robot),
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
         action_scale: ACTION_SCALE,

@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use fiatlux_features::{ResNet18, Weights};
+use fiatlux_link::in_full;
 use fiatlux_proto::v1::Refusal;
 use fiatlux_proto::v1::refusal::Code;
 
+use super::lock;
 use super::plan::refusal;
-use super::{chain, lock};
 
 /// Networks that are kept; each takes 95 MB.
 const KEPT: usize = 3;
@@ -58,7 +59,7 @@ impl Networks {
         if Path::new(file).file_name().is_none_or(|name| name != file) {
             return Err(wrong(format!("'{file}' is no name of a file; give one without a folder")));
         }
-        Weights::from_safetensors(folder.join(file)).map_err(|error| wrong(chain(&error)))
+        Weights::from_safetensors(folder.join(file)).map_err(|error| wrong(in_full(&error)))
     }
 }
 

@@ -128,13 +128,7 @@ impl Record {
 /// What ends an episode that no row ended.
 pub(super) fn aborted(episode: &Episode, why: &str, events: impl Iterator<Item = Event>, missed: Missed) -> Truth {
     let step = episode.row().step;
-    let end = EpisodeEnd {
-        cause: ABORTED.into(),
-        causes: Vec::new(),
-        steps: episode.summary().steps,
-        success: episode.summary().success,
-        digest: episode.digest().hex(),
-    };
+    let end = ended(episode, ABORTED, Vec::new());
     let ending = event(step, "end", ABORTED, ABORTED, why.into());
     Truth {
         episode: episode.spec().episode,
@@ -148,13 +142,13 @@ pub(super) fn aborted(episode: &Episode, why: &str, events: impl Iterator<Item =
 /// How an episode ended, once it has.
 pub(super) fn end(episode: &Episode) -> Option<EpisodeEnd> {
     let end = episode.end()?;
-    Some(EpisodeEnd {
-        cause: end.cause().name().into(),
-        causes: end.causes.iter().map(|cause| cause.name().to_owned()).collect(),
-        steps: episode.summary().steps,
-        success: episode.summary().success,
-        digest: episode.digest().hex(),
-    })
+    Some(ended(episode, end.cause().name(), end.causes.iter().map(|cause| cause.name().to_owned()).collect()))
+}
+
+fn ended(episode: &Episode, cause: &str, causes: Vec<String>) -> EpisodeEnd {
+    let summary = episode.summary();
+    let (steps, success) = (summary.steps, summary.success);
+    EpisodeEnd { cause: cause.into(), causes, steps, success, digest: episode.digest().hex() }
 }
 
 fn named<'a>(episode: &Episode, conjuncts: &'a Conjuncts) -> impl Iterator<Item = (&'static str, bool)> + use<'a> {

@@ -12,6 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fiatlux_features::ResNet18;
+use fiatlux_link::in_full;
 use fiatlux_proto::v1::notice::Code as NoticeCode;
 use fiatlux_proto::v1::refusal::Code as RefusalCode;
 use fiatlux_proto::v1::{CloseReply, CloseRequest, Event, Notice, Observation, ResetRequest, SessionInfo};
@@ -20,7 +21,6 @@ use fiatlux_render::Lighting;
 use fiatlux_world::{Episode, EpisodeSpec};
 use zenoh::bytes::ZBytes;
 
-use super::chain;
 use super::info;
 use super::notices::Notices;
 use super::plan::{Plan, malformed, refusal};
@@ -266,7 +266,7 @@ impl<R> Session<R> {
         };
         let episode = match Episode::start(Arc::clone(&self.built.scene), &spec) {
             Ok(episode) => episode,
-            Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "", chain(&error)), out),
+            Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "", in_full(&error)), out),
         };
         let built = &self.built;
         let (senses, sensors) = (&mut self.senses, &self.plan.sensors);
@@ -276,7 +276,7 @@ impl<R> Session<R> {
             .and_then(|first| Ok((first.clone(), recorded(senses, &episode, sensors, first)?)));
         let (observation, seen) = match first {
             Ok(first) => first,
-            Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "sensors", chain(&error)), out),
+            Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "sensors", in_full(&error)), out),
         };
         let bytes = observation.encode_to_vec();
         reset_replied(to, observation, out);

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
+use fiatlux_link::in_full;
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v1::refusal::Code;
 use fiatlux_proto::v1::{OpenReply, Refusal, ServerInfo, SessionInfo, open_reply};
@@ -16,12 +17,12 @@ use zenoh::query::Query;
 use zenoh::{Session as Zenoh, Wait};
 
 use super::actor::{Actor, Side, Wire};
+use super::lock;
 use super::networks::Networks;
 use super::plan::{self, refusal};
 use super::pool::{Answer, AnswerKind, Job, Queue, Timer};
 use super::scenes::Scenes;
 use super::session::{Input, Output, Session, Times};
-use super::{chain, lock};
 use crate::senses::Sensors;
 
 /// Inputs that a worker gives a session before others get their turn.
@@ -237,7 +238,7 @@ impl Shared {
 
     fn open_reserved(&self, plan: plan::Plan) -> Result<SessionInfo, Refusal> {
         let built = self.scenes.get(SceneKind::of(plan.task), plan.seed, plan.gains);
-        let built = built.map_err(|error| refusal(Code::Start, "seed", chain(&error)))?;
+        let built = built.map_err(|error| refusal(Code::Start, "seed", in_full(&error)))?;
         let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
         let keys = self.keys.session(&id);
         let network =

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use fiatlux_link::in_full;
 use fiatlux_proto::v1::notice::Code as NoticeCode;
 use fiatlux_proto::v1::{Action, ActionRecord};
 use fiatlux_proto::{DecodeError, Message, decode, limits};
@@ -10,7 +11,7 @@ use fiatlux_world::Command;
 use zenoh::bytes::ZBytes;
 
 use super::look::{observe, recorded};
-use super::{Held, Output, Phase, Run, Session, Sink, chain};
+use super::{Held, Output, Phase, Run, Session, Sink};
 
 /// A control step by the wall clock.
 const PERIOD: Duration = Duration::from_nanos((CONTROL_DT * 1e9) as u64);
@@ -189,7 +190,7 @@ impl<R> Session<R> {
         let due = self.plan.sensors.due(run.step());
         let observation = match observe(&mut self.senses, &run.episode, due) {
             Ok(observation) => observation,
-            Err(error) => return self.close(&chain(&error), now, out),
+            Err(error) => return self.close(&in_full(&error), now, out),
         };
         run.observation = observation.encode_to_vec().into();
         run.observed_at = now;
@@ -208,7 +209,7 @@ impl<R> Session<R> {
         let Some(run) = &mut self.run else { return };
         let seen = match recorded(&mut self.senses, &run.episode, &self.plan.sensors, observation) {
             Ok(seen) => seen,
-            Err(error) => return self.close(&chain(&error), now, out),
+            Err(error) => return self.close(&in_full(&error), now, out),
         };
         let truth = run.record.row(&run.episode, &made, seen, events, run.missed);
         if run.is_over() {

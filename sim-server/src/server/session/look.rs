@@ -1,5 +1,6 @@
 //! What a session's client sees, and what its bag has of it.
 
+use fiatlux_link::in_full;
 use fiatlux_proto::v1::refusal::Code;
 use fiatlux_proto::v1::{LookRequest, Observation, Refusal};
 use fiatlux_proto::{Message, decode, limits};
@@ -8,7 +9,6 @@ use zenoh::bytes::ZBytes;
 
 use super::{Phase, Session, closed};
 use crate::senses::{SenseError, Senses, Sensor, Sensors};
-use crate::server::chain;
 use crate::server::plan::{SensorPlan, malformed, refusal};
 use crate::server::record::{self, Seen};
 
@@ -29,7 +29,7 @@ impl<R> Session<R> {
         }
         let asked = sensors(&request.sensors, &self.plan.sensors)?;
         let seen = self.senses.observe(&run.episode, asked);
-        seen.map_err(|error| refusal(Code::Value, "sensors", chain(&error)))
+        seen.map_err(|error| refusal(Code::Value, "sensors", in_full(&error)))
     }
 }
 

@@ -1,0 +1,262 @@
+//! What sensors cost: control steps a second of one thread by what the policy senses, and the time of each sensor.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use fiatlux_features::{ResNet18, Weights};
+use fiatlux_policy::{Command as PolicyCommand, policies};
+use fiatlux_proto::Message;
+use fiatlux_proto::v1::{Observation, SessionInfo};
+use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::Task;
+use fiatlux_sim::{Senses, Sensor, Sensors, joints};
+use fiatlux_world::{
+    ACTION_SCALE, Command as WorldCommand, Episode, EpisodeSpec, Scene, SceneConfig, SceneKind, SceneSpec,
+};
+use serde::{Deserialize, Serialize};
+
+use super::machine::machine;
+use super::report::write_table;
+use super::{BenchError, Times};
+
+/// It stands from start to time-out with a bulb in the hand: every step costs the same.
+const TASK: Task = Task::S05;
+const POLICY: &str = "stand";
+/// Tasks in whose start states each sensor is timed: on the floor, on the ladder, at the bench.
+const PLACES: [Task; 3] = [Task::S05, Task::S11, Task::S08];
+/// Rows in which each sensor is timed at each place.
+const ROWS: u64 = 60;
+
+/// What to measure.
+#[derive(Debug, Clone)]
+pub struct SensorOptions {
+    /// Seconds that each case may take.
+    pub seconds: f64,
+    /// The script that times PyTorch, where it is asked for.
+    pub oracle: Option<PathBuf>,
+}
+
+/// Result of `bench sensors`.
+#[derive(Debug, Clone, Serialize)]
+pub struct SensorReport {
+    /// Processor, cores and platform.
+    pub machine: String,
+    /// Control steps by what is sensed.
+    pub cases: Vec<StepCase>,
+    /// Each sensor.
+    pub sensors: Vec<SensorCase>,
+}
+
+/// Control steps with some sensors in every observation.
+#[derive(Debug, Clone, Serialize)]
+pub struct StepCase {
+    /// Name of the case.
+    pub name: String,
+    /// Control steps a second of one thread.
+    pub steps_per_s: f64,
+    /// Simulated seconds a second.
+    pub real_time_factor: f64,
+    /// us.
+    pub mean_us: f64,
+    /// us.
+    pub p50_us: f64,
+    /// us.
+    pub p99_us: f64,
+    /// Size of an observation's message, bytes.
+    pub message_bytes: usize,
+}
+
+/// Time of one sensor in one row.
+#[derive(Debug, Clone, Serialize)]
+pub struct SensorCase {
+    /// Name of the sensor.
+    pub name: String,
+    /// us.
+    pub mean_us: f64,
+    /// us.
+    pub p50_us: f64,
+    /// us.
+    pub p99_us: f64,
+    /// Features: PyTorch's median on one thread in its fastest form, us.
+    pub pytorch_us: Option<f64>,
+    /// `pytorch_us / p50_us`: above 1 ours is faster.
+    pub ratio: Option<f64>,
+}
+
+/// Measures all cases on this thread.
+///
+/// # Errors
+/// [`BenchError`]: a scene that cannot be built, or a PyTorch that cannot be run.
+pub fn run(options: &SensorOptions) -> Result<SensorReport, BenchError> {
+    let network = ResNet18::new(&Weights::seeded(0));
+    let body = Sensors::of_body(TASK);
+    let lidar = body.with(Sensor::Lidar);
+    let all = lidar.with(Sensor::Camera).with(Sensor::Features).with(Sensor::Privileged);
+    let cases = [("body", body), ("body and LiDAR", lidar), ("all: LiDAR, camera, features, privileged", all)];
+    let budget = Duration::from_secs_f64(options.seconds);
+    let cases = cases.into_iter().map(|(name, sensors)| steps(name, sensors, &network, budget));
+    let cases = cases.collect::<Result<Vec<_>, _>>()?;
+    let mut sensors = costs(&network)?;
+    if let Some(oracle) = &options.oracle {
+        let pytorch_us = pytorch(oracle)?;
+        for case in sensors.iter_mut().filter(|case| case.name == Sensor::Features.name()) {
+            case.pytorch_us = Some(pytorch_us);
+            case.ratio = Some(pytorch_us / case.p50_us);
+        }
+    }
+    Ok(SensorReport { machine: machine(), cases, sensors })
+}
+
+/// An episode and its senses, as a session has them.
+struct Stage {
+    episode: Episode,
+    senses: Senses,
+}
+
+impl Stage {
+    fn new(task: Task, sensors: Sensors, network: &ResNet18) -> Result<Self, BenchError> {
+        let robot = Arc::new(Robot::g1_inspire().map_err(scene)?);
+        let gains = robot.gains(GainSet::Fiatlux);
+        let spec = SceneSpec { kind: SceneKind::of(task), seed: 0, gains, hand_friction: None };
+        let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).map_err(scene)?);
+        let episode = Episode::start(Arc::clone(&built), &EpisodeSpec::new(task, 0)).map_err(scene)?;
+        let mut senses = Senses::new(sensors, [HEAD_PIXELS; 2], Some(network.twin()));
+        senses.begin(&built, || Arc::new(Visuals::new(&built)), Lighting::default()).map_err(scene)?;
+        Ok(Self { episode, senses })
+    }
+
+    fn observe(&mut self, sensors: Sensors) -> Result<Observation, BenchError> {
+        self.senses.observe(&self.episode, sensors).map_err(scene)
+    }
+
+    fn step(&mut self, command: PolicyCommand) -> Result<(), BenchError> {
+        let fill = |numbers: Vec<f64>| numbers.try_into().unwrap_or([0.0; fiatlux_rules::JOINTS]);
+        let command = match command {
+            PolicyCommand::Action(numbers) => WorldCommand::Action(fill(numbers)),
+            PolicyCommand::JointTarget(numbers) => WorldCommand::JointTarget(fill(numbers)),
+        };
+        self.episode.step(&command).map(|_| ()).map_err(scene)
+    }
+}
+
+/// Control steps as a session takes them, without the messages' way: policy, physics, rules, senses, encoding.
+fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> Result<StepCase, BenchError> {
+    let mut stage = Stage::new(TASK, sensors, network)?;
+    let mut policy = policies::by_name(POLICY).map_err(scene)?;
+    let mut observation = stage.observe(sensors)?;
+    let info =
+        SessionInfo { joints: joints(stage.episode.scene()), action_scale: ACTION_SCALE, ..SessionInfo::default() };
+    policy.reset(&info, &observation).map_err(scene)?;
+    let mut times = Vec::new();
+    let (mut message, start) = (Vec::new(), Instant::now());
+    while stage.episode.end().is_none() && start.elapsed() < budget {
+        let begun = Instant::now();
+        stage.step(policy.act(&observation).map_err(scene)?)?;
+        observation = stage.observe(sensors)?;
+        message = observation.encode_to_vec();
+        times.push(begun.elapsed());
+    }
+    let steps_per_s = times.len() as f64 / times.iter().sum::<Duration>().as_secs_f64();
+    let Times { mean_us, p50_us, p99_us } = Times::of(&mut times);
+    Ok(StepCase {
+        name: name.into(),
+        steps_per_s,
+        real_time_factor: steps_per_s * fiatlux_rules::CONTROL_DT,
+        mean_us,
+        p50_us,
+        p99_us,
+        message_bytes: message.len(),
+    })
+}
+
+/// Each sensor in fresh rows, what it stands on computed before: the camera before its features, all before the flat
+/// vector.
+fn costs(network: &ResNet18) -> Result<Vec<SensorCase>, BenchError> {
+    let all = Sensors::of(&Sensor::ALL);
+    let mut samples: Vec<Vec<Duration>> = vec![Vec::new(); Sensor::ALL.len()];
+    for place in PLACES {
+        let mut stage = Stage::new(place, all, network)?;
+        let hold = stage.episode.row().action;
+        for _ in 0..ROWS {
+            for (sensor, samples) in Sensor::ALL.into_iter().zip(&mut samples) {
+                let begun = Instant::now();
+                stage.observe(Sensors::of(&[sensor]))?;
+                samples.push(begun.elapsed());
+            }
+            if stage.episode.end().is_some() {
+                break;
+            }
+            stage.step(PolicyCommand::Action(hold.to_vec()))?;
+        }
+    }
+    let case = |(sensor, samples): (Sensor, &mut Vec<Duration>)| {
+        let Times { mean_us, p50_us, p99_us } = Times::of(samples);
+        SensorCase { name: sensor.name().into(), mean_us, p50_us, p99_us, pytorch_us: None, ratio: None }
+    };
+    Ok(Sensor::ALL.into_iter().zip(&mut samples).map(case).collect())
+}
+
+/// Median time of PyTorch's fastest form, us.
+fn pytorch(script: &Path) -> Result<f64, BenchError> {
+    #[derive(Deserialize)]
+    struct Output {
+        fastest_median_ms: f64,
+    }
+    const CASE: &str = "features";
+    if !script.is_file() {
+        return Err(BenchError::NoOracle(script.to_owned()));
+    }
+    let weights = std::env::temp_dir().join(format!("fiatlux-bench-{}.safetensors", std::process::id()));
+    let io = |what: &str, source| BenchError::Io { what: what.into(), source };
+    std::fs::write(&weights, Weights::seeded(0).to_safetensors()).map_err(|source| io("write the weights", source))?;
+    let mut command = Command::new("python3");
+    command.arg(script).arg(&weights).args(["--time-only", "--json"]).stderr(Stdio::inherit());
+    let output = command.output();
+    drop(std::fs::remove_file(&weights));
+    let output = output.map_err(|source| io("start python3", source))?;
+    if !output.status.success() {
+        return Err(BenchError::OracleFailed { case: CASE, status: output.status });
+    }
+    let output: Output =
+        serde_json::from_slice(&output.stdout).map_err(|source| BenchError::OracleOutput { case: CASE, source })?;
+    Ok(output.fastest_median_ms * 1e3)
+}
+
+fn scene(error: impl std::error::Error + Send + Sync + 'static) -> BenchError {
+    BenchError::Scene(Box::new(error))
+}
+
+impl fmt::Display for SensorReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.machine)?;
+        writeln!(
+            f,
+            "Control steps of 20 ms on one thread, task {TASK}, policy {POLICY}, every sensor in each step:\n"
+        )?;
+        let header = ["sensors", "steps/s", "x real time", "mean, us", "p50, us", "p99, us", "message, bytes"];
+        let mut rows = vec![header.map(str::to_owned).to_vec()];
+        for case in &self.cases {
+            let mut row = vec![case.name.clone()];
+            row.extend([case.steps_per_s, case.real_time_factor].map(|number| format!("{number:.1}")));
+            row.extend([case.mean_us, case.p50_us, case.p99_us].map(|number| format!("{number:.0}")));
+            row.push(case.message_bytes.to_string());
+            rows.push(row);
+        }
+        write_table(f, &rows)?;
+        writeln!(f, "\nEach sensor in one row, what it stands on not counted (features: the camera):\n")?;
+        let header = ["sensor", "mean, us", "p50, us", "p99, us", "PyTorch, us", "PyTorch / ours"];
+        let mut rows = vec![header.map(str::to_owned).to_vec()];
+        for case in &self.sensors {
+            let mut row = vec![case.name.clone()];
+            row.extend([case.mean_us, case.p50_us, case.p99_us].map(|number| format!("{number:.1}")));
+            row.push(case.pytorch_us.map_or("-".into(), |number| format!("{number:.0}")));
+            row.push(case.ratio.map_or("-".into(), |ratio| format!("{ratio:.2}")));
+            rows.push(row);
+        }
+        write_table(f, &rows)
+    }
+}
