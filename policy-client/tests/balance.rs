@@ -85,7 +85,7 @@ impl Episode {
     fn new(task: Task, seed: u64, episode: u64, gains: GainSet) -> Self {
         let robot = Arc::new(Robot::g1_inspire().unwrap());
         let gains = robot.gains(gains);
-        let spec = SceneSpec { kind: SceneKind::of(task), seed, gains: gains.clone(), hand_friction: None };
+        let spec = SceneSpec::new(SceneKind::of(task), seed, gains.clone());
         let scene = Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec).unwrap();
         let world = start(Arc::new(scene), task, episode, &StartOptions::default()).unwrap();
         let q0: [f64; JOINTS] = robot.q0().try_into().unwrap();

@@ -1,4 +1,5 @@
 //! The simulation server: scenes for policies to act in, and their export to other simulators.
+mod drawn;
 mod mjcf;
 mod recorder;
 mod scene;
@@ -6,6 +7,7 @@ mod senses;
 mod server;
 mod show;
 
+pub use drawn::{RebuildError, light_of, scene_of};
 pub use mjcf::{Laws, MjcfOptions, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};

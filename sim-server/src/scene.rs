@@ -47,7 +47,7 @@ impl ExportScene {
     pub fn task(task: Task, seed: u64) -> Result<Self, ExportError> {
         let robot = Arc::new(Robot::g1_inspire()?);
         let gains = robot.gains(GainSet::default());
-        let spec = SceneSpec { kind: SceneKind::of(task), seed, gains, hand_friction: None };
+        let spec = SceneSpec::new(SceneKind::of(task), seed, gains);
         let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec)?);
         let world =
             start(Arc::clone(&scene), task, 0, &StartOptions { reset_noise: false, ..StartOptions::default() })?;

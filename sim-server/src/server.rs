@@ -26,3 +26,21 @@ pub use shell::{Server, ServerError, ServerOptions};
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
+
+/// An episode of a request, and the header that a bag of it would have.
+#[cfg(test)]
+pub(crate) fn recorded_header(
+    request: &fiatlux_proto::v1::OpenRequest,
+    config: &fiatlux_world::SceneConfig,
+    robot: std::sync::Arc<fiatlux_robot::Robot>,
+    episode: u64,
+) -> (fiatlux_proto::v1::EpisodeHeader, fiatlux_world::Episode) {
+    use fiatlux_proto::Message;
+    let request = fiatlux_proto::v1::OpenRequest { protocol: Some(fiatlux_proto::PROTOCOL), ..request.clone() };
+    let plan = plan::read(&request.encode_to_vec()).expect("a valid request");
+    let spec = plan.episode(episode);
+    let gains = robot.gains(plan.gains);
+    let scene = fiatlux_world::Scene::build(config, robot, spec.scene(gains)).expect("a scene");
+    let episode = fiatlux_world::Episode::start(std::sync::Arc::new(scene), &spec).expect("it starts");
+    (info::header("lab", "1", &plan, "", &episode), episode)
+}

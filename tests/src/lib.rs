@@ -29,7 +29,7 @@ pub fn scaled_gains(robot: &Robot, parts: &[&str], factor: f64) -> Gains {
 
 /// A scene with the default config.
 pub fn scene(kind: SceneKind, seed: u64, gains: Gains) -> Arc<Scene> {
-    let spec = SceneSpec { kind, seed, gains, hand_friction: None };
+    let spec = SceneSpec::new(kind, seed, gains);
     Arc::new(Scene::build(&SceneConfig::default(), robot(), spec).unwrap())
 }
 

@@ -69,7 +69,8 @@ impl Trial {
 
     fn plug(&self) -> PlugState {
         let scene = &self.rig.scene;
-        PlugState::measure(&scene.world_from_fixture, &self.rig.pose(self.bulb), scene.config.bulb.seat_z)
+        let seat_z = scene.config.bulb.seat_z;
+        PlugState::measure(&scene.world_from_fixture, seat_z, &self.rig.pose(self.bulb), seat_z)
     }
 
     fn center(&self) -> Vector3<f64> {

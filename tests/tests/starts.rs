@@ -262,7 +262,7 @@ fn staged_bulbs_stay_in_the_hand() {
 fn impossible_starts_are_refused() {
     let scene_with = |task: Task, text: &str| {
         let gains = robot().gains(GainSet::default());
-        let spec = SceneSpec { kind: SceneKind::of(task), seed: 0, gains, hand_friction: None };
+        let spec = SceneSpec::new(SceneKind::of(task), 0, gains);
         Arc::new(Scene::build(&SceneConfig::from_toml(text).unwrap(), robot(), spec).unwrap())
     };
     let refused = |scene: Arc<Scene>, task: Task| start(scene, task, 0, &StartOptions::default()).unwrap_err();
@@ -292,7 +292,7 @@ fn the_grasp_holds_with_other_friction_and_gains() {
     for (gains, friction) in [(GainSet::Fiatlux, Some(0.7)), (GainSet::Fiatlux, Some(1.1)), (GainSet::Sonic, None)] {
         for task in [Task::S05, Task::S11] {
             let gains = robot().gains(gains);
-            let spec = SceneSpec { kind: SceneKind::of(task), seed: 0, gains, hand_friction: friction };
+            let spec = SceneSpec { hand_friction: friction, ..SceneSpec::new(SceneKind::of(task), 0, gains) };
             let scene = Arc::new(Scene::build(&SceneConfig::default(), robot(), spec).unwrap());
             let world = start(scene, task, 0, &StartOptions::default()).unwrap();
             check_hold(task, world.row(), &format!("{task} friction {friction:?}"));

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::JOINTS;
+use fiatlux_rules::{Bulb, JOINTS};
 use fiatlux_world::{PHYSICS_DT, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
 use nalgebra::{Isometry3, Vector3};
 
@@ -169,7 +169,7 @@ impl Stage {
         let ankles = (0..robot.joints().len()).filter(|&i| robot.joints()[i].name.contains("ankle"));
         gains.scale(ankles, ankle_factor);
         let config = SceneConfig::default();
-        let spec = SceneSpec { kind: SceneKind::CoupledLadder, seed: 0, gains, hand_friction: None };
+        let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, gains);
         let scene = Scene::build(&config, robot.clone(), spec).map_err(|e| BenchError::Scene(e.into()))?;
 
         let mut start = scene.model.reference_state();
@@ -185,7 +185,7 @@ impl Stage {
         if let Some(bench) = scene.world_from_bench {
             let [x, y] = config.bench.bulb_spot;
             let spot = bench.translation.vector + Vector3::new(x - 0.4, y, config.bench.surface_height);
-            start.set_pose(&scene.model, scene.old_bulb, &scene.world_from_standing_bulb(spot));
+            start.set_pose(&scene.model, scene.old_bulb, &scene.world_from_standing_bulb(Bulb::Old, spot));
         }
         Ok(Self { model: Arc::new(scene.model.clone()), scene: Arc::new(scene), start, q0, standing_height })
     }

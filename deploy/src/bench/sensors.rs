@@ -14,9 +14,7 @@ use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
 use fiatlux_sim::{Senses, Sensor, Sensors, joints};
-use fiatlux_world::{
-    ACTION_SCALE, Command as WorldCommand, Episode, EpisodeSpec, Scene, SceneConfig, SceneKind, SceneSpec,
-};
+use fiatlux_world::{ACTION_SCALE, Command as WorldCommand, Episode, EpisodeSpec, Scene, SceneConfig};
 use serde::{Deserialize, Serialize};
 
 use super::machine::machine;
@@ -121,9 +119,9 @@ impl Stage {
     fn new(task: Task, sensors: Sensors, network: &ResNet18) -> Result<Self, BenchError> {
         let robot = Arc::new(Robot::g1_inspire().map_err(scene)?);
         let gains = robot.gains(GainSet::Fiatlux);
-        let spec = SceneSpec { kind: SceneKind::of(task), seed: 0, gains, hand_friction: None };
-        let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).map_err(scene)?);
-        let episode = Episode::start(Arc::clone(&built), &EpisodeSpec::new(task, 0)).map_err(scene)?;
+        let spec = EpisodeSpec::new(task, 0, 0);
+        let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).map_err(scene)?);
+        let episode = Episode::start(Arc::clone(&built), &spec).map_err(scene)?;
         let mut senses = Senses::new(sensors, [HEAD_PIXELS; 2], Some(network.twin()));
         senses.begin(&built, || Arc::new(Visuals::new(&built)), Lighting::default()).map_err(scene)?;
         Ok(Self { episode, senses })

@@ -14,10 +14,10 @@ pub struct Geometry {
     pub ladder_top: [f64; 3],
     /// Where the ladder's feet touch the floor, m.
     pub ladder_feet: [[f64; 3]; 4],
-    /// Plug point of a bulb and seat point of the socket on their z axes, m.
+    /// Seat point of the socket on its z axis, m.
     pub seat_z: f64,
-    /// Outline of a bulb, a solid of revolution about +z, as (z, radius), m.
-    pub bulb_outline: Vec<[f64; 2]>,
+    /// Old and fresh bulb.
+    pub bulbs: [BulbGeometry; 2],
     /// Outer half extents of the crate, m.
     pub crate_outer_half: [f64; 2],
     /// Half extents of the crate's interior, m.
@@ -30,15 +30,21 @@ pub struct Geometry {
     pub bench_surface: f64,
 }
 
-impl Default for Geometry {
+/// Size of a bulb, a solid of revolution about its +z.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BulbGeometry {
+    /// Plug point on the axis, m.
+    pub plug_z: f64,
+    /// Outline as (z, radius), m.
+    pub outline: Vec<[f64; 2]>,
+}
+
+impl Default for BulbGeometry {
     fn default() -> Self {
-        // Half the footprint of 0.608 x 0.979, less the radius of the rails.
-        let [x, y] = [0.288, 0.4735];
         Self {
-            ladder_top: [0.0, 0.10, 1.18],
-            ladder_feet: [[-x, -y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [x, y, 0.0]],
-            seat_z: 0.036259,
-            bulb_outline: vec![
+            plug_z: 0.036259,
+            outline: vec![
                 [0.036259, 0.00759],
                 [0.04583, 0.02026],
                 [0.07436, 0.02196],
@@ -53,6 +59,19 @@ impl Default for Geometry {
                 [0.18181, 0.02640],
                 [0.19267, 0.0],
             ],
+        }
+    }
+}
+
+impl Default for Geometry {
+    fn default() -> Self {
+        // Half the footprint of 0.608 x 0.979, less the radius of the rails.
+        let [x, y] = [0.288, 0.4735];
+        Self {
+            ladder_top: [0.0, 0.10, 1.18],
+            ladder_feet: [[-x, -y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [x, y, 0.0]],
+            seat_z: 0.036259,
+            bulbs: Default::default(),
             crate_outer_half: [0.3007, 0.2009],
             crate_interior_half: [0.2873, 0.1876],
             crate_rim: 0.17,
@@ -80,7 +99,8 @@ impl Geometry {
 
     /// A bulb's plug point, world, m.
     pub fn plug(&self, row: &Row, bulb: Bulb) -> Vector3<f64> {
-        measure::world_point(&row.bulbs[bulb as usize].pose, &Vector3::new(0.0, 0.0, self.seat_z))
+        let plug_z = self.bulbs[bulb as usize].plug_z;
+        measure::world_point(&row.bulbs[bulb as usize].pose, &Vector3::new(0.0, 0.0, plug_z))
     }
 
     /// Distance of a bulb's plug point from the seat point, m.
@@ -90,11 +110,11 @@ impl Geometry {
 
     /// Height of a bulb's lowest point, m.
     pub fn lowest_point(&self, row: &Row, bulb: Bulb) -> f64 {
-        measure::lowest_point(&self.bulb_outline, &row.bulbs[bulb as usize].pose)
+        measure::lowest_point(&self.bulbs[bulb as usize].outline, &row.bulbs[bulb as usize].pose)
     }
 
     /// Extents of a bulb along the crate's axes, from its origin, m.
     pub fn extents_in_crate(&self, row: &Row, bulb: Bulb) -> [Extent; 3] {
-        measure::extents_in(&self.bulb_outline, &row.bulbs[bulb as usize].pose, &row.crate_)
+        measure::extents_in(&self.bulbs[bulb as usize].outline, &row.bulbs[bulb as usize].pose, &row.crate_)
     }
 }

@@ -26,7 +26,7 @@ mod wire;
 pub use cause::{Cause, Causes, UnknownCause};
 pub use digest::{ROW_LAYOUT, RowDigest};
 pub use gate::{Conjunct, Conjuncts, Context, Gate, MAX_CONJUNCTS, Predicate};
-pub use geometry::Geometry;
+pub use geometry::{BulbGeometry, Geometry};
 pub use judge::{End, Judge, JudgeOptions, Verdict};
 pub use rewards::{Rewards, Term, Variant};
 pub use row::{AttachmentRow, BodyRow, Bulb, HAND_BODIES, HAND_BODIES_PER_SIDE, JOINTS, LIMBS, Limb, Row};

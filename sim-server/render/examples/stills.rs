@@ -57,12 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut large = Renderer::supersampled(1280, 960, 3);
     let mut eye = Renderer::new(HEAD_PIXELS, HEAD_PIXELS);
     for still in STILLS {
-        let spec = SceneSpec {
-            kind: SceneKind::of(still.task),
-            seed: still.seed,
-            gains: robot.gains(GainSet::Fiatlux),
-            hand_friction: None,
-        };
+        let spec = SceneSpec::new(SceneKind::of(still.task), still.seed, robot.gains(GainSet::Fiatlux));
         let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
         let world = start(Arc::clone(&scene), still.task, 0, &StartOptions::default())?;
         let (row, visuals) = (world.row(), Visuals::new(&scene));

@@ -29,8 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         ("at the bench", Task::S08, 0),
         ("at the crate", Task::S06, 0),
     ] {
-        let spec =
-            SceneSpec { kind: SceneKind::of(task), seed, gains: robot.gains(GainSet::Fiatlux), hand_friction: None };
+        let spec = SceneSpec::new(SceneKind::of(task), seed, robot.gains(GainSet::Fiatlux));
         let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
         let world = start(Arc::clone(&scene), task, 0, &StartOptions::default())?;
         let visuals = Visuals::new(&scene);

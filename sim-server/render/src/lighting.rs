@@ -1,3 +1,4 @@
+use fiatlux_world::Light;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Nominal strength of the dome in the published benchmark.
@@ -48,6 +49,18 @@ impl Lighting {
         self
     }
 
+    /// The light of an episode. The tint multiplies linear colours.
+    pub fn of(light: &Light) -> Self {
+        Self {
+            dome: light.dome,
+            dome_yaw: light.dome_yaw,
+            key: light.key,
+            room_tint: rgb(light.tint_hue, light.tint_saturation, light.tint_value),
+            ..Self::default()
+        }
+        .with_key_turned(light.key_pitch, light.key_yaw)
+    }
+
     pub(crate) fn prepared(&self) -> PreparedLight {
         let towards = -self.key_direction;
         let towards = towards.try_normalize(1e-9).unwrap_or_else(Vector3::z);
@@ -73,9 +86,41 @@ pub(crate) struct PreparedLight {
     pub room_tint: [f32; 3],
 }
 
+/// From hue (degrees), saturation and value.
+fn rgb(hue: f64, saturation: f64, value: f64) -> [f64; 3] {
+    [5.0, 3.0, 1.0].map(|offset| {
+        let k = libm::fmod(offset + hue / 60.0, 6.0);
+        value * (1.0 - saturation * k.min(4.0 - k).clamp(0.0, 1.0))
+    })
+}
+
 /// The tilt is about the world's x axis: the light comes from the closed side of the room, the south. (The source does not
 /// say about which axis.)
 fn key_direction(pitch: f64, yaw: f64) -> Vector3<f64> {
     let tilt = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), KEY_TILT + pitch);
     UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * (tilt * -Vector3::z())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tints_by_hue() {
+        let near = |hsv: [f64; 3], expected: [f64; 3]| {
+            let found = rgb(hsv[0], hsv[1], hsv[2]);
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{hsv:?}: {found:?}");
+        };
+        near([0.0, 1.0, 1.0], [1.0, 0.0, 0.0]);
+        near([60.0, 1.0, 0.5], [0.5, 0.5, 0.0]);
+        near([120.0, 1.0, 1.0], [0.0, 1.0, 0.0]);
+        near([240.0, 0.5, 1.0], [0.5, 0.5, 1.0]);
+        near([330.0, 1.0, 1.0], [1.0, 0.0, 0.5]);
+        near([77.0, 0.0, 1.2], [1.2; 3]);
+    }
+
+    #[test]
+    fn nominal_light_is_the_default() {
+        assert_eq!(Lighting::of(&Light::default()), Lighting::default());
+    }
 }

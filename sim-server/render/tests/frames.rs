@@ -7,12 +7,16 @@ use std::sync::Arc;
 use fiatlux_render::{Camera, HEAD_PIXELS, Lighting, RenderError, Renderer, Visuals};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Row, Task};
-use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartOptions, start};
+use fiatlux_world::{PropScale, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartOptions, start};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 fn stage(task: Task, seed: u64) -> (Arc<Scene>, Row) {
+    stage_scaled(task, seed, PropScale::default())
+}
+
+fn stage_scaled(task: Task, seed: u64, scale: PropScale) -> (Arc<Scene>, Row) {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
-    let spec = SceneSpec { kind: SceneKind::of(task), seed, gains: robot.gains(GainSet::Fiatlux), hand_friction: None };
+    let spec = SceneSpec { scale, ..SceneSpec::new(SceneKind::of(task), seed, robot.gains(GainSet::Fiatlux)) };
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap());
     let world = start(Arc::clone(&scene), task, 0, &StartOptions::default()).unwrap();
     let row = world.row().clone();
@@ -251,4 +255,55 @@ fn light_and_tint_show() {
     assert!((0..3).all(|i| dim[i] < 0.9 * nominal[i]), "{nominal:?} {dim:?}");
     let red = mean(&Lighting { room_tint: [1.0, 0.8, 0.8], ..Lighting::default() });
     assert!(red[1] < nominal[1] - 3.0 && (red[0] - nominal[0]).abs() < 1.0, "{nominal:?} {red:?}");
+}
+
+/// Props are seen in the size that they have: the ladder within the box of its projected ends, a bulb from above as a disc
+/// whose area goes with the square of its size.
+#[test]
+fn scaled_props_are_seen_scaled() {
+    let size = [320, 240];
+    let mut renderer = Renderer::new(size[0], size[1]);
+    let light = Lighting::default();
+    let [x, y, z] = [1.05, 0.95, 1.1];
+    let area = |renderer: &mut Renderer, fresh_bulb: f64| {
+        let (scene, row) = stage_scaled(Task::S01, 0, PropScale { fresh_bulb, ladder: [x, y, z], socket: 0.9 });
+        let glass = (row.bulbs[1].pose * Point3::new(0.0, 0.0, 0.15224 * fresh_bulb)).coords;
+        let above = Camera::look_at(glass + Vector3::new(0.0, 0.0, 1.5), glass, 0.2, 4.0 / 3.0);
+        renderer.render(&Visuals::new(&scene), &row, &above, &light);
+        seen(renderer, size, ShapeOwner::FreshBulb).1 as f64
+    };
+    let ratio = area(&mut renderer, 1.1) / area(&mut renderer, 0.9);
+    let expected = (1.1_f64 / 0.9).powi(2);
+    assert!((ratio / expected - 1.0).abs() < 0.02, "{ratio}, not {expected}");
+
+    let scale = PropScale { ladder: [x, y, z], ..PropScale::default() };
+    let (scene, row) = stage_scaled(Task::S01, 0, scale);
+    let ladder = row.ladder.pose;
+    let camera =
+        Camera::look_at(ladder.translation.vector + Vector3::z() * 3.9, ladder.translation.vector, 0.7, 4.0 / 3.0);
+    renderer.render(&Visuals::new(&scene), &row, &camera, &light);
+    let radius = 0.016;
+    let (foot_x, foot_y) = (0.304 * x - radius, 0.4895 * y - radius);
+    let ends = [-1.0, 1.0].into_iter().flat_map(|side| {
+        [
+            Point3::new(side * foot_x, -foot_y, radius),
+            Point3::new(side * foot_x, foot_y, radius),
+            Point3::new(side * foot_x, 0.27 * y, 1.861 * z - radius),
+        ]
+    });
+    let empty = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let grow = |(low, high): ([f64; 2], [f64; 2]), [u, v]: [f64; 2], by: f64| {
+        ([low[0].min(u - by), low[1].min(v - by)], [high[0].max(u + by), high[1].max(v + by)])
+    };
+    let focal = 160.0 / (camera.horizontal_fov / 2.0).tan();
+    let expected = ends.fold(empty, |bounds, end| {
+        let point = (ladder * end).coords;
+        let depth = camera.world_from_camera.inverse_transform_point(&point.into()).x;
+        grow(bounds, pinhole(&camera, point, [320.0, 240.0]), radius * focal / depth)
+    });
+    let pixels = (0..size[1]).flat_map(|v| (0..size[0]).map(move |u| (u, v)));
+    let shown = pixels.filter(|&(u, v)| renderer.owner(u, v) == Some(ShapeOwner::Ladder));
+    let found = shown.fold(empty, |bounds, (u, v)| grow(bounds, [u as f64 + 0.5, v as f64 + 0.5], 0.5));
+    let off = |found: [f64; 2], expected: [f64; 2]| (0..2).map(|i| (found[i] - expected[i]).abs()).fold(0.0, f64::max);
+    assert!(off(found.0, expected.0) < 2.0 && off(found.1, expected.1) < 2.0, "{found:?}, not {expected:?}");
 }

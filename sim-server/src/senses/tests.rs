@@ -5,18 +5,16 @@ use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::packed_element_field::NumericType;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{HAND_BODIES, JOINTS};
-use fiatlux_world::{
-    Command, EpisodeSpec, LIDAR_RANGE, LIDAR_RAYS, SceneConfig, SceneKind, SceneSpec, observation_terms,
-};
+use fiatlux_world::{Command, EpisodeSpec, LIDAR_RANGE, LIDAR_RAYS, SceneConfig, observation_terms};
 
 use super::*;
 
 fn episode(task: Task) -> Episode {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let gains = robot.gains(GainSet::Fiatlux);
-    let spec = SceneSpec { kind: SceneKind::of(task), seed: 3, gains, hand_friction: None };
-    let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap());
-    Episode::start(scene, &EpisodeSpec::new(task, 1)).unwrap()
+    let spec = EpisodeSpec::new(task, 3, 1);
+    let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap());
+    Episode::start(scene, &spec).unwrap()
 }
 
 fn senses(episode: &Episode, sensors: Sensors) -> Senses {

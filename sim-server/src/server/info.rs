@@ -9,6 +9,7 @@ use fiatlux_world::{ACTION_SCALE, Episode, ObservationTerm, RNG_NAME, Scene, Sce
 
 use super::plan::{GAINS, Plan};
 use super::session::Times;
+use crate::drawn;
 use crate::senses::Sensor;
 
 /// Version of the software.
@@ -88,7 +89,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, weights: &str, scene:
         image_height: plan.image_size[1] as u32,
         image_fov: head_fov(),
         weights: weights.into(),
-        randomization: None,
+        randomization: Some(plan.request.randomization.unwrap_or_default()),
         reward: plan.reward_name().into(),
         flat_terms: if plan.sensors.all().contains(Sensor::Flat) { flat_terms(plan.task) } else { Vec::new() },
     }
@@ -142,8 +143,9 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, weights: &str, episode
         horizon_steps: plan.task.horizon_steps(),
         control_dt: CONTROL_DT,
         end_on_overridden: plan.end_on.is_some(),
-        randomization: None,
-        drawn: None,
+        randomization: Some(plan.request.randomization.unwrap_or_default()),
+        drawn: Some(drawn::message(&episode.drawn())),
+        scene_config: if scene.config == SceneConfig::default() { String::new() } else { scene.config.to_toml() },
         request: Some(plan.request.clone()),
         reward: plan.reward_name().into(),
     }

@@ -10,6 +10,9 @@ use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
 use fiatlux_rules::{Cause, Causes, Task, Thresholds, Variant};
 
+use fiatlux_world::{EpisodeSpec, PropScale, Randomization};
+
+use crate::drawn;
 use crate::senses::Sensors;
 pub(super) use sensors::SensorPlan;
 
@@ -32,7 +35,8 @@ pub(super) struct Plan {
     pub image_size: [usize; 2],
     pub gains: GainSet,
     pub hands: HandKind,
-    pub no_noise: bool,
+    pub randomize: Randomization,
+    pub scale: PropScale,
     pub recorded: bool,
     pub end_on: Option<Causes>,
     pub thresholds: Thresholds,
@@ -42,6 +46,18 @@ pub(super) struct Plan {
 impl Plan {
     pub fn mode(&self) -> Mode {
         if self.real_time { Mode::RealTime } else { Mode::Lockstep }
+    }
+
+    /// An episode of the session.
+    pub fn episode(&self, index: u64) -> EpisodeSpec {
+        EpisodeSpec {
+            randomize: self.randomize,
+            scale: self.scale,
+            thresholds: self.thresholds.clone(),
+            end_on: self.end_on,
+            variant: self.reward,
+            ..EpisodeSpec::new(self.task, self.seed, index)
+        }
     }
 
     pub fn reward_name(&self) -> &'static str {
@@ -85,6 +101,7 @@ fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
             return Err(unknown("mode", message));
         }
     };
+    let randomize = drawn::randomization(&request.randomization.unwrap_or_default());
     let task = request.task.parse::<Task>().map_err(|error| unknown("task", error.to_string()))?;
     let sensors = sensors::read(request, task)?;
     check_weights(request, &sensors)?;
@@ -97,12 +114,22 @@ fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         sensors,
         gains: gains(&request.gains)?,
         hands: hands(&request.hands)?,
-        no_noise: request.randomization.as_ref().is_some_and(|r| r.fixed_start && r.exact_sensors),
+        randomize,
+        scale: prop_scale(request, &randomize)?,
         recorded: request.recorded,
         end_on: end_on(&request.end_on)?,
         thresholds: thresholds(request)?,
         reward: reward(&request.reward)?,
     })
+}
+
+fn prop_scale(request: &OpenRequest, randomize: &Randomization) -> Result<PropScale, Refusal> {
+    let wrong = |message: String| Err(refusal(Code::Value, "prop_scale", message));
+    let scale = drawn::prop_scale(&request.prop_scale.unwrap_or_default());
+    if randomize.prop_scale && scale != PropScale::default() {
+        return wrong("sizes are both given and to be drawn; choose one of the two".into());
+    }
+    scale.check().map(|()| scale).or_else(|error| wrong(error.to_string()))
 }
 
 fn reward_name(reward: Variant) -> &'static str {
@@ -263,6 +290,34 @@ mod tests {
                 "multiple of 32",
             ),
             (OpenRequest { weights: "a".into(), ..request() }, Code::Value, "weights", "ask for features or flat"),
+            (
+                OpenRequest {
+                    prop_scale: Some(v1::PropScale { ladder_z: 1.3, ..v1::PropScale::default() }),
+                    ..request()
+                },
+                Code::Value,
+                "prop_scale",
+                "ladder_z is 1.3",
+            ),
+            (
+                OpenRequest {
+                    prop_scale: Some(v1::PropScale { socket: f64::NAN, ..v1::PropScale::default() }),
+                    ..request()
+                },
+                Code::Value,
+                "prop_scale",
+                "socket",
+            ),
+            (
+                OpenRequest {
+                    prop_scale: Some(v1::PropScale { socket: 1.1, ..v1::PropScale::default() }),
+                    randomization: Some(v1::Randomization { prop_scale: true, ..v1::Randomization::default() }),
+                    ..request()
+                },
+                Code::Value,
+                "prop_scale",
+                "choose one of the two",
+            ),
             (OpenRequest { reward: "more".into(), ..request() }, Code::Unknown, "reward", "benchmark, training"),
             (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
             (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),

@@ -5,21 +5,19 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use fiatlux_proto::Message;
 use fiatlux_render::Visuals;
-use fiatlux_robot::{GainSet, Robot};
-use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec};
+use fiatlux_robot::Robot;
+use fiatlux_world::{Scene, SceneConfig, SceneError, SceneSpec};
 
 use super::lock;
 
 /// Scenes that are kept; each takes some hundreds of kB.
 const KEPT: usize = 32;
 
-type Key = (SceneKind, u64, GainSet);
-
-/// A scene, and its shapes for a viewer.
+/// A scene, and what else is made of it once.
 #[derive(Debug, Clone)]
 pub(super) struct Built {
     pub scene: Arc<Scene>,
-    /// An encoded `foxglove.SceneUpdate`.
+    /// Its shapes for a viewer, an encoded `foxglove.SceneUpdate`.
     pub shapes: Arc<[u8]>,
     /// Its meshes, once a camera has asked for them.
     visuals: Arc<OnceLock<Arc<Visuals>>>,
@@ -35,6 +33,16 @@ impl Built {
     pub fn visuals(&self) -> Arc<Visuals> {
         Arc::clone(self.visuals.get_or_init(|| Arc::new(Visuals::new(&self.scene))))
     }
+
+    /// The same scene with other friction of the hands, which nobody sees.
+    pub fn with_friction(&self, hand_friction: Option<f64>) -> Result<Arc<Scene>, SceneError> {
+        let spec = &self.scene.spec;
+        if spec.hand_friction == hand_friction {
+            return Ok(Arc::clone(&self.scene));
+        }
+        let spec = SceneSpec { hand_friction, ..spec.clone() };
+        Scene::build(&self.scene.config, Arc::clone(&self.scene.robot), spec).map(Arc::new)
+    }
 }
 
 /// Builds scenes of one config and keeps those last used.
@@ -43,7 +51,7 @@ pub(super) struct Scenes {
     config: SceneConfig,
     robot: Arc<Robot>,
     /// The last used is the last.
-    kept: Mutex<VecDeque<(Key, Built)>>,
+    kept: Mutex<VecDeque<Built>>,
 }
 
 impl Scenes {
@@ -51,28 +59,31 @@ impl Scenes {
         Self { config, robot, kept: Mutex::default() }
     }
 
-    pub fn get(&self, kind: SceneKind, seed: u64, gains: GainSet) -> Result<Built, SceneError> {
-        let key = (kind, seed, gains);
-        if let Some(built) = self.find(key) {
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// A scene with the hands' own friction.
+    pub fn get(&self, spec: SceneSpec) -> Result<Built, SceneError> {
+        let spec = SceneSpec { hand_friction: None, ..spec };
+        if let Some(built) = self.find(&spec) {
             return Ok(built);
         }
         // Two sessions may build the same scene at once; that costs time only.
-        let spec = SceneSpec { kind, seed, gains: self.robot.gains(gains), hand_friction: None };
         let built = Built::new(Arc::new(Scene::build(&self.config, Arc::clone(&self.robot), spec)?));
         let mut kept = lock(&self.kept);
         if kept.len() >= KEPT {
             kept.pop_front();
         }
-        kept.push_back((key, built.clone()));
+        kept.push_back(built.clone());
         Ok(built)
     }
 
-    fn find(&self, key: Key) -> Option<Built> {
+    fn find(&self, spec: &SceneSpec) -> Option<Built> {
         let mut kept = lock(&self.kept);
-        let found = kept.iter().position(|(other, _)| *other == key)?;
-        let entry = kept.remove(found)?;
-        let built = entry.1.clone();
-        kept.push_back(entry);
+        let found = kept.iter().position(|built| built.scene.spec == *spec)?;
+        let built = kept.remove(found)?;
+        kept.push_back(built.clone());
         Some(built)
     }
 }

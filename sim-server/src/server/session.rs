@@ -8,7 +8,6 @@ mod recording;
 #[cfg(test)]
 mod tests;
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use fiatlux_features::ResNet18;
@@ -18,7 +17,7 @@ use fiatlux_proto::v1::refusal::Code as RefusalCode;
 use fiatlux_proto::v1::{CloseReply, CloseRequest, Event, Notice, Observation, ResetRequest, SessionInfo};
 use fiatlux_proto::{Message, decode, limits};
 use fiatlux_render::Lighting;
-use fiatlux_world::{Episode, EpisodeSpec};
+use fiatlux_world::Episode;
 use zenoh::bytes::ZBytes;
 
 use super::info;
@@ -256,22 +255,18 @@ impl<R> Session<R> {
     fn reset(&mut self, index: u64, to: R, now: Duration, out: Sink<'_, R>) {
         self.client_silent = now;
         self.abort("another episode was asked for", now, out);
-        let spec = EpisodeSpec {
-            task: self.plan.task,
-            episode: index,
-            no_noise: self.plan.no_noise,
-            thresholds: self.plan.thresholds.clone(),
-            end_on: self.plan.end_on,
-            variant: self.plan.reward,
-        };
-        let episode = match Episode::start(Arc::clone(&self.built.scene), &spec) {
+        let spec = self.plan.episode(index);
+        let scene = self.built.with_friction(spec.grip().map(|grip| grip.dynamic_friction));
+        let scene = scene.map_err(|error| in_full(&error));
+        let started = scene.and_then(|scene| Episode::start(scene, &spec).map_err(|error| in_full(&error)));
+        let episode = match started {
             Ok(episode) => episode,
-            Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "", in_full(&error)), out),
+            Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "", error), out),
         };
         let built = &self.built;
         let (senses, sensors) = (&mut self.senses, &self.plan.sensors);
         let first = senses
-            .begin(&built.scene, || built.visuals(), Lighting::default())
+            .begin(episode.scene(), || built.visuals(), Lighting::of(&spec.light()))
             .and_then(|()| observe(senses, &episode, sensors.due(0)))
             .and_then(|first| Ok((first.clone(), recorded(senses, &episode, sensors, first)?)));
         let (observation, seen) = match first {

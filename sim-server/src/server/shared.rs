@@ -11,7 +11,6 @@ use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v1::refusal::Code;
 use fiatlux_proto::v1::{OpenReply, Refusal, ServerInfo, SessionInfo, open_reply};
 use fiatlux_proto::{Message, encoding};
-use fiatlux_world::SceneKind;
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::query::Query;
 use zenoh::{Session as Zenoh, Wait};
@@ -237,7 +236,8 @@ impl Shared {
     }
 
     fn open_reserved(&self, plan: plan::Plan) -> Result<SessionInfo, Refusal> {
-        let built = self.scenes.get(SceneKind::of(plan.task), plan.seed, plan.gains);
+        let gains = self.scenes.robot().gains(plan.gains);
+        let built = self.scenes.get(plan.episode(0).scene(gains));
         let built = built.map_err(|error| refusal(Code::Start, "seed", in_full(&error)))?;
         let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
         let keys = self.keys.session(&id);

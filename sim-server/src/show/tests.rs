@@ -10,7 +10,7 @@ use super::*;
 fn build(task: Task) -> (Arc<Scene>, Row) {
     let robot = Arc::new(Robot::g1_inspire().expect("the robot"));
     let gains = robot.gains(GainSet::default());
-    let spec = SceneSpec { kind: SceneKind::of(task), seed: 3, gains, hand_friction: None };
+    let spec = SceneSpec::new(SceneKind::of(task), 3, gains);
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).expect("a scene"));
     let world = start(Arc::clone(&scene), task, 0, &StartOptions::default()).expect("a start");
     let row = world.row().clone();

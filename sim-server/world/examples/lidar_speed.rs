@@ -14,7 +14,7 @@ const SCANS: usize = 2000;
 fn main() -> Result<(), Box<dyn Error>> {
     let robot = Arc::new(Robot::g1_inspire()?);
     let gains = robot.gains(GainSet::Fiatlux);
-    let spec = SceneSpec { kind: SceneKind::CoupledLadder, seed: 0, gains, hand_friction: None };
+    let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, gains);
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec)?);
     let row = |task| -> Result<Row, Box<dyn Error>> {
         Ok(start(Arc::clone(&scene), task, 0, &StartOptions::default())?.row().clone())

@@ -42,12 +42,17 @@ pub struct PlugState {
 }
 
 impl PlugState {
-    /// Measures a bulb against a socket; seat and plug point are at `seat_z` on the respective axis, m.
-    pub fn measure(world_from_fixture: &Isometry3<f64>, world_from_bulb: &Isometry3<f64>, seat_z: f64) -> Self {
-        let point = Vector3::new(0.0, 0.0, seat_z);
+    /// Measures a bulb against a socket, whose plug and seat point are at `plug_z` and `seat_z` on their axes, m.
+    pub fn measure(
+        world_from_fixture: &Isometry3<f64>,
+        seat_z: f64,
+        world_from_bulb: &Isometry3<f64>,
+        plug_z: f64,
+    ) -> Self {
+        let (seat, plug) = (Vector3::new(0.0, 0.0, seat_z), Vector3::new(0.0, 0.0, plug_z));
         let axis = world_from_fixture.rotation * Vector3::z();
         let bulb_axis = world_from_bulb.rotation * Vector3::z();
-        let offset = measure::world_point(world_from_bulb, &point) - measure::world_point(world_from_fixture, &point);
+        let offset = measure::world_point(world_from_bulb, &plug) - measure::world_point(world_from_fixture, &seat);
         let gap = offset.dot(&axis);
         Self { axis, bulb_axis, gap, lateral: offset - gap * axis, tilt: measure::angle_between(&bulb_axis, &axis) }
     }
@@ -154,7 +159,7 @@ mod tests {
         let rotation = UnitQuaternion::from_scaled_axis(Vector3::x() * tilt);
         let point = Vector3::new(lateral_mm * 1e-3, 0.0, seat_z + gap_mm * 1e-3);
         let offset = point - rotation * Vector3::new(0.0, 0.0, seat_z);
-        PlugState::measure(&fixture, &(fixture * Isometry3::from_parts(offset.into(), rotation)), seat_z)
+        PlugState::measure(&fixture, seat_z, &(fixture * Isometry3::from_parts(offset.into(), rotation)), seat_z)
     }
 
     fn near(a: f64, b: f64) {

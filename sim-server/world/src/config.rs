@@ -75,11 +75,15 @@ impl SceneConfig {
         }
     }
 
+    /// All numbers as TOML, which [`SceneConfig::from_toml`] reads back.
+    pub fn to_toml(&self) -> String {
+        // A struct of numbers, texts and lists always has a form in TOML.
+        toml::to_string(self).unwrap_or_default()
+    }
+
     /// SHA-256 of the config as TOML with every value written out, hexadecimal.
     pub fn digest(&self) -> String {
-        // A struct of numbers, texts and lists always has a form in TOML.
-        let text = toml::to_string(self).unwrap_or_default();
-        Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+        Sha256::digest(self.to_toml()).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
     /// Checks that the numbers make a scene. Needed only after a change in place; [`SceneConfig::from_toml`] checks.

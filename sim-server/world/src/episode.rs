@@ -2,26 +2,32 @@
 
 use std::sync::Arc;
 
+use fiatlux_robot::Gains;
 use fiatlux_rules::{
     Cause, Causes, End, JOINTS, Judge, JudgeOptions, Rewards, Row, RowDigest, Summary, Task, Term, Thresholds, Variant,
     Verdict,
 };
 use thiserror::Error;
 
+use crate::start::check_kind;
 use crate::{
-    ACTION_SCALE, NoiseSeed, Observer, Proprioception, RNG_NAME, Scene, StartError, StartOptions, World, WorldError,
-    start,
+    ACTION_SCALE, Drawn, Grip, Layout, Light, NoiseSeed, Observer, PropScale, Proprioception, RNG_NAME, Randomization,
+    Scene, SceneKind, SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
 };
 
-/// What an episode is, beside the scene that it plays in. Layout seed and gains are the scene's.
+/// What an episode is. It plays in the scene that [`EpisodeSpec::scene`] describes; gains are the scene's.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeSpec {
     /// The task.
     pub task: Task,
-    /// Index; with the layout seed it draws the noise of reset and of sensors.
+    /// Draws the room and the sizes of the props, and with the episode everything else.
+    pub seed: u64,
+    /// Index.
     pub episode: u64,
-    /// Leaves out the noise of reset and of sensors.
-    pub no_noise: bool,
+    /// Which draws it makes.
+    pub randomize: Randomization,
+    /// Sizes of the props; not in force where they are drawn.
+    pub scale: PropScale,
     /// Thresholds in force.
     pub thresholds: Thresholds,
     /// What ends it in place of the task's own conditions.
@@ -32,24 +38,79 @@ pub struct EpisodeSpec {
 
 impl EpisodeSpec {
     /// An episode as the standard protocol has it.
-    pub fn new(task: Task, episode: u64) -> Self {
+    pub fn new(task: Task, seed: u64, episode: u64) -> Self {
         Self {
             task,
+            seed,
             episode,
-            no_noise: false,
+            randomize: Randomization::default(),
+            scale: PropScale::default(),
             thresholds: Thresholds::default(),
             end_on: None,
             variant: Variant::Benchmark,
         }
     }
 
+    /// Layout seed in force.
+    pub fn layout_seed(&self) -> u64 {
+        if self.randomize.layout { self.seed } else { 0 }
+    }
+
+    /// Sizes of the props in force.
+    pub fn prop_scale(&self) -> PropScale {
+        if self.randomize.prop_scale { PropScale::draw(self.seed) } else { self.scale }
+    }
+
+    /// Material of the hands; none for the robot file's own.
+    pub fn grip(&self) -> Option<Grip> {
+        self.randomize.grip.then(|| Grip::draw(self.seed, self.episode))
+    }
+
+    /// Light and tint. No row depends on them.
+    pub fn light(&self) -> Light {
+        Light::draw(self.seed, self.episode, &self.randomize)
+    }
+
+    /// The scene that it plays in.
+    pub fn scene(&self, gains: Gains) -> SceneSpec {
+        SceneSpec {
+            hand_friction: self.grip().map(|grip| grip.dynamic_friction),
+            scale: self.prop_scale(),
+            ..SceneSpec::new(SceneKind::of(self.task), self.layout_seed(), gains)
+        }
+    }
+
+    /// Refuses a scene that differs from [`EpisodeSpec::scene`] in more than its gains.
+    fn check_scene(&self, scene: &Scene) -> Result<(), StartError> {
+        check_kind(scene, self.task)?;
+        let (needed, found) = (self.scene(scene.spec.gains.clone()), &scene.spec);
+        let friction =
+            |spec: &SceneSpec| spec.hand_friction.map_or("the robot's own".into(), |value| value.to_string());
+        let (what, needed, found) = if needed.seed != found.seed {
+            ("layout seed", needed.seed.to_string(), found.seed.to_string())
+        } else if needed.hand_friction != found.hand_friction {
+            ("hand friction", friction(&needed), friction(found))
+        } else if needed.scale != found.scale {
+            ("prop scale", format!("{:?}", needed.scale), format!("{:?}", found.scale))
+        } else if found.layout.is_some()
+            && Layout::of(&scene.config, needed.kind, needed.seed).ok() != Some(scene.layout)
+        {
+            ("layout", "the one of its layout seed".into(), "another one".into())
+        } else {
+            return Ok(());
+        };
+        let EpisodeSpec { task, seed, episode, .. } = *self;
+        Err(StartError::OtherScene { task, seed, episode, what, needed, found })
+    }
+
     /// What must be equal beside the rows for two digests to be comparable, as bytes.
     ///
     /// Texts are followed by a zero byte; numbers are little-endian, whole ones of 8 bytes. In this order: id of the task;
-    /// layout seed; episode; for each joint
-    /// stiffness, damping, effort limit and armature (f64); friction of the hands (f64, NaN for the robot's own);
-    /// a byte for `no_noise`; each threshold's name and value (f64); names of the conditions that end the episode, then
-    /// an empty text; digest of the robot's file; digest of the scene config; [`RNG_NAME`].
+    /// seed; episode; layout seed in force; for each joint stiffness, damping, effort limit and armature (f64); friction
+    /// of the hands in force (f64, NaN for the robot's own); factors of the props' sizes in force (f64: ladder x, y and z,
+    /// socket, fresh bulb); a byte that says whether the start has noise; each threshold's name and value (f64); names of
+    /// the conditions that end the episode, then an empty text; digest of the robot's file; digest of the scene config,
+    /// the props in nominal size; [`RNG_NAME`]. Light, tint and noise of the sensors touch no row and are not in it.
     pub fn context(&self, scene: &Scene) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(4096);
         let text = |bytes: &mut Vec<u8>, text: &str| {
@@ -58,15 +119,19 @@ impl EpisodeSpec {
         };
         let number = |bytes: &mut Vec<u8>, number: f64| bytes.extend_from_slice(&number.to_le_bytes());
         text(&mut bytes, self.task.id());
-        bytes.extend_from_slice(&scene.spec.seed.to_le_bytes());
-        bytes.extend_from_slice(&self.episode.to_le_bytes());
+        for whole in [self.seed, self.episode, scene.spec.seed] {
+            bytes.extend_from_slice(&whole.to_le_bytes());
+        }
         for drive in &scene.spec.gains.0 {
             for value in [drive.stiffness, drive.damping, drive.effort_limit, drive.armature] {
                 number(&mut bytes, value);
             }
         }
         number(&mut bytes, scene.spec.hand_friction.unwrap_or(f64::NAN));
-        bytes.push(u8::from(self.no_noise));
+        for (_, factor, _) in scene.spec.scale.factors() {
+            number(&mut bytes, factor);
+        }
+        bytes.push(u8::from(self.randomize.start));
         for (name, value) in self.thresholds.entries() {
             text(&mut bytes, name);
             number(&mut bytes, value);
@@ -150,6 +215,7 @@ pub struct Totals {
 #[derive(Debug, Clone)]
 pub struct Episode {
     spec: EpisodeSpec,
+    start: StartOffset,
     q0: [f64; JOINTS],
     world: World,
     judge: Judge,
@@ -165,25 +231,30 @@ impl Episode {
     /// Stages an episode: row 0 is judged, observed and in the digest.
     ///
     /// # Errors
-    /// [`StartError`]: the scene is not the task's, or the task does not start in it.
+    /// [`StartError`]: the scene is not the one of [`EpisodeSpec::scene`], or the task does not start in it.
     pub fn start(scene: Arc<Scene>, spec: &EpisodeSpec) -> Result<Self, StartError> {
+        spec.check_scene(&scene)?;
         let q0: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint]);
-        let options = StartOptions { reset_noise: !spec.no_noise, thresholds: spec.thresholds.clone() };
-        let world = start(Arc::clone(&scene), spec.task, spec.episode, &options)?;
+        let options = StartOptions {
+            reset_noise: spec.randomize.start,
+            seed: Some(spec.seed),
+            thresholds: spec.thresholds.clone(),
+        };
+        let (world, start) = start_drawn(Arc::clone(&scene), spec.task, spec.episode, &options)?;
         let row = world.row();
         let mut judge = spec.judge(&scene);
         judge.start(row);
         let mut rewards = Rewards::new(&judge, spec.variant);
         rewards.start(&judge, row);
-        let seed = NoiseSeed { seed: scene.spec.seed, episode: spec.episode };
-        let mut observer = Observer::new(q0, (!spec.no_noise).then_some(seed));
+        let seed = NoiseSeed { seed: spec.seed, episode: spec.episode };
+        let mut observer = Observer::new(q0, spec.randomize.sensors.then_some(seed));
         let observation = observer.observe(row);
         let context = RowDigest::new(&spec.context(&scene));
         let mut digest = context.clone();
         digest.push(row);
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
         let spec = spec.clone();
-        Ok(Self { spec, q0, judge, rewards, observer, observation, context, digest, totals, world })
+        Ok(Self { spec, start, q0, judge, rewards, observer, observation, context, digest, totals, world })
     }
 
     /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest.
@@ -218,6 +289,18 @@ impl Episode {
     /// What it is.
     pub fn spec(&self) -> &EpisodeSpec {
         &self.spec
+    }
+
+    /// What was drawn for it.
+    pub fn drawn(&self) -> Drawn {
+        let scene = self.world.scene();
+        Drawn {
+            layout: scene.layout,
+            scale: scene.spec.scale,
+            grip: self.spec.grip(),
+            light: self.spec.light(),
+            start: self.start,
+        }
     }
 
     /// The scene it plays in.

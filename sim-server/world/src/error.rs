@@ -35,6 +35,26 @@ pub enum SceneError {
         /// The zone that found no place in the last draw.
         zone: &'static str,
     },
+    /// A prop's size is out of its range.
+    #[error("prop scale: {factor} is {value}; it must be within {low} and {high}")]
+    Scale {
+        /// The factor, such as `ladder_z`.
+        factor: &'static str,
+        /// The value found.
+        value: f64,
+        /// Least factor.
+        low: f64,
+        /// Largest factor.
+        high: f64,
+    },
+    /// A recorded layout is none of this scene's.
+    #[error("recorded layout: {field} {rule}; take the layout as it was recorded in a scene of the same kind")]
+    Recorded {
+        /// The part at fault.
+        field: &'static str,
+        /// The rule that it breaks.
+        rule: &'static str,
+    },
     /// The engine refused a part of the scene.
     #[error("scene cannot be modelled")]
     Model(#[from] ModelError),

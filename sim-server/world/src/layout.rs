@@ -5,7 +5,10 @@ use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, TAU};
 use fiatlux_rules::measure;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
 
-use crate::{Random, SceneConfig, SceneError, Stream};
+use crate::{Random, SceneConfig, SceneError, SceneKind, Stream};
+
+/// Farthest that anything in a recorded layout may be, m or rad.
+const FAR: f64 = 100.0;
 
 /// A place on the floor with a heading about the vertical.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,7 +70,7 @@ pub enum LadderStart {
 }
 
 /// Where everything stands.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
     /// What the fixture hangs on.
     pub mount: Mount,
@@ -86,6 +89,48 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// The layout of a kind of scene and a seed.
+    ///
+    /// # Errors
+    /// As [`Layout::draw`].
+    pub fn of(config: &SceneConfig, kind: SceneKind, seed: u64) -> Result<Self, SceneError> {
+        match kind {
+            SceneKind::FreeLadder => Self::draw(config, seed, LadderStart::Free),
+            SceneKind::CoupledLadder => Self::draw(config, seed, LadderStart::Coupled),
+            SceneKind::Climb => Ok(Self::climb(config)),
+        }
+    }
+
+    /// Checks a layout that was recorded.
+    ///
+    /// # Errors
+    /// [`SceneError::Recorded`] for numbers or parts that make no scene of that kind.
+    pub(crate) fn check(&self, config: &SceneConfig, kind: SceneKind) -> Result<(), SceneError> {
+        let ensure = |ok: bool, field, rule| if ok { Ok(()) } else { Err(SceneError::Recorded { field, rule }) };
+        let reach = |numbers: &[f64]| numbers.iter().all(|number| number.abs() <= FAR);
+        let furnished = kind != SceneKind::Climb;
+        let rule = if furnished { "is missing" } else { "is in a scene that has none" };
+        ensure(self.bench.is_some() == furnished, "bench", rule)?;
+        ensure(self.crate_.is_some() == furnished, "crate", rule)?;
+        let center = |center: Option<Vector2<f64>>| center.unwrap_or_default();
+        for (field, position, yaw) in [
+            ("anchor", self.anchor.position, self.anchor.yaw),
+            ("ladder", self.ladder.position, self.ladder.yaw),
+            ("robot", self.robot.position, self.robot.yaw),
+            ("bench", center(self.bench), 0.0),
+            ("crate", center(self.crate_), 0.0),
+        ] {
+            ensure(reach(position.as_slice()) && reach(&[yaw]), field, "is not within 100 m and 100 rad")?;
+        }
+        let fixture = &self.world_from_fixture;
+        ensure(reach(fixture.translation.vector.as_slice()), "fixture", "is not within 100 m")?;
+        let below = config.room.ceiling_height - 2.0 * config.fixture.rod_radius;
+        let hangs = fixture.translation.z > 0.0 && fixture.translation.z < below;
+        ensure(hangs, "fixture", "is not between floor and ceiling")?;
+        let turn = fixture.rotation.coords - self.mount.rotation().coords;
+        ensure(turn.norm() < 1e-9, "fixture", "is not turned as its mount has it")
+    }
+
     /// Draws the room of a seed. The ladder's start changes the ladder's place and nothing else.
     ///
     /// The fixture's bearing to the ladder is flipped where the ladder would leave the floor's inset box, so that a

@@ -8,6 +8,7 @@ mod layout;
 mod lidar;
 mod observe;
 mod props;
+mod randomize;
 mod rng;
 mod scene;
 mod start;
@@ -24,10 +25,11 @@ pub use observe::{
     Signal, StandardTerms, flat_privileged, flat_standard, foot_force_estimate, hand_force, limb_force,
     observation_length, observation_terms, world_from_link,
 };
-pub use props::LadderPoints;
+pub use props::{LadderPoints, PropSizes};
+pub use randomize::{Drawn, Grip, Light, PropScale, Randomization};
 pub use rng::{RNG_NAME, Random, Stream};
 pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};
-pub use start::{ACTION_SCALE, StartError, StartOptions, start};
+pub use start::{ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
 
 // The rulebook's control step is the world's.

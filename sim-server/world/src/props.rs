@@ -6,6 +6,7 @@ mod crate_;
 mod fixture;
 mod ladder;
 mod room;
+mod sizes;
 
 use fiatlux_dynamics::{BodyId, Geometry, Material, ModelBuilder, ModelError, ShapeSpec};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -18,6 +19,7 @@ pub(crate) use ladder::{ladder, ladder_body};
 pub(crate) use room::room;
 
 pub use ladder::LadderPoints;
+pub use sizes::PropSizes;
 
 use crate::ShapeOwner;
 

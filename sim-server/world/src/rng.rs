@@ -18,6 +18,12 @@ pub enum Stream {
     Noise,
     /// Friction of the hands in an episode.
     Grip,
+    /// Light of an episode.
+    Light,
+    /// Tint of the room in an episode.
+    Tint,
+    /// Sizes of the props; drawn by seed alone.
+    Props,
 }
 
 impl Stream {
@@ -27,6 +33,9 @@ impl Stream {
             Stream::Reset => "reset",
             Stream::Noise => "noise",
             Stream::Grip => "grip",
+            Stream::Light => "light",
+            Stream::Tint => "tint",
+            Stream::Props => "props",
         }
     }
 }
@@ -38,7 +47,7 @@ impl Stream {
 pub struct Random(Pcg64Mcg);
 
 impl Random {
-    /// The stream of an episode; layouts use episode 0.
+    /// The stream of an episode; what is drawn by seed alone uses episode 0.
     pub fn new(stream: Stream, seed: u64, episode: u64) -> Self {
         Self::of_term(stream, "", seed, episode)
     }
@@ -90,6 +99,9 @@ mod tests {
             (Stream::Reset, 0, 0),
             (Stream::Noise, 0, 0),
             (Stream::Grip, 0, 0),
+            (Stream::Light, 0, 0),
+            (Stream::Tint, 0, 0),
+            (Stream::Props, 0, 0),
             (Stream::Reset, 1, 0),
             (Stream::Reset, 0, 1),
         ];

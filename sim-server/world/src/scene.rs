@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId};
 use fiatlux_robot::{BuildOptions, Gains, Robot, RobotError, RobotIds};
-use fiatlux_rules::{Geometry, HAND_BODIES, JOINTS};
+use fiatlux_rules::{Bulb, BulbGeometry, Geometry, HAND_BODIES, JOINTS};
 use nalgebra::{Isometry3, Vector2, Vector3};
 
-use crate::layout::{LadderStart, Layout, Mount};
-use crate::props::{self, LadderPoints, add_parts};
-use crate::{SceneConfig, SceneError};
+use crate::config::BulbConfig;
+use crate::layout::{Layout, Mount};
+use crate::props::{self, LadderPoints, PropSizes, add_parts};
+use crate::{PropScale, SceneConfig, SceneError};
 
 /// Which scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +34,17 @@ pub struct SceneSpec {
     pub gains: Gains,
     /// Friction coefficient of the hands; `None` for the robot's own.
     pub hand_friction: Option<f64>,
+    /// Sizes of the props.
+    pub scale: PropScale,
+    /// Layout as recorded, in place of a draw.
+    pub layout: Option<Layout>,
+}
+
+impl SceneSpec {
+    /// The scene of a layout seed, with the robot's own friction, props of nominal size and a layout that is drawn.
+    pub fn new(kind: SceneKind, seed: u64, gains: Gains) -> Self {
+        Self { kind, seed, gains, hand_friction: None, scale: PropScale::default(), layout: None }
+    }
 }
 
 /// Whose a collision shape is.
@@ -93,8 +105,10 @@ impl ShapeOwner {
 pub struct Scene {
     /// What was asked for.
     pub spec: SceneSpec,
-    /// All numbers.
+    /// All numbers, the props in nominal size.
     pub config: SceneConfig,
+    /// Numbers of the props in the size they have here.
+    pub sizes: PropSizes,
     /// Where things stand.
     pub layout: Layout,
     /// The robot as data.
@@ -126,18 +140,19 @@ impl Scene {
     /// Builds a scene. Bodies come in the order ladder (where it can move), old bulb, fresh bulb, robot.
     ///
     /// # Errors
-    /// A config that [`SceneConfig::check`] refuses, a robot that the benchmark's rows cannot hold, a room into which
-    /// the zones do not fit, gains or a friction that the robot or the engine refuses.
+    /// A config that [`SceneConfig::check`] refuses, sizes out of their range, a recorded layout that is none of the kind,
+    /// a robot that the benchmark's rows cannot hold, a room into which the zones do not fit, gains or a friction that the
+    /// robot or the engine refuses.
     pub fn build(config: &SceneConfig, robot: Arc<Robot>, spec: SceneSpec) -> Result<Self, SceneError> {
         config.check()?;
         check_robot(&robot)?;
-        let layout = match spec.kind {
-            SceneKind::FreeLadder => Layout::draw(config, spec.seed, LadderStart::Free)?,
-            SceneKind::CoupledLadder => Layout::draw(config, spec.seed, LadderStart::Coupled)?,
-            SceneKind::Climb => Layout::climb(config),
+        let sizes = PropSizes::new(config, &spec.scale)?;
+        let layout = match spec.layout {
+            Some(recorded) => recorded.check(config, spec.kind).map(|()| recorded)?,
+            None => Layout::of(config, spec.kind, spec.seed)?,
         };
         let mut builder = ModelBuilder::new();
-        let props = Props::add(&mut builder, config, &layout, spec.kind)?;
+        let props = Props::add(&mut builder, config, &sizes, &layout, spec.kind)?;
         let placed = robot.add_to(
             &mut builder,
             &BuildOptions {
@@ -159,7 +174,8 @@ impl Scene {
             world_from_ladder: layout.ladder.world_from_place(0.0),
             world_from_bench: layout.bench.map(on_floor),
             world_from_crate: layout.crate_.map(on_floor),
-            ladder_points: LadderPoints::new(&config.ladder),
+            ladder_points: LadderPoints::new(&sizes.ladder),
+            sizes,
             layout,
             robot,
             model,
@@ -184,8 +200,12 @@ impl Scene {
         Geometry {
             ladder_top: self.ladder_points.top.into(),
             ladder_feet: self.ladder_points.feet.map(Into::into),
-            seat_z: config.bulb.seat_z,
-            bulb_outline: config.bulb.outline.clone(),
+            seat_z: self.sizes.seat_z,
+            bulbs: self
+                .sizes
+                .bulbs
+                .each_ref()
+                .map(|bulb| BulbGeometry { plug_z: bulb.seat_z, outline: bulb.outline.clone() }),
             crate_outer_half: config.crate_.outer_half,
             crate_interior_half: config.crate_.interior_half,
             crate_rim: config.crate_.rim_height,
@@ -195,13 +215,13 @@ impl Scene {
     }
 
     /// Pose of a bulb that rests in the fixture: upright in it, its plug on the stop.
-    pub fn world_from_seated_bulb(&self) -> Isometry3<f64> {
-        seated_pose(&self.config, &self.layout)
+    pub fn world_from_seated_bulb(&self, bulb: Bulb) -> Isometry3<f64> {
+        seated_pose(&self.sizes, bulb, &self.layout)
     }
 
     /// Pose of a bulb that stands on its cap at a point, m.
-    pub fn world_from_standing_bulb(&self, point: Vector3<f64>) -> Isometry3<f64> {
-        standing_pose(&self.config, point)
+    pub fn world_from_standing_bulb(&self, bulb: Bulb, point: Vector3<f64>) -> Isometry3<f64> {
+        standing_pose(&self.sizes.bulbs[bulb as usize], point)
     }
 }
 
@@ -232,12 +252,13 @@ fn on_floor(center: Vector2<f64>) -> Isometry3<f64> {
     Isometry3::translation(center.x, center.y, 0.0)
 }
 
-fn seated_pose(config: &SceneConfig, layout: &Layout) -> Isometry3<f64> {
-    layout.world_from_fixture * Isometry3::translation(0.0, 0.0, config.fixture.stop_height)
+fn seated_pose(sizes: &PropSizes, bulb: Bulb, layout: &Layout) -> Isometry3<f64> {
+    let plug_z = sizes.bulbs[bulb as usize].seat_z;
+    layout.world_from_fixture * Isometry3::translation(0.0, 0.0, sizes.fixture.stop_height + (sizes.seat_z - plug_z))
 }
 
-fn standing_pose(config: &SceneConfig, point: Vector3<f64>) -> Isometry3<f64> {
-    Isometry3::translation(point.x, point.y, point.z - config.bulb.seat_z)
+fn standing_pose(bulb: &BulbConfig, point: Vector3<f64>) -> Isometry3<f64> {
+    Isometry3::translation(point.x, point.y, point.z - bulb.seat_z)
 }
 
 /// Everything but the robot, as added to a builder.
@@ -252,6 +273,7 @@ impl Props {
     pub(crate) fn add(
         builder: &mut ModelBuilder,
         config: &SceneConfig,
+        sizes: &PropSizes,
         layout: &Layout,
         kind: SceneKind,
     ) -> Result<Self, SceneError> {
@@ -264,8 +286,8 @@ impl Props {
         let at_origin = Isometry3::identity();
 
         let world_from_ladder = layout.ladder.world_from_place(0.0);
-        let ladder_body = props::ladder_body(&config.ladder, surfaces, world_from_ladder)?;
-        let ladder_parts = props::ladder(&config.ladder, surfaces);
+        let ladder_body = props::ladder_body(&sizes.ladder, surfaces, world_from_ladder)?;
+        let ladder_parts = props::ladder(&sizes.ladder, surfaces);
         let ladder = if kind == SceneKind::Climb { None } else { Some(builder.add_body(ladder_body)?) };
         let (body, body_from_ladder) = match ladder {
             Some(body) => (body, at_origin),
@@ -273,15 +295,16 @@ impl Props {
         };
         add_parts(builder, ladder_parts, "ladder_", body, &body_from_ladder, ShapeOwner::Ladder, cluster())?;
 
-        let (world_from_old, world_from_fresh) = bulb_poses(config, layout);
-        let mut add_bulb = |builder: &mut ModelBuilder, name: &str, pose, owner| -> Result<BodyId, SceneError> {
-            let body = builder.add_body(props::bulb_body(&config.bulb, name, pose))?;
-            let parts = props::bulb(&config.bulb, surfaces);
+        let (world_from_old, world_from_fresh) = bulb_poses(config, sizes, layout);
+        let [old, fresh] = &sizes.bulbs;
+        let mut add_bulb = |builder: &mut ModelBuilder, bulb, name: &str, pose, owner| -> Result<BodyId, SceneError> {
+            let body = builder.add_body(props::bulb_body(bulb, name, pose))?;
+            let parts = props::bulb(bulb, surfaces);
             add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cluster())?;
             Ok(body)
         };
-        let old_bulb = add_bulb(builder, "old_bulb", world_from_old, ShapeOwner::OldBulb)?;
-        let fresh_bulb = add_bulb(builder, "fresh_bulb", world_from_fresh, ShapeOwner::FreshBulb)?;
+        let old_bulb = add_bulb(builder, old, "old_bulb", world_from_old, ShapeOwner::OldBulb)?;
+        let fresh_bulb = add_bulb(builder, fresh, "fresh_bulb", world_from_fresh, ShapeOwner::FreshBulb)?;
 
         let mut add_fixed = |parts, prefix: &str, pose: &Isometry3<f64>, owner| {
             add_parts(builder, parts, prefix, BodyId::WORLD, pose, owner, cluster())
@@ -293,7 +316,7 @@ impl Props {
         }
         let rod_length = config.room.ceiling_height - layout.world_from_fixture.translation.z;
         let rod_length = (layout.mount == Mount::Ceiling).then_some(rod_length);
-        let mut fixture = props::fixture(&config.fixture, &config.bulb, surfaces, rod_length);
+        let mut fixture = props::fixture(&sizes.fixture, sizes.seat_z, surfaces, rod_length);
         // The rod is long: culled on its own, it does not keep the socket's parts awake.
         let rod = rod_length.and_then(|_| fixture.pop());
         add_fixed(fixture, "fixture_", &layout.world_from_fixture, ShapeOwner::Fixture)?;
@@ -311,17 +334,18 @@ impl Props {
 }
 
 /// The old bulb in the fixture and the fresh one on the bench, or both parked on the floor in `climb`.
-fn bulb_poses(config: &SceneConfig, layout: &Layout) -> (Isometry3<f64>, Isometry3<f64>) {
+fn bulb_poses(config: &SceneConfig, sizes: &PropSizes, layout: &Layout) -> (Isometry3<f64>, Isometry3<f64>) {
+    let [old_bulb, fresh_bulb] = &sizes.bulbs;
     match layout.bench {
         Some(bench) => {
             let spot = bench + Vector2::from(config.bench.bulb_spot);
-            let fresh = standing_pose(config, Vector3::new(spot.x, spot.y, config.bench.surface_height));
-            (seated_pose(config, layout), fresh)
+            let fresh = standing_pose(fresh_bulb, Vector3::new(spot.x, spot.y, config.bench.surface_height));
+            (seated_pose(sizes, Bulb::Old, layout), fresh)
         }
         None => {
             let [old, fresh] = config.climb.bulb_parking;
-            let parked = |[x, y]: [f64; 2]| standing_pose(config, Vector3::new(x, y, 0.0));
-            (parked(old), parked(fresh))
+            let parked = |bulb, [x, y]: [f64; 2]| standing_pose(bulb, Vector3::new(x, y, 0.0));
+            (parked(old_bulb, old), parked(fresh_bulb, fresh))
         }
     }
 }

@@ -47,13 +47,15 @@ pub const ACTION_SCALE: f64 = 0.5;
 pub struct StartOptions {
     /// Adds the task's reset noise.
     pub reset_noise: bool,
+    /// Draws the reset noise, with the episode; none for the layout seed.
+    pub seed: Option<u64>,
     /// Thresholds in force: how hard a hand presses its bulb, how near the crate S05 may start.
     pub thresholds: Thresholds,
 }
 
 impl Default for StartOptions {
     fn default() -> Self {
-        Self { reset_noise: true, thresholds: Thresholds::default() }
+        Self { reset_noise: true, seed: None, thresholds: Thresholds::default() }
     }
 }
 
@@ -69,6 +71,25 @@ pub enum StartError {
         needed: SceneKind,
         /// Kind that it was given.
         found: SceneKind,
+    },
+    /// The episode is played in another scene of the kind.
+    #[error(
+        "{task} seed {seed} episode {episode} plays in a scene with {what} {needed} and was given one with {found}; \
+         build the scene that EpisodeSpec::scene describes"
+    )]
+    OtherScene {
+        /// The task.
+        task: Task,
+        /// Seed.
+        seed: u64,
+        /// Episode.
+        episode: u64,
+        /// What differs, such as `hand friction`.
+        what: &'static str,
+        /// What the episode has.
+        needed: String,
+        /// What the scene has.
+        found: String,
     },
     /// The config names a part that the robot does not have.
     #[error("scene config: {field} names '{name}', which the robot does not have")]
@@ -86,7 +107,7 @@ pub enum StartError {
     Place {
         /// The task.
         task: Task,
-        /// Layout seed.
+        /// Seed.
         seed: u64,
         /// Episode.
         episode: u64,
@@ -101,7 +122,7 @@ pub enum StartError {
     Hold {
         /// The task.
         task: Task,
-        /// Layout seed.
+        /// Seed.
         seed: u64,
         /// Episode.
         episode: u64,
@@ -134,6 +155,28 @@ impl SceneKind {
     }
 }
 
+/// Refuses a scene that is not of a task's kind.
+pub(crate) fn check_kind(scene: &Scene, task: Task) -> Result<(), StartError> {
+    let (needed, found) = (SceneKind::of(task), scene.spec.kind);
+    if needed == found { Ok(()) } else { Err(StartError::Scene { task, needed, found }) }
+}
+
+/// How far off its nominal start the robot is, as drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StartOffset {
+    /// Along the world's x and y, m.
+    pub shift: [f64; 2],
+    /// About the vertical, rad.
+    pub turn: f64,
+    /// Of each joint in the public order, rad. An angle that would leave its joint's limits stays at the limit.
+    pub joints: [f64; JOINTS],
+}
+
+impl StartOffset {
+    /// The nominal start.
+    pub const NONE: Self = Self { shift: [0.0; 2], turn: 0.0, joints: [0.0; JOINTS] };
+}
+
 /// Where a bulb is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Spot {
@@ -163,6 +206,7 @@ fn spots(task: Task) -> [Spot; 2] {
 struct Start<'a> {
     scene: &'a Scene,
     task: Task,
+    seed: u64,
     episode: u64,
     thresholds: &'a Thresholds,
     /// The bulb in the hand.
@@ -171,7 +215,16 @@ struct Start<'a> {
     posture: [f64; JOINTS],
 }
 
-/// A world in a task's start state of an episode. Layout seed is the scene's; seed and episode draw the reset noise.
+/// A world in a task's start state of an episode; see [`start_drawn`].
+///
+/// # Errors
+/// As [`start_drawn`].
+pub fn start(scene: Arc<Scene>, task: Task, episode: u64, options: &StartOptions) -> Result<World, StartError> {
+    start_drawn(scene, task, episode, options).map(|(world, _)| world)
+}
+
+/// A world in a task's start state of an episode, and the reset noise in it. Seed and episode draw the noise; where a
+/// draw found no place for the robot, the noise is that of the draw that did.
 ///
 /// Row 0 is that state at rest. Its targets are the nominal staged posture, free of noise, and its action is the same
 /// in action units. A bulb in the hand is held: the row has the contact forces of the last physics step of staging.
@@ -179,11 +232,14 @@ struct Start<'a> {
 /// # Errors
 /// [`StartError`]: the scene is not the task's, the robot finds no place, its hand does not hold the bulb, or robot or
 /// engine refused the state.
-pub fn start(scene: Arc<Scene>, task: Task, episode: u64, options: &StartOptions) -> Result<World, StartError> {
-    let needed = SceneKind::of(task);
-    if scene.spec.kind != needed {
-        return Err(StartError::Scene { task, needed, found: scene.spec.kind });
-    }
+pub fn start_drawn(
+    scene: Arc<Scene>,
+    task: Task,
+    episode: u64,
+    options: &StartOptions,
+) -> Result<(World, StartOffset), StartError> {
+    check_kind(&scene, task)?;
+    let seed = options.seed.unwrap_or(scene.spec.seed);
     let spots = spots(task);
     let carried = Bulb::ALL.into_iter().find(|bulb| spots[*bulb as usize] == Spot::Hand);
     let q0: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint]);
@@ -204,30 +260,30 @@ pub fn start(scene: Arc<Scene>, task: Task, episode: u64, options: &StartOptions
     let mut row = world.row().clone();
     row.joint_target = targets;
     put_bulbs(&scene, &spots, &mut row);
-    let start = Start { scene: &scene, task, episode, thresholds: &options.thresholds, carried, posture };
-    start.put_robot(&mut world, &mut row, &noise)?;
+    let start = Start { scene: &scene, task, seed, episode, thresholds: &options.thresholds, carried, posture };
+    let offset = start.put_robot(&mut world, &mut row, &noise)?;
     let unconverged = match carried {
         Some(bulb) => start.close_hand(&mut world, &row, bulb)?,
         None => 0,
     };
     let action = std::array::from_fn(|joint| (targets[joint] - q0[joint]) / ACTION_SCALE);
     world.begin(&action, unconverged);
-    Ok(world)
+    Ok((world, offset))
 }
 
 /// Puts the bulbs where they start, those for the hand anywhere, and sets the socket's hold.
 fn put_bulbs(scene: &Scene, spots: &[Spot; 2], row: &mut Row) {
-    for (bulb, spot) in spots.iter().enumerate() {
+    for (bulb, spot) in Bulb::ALL.into_iter().zip(spots) {
         let pose = match spot {
-            Spot::Socket => scene.world_from_seated_bulb(),
+            Spot::Socket => scene.world_from_seated_bulb(bulb),
             Spot::Crate => {
                 let height = Vector3::z() * scene.config.crate_.placing_height;
                 let crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
-                scene.world_from_standing_bulb(crate_.translation.vector + height)
+                scene.world_from_standing_bulb(bulb, crate_.translation.vector + height)
             }
-            Spot::Scene | Spot::Hand => row.bulbs[bulb].pose,
+            Spot::Scene | Spot::Hand => row.bulbs[bulb as usize].pose,
         };
-        row.bulbs[bulb].pose = pose;
-        row.attachments[bulb] = AttachmentRow { seated: *spot == Spot::Socket, steps_beyond: 0 };
+        row.bulbs[bulb as usize].pose = pose;
+        row.attachments[bulb as usize] = AttachmentRow { seated: *spot == Spot::Socket, steps_beyond: 0 };
     }
 }

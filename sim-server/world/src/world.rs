@@ -201,7 +201,8 @@ impl World {
         self.wrenches.clear();
         for (bulb, body) in [scene.old_bulb, scene.fresh_bulb].into_iter().enumerate() {
             let row = &self.row.bulbs[bulb];
-            let plug = PlugState::measure(&scene.world_from_fixture, &row.pose, scene.config.bulb.seat_z);
+            let plug_z = scene.sizes.bulbs[bulb].seat_z;
+            let plug = PlugState::measure(&scene.world_from_fixture, scene.sizes.seat_z, &row.pose, plug_z);
             let socket_free = !self.attachments[1 - bulb].is_seated();
             let com = row.pose.rotation * scene.model.bodies()[body.0].spec.com;
             let velocity = row.linear_velocity + row.angular_velocity.cross(&com);

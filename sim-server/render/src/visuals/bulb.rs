@@ -8,9 +8,9 @@ use crate::paint::Paint;
 
 /// Segments around the axis.
 const SEGMENTS: u32 = 28;
-/// Where the metal cap ends and the neck begins, from the cap's bottom, m; ours.
+/// Where the metal cap of a bulb of nominal size ends and the neck begins, from the cap's bottom, m; ours.
 const CAP_LENGTH: f64 = 0.036;
-/// Depth of the cap's thread, m, and number of its turns; ours.
+/// Depth of its thread, m, and number of its turns; ours.
 const THREAD: (f64, f64) = (0.0006, 4.5);
 
 /// A bulb: its outline turned about its axis, a threaded metal cap below and glass above.
@@ -20,19 +20,19 @@ pub(crate) fn bulb(scene: &Scene, bulb: Bulb, detail: Detail) -> Mesh {
         Bulb::Fresh => (ShapeOwner::FreshBulb, Paint::Glass),
     };
     let mut mesh = Mesh::new(Frame::Bulb(bulb as usize), owner, detail);
-    let outline = &scene.config.bulb.outline;
+    let (outline, size) = (&scene.sizes.bulbs[bulb as usize].outline, scene.spec.scale.bulb(bulb));
     let (Some(&[bottom, bottom_radius]), Some(&[top, _])) = (outline.first(), outline.last()) else {
         return mesh;
     };
     let at = Isometry3::identity();
-    let neck = bottom + CAP_LENGTH;
+    let neck = bottom + CAP_LENGTH * size;
     let shoulder = outline.get(1).map_or(bottom, |point| point[0]);
 
     let contact = [Rim::new(bottom, 0.0, [-1.0, 0.0]), Rim::new(bottom, bottom_radius, [-1.0, 0.0])];
     mesh.revolve(&at, &contact, SEGMENTS, Paint::Tip);
     mesh.revolve(&at, &smooth(outline, bottom, shoulder, 3), SEGMENTS, Paint::Tip);
     let (cap_steps, glass_steps, thread) = match detail {
-        Detail::Fine => (40, 30, THREAD.0),
+        Detail::Fine => (40, 30, THREAD.0 * size),
         Detail::Coarse => (3, 14, 0.0),
     };
     let mut cap = smooth(outline, shoulder, neck, cap_steps);

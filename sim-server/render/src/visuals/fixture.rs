@@ -10,7 +10,7 @@ use crate::paint::Paint;
 /// The lamp's socket: a rounded housing, the collar with its bore and the brass sleeve in it, and the rod it hangs on.
 pub(crate) fn fixture(scene: &Scene, detail: Detail) -> Mesh {
     let mut mesh = Mesh::new(Frame::World, ShapeOwner::Fixture, detail);
-    let (config, seat) = (&scene.config.fixture, scene.config.bulb.seat_z);
+    let (config, seat) = (&scene.sizes.fixture, scene.sizes.seat_z);
     let pose = &scene.world_from_fixture;
     let (stop, mouth) = (seat + config.stop_height, seat + config.mouth_height);
 

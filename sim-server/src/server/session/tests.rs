@@ -1,14 +1,16 @@
 //! Each rule of the protocol as inputs and what comes out, at times that the test chooses.
 #![allow(clippy::unwrap_used)]
 
+use std::sync::Arc;
+
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v1::{
     Action, ActionRecord, EpisodeResult, LookReply, LookRequest, OpenRequest, ResetReply, Sensor, State, Truth,
     TruthAck, TruthRequest, look_reply, notice, refusal, reset_reply,
 };
 use fiatlux_robot::Robot;
-use fiatlux_rules::{JOINTS, Task};
-use fiatlux_world::{SceneConfig, SceneKind};
+use fiatlux_rules::JOINTS;
+use fiatlux_world::SceneConfig;
 
 use super::*;
 use crate::server::plan;
@@ -45,7 +47,8 @@ fn desk(request: OpenRequest) -> Desk {
     let plan = plan::read(&bytes).unwrap();
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let scenes = Scenes::new(SceneConfig::default(), robot);
-    let built = scenes.get(SceneKind::of(Task::S07), plan.seed, plan.gains).unwrap();
+    let gains = scenes.robot().gains(plan.gains);
+    let built = scenes.get(plan.episode(0).scene(gains)).unwrap();
     let now = Duration::from_secs(100);
     let mut session = Session::new("lab", "1", plan, TIMES, built, None, now);
     session.handle(Input::ClientSeen, now, &mut |_| ());

@@ -62,7 +62,7 @@ fn coupled_ladder_stands_before_the_fixture_steps_away() {
     for seed in 0..200 {
         let free = Layout::draw(&config, seed, LadderStart::Free).unwrap();
         let coupled = Layout::draw(&config, seed, LadderStart::Coupled).unwrap();
-        assert_eq!(Layout { ladder: free.ladder, ..coupled.clone() }, free, "seed {seed}: the room differs");
+        assert_eq!(Layout { ladder: free.ladder, ..coupled }, free, "seed {seed}: the room differs");
         let ladder = coupled.ladder.world_from_place(0.0);
         let fixture = coupled.world_from_fixture.translation.vector;
         let away = (ladder.translation.vector - fixture).xy();

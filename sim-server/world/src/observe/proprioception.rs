@@ -29,7 +29,7 @@ pub struct Proprioception {
 /// Which episode's noise is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoiseSeed {
-    /// Layout seed.
+    /// Seed.
     pub seed: u64,
     /// Episode.
     pub episode: u64,

@@ -6,11 +6,12 @@ use fiatlux_robot::GainSet;
 use fiatlux_rules::measure;
 
 use super::*;
+use crate::layout::LadderStart;
 
 fn scene_of(kind: SceneKind, seed: u64) -> Scene {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let gains = robot.gains(GainSet::Fiatlux);
-    Scene::build(&SceneConfig::default(), robot, SceneSpec { kind, seed, gains, hand_friction: None }).unwrap()
+    Scene::build(&SceneConfig::default(), robot, SceneSpec::new(kind, seed, gains)).unwrap()
 }
 
 /// Seeds of a ceiling and of a wall mount.
@@ -35,7 +36,7 @@ fn geometry_is_the_rulebooks() {
     assert_eq!(found.ladder_top, expected.ladder_top);
     assert_eq!(found.ladder_feet, expected.ladder_feet);
     assert_eq!(found.seat_z, expected.seat_z);
-    assert_eq!(found.bulb_outline, expected.bulb_outline);
+    assert_eq!(found.bulbs, expected.bulbs);
     assert_eq!(found.crate_outer_half, expected.crate_outer_half);
     assert_eq!(found.crate_interior_half, expected.crate_interior_half);
     assert_eq!(found.crate_rim, expected.crate_rim);
@@ -67,7 +68,7 @@ fn robots_that_do_not_fit_a_row_are_refused() {
     ] {
         let robot = Arc::new(Robot::from_toml(&text).unwrap());
         let gains = robot.gains(GainSet::Fiatlux);
-        let spec = SceneSpec { kind: SceneKind::Climb, seed: 0, gains, hand_friction: None };
+        let spec = SceneSpec::new(SceneKind::Climb, 0, gains);
         let error = Scene::build(&SceneConfig::default(), robot, spec).unwrap_err();
         assert!(error.to_string().contains(refusal), "{error}");
     }
@@ -141,6 +142,8 @@ fn a_bulb_enters_the_socket() {
 
 struct Run<'a> {
     scene: &'a Scene,
+    /// The one at the socket.
+    bulb: Bulb,
     state: State,
     dynamics: Dynamics,
     targets: Vec<f64>,
@@ -157,7 +160,7 @@ impl<'a> Run<'a> {
         let state = model.reference_state();
         let mut dynamics = Dynamics::new(model);
         dynamics.update(model, &state);
-        Self { scene, state, dynamics, targets: vec![0.0; model.drives().len()], locked }
+        Self { scene, bulb: Bulb::Old, state, dynamics, targets: vec![0.0; model.drives().len()], locked }
     }
 
     fn place(&mut self, body: BodyId, pose: &Isometry3<f64>) {
@@ -165,17 +168,25 @@ impl<'a> Run<'a> {
         self.dynamics.update(&self.scene.model, &self.state);
     }
 
-    /// One control step. The socket's hold acts on the old bulb if it is seated, else the force of a hand does.
-    fn control_step(&mut self, old: &mut crate::Attachment, hand: Vector3<f64>) {
-        let scene = self.scene;
-        let bulb = self.dynamics.world_from_body(scene.old_bulb);
-        let plug = crate::PlugState::measure(&scene.world_from_fixture, &bulb, scene.config.bulb.seat_z);
-        let velocity = self.dynamics.velocity(scene.old_bulb);
-        let arm = bulb.rotation * Vector3::new(0.0, 0.0, scene.config.bulb.com_z);
+    fn body(&self) -> BodyId {
+        [self.scene.old_bulb, self.scene.fresh_bulb][self.bulb as usize]
+    }
+
+    fn plug(&self) -> crate::PlugState {
+        let sizes = &self.scene.sizes;
+        let plug_z = sizes.bulbs[self.bulb as usize].seat_z;
+        crate::PlugState::measure(&self.scene.world_from_fixture, sizes.seat_z, &self.pose(self.body()), plug_z)
+    }
+
+    /// One control step. The socket's hold acts on the bulb if it is seated, else the force of a hand does.
+    fn control_step(&mut self, attachment: &mut crate::Attachment, hand: Vector3<f64>) {
+        let (scene, body) = (self.scene, self.body());
+        let velocity = self.dynamics.velocity(body);
+        let arm = self.pose(body).rotation * Vector3::new(0.0, 0.0, scene.sizes.bulbs[self.bulb as usize].com_z);
         let at_com = velocity.linear + velocity.angular.cross(&arm);
-        let hold = old.hold(&scene.config.attachment, &plug, true, &at_com, &velocity.angular);
+        let hold = attachment.hold(&scene.config.attachment, &self.plug(), true, &at_com, &velocity.angular);
         let hand = Wrench { force: hand, torque: Vector3::zeros() };
-        self.physics_steps(&[(scene.old_bulb, hold.unwrap_or(hand))]);
+        self.physics_steps(&[(body, hold.unwrap_or(hand))]);
     }
 
     fn physics_steps(&mut self, wrenches: &[(BodyId, Wrench)]) {
@@ -190,6 +201,8 @@ impl<'a> Run<'a> {
         self.dynamics.world_from_body(body)
     }
 }
+
+mod scaled;
 
 /// Untouched for four seconds, the ladder and the fresh bulb stand and the socket holds the old bulb at its seat. In a wall
 /// mount the bulb sags within its play, asin(2 (18.7 - 17) / 26.2) = 0.13 rad.
@@ -249,8 +262,7 @@ fn a_pushed_bulb_seats() {
             let hand = Vector3::new(0.0, 0.0, 0.035 * 9.81) + (-0.1 * axis - speed) * 0.8;
             run.control_step(&mut attachment, hand);
         }
-        let bulb = run.pose(scene.old_bulb);
-        let plug = crate::PlugState::measure(&scene.world_from_fixture, &bulb, scene.config.bulb.seat_z);
+        let plug = run.plug();
         let mount = scene.layout.mount;
         assert!(attachment.is_seated() && plug.gap.abs() < 4e-3 && plug.tilt < 0.13, "{mount:?}: {plug:?}");
     }
@@ -350,13 +362,10 @@ fn no_config_panics() {
             config.layout.redraws = config.layout.redraws.min(2);
             config.layout.placement_tries = config.layout.placement_tries.min(50);
             for kind in [SceneKind::CoupledLadder, SceneKind::Climb] {
-                let layout = match kind {
-                    SceneKind::Climb => Ok(Layout::climb(&config)),
-                    _ => Layout::draw(&config, 1, LadderStart::Coupled),
-                };
-                let Ok(layout) = layout else { continue };
+                let Ok(layout) = Layout::of(&config, kind, 1) else { continue };
+                let Ok(sizes) = PropSizes::new(&config, &PropScale::default()) else { continue };
                 let mut builder = ModelBuilder::new();
-                let props = Props::add(&mut builder, &config, &layout, kind);
+                let props = Props::add(&mut builder, &config, &sizes, &layout, kind);
                 built += i32::from(props.is_ok_and(|_| builder.build().is_ok()));
             }
         }

@@ -26,7 +26,7 @@ pub(super) fn set_joints(
 
 impl Start<'_> {
     /// Pose of a bulb in the hand that will close around it.
-    pub(super) fn world_from_held_bulb(&self, row: &Row) -> Result<Isometry3<f64>, StartError> {
+    pub(super) fn world_from_held_bulb(&self, row: &Row, bulb: Bulb) -> Result<Isometry3<f64>, StartError> {
         let (robot, carry) = (&self.scene.robot, &self.scene.config.start.carry);
         let unknown = || StartError::Name { field: "start.carry.hand_link", name: carry.hand_link.clone() };
         let link = robot.link_index(&carry.hand_link).ok_or_else(unknown)?;
@@ -36,7 +36,9 @@ impl Start<'_> {
             Translation3::from(Vector3::from(carry.glass_center)),
             UnitQuaternion::from_euler_angles(PI + about_x, about_y, 0.0),
         );
-        Ok(links[link] * hand_from_glass * Translation3::new(0.0, 0.0, -carry.glass_height))
+        Ok(links[link]
+            * hand_from_glass
+            * Translation3::new(0.0, 0.0, -carry.glass_height * self.scene.spec.scale.bulb(bulb)))
     }
 
     /// Closes the hand, first around the bulb held still, then around the free bulb. Returns how many physics steps did
@@ -61,7 +63,7 @@ impl Start<'_> {
         if force_n > least_n && force_n <= most_n {
             return Ok(unconverged);
         }
-        let Start { task, episode, .. } = *self;
-        Err(StartError::Hold { task, seed: scene.spec.seed, episode, force_n, least_n, most_n })
+        let Start { task, seed, episode, .. } = *self;
+        Err(StartError::Hold { task, seed, episode, force_n, least_n, most_n })
     }
 }

@@ -6,7 +6,7 @@ use fiatlux_dynamics::Contact;
 use fiatlux_rules::{Bulb, Row, Task, measure};
 use nalgebra::Vector2;
 
-use super::{Start, StartError};
+use super::{Start, StartError, StartOffset};
 use crate::config::{StartConfig, StartNoise};
 use crate::layout::Place;
 use crate::{Random, Scene, ShapeOwner, Stream, World};
@@ -123,27 +123,34 @@ impl Stand {
 }
 
 impl Start<'_> {
-    /// Puts the robot into its place, noise included, its soles on what it stands on, and a bulb into its hand.
-    pub(super) fn put_robot(&self, world: &mut World, row: &mut Row, noise: &StartNoise) -> Result<(), StartError> {
+    /// Puts the robot into its place, noise included, its soles on what it stands on, and a bulb into its hand. Returns
+    /// the noise.
+    pub(super) fn put_robot(
+        &self,
+        world: &mut World,
+        row: &mut Row,
+        noise: &StartNoise,
+    ) -> Result<StartOffset, StartError> {
         let scene = self.scene;
         let config = &scene.config.start;
         let stand = stand(scene, self.task, row);
         let places = stand.places(config);
-        let mut random = Random::new(Stream::Reset, scene.spec.seed, self.episode);
+        let mut random = Random::new(Stream::Reset, self.seed, self.episode);
         let mut first_obstacle = None;
         let draws = if *noise == NO_NOISE { 1 } else { config.redraws };
         for _ in 0..draws {
             // Always the same numbers of the stream, whatever the size of the noise.
             let mut draw = |half: f64| random.uniform(-half, half);
-            let shift = Vector2::new(draw(noise.shift), draw(noise.shift));
+            let shift = [draw(noise.shift), draw(noise.shift)];
             let turn = draw(noise.turn);
+            let offset = StartOffset { shift, turn, joints: std::array::from_fn(|_| draw(noise.joint)) };
             for (joint, limits) in scene.robot.joints().iter().enumerate() {
-                let angle = self.posture[joint] + draw(noise.joint);
+                let angle = self.posture[joint] + offset.joints[joint];
                 row.joint_position[joint] = angle.clamp(limits.lower, limits.upper);
             }
             let moved = |nominal: &Place| Place {
-                position: nominal.position + shift,
-                yaw: measure::wrap_angle(nominal.yaw + turn),
+                position: nominal.position + Vector2::from(offset.shift),
+                yaw: measure::wrap_angle(nominal.yaw + offset.turn),
             };
             let lifted = stand.height(scene) + LIFT;
             self.put(world, row, &moved(&places[0]), lifted)?;
@@ -155,20 +162,20 @@ impl Start<'_> {
             for nominal in &places {
                 self.put(world, row, &moved(nominal), height)?;
                 match self.obstacle(world, &stand)? {
-                    None => return Ok(()),
+                    None => return Ok(offset),
                     found => first_obstacle = first_obstacle.or(found),
                 }
             }
         }
         let obstacle = first_obstacle.unwrap_or(stand.support());
-        Err(StartError::Place { task: self.task, seed: scene.spec.seed, episode: self.episode, obstacle })
+        Err(StartError::Place { task: self.task, seed: self.seed, episode: self.episode, obstacle })
     }
 
     /// Sets the world to the row with the robot's pelvis at a place, `z` m above the floor, and the bulb in its hand.
     fn put(&self, world: &mut World, row: &mut Row, place: &Place, z: f64) -> Result<(), StartError> {
         row.robot.pose = place.world_from_place(z);
         if let Some(bulb) = self.carried {
-            row.bulbs[bulb as usize].pose = self.world_from_held_bulb(row)?;
+            row.bulbs[bulb as usize].pose = self.world_from_held_bulb(row, bulb)?;
         }
         Ok(world.reset_to(row)?)
     }

@@ -17,7 +17,7 @@ pub fn scene(task: Task, stiffer: f64) -> Arc<Scene> {
         drive.damping *= stiffer;
         drive.effort_limit *= stiffer;
     }
-    let spec = SceneSpec { kind: SceneKind::of(task), seed: 0, gains, hand_friction: None };
+    let spec = SceneSpec::new(SceneKind::of(task), 0, gains);
     Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap())
 }
 

@@ -14,7 +14,7 @@ const SEED: Option<NoiseSeed> = Some(NoiseSeed { seed: 3, episode: 1 });
 fn row_and_q0() -> (Row, [f64; JOINTS]) {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let gains = robot.gains(GainSet::default());
-    let spec = SceneSpec { kind: SceneKind::FreeLadder, seed: 0, gains, hand_friction: None };
+    let spec = SceneSpec::new(SceneKind::FreeLadder, 0, gains);
     let q0 = robot.q0().try_into().unwrap();
     let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();
     (World::new(Arc::new(scene)).row().clone(), q0)
