@@ -2,8 +2,8 @@
 
     python3 tests/oracle/bags.py BAG...      checks bags; exit code 1 when one fails
 
-Every record, checksum, index and statistic is checked, every message is decoded with the schema in the file, /tf and
-/scene also as the official Foxglove messages; then the file is cut at 20 places, and all whole chunks must be readable.
+Every record, checksum, index and statistic is checked, every message is decoded with the schema in the file, /tf,
+/scene, /camera and /lidar also as the official Foxglove messages; then the file is cut at 20 places, and all whole chunks must be readable.
 Makes its own virtual environment in target/ on the first run.
 """
 
@@ -142,15 +142,17 @@ def check_records(data):
 
 def check_messages(summary, messages):
     """Decodes every message with the file's schema, and poses and shapes as the official ones."""
+    from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+    from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
     from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
     from google.protobuf.json_format import MessageToDict
     from google.protobuf.unknown_fields import UnknownFieldSet
     from mcap_protobuf.decoder import DecoderFactory
 
-    official = {"/tf": FrameTransforms, "/scene": SceneUpdate}
+    official = {"/tf": FrameTransforms, "/scene": SceneUpdate, "/camera": CompressedImage, "/lidar": PointCloud}
     decoders = DecoderFactory()
-    frames, entities = {"world"}, set()
+    frames, entities, sensors = {"world"}, set(), set()
     for channel, message in messages:
         schema = summary.schemas[channel.schema_id]
         assert schema.encoding == "protobuf"
@@ -166,9 +168,18 @@ def check_messages(summary, messages):
                 for transform in theirs.transforms:
                     q = transform.rotation
                     assert abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1) < 1e-5
+            elif channel.topic == "/camera":
+                assert theirs.format == "png" and theirs.data.startswith(b"\x89PNG\r\n")
+                sensors.add(theirs.frame_id)
+            elif channel.topic == "/lidar":
+                assert [field.name for field in theirs.fields] == ["x", "y", "z"] and theirs.point_stride == 12
+                points = struct.iter_unpack("<fff", theirs.data)
+                assert all(x * x + y * y + z * z < 10.0**2 for x, y, z in points), "a hit beyond the range"
+                sensors.add(theirs.frame_id)
             else:
                 entities.update(entity.frame_id for entity in theirs.entities)
     assert entities <= frames, f"frames of shapes without poses: {entities - frames}"
+    assert sensors <= frames, f"frames of sensors without poses: {sensors - frames}"
     return len(frames), len(entities)
 
 

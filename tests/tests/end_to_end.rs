@@ -9,7 +9,7 @@ use fiatlux_tests::programs::{PATIENCE, Running, Service, Watch, alone, endpoint
 
 /// The way of an episode through all programs: the bag that the recorder wrote is graded as the client saw it end, and the
 /// server simulates it again to the last bit, for the scorer and for the client.
-fn goes_all_the_way(name: &str, args: &[&str]) {
+fn goes_all_the_way(name: &str, args: &[&str]) -> Service {
     let mut service = Service::start(name, &[]);
     let mut recorder = service.record();
     let episode = service.play(&[args, &["--recorded"]].concat()).remove(0);
@@ -36,6 +36,7 @@ fn goes_all_the_way(name: &str, args: &[&str]) {
     assert!(recorder.finish(PATIENCE).0.success(), "no bag is cut");
     service.server.signal("TERM");
     assert!(service.server.finish(PATIENCE).0.success());
+    service
 }
 
 /// Guards the whole way for actions in action units.
@@ -49,6 +50,33 @@ fn actions_go_all_the_way() {
 #[test]
 fn joint_targets_go_all_the_way() {
     goes_all_the_way("targets", &["--policy", "stand", "--task", "S05", "--set", "fall_tilt_rad=0.05"]);
+}
+
+/// Guards the whole way with every sensor and with props of other sizes: the bag has each large sensor as often as was
+/// asked, its weights are named, and the second run finds the same rows without the sensors.
+#[test]
+fn sensors_go_all_the_way() {
+    let args = ["--policy", "zero", "--task", "S01", "--seed", "2", "--prop-scale", "random", "--image", "64x64"];
+    let sensors = "proprioception,last_action,lidar@25,camera@10,features@2,flat@look,privileged,verdict";
+    let record = ["--sensors", sensors, "--record", "camera@25,lidar,features@5"];
+    let service = goes_all_the_way("sensors", &[&args[..], &record].concat());
+    let bag = Bag::open(&service.folder.files(".mcap")[0]).unwrap();
+    let rows = bag.states().count();
+    let every = |steps: usize| rows.div_ceil(steps);
+    assert!(rows > 30, "{rows}");
+    assert_eq!((bag.images().count(), bag.point_clouds().count()), (every(2), every(5)));
+    let observations: Vec<_> = bag.observations().map(Result::unwrap).collect();
+    assert_eq!(observations.len(), rows);
+    for seen in &observations {
+        assert!(seen.camera.is_none() && seen.lidar.is_empty() && seen.flat.is_none(), "{}", seen.step);
+        assert_eq!(seen.features.is_some(), seen.step % 10 == 0, "{}", seen.step);
+        assert!(seen.privileged.is_some() && seen.verdict.is_some() && seen.proprioception.is_some());
+    }
+    let header = bag.header();
+    let label = &observations[0].features.as_ref().unwrap().weights;
+    assert!(header.weights.starts_with("fiatlux-resnet18-seeded/") && header.weights == *label, "{label}");
+    let scale = header.drawn.as_ref().and_then(|drawn| drawn.prop_scale).unwrap();
+    assert!(scale.ladder_z != 1.0 && scale.socket != 1.0, "{scale:?}");
 }
 
 /// Guards that sessions do not share anything that a step reads: each digest is that of the episode alone.

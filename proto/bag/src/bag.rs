@@ -119,6 +119,16 @@ impl Bag {
         self.messages(topic::SCENE)
     }
 
+    /// Images of the head camera, where the session asked for them.
+    pub fn images(&self) -> Messages<'_, foxglove::CompressedImage> {
+        self.messages(topic::CAMERA)
+    }
+
+    /// What the LiDAR hit, where the session asked for it.
+    pub fn point_clouds(&self) -> Messages<'_, foxglove::PointCloud> {
+        self.messages(topic::LIDAR)
+    }
+
     fn messages<M: Message + Name + Default>(&self, topic: &'static str) -> Messages<'_, M> {
         Messages::new(&self.path, &self.chunks, &self.channels, topic)
     }
