@@ -1,6 +1,7 @@
 //! The command `fiatlux`. Results on stdout, progress and errors on stderr; exit code 0 ok, 1 failed, 2 usage, 3 finished
 //! with data loss.
 mod evaluate_command;
+mod render_command;
 
 use std::alloc::System;
 use std::path::PathBuf;
@@ -33,6 +34,12 @@ enum Command {
     /// finished; the same command again goes on from there.
     #[command(after_help = evaluate_command::EXAMPLES)]
     Evaluate(evaluate_command::EvaluateArgs),
+    /// Makes a video, a folder of pictures or a still of recorded episodes.
+    ///
+    /// Needs no graphics driver. A video goes through ffmpeg where PATH has one; without it the frames are left as PNG files.
+    /// Ctrl-C ends the clip early and leaves what is drawn.
+    #[command(after_help = render_command::EXAMPLES)]
+    Render(render_command::RenderArgs),
     /// Measures speeds.
     #[command(subcommand)]
     Bench(Bench),
@@ -106,6 +113,7 @@ fn positive(text: &str) -> Result<f64, String> {
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Evaluate(args) => evaluate_command::run(&args),
+        Command::Render(args) => render_command::run(&args),
         Command::Bench(Bench::World(args)) => bench_world(args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::Sensors(args)) => bench_sensors(args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::Service(args)) => bench_service(args).map(|()| ExitCode::SUCCESS),

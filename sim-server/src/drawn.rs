@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_proto::v1;
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_robot::{GainSet, HandKind, Robot};
 use fiatlux_rules::{RowError, Task, pose_message, read_pose};
 use fiatlux_world::{
     Drawn, Grip, Layout, Light, Mount, Place, PropScale, Randomization, Scene, SceneConfig, SceneError, SceneKind,
@@ -44,6 +44,7 @@ impl RebuildError {
 pub fn scene_of(header: &v1::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, RebuildError> {
     let task: Task = header.task.parse().map_err(|error| RebuildError::header("task", error))?;
     let gains: GainSet = header.gains.parse().map_err(|error| RebuildError::header("gains", error))?;
+    header.hands.parse::<HandKind>().map_err(|error| RebuildError::header("hands", error))?;
     let drawn = header.drawn.as_ref().ok_or_else(|| RebuildError::header("drawn", "is missing"))?;
     let config = match header.scene_config.as_str() {
         "" => SceneConfig::default(),
@@ -100,7 +101,7 @@ pub(crate) fn prop_scale(asked: &v1::PropScale) -> PropScale {
 }
 
 /// As a message.
-pub(crate) fn message(drawn: &Drawn) -> v1::Drawn {
+pub fn drawn_message(drawn: &Drawn) -> v1::Drawn {
     let Drawn { layout, scale, grip, light, start } = drawn;
     let point = |point: Option<Vector2<f64>>| point.map_or_else(Vec::new, |point| vec![point.x, point.y]);
     let [ladder_x, ladder_y, ladder_z] = scale.ladder;

@@ -7,7 +7,7 @@ mod senses;
 mod server;
 mod show;
 
-pub use drawn::{RebuildError, light_of, scene_of};
+pub use drawn::{RebuildError, drawn_message, light_of, scene_of};
 pub use mjcf::{Laws, MjcfOptions, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};

@@ -13,6 +13,43 @@ impl Image {
         Self { width, height, rgb: vec![0; 3 * width * height] }
     }
 
+    /// A black picture of that size in pixels, for others to be put on.
+    pub fn black(width: usize, height: usize) -> Self {
+        Self::new(width, height)
+    }
+
+    /// Puts another picture on this one, its upper left corner at a pixel. What reaches beyond the edge is left out.
+    pub fn paste(&mut self, other: &Image, left: usize, top: usize) {
+        let bytes = 3 * other.width.min(self.width.saturating_sub(left));
+        let rows = if bytes == 0 { 0 } else { other.height.min(self.height.saturating_sub(top)) };
+        for y in 0..rows {
+            let (to, from) = (3 * ((top + y) * self.width + left), 3 * y * other.width);
+            self.rgb[to..to + bytes].copy_from_slice(&other.rgb[from..from + bytes]);
+        }
+    }
+
+    /// The picture at a `factor`-th of its size: each pixel is the mean of `factor` by `factor`. What is left over at the
+    /// right and lower edges is left out.
+    pub fn reduced(&self, factor: usize) -> Image {
+        let n = factor.max(1);
+        let mut reduced = Image::new(self.width / n, self.height / n);
+        let mut sums = vec![0_u32; 3 * reduced.width];
+        let count = (n * n) as u32;
+        for y in 0..reduced.height {
+            sums.fill(0);
+            for row in self.rgb.chunks_exact(3 * self.width).skip(y * n).take(n) {
+                for (sum, pixels) in sums.chunks_exact_mut(3).zip(row.chunks_exact(3 * n)) {
+                    for pixel in pixels.chunks_exact(3) {
+                        sum.iter_mut().zip(pixel).for_each(|(sum, byte)| *sum += u32::from(*byte));
+                    }
+                }
+            }
+            let row = &mut reduced.rgb[3 * y * reduced.width..3 * (y + 1) * reduced.width];
+            row.iter_mut().zip(&sums).for_each(|(byte, sum)| *byte = ((sum + count / 2) / count) as u8);
+        }
+        reduced
+    }
+
     /// Pixels in a row.
     pub fn width(&self) -> usize {
         self.width
@@ -65,5 +102,31 @@ impl Image {
         writer.write_image_data(&self.rgb)?;
         writer.finish()?;
         Ok(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_on_another() {
+        let mut image = Image::black(3, 2);
+        let other = Image { width: 2, height: 2, rgb: (1..=12).collect() };
+        image.paste(&other, 2, 1);
+        assert_eq!(image.rgb(), [[0; 3], [0; 3], [0; 3], [0; 3], [0; 3], [1, 2, 3]].concat());
+        image.paste(&other, 0, 0);
+        assert_eq!(image.pixel(1, 1), [10, 11, 12]);
+        image.paste(&other, 7, 0);
+        image.paste(&other, 0, 7);
+        assert_eq!(image.pixel(2, 1), [1, 2, 3]);
+    }
+
+    #[test]
+    fn a_mean_of_pixels() {
+        let rgb = [[0, 0, 4], [8, 0, 4], [9, 9, 9], [0, 2, 4], [0, 3, 4], [9, 9, 9]].concat();
+        let image = Image { width: 3, height: 2, rgb };
+        assert_eq!(image.reduced(2), Image { width: 1, height: 1, rgb: vec![2, 1, 4] });
+        assert_eq!((image.reduced(1), image.reduced(0)), (image.clone(), image));
     }
 }

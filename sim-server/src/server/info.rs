@@ -9,7 +9,7 @@ use fiatlux_world::{ACTION_SCALE, Episode, ObservationTerm, RNG_NAME, Scene, Sce
 
 use super::plan::{GAINS, Plan};
 use super::session::Times;
-use crate::drawn;
+use crate::drawn::drawn_message;
 use crate::senses::Sensor;
 
 /// Version of the software.
@@ -144,7 +144,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, weights: &str, episode
         control_dt: CONTROL_DT,
         end_on_overridden: plan.end_on.is_some(),
         randomization: Some(plan.request.randomization.unwrap_or_default()),
-        drawn: Some(drawn::message(&episode.drawn())),
+        drawn: Some(drawn_message(&episode.drawn())),
         scene_config: if scene.config == SceneConfig::default() { String::new() } else { scene.config.to_toml() },
         request: Some(plan.request.clone()),
         reward: plan.reward_name().into(),

@@ -1,0 +1,223 @@
+//! Where a camera has to be to hold something in the picture, and how it gets there without shaking.
+
+use fiatlux_render::Camera;
+use fiatlux_rules::Task;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::rows::{ROW_RATE, Spot};
+
+/// Share of the picture, each way, that what is followed may fill.
+const FILLED: f64 = 0.86;
+/// Nearest that a camera comes to the pelvis, m along its axis.
+const NEAREST: f64 = 2.6;
+/// How much farther away than robot and task need a camera goes to hold ladder and lamp as well, m.
+const BACK_OFF: f64 = 1.5;
+/// Time over which a camera's path is averaged, three times over, s.
+const AVERAGED_S: f64 = 1.0;
+/// Points around a robot, in its pelvis, m: above the head, below the feet, hands.
+const ROBOT: [[f64; 3]; 5] =
+    [[0.0, 0.0, 0.66], [0.0, 0.0, -0.79], [0.3, 0.35, 0.1], [0.3, -0.35, 0.1], [-0.25, 0.0, 0.0]];
+/// Half the sizes of what stands on the floor, and its height, m: ladder, crate, and the bench around its fresh bulb.
+const LADDER: [f64; 3] = [0.304, 0.49, 1.861];
+const CRATE: [f64; 3] = [0.3, 0.2, 0.3];
+const BULB: [f64; 3] = [0.3, 0.3, 0.25];
+/// Half the size of the lamp with its bulb, m.
+const LAMP: f64 = 0.2;
+
+/// What is held in the picture beside the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Focus {
+    /// Ladder and lamp.
+    Ladder,
+    /// The crate; ladder and lamp where they are near.
+    Crate,
+    /// The fresh bulb on its bench; ladder and lamp where they are near.
+    Bench,
+}
+
+impl Focus {
+    /// What a task is about.
+    pub fn of(task: Option<Task>) -> Self {
+        match task {
+            Some(Task::S05 | Task::S06) => Focus::Crate,
+            Some(Task::S07 | Task::S08) => Focus::Bench,
+            _ => Focus::Ladder,
+        }
+    }
+}
+
+/// Points of the robot and of what its task is about, world, m, and points of ladder and lamp.
+fn points(spot: &Spot, focus: Focus) -> [Vec<Vector3<f64>>; 2] {
+    let above_floor = |p: Vector3<f64>| Vector3::new(p.x, p.y, p.z.max(0.0));
+    let mut near: Vec<Vector3<f64>> =
+        ROBOT.iter().map(|p| above_floor((spot.pelvis * Point3::from(*p)).coords)).collect();
+    match focus {
+        Focus::Ladder => {}
+        Focus::Crate => near.extend(corners(CRATE).map(|p| spot.crate_ + p)),
+        Focus::Bench => near.extend(corners(BULB).map(|p| spot.fresh_bulb + p)),
+    }
+    let ladder = corners(LADDER).map(|p| above_floor((spot.ladder * Point3::from(p)).coords));
+    let lamp = corners([LAMP, LAMP, 2.0 * LAMP]).map(|p| spot.lamp + p - Vector3::z() * LAMP);
+    [near, ladder.chain(lamp).collect()]
+}
+
+/// Corners of a box on the floor: half its sides, and its height.
+pub(super) fn corners([x, y, height]: [f64; 3]) -> impl Iterator<Item = Vector3<f64>> {
+    let signs = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]];
+    signs.into_iter().flat_map(move |[i, j]| [0.0, height].map(|z| Vector3::new(i * x, j * y, z)))
+}
+
+/// A camera whose direction is fixed: where it stands decides what it holds.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Aim {
+    /// Ahead, left and up, unit vectors.
+    axes: [Vector3<f64>; 3],
+    /// Vertical field of view, rad.
+    fov: f64,
+    /// Width over height.
+    aspect: f64,
+}
+
+impl Aim {
+    /// Looks from a bearing (rad, from +x towards +y) and from an elevation (rad) inwards.
+    pub fn from(bearing: f64, elevation: f64, fov: f64, aspect: f64) -> Self {
+        let flat = Vector3::new(libm::cos(bearing), libm::sin(bearing), 0.0);
+        let ahead = -(flat * libm::cos(elevation) + Vector3::z() * libm::sin(elevation));
+        let left = Vector3::z().cross(&ahead).normalize();
+        Self { axes: [ahead, left, ahead.cross(&left)], fov, aspect }
+    }
+
+    /// The nearest place, along the axes, from which all points are in the picture, m. They are in the middle where
+    /// they do not fill it.
+    pub fn fit(&self, points: &[Vector3<f64>]) -> [f64; 3] {
+        let [ahead, left, up] = self.axes;
+        let slope = FILLED * libm::tan(self.fov / 2.0);
+        let side = |axis: Vector3<f64>, slope: f64| {
+            // |side - eye| <= slope * (ahead - eye ahead) for all points.
+            let reach = |sign: f64| {
+                let at = points.iter().map(|p| sign * p.dot(&axis) - slope * p.dot(&ahead));
+                at.fold(f64::NEG_INFINITY, f64::max)
+            };
+            let (high, low) = (reach(1.0), reach(-1.0));
+            [-(high + low) / (2.0 * slope), (high - low) / 2.0]
+        };
+        let (across, upright) = (side(left, slope * self.aspect), side(up, slope));
+        [across[0].min(upright[0]), across[1], upright[1]]
+    }
+
+    /// As [`Aim::fit`] for what is held in a row, not too near to the robot.
+    pub fn fit_spot(&self, spot: &Spot, focus: Focus) -> [f64; 3] {
+        let [near, mut all] = points(spot, focus);
+        let tight = self.fit(&near);
+        all.extend(near);
+        let wide = self.fit(&all);
+        // From any place between the two, all that is near is in the picture.
+        let share = match focus {
+            Focus::Ladder => 1.0,
+            _ => (BACK_OFF / (tight[0] - wide[0]).max(BACK_OFF)).min(1.0),
+        };
+        let mut place = [0, 1, 2].map(|i| tight[i] + share * (wide[i] - tight[i]));
+        let pelvis = spot.pelvis.translation.vector.dot(&self.axes[0]);
+        place[0] = place[0].min(pelvis - NEAREST);
+        place
+    }
+
+    /// The camera at a place along the axes.
+    pub fn camera(&self, [ahead, left, up]: [f64; 3]) -> Camera {
+        let eye = self.axes[0] * ahead + self.axes[1] * left + self.axes[2] * up;
+        Camera::look_at(eye, eye + self.axes[0], self.fov, self.aspect)
+    }
+
+    /// Its path over the rows of an episode, shown at `speed` times real time.
+    pub fn path(&self, spots: &[Spot], focus: Focus, speed: f64) -> Vec<[f64; 3]> {
+        let mut path: Vec<[f64; 3]> = spots.iter().map(|spot| self.fit_spot(spot, focus)).collect();
+        smooth(&mut path, AVERAGED_S * speed);
+        path
+    }
+}
+
+/// Averages a path, one place a row, over a time, three times over. A jump of 1 m becomes a move whose acceleration
+/// stays below `2 / time_s^2` m/s2. Its ends are taken to go on as they are.
+pub(super) fn smooth(path: &mut [[f64; 3]], time_s: f64) {
+    let half = ((time_s * f64::from(ROW_RATE) / 2.0).round() as usize).min(path.len());
+    let Some(end) = path.len().checked_sub(1) else { return };
+    let mut padded: Vec<f64> = Vec::with_capacity(path.len() + 2 * half);
+    for axis in 0..3 {
+        for _ in 0..3 {
+            padded.clear();
+            padded.extend(std::iter::repeat_n(path[0][axis], half));
+            padded.extend(path.iter().map(|place| place[axis]));
+            padded.extend(std::iter::repeat_n(path[end][axis], half));
+            let mut sum: f64 = padded[..2 * half].iter().sum();
+            for i in 0..=end {
+                sum += padded[i + 2 * half];
+                path[i][axis] = sum / (2 * half + 1) as f64;
+                sum -= padded[i];
+            }
+        }
+    }
+}
+
+/// Share of the circle from one bearing to another, rad in [0, pi].
+pub(super) fn between(bearing: f64, other: f64) -> f64 {
+    let turn = (bearing - other).rem_euclid(std::f64::consts::TAU);
+    turn.min(std::f64::consts::TAU - turn)
+}
+
+/// Heading of a body about the vertical, rad.
+pub(super) fn heading(pose: &Isometry3<f64>) -> f64 {
+    let ahead = pose.rotation * Vector3::x();
+    libm::atan2(ahead.y, ahead.x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A camera that has to hold the nearest cover: every point is in the picture, and some are at its rim.
+    #[test]
+    fn everything_fits_and_no_more() {
+        for (bearing, aspect) in [(0.3, 16.0 / 9.0), (2.0, 1.0), (-2.5, 0.5)] {
+            let aim = Aim::from(bearing, 0.2, 0.7, aspect);
+            let points: Vec<Vector3<f64>> =
+                corners(LADDER).chain([Vector3::new(2.5, -1.0, 1.2), Vector3::new(1.0, 3.0, 0.1)]).collect();
+            let camera = aim.camera(aim.fit(&points));
+            let (width, height) = ((1000.0 * aspect) as usize, 1000);
+            let mut most: f64 = 0.0;
+            for point in &points {
+                let at = camera.project(point, width, height);
+                assert!(at.is_some(), "{point} is behind the camera");
+                let [u, v] = at.unwrap_or_default();
+                let share = (2.0 * u / width as f64 - 1.0).abs().max((2.0 * v / height as f64 - 1.0).abs());
+                assert!(share <= FILLED + 1e-6, "{point} is at {share} of the picture");
+                most = most.max(share);
+            }
+            assert!(most > FILLED - 1e-6, "only {most} is filled");
+        }
+    }
+
+    #[test]
+    fn a_jumping_target_moves_the_camera_gently() {
+        let dt = 1.0 / f64::from(ROW_RATE);
+        let (jump, time) = (2.0, 1.0);
+        let mut path: Vec<[f64; 3]> = (0..500).map(|i| [0.0, 1.0, if i < 250 { 0.0 } else { jump }]).collect();
+        smooth(&mut path, time);
+        let z: Vec<f64> = path.iter().map(|place| place[2]).collect();
+        let speed: Vec<f64> = z.windows(2).map(|z| (z[1] - z[0]) / dt).collect();
+        let most = speed.windows(2).map(|v| ((v[1] - v[0]) / dt).abs()).fold(0.0, f64::max);
+        assert!(most <= 2.0 * jump / (time * time), "{most} m/s2");
+        assert!(speed.iter().all(|v| (-1e-9..=jump / time).contains(v)), "it never goes back");
+        assert!(z[0].abs() < 1e-9 && (z[499] - jump).abs() < 1e-9, "it arrives");
+        assert!((z[250] - jump / 2.0).abs() < 0.05, "it does not lag");
+        assert!(path.iter().all(|place| (place[1] - 1.0).abs() < 1e-12), "what is still stays still");
+    }
+
+    #[test]
+    fn short_paths() {
+        for length in 0..4 {
+            let mut path = vec![[1.0, -2.0, 3.0]; length];
+            smooth(&mut path, 100.0);
+            assert!(path.iter().all(|place| (place[0] - 1.0).abs() < 1e-12 && (place[1] + 2.0).abs() < 1e-12));
+        }
+    }
+}

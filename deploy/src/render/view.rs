@@ -1,0 +1,314 @@
+//! Views, how they share a picture, and the camera of each in each row.
+
+use std::f64::consts::{PI, TAU};
+use std::str::FromStr;
+
+use fiatlux_render::{Camera, Image, Lighting, Renderer, Visuals};
+use fiatlux_rules::{Row, Task};
+use fiatlux_world::{Scene, ShapeOwner};
+use nalgebra::Vector3;
+
+use super::framing::{Aim, Focus, between, corners, heading};
+use super::rows::Spot;
+
+/// Bearings that the following camera chooses from.
+const BEARINGS: usize = 24;
+/// Height of the following camera over what it looks at, as an angle, rad.
+const FOLLOW_ELEVATION: f64 = 0.21;
+/// The same of the view of the room, and its bearing, rad.
+const ROOM_ELEVATION: f64 = 0.55;
+const ROOM_BEARING: f64 = -0.80;
+/// How far inside of the walls the view of the room has its rim, m.
+const ROOM_INSET: f64 = 0.7;
+/// Width of an inset's border, pixels.
+const BORDER: usize = 2;
+/// Size of the pictures from which a bearing is chosen, pixels.
+const TRIAL: [usize; 2] = [96, 54];
+/// Bearing from a robot's heading that shows face and hands best, and how far others may be, rad.
+const BEST_SIDE: [f64; 2] = [0.9, 0.8];
+
+/// A view of an episode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum View {
+    /// From outside, with the robot and what its task is about in the picture: ladder and lamp, crate or fresh bulb.
+    Follow,
+    /// The whole room from above.
+    Room,
+    /// What the head camera sees.
+    Head,
+    /// From one point to another, m, world.
+    Free {
+        /// Where the camera is.
+        eye: Vector3<f64>,
+        /// What it looks at.
+        target: Vector3<f64>,
+    },
+}
+
+impl FromStr for View {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name.trim() {
+            "follow" => Ok(View::Follow),
+            "room" => Ok(View::Room),
+            "head" => Ok(View::Head),
+            other => Err(format!("there is no view '{other}'; use follow, room or head, or --eye and --target")),
+        }
+    }
+}
+
+/// Size and quality of the pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows of pixels.
+    pub height: usize,
+    /// Samples a pixel, each way.
+    pub samples: usize,
+    /// Shadows soften with distance: for a still, since it takes several times as long.
+    pub soft_shadows: bool,
+    /// The first fills the picture; the others are insets.
+    pub views: Vec<View>,
+    /// Vertical field of view, rad; the head camera has its own.
+    pub fov: f64,
+}
+
+/// A view's part of a picture, pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pane {
+    pub view: View,
+    pub left: usize,
+    pub top: usize,
+    pub width: usize,
+    pub height: usize,
+}
+
+impl Pane {
+    fn aspect(&self) -> f64 {
+        self.width as f64 / self.height as f64
+    }
+}
+
+impl Picture {
+    /// Where each view is.
+    pub(super) fn panes(&self) -> Vec<Pane> {
+        let (width, height) = (self.width, self.height);
+        let edge = (height / 36).max(2);
+        let mut top = edge;
+        let mut panes = Vec::new();
+        for (index, &view) in self.views.iter().enumerate() {
+            let square = view == View::Head;
+            let pane = if index == 0 {
+                let side = width.min(height);
+                let [w, h] = if square { [side, side] } else { [width, height] };
+                Pane { view, left: (width - w) / 2, top: (height - h) / 2, width: w, height: h }
+            } else {
+                let h = (height * 3 / 10).max(2);
+                let w = if square { h } else { h * width / height }.clamp(2, width);
+                let pane = Pane { view, left: (width - w).saturating_sub(edge), top, width: w, height: h };
+                top += h + edge;
+                pane
+            };
+            panes.push(pane);
+        }
+        panes
+    }
+}
+
+/// Draws all views of a row into one picture.
+#[derive(Debug)]
+pub(super) struct Composer {
+    panes: Vec<Pane>,
+    renderers: Vec<Renderer>,
+    /// Black, larger than a pane by a border: what insets lie on.
+    grounds: Vec<Image>,
+    /// How many times larger than its pane a view is drawn.
+    factor: usize,
+    image: Image,
+}
+
+impl Composer {
+    pub fn new(picture: &Picture) -> Self {
+        let panes = picture.panes();
+        let samples = picture.samples.max(1);
+        let renderer = |pane: &Pane| match picture.soft_shadows {
+            true => Renderer::supersampled(pane.width, pane.height, samples),
+            false => Renderer::new(pane.width * samples, pane.height * samples),
+        };
+        let ground = |pane: &Pane| Image::black(pane.width + 2 * BORDER, pane.height + 2 * BORDER);
+        Self {
+            grounds: panes.iter().skip(1).map(ground).collect(),
+            renderers: panes.iter().map(renderer).collect(),
+            panes,
+            factor: if picture.soft_shadows { 1 } else { samples },
+            image: Image::black(picture.width, picture.height),
+        }
+    }
+
+    /// The picture of a row; one camera for each view.
+    pub fn draw(&mut self, visuals: &Visuals, row: &Row, cameras: &[Camera], light: &Lighting) -> &Image {
+        for (i, (pane, camera)) in self.panes.iter().zip(cameras).enumerate() {
+            if let Some(ground) = i.checked_sub(1).and_then(|inset| self.grounds.get(inset)) {
+                self.image.paste(ground, pane.left.saturating_sub(BORDER), pane.top.saturating_sub(BORDER));
+            }
+            let drawn = self.renderers[i].render(visuals, row, camera, light);
+            match self.factor {
+                1 => self.image.paste(drawn, pane.left, pane.top),
+                factor => self.image.paste(&drawn.reduced(factor), pane.left, pane.top),
+            }
+        }
+        &self.image
+    }
+}
+
+/// The cameras of an episode.
+#[derive(Debug)]
+pub(super) struct Rig {
+    mounts: Vec<Mount>,
+}
+
+#[derive(Debug)]
+enum Mount {
+    Fixed(Camera),
+    Path(Aim, Vec<[f64; 3]>),
+    Head,
+}
+
+/// What a rig is made for.
+pub(super) struct Subject<'a> {
+    pub scene: &'a Scene,
+    pub visuals: &'a Visuals,
+    pub light: &'a Lighting,
+    pub task: Option<Task>,
+    pub spots: &'a [Spot],
+    /// Some rows of those that are drawn.
+    pub samples: &'a [Row],
+    /// Times real time.
+    pub speed: f64,
+}
+
+impl Rig {
+    pub fn new(picture: &Picture, subject: &Subject<'_>) -> Self {
+        let mount = |pane: Pane| match pane.view {
+            View::Head => Mount::Head,
+            View::Free { eye, target } => Mount::Fixed(Camera::look_at(eye, target, picture.fov, pane.aspect())),
+            View::Room => Mount::Fixed(room(subject, picture.fov, pane.aspect())),
+            View::Follow => {
+                let focus = Focus::of(subject.task);
+                let bearing = best_bearing(subject, focus, picture.fov, pane.aspect());
+                let aim = Aim::from(bearing, FOLLOW_ELEVATION, picture.fov, pane.aspect());
+                let path = aim.path(subject.spots, focus, subject.speed);
+                Mount::Path(aim, path)
+            }
+        };
+        Self { mounts: picture.panes().into_iter().map(mount).collect() }
+    }
+
+    /// The cameras in a row, which is the one of that index among all rows that can be drawn.
+    ///
+    /// # Errors
+    /// A robot without a head camera.
+    pub fn cameras(&self, scene: &Scene, index: usize, row: &Row) -> Result<Vec<Camera>, fiatlux_render::RenderError> {
+        let camera = |mount: &Mount| match mount {
+            Mount::Fixed(camera) => Ok(camera.clone()),
+            Mount::Path(aim, path) => Ok(aim.camera(path.get(index).or(path.last()).copied().unwrap_or_default())),
+            Mount::Head => Camera::head(&scene.robot, row),
+        };
+        self.mounts.iter().map(camera).collect()
+    }
+}
+
+/// A camera that holds the whole room; in `climb`, which has none, what happens around the ladder.
+fn room(subject: &Subject<'_>, fov: f64, aspect: f64) -> Camera {
+    let aim = Aim::from(ROOM_BEARING, ROOM_ELEVATION, fov, aspect);
+    let config = &subject.scene.config.room;
+    let points: Vec<Vector3<f64>> = if subject.scene.world_from_bench.is_some() {
+        let [west, east] = config.wall_x;
+        let center = Vector3::new(west + east, config.wall_south_y + config.wall_side_y[1], 0.0) / 2.0;
+        let half = [east - center.x - ROOM_INSET, config.wall_side_y[1] - center.y - ROOM_INSET, 1.8];
+        corners(half).map(|p| center + p).collect()
+    } else {
+        let scene = subject.scene;
+        let ladder = scene.world_from_ladder.translation.vector;
+        let start = scene.layout.robot.position;
+        let centers = [ladder, Vector3::new(start.x, start.y, 0.0)];
+        centers.into_iter().flat_map(|center| corners([1.2, 1.2, 2.4]).map(move |p| center + p)).collect()
+    };
+    aim.camera(aim.fit(&points))
+}
+
+/// The bearing from which most of the robot, its front, and the lamp are seen: tried out in small pictures.
+fn best_bearing(subject: &Subject<'_>, focus: Focus, fov: f64, aspect: f64) -> f64 {
+    let [width, height] = TRIAL;
+    let mut renderer = Renderer::new(width, height);
+    let mut score = |bearing: f64| {
+        let aim = Aim::from(bearing, FOLLOW_ELEVATION, fov, aspect);
+        let of_row = |row: &Row| {
+            let camera = aim.camera(aim.fit_spot(&Spot::of(row), focus));
+            renderer.render(subject.visuals, row, &camera, subject.light);
+            let side = between(bearing, heading(&row.robot.pose)) - BEST_SIDE[0];
+            let front = 1.0 + 0.5 * libm::exp(-(side / BEST_SIDE[1]).powi(2));
+            seen(&renderer) * front * if is_behind_wall(row, bearing) { 0.5 } else { 1.0 }
+        };
+        subject.samples.iter().map(of_row).sum::<f64>()
+    };
+    let bearings = (0..BEARINGS).map(|i| i as f64 / BEARINGS as f64 * TAU - PI);
+    let scored: Vec<(f64, f64)> = bearings.map(|bearing| (bearing, score(bearing))).collect();
+    // The first of equals, so that the same bag gives the same clip.
+    scored.iter().fold((0.0, f64::NEG_INFINITY), |best, next| if next.1 > best.1 { *next } else { best }).0
+}
+
+/// Whether the lamp is on a wall and is seen from behind that wall.
+fn is_behind_wall(row: &Row, bearing: f64) -> bool {
+    let out = row.fixture.rotation * Vector3::z();
+    let towards_camera = Vector3::new(libm::cos(bearing), libm::sin(bearing), 0.0);
+    out.z.abs() < 0.5 && out.dot(&towards_camera) < -0.01
+}
+
+/// How much a picture shows: the size of the robot, and whether ladder, lamp, and the room behind are there.
+fn seen(renderer: &Renderer) -> f64 {
+    let [width, height] = TRIAL;
+    let (mut robot, mut ladder, mut lamp, mut room) = (0, 0, 0, 0);
+    for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+        match renderer.owner(x, y) {
+            Some(ShapeOwner::Robot(_)) => robot += 1,
+            Some(ShapeOwner::Ladder) => ladder += 1,
+            Some(ShapeOwner::Fixture | ShapeOwner::OldBulb | ShapeOwner::FreshBulb) => lamp += 1,
+            Some(ShapeOwner::Room) => room += 1,
+            _ => {}
+        }
+    }
+    let share = |pixels: i32| f64::from(pixels) / (width * height) as f64;
+    let there = |pixels: i32, enough: i32| f64::from(pixels.min(enough)) / f64::from(enough);
+    share(robot).sqrt() + 0.06 * there(ladder, 20) + 0.06 * there(lamp, 4) + 0.02 * share(room)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_by_name() {
+        assert_eq!("follow".parse(), Ok(View::Follow));
+        assert_eq!(" head".parse(), Ok(View::Head));
+        assert!("top".parse::<View>().unwrap_err().starts_with("there is no view 'top'"));
+    }
+
+    #[test]
+    fn insets_lie_within_the_picture() {
+        for [width, height] in [[1280, 720], [720, 1280], [64, 64], [4096, 64]] {
+            let views = vec![View::Follow, View::Head, View::Room];
+            let picture = Picture { width, height, samples: 1, soft_shadows: false, views, fov: 0.7 };
+            for pane in picture.panes() {
+                assert!(pane.left + pane.width <= width && pane.top + pane.height <= height, "{pane:?}");
+            }
+        }
+        let head =
+            Picture { width: 1280, height: 720, samples: 1, soft_shadows: false, views: vec![View::Head], fov: 0.7 };
+        let pane = head.panes()[0];
+        assert_eq!([pane.left, pane.top, pane.width, pane.height], [280, 0, 720, 720]);
+    }
+}
