@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser};
 
-use cli::{Failure, list, run};
+use cli::{Failure, inspect, list, run};
 
 /// Runs policies on a simulation server
 #[derive(Debug, Parser)]
@@ -15,6 +15,7 @@ use cli::{Failure, list, run};
     version,
     after_help = "Examples:
   policy-client list
+  policy-client inspect --task S05
   policy-client run --policy zero --task S08 --seed 0
   policy-client run --policy stand --task S01 --episodes 3 -e tcp/192.168.1.7:7447
   policy-client run --policy replay:bags/S08-s0-e0.mcap
@@ -30,6 +31,8 @@ struct Cli {
 enum Subcommand {
     /// Run episodes of a task with a policy
     Run(Box<run::RunArgs>),
+    /// Show what a policy receives in a session: live, and as pictures
+    Inspect(Box<inspect::InspectArgs>),
     /// List the servers that can be reached
     List(list::ListArgs),
 }
@@ -39,6 +42,7 @@ fn main() -> ExitCode {
     fiatlux_link::init_quiet_log();
     let done = match cli.command {
         Subcommand::Run(args) => run::run(&args),
+        Subcommand::Inspect(args) => inspect::inspect(&args),
         Subcommand::List(args) => list::list(&args),
     };
     match done {

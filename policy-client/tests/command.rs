@@ -29,11 +29,14 @@ fn run(args: &[&str]) -> (i32, String, String) {
 
 #[test]
 fn wrong_usage_exits_with_2_and_says_what_is_right() {
-    let cases: [(&[&str], &str); 5] = [
+    let cases: [(&[&str], &str); 8] = [
         (&["run", "--policy", "walk", "--task", "S01"], "use one of zero, random, hold, stand, replay:BAG"),
         (&["run", "--policy", "zero"], "name a task"),
         (&["run", "--policy", "zero", "--task", "S01", "--set", "fragility"], "write NAME=VALUE"),
         (&["run", "--policy", "zero", "--task", "S01", "--episodes", "0"], "--episodes"),
+        (&["inspect", "--task", "S05", "--policy", "walk"], "use one of zero, random, hold, stand, replay:BAG"),
+        (&["inspect", "--task", "S05", "--out", "src"], "folder src is not empty; name another one with --out"),
+        (&["inspect", "--task", "S05", "--seconds", "0"], "write seconds, such as 10"),
         (&[], "Usage: policy-client"),
     ];
     for (args, part) in cases {
@@ -70,6 +73,41 @@ fn a_run_prints_its_result_and_the_servers_are_listed() {
     let (code, stdout, _) = run(&["list", "--json", "-e", &endpoint]);
     let servers: Value = serde_json::from_str(&stdout).expect("JSON");
     assert_eq!((code, servers[0]["server"].as_str()), (0, Some("lab")));
+}
+
+/// Text, JSON, pictures; a sensor and a task that the server does not know.
+#[test]
+fn an_inspection_says_what_a_policy_receives() {
+    let ([link, _], endpoint) = tcp();
+    let server = FakeServer::new(&link, "lab", 0);
+    let folder = std::env::temp_dir().join(format!("fiatlux-inspect-command-{}", std::process::id()));
+    let out = folder.display().to_string();
+    let inspect = |task: &str, more: &[&str]| {
+        let args = ["inspect", "--task", task, "--policy", "zero", "--out", &out, "-e", &endpoint];
+        run(&[&args[..], more].concat())
+    };
+    let (code, stdout, stderr) = inspect("S01", &["--seconds", "2"]);
+    assert_eq!(code, 0, "{stderr}");
+    assert!(server.closed.load(Ordering::Relaxed));
+    for part in ["step 100 of 200 (2.00 s)", "[x] standing", "a look at lidar alone", "camera.png\n"] {
+        assert!(stdout.contains(part), "{part}: {stdout}");
+    }
+    for name in ["camera.png", "lidar.png", "observation.json"] {
+        assert!(folder.join(name).exists(), "{name}");
+    }
+    let (code, stdout, stderr) = inspect("S01", &["--json", "--force"]);
+    let result: Value = serde_json::from_str(&stdout).expect("JSON");
+    assert_eq!((code, &result["end"]["cause"], &result["gate"]["steps"]), (0, &"time-out".into(), &HORIZON.into()));
+    assert_eq!(result["sensors"][5]["count"], HORIZON / 5, "{stderr}");
+    std::fs::remove_dir_all(&folder).expect("removes");
+
+    for (task, more, words) in [
+        ("S99", &[][..], "server lab refuses 'task': there is no S99; use S01"),
+        ("S01", &["--sensors", "smell@10"], "server lab refuses 'sensors': sensor 'smell' does not exist"),
+    ] {
+        let (code, stdout, stderr) = inspect(task, more);
+        assert!(code != 0 && stdout.is_empty() && stderr.contains(words) && !folder.exists(), "{stdout}{stderr}");
+    }
 }
 
 #[test]

@@ -48,6 +48,7 @@ fn as_json(server: &ServerInfo) -> Value {
         json!({
             "task": task.task, "id": task.id, "name": task.name, "instruction": task.instruction,
             "horizon_steps": task.horizon_steps, "weight": task.weight,
+            "conjuncts": task.conjuncts,
         })
     };
     json!({

@@ -1,5 +1,6 @@
 //! The commands.
 
+pub mod inspect;
 pub mod list;
 mod plan;
 mod report;

@@ -8,6 +8,7 @@ mod query;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
@@ -60,6 +61,8 @@ pub struct Client {
     state: ClientSession,
     origin: Instant,
     round_trips: RoundTrips,
+    /// Who is told of the server's notices; the log otherwise.
+    notices: Option<Sender<Notice>>,
     _token: LivelinessToken,
     _subscribers: [Subscriber<()>; 2],
 }
@@ -99,6 +102,7 @@ impl Client {
             actions,
             origin: Instant::now(),
             round_trips: RoundTrips::default(),
+            notices: None,
             _token: token,
             _subscribers: subscribers,
         })
@@ -112,6 +116,11 @@ impl Client {
     /// How long steps took so far, over all episodes.
     pub fn round_trips(&self) -> &RoundTrips {
         &self.round_trips
+    }
+
+    /// Sends the server's notices there, in place of the log.
+    pub fn send_notices(&mut self, to: Sender<Notice>) {
+        self.notices = Some(to);
     }
 
     /// Runs one episode. `progress` is told the step of each observation that the policy is about to answer. A `stop` that
@@ -229,8 +238,7 @@ impl Client {
             Mail::Observation(bytes) => self.state.observation(&bytes, now_s),
             Mail::Notice(bytes) => {
                 if let Ok(notice) = decode::<Notice>(&bytes, MAX_SERVER_MESSAGE) {
-                    let Notice { episode, step, message, remedy, .. } = &notice;
-                    tracing::warn!("notice of the server, episode {episode} step {step}: {message}; {remedy}");
+                    self.tell(notice);
                 }
                 self.state.notice(&bytes);
             }
@@ -242,6 +250,17 @@ impl Client {
             }
             Mail::LastObservation(Some(Err(bytes))) => self.state.observation_refused(Some(&bytes)),
             Mail::LastObservation(None) => self.state.observation_refused(None),
+        }
+    }
+
+    /// A receiver that is gone misses it.
+    fn tell(&self, notice: Notice) {
+        match &self.notices {
+            Some(to) => drop(to.send(notice)),
+            None => {
+                let Notice { episode, step, message, remedy, .. } = notice;
+                tracing::warn!("notice of the server, episode {episode} step {step}: {message}; {remedy}");
+            }
         }
     }
 

@@ -8,8 +8,8 @@ use std::time::Duration;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v1::{
-    Action, CloseReply, EpisodeEnd, Joint, Mode, Observation, OpenReply, OpenRequest, Refusal, ResetReply,
-    ResetRequest, ServerInfo, SessionInfo, TaskInfo, open_reply, reset_reply,
+    Action, CloseReply, EpisodeEnd, Image, Joint, LookReply, LookRequest, Mode, Observation, OpenReply, OpenRequest,
+    Refusal, ResetReply, ResetRequest, ServerInfo, SessionInfo, TaskInfo, Verdict, look_reply, open_reply, reset_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL, decode};
 use zenoh::liveliness::LivelinessToken;
@@ -56,11 +56,19 @@ impl FakeServer {
         let server = name.to_owned();
         let open = move |bytes: &[u8]| {
             let request: OpenRequest = decode(bytes, 1 << 16).expect("a request");
-            let reply = if request.task == "S99" {
+            let unknown = request.sensors.iter().find(|sensor| sensor.name == "smell");
+            let reply = if let Some(sensor) = unknown {
+                let message = format!("sensor '{}' does not exist; ask for camera", sensor.name);
+                open_reply::Reply::Refusal(Refusal { field: "sensors".into(), message, ..Refusal::default() })
+            } else if request.task == "S99" {
                 let message = "there is no S99; use S01".into();
                 open_reply::Reply::Refusal(Refusal { field: "task".into(), message, ..Refusal::default() })
             } else {
-                open_reply::Reply::Session(SessionInfo { seed: request.seed, ..session_info(&server) })
+                open_reply::Reply::Session(SessionInfo {
+                    seed: request.seed,
+                    sensors: request.sensors,
+                    ..session_info(&server)
+                })
             };
             OpenReply { reply: Some(reply) }.encode_to_vec()
         };
@@ -79,12 +87,19 @@ impl FakeServer {
             flag.store(true, Ordering::Relaxed);
             CloseReply::default().encode_to_vec()
         };
-        let last = present.clone();
+        let (last, seen) = (present.clone(), present.clone());
+        let look = move |bytes: &[u8]| {
+            let request: LookRequest = decode(bytes, 1 << 16).expect("a request");
+            let lidar = if request.sensors.iter().any(|name| name == "lidar") { vec![1.5; 5760] } else { Vec::new() };
+            let seen = Observation { lidar, verdict: None, camera: None, ..seen() };
+            LookReply { reply: Some(look_reply::Reply::Observation(seen)) }.encode_to_vec()
+        };
         let queryables = vec![
             queryable(link, keys.describe(), move |_| info.encode_to_vec()),
             queryable(link, keys.open(), open),
             queryable(link, session.reset(), reset),
             queryable(link, session.observation(), move |_| last().encode_to_vec()),
+            queryable(link, session.look(), look),
             queryable(link, session.close(), close),
         ];
         let publisher = link.declare_publisher(session.observation()).express(true).wait().expect("declares");
@@ -123,7 +138,14 @@ fn session_info(server: &str) -> SessionInfo {
         server: server.into(),
         session: "1".into(),
         mode: Mode::Lockstep.into(),
-        task: Some(TaskInfo { task: "S01".into(), horizon_steps: HORIZON, ..TaskInfo::default() }),
+        task: Some(TaskInfo {
+            task: "S01".into(),
+            horizon_steps: HORIZON,
+            conjuncts: vec!["standing".into()],
+            ..TaskInfo::default()
+        }),
+        image_width: 16,
+        image_height: 16,
         joints: vec![Joint::default(); 2],
         resend_s: 0.02,
         grace_s: Duration::from_secs(5).as_secs_f64(),
@@ -135,5 +157,7 @@ fn session_info(server: &str) -> SessionInfo {
 
 fn observation(episode: u64, step: u64) -> Observation {
     let end = EpisodeEnd { cause: "time-out".into(), steps: step, digest: DIGEST.into(), ..EpisodeEnd::default() };
-    Observation { episode, step, end: (step == HORIZON).then_some(end), ..Observation::default() }
+    let camera = step.is_multiple_of(5).then(|| Image { width: 16, height: 16, rgb: vec![100; 768] });
+    let verdict = Some(Verdict { conjuncts: vec![true], ..Verdict::default() });
+    Observation { episode, step, camera, verdict, end: (step == HORIZON).then_some(end), ..Observation::default() }
 }

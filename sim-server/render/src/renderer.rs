@@ -9,7 +9,9 @@ use crate::mesh::{Detail, Mesh};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
 use crate::raster::{Corner, Plane, Setup, fill};
-use crate::shade::{Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tiles};
+use crate::shade::{
+    LEAST_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tile_brightness,
+};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
 use crate::view::{Turn, View, single};
@@ -73,7 +75,7 @@ impl Renderer {
         let (width, height, samples) = (width.max(1), height.max(1), samples.max(1));
         let (w, h) = (width * samples, height * samples);
         let large = samples > 1 || w.max(h) > 512;
-        let (shadow, cell, detail) = if large { (2048, 2, Detail::Fine) } else { (320, 4, Detail::Coarse) };
+        let (shadow, cell, detail) = if large { (2048, 2, Detail::Fine) } else { (256, 4, Detail::Coarse) };
         Self {
             size: [width, height],
             samples,
@@ -309,11 +311,9 @@ impl Renderer {
                 if surface.paint == Paint::Floor && is_clear(point) {
                     let spot = Spot { point, normal, ray: view.ray(x, y), footprint: None, open, lit };
                     let colour = shader.colour(surface.paint, &spot);
-                    for (i, j) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
-                        let (at, ray) = (j * width + i, view.ray(i, j));
-                        let distance = 1.0 / self.depth[at];
-                        let point = add(view.eye, scale(ray, distance));
-                        let tile = tiles(point, normal, ray, distance * view.inverse_focal[0]);
+                    let four = [at, at + 1, at + width, at + width + 1];
+                    let depth = four.map(|at| self.depth[at]);
+                    for (at, tile) in four.into_iter().zip(tiles_of_four(view, [x, y], depth, normal)) {
                         let bytes = scale(colour, tile).map(|light| self.tone.byte(light));
                         rgb[3 * at..3 * at + 3].copy_from_slice(&bytes);
                     }
@@ -414,6 +414,26 @@ impl Surface {
         let (u, v) = (x as f32, y as f32);
         normalize([self.normal[0].at(u, v), self.normal[1].at(u, v), self.normal[2].at(u, v)])
     }
+}
+
+/// Brightness of the tiled floor at two by two pixels whose inverse depths are given.
+#[inline]
+fn tiles_of_four(view: &View, [x, y]: [usize; 2], inverse: [f32; 4], normal: Vec3) -> [f32; 4] {
+    let (left, up) = (view.left_of(x), view.up_of(y));
+    let [step_left, step_up] = view.inverse_focal;
+    let lefts = [left, left - step_left, left, left - step_left];
+    let ups = [up, up, up - step_up, up - step_up];
+    let [mut across, mut along, mut width] = [[0.0; 4]; 3];
+    for k in 0..4 {
+        let ray = |axis: usize| view.axes[0][axis] + lefts[k] * view.axes[1][axis] + ups[k] * view.axes[2][axis];
+        let [rx, ry, rz] = [ray(0), ray(1), ray(2)];
+        let distance = 1.0 / inverse[k];
+        across[k] = view.eye[0] + rx * distance;
+        along[k] = view.eye[1] + ry * distance;
+        let slant = -(normal[0] * rx + normal[1] * ry + normal[2] * rz);
+        width[k] = distance * view.inverse_focal[0] / slant.max(LEAST_SLANT);
+    }
+    tile_brightness(across, along, width)
 }
 
 /// A number in [0, 1) that differs between neighbours (interleaved gradient noise).

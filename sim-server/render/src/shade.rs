@@ -163,17 +163,32 @@ pub(crate) fn is_clear(point: Vec3) -> bool {
 /// Brightness of the tiled floor, smoothed over a pixel of that footprint.
 #[inline]
 pub(crate) fn tiles(point: Vec3, normal: Vec3, ray: Vec3, footprint: f32) -> f32 {
-    let width = footprint / (-dot(normal, ray)).max(0.05);
-    let (x, y) = (point[0] * (1.0 / TILE), point[1] * (1.0 / TILE));
-    // Halves of the pixel and of the joint, and their overlap.
-    let (pixel, grout) = (0.5 * width, 0.5 * GROUT);
-    let overlap = |x: f32| {
-        let from_joint = TILE * (x - floor(x + 0.5)).abs();
-        (pixel.min(grout - from_joint) + pixel.min(grout + from_joint)).max(0.0)
-    };
-    let (across, along) = (overlap(x), overlap(y));
-    let joint = if across.max(along) > 0.0 { across.max(along) / width } else { 0.0 };
-    let number = 0.5 * (floor(x) + floor(y));
-    let checker = if number > floor(number) { 1.0 - 0.05 * (1.0 - width / TILE).max(0.0) } else { 1.0 };
-    checker * (1.0 - 0.35 * joint.min(1.0))
+    let [brightness] = tile_brightness([point[0]], [point[1]], [footprint / (-dot(normal, ray)).max(LEAST_SLANT)]);
+    brightness
+}
+
+/// Cosine of the flattest look at the floor that widens a pixel.
+pub(crate) const LEAST_SLANT: f32 = 0.05;
+
+/// Brightness of the tiled floor at some points, each smoothed over a width (m). No branches: several points take little
+/// longer than one.
+#[inline]
+pub(crate) fn tile_brightness<const N: usize>(x: [f32; N], y: [f32; N], width: [f32; N]) -> [f32; N] {
+    const GROUT_HALF: f32 = 0.5 * GROUT;
+    let mut brightness = [0.0; N];
+    for k in 0..N {
+        let (x, y) = (x[k] * (1.0 / TILE), y[k] * (1.0 / TILE));
+        // Halves of the pixel and of the joint, and their overlap.
+        let pixel = 0.5 * width[k];
+        let overlap = |x: f32| {
+            let from_joint = TILE * (x - floor(x + 0.5)).abs();
+            (pixel.min(GROUT_HALF - from_joint) + pixel.min(GROUT_HALF + from_joint)).max(0.0)
+        };
+        let joint = (overlap(x).max(overlap(y)) / width[k]).min(1.0);
+        let number = 0.5 * (floor(x) + floor(y));
+        let odd = 2.0 * (number - floor(number));
+        let checker = 1.0 - odd * 0.05 * (1.0 - width[k] * (1.0 / TILE)).max(0.0);
+        brightness[k] = checker * (1.0 - 0.35 * joint);
+    }
+    brightness
 }

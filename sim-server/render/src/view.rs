@@ -37,9 +37,19 @@ impl View {
     /// From the eye through a pixel, one metre ahead.
     #[inline]
     pub(crate) fn ray(&self, x: usize, y: usize) -> Vec3 {
-        let left = (self.middle[0] - x as f32) * self.inverse_focal[0];
-        let up = (self.middle[1] - y as f32) * self.inverse_focal[1];
-        add(self.axes[0], add(scale(self.axes[1], left), scale(self.axes[2], up)))
+        add(self.axes[0], add(scale(self.axes[1], self.left_of(x)), scale(self.axes[2], self.up_of(y))))
+    }
+
+    /// How far left a column is, one metre ahead.
+    #[inline]
+    pub(crate) fn left_of(&self, x: usize) -> f32 {
+        (self.middle[0] - x as f32) * self.inverse_focal[0]
+    }
+
+    /// How far up a row is, one metre ahead.
+    #[inline]
+    pub(crate) fn up_of(&self, y: usize) -> f32 {
+        (self.middle[1] - y as f32) * self.inverse_focal[1]
     }
 
     pub(crate) fn project(&self, at: Vec3) -> Corner {

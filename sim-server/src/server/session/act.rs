@@ -234,7 +234,15 @@ impl<R> Session<R> {
         if behind >= PERIOD {
             let message = format!("the server is {:.3} s behind the clock and goes on from now", behind.as_secs_f64());
             self.note("lost", "time", message.clone());
-            self.notify(NoticeCode::Unspecified, 1, "", message, "run fewer sessions on this server", now, out);
+            self.notify(
+                NoticeCode::Unspecified,
+                1,
+                "",
+                message,
+                "ask for fewer sensors or looks, or run fewer sessions on this server",
+                now,
+                out,
+            );
         }
         self.advance(asked, Arrival { held, lateness_s: lateness.as_secs_f64() }, now, out);
     }
