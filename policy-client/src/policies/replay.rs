@@ -41,9 +41,20 @@ impl Replay {
     /// The request that opens a session for the same rows: in lockstep, whatever the mode was, for the bag has the action
     /// that led to each row. It bears the recorded policy's name: a bag of the replay is a copy.
     pub fn request(&self) -> OpenRequest {
-        let EpisodeHeader { policy, task, seed, thresholds, request, .. } = self.header.clone();
-        // The thresholds are those that were in force, should this version have other defaults.
-        OpenRequest { policy, task, seed, thresholds, mode: Mode::Lockstep.into(), ..request.unwrap_or_default() }
+        let header = self.header.clone();
+        // What a grade goes by comes from the same fields, so that a header cannot say one thing and do another.
+        OpenRequest {
+            policy: header.policy,
+            task: header.task,
+            seed: header.seed,
+            mode: Mode::Lockstep.into(),
+            gains: header.gains,
+            hands: header.hands,
+            randomization: header.randomization,
+            end_on: if header.end_on_overridden { header.end_on } else { Vec::new() },
+            thresholds: header.thresholds,
+            ..header.request.unwrap_or_default()
+        }
     }
 
     /// How the recorded episode ended, where the bag goes so far.
