@@ -34,7 +34,7 @@ pub use rows::{ROW_RATE, Span, stride};
 pub use sink::Output;
 pub use view::{Picture, View};
 
-/// Most rows that one clip is made from: the longest task has 72,001.
+/// Most rows that are shown of a bag: the longest task has 72,001.
 const MOST_ROWS: usize = 200_000;
 /// Rows that a view is chosen by.
 const SAMPLES: usize = 8;
@@ -175,11 +175,8 @@ impl Clip {
         options.output.check(options.force)?;
         let mut warnings = Vec::new();
         let mut episodes = Vec::new();
-        let mut room = MOST_ROWS;
         for path in &options.bags {
-            let episode = Episode::open(path, &options, room, &mut warnings)?;
-            room -= episode.spots.len();
-            episodes.push(episode);
+            episodes.push(Episode::open(path, &options, &mut warnings)?);
         }
         Ok(Self { options, episodes, warnings })
     }
@@ -233,13 +230,8 @@ impl Clip {
 }
 
 impl Episode {
-    /// Reads through a bag; `most` bounds its rows.
-    fn open(
-        path: &Path,
-        options: &RenderOptions,
-        most: usize,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self, RenderError> {
+    /// Reads through a bag.
+    fn open(path: &Path, options: &RenderOptions, warnings: &mut Vec<String>) -> Result<Self, RenderError> {
         let bag = Bag::open(path)?;
         let robot = Arc::new(Robot::g1_inspire()?);
         let scene = scene_of(bag.header(), robot).map_err(|source| RenderError::Header { bag: path.into(), source })?;
@@ -247,7 +239,7 @@ impl Episode {
         let mut spots = Vec::new();
         let mut beyond = false;
         for row in rows.by_ref() {
-            beyond = spots.len() >= most;
+            beyond = spots.len() >= MOST_ROWS;
             if beyond {
                 break;
             }
@@ -256,7 +248,7 @@ impl Episode {
         let name = path.display();
         let mut lost: Vec<String> = rows.faults.phrases().iter().map(|what| format!("{name}: {what}")).collect();
         if beyond {
-            lost.push(format!("{name}: rows after the first {most}, more than any episode has"));
+            lost.push(format!("{name}: rows after the first {MOST_ROWS}, more than any episode has"));
         }
         if let Completeness::Cut { reason, .. } = bag.completeness() {
             lost.push(format!("{name}: the bag is cut ({reason}); what is there is shown"));

@@ -33,7 +33,7 @@ pub struct SessionArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     fix: Vec<Fixed>,
     /// Sizes of props: random, or factors such as ladder_z=1.05,socket=0.95 (ladder_x, ladder_y, ladder_z, socket,
-    /// fresh_bulb)
+    /// fresh_bulb). One random draw in seven has a fresh bulb that is too large for its socket
     #[arg(long, value_name = "SIZES", value_parser = sizes)]
     prop_scale: Option<Sizes>,
     /// Override a threshold, such as fragility_n=30; may be repeated
@@ -86,8 +86,7 @@ impl SessionArgs {
         for record in &self.record {
             let found = request.sensors.iter().position(|sensor| sensor.name == record.name);
             let index = found.unwrap_or_else(|| {
-                // For the bag alone: the policy does not see it.
-                request.sensors.push(Sensor { on_request: true, ..Sensor::from(record.name.as_str()) });
+                request.sensors.push(Sensor { bag_only: true, ..Sensor::from(record.name.as_str()) });
                 request.sensors.len() - 1
             });
             (request.sensors[index].recorded, request.sensors[index].record_hz) = (true, record.rate_hz);
@@ -160,6 +159,9 @@ fn sizes(text: &str) -> Result<Sizes, String> {
             "fresh_bulb" => &mut factors.fresh_bulb,
             _ => return Err(format!("'{name}' has no size; use ladder_x, ladder_y, ladder_z, socket or fresh_bulb")),
         };
+        if value <= 0.0 {
+            return Err(format!("a factor is above 0; {name} is {value}"));
+        }
         *factor = value;
     }
     Ok(Sizes::Factors(factors))
@@ -208,7 +210,7 @@ mod tests {
         let [lidar, camera, features] = request.sensors.as_slice() else { panic!("{:?}", request.sensors) };
         assert_eq!((lidar.rate_hz, lidar.on_request, lidar.recorded), (12.5, false, false));
         assert_eq!((camera.on_request, camera.recorded, camera.record_hz), (true, true, 5.0));
-        assert_eq!((features.on_request, features.recorded, features.record_hz), (true, true, 0.0));
+        assert_eq!((features.bag_only, features.recorded, features.record_hz), (true, true, 0.0));
         assert_eq!((request.image_width, request.image_height), (64, 32));
         let random = request.randomization.unwrap();
         assert!(random.fixed_start && random.exact_sensors && !random.fixed_light && !random.fixed_layout);
@@ -241,6 +243,7 @@ mod tests {
             "--image ax2",
             "--prop-scale crate=1",
             "--prop-scale ladder_z=big",
+            "--prop-scale socket=0",
             "--set fragility_n",
             "--fix wind",
         ] {

@@ -3,7 +3,7 @@
 use crate::v1::Version;
 
 /// What this build speaks. The major number changes when an old client would be misunderstood.
-pub const PROTOCOL: Version = Version { major: 1, minor: 0 };
+pub const PROTOCOL: Version = Version { major: 2, minor: 0 };
 
 /// Whether this build understands a peer.
 pub fn is_compatible(peer: &Version) -> bool {

@@ -28,4 +28,4 @@ pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions,
 };
 pub use series::{Held, MAX_BUCKETS, Series};
-pub use verify::{Verification, VerifyError, verify};
+pub use verify::{Played, Verification, VerifyError, verify};

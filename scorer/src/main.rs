@@ -33,7 +33,7 @@ enum Command {
 /// Grade bags from their rows alone, and write a table
 ///
 /// Every number comes from the recorded rows, so thresholds can be changed without a new run. All bags of one call share
-/// their conditions (policy, mode, gains, noise, thresholds, ends, model and scene). Bags that are cut, aborted or altered
+/// their conditions (policy, mode, gains, sensors, what varies, thresholds, ends, model and scene). Bags that are cut, aborted or altered
 /// are listed with the reason and not scored; the exit code is then 3. A second copy of an episode with the same rows is
 /// listed and passed over; two different recordings of one episode are an error.
 #[derive(Debug, Args)]
@@ -154,14 +154,12 @@ fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
     );
     line.clear();
     let verified = verified?;
-    let (steps, cause) = &verified.recorded_end;
     if verified.is_equal() {
-        print(&format!("equal: {steps} steps, {cause}, digest {}\n", verified.recorded))?;
+        print(&format!("equal: {}\n", verified.recorded))?;
         return Ok(ExitCode::SUCCESS);
     }
-    let (again, cause_again) = &verified.simulated_end;
     print(&format!(
-        "different\n  recorded   {steps} steps, {cause}, digest {}\n  simulated  {again} steps, {cause_again}, digest {}\n\
+        "different\n  recorded   {}\n  simulated  {}\n\
          The same build gives the same bytes: compare the server's version and model digest with the bag's header.\n",
         verified.recorded, verified.simulated
     ))?;

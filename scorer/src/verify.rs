@@ -1,5 +1,6 @@
 //! Runs a recorded episode again on a server, and compares.
 
+use std::fmt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -34,27 +35,58 @@ pub enum VerifyError {
     Client(#[from] ClientError),
 }
 
+/// How an episode came out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Played {
+    /// Digest of the rows, hexadecimal.
+    pub digest: String,
+    /// Its length in steps.
+    pub steps: u64,
+    /// Why it ended.
+    pub cause: String,
+    /// It succeeded.
+    pub success: bool,
+    /// From 0 to 1.
+    pub gate_progress: f64,
+    /// A bulb was pressed too hard.
+    pub broken: bool,
+    /// A bulb was dropped.
+    pub dropped: bool,
+}
+
 /// What a second run says of a bag.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// Digest of the recorded rows, hexadecimal.
-    pub recorded: String,
-    /// Digest of the rows of the second run, hexadecimal.
-    pub simulated: String,
-    /// Steps and cause of the recorded episode's end.
-    pub recorded_end: (u64, String),
-    /// Steps and cause of the second run's end.
-    pub simulated_end: (u64, String),
+    /// The recorded rows, as they are graded by what the bag says of the scene.
+    pub recorded: Played,
+    /// The second run, as the server judges it.
+    pub simulated: Played,
 }
 
 impl Verification {
-    /// Whether all numbers of all rows are equal to the last bit.
+    /// Whether all numbers of all rows are equal to the last bit, and what they are judged to be.
     pub fn is_equal(&self) -> bool {
-        self.recorded.eq_ignore_ascii_case(&self.simulated)
+        let Played { digest, .. } = &self.recorded;
+        let same_rows = digest.eq_ignore_ascii_case(&self.simulated.digest);
+        same_rows && self.recorded == Played { digest: digest.clone(), ..self.simulated.clone() }
     }
 }
 
-/// Opens a session with a bag's conditions, sends its actions once more and compares the digests of the rows.
+impl fmt::Display for Played {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { digest, steps, cause, success, gate_progress, broken, dropped } = self;
+        write!(f, "{steps} steps, {cause}, progress {gate_progress:.2}")?;
+        for (what, is) in [("success", success), ("broken", broken), ("dropped", dropped)] {
+            if *is {
+                write!(f, ", {what}")?;
+            }
+        }
+        write!(f, ", digest {digest}")
+    }
+}
+
+/// Opens a session with a bag's conditions, sends its actions once more and compares the digests of the rows
+/// and what they are judged to be.
 /// `progress` is told steps done and steps in all; a `stop` that becomes true ends it.
 ///
 /// # Errors
@@ -82,10 +114,25 @@ pub fn verify(
         // The answer is there; the server ends the session by itself.
         warn!("the session could not be closed: {error}");
     }
+    let graded = content.graded;
     Ok(Verification {
-        recorded: content.graded.digest,
-        simulated: end.digest,
-        recorded_end: (steps, content.graded.end),
-        simulated_end: (end.steps, end.cause),
+        recorded: Played {
+            digest: graded.digest,
+            steps,
+            cause: graded.end,
+            success: graded.summary.success,
+            gate_progress: graded.summary.gate_progress,
+            broken: graded.summary.broken,
+            dropped: graded.summary.dropped,
+        },
+        simulated: Played {
+            digest: end.digest,
+            steps: end.steps,
+            cause: end.cause,
+            success: end.success,
+            gate_progress: end.gate_progress,
+            broken: end.broken,
+            dropped: end.dropped,
+        },
     })
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use fiatlux_bag::{Bag, Completeness, part_of};
+use fiatlux_bag::{Bag, BagError, Completeness, part_of};
 use fiatlux_proto::v1::{EpisodeHeader, OpenRequest};
 use fiatlux_robot::Robot;
 use fiatlux_world::SceneConfig;
@@ -13,7 +13,7 @@ use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
 /// are removed: their episodes are played again. Two builds of one version are taken for the same.
 ///
 /// # Errors
-/// A bag of another policy or another session: its place is not taken.
+/// A bag of another policy, another session or another version of the protocol: its place is not taken.
 pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Vec<Job>, EvaluateError> {
     let world = Digests { model: Robot::g1_inspire()?.digest().into(), scene: SceneConfig::default().digest() };
     let remove = |path: &Path| std::fs::remove_file(path).map_err(|error| folder(path, error));
@@ -26,8 +26,11 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
         }
         match Bag::open(&path) {
             Ok(bag) => {
-                let is_same = is_same(bag.header(), &path, &options.request(job)?)?;
-                if is_same && is_current(&bag, &world) { kept.push(job) } else { remove(&path)? }
+                check_same(bag.header(), &path, &options.request(job)?)?;
+                if is_current(&bag, &world) { kept.push(job) } else { remove(&path)? }
+            }
+            Err(error @ BagError::Version { .. }) => {
+                return Err(folder(&path, format!("{error}; name another folder with --out")));
             }
             Err(_) if path.exists() => remove(&path)?,
             Err(_) => {}
@@ -44,11 +47,13 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
     Ok(jobs.iter().filter(|job| !kept.contains(job)).copied().collect())
 }
 
-/// Whether a bag is of the session that is asked for; `false` where it does not say.
-fn is_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest) -> Result<bool, EvaluateError> {
-    let Some(found) = &header.request else { return Ok(false) };
+/// Refuses a bag that is not of the session that is asked for.
+fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest) -> Result<(), EvaluateError> {
+    let Some(found) = &header.request else {
+        return Err(folder(path, "it does not say what it is an episode of; name another folder with --out"));
+    };
     if found == wanted {
-        return Ok(true);
+        return Ok(());
     }
     let what = if found.policy == wanted.policy {
         "an episode of another session: other sensors, gains, thresholds or the like".into()

@@ -51,11 +51,12 @@ impl Bag {
         let fields = found.header.as_ref().ok_or_else(no_header)?;
         let wrong =
             |what: &str, reason: String| BagError::not_a_bag(path, format!("its {what} cannot be read: {reason}"));
-        let header: EpisodeHeader = metadata::message_of(fields).map_err(|reason| wrong("header", reason))?;
-        let protocol = header.protocol.unwrap_or(Version { major: 0, minor: 0 });
+        // First: a header of another version may not read as one of this.
+        let protocol = metadata::protocol(fields).unwrap_or(Version { major: 0, minor: 0 });
         if !is_compatible(&protocol) {
             return Err(BagError::Version { path: path.into(), found: protocol });
         }
+        let header: EpisodeHeader = metadata::message_of(fields).map_err(|reason| wrong("header", reason))?;
         let result = found.result.as_ref().map(metadata::message_of).transpose();
         let result = result.map_err(|reason| wrong("result", reason))?;
         learn_channels(path, &mut found)?;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use fiatlux_proto::v1::Version;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -27,6 +28,11 @@ where
     };
     let fields = object.into_iter().map(|(name, value)| (name, text(value))).collect();
     (message_of::<M>(&fields).as_ref() == Ok(message)).then_some(fields)
+}
+
+/// The version of the protocol that a header names, whatever else of it can be read.
+pub(crate) fn protocol(fields: &Fields) -> Option<Version> {
+    serde_json::from_str(fields.get("protocol")?).ok()
 }
 
 /// The message with these fields. What it has no field for is passed over.
@@ -60,7 +66,7 @@ mod tests {
     fn a_header_reads_back_to_the_last_bit() {
         let thresholds = [0.1 + 0.2, 1e300, f64::MIN_POSITIVE, 2.225_073_858_507_201e-308, -0.0, 50.0];
         let header = EpisodeHeader {
-            protocol: Some(Version { major: 1, minor: 7 }),
+            protocol: Some(Version { major: 2, minor: 7 }),
             instruction: "say \"yes\",\nthen 12".into(),
             // Strings that look like other JSON stay strings.
             policy: "null".into(),

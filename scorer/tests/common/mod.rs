@@ -123,6 +123,9 @@ pub fn result(header: &v1::EpisodeHeader, rows: &[Row]) -> v1::EpisodeResult {
         steps: rows.len() as u64 - 1,
         success: summary.success,
         digest: digest.hex(),
+        gate_progress: summary.gate_progress,
+        broken: summary.broken,
+        dropped: summary.dropped,
     };
     v1::EpisodeResult {
         end: Some(end),

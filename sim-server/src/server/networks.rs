@@ -31,19 +31,27 @@ impl Networks {
 
     /// A network with the weights of a file, or with seeded ones where the name is empty.
     pub fn get(&self, file: &str) -> Result<ResNet18, Refusal> {
-        // Two sessions that want the same one wait for it together.
-        let mut kept = lock(&self.kept);
-        let found = kept.iter().position(|(name, _)| name == file);
-        let network = match found.and_then(|index| kept.remove(index)) {
-            Some((_, network)) => network,
-            None => ResNet18::new(&self.weights(file)?),
-        };
+        if let Some(twin) = self.find(file) {
+            return Ok(twin);
+        }
+        // Two sessions may make the same one at once; that costs time only.
+        let network = ResNet18::new(&self.weights(file)?);
         let twin = network.twin();
+        let mut kept = lock(&self.kept);
         if kept.len() >= KEPT {
             kept.pop_front();
         }
         kept.push_back((file.to_owned(), network));
         Ok(twin)
+    }
+
+    fn find(&self, file: &str) -> Option<ResNet18> {
+        let mut kept = lock(&self.kept);
+        let found = kept.iter().position(|(name, _)| name == file)?;
+        let entry = kept.remove(found)?;
+        let twin = entry.1.twin();
+        kept.push_back(entry);
+        Some(twin)
     }
 
     fn weights(&self, file: &str) -> Result<Weights, Refusal> {

@@ -24,6 +24,15 @@ pub(super) struct Answer {
     pub kind: AnswerKind,
 }
 
+impl Answer {
+    pub fn bytes(&self) -> usize {
+        match &self.kind {
+            AnswerKind::Replies(_, replies) => replies.iter().map(ZBytes::len).sum(),
+            AnswerKind::Refusal(bytes) => bytes.len(),
+        }
+    }
+}
+
 pub(super) enum AnswerKind {
     /// Messages of that name.
     Replies(&'static str, Vec<ZBytes>),
@@ -63,9 +72,9 @@ impl<T> Queue<T> {
         }
     }
 
-    /// How much of a kind waits.
-    pub fn count(&self, is_of_kind: impl Fn(&T) -> bool) -> usize {
-        lock(&self.state).0.iter().filter(|work| is_of_kind(work)).count()
+    /// Looks at what waits.
+    pub fn fold<B>(&self, start: B, look: impl Fn(B, &T) -> B) -> B {
+        lock(&self.state).0.iter().fold(start, look)
     }
 
     pub fn stop(&self) {

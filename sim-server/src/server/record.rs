@@ -147,8 +147,16 @@ pub(super) fn end(episode: &Episode) -> Option<EpisodeEnd> {
 
 fn ended(episode: &Episode, cause: &str, causes: Vec<String>) -> EpisodeEnd {
     let summary = episode.summary();
-    let (steps, success) = (summary.steps, summary.success);
-    EpisodeEnd { cause: cause.into(), causes, steps, success, digest: episode.digest().hex() }
+    EpisodeEnd {
+        cause: cause.into(),
+        causes,
+        steps: summary.steps,
+        success: summary.success,
+        digest: episode.digest().hex(),
+        gate_progress: summary.gate_progress,
+        broken: summary.broken,
+        dropped: summary.dropped,
+    }
 }
 
 fn named<'a>(episode: &Episode, conjuncts: &'a Conjuncts) -> impl Iterator<Item = (&'static str, bool)> + use<'a> {

@@ -264,11 +264,12 @@ impl<R> Session<R> {
             Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "", error), out),
         };
         let built = &self.built;
+        let has_recorder = self.has_recorder();
         let (senses, sensors) = (&mut self.senses, &self.plan.sensors);
         let first = senses
             .begin(episode.scene(), || built.visuals(), Lighting::of(&spec.light()))
             .and_then(|()| observe(senses, &episode, sensors.due(0)))
-            .and_then(|first| Ok((first.clone(), recorded(senses, &episode, sensors, first)?)));
+            .and_then(|first| Ok((first.clone(), recorded(senses, &episode, sensors, has_recorder, first)?)));
         let (observation, seen) = match first {
             Ok(first) => first,
             Err(error) => return reset_refused(to, refusal(RefusalCode::Start, "sensors", in_full(&error)), out),

@@ -24,10 +24,12 @@ use super::scenes::Scenes;
 use super::session::{Input, Output, Session, Times};
 use crate::senses::Sensors;
 
-/// Inputs that a worker gives a session before others get their turn.
+/// Inputs that a worker gives a session before others get their turn, and how long they may take.
 const TURN: usize = 256;
-/// Queries whose replies wait to be sent.
+const TURN_TIME: Duration = Duration::from_millis(20);
+/// Queries whose replies wait to be sent, and the bytes of these replies.
 const MAX_ANSWERS: usize = 1024;
+const MAX_ANSWER_BYTES: usize = 64 << 20;
 /// Sessions that may wait for their recorder, for each one that may be open.
 const DRAINING_PER_OPEN: usize = 3;
 
@@ -98,7 +100,11 @@ impl Shared {
         let wire = lock(&actor.wire);
         let mut done = wire.is_none();
         let mut parked = false;
+        let begun = Instant::now();
         for _ in 0..TURN {
+            if begun.elapsed() > TURN_TIME {
+                break;
+            }
             let Some(input) = actor.take() else {
                 if let Some(at) = session.wake_at()
                     && actor.wakes_earlier(at)
@@ -145,7 +151,8 @@ impl Shared {
 
     /// One too many is not sent: its client asks again.
     fn answer(&self, query: Query, kind: AnswerKind) {
-        if self.answers.count(|_| true) < MAX_ANSWERS {
+        let (waiting, bytes) = self.answers.fold((0, 0), |(count, bytes), answer| (count + 1, bytes + answer.bytes()));
+        if waiting < MAX_ANSWERS && bytes < MAX_ANSWER_BYTES {
             self.answers.push(Answer { query, kind });
         }
     }

@@ -291,7 +291,9 @@ impl Server {
             let too_large = query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE);
             if too_large {
                 answer_for_nobody(&query, Code::Malformed, "the request is too large");
-            } else if shared.queue.count(|job| !matches!(job, Job::Run(_))) >= MAX_REQUESTS {
+            } else if shared.queue.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))))
+                >= MAX_REQUESTS
+            {
                 answer_for_nobody(&query, Code::Busy, "too many requests wait; try again later");
             } else {
                 shared.queue.push(job(query));

@@ -10,15 +10,20 @@ use super::scan::Scan;
 use super::state::State;
 use super::{document, pictures};
 
-/// Refuses a folder that has something in it, unless by force: before a session is opened.
+/// What `inspect` writes.
+const NAMES: [&str; 3] = ["camera.png", "lidar.png", "observation.json"];
+
+/// Refuses a folder that has something else in it than an earlier `inspect` left, unless by force: before a session is
+/// opened.
 pub fn check(folder: &Path, force: bool) -> Result<(), Failure> {
     let name = folder.display();
     let cannot = |error: std::io::Error| {
         Failure::Usage(format!("folder {name} cannot be used: {error}; name another one with --out"))
     };
-    match std::fs::read_dir(folder).map(|mut entries| entries.next().is_some()) {
-        Ok(true) if !force => {
-            Err(Failure::Usage(format!("folder {name} is not empty; name another one with --out, or add --force")))
+    let is_ours = |entry: std::fs::DirEntry| entry.file_name().to_str().is_some_and(|name| NAMES.contains(&name));
+    match std::fs::read_dir(folder).map(|entries| entries.flatten().all(is_ours)) {
+        Ok(false) if !force => {
+            Err(Failure::Usage(format!("folder {name} holds other files; name another one with --out, or add --force")))
         }
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(cannot(error)),
         _ => Ok(()),

@@ -16,13 +16,14 @@ mod text;
 mod view;
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Instant;
 
 use clap::Args;
 use fiatlux_link::{LinkArgs, Role, print, stop_on_signal};
-use fiatlux_policy::{Client, ClientError, Policy, PolicyError, SessionArgs, policies};
+use fiatlux_policy::policies::{self, Replay};
+use fiatlux_policy::{Client, ClientError, Policy, PolicyError, SessionArgs};
 use fiatlux_proto::v1::{Mode, OpenRequest, Sensor};
 
 use super::Failure;
@@ -70,7 +71,7 @@ pub struct InspectArgs {
     /// Task: S01 to S12, replace, climb
     #[arg(short, long)]
     task: String,
-    /// Policy that drives: zero, random, hold, stand, or replay:BAG with the task, seed and episode of its bag
+    /// Policy that drives: zero, random, hold, stand, or replay:BAG, whose seed, episode and session are those of its bag
     #[arg(short, long, value_name = "NAME", default_value = "stand")]
     policy: String,
     /// Simulated time, s
@@ -108,19 +109,16 @@ pub struct InspectArgs {
 
 /// Shows a session; false is never the answer.
 pub fn inspect(args: &InspectArgs) -> Result<bool, Failure> {
-    let policy = policies::by_name(&args.policy).map_err(|error| match error {
-        PolicyError::Unknown { .. } => Failure::Usage(error.to_string()),
-        other => other.into(),
-    })?;
+    let (policy, base, episode) = driver(args)?;
     let folder = args.out.clone().unwrap_or_else(|| format!("inspect-{}", args.task).into());
     files::check(&folder, args.force)?;
-    let request = request(args, policy.as_ref());
+    let request = request(args, policy.as_ref(), base);
     let stop = stop_on_signal()?;
     let link = args.link.open(Role::Client)?;
     let mut client = Client::open(&link, args.server.as_deref(), request)?;
     let (sender, notices) = mpsc::channel();
     client.send_notices(sender);
-    let mut state = State::new(client.info().clone(), policy.name(), args.episode);
+    let mut state = State::new(client.info().clone(), policy.name(), episode);
     let color = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let last = (args.seconds / state.info.control_dt.max(1e-6)).round() as u64;
     let mut inspector = Inspector {
@@ -133,7 +131,7 @@ pub fn inspect(args: &InspectArgs) -> Result<bool, Failure> {
         origin: Instant::now(),
         looking: None,
     };
-    let run = client.run_episode(args.episode, &mut inspector, &mut |_| {}, &stop);
+    let run = client.run_episode(episode, &mut inspector, &mut |_| {}, &stop);
     inspector.read_notices();
     if let Some(screen) = &mut inspector.screen {
         screen.clear();
@@ -174,8 +172,28 @@ fn hint(state: &State) {
     }
 }
 
+/// The policy, the session that it asks for, and the episode: for a bag those that it was recorded with.
+fn driver(args: &InspectArgs) -> Result<(Box<dyn Policy>, OpenRequest, u64), Failure> {
+    if let Some(path) = args.policy.strip_prefix("replay:").filter(|path| !path.is_empty()) {
+        let replay = Replay::open(Path::new(path))?;
+        let base = replay.request();
+        if !base.task.eq_ignore_ascii_case(&args.task) {
+            return Err(Failure::Usage(format!("the bag is of task {}, not {}", base.task, args.task)));
+        }
+        let episode = replay.header().episode;
+        return Ok((Box::new(replay), base, episode));
+    }
+    let policy = policies::by_name(&args.policy).map_err(|error| match error {
+        PolicyError::Unknown { .. } => Failure::Usage(error.to_string()),
+        other => other.into(),
+    })?;
+    let base =
+        OpenRequest { policy: policy.name(), task: args.task.clone(), seed: args.seed, ..OpenRequest::default() };
+    Ok((policy, base, args.episode))
+}
+
 /// The flags go before what the policy asks for, and that before what is shown by default.
-fn request(args: &InspectArgs, policy: &dyn Policy) -> OpenRequest {
+fn request(args: &InspectArgs, policy: &dyn Policy, base: OpenRequest) -> OpenRequest {
     let timed = SENSORS.map(|(name, rate_hz)| Sensor { rate_hz, ..Sensor::from(name) });
     let looked_at = LOOKED_AT.map(|name| Sensor { on_request: true, ..Sensor::from(name) });
     let mut sensors = policy.sensors();
@@ -184,13 +202,7 @@ fn request(args: &InspectArgs, policy: &dyn Policy) -> OpenRequest {
             sensors.push(sensor);
         }
     }
-    let mut request = OpenRequest {
-        policy: policy.name(),
-        task: args.task.clone(),
-        seed: args.seed,
-        sensors,
-        ..OpenRequest::default()
-    };
+    let mut request = OpenRequest { sensors, weights: String::new(), ..base };
     args.session.apply(&mut request);
     if args.real_time {
         request.set_mode(Mode::RealTime);

@@ -90,7 +90,10 @@ fn remarks(state: &State, lines: &mut Lines) {
     let fov = format!("camera: rows from the top, {:.0}° from the left to the right edge", info.image_fov.to_degrees());
     let weights = format!("features, flat: ResNet-18 with the weights {}", info.weights);
     let remarks = [
-        ("proprioception", "proprioception: with noise; joint_position is relative to q0; vectors in the pelvis frame"),
+        (
+            "proprioception",
+            "proprioception: with noise unless it is fixed; joint_position is relative to q0; vectors in the pelvis frame",
+        ),
         ("hand_contact", "hand_contact: force of the bulbs on the right hand's bodies, then the left's, world axes"),
         (
             "limb_contact",

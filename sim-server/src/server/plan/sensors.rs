@@ -13,12 +13,22 @@ const STEP_HZ: f64 = 1.0 / CONTROL_DT;
 /// How often a bag has what its session asks for without a rate, Hz.
 const RECORD_HZ: f64 = 10.0;
 
+/// How a policy senses it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Use {
+    /// In observations, so many steps apart.
+    Every(u64),
+    /// When it looks.
+    Look,
+    /// Not at all: the bag has it.
+    BagOnly,
+}
+
 /// One sensor of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Choice {
     sensor: Sensor,
-    /// Steps from one observation that has it to the next; none where only a look gives it.
-    period: Option<u64>,
+    use_: Use,
     /// Steps from one record to the next, where it is large and in the bag.
     record_period: Option<u64>,
 }
@@ -30,22 +40,27 @@ pub(in crate::server) struct SensorPlan(Vec<Choice>);
 impl SensorPlan {
     /// All of them.
     pub fn all(&self) -> Sensors {
-        self.0.iter().fold(Sensors::NONE, |set, choice| set.with(choice.sensor))
+        self.of(|_| true)
+    }
+
+    /// Those that the policy may look at.
+    pub fn sensed(&self) -> Sensors {
+        self.of(|choice| choice.use_ != Use::BagOnly)
     }
 
     /// Those that the observation of a step has.
     pub fn due(&self, step: u64) -> Sensors {
-        self.at(step, |choice| choice.period)
+        self.of(|choice| matches!(choice.use_, Use::Every(period) if step.is_multiple_of(period)))
     }
 
     /// Those that the bag has of a step: of the large ones those whose turn it is, of the others what is due.
     pub fn recorded(&self, step: u64) -> Sensors {
-        self.due(step).without(Sensors::LARGE).and(self.at(step, |choice| choice.record_period))
+        let is_due = |choice: &Choice| choice.record_period.is_some_and(|period| step.is_multiple_of(period));
+        self.due(step).without(Sensors::LARGE).and(self.of(is_due))
     }
 
-    fn at(&self, step: u64, period: impl Fn(&Choice) -> Option<u64>) -> Sensors {
-        let due = |choice: &&Choice| period(choice).is_some_and(|period| step.is_multiple_of(period));
-        self.0.iter().filter(due).fold(Sensors::NONE, |set, choice| set.with(choice.sensor))
+    fn of(&self, is_in: impl Fn(&Choice) -> bool) -> Sensors {
+        self.0.iter().filter(|choice| is_in(choice)).fold(Sensors::NONE, |set, choice| set.with(choice.sensor))
     }
 
     /// As a client is told.
@@ -53,10 +68,11 @@ impl SensorPlan {
         let hz = |period: u64| STEP_HZ / period as f64;
         let message = |choice: &Choice| v1::Sensor {
             name: choice.sensor.name().into(),
-            rate_hz: choice.period.map_or(0.0, hz),
-            on_request: choice.period.is_none(),
+            rate_hz: if let Use::Every(period) = choice.use_ { hz(period) } else { 0.0 },
+            on_request: choice.use_ == Use::Look,
             recorded: choice.record_period.is_some(),
             record_hz: choice.record_period.map_or(0.0, hz),
+            bag_only: choice.use_ == Use::BagOnly,
         };
         self.0.iter().map(message).collect()
     }
@@ -75,21 +91,31 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
         if choices.iter().any(|choice| choice.sensor == sensor) {
             return wrong(format!("sensor '{name}' is listed twice; list it once, with one rate"));
         }
-        if asked.on_request && asked.rate_hz != 0.0 {
-            return wrong(format!("sensor '{name}' has a rate and is on request; choose one of the two"));
+        let rated = asked.rate_hz != 0.0;
+        if u8::from(asked.on_request) + u8::from(asked.bag_only) + u8::from(rated) > 1 {
+            return wrong(format!("sensor '{name}' has more than one of rate_hz, on_request and bag_only; choose one"));
         }
-        if !asked.recorded && asked.record_hz != 0.0 {
-            return wrong(format!("sensor '{name}' has record_hz but is not recorded; set recorded, or leave it out"));
+        if !asked.recorded && (asked.record_hz != 0.0 || asked.bag_only) {
+            return wrong(format!(
+                "sensor '{name}' is not recorded but has record_hz or bag_only; set recorded, or leave them out"
+            ));
         }
-        let period = if asked.on_request { None } else { Some(period(name, "rate_hz", asked.rate_hz, STEP_HZ)?) };
-        let record_period = (asked.recorded && sensor.is_large())
-            .then(|| self::period(name, "record_hz", asked.record_hz, RECORD_HZ))
-            .transpose()?;
-        choices.push(Choice { sensor, period, record_period });
+        if asked.recorded && !sensor.is_large() {
+            return wrong(format!(
+                "sensor '{name}' is small: the bag has it as often as observations do; leave recorded out"
+            ));
+        }
+        let use_ = match (asked.on_request, asked.bag_only) {
+            (true, _) => Use::Look,
+            (_, true) => Use::BagOnly,
+            _ => Use::Every(period(name, "rate_hz", asked.rate_hz, STEP_HZ)?),
+        };
+        let record_period = asked.recorded.then(|| period(name, "record_hz", asked.record_hz, RECORD_HZ));
+        choices.push(Choice { sensor, use_, record_period: record_period.transpose()? });
     }
-    if choices.is_empty() {
-        let choice = |sensor| Choice { sensor, period: Some(1), record_period: None };
-        choices = Sensors::of_body(task).iter().map(choice).collect();
+    if choices.iter().all(|choice| choice.use_ == Use::BagOnly) {
+        let choice = |sensor| Choice { sensor, use_: Use::Every(1), record_period: None };
+        choices.extend(Sensors::of_body(task).iter().map(choice));
     }
     choices.sort_by_key(|choice| choice.sensor as u16);
     Ok(SensorPlan(choices))
@@ -99,10 +125,12 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
 fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refusal> {
     /// A rate once an episode or so.
     const LEAST_HZ: f64 = 0.01;
+    /// For rates that have no end as decimals.
+    const TOLERANCE: f64 = 1e-3;
     let hz = if hz == 0.0 { otherwise } else { hz };
     if (LEAST_HZ..=STEP_HZ).contains(&hz) {
         let steps = (STEP_HZ / hz).round();
-        if (STEP_HZ / steps - hz).abs() <= 1e-6 * hz {
+        if (STEP_HZ / steps - hz).abs() <= TOLERANCE * hz {
             return Ok(steps as u64);
         }
         let faster = STEP_HZ / (STEP_HZ / hz).floor();
@@ -149,6 +177,26 @@ mod tests {
         assert_eq!((told[2].rate_hz, told[2].record_hz), (1.25, 10.0));
     }
 
+    /// What the bag alone has takes nothing from the policy, and is not its to look at.
+    #[test]
+    fn recording_changes_nothing_for_the_policy() {
+        let camera = v1::Sensor { bag_only: true, recorded: true, ..sensor("camera") };
+        let plan = plan(vec![camera]).expect("valid");
+        let body = Sensors::of_body(Task::S05);
+        assert_eq!((plan.due(0), plan.sensed()), (body, body));
+        assert_eq!((plan.recorded(0), plan.recorded(1)), (body.with(Sensor::Camera), body));
+    }
+
+    /// The rates that a refusal proposes are taken.
+    #[test]
+    fn proposed_rates_are_taken() {
+        for steps in 1..=60 {
+            let rate_hz: f64 = format!("{:.4}", STEP_HZ / f64::from(steps)).parse().expect("a number");
+            let plan = plan(vec![v1::Sensor { rate_hz, ..sensor("lidar") }]).expect("valid");
+            assert!(plan.due(u64::from(2 * steps as u32)).contains(Sensor::Lidar));
+        }
+    }
+
     /// Each refusal names the sensor and the remedy.
     #[test]
     fn refusals() {
@@ -163,8 +211,11 @@ mod tests {
             (vec![with(f64::NAN, 0.0)], "within"),
             (vec![with(f64::INFINITY, 0.0)], "within"),
             (vec![with(0.0, 20.0)], "record_hz of sensor 'lidar' is 20"),
-            (vec![v1::Sensor { on_request: true, ..with(10.0, 0.0) }], "choose one of the two"),
+            (vec![v1::Sensor { on_request: true, ..with(10.0, 0.0) }], "choose one"),
+            (vec![v1::Sensor { on_request: true, bag_only: true, ..sensor("lidar") }], "choose one"),
             (vec![v1::Sensor { record_hz: 5.0, ..sensor("lidar") }], "not recorded"),
+            (vec![v1::Sensor { bag_only: true, ..sensor("lidar") }], "not recorded"),
+            (vec![v1::Sensor { recorded: true, ..sensor("verdict") }], "is small"),
         ];
         for (sensors, message) in cases {
             let refusal = plan(sensors).expect_err(message);

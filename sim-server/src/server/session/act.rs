@@ -206,8 +206,9 @@ impl<R> Session<R> {
             lateness_s: arrival.lateness_s,
         };
         let events = self.take_events(self.run.as_ref().map_or(0, Run::step));
+        let has_recorder = self.has_recorder();
         let Some(run) = &mut self.run else { return };
-        let seen = match recorded(&mut self.senses, &run.episode, &self.plan.sensors, observation) {
+        let seen = match recorded(&mut self.senses, &run.episode, &self.plan.sensors, has_recorder, observation) {
             Ok(seen) => seen,
             Err(error) => return self.close(&in_full(&error), now, out),
         };

@@ -36,8 +36,8 @@ impl<R> Session<R> {
 fn sensors(names: &[String], plan: &SensorPlan) -> Result<Sensors, Refusal> {
     let mut asked = Sensors::NONE;
     for name in names {
-        let sensor = Sensor::by_name(name).filter(|sensor| plan.all().contains(*sensor)).ok_or_else(|| {
-            let known: Vec<_> = plan.all().iter().map(Sensor::name).collect();
+        let sensor = Sensor::by_name(name).filter(|sensor| plan.sensed().contains(*sensor)).ok_or_else(|| {
+            let known: Vec<_> = plan.sensed().iter().map(Sensor::name).collect();
             let message = format!("the session has no sensor '{name}' but {}; name it in open", known.join(", "));
             refusal(Code::Unknown, "sensors", message)
         })?;
@@ -56,12 +56,15 @@ pub(super) fn recorded(
     senses: &mut Senses,
     episode: &Episode,
     sensors: &SensorPlan,
+    has_recorder: bool,
     published: Observation,
 ) -> Result<Seen, SenseError> {
     /// Those that have topics of their own.
     const APART: Sensors = Sensors::of(&[Sensor::Camera, Sensor::Lidar]);
     let step = episode.row().step;
     let wanted = sensors.recorded(step);
+    // Nobody would take what is large.
+    let wanted = if has_recorder { wanted } else { wanted.without(Sensors::LARGE) };
     let observation = match wanted.without(APART) {
         same if same == sensors.due(step) => published,
         others => observe(senses, episode, others)?,

@@ -33,6 +33,11 @@ impl<R> Session<R> {
         waits
     }
 
+    /// Whether somebody takes its truths, or is waited for.
+    pub(super) fn has_recorder(&self) -> bool {
+        self.plan.recorded || self.recording.registered
+    }
+
     pub(super) fn publish_truth(&mut self, mut truth: Truth, now: Duration, out: Sink<'_, R>) {
         let waits = self.plan.recorded && !self.plan.real_time && !self.recording.lost;
         if self.plan.recorded && self.plan.real_time && self.window.is_full() && !self.recording.lost {

@@ -474,7 +474,11 @@ fn bags_have_large_sensors_at_their_own_rate() {
     let camera = Sensor { rate_hz: 10.0, recorded: true, record_hz: 25.0, ..Sensor::from("camera") };
     let lidar = Sensor { rate_hz: 25.0, ..Sensor::from("lidar") };
     let sensors = vec![camera, lidar, Sensor::from("proprioception")];
-    let mut desk = desk(OpenRequest { sensors, image_width: 16, image_height: 16, ..OpenRequest::default() });
+    let asked = OpenRequest { sensors, image_width: 16, image_height: 16, recorded: true, ..OpenRequest::default() };
+    let mut unrecorded = desk(OpenRequest { recorded: false, ..asked.clone() });
+    unrecorded.reset(0);
+    assert!(unrecorded.truth().camera.is_empty(), "nobody would take it");
+    let mut desk = desk(asked);
     desk.reset(0);
     for step in 0..7 {
         let truth = desk.truth();

@@ -153,7 +153,7 @@ fn bulb(c: &BulbConfig) -> Checked {
         "no solid has more than twice bulb.transverse_inertia",
     )?;
     place("bulb.com_z", &[c.com_z])?;
-    ensure(c.outline.len() >= 2, "bulb.outline", &c.outline.len(), "it needs two points or more")?;
+    ensure((2..=256).contains(&c.outline.len()), "bulb.outline", &c.outline.len(), "it needs 2 to 256 points")?;
     for point in &c.outline {
         within("bulb.outline", point, 0.0, 1.0)?;
     }
