@@ -37,6 +37,8 @@ pub struct EvaluateOptions {
     pub workers: usize,
     /// Folder of the weights that a session may name.
     pub weights: Option<PathBuf>,
+    /// Folder of meshes that the robot is drawn with in place of our own shapes.
+    pub meshes: Option<PathBuf>,
     /// What every session is asked for beside policy, task and seed.
     pub session: SessionArgs,
 }
@@ -102,6 +104,9 @@ pub enum EvaluateError {
     /// The robot's file.
     #[error("cannot load the robot")]
     Robot(#[from] fiatlux_robot::RobotError),
+    /// The folder of meshes.
+    #[error("cannot use the meshes of the robot")]
+    Meshes(#[from] fiatlux_render::MeshError),
     /// No Zenoh session within the process.
     #[error("cannot open a Zenoh session within this process")]
     Link(#[from] fiatlux_link::LinkError),
@@ -144,6 +149,7 @@ pub fn evaluate(
         workers: options.workers,
         capacity: jobs.len().max(1),
         weights: options.weights.clone(),
+        meshes: options.meshes.clone(),
         ..ServerOptions::default()
     };
     let todo = done::not_done(&jobs, &bags, options)?;

@@ -40,6 +40,10 @@ pub struct EvaluateArgs {
     /// Prints results.json in place of the table.
     #[arg(long)]
     json: bool,
+    /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj such as those of Unitree's description: pictures
+    /// show them in place of our own shapes. Runs whose policies see such pictures share no ranking with the standard ones.
+    #[arg(long, value_name = "DIR")]
+    meshes: Option<PathBuf>,
     #[command(flatten)]
     session: SessionArgs,
 }
@@ -110,6 +114,7 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
         out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(folder)),
         workers: args.workers.map_or(cores, usize::from),
         weights: session.split_weights(),
+        meshes: args.meshes.clone(),
         session,
     };
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;

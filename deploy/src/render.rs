@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_bag::{Bag, BagError, Completeness};
 use fiatlux_proto::v1::EpisodeHeader;
-use fiatlux_render::{Lighting, Visuals};
+use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
 use fiatlux_robot::{Robot, RobotError};
 use fiatlux_rules::{CONTROL_DT, Row};
 use fiatlux_sim::{RebuildError, light_of, scene_of};
@@ -58,6 +58,8 @@ pub struct RenderOptions {
     pub fps: u32,
     /// Times real time, for how briskly a camera follows.
     pub speed: f64,
+    /// Folder of meshes that the robot is drawn with in place of our own shapes.
+    pub meshes: Option<PathBuf>,
     /// Threads that draw.
     pub workers: NonZeroUsize,
 }
@@ -91,6 +93,9 @@ pub enum RenderError {
     /// The robot's file.
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
+    /// The folder of meshes.
+    #[error("cannot use the meshes of the robot")]
+    Meshes(#[from] MeshError),
     /// A bag's header gives no scene.
     #[error("cannot draw {}", bag.display())]
     Header {
@@ -150,6 +155,7 @@ impl RenderError {
 #[derive(Debug)]
 pub struct Clip {
     options: RenderOptions,
+    meshes: Option<RobotMeshes>,
     episodes: Vec<Episode>,
     warnings: Vec<String>,
 }
@@ -170,15 +176,26 @@ impl Clip {
     /// Reads through the bags and checks the output.
     ///
     /// # Errors
-    /// [`RenderError`]: an output that is there, a bag that cannot be read or drawn, or that has no row in the span.
+    /// [`RenderError`]: an output that is there, meshes that cannot be used, a bag that cannot be read or drawn, or that
+    /// has no row in the span.
     pub fn open(options: RenderOptions) -> Result<Self, RenderError> {
         options.output.check(options.force)?;
+        let robot = Arc::new(Robot::g1_inspire()?);
+        let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
         let mut warnings = Vec::new();
         let mut episodes = Vec::new();
         for path in &options.bags {
-            episodes.push(Episode::open(path, &options, &mut warnings)?);
+            let episode = Episode::open(path, &robot, &options, &mut warnings)?;
+            let drawn_with = meshes.as_ref().map_or("", RobotMeshes::label);
+            if !["", drawn_with].contains(&episode.bag.header().meshes.as_str()) {
+                let path = path.display();
+                warnings.push(format!(
+                    "{path}: its cameras saw other meshes of the robot; name their folder with --meshes"
+                ));
+            }
+            episodes.push(episode);
         }
-        Ok(Self { options, episodes, warnings })
+        Ok(Self { options, meshes, episodes, warnings })
     }
 
     /// The file or folder that it becomes.
@@ -206,7 +223,7 @@ impl Clip {
         let mut sink = Sink::create(output, self.options.force, picture, self.options.fps)?;
         let jobs = |push: &mut dyn FnMut(Job) -> bool| -> Result<(), RenderError> {
             for episode in &self.episodes {
-                if !episode.jobs(&self.options, push)? {
+                if !episode.jobs(&self.options, self.meshes.as_ref(), push)? {
                     break;
                 }
             }
@@ -231,10 +248,15 @@ impl Clip {
 
 impl Episode {
     /// Reads through a bag.
-    fn open(path: &Path, options: &RenderOptions, warnings: &mut Vec<String>) -> Result<Self, RenderError> {
+    fn open(
+        path: &Path,
+        robot: &Arc<Robot>,
+        options: &RenderOptions,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self, RenderError> {
         let bag = Bag::open(path)?;
-        let robot = Arc::new(Robot::g1_inspire()?);
-        let scene = scene_of(bag.header(), robot).map_err(|source| RenderError::Header { bag: path.into(), source })?;
+        let scene = scene_of(bag.header(), Arc::clone(robot))
+            .map_err(|source| RenderError::Header { bag: path.into(), source })?;
         let mut rows = Rows::new(&bag);
         let mut spots = Vec::new();
         let mut beyond = false;
@@ -271,10 +293,15 @@ impl Episode {
     }
 
     /// Hands out its frames; false when no more are wanted.
-    fn jobs(&self, options: &RenderOptions, push: &mut dyn FnMut(Job) -> bool) -> Result<bool, RenderError> {
+    fn jobs(
+        &self,
+        options: &RenderOptions,
+        meshes: Option<&RobotMeshes>,
+        push: &mut dyn FnMut(Job) -> bool,
+    ) -> Result<bool, RenderError> {
         let header = self.bag.header();
         let light = Lighting::of(&light_of(header));
-        let stage = Arc::new(Stage { visuals: Visuals::new(&self.scene), light });
+        let stage = Arc::new(Stage { visuals: Visuals::with_robot(&self.scene, meshes), light });
         let samples = self.samples(options);
         let subject = Subject {
             scene: &self.scene,

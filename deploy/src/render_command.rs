@@ -71,6 +71,10 @@ pub struct RenderArgs {
     /// Threads that draw [default: one a core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64))]
     workers: Option<u8>,
+    /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj such as those of Unitree's description, to show
+    /// in place of our own shapes.
+    #[arg(long, value_name = "DIR")]
+    meshes: Option<PathBuf>,
     /// Replaces a file or a folder of frames of that name.
     #[arg(long)]
     force: bool,
@@ -243,6 +247,7 @@ fn options(args: &RenderArgs, kind: Kind, output: Output, stride: u64) -> Render
         at_s: args.at,
         fps: args.fps,
         speed: args.speed,
+        meshes: args.meshes.clone(),
         workers: if kind == Kind::Still { NonZeroUsize::MIN } else { workers(args).unwrap_or(cores) },
     }
 }

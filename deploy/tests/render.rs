@@ -149,6 +149,7 @@ fn options(bag: &Path, output: Output) -> RenderOptions {
         at_s: None,
         fps: 50,
         speed: 1.0,
+        meshes: None,
         workers: NonZeroUsize::MIN,
     }
 }

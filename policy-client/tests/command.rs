@@ -35,7 +35,7 @@ fn wrong_usage_exits_with_2_and_says_what_is_right() {
         (&["run", "--policy", "zero", "--task", "S01", "--set", "fragility"], "write NAME=VALUE"),
         (&["run", "--policy", "zero", "--task", "S01", "--episodes", "0"], "--episodes"),
         (&["inspect", "--task", "S05", "--policy", "walk"], "use one of zero, random, hold, stand, replay:BAG"),
-        (&["inspect", "--task", "S05", "--out", "src"], "folder src is not empty; name another one with --out"),
+        (&["inspect", "--task", "S05", "--out", "src"], "folder src holds other files; name another one with --out"),
         (&["inspect", "--task", "S05", "--seconds", "0"], "write seconds, such as 10"),
         (&[], "Usage: policy-client"),
     ];

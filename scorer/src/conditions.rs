@@ -29,6 +29,10 @@ pub struct Conditions {
     /// Label of the weights of the camera's features; empty without features.
     #[serde(default)]
     pub weights: String,
+    /// Label of the user's own meshes that pictures show the robot with; empty with our shapes, and where no sensor sees
+    /// them.
+    #[serde(default)]
+    pub meshes: String,
     /// What ended the episodes, where that was the session's own choice; else empty, and it was the task's.
     pub end_on_overridden: Vec<String>,
     /// Whether thresholds, gains, noise and ends are those of the standard protocol. Other runs have no place in a
@@ -59,7 +63,8 @@ pub(crate) fn compared(header: &v1::EpisodeHeader) -> Vec<(String, String)> {
         ("fixed", listed(&fixed(header))),
         ("prop_scale", prop_scale(header)),
         ("sensors", listed(&sensors(header))),
-        ("weights", quoted(&header.weights)),
+        ("weights", quoted(weights(header))),
+        ("meshes", quoted(meshes(header))),
         ("end_on", end_on),
         ("model_digest", quoted(&header.model_digest)),
         ("scene_digest", quoted(&header.scene_digest)),
@@ -87,13 +92,22 @@ impl Conditions {
         if hands(header) != "inspire" {
             deviations.push(format!("hands are {}", quoted(hands(header))));
         }
-        deviations.extend(fixed(header).into_iter().map(|what| format!("{what} is fixed")));
+        deviations.extend(fixed(header).into_iter().map(|what| match what {
+            "sensors" => "sensors are exact".into(),
+            what => format!("{what} is fixed"),
+        }));
         if prop_scale(header) != PUBLISHED {
             deviations.push(format!("sizes of props are {}", prop_scale(header)));
         }
+        if !header.scene_config.is_empty() {
+            deviations.push("the scene is not the published one".into());
+        }
         let beyond = ["privileged", "verdict"];
-        let seen = header.sensors.iter().filter(|sensor| beyond.contains(&sensor.name.as_str()));
+        let seen = header.sensors.iter().filter(|sensor| !sensor.bag_only && beyond.contains(&sensor.name.as_str()));
         deviations.extend(seen.map(|sensor| format!("the policy could sense {}", sensor.name)));
+        if !meshes(header).is_empty() {
+            deviations.push("the robot is drawn with meshes of the user's own".into());
+        }
         if header.end_on_overridden {
             deviations.push(format!("episodes ended on {}", listed(&header.end_on)));
         }
@@ -114,7 +128,8 @@ impl Conditions {
             fixed: fixed(header).into_iter().map(str::to_owned).collect(),
             prop_scale: prop_scale(header),
             sensors: sensors(header),
-            weights: header.weights.clone(),
+            weights: weights(header).into(),
+            meshes: meshes(header).into(),
             end_on_overridden: if header.end_on_overridden { header.end_on.clone() } else { Vec::new() },
             standard: deviations.is_empty(),
             deviations,
@@ -181,7 +196,31 @@ fn sensors(header: &v1::EpisodeHeader) -> Vec<String> {
         v1::Sensor { on_request: true, .. } => "look".into(),
         v1::Sensor { rate_hz, .. } => format!("{rate_hz}"),
     };
-    header.sensors.iter().map(|sensor| format!("{}@{}", sensor.name, rate(sensor))).collect()
+    let sensed = header.sensors.iter().filter(|sensor| !sensor.bag_only);
+    let mut sensors: Vec<String> = sensed.map(|sensor| format!("{}@{}", sensor.name, rate(sensor))).collect();
+    if sees(header) {
+        sensors.push(format!("image {}x{}", header.image_width, header.image_height));
+    }
+    sensors
+}
+
+/// The label of the weights, where the policy could sense what they make of an image.
+fn weights(header: &v1::EpisodeHeader) -> &str {
+    if senses(header, &["features", "flat"]) { &header.weights } else { "" }
+}
+
+/// The label of the meshes, where the session had a sensor that sees them.
+fn meshes(header: &v1::EpisodeHeader) -> &str {
+    if sees(header) { &header.meshes } else { "" }
+}
+
+/// Whether the policy could sense what is made of the camera's image.
+fn sees(header: &v1::EpisodeHeader) -> bool {
+    senses(header, &["camera", "features", "flat"])
+}
+
+fn senses(header: &v1::EpisodeHeader, any_of: &[&str]) -> bool {
+    header.sensors.iter().any(|sensor| !sensor.bag_only && any_of.contains(&sensor.name.as_str()))
 }
 
 fn listed(names: &[impl AsRef<str>]) -> String {
@@ -190,4 +229,68 @@ fn listed(names: &[impl AsRef<str>]) -> String {
 
 fn quoted(text: &str) -> String {
     format!("'{text}'")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn new(header: v1::EpisodeHeader) -> Conditions {
+        Conditions::new(&header, &Thresholds::default(), &[], false)
+    }
+
+    /// What varies, what props are like and what is sensed are conditions; what the bag alone has is none.
+    #[test]
+    fn sessions_that_differ_are_told_apart() {
+        let header = || v1::EpisodeHeader { sensors: vec!["proprioception".into()], ..v1::EpisodeHeader::default() };
+        let standard = new(header());
+        assert!(standard.standard, "{:?}", standard.deviations);
+        let random = |random: v1::Randomization| v1::EpisodeHeader { randomization: Some(random), ..header() };
+        let default = v1::Randomization::default();
+        let sized = v1::PropScale { ladder_z: 1.05, ..v1::PropScale::default() };
+        let request = v1::OpenRequest { prop_scale: Some(sized), ..v1::OpenRequest::default() };
+        let sensing = |sensor: v1::Sensor| v1::EpisodeHeader { sensors: vec![sensor], ..header() };
+        let cases = [
+            (random(v1::Randomization { fixed_start: true, ..default }), "start is fixed"),
+            (random(v1::Randomization { fixed_layout: true, ..default }), "layout is fixed"),
+            (random(v1::Randomization { exact_sensors: true, ..default }), "sensors are exact"),
+            (random(v1::Randomization { prop_scale: true, ..default }), "sizes of props are random"),
+            (v1::EpisodeHeader { request: Some(request), ..header() }, "sizes of props are ladder_z 1.05"),
+            (v1::EpisodeHeader { scene_config: "[bench]".into(), ..header() }, "the scene is not the published one"),
+            (sensing("verdict".into()), "the policy could sense verdict"),
+        ];
+        for (other, deviation) in cases {
+            let conditions = new(other);
+            assert!(!conditions.standard && conditions.deviations == [deviation], "{:?}", conditions.deviations);
+        }
+        let camera = |width| v1::EpisodeHeader { image_width: width, image_height: 256, ..sensing("camera".into()) };
+        assert_ne!(compared(&camera(256)), compared(&camera(512)), "the image's size");
+        assert!(new(camera(512)).standard);
+        let lidar = |rate_hz| sensing(v1::Sensor { rate_hz, ..v1::Sensor::from("lidar") });
+        assert_ne!(compared(&lidar(10.0)), compared(&lidar(50.0)), "the rate");
+        let in_bag = v1::Sensor { bag_only: true, recorded: true, ..v1::Sensor::from("camera") };
+        let mut recorded = header();
+        recorded.sensors.push(in_bag);
+        assert_eq!(compared(&recorded), compared(&header()), "what the bag alone has");
+    }
+
+    /// Other meshes are other conditions for a policy that sees pictures of them, and for no other.
+    #[test]
+    fn meshes_count_where_they_are_seen() {
+        let header = |sensor: &str, meshes: &str| v1::EpisodeHeader {
+            sensors: vec!["proprioception".into(), sensor.into()],
+            meshes: meshes.into(),
+            ..v1::EpisodeHeader::default()
+        };
+        for sensor in ["camera", "features", "flat"] {
+            assert_ne!(compared(&header(sensor, "meshes:1")), compared(&header(sensor, "meshes:2")), "{sensor}");
+            assert_ne!(compared(&header(sensor, "meshes:1")), compared(&header(sensor, "")), "{sensor}");
+            let conditions = new(header(sensor, "meshes:1"));
+            assert_eq!(conditions.deviations, ["the robot is drawn with meshes of the user's own"]);
+            assert!(!conditions.standard && conditions.meshes == "meshes:1");
+            assert!(new(header(sensor, "")).standard);
+        }
+        assert_eq!(compared(&header("lidar", "meshes:1")), compared(&header("lidar", "")));
+        assert!(new(header("lidar", "meshes:1")).standard);
+    }
 }

@@ -39,6 +39,10 @@ pub struct DaemonArgs {
     /// Folder of safetensors files with weights of ResNet-18; a session names one of them for the camera's features.
     #[arg(long, value_name = "DIR")]
     weights: Option<PathBuf>,
+    /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj such as those of Unitree's description: pictures
+    /// show them in place of our own shapes. Runs whose policies see such pictures share no ranking with the standard ones.
+    #[arg(long, value_name = "DIR")]
+    meshes: Option<PathBuf>,
     #[command(flatten)]
     link: LinkArgs,
 }
@@ -64,6 +68,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
         action_timeout: args.action_timeout,
         scene,
         weights: args.weights,
+        meshes: args.meshes,
         ..ServerOptions::default()
     };
     options.workers = args.workers.unwrap_or(options.workers);

@@ -42,5 +42,5 @@ pub(crate) fn recorded_header(
     let gains = robot.gains(plan.gains);
     let scene = fiatlux_world::Scene::build(config, robot, spec.scene(gains)).expect("a scene");
     let episode = fiatlux_world::Episode::start(std::sync::Arc::new(scene), &spec).expect("it starts");
-    (info::header("lab", "1", &plan, "", &episode), episode)
+    (info::header("lab", "1", &plan, info::Labels::default(), &episode), episode)
 }

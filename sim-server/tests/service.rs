@@ -271,6 +271,31 @@ fn a_server_says_what_it_is_and_refuses_what_it_is_not() {
     server.shutdown(Duration::from_millis(100));
 }
 
+/// A server with meshes of the robot names them to clients and recorders; with a folder that holds none it does not start.
+#[test]
+fn meshes_of_the_robot_are_named() {
+    let folder = std::env::temp_dir().join(format!("fiatlux-service-meshes-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let options = || ServerOptions { meshes: Some(folder.clone()), ..options() };
+    let (zenoh, server) = start(ServerOptions { meshes: None, ..options() });
+    let refused = Server::start(zenoh.clone(), ServerOptions { name: "other".into(), ..options() });
+    assert!(matches!(refused, Err(ServerError::Meshes(_))));
+    assert_eq!(Client::open(&zenoh, &request("S07")).info.meshes, "");
+    server.shutdown(Duration::ZERO);
+
+    // Head, number of triangles, normal, corners, attribute.
+    let corners = [0.0_f32, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1, 0.0].map(f32::to_le_bytes);
+    let file = [&[0; 80][..], &[1, 0, 0, 0], &[0; 12], corners.as_flattened(), &[0; 2]].concat();
+    std::fs::write(folder.join("left_knee_link.STL"), file).unwrap();
+    let (zenoh, server) = start(options());
+    let client = Client::open(&zenoh, &request("S07"));
+    client.reset(0).unwrap();
+    let header = client.truths(0, 1).remove(0).header.unwrap();
+    assert!(header.meshes.starts_with("meshes:") && header.meshes == client.info.meshes, "{}", header.meshes);
+    server.shutdown(Duration::ZERO);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 /// The same bytes over a network as in one process, and a client that vanishes is noticed.
 #[test]
 fn an_episode_over_tcp() {

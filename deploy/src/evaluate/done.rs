@@ -4,6 +4,7 @@ use std::path::Path;
 
 use fiatlux_bag::{Bag, BagError, Completeness, part_of};
 use fiatlux_proto::v1::{EpisodeHeader, OpenRequest};
+use fiatlux_render::RobotMeshes;
 use fiatlux_robot::Robot;
 use fiatlux_world::SceneConfig;
 
@@ -13,9 +14,13 @@ use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
 /// are removed: their episodes are played again. Two builds of one version are taken for the same.
 ///
 /// # Errors
-/// A bag of another policy, another session or another version of the protocol: its place is not taken.
+/// A bag of another policy, another session or another version of the protocol, or with other meshes: its place is not
+/// taken. Meshes that cannot be used.
 pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Vec<Job>, EvaluateError> {
-    let world = Digests { model: Robot::g1_inspire()?.digest().into(), scene: SceneConfig::default().digest() };
+    let robot = Robot::g1_inspire()?;
+    let world = Digests { model: robot.digest().into(), scene: SceneConfig::default().digest() };
+    let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
+    let meshes = meshes.as_ref().map_or("", RobotMeshes::label);
     let remove = |path: &Path| std::fs::remove_file(path).map_err(|error| folder(path, error));
     let mut kept = Vec::new();
     for &job in jobs {
@@ -26,7 +31,7 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
         }
         match Bag::open(&path) {
             Ok(bag) => {
-                check_same(bag.header(), &path, &options.request(job)?)?;
+                check_same(bag.header(), &path, &options.request(job)?, meshes)?;
                 if is_current(&bag, &world) { kept.push(job) } else { remove(&path)? }
             }
             Err(error @ BagError::Version { .. }) => {
@@ -48,14 +53,16 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
 }
 
 /// Refuses a bag that is not of the session that is asked for.
-fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest) -> Result<(), EvaluateError> {
+fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest, meshes: &str) -> Result<(), EvaluateError> {
     let Some(found) = &header.request else {
         return Err(folder(path, "it does not say what it is an episode of; name another folder with --out"));
     };
-    if found == wanted {
+    if found == wanted && header.meshes == meshes {
         return Ok(());
     }
-    let what = if found.policy == wanted.policy {
+    let what = if found == wanted {
+        "an episode with other meshes of the robot".into()
+    } else if found.policy == wanted.policy {
         "an episode of another session: other sensors, gains, thresholds or the like".into()
     } else {
         format!("an episode with policy '{}', not '{}'", found.policy, wanted.policy)

@@ -1,7 +1,8 @@
-//! Writes pictures of some start states: a view from beside, and what the head camera sees.
+//! Writes pictures of some start states: a view from beside, and what the head camera sees; with a second folder, of the
+//! robot in its meshes.
 //!
 //! ```text
-//! cargo run --release -p fiatlux-render --example stills -- OUT_DIR
+//! cargo run --release -p fiatlux-render --example stills -- OUT_DIR [MESHES]
 //! ```
 //!
 //! The first of them, `robot_on_ladder.png`, is the one in `docs/`.
@@ -10,7 +11,7 @@ use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 
-use fiatlux_render::{Camera, HEAD_PIXELS, Image, Lighting, Renderer, Visuals};
+use fiatlux_render::{Camera, HEAD_PIXELS, Image, Lighting, Renderer, RobotMeshes, Visuals};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, start};
@@ -54,13 +55,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let out = Path::new(&out);
     std::fs::create_dir_all(out)?;
     let robot = Arc::new(Robot::g1_inspire()?);
+    let meshes = std::env::args().nth(2).map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
     let mut large = Renderer::supersampled(1280, 960, 3);
     let mut eye = Renderer::new(HEAD_PIXELS, HEAD_PIXELS);
     for still in STILLS {
         let spec = SceneSpec::new(SceneKind::of(still.task), still.seed, robot.gains(GainSet::Fiatlux));
         let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
         let world = start(Arc::clone(&scene), still.task, 0, &StartOptions::default())?;
-        let (row, visuals) = (world.row(), Visuals::new(&scene));
+        let (row, visuals) = (world.row(), Visuals::with_robot(&scene, meshes.as_ref()));
 
         let heading = row.robot.pose.rotation * Vector3::x();
         let yaw = libm::atan2(heading.y, heading.x);

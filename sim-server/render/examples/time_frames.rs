@@ -1,7 +1,7 @@
-//! Milliseconds a frame of the head camera on one core, from a few start states.
+//! Milliseconds a frame of the head camera on one core, from a few start states; with a folder, of the robot in its meshes.
 //!
 //! ```text
-//! cargo run --release -p fiatlux-render --example time_frames
+//! cargo run --release -p fiatlux-render --example time_frames -- [MESHES]
 //! ```
 
 use std::error::Error;
@@ -9,7 +9,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
-use fiatlux_render::{Camera, HEAD_PIXELS, Lighting, Renderer, Visuals};
+use fiatlux_render::{Camera, HEAD_PIXELS, Lighting, Renderer, RobotMeshes, Visuals};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, start};
@@ -18,6 +18,11 @@ const FRAMES: usize = 200;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let robot = Arc::new(Robot::g1_inspire()?);
+    let begun = Instant::now();
+    let meshes = std::env::args().nth(1).map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
+    if let Some(meshes) = &meshes {
+        println!("{} links have meshes, read in {:.2} s", meshes.links().count(), begun.elapsed().as_secs_f64());
+    }
     let light = Lighting::default();
     let mut renderer = Renderer::new(HEAD_PIXELS, HEAD_PIXELS);
     println!("{:24} {:>8} {:>8} {:>8}", "case", "min ms", "p50 ms", "p90 ms");
@@ -32,7 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let spec = SceneSpec::new(SceneKind::of(task), seed, robot.gains(GainSet::Fiatlux));
         let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
         let world = start(Arc::clone(&scene), task, 0, &StartOptions::default())?;
-        let visuals = Visuals::new(&scene);
+        let visuals = Visuals::with_robot(&scene, meshes.as_ref());
         let mut times: Vec<f64> = (0..FRAMES)
             .map(|_| {
                 let begun = Instant::now();

@@ -1,3 +1,6 @@
+use std::io;
+use std::path::{Path, PathBuf};
+
 use fiatlux_robot::RobotError;
 use thiserror::Error;
 
@@ -18,4 +21,64 @@ pub enum RenderError {
     /// The image does not fit a PNG file.
     #[error("cannot write the image as PNG")]
     Png(#[from] png::EncodingError),
+}
+
+/// Why the meshes of a folder cannot be used.
+#[derive(Debug, Error)]
+pub enum MeshError {
+    /// The folder cannot be listed.
+    #[error("cannot list the folder {}; name one with an STL or OBJ file for each link", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+    /// No file is named after a link.
+    #[error(
+        "no file in {} is named after a link of robot '{robot}'; expected names such as {expected}",
+        folder.display()
+    )]
+    NoLink {
+        /// The folder.
+        folder: PathBuf,
+        /// Name of the robot.
+        robot: String,
+        /// Some names that fit.
+        expected: String,
+    },
+    /// Two files are for the same link.
+    #[error("{} and {} in {} are both for link '{link}'; leave one of them", files[0], files[1], folder.display())]
+    Twice {
+        /// The folder.
+        folder: PathBuf,
+        /// The link.
+        link: String,
+        /// Names of the files.
+        files: [String; 2],
+    },
+    /// A file cannot be read.
+    #[error("cannot read {}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+    /// A file's content is no mesh of a link.
+    #[error("cannot use {}: {problem}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+}
+
+impl MeshError {
+    pub(crate) fn content(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Content { path: path.into(), problem: problem.into() }
+    }
 }

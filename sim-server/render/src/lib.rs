@@ -1,9 +1,9 @@
 //! Pictures of the benchmark's scene: the robot's head camera and views for people, drawn on the CPU without any graphics
-//! driver. Meshes are made once per scene from our own shapes; one frame is rasterised, lit by a dome and a key light with
-//! a shadow map, and comes out as the same bytes each time.
+//! driver. Meshes are made once per scene from our own shapes, those of the robot's links also from a folder of the user's;
+//! one frame is rasterised, lit by a dome and a key light with a shadow map, and comes out as the same bytes each time.
 //!
 //! ```text
-//! Scene -> Visuals        meshes, once
+//! Scene, RobotMeshes -> Visuals        meshes, once
 //! Row, Camera, Lighting -> Renderer::render -> Image
 //! ```
 //!
@@ -19,6 +19,7 @@ mod occlusion;
 mod paint;
 mod raster;
 mod renderer;
+mod robot_meshes;
 mod shade;
 mod shadow;
 mod tone;
@@ -26,8 +27,9 @@ mod view;
 mod visuals;
 
 pub use camera::{Camera, HEAD_PIXELS, head_fov};
-pub use error::RenderError;
+pub use error::{MeshError, RenderError};
 pub use image::Image;
 pub use lighting::Lighting;
 pub use renderer::Renderer;
+pub use robot_meshes::RobotMeshes;
 pub use visuals::Visuals;

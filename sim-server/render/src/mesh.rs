@@ -1,6 +1,8 @@
 //! Triangle meshes.
 
+mod decimate;
 pub(crate) mod solids;
+pub(crate) mod surface;
 
 use fiatlux_world::ShapeOwner;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -41,6 +43,8 @@ pub(crate) struct Mesh {
     pub positions: Vec<[f32; 3]>,
     pub normals: Vec<[f32; 3]>,
     pub triangles: Vec<Triangle>,
+    /// So many of the triangles, from the first, throw a shadow; the others are the insides of a surface that is not closed.
+    pub casting: usize,
     /// Bounding sphere.
     pub center: Vector3<f64>,
     pub radius: f64,
@@ -57,6 +61,7 @@ impl Mesh {
             positions: Vec::new(),
             normals: Vec::new(),
             triangles: Vec::new(),
+            casting: usize::MAX,
             center: Vector3::zeros(),
             radius: 0.0,
             casts: !matches!(owner, ShapeOwner::Floor | ShapeOwner::Room),
@@ -91,6 +96,11 @@ impl Mesh {
     pub(crate) fn quad(&mut self, [a, b, c, d]: [u32; 4], paint: Paint) {
         self.triangle([a, b, c], paint);
         self.triangle([a, c, d], paint);
+    }
+
+    /// The triangles that throw a shadow.
+    pub(crate) fn casters(&self) -> &[Triangle] {
+        &self.triangles[..self.casting.min(self.triangles.len())]
     }
 
     /// Sets the bounding sphere; to be called when all parts are in.

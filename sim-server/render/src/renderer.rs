@@ -250,7 +250,7 @@ impl Renderer {
             let shadow = &self.shadow;
             self.casters.clear();
             self.casters.extend(mesh.positions.iter().map(|p| shadow.corner_of(turn.point(*p))));
-            for triangle in &mesh.triangles {
+            for triangle in mesh.casters() {
                 let corners = triangle.vertices.map(|i| self.casters[i as usize]);
                 self.shadow.draw(corners);
             }

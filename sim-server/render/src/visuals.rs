@@ -4,7 +4,7 @@ mod bulb;
 mod fixture;
 mod g1;
 mod ladder;
-mod robot;
+pub(crate) mod robot;
 mod room;
 
 use std::sync::Arc;
@@ -15,29 +15,35 @@ use fiatlux_rules::{Bulb, Row};
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
+use crate::RobotMeshes;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
-/// The meshes of a scene, made from its shapes and sizes. Constant: one serves any number of renderers.
+/// The meshes of a scene, made from its shapes and sizes, and those of the user's own. Constant: one serves any number of renderers.
 #[derive(Debug, Clone)]
 pub struct Visuals {
     robot: Arc<Robot>,
     /// Fine and coarse meshes of the same things in the same order.
-    fine: Vec<Mesh>,
-    coarse: Vec<Mesh>,
+    fine: Vec<Arc<Mesh>>,
+    coarse: Vec<Arc<Mesh>>,
 }
 
 impl Visuals {
-    /// Makes the meshes.
+    /// Makes the meshes, all from our own shapes.
     pub fn new(scene: &Scene) -> Self {
+        Self::with_robot(scene, None)
+    }
+
+    /// Makes the meshes. Links that `robot` has a mesh for are drawn with it; it must be opened for the scene's robot.
+    pub fn with_robot(scene: &Scene, robot: Option<&RobotMeshes>) -> Self {
         Self {
             robot: Arc::clone(&scene.robot),
-            fine: meshes(scene, Detail::Fine),
-            coarse: meshes(scene, Detail::Coarse),
+            fine: meshes(scene, robot, Detail::Fine),
+            coarse: meshes(scene, robot, Detail::Coarse),
         }
     }
 
-    pub(crate) fn meshes(&self, detail: Detail) -> &[Mesh] {
+    pub(crate) fn meshes(&self, detail: Detail) -> &[Arc<Mesh>] {
         match detail {
             Detail::Fine => &self.fine,
             Detail::Coarse => &self.coarse,
@@ -57,7 +63,7 @@ impl Visuals {
     }
 }
 
-fn meshes(scene: &Scene, detail: Detail) -> Vec<Mesh> {
+fn meshes(scene: &Scene, robot: Option<&RobotMeshes>, detail: Detail) -> Vec<Arc<Mesh>> {
     let mut meshes = vec![room::floor(scene, detail), room::walls(scene, detail)];
     meshes.push(furniture(scene, ShapeOwner::Bench, detail));
     meshes.push(furniture(scene, ShapeOwner::Crate, detail));
@@ -65,9 +71,10 @@ fn meshes(scene: &Scene, detail: Detail) -> Vec<Mesh> {
     meshes.push(ladder::ladder(scene, detail));
     meshes.push(bulb::bulb(scene, Bulb::Old, detail));
     meshes.push(bulb::bulb(scene, Bulb::Fresh, detail));
-    meshes.extend(robot::links(&scene.robot, detail));
+    let mut meshes: Vec<_> = meshes.into_iter().map(|mesh| Arc::new(mesh.finished())).collect();
+    meshes.extend(robot::links(&scene.robot, robot, detail));
     meshes.retain(|mesh| !mesh.triangles.is_empty());
-    meshes.into_iter().map(Mesh::finished).collect()
+    meshes
 }
 
 /// The shapes of an owner.

@@ -67,8 +67,22 @@ pub fn joints(scene: &Scene) -> Vec<Joint> {
     joints.map(joint).collect()
 }
 
+/// What pictures and features are made with, beside the scene; empty where there is nothing to name.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Labels<'a> {
+    pub weights: &'a str,
+    pub meshes: &'a str,
+}
+
 /// Of a session.
-pub(super) fn session(server: &str, id: &str, plan: &Plan, weights: &str, scene: &Scene, times: &Times) -> SessionInfo {
+pub(super) fn session(
+    server: &str,
+    id: &str,
+    plan: &Plan,
+    labels: Labels<'_>,
+    scene: &Scene,
+    times: &Times,
+) -> SessionInfo {
     SessionInfo {
         protocol: Some(PROTOCOL),
         server: server.into(),
@@ -88,7 +102,8 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, weights: &str, scene:
         image_width: plan.image_size[0] as u32,
         image_height: plan.image_size[1] as u32,
         image_fov: head_fov(),
-        weights: weights.into(),
+        weights: labels.weights.into(),
+        meshes: labels.meshes.into(),
         randomization: Some(plan.request.randomization.unwrap_or_default()),
         reward: plan.reward_name().into(),
         flat_terms: if plan.sensors.all().contains(Sensor::Flat) { flat_terms(plan.task) } else { Vec::new() },
@@ -107,7 +122,7 @@ fn flat_terms(task: Task) -> Vec<FlatTerm> {
 }
 
 /// Of an episode.
-pub(super) fn header(server: &str, id: &str, plan: &Plan, weights: &str, episode: &Episode) -> EpisodeHeader {
+pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, episode: &Episode) -> EpisodeHeader {
     let scene = episode.scene();
     let robot = &scene.robot;
     EpisodeHeader {
@@ -127,7 +142,8 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, weights: &str, episode
         sensors: plan.sensors.messages(),
         image_width: plan.image_size[0] as u32,
         image_height: plan.image_size[1] as u32,
-        weights: weights.into(),
+        weights: labels.weights.into(),
+        meshes: labels.meshes.into(),
         end_on: episode.judge().ends_on().iter().map(|cause| cause.name().to_owned()).collect(),
         thresholds: plan.thresholds.entries().map(|(name, value)| (name.to_owned(), value)).collect(),
         // Numbers and lists of them always have a form in JSON.

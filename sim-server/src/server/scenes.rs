@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use fiatlux_proto::Message;
-use fiatlux_render::Visuals;
+use fiatlux_render::{RobotMeshes, Visuals};
 use fiatlux_robot::Robot;
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneSpec};
 
@@ -21,17 +21,25 @@ pub(super) struct Built {
     pub shapes: Arc<[u8]>,
     /// Its meshes, once a camera has asked for them.
     visuals: Arc<OnceLock<Arc<Visuals>>>,
+    /// Those of the user's own.
+    meshes: Option<Arc<RobotMeshes>>,
 }
 
 impl Built {
-    fn new(scene: Arc<Scene>) -> Self {
+    fn new(scene: Arc<Scene>, meshes: Option<Arc<RobotMeshes>>) -> Self {
         let shapes = crate::show::scene_update(&scene).encode_to_vec().into();
-        Self { scene, shapes, visuals: Arc::default() }
+        Self { scene, shapes, visuals: Arc::default(), meshes }
     }
 
     /// The scene's meshes.
     pub fn visuals(&self) -> Arc<Visuals> {
-        Arc::clone(self.visuals.get_or_init(|| Arc::new(Visuals::new(&self.scene))))
+        let make = || Arc::new(Visuals::with_robot(&self.scene, self.meshes.as_deref()));
+        Arc::clone(self.visuals.get_or_init(make))
+    }
+
+    /// Label of the meshes of the user's own; empty without.
+    pub fn meshes(&self) -> &str {
+        self.meshes.as_ref().map_or("", |meshes| meshes.label())
     }
 
     /// The same scene with other friction of the hands, which nobody sees.
@@ -50,13 +58,14 @@ impl Built {
 pub(super) struct Scenes {
     config: SceneConfig,
     robot: Arc<Robot>,
+    meshes: Option<Arc<RobotMeshes>>,
     /// The last used is the last.
     kept: Mutex<VecDeque<Built>>,
 }
 
 impl Scenes {
-    pub fn new(config: SceneConfig, robot: Arc<Robot>) -> Self {
-        Self { config, robot, kept: Mutex::default() }
+    pub fn new(config: SceneConfig, robot: Arc<Robot>, meshes: Option<Arc<RobotMeshes>>) -> Self {
+        Self { config, robot, meshes, kept: Mutex::default() }
     }
 
     pub fn robot(&self) -> &Robot {
@@ -70,7 +79,8 @@ impl Scenes {
             return Ok(built);
         }
         // Two sessions may build the same scene at once; that costs time only.
-        let built = Built::new(Arc::new(Scene::build(&self.config, Arc::clone(&self.robot), spec)?));
+        let scene = Arc::new(Scene::build(&self.config, Arc::clone(&self.robot), spec)?);
+        let built = Built::new(scene, self.meshes.clone());
         let mut kept = lock(&self.kept);
         if kept.len() >= KEPT {
             kept.pop_front();

@@ -138,7 +138,11 @@ impl<R> Session<R> {
 
     /// What the client is told of it.
     pub fn info(&self) -> SessionInfo {
-        info::session(&self.server, &self.id, &self.plan, &self.weights, &self.built.scene, &self.times)
+        info::session(&self.server, &self.id, &self.plan, self.labels(), &self.built.scene, &self.times)
+    }
+
+    fn labels(&self) -> info::Labels<'_> {
+        info::Labels { weights: &self.weights, meshes: self.built.meshes() }
     }
 
     /// Nothing is lost when the server stops now.
@@ -276,7 +280,7 @@ impl<R> Session<R> {
         };
         let bytes = observation.encode_to_vec();
         reset_replied(to, observation, out);
-        let header = info::header(&self.server, &self.id, &self.plan, &self.weights, &episode);
+        let header = info::header(&self.server, &self.id, &self.plan, self.labels(), &episode);
         self.events.clear();
         self.refused = 0;
         let (record, truth) = Record::start(&episode, header, self.built.shapes.to_vec(), seen);

@@ -11,6 +11,7 @@ use fiatlux_proto::keys::{self, ServerKeys};
 use fiatlux_proto::v1::refusal::Code;
 use fiatlux_proto::v1::{CloseReply, LookReply, OpenReply, ResetReply, look_reply, open_reply, reset_reply};
 use fiatlux_proto::{Message, limits};
+use fiatlux_render::{MeshError, RobotMeshes};
 use fiatlux_robot::{Robot, RobotError};
 use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
@@ -57,6 +58,8 @@ pub struct ServerOptions {
     pub scene: SceneConfig,
     /// Folder of the weights that sessions may name for the camera's features.
     pub weights: Option<PathBuf>,
+    /// Folder of meshes that the robot is drawn with in place of our own shapes; it is read once, at the start.
+    pub meshes: Option<PathBuf>,
 }
 
 impl Default for ServerOptions {
@@ -71,6 +74,7 @@ impl Default for ServerOptions {
             recorder_timeout: Duration::from_secs_f64(limits::RECORDER_TIMEOUT_S),
             scene: SceneConfig::default(),
             weights: None,
+            meshes: None,
         }
     }
 }
@@ -96,6 +100,9 @@ pub enum ServerError {
     /// The scene config.
     #[error("cannot use the scene config")]
     Scene(#[from] SceneError),
+    /// The folder of meshes.
+    #[error("cannot use the meshes of the robot")]
+    Meshes(#[from] MeshError),
     /// Zenoh refused a key.
     #[error("Zenoh refuses {key}: {reason}; is its session still open?")]
     Zenoh {
@@ -128,8 +135,8 @@ impl Server {
     /// Starts a server on a Zenoh session, which stays the caller's.
     ///
     /// # Errors
-    /// [`ServerError`]: a name that does not fit or is taken, a scene config that makes no scene, or what Zenoh or the
-    /// system refuse.
+    /// [`ServerError`]: a name that does not fit or is taken, a scene config that makes no scene, a folder of meshes that
+    /// cannot be used, or what Zenoh or the system refuse.
     pub fn start(zenoh: Zenoh, options: ServerOptions) -> Result<Self, ServerError> {
         if !keys::is_name(&options.name) {
             return Err(ServerError::Name(options.name));
@@ -141,6 +148,7 @@ impl Server {
         }
         options.scene.check()?;
         let robot = Arc::new(Robot::g1_inspire()?);
+        let meshes = options.meshes.map(|folder| RobotMeshes::open(folder, &robot)).transpose()?.map(Arc::new);
         let server_keys = ServerKeys::new(&options.name);
         if is_taken(&zenoh, &server_keys.alive())? {
             return Err(ServerError::Taken(options.name));
@@ -159,7 +167,7 @@ impl Server {
                 recorder_timeout: options.recorder_timeout,
             },
             capacity: options.capacity,
-            scenes: Scenes::new(options.scene, robot),
+            scenes: Scenes::new(options.scene, robot, meshes),
             networks: Networks::new(options.weights),
             queue: Queue::default(),
             answers: Queue::default(),

@@ -177,6 +177,8 @@ fn a_folder_that_holds_something_is_left_alone() {
     assert!(files::check(&folder, false).is_ok());
     let written = files::write(&folder, &state()).unwrap();
     assert_eq!(written.keys().copied().collect::<Vec<_>>(), ["lidar", "observation"]);
+    assert!(files::check(&folder, false).is_ok(), "its own files");
+    std::fs::write(folder.join("notes.txt"), "mine").unwrap();
     assert!(files::check(&folder, false).is_err() && files::check(&folder, true).is_ok());
     assert!(files::check(&folder.join("lidar.png"), true).is_err());
     std::fs::remove_dir_all(folder).unwrap();

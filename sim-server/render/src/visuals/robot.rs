@@ -1,30 +1,37 @@
+use std::sync::Arc;
+
 use fiatlux_dynamics::Geometry;
 use fiatlux_robot::{Robot, Shape};
 use fiatlux_world::ShapeOwner;
 use nalgebra::{Isometry3, Vector3};
 
 use super::g1;
+use crate::RobotMeshes;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
-/// One mesh a link. A link of the G1 that has a look of its own gets that; any other is drawn as its collision shapes.
-pub(crate) fn links(robot: &Robot, detail: Detail) -> Vec<Mesh> {
-    let fingers = |link: usize| robot.hand_links().contains(&link);
-    robot
-        .links()
-        .iter()
-        .enumerate()
-        .map(|(index, link)| {
-            let mut mesh = Mesh::new(Frame::Link(index), ShapeOwner::Robot(index), detail);
-            if !g1::dress(&mut mesh, &link.name) {
-                let paint = if fingers(index) { Paint::Hand } else { Paint::Shell };
-                for shape in robot.shapes().iter().filter(|shape| shape.link == index) {
-                    add(&mut mesh, shape, paint);
-                }
-            }
-            mesh
-        })
-        .collect()
+/// One mesh a link: the user's own where there is one. A link of the G1 that has a look of its own gets that; any other is
+/// drawn as its collision shapes.
+pub(crate) fn links(robot: &Robot, meshes: Option<&RobotMeshes>, detail: Detail) -> Vec<Arc<Mesh>> {
+    let link = |link: usize| match meshes.and_then(|meshes| meshes.get(link, detail)) {
+        Some(mesh) => mesh,
+        None if meshes.is_some_and(|meshes| meshes.covers(link, robot)) => {
+            Arc::new(Mesh::new(Frame::Link(link), ShapeOwner::Robot(link), detail))
+        }
+        None => Arc::new(own(robot, link, detail).finished()),
+    };
+    (0..robot.links().len()).map(link).collect()
+}
+
+fn own(robot: &Robot, link: usize, detail: Detail) -> Mesh {
+    let mut mesh = Mesh::new(Frame::Link(link), ShapeOwner::Robot(link), detail);
+    if !g1::dress(&mut mesh, &robot.links()[link].name) {
+        let paint = if robot.hand_links().contains(&link) { Paint::Hand } else { Paint::Shell };
+        for shape in robot.shapes().iter().filter(|shape| shape.link == link) {
+            add(&mut mesh, shape, paint);
+        }
+    }
+    mesh
 }
 
 fn add(mesh: &mut Mesh, shape: &Shape, paint: Paint) {

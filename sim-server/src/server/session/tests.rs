@@ -46,7 +46,7 @@ fn desk(request: OpenRequest) -> Desk {
     let bytes = OpenRequest { protocol: Some(PROTOCOL), task: "S07".into(), ..request }.encode_to_vec();
     let plan = plan::read(&bytes).unwrap();
     let robot = Arc::new(Robot::g1_inspire().unwrap());
-    let scenes = Scenes::new(SceneConfig::default(), robot);
+    let scenes = Scenes::new(SceneConfig::default(), robot, None);
     let gains = scenes.robot().gains(plan.gains);
     let built = scenes.get(plan.episode(0).scene(gains)).unwrap();
     let now = Duration::from_secs(100);
