@@ -15,7 +15,7 @@ use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{JOINTS, Row, RowDigest, Task};
 use fiatlux_sim::{Server, ServerError, ServerOptions};
-use fiatlux_world::{Command, Episode, EpisodeSpec, Randomization, Scene, SceneConfig, SceneKind, SceneSpec};
+use fiatlux_world::{Command, Episode, EpisodeSpec, Scene, SceneConfig};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
 use zenoh::sample::Sample;
@@ -127,10 +127,8 @@ fn action(step: u64) -> [f64; JOINTS] {
 fn alone(task: Task, seed: u64, episode: u64, steps: u64) -> (Vec<Row>, String) {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let gains = robot.gains(GainSet::default());
-    let spec = SceneSpec::new(SceneKind::of(task), seed, gains);
-    let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap());
-    let randomize = Randomization { grip: false, ..Randomization::default() };
-    let spec = EpisodeSpec { randomize, ..EpisodeSpec::new(task, seed, episode) };
+    let spec = EpisodeSpec::new(task, seed, episode);
+    let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap());
     let mut episode = Episode::start(scene, &spec).unwrap();
     let mut rows = vec![episode.row().clone()];
     for step in 0..steps {
