@@ -163,7 +163,11 @@ pub fn evaluate(
         return Err(EvaluateError::Nothing { lost: lost.join("\n  ") });
     }
     let results = grade_bags(&recorded, &bags, options)?;
-    lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
+    lost.extend(results.excluded.iter().map(|bag| {
+        // Why its client gave up says more than that the bag is aborted.
+        let job = jobs.iter().find(|job| bag.bag.ends_with(&job.bag_name()));
+        format!("{}: {}", bag.bag, job.and_then(reason).unwrap_or(&bag.detail))
+    }));
     Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
 }
 

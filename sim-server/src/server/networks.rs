@@ -60,8 +60,10 @@ impl Networks {
         }
         let wrong = |message: String| refusal(Code::Value, "weights", message);
         let Some(folder) = &self.folder else {
-            let message = "this server has no folder of weights; start it with --weights DIR, or leave weights empty";
-            return Err(wrong(message.into()));
+            return Err(wrong(format!(
+                "'{file}' cannot be read: this server has no folder of weights; start it with --weights DIR, or leave \
+                 weights empty"
+            )));
         };
         // A client names a file of that folder and of no other.
         if Path::new(file).file_name().is_none_or(|name| name != file) {
