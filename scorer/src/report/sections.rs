@@ -99,6 +99,7 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
         ends => ends.join(", "),
     };
     let list = |items: &[String]| if items.is_empty() { "not given".to_owned() } else { items.join(", ") };
+    let or = |text: &str, otherwise: &str| if text.is_empty() { otherwise.to_owned() } else { text.to_owned() };
     let v = &results.versions;
     out.push_str("<h2>Conditions</h2>\n<div class=\"two\">");
     definitions(
@@ -108,7 +109,11 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
             ("Layout seeds", seeds(&results.seeds)),
             ("Mode", c.mode.clone()),
             ("Gains, hands", format!("{}, {}", c.gains, c.hands)),
+            ("Sensors", list(&c.sensors)),
+            ("Feature weights, meshes", format!("{}, {}", or(&c.weights, "none"), or(&c.meshes, "own shapes"))),
             ("Noise", if c.noise { "on" } else { "off" }.into()),
+            ("Does not vary", if c.fixed.is_empty() { "nothing".into() } else { c.fixed.join(", ") }),
+            ("Sizes of props", c.prop_scale.clone()),
             ("Ends on", ends),
             ("Counting", if c.published_counting { "as published" } else { "from the reset state" }.into()),
         ],
