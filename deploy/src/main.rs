@@ -4,6 +4,7 @@ mod evaluate_command;
 mod render_command;
 
 use std::alloc::System;
+use std::fmt::Display;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -11,6 +12,7 @@ use clap::{Args, Parser, Subcommand};
 use fiatlux::bench::sensors::{self, SensorOptions};
 use fiatlux::bench::service::{self, ServiceOptions};
 use fiatlux::bench::world::{self, Options};
+use serde::Serialize;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 
 /// Counts what is allocated, for the memory that a world takes. A physics step allocates nothing.
@@ -133,30 +135,24 @@ fn bench_service(args: ServiceArgs) -> anyhow::Result<()> {
     let policy_client = args.policy_client.map_or_else(beside, Ok)?;
     let report =
         service::run(&ServiceOptions { sessions: args.sessions.into(), seconds: args.seconds, policy_client })?;
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
-    } else {
-        print!("{report}");
-    }
-    Ok(())
+    show(&report, args.json)
 }
 
 fn bench_sensors(args: SensorArgs) -> anyhow::Result<()> {
     let options = SensorOptions { seconds: args.seconds, oracle: args.pytorch.then_some(args.oracle) };
     let report = sensors::run(&options)?;
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
-    } else {
-        print!("{report}");
-    }
-    Ok(())
+    show(&report, args.json)
 }
 
 fn bench_world(args: WorldArgs) -> anyhow::Result<()> {
     let options = Options { seconds: args.seconds, oracle: args.mujoco.then_some(args.oracle) };
     let report = world::run(&options)?;
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+    show(&report, args.json)
+}
+
+fn show(report: &(impl Serialize + Display), as_json: bool) -> anyhow::Result<()> {
+    if as_json {
+        println!("{}", serde_json::to_string_pretty(report)?);
     } else {
         print!("{report}");
     }

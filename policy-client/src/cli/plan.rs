@@ -1,13 +1,11 @@
 //! What `run` is asked for, with the bag's word where a bag is replayed.
 
-use std::path::Path;
-
+use fiatlux_policy::Policy;
 use fiatlux_policy::policies::{self, Replay};
-use fiatlux_policy::{Policy, PolicyError};
 use fiatlux_proto::v1::{Mode, OpenRequest};
 
-use super::Failure;
 use super::run::RunArgs;
+use super::{Failure, policy};
 
 /// What is to be run.
 pub struct Plan {
@@ -22,13 +20,10 @@ pub struct Plan {
 
 /// Reads the options.
 pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
-    match args.policy.strip_prefix("replay:").filter(|path| !path.is_empty()) {
-        Some(path) => replay(args, Replay::open(Path::new(path))?),
+    match policies::replayed_bag(&args.policy) {
+        Some(path) => replay(args, Replay::open(path)?),
         None => {
-            let policy = policies::by_name(&args.policy).map_err(|error| match error {
-                PolicyError::Unknown { .. } => Failure::Usage(error.to_string()),
-                other => other.into(),
-            })?;
+            let policy = policy(&args.policy)?;
             let task = args.task.clone().ok_or_else(|| Failure::Usage("name a task: --task S01 to S12".into()))?;
             let sensors = policy.sensors();
             let request = request(args, OpenRequest { policy: policy.name(), task, sensors, ..OpenRequest::default() });

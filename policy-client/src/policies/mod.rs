@@ -35,11 +35,18 @@ pub fn by_name(name: &str) -> Result<Box<dyn Policy>, PolicyError> {
         "random" => Ok(Box::new(Random::default())),
         "hold" => Ok(Box::new(Hold::default())),
         "stand" => Ok(Box::new(Stand::default())),
-        other => match other.strip_prefix("replay:") {
-            Some(path) if !path.is_empty() => Ok(Box::new(Replay::open(Path::new(path))?)),
-            _ => Err(PolicyError::Unknown { name: other.to_string(), known: NAMES.map(|(name, _)| name).join(", ") }),
+        other => match replayed_bag(other) {
+            Some(path) => Ok(Box::new(Replay::open(path)?)),
+            None => {
+                Err(PolicyError::Unknown { name: other.to_string(), known: NAMES.map(|(name, _)| name).join(", ") })
+            }
         },
     }
+}
+
+/// The bag of a policy that is named `replay:BAG`.
+pub fn replayed_bag(name: &str) -> Option<&Path> {
+    name.strip_prefix("replay:").filter(|path| !path.is_empty()).map(Path::new)
 }
 
 #[cfg(test)]

@@ -16,17 +16,17 @@ mod text;
 mod view;
 
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::mpsc;
 use std::time::Instant;
 
 use clap::Args;
 use fiatlux_link::{LinkArgs, Role, print, stop_on_signal};
 use fiatlux_policy::policies::{self, Replay};
-use fiatlux_policy::{Client, ClientError, Policy, PolicyError, SessionArgs};
+use fiatlux_policy::{Client, ClientError, Policy, SessionArgs};
 use fiatlux_proto::v1::{Mode, OpenRequest, Sensor};
 
-use super::Failure;
+use super::{Failure, policy};
 use inspector::Inspector;
 use screen::Screen;
 use state::State;
@@ -174,8 +174,8 @@ fn hint(state: &State) {
 
 /// The policy, the session that it asks for, and the episode: for a bag those that it was recorded with.
 fn driver(args: &InspectArgs) -> Result<(Box<dyn Policy>, OpenRequest, u64), Failure> {
-    if let Some(path) = args.policy.strip_prefix("replay:").filter(|path| !path.is_empty()) {
-        let replay = Replay::open(Path::new(path))?;
+    if let Some(path) = policies::replayed_bag(&args.policy) {
+        let replay = Replay::open(path)?;
         let base = replay.request();
         if !base.task.eq_ignore_ascii_case(&args.task) {
             return Err(Failure::Usage(format!("the bag is of task {}, not {}", base.task, args.task)));
@@ -183,10 +183,7 @@ fn driver(args: &InspectArgs) -> Result<(Box<dyn Policy>, OpenRequest, u64), Fai
         let episode = replay.header().episode;
         return Ok((Box::new(replay), base, episode));
     }
-    let policy = policies::by_name(&args.policy).map_err(|error| match error {
-        PolicyError::Unknown { .. } => Failure::Usage(error.to_string()),
-        other => other.into(),
-    })?;
+    let policy = policy(&args.policy)?;
     let base =
         OpenRequest { policy: policy.name(), task: args.task.clone(), seed: args.seed, ..OpenRequest::default() };
     Ok((policy, base, args.episode))

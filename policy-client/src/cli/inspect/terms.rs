@@ -206,7 +206,7 @@ fn bools(flags: &[bool]) -> Vec<f64> {
     flags.iter().map(|&flag| f64::from(u8::from(flag))).collect()
 }
 
-/// As doubles with the digits of the singles: 0.1, not 0.10000000149.
+/// As doubles.
 fn wide(singles: &[f32]) -> Vec<f64> {
     singles.iter().map(|&number| f64::from(number)).collect()
 }
