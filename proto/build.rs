@@ -12,11 +12,11 @@ const IN_METADATA: [&str; 15] = [
     "Sensor",
     "Randomization",
     "PropScale",
-    "Drawn",
+    "DomainSample",
     "Layout",
     "Place",
     "Pose",
-    "Grip",
+    "HandFriction",
     "Light",
     "StartNoise",
 ];
@@ -24,8 +24,8 @@ const IN_METADATA: [&str; 15] = [
 fn main() {
     println!("cargo::rerun-if-changed=proto");
     let files = [
-        "fiatlux/v1/session.proto",
-        "fiatlux/v1/truth.proto",
+        "fiatlux/v3/session.proto",
+        "fiatlux/v3/truth.proto",
         "foxglove/frames.proto",
         "foxglove/scene.proto",
         "foxglove/sensors.proto",
@@ -38,7 +38,7 @@ fn main() {
     config.btree_map(["."]).enable_type_names();
     for message in IN_METADATA {
         let attribute = "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]";
-        config.type_attribute(format!(".fiatlux.v1.{message}"), attribute);
+        config.type_attribute(format!(".fiatlux.v3.{message}"), attribute);
     }
     config.compile_fds(set).expect("the messages generate");
 }

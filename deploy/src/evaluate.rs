@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_policy::{PolicyError, SessionArgs, policies};
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v1::OpenRequest;
+use fiatlux_proto::v3::OpenRequest;
 use fiatlux_rules::Task;
 use fiatlux_scorer::{GradeOptions, Results, ScoreError, grade};
 use fiatlux_sim::{RecorderError, ServerError, ServerOptions};

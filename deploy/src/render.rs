@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_bag::{Bag, BagError, Completeness};
-use fiatlux_proto::v1::EpisodeHeader;
+use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
 use fiatlux_robot::{Robot, RobotError};
 use fiatlux_rules::{CONTROL_DT, Row};

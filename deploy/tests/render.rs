@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux::render::{Clip, Output, Picture, RenderError, RenderOptions, Span, View};
 use fiatlux_bag::{BagWriter, topic};
-use fiatlux_proto::v1::{EpisodeEnd, EpisodeHeader, EpisodeResult, State};
+use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, State};
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Row, Task};

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_policy::{Client, Command, Policy, PolicyError, policies::Stand};
-use fiatlux_proto::v1::{Observation, OpenRequest, SessionInfo};
+use fiatlux_proto::v3::{Observation, OpenRequest, SessionInfo};
 
 #[derive(Default)]
 struct Wave {

@@ -1,6 +1,6 @@
 //! What a policy is.
 
-use fiatlux_proto::v1::{Observation, Sensor, SessionInfo};
+use fiatlux_proto::v3::{Observation, Sensor, SessionInfo};
 use thiserror::Error;
 
 use crate::balance::BalanceError;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use fiatlux_proto::v1::{OpenRequest, PropScale, Sensor};
+use fiatlux_proto::v3::{OpenRequest, PropScale, Sensor};
 
 /// Flags that say what a session is to be. Each one that is given goes before what is there.
 #[derive(Debug, Clone, Default, Args)]
@@ -52,7 +52,7 @@ enum Fixed {
     /// The start state without noise
     Start,
     /// The hands' own friction
-    Grip,
+    HandFriction,
     /// Nominal dome and key light
     Light,
     /// The room's own colours
@@ -101,7 +101,7 @@ impl SessionArgs {
             };
             fixed.fixed_layout |= has(Fixed::Layout);
             fixed.fixed_start |= has(Fixed::Start);
-            fixed.fixed_grip |= has(Fixed::Grip);
+            fixed.fixed_hand_friction |= has(Fixed::HandFriction);
             fixed.fixed_light |= has(Fixed::Light);
             fixed.fixed_tint |= has(Fixed::Tint);
             fixed.exact_sensors |= has(Fixed::Noise);
@@ -221,8 +221,13 @@ mod tests {
     #[test]
     fn fixed_episodes_leave_the_layout() {
         let random = applied("--fix episodes --prop-scale random", OpenRequest::default()).randomization.unwrap();
-        let fixed =
-            [random.fixed_start, random.fixed_grip, random.fixed_light, random.fixed_tint, random.exact_sensors];
+        let fixed = [
+            random.fixed_start,
+            random.fixed_hand_friction,
+            random.fixed_light,
+            random.fixed_tint,
+            random.exact_sensors,
+        ];
         assert_eq!((fixed, random.fixed_layout, random.prop_scale), ([true; 5], false, true));
     }
 

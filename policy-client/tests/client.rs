@@ -9,7 +9,7 @@ use fiatlux_link::embedded;
 use fiatlux_policy::{
     Client, ClientError, Command, Policy, PolicyError, SessionFailure, describe_servers, find_server, policies,
 };
-use fiatlux_proto::v1::{Observation, OpenRequest, SessionInfo};
+use fiatlux_proto::v3::{Observation, OpenRequest, SessionInfo};
 use zenoh::Session;
 
 use fake::{FakeServer, HORIZON, tcp};

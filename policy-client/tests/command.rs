@@ -8,7 +8,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use fiatlux_bag::BagWriter;
-use fiatlux_proto::v1::{Action, ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult};
+use fiatlux_proto::v3::{Action, ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult};
 use fiatlux_proto::{Message, PROTOCOL};
 use serde_json::Value;
 

@@ -134,7 +134,7 @@ fn describe(scope: &str, message: DescriptorProto, messages: &mut BTreeMap<Strin
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::v1::{Action, CloseRequest, OpenRequest, State};
+    use crate::v3::{Action, CloseRequest, OpenRequest, State};
 
     #[test]
     fn a_message_reads_back() {
@@ -184,7 +184,8 @@ mod tests {
 
     #[test]
     fn every_message_is_described() {
-        for name in ["fiatlux.v1.Action", "fiatlux.v1.OpenRequest", "fiatlux.v1.TruthAck", "foxglove.SceneUpdate"] {
+        for name in ["fiatlux.v3.Action", "fiatlux.v3.OpenRequest", "fiatlux.v3.StepRecordAck", "foxglove.SceneUpdate"]
+        {
             assert!(messages().contains_key(name), "{name}");
         }
     }

@@ -1,7 +1,7 @@
-//! Key expressions. Everything of a server stands below `fiatlux/v1/<server>`.
+//! Key expressions. Everything of a server stands below `fiatlux/v3/<server>`.
 
 /// Root of all servers.
-pub const ROOT: &str = "fiatlux/v1";
+pub const ROOT: &str = "fiatlux/v3";
 
 /// Longest name of a server, bytes.
 pub const MAX_NAME: usize = 64;
@@ -44,12 +44,12 @@ impl ServerKeys {
         format!("{}/alive", self.root)
     }
 
-    /// Queryable: [`crate::v1::ServerInfo`].
+    /// Queryable: [`crate::v3::ServerInfo`].
     pub fn describe(&self) -> String {
         format!("{}/describe", self.root)
     }
 
-    /// Queryable: [`crate::v1::OpenRequest`] to [`crate::v1::OpenReply`].
+    /// Queryable: [`crate::v3::OpenRequest`] to [`crate::v3::OpenReply`].
     pub fn open(&self) -> String {
         format!("{}/open", self.root)
     }
@@ -85,47 +85,47 @@ impl SessionKeys {
         format!("{}/client", self.root)
     }
 
-    /// Publication [`crate::v1::Observation`]; and queryable, for the last one.
+    /// Publication [`crate::v3::Observation`]; and queryable, for the last one.
     pub fn observation(&self) -> String {
         format!("{}/observation", self.root)
     }
 
-    /// Subscription of the server: [`crate::v1::Action`].
+    /// Subscription of the server: [`crate::v3::Action`].
     pub fn action(&self) -> String {
         format!("{}/action", self.root)
     }
 
-    /// Publication [`crate::v1::Notice`].
+    /// Publication [`crate::v3::Notice`].
     pub fn notice(&self) -> String {
         format!("{}/notice", self.root)
     }
 
-    /// Queryable: [`crate::v1::ResetRequest`] to [`crate::v1::ResetReply`].
+    /// Queryable: [`crate::v3::ResetRequest`] to [`crate::v3::ResetReply`].
     pub fn reset(&self) -> String {
         format!("{}/reset", self.root)
     }
 
-    /// Queryable: [`crate::v1::CloseRequest`] to [`crate::v1::CloseReply`].
+    /// Queryable: [`crate::v3::CloseRequest`] to [`crate::v3::CloseReply`].
     pub fn close(&self) -> String {
         format!("{}/close", self.root)
     }
 
-    /// Queryable: [`crate::v1::LookRequest`] to [`crate::v1::LookReply`].
+    /// Queryable: [`crate::v3::LookRequest`] to [`crate::v3::LookReply`].
     pub fn look(&self) -> String {
         format!("{}/look", self.root)
     }
 
-    /// Publication [`crate::v1::Truth`], one for each row.
+    /// Publication [`crate::v3::StepRecord`], one for each row.
     pub fn truth_row(&self) -> String {
         format!("{}/truth/row", self.root)
     }
 
-    /// Queryable: [`crate::v1::TruthRequest`] to one [`crate::v1::Truth`] a reply, as far as the server has them.
+    /// Queryable: [`crate::v3::StepRecordRequest`] to one [`crate::v3::StepRecord`] a reply, as far as the server has them.
     pub fn truth_rows(&self) -> String {
         format!("{}/truth/rows", self.root)
     }
 
-    /// Subscription of the server: [`crate::v1::TruthAck`].
+    /// Subscription of the server: [`crate::v3::StepRecordAck`].
     pub fn truth_ack(&self) -> String {
         format!("{}/truth/ack", self.root)
     }
@@ -149,9 +149,9 @@ mod tests {
     fn keys_read_back() {
         let keys = ServerKeys::new("lab").session("7");
         assert_eq!(SessionKeys::of(&keys.live()), Some((keys.clone(), "lab", "7")));
-        assert_eq!(keys.truth_row(), "fiatlux/v1/lab/s/7/truth/row");
+        assert_eq!(keys.truth_row(), "fiatlux/v3/lab/s/7/truth/row");
         assert_eq!(server_of(&ServerKeys::new("lab").alive()), Some("lab"));
-        for bad in ["fiatlux/v1/lab", "fiatlux/v2/lab/s/7/live", "fiatlux/v1/lab/s", "fiatlux/v1/l b/s/7", ""] {
+        for bad in ["fiatlux/v3/lab", "fiatlux/v2/lab/s/7/live", "fiatlux/v3/lab/s", "fiatlux/v3/l b/s/7", ""] {
             assert_eq!(SessionKeys::of(bad), None, "{bad}");
         }
     }

@@ -1,6 +1,6 @@
 //! The service's language: messages, key expressions, limits and the version of the protocol.
 //!
-//! Messages are protobuf (`proto/proto/fiatlux/v1/*.proto`, where every field is described); [`v1`] has them as Rust
+//! Messages are protobuf (`proto/proto/fiatlux/v3/*.proto`, where every field is described); [`v3`] has them as Rust
 //! types. [`foxglove`] has the well-known messages by which a viewer shows a bag. Nothing here does I/O.
 mod decode;
 pub mod keys;
@@ -14,8 +14,8 @@ pub use version::{PROTOCOL, is_compatible};
 
 /// The messages of the service.
 #[allow(missing_docs, clippy::large_enum_variant)]
-pub mod v1 {
-    include!(concat!(env!("OUT_DIR"), "/fiatlux.v1.rs"));
+pub mod v3 {
+    include!(concat!(env!("OUT_DIR"), "/fiatlux.v3.rs"));
 }
 
 /// Foxglove's well-known messages, as far as bags use them.
@@ -29,7 +29,7 @@ pub use prost_types::{Duration, Timestamp};
 /// All messages as a protobuf `FileDescriptorSet` with everything that they import: the schema that bags carry.
 pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
 
-/// Encoding of a payload, by the message's name: `application/protobuf;fiatlux.v1.Action`.
+/// Encoding of a payload, by the message's name: `application/protobuf;fiatlux.v3.Action`.
 pub fn encoding(message: &str) -> String {
-    format!("application/protobuf;fiatlux.v1.{message}")
+    format!("application/protobuf;fiatlux.v3.{message}")
 }

@@ -22,7 +22,7 @@ pub const RECORDING_WINDOW: u64 = 512;
 /// at either bound.
 pub const RECORDING_WINDOW_BYTES: usize = 64 << 20;
 
-/// Truths that one reply to a [`crate::v1::TruthRequest`] covers at most.
+/// StepRecords that one reply to a [`crate::v3::StepRecordRequest`] covers at most.
 pub const MAX_TRUTHS_PER_REQUEST: u64 = 128;
 
 /// A recorder that has not acknowledged anything for so long is gone, s.

@@ -1,6 +1,6 @@
 //! Sensors by name.
 
-use crate::v1::Sensor;
+use crate::v3::Sensor;
 
 /// That sensor in every observation.
 impl From<&str> for Sensor {

@@ -1,9 +1,9 @@
 //! The version of the protocol.
 
-use crate::v1::Version;
+use crate::v3::Version;
 
 /// What this build speaks. The major number changes when an old client would be misunderstood.
-pub const PROTOCOL: Version = Version { major: 2, minor: 0 };
+pub const PROTOCOL: Version = Version { major: 3, minor: 0 };
 
 /// Whether this build understands a peer.
 pub fn is_compatible(peer: &Version) -> bool {

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use common::{Folder, Story, header, result, rows, write};
 use fiatlux_bag::Bag;
-use fiatlux_proto::{Message, v1};
+use fiatlux_proto::{Message, v3};
 use fiatlux_rules::{Row, RowDigest, Task};
 use fiatlux_scorer::{GradeOptions, Grader, grade, report};
 
@@ -43,7 +43,7 @@ fn main() {
 /// Each part alone, on one bag's rows.
 fn parts(folder: &Folder) {
     let (header, rows) = (header(Task::S03, 0), rows(Task::S03, 0, Story::Waits(2000)));
-    let states: Vec<v1::State> = rows.iter().map(v1::State::from).collect();
+    let states: Vec<v3::State> = rows.iter().map(v3::State::from).collect();
     let bytes: Vec<Vec<u8>> = states.iter().map(Message::encode_to_vec).collect();
     let path = folder.0.join("parts.mcap");
     common::begin(&path, &header, &rows).finish(&result(&header, &rows)).expect("finished");
@@ -56,7 +56,7 @@ fn parts(folder: &Folder) {
     };
     println!("{} bytes a row", bytes[0].len());
     time("file to State", &mut || bag.states().for_each(|state| drop(black_box(state))));
-    time("bytes to State", &mut || bytes.iter().for_each(|bytes| drop(black_box(v1::State::decode(&bytes[..])))));
+    time("bytes to State", &mut || bytes.iter().for_each(|bytes| drop(black_box(v3::State::decode(&bytes[..])))));
     time("State to Row", &mut || {
         states.iter().for_each(|state| {
             let _ = black_box(Row::try_from(state));

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use fiatlux_proto::v1;
+use fiatlux_proto::v3;
 use fiatlux_rules::{Benchmark, Episode, ROW_LAYOUT, Rate, SubtaskScore, Task};
 
 use crate::conditions::compared;
@@ -24,7 +24,7 @@ pub(crate) struct Judged {
 /// A bag that could be read, at least in part.
 #[derive(Debug)]
 pub(crate) struct Content {
-    pub header: v1::EpisodeHeader,
+    pub header: v3::EpisodeHeader,
     /// Why the file ends early, if it does.
     pub cut: Option<String>,
     pub graded: Graded,
@@ -33,7 +33,7 @@ pub(crate) struct Content {
 /// A bag on its way into the tables.
 struct Entry {
     bag: String,
-    header: v1::EpisodeHeader,
+    header: v3::EpisodeHeader,
     graded: Graded,
 }
 
@@ -107,7 +107,7 @@ fn excluded_bag(
     bag: String,
     reason: Fault,
     detail: String,
-    content: Option<(&v1::EpisodeHeader, &Graded)>,
+    content: Option<(&v3::EpisodeHeader, &Graded)>,
 ) -> ExcludedBag {
     ExcludedBag {
         bag,
@@ -260,7 +260,7 @@ fn episode_row(entry: Entry) -> EpisodeRow {
 }
 
 fn versions(entries: &[Entry]) -> Versions {
-    let each = |value: fn(&v1::EpisodeHeader) -> String| {
+    let each = |value: fn(&v3::EpisodeHeader) -> String| {
         let values: BTreeSet<String> = entries.iter().map(|entry| value(&entry.header)).collect();
         values.into_iter().filter(|value| !value.is_empty()).collect()
     };

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_proto::v1;
+use fiatlux_proto::v3;
 use fiatlux_rules::Thresholds;
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +17,7 @@ pub struct Conditions {
     pub hands: String,
     /// Noise of start state and of sensors.
     pub noise: bool,
-    /// What the standard protocol draws and these episodes did not: `layout`, `start`, `grip`, `light`, `tint`, `sensors`.
+    /// What the standard protocol draws and these episodes did not: `layout`, `start`, `hand_friction`, `light`, `tint`, `sensors`.
     #[serde(default)]
     pub fixed: Vec<String>,
     /// Sizes of props: `published`, `random`, or the factors that differ from 1.
@@ -44,7 +44,7 @@ pub struct Conditions {
     pub thresholds: BTreeMap<String, f64>,
     /// Those among them that this grading set in place of the recorded ones.
     pub thresholds_set: Vec<String>,
-    /// Conjuncts were counted as in the published numbers.
+    /// Criteria were counted as in the published numbers.
     pub published_counting: bool,
     /// SHA-256 of the robot model, hexadecimal.
     pub model_digest: String,
@@ -53,7 +53,7 @@ pub struct Conditions {
 }
 
 /// What is compared between bags, by name, as a person would write it.
-pub(crate) fn compared(header: &v1::EpisodeHeader) -> Vec<(String, String)> {
+pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
     let end_on = if header.end_on_overridden { listed(&header.end_on) } else { "the task's own".into() };
     let mut fields: Vec<(String, String)> = [
         ("policy", quoted(&header.policy)),
@@ -79,7 +79,7 @@ pub(crate) fn compared(header: &v1::EpisodeHeader) -> Vec<(String, String)> {
 
 impl Conditions {
     /// From the header of one of the episodes and the thresholds that it was graded by.
-    pub(crate) fn new(header: &v1::EpisodeHeader, thresholds: &Thresholds, set: &[String], published: bool) -> Self {
+    pub(crate) fn new(header: &v3::EpisodeHeader, thresholds: &Thresholds, set: &[String], published: bool) -> Self {
         let thresholds_set: Vec<String> =
             set.iter().filter_map(|set| set.split_once('=')).map(|(k, _)| k.trim().into()).collect();
         let mut deviations = Vec::new();
@@ -118,7 +118,7 @@ impl Conditions {
             }
         }
         if published {
-            deviations.push("conjuncts are counted as in the published numbers".into());
+            deviations.push("criteria are counted as in the published numbers".into());
         }
         Self {
             mode: mode(header).into(),
@@ -142,18 +142,18 @@ impl Conditions {
     }
 }
 
-fn mode(header: &v1::EpisodeHeader) -> &'static str {
+fn mode(header: &v3::EpisodeHeader) -> &'static str {
     match header.mode() {
-        v1::Mode::RealTime => "real time",
-        v1::Mode::Lockstep | v1::Mode::Unspecified => "lockstep",
+        v3::Mode::RealTime => "real time",
+        v3::Mode::Lockstep | v3::Mode::Unspecified => "lockstep",
     }
 }
 
-fn gains(header: &v1::EpisodeHeader) -> &str {
+fn gains(header: &v3::EpisodeHeader) -> &str {
     if header.gains.is_empty() { "fiatlux" } else { &header.gains }
 }
 
-fn hands(header: &v1::EpisodeHeader) -> &str {
+fn hands(header: &v3::EpisodeHeader) -> &str {
     if header.hands.is_empty() { "inspire" } else { &header.hands }
 }
 
@@ -161,12 +161,12 @@ fn hands(header: &v1::EpisodeHeader) -> &str {
 const PUBLISHED: &str = "published";
 
 /// What does not vary in spite of the standard protocol.
-fn fixed(header: &v1::EpisodeHeader) -> Vec<&'static str> {
+fn fixed(header: &v3::EpisodeHeader) -> Vec<&'static str> {
     let random = header.randomization.unwrap_or_default();
     let switches = [
         ("layout", random.fixed_layout),
         ("start", random.fixed_start),
-        ("grip", random.fixed_grip),
+        ("hand_friction", random.fixed_hand_friction),
         ("light", random.fixed_light),
         ("tint", random.fixed_tint),
         ("sensors", random.exact_sensors),
@@ -174,7 +174,7 @@ fn fixed(header: &v1::EpisodeHeader) -> Vec<&'static str> {
     switches.into_iter().filter(|(_, is_fixed)| *is_fixed).map(|(what, _)| what).collect()
 }
 
-fn prop_scale(header: &v1::EpisodeHeader) -> String {
+fn prop_scale(header: &v3::EpisodeHeader) -> String {
     if header.randomization.is_some_and(|random| random.prop_scale) {
         return "random".into();
     }
@@ -191,10 +191,10 @@ fn prop_scale(header: &v1::EpisodeHeader) -> String {
     if changed.is_empty() { PUBLISHED.into() } else { changed.join(", ") }
 }
 
-fn sensors(header: &v1::EpisodeHeader) -> Vec<String> {
-    let rate = |sensor: &v1::Sensor| match sensor {
-        v1::Sensor { on_request: true, .. } => "look".into(),
-        v1::Sensor { rate_hz, .. } => format!("{rate_hz}"),
+fn sensors(header: &v3::EpisodeHeader) -> Vec<String> {
+    let rate = |sensor: &v3::Sensor| match sensor {
+        v3::Sensor { on_request: true, .. } => "look".into(),
+        v3::Sensor { rate_hz, .. } => format!("{rate_hz}"),
     };
     let sensed = header.sensors.iter().filter(|sensor| !sensor.bag_only);
     let mut sensors: Vec<String> = sensed.map(|sensor| format!("{}@{}", sensor.name, rate(sensor))).collect();
@@ -205,21 +205,21 @@ fn sensors(header: &v1::EpisodeHeader) -> Vec<String> {
 }
 
 /// The label of the weights, where the policy could sense what they make of an image.
-fn weights(header: &v1::EpisodeHeader) -> &str {
+fn weights(header: &v3::EpisodeHeader) -> &str {
     if senses(header, &["features", "flat"]) { &header.weights } else { "" }
 }
 
 /// The label of the meshes, where the session had a sensor that sees them.
-fn meshes(header: &v1::EpisodeHeader) -> &str {
+fn meshes(header: &v3::EpisodeHeader) -> &str {
     if sees(header) { &header.meshes } else { "" }
 }
 
 /// Whether the policy could sense what is made of the camera's image.
-fn sees(header: &v1::EpisodeHeader) -> bool {
+fn sees(header: &v3::EpisodeHeader) -> bool {
     senses(header, &["camera", "features", "flat"])
 }
 
-fn senses(header: &v1::EpisodeHeader, any_of: &[&str]) -> bool {
+fn senses(header: &v3::EpisodeHeader, any_of: &[&str]) -> bool {
     header.sensors.iter().any(|sensor| !sensor.bag_only && any_of.contains(&sensor.name.as_str()))
 }
 
@@ -235,40 +235,40 @@ fn quoted(text: &str) -> String {
 mod tests {
     use super::*;
 
-    fn new(header: v1::EpisodeHeader) -> Conditions {
+    fn new(header: v3::EpisodeHeader) -> Conditions {
         Conditions::new(&header, &Thresholds::default(), &[], false)
     }
 
     /// What varies, what props are like and what is sensed are conditions; what the bag alone has is none.
     #[test]
     fn sessions_that_differ_are_told_apart() {
-        let header = || v1::EpisodeHeader { sensors: vec!["proprioception".into()], ..v1::EpisodeHeader::default() };
+        let header = || v3::EpisodeHeader { sensors: vec!["proprioception".into()], ..v3::EpisodeHeader::default() };
         let standard = new(header());
         assert!(standard.standard, "{:?}", standard.deviations);
-        let random = |random: v1::Randomization| v1::EpisodeHeader { randomization: Some(random), ..header() };
-        let default = v1::Randomization::default();
-        let sized = v1::PropScale { ladder_z: 1.05, ..v1::PropScale::default() };
-        let request = v1::OpenRequest { prop_scale: Some(sized), ..v1::OpenRequest::default() };
-        let sensing = |sensor: v1::Sensor| v1::EpisodeHeader { sensors: vec![sensor], ..header() };
+        let random = |random: v3::Randomization| v3::EpisodeHeader { randomization: Some(random), ..header() };
+        let default = v3::Randomization::default();
+        let sized = v3::PropScale { ladder_z: 1.05, ..v3::PropScale::default() };
+        let request = v3::OpenRequest { prop_scale: Some(sized), ..v3::OpenRequest::default() };
+        let sensing = |sensor: v3::Sensor| v3::EpisodeHeader { sensors: vec![sensor], ..header() };
         let cases = [
-            (random(v1::Randomization { fixed_start: true, ..default }), "start is fixed"),
-            (random(v1::Randomization { fixed_layout: true, ..default }), "layout is fixed"),
-            (random(v1::Randomization { exact_sensors: true, ..default }), "sensors are exact"),
-            (random(v1::Randomization { prop_scale: true, ..default }), "sizes of props are random"),
-            (v1::EpisodeHeader { request: Some(request), ..header() }, "sizes of props are ladder_z 1.05"),
-            (v1::EpisodeHeader { scene_config: "[bench]".into(), ..header() }, "the scene is not the published one"),
+            (random(v3::Randomization { fixed_start: true, ..default }), "start is fixed"),
+            (random(v3::Randomization { fixed_layout: true, ..default }), "layout is fixed"),
+            (random(v3::Randomization { exact_sensors: true, ..default }), "sensors are exact"),
+            (random(v3::Randomization { prop_scale: true, ..default }), "sizes of props are random"),
+            (v3::EpisodeHeader { request: Some(request), ..header() }, "sizes of props are ladder_z 1.05"),
+            (v3::EpisodeHeader { scene_config: "[bench]".into(), ..header() }, "the scene is not the published one"),
             (sensing("verdict".into()), "the policy could sense verdict"),
         ];
         for (other, deviation) in cases {
             let conditions = new(other);
             assert!(!conditions.standard && conditions.deviations == [deviation], "{:?}", conditions.deviations);
         }
-        let camera = |width| v1::EpisodeHeader { image_width: width, image_height: 256, ..sensing("camera".into()) };
+        let camera = |width| v3::EpisodeHeader { image_width: width, image_height: 256, ..sensing("camera".into()) };
         assert_ne!(compared(&camera(256)), compared(&camera(512)), "the image's size");
         assert!(new(camera(512)).standard);
-        let lidar = |rate_hz| sensing(v1::Sensor { rate_hz, ..v1::Sensor::from("lidar") });
+        let lidar = |rate_hz| sensing(v3::Sensor { rate_hz, ..v3::Sensor::from("lidar") });
         assert_ne!(compared(&lidar(10.0)), compared(&lidar(50.0)), "the rate");
-        let in_bag = v1::Sensor { bag_only: true, recorded: true, ..v1::Sensor::from("camera") };
+        let in_bag = v3::Sensor { bag_only: true, recorded: true, ..v3::Sensor::from("camera") };
         let mut recorded = header();
         recorded.sensors.push(in_bag);
         assert_eq!(compared(&recorded), compared(&header()), "what the bag alone has");
@@ -277,10 +277,10 @@ mod tests {
     /// Other meshes are other conditions for a policy that sees pictures of them, and for no other.
     #[test]
     fn meshes_count_where_they_are_seen() {
-        let header = |sensor: &str, meshes: &str| v1::EpisodeHeader {
+        let header = |sensor: &str, meshes: &str| v3::EpisodeHeader {
             sensors: vec!["proprioception".into(), sensor.into()],
             meshes: meshes.into(),
-            ..v1::EpisodeHeader::default()
+            ..v3::EpisodeHeader::default()
         };
         for sensor in ["camera", "features", "flat"] {
             assert_ne!(compared(&header(sensor, "meshes:1")), compared(&header(sensor, "meshes:2")), "{sensor}");

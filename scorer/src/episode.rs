@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_proto::v1;
+use fiatlux_proto::v3;
 use fiatlux_rules::{
     Cause, Causes, Geometry, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds,
 };
@@ -86,7 +86,7 @@ pub struct Graded {
     pub thresholds: Thresholds,
     /// SHA-256 chain over its rows, hexadecimal.
     pub digest: String,
-    /// Steps, of those judged, in which all conjuncts of the gate held.
+    /// Steps, of those judged, in which all criteria of the gate held.
     pub steps_in_gate: u64,
     /// Its figure.
     pub series: Series,
@@ -113,7 +113,7 @@ impl Grader {
     ///
     /// # Errors
     /// [`HeaderError`] where the header names what this version does not know.
-    pub fn new(header: &v1::EpisodeHeader, set: &[String], published_counting: bool) -> Result<Self, HeaderError> {
+    pub fn new(header: &v3::EpisodeHeader, set: &[String], published_counting: bool) -> Result<Self, HeaderError> {
         let task: Task = header.task.parse()?;
         if !header.digest_layout.is_empty() && header.digest_layout != fiatlux_rules::ROW_LAYOUT {
             return Err(HeaderError::Layout(header.digest_layout.clone()));
@@ -152,16 +152,16 @@ impl Grader {
         self.digest.push(row);
         if row.step == 0 {
             let verdict = *self.judge.start(row);
-            self.recorder.push(row, &verdict.conjuncts);
+            self.recorder.push(row, &verdict.criteria);
         } else if self.judge.verdict().end.is_none() {
             let verdict = *self.judge.advance(row);
-            self.steps_in_gate += u64::from(verdict.conjuncts.all());
-            self.recorder.push(row, &verdict.conjuncts);
+            self.steps_in_gate += u64::from(verdict.criteria.all());
+            self.recorder.push(row, &verdict.criteria);
         }
     }
 
     /// What the rows amount to, against the result that was recorded with them.
-    pub fn finish(self, result: Option<&v1::EpisodeResult>) -> Graded {
+    pub fn finish(self, result: Option<&v3::EpisodeResult>) -> Graded {
         let summary = self.judge.summary();
         let digest = self.digest.hex();
         let recorded = result.and_then(|result| result.end.as_ref());
@@ -195,10 +195,10 @@ impl Grader {
                 counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")),
             );
         }
-        let conjuncts = summary.task.spec().gate.conjuncts.iter().map(|conjunct| conjunct.name).collect();
+        let criteria = summary.task.spec().gate.criteria.iter().map(|criterion| criterion.name).collect();
         Graded {
             thresholds: self.judge.thresholds().clone(),
-            series: self.recorder.finish(conjuncts),
+            series: self.recorder.finish(criteria),
             steps_in_gate: self.steps_in_gate,
             summary,
             end,
@@ -209,7 +209,7 @@ impl Grader {
         }
     }
 
-    fn flaw(&self, end: Option<&v1::EpisodeEnd>, digest: &str) -> Option<Flaw> {
+    fn flaw(&self, end: Option<&v3::EpisodeEnd>, digest: &str) -> Option<Flaw> {
         let Some(end) = end else { return Some(Flaw::Unended) };
         if end.cause == ABORTED {
             return Some(Flaw::Aborted);
@@ -229,7 +229,7 @@ impl Grader {
 }
 
 /// Where the recorded result does not say what the rows say; the rows count.
-fn differences(summary: &Summary, result: &v1::EpisodeResult) -> Vec<String> {
+fn differences(summary: &Summary, result: &v3::EpisodeResult) -> Vec<String> {
     let yes_no = |value: bool| if value { "yes" } else { "no" }.to_owned();
     let fields = [
         ("success", yes_no(summary.success), yes_no(result.success)),

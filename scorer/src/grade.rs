@@ -16,7 +16,7 @@ use crate::{ScoreError, bag};
 pub struct GradeOptions {
     /// Thresholds in place of the recorded ones, as `key=value`.
     pub set: Vec<String>,
-    /// Counts conjuncts as the published numbers do.
+    /// Counts criteria as the published numbers do.
     pub published_counting: bool,
     /// Threads; 0 for one for each core.
     pub workers: usize,

@@ -64,7 +64,7 @@ struct GradeArgs {
     /// Judge by another threshold, such as fragility_n=30; may be repeated, and a wrong name lists all
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Count conjuncts as the published numbers do: from row 1, and with a row of the next episode
+    /// Count criteria as the published numbers do: from row 1, and with a row of the next episode
     #[arg(long)]
     published_counting: bool,
     /// Threads [default: one for each core]

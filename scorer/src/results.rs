@@ -157,7 +157,7 @@ pub struct EpisodeRow {
     pub episode: u64,
     /// All conditions in force that its last row met.
     pub causes: Vec<String>,
-    /// Steps in which all conjuncts of the gate held.
+    /// Steps in which all criteria of the gate held.
     pub steps_in_gate: u64,
     /// What a reader should know.
     pub notes: Vec<String>,

@@ -1,11 +1,11 @@
 //! What a figure of an episode shows, thinned out to what a screen can tell apart.
 
-use fiatlux_rules::{CONTROL_DT, Conjuncts, Row};
+use fiatlux_rules::{CONTROL_DT, Criteria, Row};
 
 /// Most points of a figure.
 pub const MAX_BUCKETS: usize = 300;
 
-/// How much of a bucket a conjunct held for.
+/// How much of a bucket a criterion held for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Held {
     /// In none of its rows.
@@ -20,9 +20,9 @@ pub enum Held {
 /// An episode's figure. Row 0 is in it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Series {
-    /// Names of the conjuncts.
-    pub conjuncts: Vec<&'static str>,
-    /// For each conjunct, for each bucket.
+    /// Names of the criteria.
+    pub criteria: Vec<&'static str>,
+    /// For each criterion, for each bucket.
     pub held: Vec<Vec<Held>>,
     /// Largest contact force of a bulb on a hand body in each bucket, N.
     pub hand_force_n: Vec<f64>,
@@ -48,14 +48,14 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    pub(crate) fn push(&mut self, row: &Row, conjuncts: &Conjuncts) {
-        let bits = conjuncts.as_slice().iter().enumerate().fold(0, |bits, (i, held)| bits | u8::from(*held) << i);
+    pub(crate) fn push(&mut self, row: &Row, criteria: &Criteria) {
+        let bits = criteria.as_slice().iter().enumerate().fold(0, |bits, (i, held)| bits | u8::from(*held) << i);
         let squared = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm_squared()));
         self.bits.push(bits);
         self.force.push(squared.sqrt() as f32);
     }
 
-    pub(crate) fn finish(&self, conjuncts: Vec<&'static str>) -> Series {
+    pub(crate) fn finish(&self, criteria: Vec<&'static str>) -> Series {
         let rows = self.bits.len();
         let buckets = rows.min(MAX_BUCKETS);
         let spans: Vec<_> = (0..buckets).map(|i| i * rows / buckets..(i + 1) * rows / buckets).collect();
@@ -68,11 +68,11 @@ impl Recorder {
         let peak = peak_of(&self.force);
         let peak_row = self.force.iter().position(|force| f64::from(*force) == peak).unwrap_or(0);
         Series {
-            held: (0..conjuncts.len())
+            held: (0..criteria.len())
                 .map(|lane| spans.iter().map(|span| held_in(lane, &self.bits[span.clone()])).collect())
                 .collect(),
             hand_force_n: spans.iter().map(|span| peak_of(&self.force[span.clone()])).collect(),
-            conjuncts,
+            criteria,
             rows,
             peak_time_s: peak_row as f64 * CONTROL_DT,
         }

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use fiatlux_link::{LinkArgs, LinkError, Role};
 use fiatlux_policy::policies::Replay;
 use fiatlux_policy::{Client, ClientError, PolicyError};
-use fiatlux_proto::v1::OpenRequest;
+use fiatlux_proto::v3::OpenRequest;
 use thiserror::Error;
 use tracing::warn;
 

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use fiatlux_proto::v1;
+use fiatlux_proto::v3;
 use fiatlux_robot::{GainSet, HandKind, Robot};
 use fiatlux_rules::{RowError, Task, pose_message, read_pose};
 use fiatlux_world::{
-    Drawn, Grip, Layout, Light, Mount, Place, PropScale, Randomization, Scene, SceneConfig, SceneError, SceneKind,
-    SceneSpec, StartOffset,
+    DomainSample, HandFriction, Layout, Light, Mount, Place, PropScale, Randomization, Scene, SceneConfig, SceneError,
+    SceneKind, SceneSpec, StartOffset,
 };
 use nalgebra::Vector2;
 use thiserror::Error;
@@ -41,7 +41,7 @@ impl RebuildError {
 ///
 /// # Errors
 /// [`RebuildError`]: a header that lacks a part, or one that makes no scene.
-pub fn scene_of(header: &v1::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, RebuildError> {
+pub fn scene_of(header: &v3::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, RebuildError> {
     let task: Task = header.task.parse().map_err(|error| RebuildError::header("task", error))?;
     let gains: GainSet = header.gains.parse().map_err(|error| RebuildError::header("gains", error))?;
     header.hands.parse::<HandKind>().map_err(|error| RebuildError::header("hands", error))?;
@@ -55,7 +55,7 @@ pub fn scene_of(header: &v1::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, 
         kind: SceneKind::of(task),
         seed: if fixed_layout { 0 } else { header.seed },
         gains: robot.gains(gains),
-        hand_friction: drawn.grip.as_ref().map(|grip| grip.dynamic_friction),
+        hand_friction: drawn.hand_friction.as_ref().map(|hand_friction| hand_friction.dynamic_friction),
         scale: prop_scale(&drawn.prop_scale.unwrap_or_default()),
         layout: Some(layout(drawn)?),
     };
@@ -63,7 +63,7 @@ pub fn scene_of(header: &v1::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, 
 }
 
 /// The light of a recorded episode; nominal where the header does not say.
-pub fn light_of(header: &v1::EpisodeHeader) -> Light {
+pub fn light_of(header: &v3::EpisodeHeader) -> Light {
     let light = header.drawn.as_ref().and_then(|drawn| drawn.light.as_ref());
     light.map_or_else(Light::default, |light| Light {
         dome: light.dome,
@@ -78,11 +78,11 @@ pub fn light_of(header: &v1::EpisodeHeader) -> Light {
 }
 
 /// What varies, from a request.
-pub(crate) fn randomization(asked: &v1::Randomization) -> Randomization {
+pub(crate) fn randomization(asked: &v3::Randomization) -> Randomization {
     Randomization {
         layout: !asked.fixed_layout,
         start: !asked.fixed_start,
-        grip: !asked.fixed_grip,
+        hand_friction: !asked.fixed_hand_friction,
         light: !asked.fixed_light,
         tint: !asked.fixed_tint,
         sensors: !asked.exact_sensors,
@@ -91,7 +91,7 @@ pub(crate) fn randomization(asked: &v1::Randomization) -> Randomization {
 }
 
 /// Sizes, from a message in which 0 stands for 1.
-pub(crate) fn prop_scale(asked: &v1::PropScale) -> PropScale {
+pub(crate) fn prop_scale(asked: &v3::PropScale) -> PropScale {
     let factor = |factor: f64| if factor == 0.0 { 1.0 } else { factor };
     PropScale {
         ladder: [asked.ladder_x, asked.ladder_y, asked.ladder_z].map(factor),
@@ -101,13 +101,13 @@ pub(crate) fn prop_scale(asked: &v1::PropScale) -> PropScale {
 }
 
 /// As a message.
-pub fn drawn_message(drawn: &Drawn) -> v1::Drawn {
-    let Drawn { layout, scale, grip, light, start } = drawn;
+pub fn drawn_message(drawn: &DomainSample) -> v3::DomainSample {
+    let DomainSample { layout, scale, hand_friction, light, start } = drawn;
     let point = |point: Option<Vector2<f64>>| point.map_or_else(Vec::new, |point| vec![point.x, point.y]);
     let [ladder_x, ladder_y, ladder_z] = scale.ladder;
     let StartOffset { shift: [x, y], turn, joints } = start;
-    v1::Drawn {
-        layout: Some(v1::Layout {
+    v3::DomainSample {
+        layout: Some(v3::Layout {
             mount: mount_name(layout.mount).into(),
             fixture: Some(pose_message(&layout.world_from_fixture)),
             ladder: Some(place_message(&layout.ladder)),
@@ -116,19 +116,19 @@ pub fn drawn_message(drawn: &Drawn) -> v1::Drawn {
             crate_: point(layout.crate_),
             anchor: Some(place_message(&layout.anchor)),
         }),
-        prop_scale: Some(v1::PropScale {
+        prop_scale: Some(v3::PropScale {
             ladder_x,
             ladder_y,
             ladder_z,
             socket: scale.socket,
             fresh_bulb: scale.fresh_bulb,
         }),
-        grip: grip.as_ref().map(|grip: &Grip| v1::Grip {
-            dynamic_friction: grip.dynamic_friction,
-            static_friction: grip.static_friction,
-            bucket: grip.bucket,
+        hand_friction: hand_friction.as_ref().map(|hand_friction: &HandFriction| v3::HandFriction {
+            dynamic_friction: hand_friction.dynamic_friction,
+            static_friction: hand_friction.static_friction,
+            bucket: hand_friction.bucket,
         }),
-        light: Some(v1::Light {
+        light: Some(v3::Light {
             dome: light.dome,
             dome_yaw: light.dome_yaw,
             key: light.key,
@@ -138,7 +138,7 @@ pub fn drawn_message(drawn: &Drawn) -> v1::Drawn {
             tint_saturation: light.tint_saturation,
             tint_value: light.tint_value,
         }),
-        start: Some(v1::StartNoise { x: *x, y: *y, yaw: *turn, joint_position: joints.to_vec() }),
+        start: Some(v3::StartNoise { x: *x, y: *y, yaw: *turn, joint_position: joints.to_vec() }),
     }
 }
 
@@ -153,14 +153,14 @@ fn mount_name(mount: Mount) -> &'static str {
     }
 }
 
-fn place_message(place: &Place) -> v1::Place {
-    v1::Place { position: vec![place.position.x, place.position.y], yaw: place.yaw }
+fn place_message(place: &Place) -> v3::Place {
+    v3::Place { position: vec![place.position.x, place.position.y], yaw: place.yaw }
 }
 
-fn layout(drawn: &v1::Drawn) -> Result<Layout, RebuildError> {
+fn layout(drawn: &v3::DomainSample) -> Result<Layout, RebuildError> {
     let layout = drawn.layout.as_ref().ok_or_else(|| RebuildError::header("drawn.layout", "is missing"))?;
     let mount = MOUNTS.into_iter().find(|mount| mount_name(*mount) == layout.mount);
-    let place = |field, place: &Option<v1::Place>| {
+    let place = |field, place: &Option<v3::Place>| {
         let place = place.as_ref().ok_or_else(|| RebuildError::header(field, "is missing"))?;
         Ok::<_, RebuildError>(Place { position: point(field, &place.position)?, yaw: place.yaw })
     };

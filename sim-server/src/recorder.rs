@@ -15,7 +15,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Instant;
 
 use fiatlux_proto::keys::{any_session, is_name};
-use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult};
+use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
 use fiatlux_robot::{Robot, RobotError};
 use thiserror::Error;
 use zenoh::pubsub::Subscriber;
@@ -23,7 +23,7 @@ use zenoh::sample::SampleKind;
 use zenoh::{Session as Zenoh, Wait};
 
 use crate::show::Frames;
-use worker::{Happened, Worker};
+use worker::{Worker, WorkerEvent};
 
 /// Cores that one worker serves.
 const CORES_PER_WORKER: usize = 4;
@@ -101,7 +101,7 @@ struct Shared {
 /// A recorder at work. Dropped, it goes on to the end of what it has received, as [`Recorder::stop`] does.
 pub struct Recorder {
     tokens: Option<Subscriber<()>>,
-    workers: Vec<(Sender<Happened>, JoinHandle<Vec<PathBuf>>)>,
+    workers: Vec<(Sender<WorkerEvent>, JoinHandle<Vec<PathBuf>>)>,
 }
 
 impl Recorder {
@@ -132,9 +132,9 @@ impl Recorder {
             let key: Arc<str> = sample.key_expr().as_str().into();
             // A session always goes to the same worker.
             let place = key.bytes().fold(0_usize, |sum, byte| sum.wrapping_mul(31).wrapping_add(byte.into()));
-            let happened = if sample.kind() == SampleKind::Put { Happened::Live(key) } else { Happened::Gone(key) };
+            let event = if sample.kind() == SampleKind::Put { WorkerEvent::Live(key) } else { WorkerEvent::Gone(key) };
             // The worker may be gone.
-            let _ = queues[place % queues.len()].send(happened);
+            let _ = queues[place % queues.len()].send(event);
         });
         recorder.tokens = Some(tokens.wait().map_err(|error| RecorderError::Zenoh(error.to_string()))?);
         Ok(recorder)
@@ -149,7 +149,7 @@ impl Recorder {
     fn end(&mut self) -> Vec<PathBuf> {
         self.tokens = None;
         for (queue, _) in &self.workers {
-            let _ = queue.send(Happened::Stop);
+            let _ = queue.send(WorkerEvent::Stop);
         }
         let left = self.workers.drain(..).flat_map(|(_, thread)| thread.join().unwrap_or_default());
         let mut left: Vec<PathBuf> = left.collect();

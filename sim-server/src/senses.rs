@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use fiatlux_features::{FeatureError, ResNet18};
 use fiatlux_proto::foxglove::{CompressedImage, PointCloud};
-use fiatlux_proto::v1::{self, FlatObservation, Observation};
+use fiatlux_proto::v3::{self, FlatObservation, Observation};
 use fiatlux_render::{Camera, Image, Lighting, RenderError, Renderer, Visuals};
 use fiatlux_rules::{Row, Task, pose_message};
 use fiatlux_world::{
@@ -121,14 +121,14 @@ impl Senses {
         if has(Sensor::Features) {
             let network = self.recognise(episode)?;
             observation.features =
-                Some(v1::Features { values: network.last().to_vec(), weights: network.label().into() });
+                Some(v3::Features { values: network.last().to_vec(), weights: network.label().into() });
         }
         if has(Sensor::Flat) {
             observation.flat = Some(self.flatten(episode, task)?);
         }
         observation.privileged = has(Sensor::Privileged).then(|| privileged(episode, task));
-        observation.verdict = has(Sensor::Verdict).then(|| v1::Verdict {
-            conjuncts: episode.verdict().conjuncts.as_slice().to_vec(),
+        observation.verdict = has(Sensor::Verdict).then(|| v3::Verdict {
+            criteria: episode.verdict().criteria.as_slice().to_vec(),
             gate_progress: episode.verdict().progress,
             reward: episode.reward(),
         });
@@ -216,8 +216,8 @@ fn flat_forces(forces: &[Vector3<f64>]) -> Vec<f32> {
     forces.iter().flat_map(|force| <[f64; 3]>::from(*force)).map(|number| number as f32).collect()
 }
 
-fn proprioception(sensed: &Proprioception) -> v1::Proprioception {
-    v1::Proprioception {
+fn proprioception(sensed: &Proprioception) -> v3::Proprioception {
+    v3::Proprioception {
         base_angular_velocity: singles(&sensed.base_angular_velocity),
         projected_gravity: singles(&sensed.projected_gravity),
         base_linear_velocity: singles(&sensed.base_linear_velocity),
@@ -227,25 +227,25 @@ fn proprioception(sensed: &Proprioception) -> v1::Proprioception {
     }
 }
 
-fn image(image: &Image) -> v1::Image {
-    v1::Image { width: image.width() as u32, height: image.height() as u32, rgb: image.rgb().to_vec() }
+fn image(image: &Image) -> v3::Image {
+    v3::Image { width: image.width() as u32, height: image.height() as u32, rgb: image.rgb().to_vec() }
 }
 
-fn privileged(episode: &Episode, task: Task) -> v1::Privileged {
+fn privileged(episode: &Episode, task: Task) -> v3::Privileged {
     let row = episode.row();
     let pose = |pose: &Isometry3<f64>| Some(pose_message(pose));
     if task == Task::Climb {
         let exact = ClimbPrivileged::measure(row);
-        return v1::Privileged {
+        return v3::Privileged {
             robot: pose(&exact.robot),
             ladder: pose(&exact.ladder),
             linear_velocity: exact.linear_velocity.as_slice().to_vec(),
             flat: singles(&exact.flat()),
-            ..v1::Privileged::default()
+            ..v3::Privileged::default()
         };
     }
     let exact = Privileged::measure(episode.judge().geometry(), row);
-    v1::Privileged {
+    v3::Privileged {
         robot: pose(&exact.robot),
         ladder: pose(&exact.ladder),
         socket: pose(&exact.socket),

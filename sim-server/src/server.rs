@@ -30,13 +30,13 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// An episode of a request, and the header that a bag of it would have.
 #[cfg(test)]
 pub(crate) fn recorded_header(
-    request: &fiatlux_proto::v1::OpenRequest,
+    request: &fiatlux_proto::v3::OpenRequest,
     config: &fiatlux_world::SceneConfig,
     robot: std::sync::Arc<fiatlux_robot::Robot>,
     episode: u64,
-) -> (fiatlux_proto::v1::EpisodeHeader, fiatlux_world::Episode) {
+) -> (fiatlux_proto::v3::EpisodeHeader, fiatlux_world::Episode) {
     use fiatlux_proto::Message;
-    let request = fiatlux_proto::v1::OpenRequest { protocol: Some(fiatlux_proto::PROTOCOL), ..request.clone() };
+    let request = fiatlux_proto::v3::OpenRequest { protocol: Some(fiatlux_proto::PROTOCOL), ..request.clone() };
     let plan = plan::read(&request.encode_to_vec()).expect("a valid request");
     let spec = plan.episode(episode);
     let gains = robot.gains(plan.gains);

@@ -11,7 +11,7 @@ use fiatlux_proto::foxglove::{
     Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, PackedElementField, PointCloud, Pose,
     Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Vector3 as Vector,
 };
-use fiatlux_proto::v1::State;
+use fiatlux_proto::v3::State;
 use fiatlux_proto::{Duration, Timestamp};
 use fiatlux_robot::Robot;
 use fiatlux_rules::{CONTROL_DT, Row, RowError};

@@ -7,9 +7,10 @@ use std::time::Duration;
 
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
-use fiatlux_proto::v1::{
+use fiatlux_proto::v3::{
     Action, CloseReply, CloseRequest, Notice, Observation, OpenReply, OpenRequest, ResetReply, ResetRequest,
-    ServerInfo, SessionInfo, State, Truth, TruthAck, TruthRequest, notice, open_reply, refusal, reset_reply,
+    ServerInfo, SessionInfo, State, StepRecord, StepRecordAck, StepRecordRequest, notice, open_reply, refusal,
+    reset_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
@@ -105,8 +106,8 @@ impl Client {
         self.notices.recv_timeout(LONG).unwrap().code()
     }
 
-    fn truths(&self, from_seq: u64, count: u64) -> Vec<Truth> {
-        query(&self.zenoh, self.keys.truth_rows(), &TruthRequest { from_seq, count })
+    fn truths(&self, from_seq: u64, count: u64) -> Vec<StepRecord> {
+        query(&self.zenoh, self.keys.truth_rows(), &StepRecordRequest { from_seq, count })
     }
 }
 
@@ -145,7 +146,7 @@ fn alone(task: Task, seed: u64, episode: u64, steps: u64) -> (Vec<Row>, String) 
 fn an_episode_survives_a_bad_client() {
     let (zenoh, server) = start(options());
     let client = Client::open(&zenoh, &request("S05"));
-    let live: Receiver<Truth> = subscribe(&zenoh, client.keys.truth_row());
+    let live: Receiver<StepRecord> = subscribe(&zenoh, client.keys.truth_row());
     assert_eq!(client.info.joints.len(), JOINTS);
     let first = client.reset(4).unwrap();
     assert_eq!((first.episode, first.step, first.last_action.len()), (4, 0, JOINTS));
@@ -212,7 +213,7 @@ fn an_episode_survives_a_bad_client() {
         assert_eq!(result.end.unwrap().digest, digest);
     }
     let next_seq = client.truths(0, 1)[0].seq + 1000;
-    let ack = |next_seq| TruthAck { recorder: "r".into(), next_seq }.encode_to_vec();
+    let ack = |next_seq| StepRecordAck { recorder: "r".into(), next_seq }.encode_to_vec();
     zenoh.put(client.keys.truth_ack(), ack(next_seq)).wait().unwrap();
     assert_eq!(client.truths(0, 1).len(), 1, "nobody has what does not exist");
     let end = step + 1 + u64::from(last.end.is_none());
@@ -354,6 +355,6 @@ fn real_time_goes_on_by_itself() {
     assert!(seconds > 0.19, "{seconds}");
     client.close();
     let held = client.truths(2, 1).remove(0).action;
-    assert!(fiatlux_proto::v1::ActionRecord::decode(&*held).unwrap().held);
+    assert!(fiatlux_proto::v3::ActionRecord::decode(&*held).unwrap().held);
     drop(server);
 }

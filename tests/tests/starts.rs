@@ -93,7 +93,7 @@ fn starts_are_as_the_rulebook_says() {
             let mut judge = judge(task);
             let start_count = task.spec().start_count;
             let verdict = *judge.start(&row);
-            assert_eq!(verdict.count, start_count, "{at}: {:?}", verdict.conjuncts);
+            assert_eq!(verdict.count, start_count, "{at}: {:?}", verdict.criteria);
             forces.extend(check_hold(task, &row, &at));
 
             // Holding the staged posture.

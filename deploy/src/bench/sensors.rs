@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use fiatlux_features::{ResNet18, Weights};
 use fiatlux_policy::{Command as PolicyCommand, policies};
 use fiatlux_proto::Message;
-use fiatlux_proto::v1::{Observation, SessionInfo};
+use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use fiatlux_link::{LinkArgs, Role, choose_port};
 use fiatlux_policy::{Client, policies};
 use fiatlux_proto::keys::ServerKeys;
-use fiatlux_proto::v1::OpenRequest;
+use fiatlux_proto::v3::OpenRequest;
 use fiatlux_sim::{Naming, Recorder, RecorderOptions, Server, ServerOptions};
 use serde::Serialize;
 use zenoh::{Session, Wait};

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use fiatlux_bag::{Bag, BagError, Completeness, part_of};
-use fiatlux_proto::v1::{EpisodeHeader, OpenRequest};
+use fiatlux_proto::v3::{EpisodeHeader, OpenRequest};
 use fiatlux_render::RobotMeshes;
 use fiatlux_robot::Robot;
 use fiatlux_world::SceneConfig;

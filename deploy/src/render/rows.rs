@@ -1,7 +1,7 @@
 //! Rows of a bag that can be drawn, and the choice of those that become frames.
 
 use fiatlux_bag::{Bag, Messages};
-use fiatlux_proto::v1::State;
+use fiatlux_proto::v3::State;
 use fiatlux_rules::{CONTROL_DT, Row};
 use nalgebra::{Isometry3, Vector3};
 

@@ -3,7 +3,7 @@
 use clap::Args;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_policy::describe_servers;
-use fiatlux_proto::v1::ServerInfo;
+use fiatlux_proto::v3::ServerInfo;
 use serde_json::{Value, json};
 
 use super::Failure;
@@ -44,11 +44,11 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
 }
 
 fn as_json(server: &ServerInfo) -> Value {
-    let task = |task: &fiatlux_proto::v1::TaskInfo| {
+    let task = |task: &fiatlux_proto::v3::TaskInfo| {
         json!({
             "task": task.task, "id": task.id, "name": task.name, "instruction": task.instruction,
             "horizon_steps": task.horizon_steps, "weight": task.weight,
-            "conjuncts": task.conjuncts,
+            "criteria": task.criteria,
         })
     };
     json!({

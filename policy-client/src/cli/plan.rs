@@ -2,7 +2,7 @@
 
 use fiatlux_policy::Policy;
 use fiatlux_policy::policies::{self, Replay};
-use fiatlux_proto::v1::{Mode, OpenRequest};
+use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::run::RunArgs;
 use super::{Failure, policy};

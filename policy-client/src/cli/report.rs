@@ -2,7 +2,7 @@
 
 use fiatlux_link::print;
 use fiatlux_policy::RoundTrips;
-use fiatlux_proto::v1::{EpisodeEnd, SessionInfo};
+use fiatlux_proto::v3::{EpisodeEnd, SessionInfo};
 use serde_json::{Value, json};
 
 /// An episode that has ended.

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_proto::keys::{ServerKeys, any_alive, is_name, server_of};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
-use fiatlux_proto::v1::ServerInfo;
+use fiatlux_proto::v3::ServerInfo;
 use fiatlux_proto::{PROTOCOL, decode, is_compatible};
 use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::{Session, Wait};

@@ -1,6 +1,6 @@
 //! What can go wrong between a client and its server.
 
-use fiatlux_proto::v1::{Refusal, Version};
+use fiatlux_proto::v3::{Refusal, Version};
 use fiatlux_proto::{DecodeError, PROTOCOL};
 use thiserror::Error;
 

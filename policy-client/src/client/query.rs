@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_proto::keys::server_of;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
-use fiatlux_proto::v1::Refusal;
+use fiatlux_proto::v3::Refusal;
 use fiatlux_proto::{Message, decode, encoding};
 use zenoh::qos::Priority;
 use zenoh::query::Reply;

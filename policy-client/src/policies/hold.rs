@@ -1,6 +1,6 @@
 //! Policy `hold`.
 
-use fiatlux_proto::v1::{Observation, SessionInfo};
+use fiatlux_proto::v3::{Observation, SessionInfo};
 
 use crate::{Command, Policy, PolicyError};
 

@@ -1,6 +1,6 @@
 //! Policy `random`.
 
-use fiatlux_proto::v1::{Observation, SessionInfo};
+use fiatlux_proto::v3::{Observation, SessionInfo};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
 

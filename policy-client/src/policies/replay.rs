@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use fiatlux_bag::Bag;
-use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult, Mode, Observation, OpenRequest, SessionInfo};
+use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, Mode, Observation, OpenRequest, SessionInfo};
 
 use crate::{Command, Policy, PolicyError};
 

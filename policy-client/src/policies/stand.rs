@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fiatlux_proto::v1::{Observation, Proprioception, SessionInfo};
+use fiatlux_proto::v3::{Observation, Proprioception, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 
 use crate::balance::{Balance, Sensed};
@@ -29,7 +29,7 @@ impl Policy for Stand {
         if !robot.joints().iter().map(|joint| &joint.name).eq(info.joints.iter().map(|joint| &joint.name)) {
             return Err(unfit("it knows the joints of a G1 with Inspire hands only; use another policy".into()));
         }
-        let gain = |(joint, own): (&fiatlux_proto::v1::Joint, &JointGains)| JointGains {
+        let gain = |(joint, own): (&fiatlux_proto::v3::Joint, &JointGains)| JointGains {
             stiffness: joint.stiffness,
             damping: joint.damping,
             effort_limit: joint.effort_limit,

@@ -1,5 +1,5 @@
 use fiatlux_bag::BagWriter;
-use fiatlux_proto::v1::{
+use fiatlux_proto::v3::{
     Action, ActionRecord, EpisodeHeader, EpisodeResult, Joint, Observation, Proprioception, SessionInfo,
 };
 use fiatlux_proto::{Message, PROTOCOL};

@@ -1,6 +1,6 @@
 //! What a session takes in and gives out has the right lengths and finite numbers.
 
-use fiatlux_proto::v1::{Observation, Pose, Privileged, SessionInfo};
+use fiatlux_proto::v3::{Observation, Pose, Privileged, SessionInfo};
 
 use crate::{Command, PolicyError};
 
@@ -18,7 +18,7 @@ pub struct Lengths {
     hand_bodies: usize,
     image: [u32; 2],
     flat: usize,
-    conjuncts: usize,
+    criteria: usize,
 }
 
 impl Lengths {
@@ -29,7 +29,7 @@ impl Lengths {
             hand_bodies: info.hand_bodies.len(),
             image: [info.image_width, info.image_height],
             flat: info.flat_terms.iter().map(|term| term.length as usize).sum(),
-            conjuncts: info.task.as_ref().map_or(0, |task| task.conjuncts.len()),
+            criteria: info.task.as_ref().map_or(0, |task| task.criteria.len()),
         }
     }
 
@@ -64,7 +64,7 @@ impl Lengths {
             check_privileged(exact)?;
         }
         if let Some(verdict) = &observation.verdict {
-            exact("verdict.conjuncts", verdict.conjuncts.len(), self.conjuncts)?;
+            exact("verdict.criteria", verdict.criteria.len(), self.criteria)?;
         }
         Ok(observation)
     }

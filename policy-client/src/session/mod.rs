@@ -9,8 +9,8 @@ mod tests;
 use std::collections::VecDeque;
 
 use fiatlux_proto::limits::{MAX_SERVER_MESSAGE, RECORDER_TIMEOUT_S};
-use fiatlux_proto::v1::notice::Code;
-use fiatlux_proto::v1::{
+use fiatlux_proto::v3::notice::Code;
+use fiatlux_proto::v3::{
     Action, EpisodeEnd, Mode, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
 };
 use fiatlux_proto::{Message, decode};

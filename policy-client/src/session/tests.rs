@@ -3,8 +3,8 @@
 mod fake;
 mod lossy;
 
-use fiatlux_proto::v1::notice::Code;
-use fiatlux_proto::v1::{EpisodeEnd, Notice, Observation, Refusal, ResetReply, reset_reply};
+use fiatlux_proto::v3::notice::Code;
+use fiatlux_proto::v3::{EpisodeEnd, Notice, Observation, Refusal, ResetReply, reset_reply};
 use fiatlux_proto::{Message, decode};
 
 use super::*;

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::ServerKeys;
-use fiatlux_proto::v1::{
+use fiatlux_proto::v3::{
     Action, CloseReply, EpisodeEnd, Image, Joint, LookReply, LookRequest, Mode, Observation, OpenReply, OpenRequest,
     Refusal, ResetReply, ResetRequest, ServerInfo, SessionInfo, TaskInfo, Verdict, look_reply, open_reply, reset_reply,
 };
@@ -141,7 +141,7 @@ fn session_info(server: &str) -> SessionInfo {
         task: Some(TaskInfo {
             task: "S01".into(),
             horizon_steps: HORIZON,
-            conjuncts: vec!["standing".into()],
+            criteria: vec!["standing".into()],
             ..TaskInfo::default()
         }),
         image_width: 16,
@@ -158,6 +158,6 @@ fn session_info(server: &str) -> SessionInfo {
 fn observation(episode: u64, step: u64) -> Observation {
     let end = EpisodeEnd { cause: "time-out".into(), steps: step, digest: DIGEST.into(), ..EpisodeEnd::default() };
     let camera = step.is_multiple_of(5).then(|| Image { width: 16, height: 16, rgb: vec![100; 768] });
-    let verdict = Some(Verdict { conjuncts: vec![true], ..Verdict::default() });
+    let verdict = Some(Verdict { criteria: vec![true], ..Verdict::default() });
     Observation { episode, step, camera, verdict, end: (step == HORIZON).then_some(end), ..Observation::default() }
 }

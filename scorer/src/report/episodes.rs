@@ -12,7 +12,7 @@ use crate::{EpisodeRow, Results};
 /// All episodes, a fold a task. Few tasks are shown unfolded.
 pub(super) fn section(out: &mut String, results: &Results) {
     out.push_str(
-        "<h2>Episodes</h2>\n<p class=\"soft small\">For each episode: which conjuncts of the gate held when, and the largest \
+        "<h2>Episodes</h2>\n<p class=\"soft small\">For each episode: which criteria of the gate held when, and the largest \
          contact force of a bulb on any body of either hand. Colours at the right end are the causes of the end.</p>\n\
          <div class=\"legend\"><span><i class=\"k-held\"></i>holds</span><span><i class=\"k-partly\"></i>holds in some \
          steps of the bar's width</span><span><i class=\"k-track\"></i>does not hold</span></div>\n",
@@ -43,7 +43,7 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool) {
     }
     out.push_str("</span></summary><div class=\"inner\">");
     if let Some(spec) = spec {
-        let conjuncts: Vec<_> = spec.gate.conjuncts.iter().map(|conjunct| words(conjunct.name)).collect();
+        let criteria: Vec<_> = spec.gate.criteria.iter().map(|criterion| words(criterion.name)).collect();
         let window = match spec.gate.sustain_steps {
             1 => "at one step".to_owned(),
             steps => format!("for {:.1} s without a break", f64::from(steps) * CONTROL_DT),
@@ -52,7 +52,7 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool) {
             out,
             "<p class=\"small soft\">\u{201c}{}\u{201d} \u{2013} the gate fires when all hold {window}: {}. At most {:.0} s.</p>",
             escape(spec.instruction),
-            conjuncts.join(", "),
+            criteria.join(", "),
             spec.horizon_steps as f64 * CONTROL_DT
         );
     }

@@ -1,4 +1,4 @@
-//! The figure of one episode: its gate's conjuncts and the force on the hands over time.
+//! The figure of one episode: its gate's criteria and the force on the hands over time.
 
 use std::fmt::Write;
 
@@ -18,16 +18,16 @@ const FORCE: f64 = 74.0;
 /// SVG of an episode; `limit_n` is the force at which a bulb breaks.
 pub(super) fn figure(episode: &EpisodeRow, limit_n: f64) -> String {
     let series = &episode.series;
-    let lanes = LANE * series.conjuncts.len() as f64;
+    let lanes = LANE * series.criteria.len() as f64;
     let (force_top, bottom) = (lanes + 22.0, lanes + 22.0 + FORCE);
     let height = bottom + 24.0;
     let mut out = format!(
-        "<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"Gate conjuncts and hand force over time\">",
+        "<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"Gate criteria and hand force over time\">",
         px(WIDTH),
         px(height)
     );
     axis(&mut out, series.rows, bottom);
-    for (i, (name, held)) in series.conjuncts.iter().zip(&series.held).enumerate() {
+    for (i, (name, held)) in series.criteria.iter().zip(&series.held).enumerate() {
         lane(&mut out, &words(name), held, LANE * i as f64);
     }
     hand_force(&mut out, episode, limit_n, force_top, bottom);

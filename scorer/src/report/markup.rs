@@ -42,7 +42,7 @@ pub(super) fn cause_class(cause: &str) -> &'static str {
         "crush" => "crush",
         "drop" => "drop",
         "unseated" => "unseated",
-        "struck" => "struck",
+        "impact" => "impact",
         "time-out" => "timeout",
         _ => "other",
     }

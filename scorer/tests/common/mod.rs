@@ -1,13 +1,13 @@
 //! Episodes made of moved rooms, and bags of them.
 #![allow(dead_code)] // Each test file uses a part of it.
 
-#[path = "../../rules/tests/common/mod.rs"]
+#[path = "../../../crates/rules/tests/common/mod.rs"]
 pub mod room;
 
 use std::path::{Path, PathBuf};
 
 use fiatlux_bag::BagWriter;
-use fiatlux_proto::{Message, PROTOCOL, v1};
+use fiatlux_proto::{Message, PROTOCOL, v3};
 use fiatlux_rules::{Geometry, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
@@ -42,8 +42,8 @@ impl Drop for Folder {
     }
 }
 
-pub fn header(task: Task, seed: u64) -> v1::EpisodeHeader {
-    v1::EpisodeHeader {
+pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
+    v3::EpisodeHeader {
         protocol: Some(PROTOCOL),
         version: "0.1.0".into(),
         server: "test".into(),
@@ -52,7 +52,7 @@ pub fn header(task: Task, seed: u64) -> v1::EpisodeHeader {
         task_id: task.id().into(),
         instruction: task.instruction().into(),
         seed,
-        mode: v1::Mode::Lockstep.into(),
+        mode: v3::Mode::Lockstep.into(),
         gains: "fiatlux".into(),
         hands: "inspire".into(),
         thresholds: Thresholds::default().entries().map(|(key, value)| (key.into(), value)).collect(),
@@ -62,7 +62,7 @@ pub fn header(task: Task, seed: u64) -> v1::EpisodeHeader {
         scene_digest: "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08".into(),
         digest_context: RowDigest::new(b"test").hex(),
         control_dt: 0.02,
-        ..v1::EpisodeHeader::default()
+        ..v3::EpisodeHeader::default()
     }
 }
 
@@ -104,7 +104,7 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
 }
 
 /// The result that a server gives.
-pub fn result(header: &v1::EpisodeHeader, rows: &[Row]) -> v1::EpisodeResult {
+pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
     let task: Task = header.task.parse().expect("a task");
     let mut judge = Judge::new(task, Thresholds::default(), Geometry::default(), JudgeOptions::default());
     let mut digest = RowDigest::new(b"test");
@@ -117,7 +117,7 @@ pub fn result(header: &v1::EpisodeHeader, rows: &[Row]) -> v1::EpisodeResult {
         digest.push(row);
     }
     let summary = judge.summary();
-    let end = v1::EpisodeEnd {
+    let end = v3::EpisodeEnd {
         cause: summary.end.map_or("aborted", |end| end.cause().name()).into(),
         causes: summary.end.map_or(vec![], |end| end.causes.iter().map(|cause| cause.name().into()).collect()),
         steps: rows.len() as u64 - 1,
@@ -127,7 +127,7 @@ pub fn result(header: &v1::EpisodeHeader, rows: &[Row]) -> v1::EpisodeResult {
         broken: summary.broken,
         dropped: summary.dropped,
     };
-    v1::EpisodeResult {
+    v3::EpisodeResult {
         end: Some(end),
         success: summary.success,
         broken: summary.broken,
@@ -136,15 +136,15 @@ pub fn result(header: &v1::EpisodeHeader, rows: &[Row]) -> v1::EpisodeResult {
         peak_hand_force_n: summary.peak_hand_force_n,
         control_effort: summary.control_effort,
         steps: summary.steps,
-        ..v1::EpisodeResult::default()
+        ..v3::EpisodeResult::default()
     }
 }
 
 /// An unfinished bag with these rows.
-pub fn begin(path: &Path, header: &v1::EpisodeHeader, rows: &[Row]) -> BagWriter {
+pub fn begin(path: &Path, header: &v3::EpisodeHeader, rows: &[Row]) -> BagWriter {
     let mut writer = BagWriter::create(path, header).expect("a new bag");
     for row in rows {
-        writer.message(fiatlux_bag::topic::STATE, row.step, &v1::State::from(row).encode_to_vec()).expect("a message");
+        writer.message(fiatlux_bag::topic::STATE, row.step, &v3::State::from(row).encode_to_vec()).expect("a message");
     }
     writer
 }

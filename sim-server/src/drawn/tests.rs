@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use fiatlux_proto::Message;
-use fiatlux_proto::v1::{EpisodeHeader, OpenRequest, PropScale, Randomization, State};
+use fiatlux_proto::v3::{EpisodeHeader, OpenRequest, PropScale, Randomization, State};
 use fiatlux_rules::{JOINTS, Row};
 use fiatlux_world::{ACTION_SCALE, Command, Episode, Light, SceneConfig, World};
 
@@ -34,7 +34,7 @@ fn an_episode_is_rebuilt_from_what_was_recorded() {
         ("S01", None, None, SceneConfig::default()),
         ("S06", Some(random), None, SceneConfig::default()),
         ("S10", None, Some(larger), SceneConfig::default()),
-        ("S08", Some(Randomization { fixed_grip: true, fixed_layout: true, ..random }), None, other_room),
+        ("S08", Some(Randomization { fixed_hand_friction: true, fixed_layout: true, ..random }), None, other_room),
         ("climb", None, None, SceneConfig::default()),
     ] {
         let request = OpenRequest { task: task.into(), seed: 3, randomization, prop_scale, ..OpenRequest::default() };
@@ -97,6 +97,6 @@ fn damaged_headers_are_refused() {
     assert!(scene_of(&far, robot).is_err());
 }
 
-fn layout_of(header: &mut EpisodeHeader) -> &mut v1::Layout {
+fn layout_of(header: &mut EpisodeHeader) -> &mut v3::Layout {
     header.drawn.as_mut().unwrap().layout.as_mut().unwrap()
 }

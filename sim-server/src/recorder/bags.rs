@@ -7,7 +7,7 @@ use std::sync::Arc;
 use fiatlux_bag::{Bag, BagError, BagWriter, part_of, topic};
 use fiatlux_link::in_full;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
-use fiatlux_proto::v1::{EpisodeHeader, State, Truth};
+use fiatlux_proto::v3::{EpisodeHeader, State, StepRecord};
 use fiatlux_proto::{Message, decode};
 use fiatlux_rules::Task;
 use tracing::warn;
@@ -45,7 +45,7 @@ impl Bags {
     }
 
     /// Takes up the bag that an earlier recorder left of this session, if there is one.
-    pub fn take_up(&mut self, server: &str, session: &str) -> Option<(EpisodeHeader, u64)> {
+    pub fn resume(&mut self, server: &str, session: &str) -> Option<(EpisodeHeader, u64)> {
         let mut names: Vec<PathBuf> =
             fs::read_dir(&self.folder).ok()?.filter_map(|entry| entry.ok()).map(|entry| entry.path()).collect();
         names.sort();
@@ -119,7 +119,7 @@ impl Bags {
         error
     }
 
-    fn row(&mut self, truth: &Truth) -> Result<(), BagError> {
+    fn row(&mut self, truth: &StepRecord) -> Result<(), BagError> {
         let Some(OpenBag { writer, .. }) = &mut self.open else { return Ok(()) };
         if truth.step.is_multiple_of(ROWS_PER_FRAMES)
             && let Some(frames) = frames(&self.shared.frames, &truth.state)

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW};
-use fiatlux_proto::v1::{Truth, TruthRequest};
+use fiatlux_proto::v3::{StepRecord, StepRecordRequest};
 
-/// Truths of a session that wait for an earlier one. Those beyond are asked for again when their turn comes.
+/// StepRecords of a session that wait for an earlier one. Those beyond are asked for again when their turn comes.
 pub(super) const MAX_WAITING: usize = 1024;
 
 /// A session from which nothing came for so long is asked whether there is more.
@@ -28,8 +28,8 @@ const MAX_PROBES: u64 = 4096;
 #[derive(Debug, PartialEq)]
 pub(super) enum Next {
     /// The next truth.
-    Truth(Box<Truth>),
-    /// Truths that cannot be had any more.
+    StepRecord(Box<StepRecord>),
+    /// StepRecords that cannot be had any more.
     Lost {
         /// Number of the first one.
         from: u64,
@@ -44,7 +44,7 @@ pub(super) struct Order {
     next: u64,
     /// The number of the next truth is not known yet: it is looked for in steps of a request.
     searching: Option<u64>,
-    waiting: BTreeMap<u64, Truth>,
+    waiting: BTreeMap<u64, StepRecord>,
     /// First number of the request that is being answered.
     asked: Option<u64>,
     /// Not before this.
@@ -75,7 +75,7 @@ impl Order {
     }
 
     /// Takes a truth in, in whatever order, however often.
-    pub fn take(&mut self, truth: Truth, now: Duration) {
+    pub fn take(&mut self, truth: StepRecord, now: Duration) {
         self.heard_at = now;
         let seq = truth.seq;
         let is_old = seq < self.next && self.searching.is_none();
@@ -105,21 +105,21 @@ impl Order {
         let truth = self.waiting.remove(&self.next)?;
         self.next += 1;
         self.tries = 0;
-        Some(Next::Truth(Box::new(truth)))
+        Some(Next::StepRecord(Box::new(truth)))
     }
 
     /// What to ask for now. [`Order::answered`] must follow before there is another request.
-    pub fn request(&mut self, now: Duration) -> Option<TruthRequest> {
+    pub fn request(&mut self, now: Duration) -> Option<StepRecordRequest> {
         if self.asked.is_some() || now < self.ask_at {
             return None;
         }
         let request = match (self.searching, self.waiting.keys().next()) {
-            (Some(from_seq), _) => TruthRequest { from_seq, count: MAX_TRUTHS_PER_REQUEST },
+            (Some(from_seq), _) => StepRecordRequest { from_seq, count: MAX_TRUTHS_PER_REQUEST },
             (None, Some(first)) if *first > self.next => {
-                TruthRequest { from_seq: self.next, count: (first - self.next).min(MAX_TRUTHS_PER_REQUEST) }
+                StepRecordRequest { from_seq: self.next, count: (first - self.next).min(MAX_TRUTHS_PER_REQUEST) }
             }
             (None, None) if now >= self.heard_at + QUIET => {
-                TruthRequest { from_seq: self.next, count: MAX_TRUTHS_PER_REQUEST }
+                StepRecordRequest { from_seq: self.next, count: MAX_TRUTHS_PER_REQUEST }
             }
             (None, _) => return None,
         };
@@ -177,13 +177,13 @@ mod tests {
 
     const NOW: Duration = Duration::from_secs(100);
 
-    fn truth(seq: u64) -> Truth {
-        Truth { seq, ..Truth::default() }
+    fn truth(seq: u64) -> StepRecord {
+        StepRecord { seq, ..StepRecord::default() }
     }
 
     fn seqs(order: &mut Order) -> Vec<u64> {
         std::iter::from_fn(|| match order.next() {
-            Some(Next::Truth(truth)) => Some(truth.seq),
+            Some(Next::StepRecord(truth)) => Some(truth.seq),
             _ => None,
         })
         .collect()
@@ -208,14 +208,14 @@ mod tests {
     fn gaps_are_asked_for_one_request_at_a_time() {
         let mut order = Order::new(false, NOW);
         order.take(truth(5), NOW);
-        assert_eq!(order.request(NOW), Some(TruthRequest { from_seq: 0, count: 5 }));
+        assert_eq!(order.request(NOW), Some(StepRecordRequest { from_seq: 0, count: 5 }));
         assert_eq!(order.request(NOW), None, "one is under way");
         (0..5).for_each(|seq| order.take(truth(seq), NOW));
         order.answered(NOW);
         assert_eq!(seqs(&mut order), [0, 1, 2, 3, 4, 5]);
         order.take(truth(1000), NOW);
         let later = NOW + AGAIN;
-        assert_eq!(order.request(later), Some(TruthRequest { from_seq: 6, count: MAX_TRUTHS_PER_REQUEST }));
+        assert_eq!(order.request(later), Some(StepRecordRequest { from_seq: 6, count: MAX_TRUTHS_PER_REQUEST }));
     }
 
     #[test]
@@ -223,7 +223,7 @@ mod tests {
         let mut order = Order::new(false, NOW);
         assert_eq!(order.request(NOW), None);
         let later = NOW + QUIET;
-        assert_eq!(order.request(later), Some(TruthRequest { from_seq: 0, count: MAX_TRUTHS_PER_REQUEST }));
+        assert_eq!(order.request(later), Some(StepRecordRequest { from_seq: 0, count: MAX_TRUTHS_PER_REQUEST }));
         order.answered(later);
         assert_eq!(order.request(later + AGAIN), None, "and then not again at once");
         assert!(order.request(later + QUIET).is_some());

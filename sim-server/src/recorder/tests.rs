@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fiatlux_bag::{Bag, Completeness, part_of};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
-use fiatlux_proto::v1::{Observation, State, Truth, TruthAck, TruthRequest};
+use fiatlux_proto::v3::{Observation, State, StepRecord, StepRecordAck, StepRecordRequest};
 use fiatlux_proto::{Message, PROTOCOL};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::Queryable;
@@ -21,7 +21,7 @@ struct FakeSession {
     zenoh: Zenoh,
     keys: SessionKeys,
     /// By number; those below the acknowledged one are gone.
-    kept: Arc<Mutex<BTreeMap<u64, Truth>>>,
+    kept: Arc<Mutex<BTreeMap<u64, StepRecord>>>,
     acked: Arc<Mutex<u64>>,
     token: Option<LivelinessToken>,
     _rows: Queryable<()>,
@@ -31,19 +31,19 @@ struct FakeSession {
 impl FakeSession {
     fn open(zenoh: &Zenoh, session: &str) -> Self {
         let keys = ServerKeys::new("lab").session(session);
-        let kept: Arc<Mutex<BTreeMap<u64, Truth>>> = Arc::default();
+        let kept: Arc<Mutex<BTreeMap<u64, StepRecord>>> = Arc::default();
         let acked: Arc<Mutex<u64>> = Arc::default();
         let (held, key) = (Arc::clone(&kept), keys.truth_rows());
         let rows = zenoh.declare_queryable(keys.truth_rows()).callback(move |query| {
             let bytes = query.payload().expect("a payload").to_bytes();
-            let TruthRequest { from_seq, count } = TruthRequest::decode(&*bytes).expect("a request");
+            let StepRecordRequest { from_seq, count } = StepRecordRequest::decode(&*bytes).expect("a request");
             for (_, truth) in held.lock().expect("a lock").range(from_seq..from_seq.saturating_add(count)) {
                 query.reply(&key, truth.encode_to_vec()).wait().expect("a reply");
             }
         });
         let (held, seen) = (Arc::clone(&kept), Arc::clone(&acked));
         let acks = zenoh.declare_subscriber(keys.truth_ack()).callback(move |sample| {
-            let ack = TruthAck::decode(&*sample.payload().to_bytes()).expect("an acknowledgement");
+            let ack = StepRecordAck::decode(&*sample.payload().to_bytes()).expect("an acknowledgement");
             let mut kept = held.lock().expect("a lock");
             *kept = kept.split_off(&ack.next_seq);
             let mut acked = seen.lock().expect("a lock");
@@ -62,7 +62,7 @@ impl FakeSession {
     }
 
     /// Sends truths; those that `is_sent` refuses are lost on the way.
-    fn send(&self, truths: &[Truth], is_sent: impl Fn(u64) -> bool) {
+    fn send(&self, truths: &[StepRecord], is_sent: impl Fn(u64) -> bool) {
         for truth in truths {
             self.kept.lock().expect("a lock").insert(truth.seq, truth.clone());
             if is_sent(truth.seq) {
@@ -72,8 +72,8 @@ impl FakeSession {
     }
 }
 
-/// Truths of one episode of S01, the last with its result.
-fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<Truth> {
+/// StepRecords of one episode of S01, the last with its result.
+fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<StepRecord> {
     let header = |step| EpisodeHeader {
         protocol: Some(PROTOCOL),
         server: "lab".into(),
@@ -82,7 +82,7 @@ fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<Truth> {
         episode,
         ..EpisodeHeader::default()
     };
-    let truth = |step| Truth {
+    let truth = |step| StepRecord {
         seq: first_seq + step,
         episode,
         step,
@@ -91,7 +91,7 @@ fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<Truth> {
         observation: Observation { episode, step, last_action: vec![1.0; 53], ..Observation::default() }
             .encode_to_vec(),
         result: (step + 1 == rows).then(|| EpisodeResult { steps: rows - 1, ..EpisodeResult::default() }),
-        ..Truth::default()
+        ..StepRecord::default()
     };
     (0..rows).map(truth).collect()
 }

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use fiatlux_proto::v1::{EpisodeHeader, EpisodeResult, Truth, TruthRequest};
+use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, StepRecord, StepRecordRequest};
 
 use super::order::{Next, Order};
 
@@ -13,7 +13,7 @@ pub(super) enum Write {
     /// A new bag.
     Open(Box<EpisodeHeader>),
     /// A row, or the events that end an episode without one.
-    Row(Box<Truth>),
+    Row(Box<StepRecord>),
     /// The bag is whole.
     Finish(Box<EpisodeResult>),
     /// The bag ends before its episode.
@@ -48,19 +48,19 @@ impl Track {
     }
 
     /// A session with an open bag of that header that has the rows before `next_step`.
-    pub fn take_up(header: EpisodeHeader, next_step: u64, now: Duration) -> Self {
+    pub fn resume(header: EpisodeHeader, next_step: u64, now: Duration) -> Self {
         let open = Some(Open { episode: header.episode, next_step });
         let order = Order::new(true, now);
         Self { order, open, taken_up: Some(header), first_seq: None, writes: VecDeque::new() }
     }
 
     /// Takes a truth in, in whatever order.
-    pub fn take(&mut self, truth: Truth, now: Duration) {
+    pub fn take(&mut self, truth: StepRecord, now: Duration) {
         self.order.take(truth, now);
     }
 
     /// What to ask the server for now.
-    pub fn request(&mut self, now: Duration) -> Option<TruthRequest> {
+    pub fn request(&mut self, now: Duration) -> Option<StepRecordRequest> {
         self.order.request(now)
     }
 
@@ -97,7 +97,7 @@ impl Track {
                 return Some(write);
             }
             match self.order.next()? {
-                Next::Truth(truth) => self.truth(truth),
+                Next::StepRecord(truth) => self.truth(truth),
                 Next::Lost { from, to } => {
                     let lost = to - from;
                     self.cut(&format!("{lost} rows were lost: the recorder was away, or too slow, for too long"));
@@ -112,7 +112,7 @@ impl Track {
         }
     }
 
-    fn truth(&mut self, mut truth: Box<Truth>) {
+    fn truth(&mut self, mut truth: Box<StepRecord>) {
         let begins = truth.step == 0 && truth.header.is_some();
         let goes_on = self.open.is_some_and(|open| open.episode == truth.episode);
         // A first row belongs to an open bag only where that was left before the server knew that it was on disk.

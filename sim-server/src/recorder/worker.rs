@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_proto::keys::SessionKeys;
 use fiatlux_proto::limits::{ACK_PERIOD_S, MAX_SERVER_MESSAGE, RECORDER_TIMEOUT_S};
-use fiatlux_proto::v1::{Truth, TruthAck, TruthRequest};
+use fiatlux_proto::v3::{StepRecord, StepRecordAck, StepRecordRequest};
 use fiatlux_proto::{Message, decode, encoding};
 use tracing::{debug, info, warn};
 use zenoh::bytes::{Encoding, ZBytes};
@@ -32,14 +32,14 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// An acknowledgement that can wait does so until it covers so many truths, or half of the longest time allowed.
 const TRUTHS_PER_ACK: u64 = 64;
 
-/// What happened; sessions go by the key of their token.
-pub(super) enum Happened {
+/// What event; sessions go by the key of their token.
+pub(super) enum WorkerEvent {
     /// The token of a session is there.
     Live(Arc<str>),
     /// It is gone.
     Gone(Arc<str>),
     /// A truth, sent or asked for.
-    Truth(Arc<str>, ZBytes),
+    StepRecord(Arc<str>, ZBytes),
     /// The answer to a session's request is complete.
     Answered(Arc<str>),
     /// End, after what is in the queue.
@@ -50,7 +50,7 @@ pub(super) enum Happened {
 #[derive(Clone)]
 struct Inlet {
     key: Arc<str>,
-    queue: Sender<Happened>,
+    queue: Sender<WorkerEvent>,
     queued: Arc<AtomicUsize>,
 }
 
@@ -61,7 +61,7 @@ impl Inlet {
             return;
         }
         // The worker may be gone.
-        let _ = self.queue.send(Happened::Truth(Arc::clone(&self.key), sample.payload().clone()));
+        let _ = self.queue.send(WorkerEvent::StepRecord(Arc::clone(&self.key), sample.payload().clone()));
     }
 }
 
@@ -70,7 +70,7 @@ struct AnswerEnd(Inlet);
 
 impl Drop for AnswerEnd {
     fn drop(&mut self) {
-        let _ = self.0.queue.send(Happened::Answered(Arc::clone(&self.0.key)));
+        let _ = self.0.queue.send(WorkerEvent::Answered(Arc::clone(&self.0.key)));
     }
 }
 
@@ -91,8 +91,8 @@ struct Followed {
 pub(super) struct Worker {
     pub zenoh: Zenoh,
     pub shared: Arc<Shared>,
-    pub inbox: Receiver<Happened>,
-    pub queue: Sender<Happened>,
+    pub inbox: Receiver<WorkerEvent>,
+    pub queue: Sender<WorkerEvent>,
     pub start: Instant,
 }
 
@@ -102,11 +102,11 @@ impl Worker {
         let mut sessions: BTreeMap<Arc<str>, Followed> = BTreeMap::new();
         let mut tick_at = Duration::ZERO;
         loop {
-            let happened = self.inbox.recv_timeout(TICK);
+            let event = self.inbox.recv_timeout(TICK);
             let now = self.start.elapsed();
-            match happened {
-                Ok(Happened::Stop) | Err(RecvTimeoutError::Disconnected) => break,
-                Ok(happened) => self.handle(&mut sessions, happened, now),
+            match event {
+                Ok(WorkerEvent::Stop) | Err(RecvTimeoutError::Disconnected) => break,
+                Ok(event) => self.handle(&mut sessions, event, now),
                 Err(RecvTimeoutError::Timeout) => {}
             }
             if now >= tick_at {
@@ -118,45 +118,45 @@ impl Worker {
         sessions.into_values().filter_map(|session| session.bags.leave()).collect()
     }
 
-    fn handle(&self, sessions: &mut BTreeMap<Arc<str>, Followed>, happened: Happened, now: Duration) {
-        match happened {
-            Happened::Live(key) => {
+    fn handle(&self, sessions: &mut BTreeMap<Arc<str>, Followed>, event: WorkerEvent, now: Duration) {
+        match event {
+            WorkerEvent::Live(key) => {
                 if let Some(session) = sessions.get_mut(&key) {
                     session.gone_at = None;
                 } else if let Some(session) = self.follow(&key, now) {
                     sessions.insert(key, session);
                 }
             }
-            Happened::Gone(key) => {
+            WorkerEvent::Gone(key) => {
                 if let Some(session) = sessions.get_mut(&key) {
                     session.gone_at = session.gone_at.or(Some(now));
                 }
             }
-            Happened::Truth(key, bytes) => {
+            WorkerEvent::StepRecord(key, bytes) => {
                 let Some(session) = sessions.get_mut(&key) else { return };
                 session.inlet.queued.fetch_sub(1, Ordering::Relaxed);
-                match decode::<Truth>(&bytes.to_bytes(), MAX_SERVER_MESSAGE) {
+                match decode::<StepRecord>(&bytes.to_bytes(), MAX_SERVER_MESSAGE) {
                     Ok(truth) => session.track.take(truth, now),
                     Err(error) => warn!(%key, %error, "a truth is passed over; does the server speak this version?"),
                 }
                 self.advance(session, now);
             }
-            Happened::Answered(key) => {
+            WorkerEvent::Answered(key) => {
                 let Some(session) = sessions.get_mut(&key) else { return };
                 session.track.answered(now);
                 self.advance(session, now);
             }
-            Happened::Stop => {}
+            WorkerEvent::Stop => {}
         }
     }
 
     fn follow(&self, key: &Arc<str>, now: Duration) -> Option<Followed> {
         let (keys, server, session) = SessionKeys::of(key)?;
         let mut bags = Bags::new(&self.shared, server, session);
-        let track = match bags.take_up(server, session) {
+        let track = match bags.resume(server, session) {
             Some((header, next_step)) => {
                 info!(%key, next_step, "an unfinished bag is taken up");
-                Track::take_up(header, next_step, now)
+                Track::resume(header, next_step, now)
             }
             None => Track::new(now),
         };
@@ -194,7 +194,7 @@ impl Worker {
         }
     }
 
-    fn ask(&self, session: &Followed, request: &TruthRequest) {
+    fn ask(&self, session: &Followed, request: &StepRecordRequest) {
         let end = AnswerEnd(session.inlet.clone());
         let take = move |reply: Reply| {
             if let Ok(sample) = reply.result() {
@@ -202,7 +202,7 @@ impl Worker {
             }
         };
         let asked = self.zenoh.get(session.keys.truth_rows());
-        let asked = asked.payload(request.encode_to_vec()).encoding(Encoding::from(encoding("TruthRequest")));
+        let asked = asked.payload(request.encode_to_vec()).encoding(Encoding::from(encoding("StepRecordRequest")));
         // All replies have one key, and each counts.
         let asked = asked.consolidation(ConsolidationMode::None).timeout(ANSWER_TIMEOUT);
         if let Err(error) = asked.callback(take).wait() {
@@ -211,9 +211,9 @@ impl Worker {
     }
 
     fn acknowledge(&self, session: &Followed, next_seq: u64) {
-        let ack = TruthAck { recorder: self.shared.name.clone(), next_seq };
+        let ack = StepRecordAck { recorder: self.shared.name.clone(), next_seq };
         let put = self.zenoh.put(session.keys.truth_ack(), ack.encode_to_vec());
-        if let Err(error) = put.encoding(Encoding::from(encoding("TruthAck"))).wait() {
+        if let Err(error) = put.encoding(Encoding::from(encoding("StepRecordAck"))).wait() {
             warn!(key = %session.inlet.key, %error, "cannot acknowledge truths");
         }
     }

@@ -2,7 +2,7 @@
 
 use fiatlux_rules::Task;
 
-/// What a session can sense. `proto/fiatlux/v1/observation.proto` describes each.
+/// What a session can sense. `proto/fiatlux/v3/observation.proto` describes each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sensor {
     /// The robot's own body.

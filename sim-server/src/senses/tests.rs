@@ -49,7 +49,7 @@ fn each_sensor_fills_its_own_field() {
                 Sensor::Features => seen.features.iter().map(|features| features.values.len()).sum(),
                 Sensor::Flat => seen.flat.iter().map(|flat| flat.values.len()).sum(),
                 Sensor::Privileged => seen.privileged.iter().map(|exact| exact.flat.len()).sum(),
-                Sensor::Verdict => seen.verdict.iter().map(|verdict| verdict.conjuncts.len()).sum(),
+                Sensor::Verdict => seen.verdict.iter().map(|verdict| verdict.criteria.len()).sum(),
             };
             let expected = match sensor {
                 Sensor::Proprioception | Sensor::LastAction => JOINTS,
@@ -72,7 +72,7 @@ fn each_sensor_fills_its_own_field() {
                         48
                     }
                 }
-                Sensor::Verdict => task.spec().gate.conjuncts.len(),
+                Sensor::Verdict => task.spec().gate.criteria.len(),
             };
             assert_eq!(length, expected, "{task} {}", sensor.name());
             let rest = senses.observe(&episode, all().without(Sensors::of(&[sensor]))).unwrap();

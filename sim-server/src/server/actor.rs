@@ -132,7 +132,7 @@ impl Wire {
         Ok(Self {
             observation: publisher(keys.observation(), "Observation", Priority::InteractiveHigh, true)?,
             notice: publisher(keys.notice(), "Notice", Priority::InteractiveHigh, true)?,
-            truth: publisher(keys.truth_row(), "Truth", Priority::Data, false)?,
+            truth: publisher(keys.truth_row(), "StepRecord", Priority::Data, false)?,
             _live: zenoh.liveliness().declare_token(keys.live()).wait()?,
         })
     }

@@ -1,7 +1,7 @@
 //! What a server says of itself, of its tasks, and of a session.
 
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v1::{EpisodeHeader, FlatTerm, Joint, ServerInfo, SessionInfo, TaskInfo};
+use fiatlux_proto::v3::{EpisodeHeader, FlatTerm, Joint, ServerInfo, SessionInfo, TaskInfo};
 use fiatlux_render::head_fov;
 use fiatlux_robot::{JointGains, Robot};
 use fiatlux_rules::{CONTROL_DT, ROW_LAYOUT, Task};
@@ -39,12 +39,12 @@ fn task(task: Task) -> TaskInfo {
         instruction: task.instruction().into(),
         horizon_steps: task.horizon_steps(),
         weight: task.weight(),
-        conjuncts: conjuncts(task),
+        criteria: criteria(task),
     }
 }
 
-fn conjuncts(task: Task) -> Vec<String> {
-    task.spec().gate.conjuncts.iter().map(|conjunct| conjunct.name.to_owned()).collect()
+fn criteria(task: Task) -> Vec<String> {
+    task.spec().gate.criteria.iter().map(|criterion| criterion.name.to_owned()).collect()
 }
 
 fn hand_bodies(robot: &Robot) -> Vec<String> {
@@ -155,7 +155,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         digest_context: episode.digest_context().hex(),
         joint_names: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
         hand_bodies: hand_bodies(robot),
-        conjuncts: conjuncts(plan.task),
+        criteria: criteria(plan.task),
         horizon_steps: plan.task.horizon_steps(),
         control_dt: CONTROL_DT,
         end_on_overridden: plan.end_on.is_some(),

@@ -6,8 +6,8 @@ use std::sync::Mutex;
 
 use fiatlux_features::{ResNet18, Weights};
 use fiatlux_link::in_full;
-use fiatlux_proto::v1::Refusal;
-use fiatlux_proto::v1::refusal::Code;
+use fiatlux_proto::v3::Refusal;
+use fiatlux_proto::v3::refusal::Code;
 
 use super::lock;
 use super::plan::refusal;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use fiatlux_proto::limits::MAX_NOTICES_PER_S;
-use fiatlux_proto::v1::Notice;
+use fiatlux_proto::v3::Notice;
 
 /// The span over which notices are counted.
 const SPAN: Duration = Duration::from_secs(1);

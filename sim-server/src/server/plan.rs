@@ -3,8 +3,8 @@
 mod sensors;
 
 use fiatlux_features::SIDE_STEP;
-use fiatlux_proto::v1::refusal::Code;
-use fiatlux_proto::v1::{Mode, OpenRequest, Refusal};
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{Mode, OpenRequest, Refusal};
 use fiatlux_proto::{DecodeError, PROTOCOL, decode, is_compatible, limits};
 use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
@@ -221,13 +221,13 @@ fn thresholds(request: &OpenRequest) -> Result<Thresholds, Refusal> {
 #[cfg(test)]
 mod tests {
     use fiatlux_proto::Message;
-    use fiatlux_proto::v1::{self, Version};
+    use fiatlux_proto::v3::{self, Version};
 
     use super::*;
     use crate::senses::Sensor;
 
-    fn named(names: &[&str]) -> Vec<v1::Sensor> {
-        names.iter().map(|name| v1::Sensor { name: (*name).into(), ..v1::Sensor::default() }).collect()
+    fn named(names: &[&str]) -> Vec<v3::Sensor> {
+        names.iter().map(|name| v3::Sensor { name: (*name).into(), ..v3::Sensor::default() }).collect()
     }
 
     fn request() -> OpenRequest {
@@ -271,12 +271,12 @@ mod tests {
         let list = |name: &str| vec![name.to_owned()];
         let flat = || named(&["flat"]);
         let cases = [
-            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 2.0"),
+            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.0"),
             (
-                OpenRequest { protocol: Some(Version { major: 3, minor: 3 }), ..request() },
+                OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
                 Code::Version,
                 "protocol",
-                "the client speaks 3.3, this server 2.0",
+                "the client speaks 2.3, this server 3.0",
             ),
             (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
             (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),
@@ -292,7 +292,7 @@ mod tests {
             (OpenRequest { weights: "a".into(), ..request() }, Code::Value, "weights", "ask for features or flat"),
             (
                 OpenRequest {
-                    prop_scale: Some(v1::PropScale { ladder_z: 1.3, ..v1::PropScale::default() }),
+                    prop_scale: Some(v3::PropScale { ladder_z: 1.3, ..v3::PropScale::default() }),
                     ..request()
                 },
                 Code::Value,
@@ -301,7 +301,7 @@ mod tests {
             ),
             (
                 OpenRequest {
-                    prop_scale: Some(v1::PropScale { socket: f64::NAN, ..v1::PropScale::default() }),
+                    prop_scale: Some(v3::PropScale { socket: f64::NAN, ..v3::PropScale::default() }),
                     ..request()
                 },
                 Code::Value,
@@ -310,8 +310,8 @@ mod tests {
             ),
             (
                 OpenRequest {
-                    prop_scale: Some(v1::PropScale { socket: 1.1, ..v1::PropScale::default() }),
-                    randomization: Some(v1::Randomization { prop_scale: true, ..v1::Randomization::default() }),
+                    prop_scale: Some(v3::PropScale { socket: 1.1, ..v3::PropScale::default() }),
+                    randomization: Some(v3::Randomization { prop_scale: true, ..v3::Randomization::default() }),
                     ..request()
                 },
                 Code::Value,

@@ -1,10 +1,10 @@
 //! What is recorded of an episode: its header, its rows with their events, and its result.
 
 use fiatlux_proto::Message;
-use fiatlux_proto::v1::{
-    ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, State, Truth,
+use fiatlux_proto::v3::{
+    ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, State, StepRecord,
 };
-use fiatlux_rules::{Bulb, Conjuncts};
+use fiatlux_rules::{Bulb, Criteria};
 use fiatlux_world::Episode;
 
 /// Cause of an end that no row brought.
@@ -28,7 +28,7 @@ pub(super) struct Seen {
 /// Turns the rows of one episode into truths.
 #[derive(Debug)]
 pub(super) struct Record {
-    conjuncts: Conjuncts,
+    criteria: Criteria,
     seated: [bool; 2],
 }
 
@@ -45,14 +45,14 @@ fn bulb_name(bulb: Bulb) -> &'static str {
 
 impl Record {
     /// Row 0, with everything that must be known beside the rows.
-    pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, seen: Seen) -> (Self, Truth) {
+    pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, seen: Seen) -> (Self, StepRecord) {
         let row = episode.row();
-        let conjuncts = episode.verdict().conjuncts;
-        let held = named(episode, &conjuncts);
+        let criteria = episode.verdict().criteria;
+        let held = named(episode, &criteria);
         let held: Vec<&str> = held.filter(|(_, holds)| *holds).map(|(name, _)| name).collect();
         let start = event(row.step, "start", &header.task, "", format!("holds: {}", held.join(", ")));
-        let record = Self { conjuncts, seated: row.attachments.map(|attachment| attachment.seated) };
-        let truth = Truth {
+        let record = Self { criteria, seated: row.attachments.map(|attachment| attachment.seated) };
+        let truth = StepRecord {
             episode: header.episode,
             step: row.step,
             header: Some(header),
@@ -62,7 +62,7 @@ impl Record {
             lidar: seen.lidar,
             events: vec![start.encode_to_vec()],
             scene,
-            ..Truth::default()
+            ..StepRecord::default()
         };
         (record, truth)
     }
@@ -75,7 +75,7 @@ impl Record {
         seen: Seen,
         events: impl Iterator<Item = Event>,
         missed: Missed,
-    ) -> Truth {
+    ) -> StepRecord {
         let row = episode.row();
         let mut encoded: Vec<Vec<u8>> = events.map(|event| event.encode_to_vec()).collect();
         self.note_changes(episode, |event| encoded.push(event.encode_to_vec()));
@@ -85,7 +85,7 @@ impl Record {
             encoded.push(event(row.step, "end", cause, change, detail).encode_to_vec());
             result(episode, end, missed)
         });
-        Truth {
+        StepRecord {
             episode: episode.spec().episode,
             step: row.step,
             state: State::from(row).encode_to_vec(),
@@ -96,21 +96,21 @@ impl Record {
             reward: reward(episode).encode_to_vec(),
             events: encoded,
             result,
-            ..Truth::default()
+            ..StepRecord::default()
         }
     }
 
     fn note_changes(&mut self, episode: &Episode, mut out: impl FnMut(Event)) {
         let row = episode.row();
-        let conjuncts = episode.verdict().conjuncts;
-        if conjuncts != self.conjuncts {
-            for ((name, holds), before) in named(episode, &conjuncts).zip(self.conjuncts.as_slice()) {
+        let criteria = episode.verdict().criteria;
+        if criteria != self.criteria {
+            for ((name, holds), before) in named(episode, &criteria).zip(self.criteria.as_slice()) {
                 if holds != *before {
                     let change = if holds { "holds" } else { "fails" };
-                    out(event(row.step, "conjunct", name, change, String::new()));
+                    out(event(row.step, "criterion", name, change, String::new()));
                 }
             }
-            self.conjuncts = conjuncts;
+            self.criteria = criteria;
         }
         for bulb in Bulb::ALL {
             let seated = row.attachments[bulb as usize].seated;
@@ -126,16 +126,16 @@ impl Record {
 }
 
 /// What ends an episode that no row ended.
-pub(super) fn aborted(episode: &Episode, why: &str, events: impl Iterator<Item = Event>, missed: Missed) -> Truth {
+pub(super) fn aborted(episode: &Episode, why: &str, events: impl Iterator<Item = Event>, missed: Missed) -> StepRecord {
     let step = episode.row().step;
     let end = ended(episode, ABORTED, Vec::new());
     let ending = event(step, "end", ABORTED, ABORTED, why.into());
-    Truth {
+    StepRecord {
         episode: episode.spec().episode,
         step,
         events: events.chain([ending]).map(|event| event.encode_to_vec()).collect(),
         result: Some(result(episode, end, missed)),
-        ..Truth::default()
+        ..StepRecord::default()
     }
 }
 
@@ -159,9 +159,9 @@ fn ended(episode: &Episode, cause: &str, causes: Vec<String>) -> EpisodeEnd {
     }
 }
 
-fn named<'a>(episode: &Episode, conjuncts: &'a Conjuncts) -> impl Iterator<Item = (&'static str, bool)> + use<'a> {
-    let names = episode.spec().task.spec().gate.conjuncts.iter().map(|conjunct| conjunct.name);
-    names.zip(conjuncts.as_slice().iter().copied())
+fn named<'a>(episode: &Episode, criteria: &'a Criteria) -> impl Iterator<Item = (&'static str, bool)> + use<'a> {
+    let names = episode.spec().task.spec().gate.criteria.iter().map(|criterion| criterion.name);
+    names.zip(criteria.as_slice().iter().copied())
 }
 
 fn reward(episode: &Episode) -> Reward {
@@ -176,7 +176,7 @@ fn reward(episode: &Episode) -> Reward {
         step: episode.row().step,
         terms: terms.collect(),
         total: episode.reward(),
-        conjuncts: verdict.conjuncts.as_slice().to_vec(),
+        criteria: verdict.criteria.as_slice().to_vec(),
         gate_progress: verdict.progress,
     }
 }

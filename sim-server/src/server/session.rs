@@ -12,9 +12,9 @@ use std::time::Duration;
 
 use fiatlux_features::ResNet18;
 use fiatlux_link::in_full;
-use fiatlux_proto::v1::notice::Code as NoticeCode;
-use fiatlux_proto::v1::refusal::Code as RefusalCode;
-use fiatlux_proto::v1::{CloseReply, CloseRequest, Event, Notice, Observation, ResetRequest, SessionInfo};
+use fiatlux_proto::v3::notice::Code as NoticeCode;
+use fiatlux_proto::v3::refusal::Code as RefusalCode;
+use fiatlux_proto::v3::{CloseReply, CloseRequest, Event, Notice, Observation, ResetRequest, SessionInfo};
 use fiatlux_proto::{Message, decode, limits};
 use fiatlux_render::Lighting;
 use fiatlux_world::Episode;
@@ -168,7 +168,7 @@ impl<R> Session<R> {
             Input::ClientSeen => self.client_gone = None,
             Input::ClientGone => self.client_gone = self.client_gone.or(Some(now)),
             Input::Ack(bytes) => self.on_ack(&bytes, now, out),
-            Input::Truths(bytes, to) => self.on_truths(&bytes, to, out),
+            Input::StepRecords(bytes, to) => self.on_truths(&bytes, to, out),
             Input::PassedOver(count) => {
                 let message = format!("{count} messages found {} others waiting", limits::MAX_WAITING_MESSAGES);
                 let remedy = "send one action for each observation, and the same one again after resend_s";
@@ -260,7 +260,7 @@ impl<R> Session<R> {
         self.client_silent = now;
         self.abort("another episode was asked for", now, out);
         let spec = self.plan.episode(index);
-        let scene = self.built.with_friction(spec.grip().map(|grip| grip.dynamic_friction));
+        let scene = self.built.with_friction(spec.drawn_hand_friction().map(|friction| friction.dynamic_friction));
         let scene = scene.map_err(|error| in_full(&error));
         let started = scene.and_then(|scene| Episode::start(scene, &spec).map_err(|error| in_full(&error)));
         let episode = match started {

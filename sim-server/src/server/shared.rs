@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use fiatlux_link::in_full;
 use fiatlux_proto::keys::ServerKeys;
-use fiatlux_proto::v1::refusal::Code;
-use fiatlux_proto::v1::{OpenReply, Refusal, ServerInfo, SessionInfo, open_reply};
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{OpenReply, Refusal, ServerInfo, SessionInfo, open_reply};
 use fiatlux_proto::{Message, encoding};
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::query::Query;
@@ -138,7 +138,7 @@ impl Shared {
         match output {
             Output::Observation(bytes) => put(|wire| &wire.observation, bytes),
             Output::Notice(bytes) => put(|wire| &wire.notice, bytes),
-            Output::Truth(bytes) => put(|wire| &wire.truth, bytes),
+            Output::StepRecord(bytes) => put(|wire| &wire.truth, bytes),
             Output::Reply(query, message, replies) => self.answer(query, AnswerKind::Replies(message, replies)),
             Output::Refuse(query, bytes) => self.answer(query, AnswerKind::Refusal(bytes)),
             Output::Closed => {

@@ -8,8 +8,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use fiatlux_proto::keys::{self, ServerKeys};
-use fiatlux_proto::v1::refusal::Code;
-use fiatlux_proto::v1::{CloseReply, LookReply, OpenReply, ResetReply, look_reply, open_reply, reset_reply};
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{CloseReply, LookReply, OpenReply, ResetReply, look_reply, open_reply, reset_reply};
 use fiatlux_proto::{Message, limits};
 use fiatlux_render::{MeshError, RobotMeshes};
 use fiatlux_robot::{Robot, RobotError};
@@ -121,12 +121,12 @@ pub struct Server {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
     /// What hears messages; the first to go at the end.
-    ears: Vec<Ear>,
+    declared: Vec<Declared>,
     alive: Option<LivelinessToken>,
 }
 
 #[expect(dead_code, reason = "held, not read: a declaration ends with its handle")]
-enum Ear {
+enum Declared {
     Subscriber(Subscriber<()>),
     Queryable(Queryable<()>),
 }
@@ -179,7 +179,7 @@ impl Server {
             next_id: AtomicU64::new(1),
             start: Instant::now(),
         });
-        let mut server = Self { shared, threads: Vec::new(), ears: Vec::new(), alive: None };
+        let mut server = Self { shared, threads: Vec::new(), declared: Vec::new(), alive: None };
         server.start_threads(options.workers).map_err(ServerError::Thread)?;
         server.listen()?;
         let key = server.shared.keys.alive();
@@ -250,7 +250,7 @@ impl Server {
         self.answer_session(any.close(), Side::Client, Input::Close)?;
         self.answer_session(any.observation(), Side::Client, |_, query| Input::Observation(query))?;
         self.answer_session(any.look(), Side::Client, Input::Look)?;
-        self.answer_session(any.truth_rows(), Side::Recorder, Input::Truths)?;
+        self.answer_session(any.truth_rows(), Side::Recorder, Input::StepRecords)?;
         self.watch_clients(any.client())
     }
 
@@ -267,7 +267,7 @@ impl Server {
             }
         };
         let subscriber = self.shared.zenoh.declare_subscriber(key.clone()).callback(callback).wait();
-        self.ears.push(Ear::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
+        self.declared.push(Declared::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
 
@@ -316,7 +316,7 @@ impl Server {
         callback: impl Fn(Query) + Send + Sync + 'static,
     ) -> Result<(), ServerError> {
         let queryable = self.shared.zenoh.declare_queryable(key.clone()).callback(callback).wait();
-        self.ears.push(Ear::Queryable(queryable.map_err(|error| refused(&key, error.as_ref()))?));
+        self.declared.push(Declared::Queryable(queryable.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
 
@@ -331,7 +331,7 @@ impl Server {
         };
         let subscriber = self.shared.zenoh.liveliness().declare_subscriber(key.clone()).history(true);
         let subscriber = subscriber.callback(callback).wait();
-        self.ears.push(Ear::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
+        self.declared.push(Declared::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
 }
@@ -339,7 +339,7 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         self.alive = None;
-        self.ears.clear();
+        self.declared.clear();
         self.shared.queue.stop();
         self.shared.answers.stop();
         self.shared.timer.stop();
@@ -397,7 +397,7 @@ fn answer_for_nobody(query: &Query, code: Code, message: &str) {
 #[cfg(test)]
 mod tests {
     use fiatlux_proto::PROTOCOL;
-    use fiatlux_proto::v1::OpenRequest;
+    use fiatlux_proto::v3::OpenRequest;
 
     use super::*;
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use fiatlux_proto::Message;
 use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW, RECORDING_WINDOW_BYTES};
-use fiatlux_proto::v1::{Truth, TruthAck, TruthRequest};
+use fiatlux_proto::v3::{StepRecord, StepRecordAck, StepRecordRequest};
 use zenoh::bytes::ZBytes;
 
 /// Numbers truths and keeps those that are not acknowledged.
@@ -24,7 +24,7 @@ impl Window {
     }
 
     /// Takes a truth in, numbered. A full window loses its oldest truth if `slide`.
-    pub fn push(&mut self, truth: &mut Truth, slide: bool) -> ZBytes {
+    pub fn push(&mut self, truth: &mut StepRecord, slide: bool) -> ZBytes {
         truth.seq = self.next_seq();
         let bytes = ZBytes::from(truth.encode_to_vec());
         while slide && self.is_full() {
@@ -54,7 +54,7 @@ impl Window {
 
     /// Forgets what a recorder has on disk; returns how many truths that freed. An acknowledgement of what does not exist
     /// yet frees nothing.
-    pub fn acknowledge(&mut self, ack: &TruthAck) -> usize {
+    pub fn acknowledge(&mut self, ack: &StepRecordAck) -> usize {
         if ack.next_seq > self.next_seq() {
             return 0;
         }
@@ -64,7 +64,7 @@ impl Window {
     }
 
     /// As many as are asked for, from the first of them that is kept.
-    pub fn get(&self, request: &TruthRequest) -> Vec<ZBytes> {
+    pub fn get(&self, request: &StepRecordRequest) -> Vec<ZBytes> {
         let skipped = request.from_seq.saturating_sub(self.first).min(self.truths.len() as u64);
         let count = request.count.min(MAX_TRUTHS_PER_REQUEST);
         self.truths.iter().skip(skipped as usize).take(count as usize).cloned().collect()
@@ -76,19 +76,19 @@ mod tests {
     use super::*;
 
     fn seqs(truths: &[ZBytes]) -> Vec<u64> {
-        truths.iter().map(|bytes| Truth::decode(&*bytes.to_bytes()).expect("a truth").seq).collect()
+        truths.iter().map(|bytes| StepRecord::decode(&*bytes.to_bytes()).expect("a truth").seq).collect()
     }
 
     #[test]
     fn truths_are_kept_until_acknowledged() {
         let mut window = Window::default();
         for _ in 0..10 {
-            window.push(&mut Truth::default(), false);
+            window.push(&mut StepRecord::default(), false);
         }
-        let ack = |next_seq| TruthAck { next_seq, ..TruthAck::default() };
+        let ack = |next_seq| StepRecordAck { next_seq, ..StepRecordAck::default() };
         assert_eq!(window.acknowledge(&ack(11)), 0, "what does not exist is not on disk");
         assert_eq!((window.acknowledge(&ack(4)), window.acknowledge(&ack(2))), (4, 0));
-        let get = |from_seq, count| seqs(&window.get(&TruthRequest { from_seq, count }));
+        let get = |from_seq, count| seqs(&window.get(&StepRecordRequest { from_seq, count }));
         assert_eq!(get(5, 3), [5, 6, 7]);
         assert_eq!(get(2, 3), [4, 5, 6], "2 and 3 are gone");
         assert_eq!(get(9, u64::MAX), [9]);
@@ -102,14 +102,17 @@ mod tests {
         let mut window = Window::default();
         for _ in 0..RECORDING_WINDOW {
             assert!(!window.is_full());
-            window.push(&mut Truth::default(), true);
+            window.push(&mut StepRecord::default(), true);
         }
         assert!(window.is_full());
-        window.push(&mut Truth::default(), true);
-        let oldest = |window: &Window| seqs(&window.get(&TruthRequest { from_seq: 0, count: 1 }));
+        window.push(&mut StepRecord::default(), true);
+        let oldest = |window: &Window| seqs(&window.get(&StepRecordRequest { from_seq: 0, count: 1 }));
         assert_eq!(oldest(&window), [1]);
-        window.push(&mut Truth::default(), false);
+        window.push(&mut StepRecord::default(), false);
         assert_eq!(oldest(&window), [1]);
-        assert_eq!(window.get(&TruthRequest { from_seq: 1, count: u64::MAX }).len() as u64, MAX_TRUTHS_PER_REQUEST);
+        assert_eq!(
+            window.get(&StepRecordRequest { from_seq: 1, count: u64::MAX }).len() as u64,
+            MAX_TRUTHS_PER_REQUEST
+        );
     }
 }

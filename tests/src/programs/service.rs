@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_proto::Message;
 use fiatlux_proto::keys::{ROOT, SessionKeys};
-use fiatlux_proto::v1::Observation;
+use fiatlux_proto::v3::Observation;
 use serde_json::Value;
 use zenoh::{Config, Session, Wait};
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use fiatlux_bag::Bag;
-use fiatlux_proto::v1::EpisodeHeader;
+use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_tests::programs::{PATIENCE, Running, Scratch, wait_until};
 use serde_json::Value;
 

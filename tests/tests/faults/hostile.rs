@@ -2,9 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use fiatlux_proto::v1::notice::Code;
-use fiatlux_proto::v1::refusal::Code as Refused;
-use fiatlux_proto::v1::{Action, CloseReply, Observation, OpenRequest, Truth, TruthAck, TruthRequest, Version};
+use fiatlux_proto::v3::notice::Code;
+use fiatlux_proto::v3::refusal::Code as Refused;
+use fiatlux_proto::v3::{
+    Action, CloseReply, Observation, OpenRequest, StepRecord, StepRecordAck, StepRecordRequest, Version,
+};
 use fiatlux_proto::{Message, PROTOCOL, limits};
 use fiatlux_tests::programs::{PATIENCE, Service, Watch, alone, connect, grade, played};
 use zenoh::Wait;
@@ -111,8 +113,8 @@ fn hostile_requests_to_open() {
     let set = |name: &str, value: f64| [(name.to_owned(), value)].into();
     let version = Version { major: PROTOCOL.major + 1, minor: 4 };
     let cases: [(OpenRequest, Refused, &str, &[&str]); 11] = [
-        (OpenRequest { protocol: Some(version), ..request("S01") }, Refused::Version, "protocol", &["3.4", "2.0"]),
-        (OpenRequest { protocol: None, ..request("S01") }, Refused::Version, "protocol", &["2.0"]),
+        (OpenRequest { protocol: Some(version), ..request("S01") }, Refused::Version, "protocol", &["4.4", "3.0"]),
+        (OpenRequest { protocol: None, ..request("S01") }, Refused::Version, "protocol", &["3.0"]),
         (request("S99"), Refused::Unknown, "task", &["S99", "S01"]),
         (
             OpenRequest { sensors: vec!["smell".into()], ..request("S01") },
@@ -179,7 +181,7 @@ fn a_hostile_recorder() {
     let keys = fiatlux_proto::keys::ServerKeys::new("test").session(&session);
     for round in 0..100 {
         for next_seq in [u64::MAX, u64::MAX / 2, 1 << 32, 100_000] {
-            let ack = TruthAck { recorder: "liar".into(), next_seq }.encode_to_vec();
+            let ack = StepRecordAck { recorder: "liar".into(), next_seq }.encode_to_vec();
             link.put(keys.truth_ack(), ack).wait().unwrap();
         }
         for garbage in [noise(round, 60), vec![0xff; 10], vec![0; 100_000], Vec::new()] {
@@ -187,13 +189,13 @@ fn a_hostile_recorder() {
         }
     }
     let truths = |from_seq, count| {
-        let request = TruthRequest { from_seq, count }.encode_to_vec();
-        ask::<Truth>(&link, &keys.truth_rows(), request).into_iter().map(Result::unwrap).collect::<Vec<_>>()
+        let request = StepRecordRequest { from_seq, count }.encode_to_vec();
+        ask::<StepRecord>(&link, &keys.truth_rows(), request).into_iter().map(Result::unwrap).collect::<Vec<_>>()
     };
     let all = truths(0, u64::MAX);
     assert!(all.len() as u64 <= limits::MAX_TRUTHS_PER_REQUEST, "{}", all.len());
     assert!(truths(u64::MAX, u64::MAX).is_empty() && truths(1 << 40, 1).is_empty());
-    let refused = ask::<Truth>(&link, &keys.truth_rows(), noise(3, 50)).remove(0).unwrap_err();
+    let refused = ask::<StepRecord>(&link, &keys.truth_rows(), noise(3, 50)).remove(0).unwrap_err();
     assert_eq!(refused.code(), Refused::Malformed);
     assert!(client.is_running(), "all that came during the episode");
 

@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
-use fiatlux_proto::v1::{
+use fiatlux_proto::v3::{
     Action, Notice, Observation, OpenReply, OpenRequest, Refusal, ResetReply, ResetRequest, SessionInfo, open_reply,
     reset_reply,
 };

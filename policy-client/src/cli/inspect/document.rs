@@ -15,25 +15,25 @@ pub fn report(state: &State, files: &BTreeMap<&'static str, String>) -> Value {
     let info = &state.info;
     let task = info.task.clone().unwrap_or_default();
     let verdict = state.latest.verdict.as_ref();
-    let conjunct = |(index, name): (usize, &String)| {
+    let criterion = |(index, name): (usize, &String)| {
         json!({
             "name": name,
-            "holds": verdict.and_then(|verdict| verdict.conjuncts.get(index)),
+            "holds": verdict.and_then(|verdict| verdict.criteria.get(index)),
             "steps_held": state.held[index],
         })
     };
-    let joint = |joint: &fiatlux_proto::v1::Joint| {
+    let joint = |joint: &fiatlux_proto::v3::Joint| {
         json!({
             "name": joint.name, "q0": joint.q0, "lower": joint.lower, "upper": joint.upper,
             "stiffness": joint.stiffness, "damping": joint.damping, "effort_limit": joint.effort_limit,
         })
     };
-    let flat = |term: &fiatlux_proto::v1::FlatTerm| {
+    let flat = |term: &fiatlux_proto::v3::FlatTerm| {
         json!({
             "name": term.name, "offset": term.offset, "length": term.length, "scale": term.scale, "noise": term.noise,
         })
     };
-    let notice = |notice: &fiatlux_proto::v1::Notice| {
+    let notice = |notice: &fiatlux_proto::v3::Notice| {
         json!({
             "step": notice.step, "field": notice.field, "message": notice.message, "remedy": notice.remedy,
             "count": notice.count,
@@ -59,7 +59,7 @@ pub fn report(state: &State, files: &BTreeMap<&'static str, String>) -> Value {
         "end": end,
         "sensors": sensors(state),
         "gate": {
-            "conjuncts": task.conjuncts.iter().enumerate().map(conjunct).collect::<Vec<_>>(),
+            "criteria": task.criteria.iter().enumerate().map(criterion).collect::<Vec<_>>(),
             "steps": state.verdicts,
             "progress": verdict.map(|verdict| verdict.gate_progress),
             "reward": (state.verdicts > 0).then_some(state.reward),

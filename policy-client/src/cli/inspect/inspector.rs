@@ -7,7 +7,7 @@ use std::sync::mpsc::Receiver;
 use std::time::Instant;
 
 use fiatlux_policy::{Command, Policy, PolicyError};
-use fiatlux_proto::v1::{Notice, Observation, SessionInfo};
+use fiatlux_proto::v3::{Notice, Observation, SessionInfo};
 
 use super::screen::Screen;
 use super::state::State;

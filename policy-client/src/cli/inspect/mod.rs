@@ -24,7 +24,7 @@ use clap::Args;
 use fiatlux_link::{LinkArgs, Role, print, stop_on_signal};
 use fiatlux_policy::policies::{self, Replay};
 use fiatlux_policy::{Client, ClientError, Policy, SessionArgs};
-use fiatlux_proto::v1::{Mode, OpenRequest, Sensor};
+use fiatlux_proto::v3::{Mode, OpenRequest, Sensor};
 
 use super::{Failure, policy};
 use inspector::Inspector;

@@ -1,6 +1,6 @@
 //! Pictures of what the camera and the LiDAR see.
 
-use fiatlux_proto::v1::Image;
+use fiatlux_proto::v3::Image;
 
 use super::canvas::{Canvas, Color};
 use super::scan::{COLUMNS, RANGE, ROWS, Scan};

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use fiatlux_proto::v1::{Observation, Pose, SessionInfo};
+use fiatlux_proto::v3::{Observation, Pose, SessionInfo};
 use fiatlux_robot::Robot;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -92,7 +92,7 @@ fn pose(pose: &Pose) -> Option<Isometry3<f64>> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use fiatlux_proto::v1::{Joint, Privileged, Proprioception};
+    use fiatlux_proto::v3::{Joint, Privileged, Proprioception};
 
     use super::*;
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fiatlux_policy::{Command, RoundTrips};
 use fiatlux_proto::Message;
-use fiatlux_proto::v1::{EpisodeEnd, Mode, Notice, Observation, SessionInfo};
+use fiatlux_proto::v3::{EpisodeEnd, Mode, Notice, Observation, SessionInfo};
 
 use super::terms::{SENSORS, Sensor};
 
@@ -34,7 +34,7 @@ pub struct State {
     pub steps_with: BTreeMap<Vec<&'static str>, RoundTrips>,
     /// The policy's own time.
     pub acting: RoundTrips,
-    /// Steps in which the verdict had each conjunct, and steps with a verdict.
+    /// Steps in which the verdict had each criterion, and steps with a verdict.
     pub held: Vec<u64>,
     pub verdicts: u64,
     pub reward: f64,
@@ -77,7 +77,7 @@ impl State {
     /// Of a session of which nothing has been seen yet.
     pub fn new(info: SessionInfo, policy: String, episode: u64) -> Self {
         let out_of_limits = OutOfLimits { joints: vec![0; info.joints.len()], ..OutOfLimits::default() };
-        let held = vec![0; info.task.as_ref().map_or(0, |task| task.conjuncts.len())];
+        let held = vec![0; info.task.as_ref().map_or(0, |task| task.criteria.len())];
         Self {
             info,
             policy,
@@ -127,7 +127,7 @@ impl State {
         if let Some(verdict) = &observation.verdict {
             self.verdicts += 1;
             self.reward += verdict.reward;
-            for (held, holds) in self.held.iter_mut().zip(&verdict.conjuncts) {
+            for (held, holds) in self.held.iter_mut().zip(&verdict.criteria) {
                 *held += u64::from(*holds);
             }
         }

@@ -1,7 +1,7 @@
 //! What an observation can have, term by term: names, shapes and units as in `observation.proto`.
 
 use fiatlux_proto::Message;
-use fiatlux_proto::v1::{Observation, Pose, Privileged, Proprioception, SessionInfo, Verdict};
+use fiatlux_proto::v3::{Observation, Pose, Privileged, Proprioception, SessionInfo, Verdict};
 
 /// A sensor's part of an observation.
 pub struct Sensor {
@@ -157,7 +157,7 @@ pub static SENSORS: [Sensor; 10] = [
         name: "verdict",
         is_large: false,
         terms: &[
-            term("conjuncts", "bool", 6, conjuncts, |o| verdict(o, |v| bools(&v.conjuncts))),
+            term("criteria", "bool", 6, criteria, |o| verdict(o, |v| bools(&v.criteria))),
             term("gate_progress", "", SELF, |_| vec![1], |o| verdict(o, |v| vec![v.gate_progress])),
             term("reward", "", SELF, |_| vec![1], |o| verdict(o, |v| vec![v.reward])),
         ],
@@ -177,8 +177,8 @@ fn flat(info: &SessionInfo) -> Vec<usize> {
     vec![info.flat_terms.iter().map(|term| term.length as usize).sum()]
 }
 
-fn conjuncts(info: &SessionInfo) -> Vec<usize> {
-    vec![info.task.as_ref().map_or(0, |task| task.conjuncts.len())]
+fn criteria(info: &SessionInfo) -> Vec<usize> {
+    vec![info.task.as_ref().map_or(0, |task| task.criteria.len())]
 }
 
 fn pose_shape(_: &SessionInfo) -> Vec<usize> {
@@ -214,7 +214,7 @@ fn wide(singles: &[f32]) -> Vec<f64> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use fiatlux_proto::v1::Image;
+    use fiatlux_proto::v3::Image;
 
     use super::*;
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use fiatlux_policy::Command;
-use fiatlux_proto::v1::{
+use fiatlux_proto::v3::{
     EpisodeEnd, FlatTerm, Joint, Notice, Observation, Proprioception, Sensor, SessionInfo, TaskInfo, Verdict,
 };
 
@@ -20,7 +20,7 @@ fn info() -> SessionInfo {
         name: "Carry".into(),
         instruction: "Carry the bulb.".into(),
         horizon_steps: 6000,
-        conjuncts: vec!["near the crate".into(), "held".into()],
+        criteria: vec!["near the crate".into(), "held".into()],
         ..TaskInfo::default()
     };
     let joint = |name: &str| Joint { name: name.into(), lower: -1.0, upper: 1.0, q0: 0.2, ..Joint::default() };
@@ -51,7 +51,7 @@ fn observation(step: u64) -> Observation {
         joint_position: vec![0.1, -0.1],
         joint_velocity: vec![0.0; 2],
     };
-    let verdict = Verdict { conjuncts: vec![step >= 5, true], gate_progress: 0.5, reward: 0.25 };
+    let verdict = Verdict { criteria: vec![step >= 5, true], gate_progress: 0.5, reward: 0.25 };
     let lidar = if step.is_multiple_of(5) { vec![2.0; 5760] } else { Vec::new() };
     Observation { step, proprioception: Some(own), lidar, verdict: Some(verdict), ..Observation::default() }
 }
@@ -160,7 +160,7 @@ fn the_document_has_what_the_view_has() {
     assert_eq!(report["sensors"][1]["name"], "lidar");
     assert_eq!(report["sensors"][1]["terms"][0]["shape"], serde_json::json!([32, 180]));
     assert_eq!(report["sensors"][2]["rate_hz"], serde_json::Value::Null);
-    assert_eq!(report["gate"]["conjuncts"][0]["steps_held"], 5);
+    assert_eq!(report["gate"]["criteria"][0]["steps_held"], 5);
     assert_eq!((&report["end"]["cause"], &report["files"]["camera"]), (&"fall".into(), &"x/camera.png".into()));
     let one: serde_json::Value = serde_json::from_str(&document::observation(&state)).unwrap();
     assert_eq!((&one["step"], &one["sensors"]["lidar"]["step"]), (&9.into(), &5.into()));
@@ -168,7 +168,7 @@ fn the_document_has_what_the_view_has() {
     // A single has the digits of a single.
     let own = &one["sensors"]["proprioception"]["terms"];
     assert_eq!(own["base_height"]["values"][0].to_string(), "0.79");
-    assert_eq!(one["sensors"]["verdict"]["terms"]["conjuncts"]["values"], serde_json::json!([true, true]));
+    assert_eq!(one["sensors"]["verdict"]["terms"]["criteria"]["values"], serde_json::json!([true, true]));
 }
 
 #[test]

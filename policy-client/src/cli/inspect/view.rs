@@ -123,19 +123,19 @@ fn gate(state: &State, lines: &mut Lines) {
     let verdict = state.latest.verdict.as_ref().filter(|_| state.verdicts > 0);
     match verdict {
         Some(verdict) => {
-            let count = verdict.conjuncts.iter().filter(|holds| **holds).count();
+            let count = verdict.criteria.iter().filter(|holds| **holds).count();
             lines.title(format!(
                 "Gate: {count} of {} hold; progress {:.2}; reward so far {}",
-                task.conjuncts.len(),
+                task.criteria.len(),
                 verdict.gate_progress,
                 number(state.reward)
             ));
         }
         None => lines.title("Gate: unknown without the sensor verdict".into()),
     }
-    let longest = task.conjuncts.iter().map(|name| name.chars().count()).max().unwrap_or(0);
-    for (index, name) in task.conjuncts.iter().enumerate() {
-        match verdict.and_then(|verdict| verdict.conjuncts.get(index)) {
+    let longest = task.criteria.iter().map(|name| name.chars().count()).max().unwrap_or(0);
+    for (index, name) in task.criteria.iter().enumerate() {
+        match verdict.and_then(|verdict| verdict.criteria.get(index)) {
             Some(holds) => {
                 let mark = if *holds { 'x' } else { ' ' };
                 let share = 100.0 * state.held[index] as f64 / state.verdicts as f64;

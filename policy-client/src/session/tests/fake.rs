@@ -1,6 +1,6 @@
 //! The other side: a server that counts instead of simulating.
 
-use fiatlux_proto::v1::{
+use fiatlux_proto::v3::{
     Action, EpisodeEnd, Joint, Mode, Observation, ResetReply, ResetRequest, SessionInfo, reset_reply,
 };
 use fiatlux_proto::{Message, decode};

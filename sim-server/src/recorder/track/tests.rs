@@ -1,4 +1,4 @@
-use fiatlux_proto::v1::EpisodeEnd;
+use fiatlux_proto::v3::EpisodeEnd;
 
 use super::*;
 
@@ -8,16 +8,16 @@ fn header(episode: u64) -> EpisodeHeader {
     EpisodeHeader { task: "S01".into(), episode, ..EpisodeHeader::default() }
 }
 
-/// Truths of one episode, the last with its result.
-fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<Truth> {
-    let row = |step| Truth {
+/// StepRecords of one episode, the last with its result.
+fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<StepRecord> {
+    let row = |step| StepRecord {
         seq: first_seq + step,
         episode,
         step,
         state: vec![1],
         header: (step == 0).then(|| header(episode)),
         result: (step + 1 == rows).then(EpisodeResult::default),
-        ..Truth::default()
+        ..StepRecord::default()
     };
     (0..rows).map(row).collect()
 }
@@ -36,7 +36,7 @@ fn written(track: &mut Track) -> String {
     std::iter::from_fn(|| track.next_write()).map(short).collect::<Vec<_>>().join(" ")
 }
 
-fn take(track: &mut Track, truths: impl IntoIterator<Item = Truth>) {
+fn take(track: &mut Track, truths: impl IntoIterator<Item = StepRecord>) {
     truths.into_iter().for_each(|truth| track.take(truth, NOW));
 }
 
@@ -67,7 +67,7 @@ fn an_episode_without_a_last_row_ends_too() {
     let result = Some(EpisodeResult { end: Some(end), ..EpisodeResult::default() });
     let mut truths = episode(0, 0, 5);
     truths.truncate(3);
-    truths.push(Truth { seq: 3, step: 2, result, ..Truth::default() });
+    truths.push(StepRecord { seq: 3, step: 2, result, ..StepRecord::default() });
     take(&mut track, truths);
     assert_eq!(written(&mut track), "o0 0 1 2 2 f");
     assert_eq!(track.next_seq(0), 4);
@@ -112,7 +112,7 @@ fn lost_rows_cut_the_bag_and_the_next_episode_is_whole() {
 fn a_bag_is_taken_up_where_it_was_left() {
     // The server still has rows that are on disk, the first one among them or not.
     for first_kept in [0, 2, 4] {
-        let mut track = Track::take_up(header(0), 4, NOW);
+        let mut track = Track::resume(header(0), 4, NOW);
         assert_eq!(track.next_seq(4), 0, "nothing is known yet");
         assert!(track.request(NOW).is_some());
         take(&mut track, episode(0, 0, 6).into_iter().skip(first_kept));
@@ -126,7 +126,7 @@ fn a_bag_is_taken_up_where_it_was_left() {
 fn a_bag_that_cannot_go_on_is_cut() {
     // A row is missing; the session is at another episode; it is another session of that name.
     let other = EpisodeHeader { seed: 1, ..header(0) };
-    let with_other: Vec<Truth> = episode(0, 0, 2)
+    let with_other: Vec<StepRecord> = episode(0, 0, 2)
         .into_iter()
         .map(|mut truth| {
             truth.header = truth.header.map(|_| other.clone());
@@ -135,7 +135,7 @@ fn a_bag_that_cannot_go_on_is_cut() {
         .collect();
     let cases = [(episode(0, 0, 7).split_off(5), "c"), (episode(600, 1, 2), "c o1 0 1 f"), (with_other, "c o0 0 1 f")];
     for (truths, expected) in cases {
-        let mut track = Track::take_up(header(0), 4, NOW);
+        let mut track = Track::resume(header(0), 4, NOW);
         while let Some(request) = track.request(NOW) {
             let asked = request.from_seq..request.from_seq + request.count;
             take(&mut track, truths.iter().filter(|truth| asked.contains(&truth.seq)).cloned());

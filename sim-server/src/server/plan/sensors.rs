@@ -1,8 +1,8 @@
 //! The sensors that a session asks for, and how often.
 
-use fiatlux_proto::v1;
-use fiatlux_proto::v1::refusal::Code;
-use fiatlux_proto::v1::{OpenRequest, Refusal};
+use fiatlux_proto::v3;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{OpenRequest, Refusal};
 use fiatlux_rules::{CONTROL_DT, Task};
 
 use super::refusal;
@@ -64,9 +64,9 @@ impl SensorPlan {
     }
 
     /// As a client is told.
-    pub fn messages(&self) -> Vec<v1::Sensor> {
+    pub fn messages(&self) -> Vec<v3::Sensor> {
         let hz = |period: u64| STEP_HZ / period as f64;
-        let message = |choice: &Choice| v1::Sensor {
+        let message = |choice: &Choice| v3::Sensor {
             name: choice.sensor.name().into(),
             rate_hz: if let Use::Every(period) = choice.use_ { hz(period) } else { 0.0 },
             on_request: choice.use_ == Use::Look,
@@ -149,18 +149,18 @@ fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refus
 mod tests {
     use super::*;
 
-    fn sensor(name: &str) -> v1::Sensor {
-        v1::Sensor { name: name.into(), ..v1::Sensor::default() }
+    fn sensor(name: &str) -> v3::Sensor {
+        v3::Sensor { name: name.into(), ..v3::Sensor::default() }
     }
 
-    fn plan(sensors: Vec<v1::Sensor>) -> Result<SensorPlan, Refusal> {
+    fn plan(sensors: Vec<v3::Sensor>) -> Result<SensorPlan, Refusal> {
         read(&OpenRequest { sensors, ..OpenRequest::default() }, Task::S05)
     }
 
     #[test]
     fn rates_say_when_a_sensor_is_due() {
-        let camera = v1::Sensor { rate_hz: 1.25, recorded: true, ..sensor("camera") };
-        let lidar = v1::Sensor { on_request: true, recorded: true, record_hz: 25.0, ..sensor("lidar") };
+        let camera = v3::Sensor { rate_hz: 1.25, recorded: true, ..sensor("camera") };
+        let lidar = v3::Sensor { on_request: true, recorded: true, record_hz: 25.0, ..sensor("lidar") };
         let plan = plan(vec![camera, sensor("proprioception"), lidar]).expect("valid");
         let body = Sensors::of(&[Sensor::Proprioception]);
         assert_eq!(plan.due(0), body.with(Sensor::Camera));
@@ -180,7 +180,7 @@ mod tests {
     /// What the bag alone has takes nothing from the policy, and is not its to look at.
     #[test]
     fn recording_changes_nothing_for_the_policy() {
-        let camera = v1::Sensor { bag_only: true, recorded: true, ..sensor("camera") };
+        let camera = v3::Sensor { bag_only: true, recorded: true, ..sensor("camera") };
         let plan = plan(vec![camera]).expect("valid");
         let body = Sensors::of_body(Task::S05);
         assert_eq!((plan.due(0), plan.sensed()), (body, body));
@@ -192,7 +192,7 @@ mod tests {
     fn proposed_rates_are_taken() {
         for steps in 1..=60 {
             let rate_hz: f64 = format!("{:.4}", STEP_HZ / f64::from(steps)).parse().expect("a number");
-            let plan = plan(vec![v1::Sensor { rate_hz, ..sensor("lidar") }]).expect("valid");
+            let plan = plan(vec![v3::Sensor { rate_hz, ..sensor("lidar") }]).expect("valid");
             assert!(plan.due(u64::from(2 * steps as u32)).contains(Sensor::Lidar));
         }
     }
@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn refusals() {
         let with =
-            |rate_hz, record_hz| v1::Sensor { rate_hz, record_hz, recorded: record_hz != 0.0, ..sensor("lidar") };
+            |rate_hz, record_hz| v3::Sensor { rate_hz, record_hz, recorded: record_hz != 0.0, ..sensor("lidar") };
         let cases = [
             (vec![sensor("smell")], "'smell' does not exist; ask for some of proprioception"),
             (vec![sensor("lidar"), sensor("lidar")], "listed twice"),
@@ -211,11 +211,11 @@ mod tests {
             (vec![with(f64::NAN, 0.0)], "within"),
             (vec![with(f64::INFINITY, 0.0)], "within"),
             (vec![with(0.0, 20.0)], "record_hz of sensor 'lidar' is 20"),
-            (vec![v1::Sensor { on_request: true, ..with(10.0, 0.0) }], "choose one"),
-            (vec![v1::Sensor { on_request: true, bag_only: true, ..sensor("lidar") }], "choose one"),
-            (vec![v1::Sensor { record_hz: 5.0, ..sensor("lidar") }], "not recorded"),
-            (vec![v1::Sensor { bag_only: true, ..sensor("lidar") }], "not recorded"),
-            (vec![v1::Sensor { recorded: true, ..sensor("verdict") }], "is small"),
+            (vec![v3::Sensor { on_request: true, ..with(10.0, 0.0) }], "choose one"),
+            (vec![v3::Sensor { on_request: true, bag_only: true, ..sensor("lidar") }], "choose one"),
+            (vec![v3::Sensor { record_hz: 5.0, ..sensor("lidar") }], "not recorded"),
+            (vec![v3::Sensor { bag_only: true, ..sensor("lidar") }], "not recorded"),
+            (vec![v3::Sensor { recorded: true, ..sensor("verdict") }], "is small"),
         ];
         for (sensors, message) in cases {
             let refusal = plan(sensors).expect_err(message);

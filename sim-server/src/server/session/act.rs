@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use fiatlux_link::in_full;
-use fiatlux_proto::v1::notice::Code as NoticeCode;
-use fiatlux_proto::v1::{Action, ActionRecord};
+use fiatlux_proto::v3::notice::Code as NoticeCode;
+use fiatlux_proto::v3::{Action, ActionRecord};
 use fiatlux_proto::{DecodeError, Message, decode, limits};
 use fiatlux_rules::{CONTROL_DT, JOINTS};
 use fiatlux_world::Command;
@@ -52,7 +52,7 @@ impl<R> Session<R> {
                     DecodeError::Size { .. } => NoticeCode::Size,
                     _ => NoticeCode::Malformed,
                 };
-                return self.refuse_action(code, "", error.to_string(), "send a fiatlux.v1.Action", now, out);
+                return self.refuse_action(code, "", error.to_string(), "send a fiatlux.v3.Action", now, out);
             }
         };
         let Some(run) = &self.run else {

@@ -1,8 +1,8 @@
 //! What a session's client sees, and what its bag has of it.
 
 use fiatlux_link::in_full;
-use fiatlux_proto::v1::refusal::Code;
-use fiatlux_proto::v1::{LookRequest, Observation, Refusal};
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{LookRequest, Observation, Refusal};
 use fiatlux_proto::{Message, decode, limits};
 use fiatlux_world::Episode;
 use zenoh::bytes::ZBytes;

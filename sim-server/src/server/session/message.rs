@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use fiatlux_proto::Message;
-use fiatlux_proto::v1::refusal::Code as RefusalCode;
-use fiatlux_proto::v1::{LookReply, Observation, Refusal, ResetReply, look_reply, reset_reply};
+use fiatlux_proto::v3::refusal::Code as RefusalCode;
+use fiatlux_proto::v3::{LookReply, Observation, Refusal, ResetReply, look_reply, reset_reply};
 use zenoh::bytes::ZBytes;
 
 use crate::server::plan::refusal;
@@ -34,7 +34,7 @@ pub(in crate::server) enum Input<R> {
     /// A recorder's acknowledgement.
     Ack(ZBytes),
     /// A recorder asks for truths.
-    Truths(ZBytes, R),
+    StepRecords(ZBytes, R),
     /// Messages of the client that found the inbox full.
     PassedOver(u64),
     /// A message of the client that is too large to be read, of so many bytes.
@@ -53,7 +53,7 @@ pub(in crate::server) enum Input<R> {
 pub(in crate::server) enum Output<R> {
     Observation(ZBytes),
     Notice(ZBytes),
-    Truth(ZBytes),
+    StepRecord(ZBytes),
     /// Replies to a query, with the name of their message.
     Reply(R, &'static str, Vec<ZBytes>),
     /// A [`Refusal`] as the error reply to a query that has no other form for it.

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use fiatlux_proto::v1::notice::Code as NoticeCode;
-use fiatlux_proto::v1::{Truth, TruthAck, TruthRequest};
+use fiatlux_proto::v3::notice::Code as NoticeCode;
+use fiatlux_proto::v3::{StepRecord, StepRecordAck, StepRecordRequest};
 use fiatlux_proto::{decode, limits};
 use zenoh::bytes::ZBytes;
 
@@ -38,17 +38,17 @@ impl<R> Session<R> {
         self.plan.recorded || self.recording.registered
     }
 
-    pub(super) fn publish_truth(&mut self, mut truth: Truth, now: Duration, out: Sink<'_, R>) {
+    pub(super) fn publish_truth(&mut self, mut truth: StepRecord, now: Duration, out: Sink<'_, R>) {
         let waits = self.plan.recorded && !self.plan.real_time && !self.recording.lost;
         if self.plan.recorded && self.plan.real_time && self.window.is_full() && !self.recording.lost {
             self.lose_recorder("the recorder is too slow for real time", now, out);
         }
         let bytes = self.window.push(&mut truth, !waits);
-        out(Output::Truth(bytes));
+        out(Output::StepRecord(bytes));
     }
 
     pub(super) fn on_ack(&mut self, bytes: &ZBytes, now: Duration, out: Sink<'_, R>) {
-        let ack: TruthAck = match decode(&bytes.to_bytes(), limits::MAX_CLIENT_MESSAGE) {
+        let ack: StepRecordAck = match decode(&bytes.to_bytes(), limits::MAX_CLIENT_MESSAGE) {
             Ok(ack) => ack,
             Err(error) => return tracing::debug!(session = self.id, %error, "acknowledgement passed over"),
         };
@@ -67,8 +67,8 @@ impl<R> Session<R> {
     }
 
     pub(super) fn on_truths(&mut self, bytes: &ZBytes, to: R, out: Sink<'_, R>) {
-        match decode::<TruthRequest>(&bytes.to_bytes(), limits::MAX_CLIENT_MESSAGE) {
-            Ok(request) => out(Output::Reply(to, "Truth", self.window.get(&request))),
+        match decode::<StepRecordRequest>(&bytes.to_bytes(), limits::MAX_CLIENT_MESSAGE) {
+            Ok(request) => out(Output::Reply(to, "StepRecord", self.window.get(&request))),
             Err(error) => refuse(to, &malformed(&error), out),
         }
     }

@@ -4,9 +4,9 @@
 use std::sync::Arc;
 
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v1::{
-    Action, ActionRecord, EpisodeResult, LookReply, LookRequest, OpenRequest, ResetReply, Sensor, State, Truth,
-    TruthAck, TruthRequest, look_reply, notice, refusal, reset_reply,
+use fiatlux_proto::v3::{
+    Action, ActionRecord, EpisodeResult, LookReply, LookRequest, OpenRequest, ResetReply, Sensor, State, StepRecord,
+    StepRecordAck, StepRecordRequest, look_reply, notice, refusal, reset_reply,
 };
 use fiatlux_robot::Robot;
 use fiatlux_rules::JOINTS;
@@ -35,7 +35,7 @@ struct Desk {
 enum Said {
     Observation(u64),
     Notice(notice::Code),
-    Truth(u64),
+    StepRecord(u64),
     Reply(u32),
     Refused(u32),
     Closed,
@@ -81,7 +81,7 @@ impl Desk {
     }
 
     fn ack(&mut self, next_seq: u64) -> Vec<Said> {
-        self.give(Input::Ack(TruthAck { recorder: "r".into(), next_seq }.encode_to_vec().into()))
+        self.give(Input::Ack(StepRecordAck { recorder: "r".into(), next_seq }.encode_to_vec().into()))
     }
 
     /// Lets time pass up to just before and then to the time that the session asked for.
@@ -93,9 +93,9 @@ impl Desk {
         self.give(Input::Tick)
     }
 
-    fn truth(&self) -> Truth {
+    fn truth(&self) -> StepRecord {
         let mut truths = self.said.iter().filter_map(|output| match output {
-            Output::Truth(bytes) => Some(Truth::decode(&*bytes.to_bytes()).unwrap()),
+            Output::StepRecord(bytes) => Some(StepRecord::decode(&*bytes.to_bytes()).unwrap()),
             _ => None,
         });
         truths.next_back().unwrap()
@@ -145,7 +145,7 @@ fn short(output: &Output<u32>) -> Said {
     match output {
         Output::Observation(bytes) => Said::Observation(Observation::decode(&*bytes.to_bytes()).unwrap().step),
         Output::Notice(bytes) => Said::Notice(Notice::decode(&*bytes.to_bytes()).unwrap().code()),
-        Output::Truth(bytes) => Said::Truth(Truth::decode(&*bytes.to_bytes()).unwrap().seq),
+        Output::StepRecord(bytes) => Said::StepRecord(StepRecord::decode(&*bytes.to_bytes()).unwrap().seq),
         Output::Reply(to, _, _) => Reply(*to),
         Output::Refuse(to, _) => Refused(*to),
         Output::Closed => Closed,
@@ -160,7 +160,7 @@ fn observation(step: u64) -> Said {
 }
 
 fn truth(seq: u64) -> Said {
-    Said::Truth(seq)
+    Said::StepRecord(seq)
 }
 
 fn notice_of(code: notice::Code) -> Said {
@@ -306,8 +306,8 @@ fn closing_aborts_and_drains() {
     desk.reset(1);
     assert!(matches!(desk.reset_reply(), reset_reply::Reply::Refusal(r) if r.code() == refusal::Code::Closed));
     assert_eq!(desk.act(0, 1), [notice_of(notice::Code::Step)]);
-    let request = TruthRequest { from_seq: 1, count: 9 };
-    assert_eq!(desk.give(Input::Truths(request.encode_to_vec().into(), 3)), [Reply(3)]);
+    let request = StepRecordRequest { from_seq: 1, count: 9 };
+    assert_eq!(desk.give(Input::StepRecords(request.encode_to_vec().into(), 3)), [Reply(3)]);
     assert_eq!(desk.ack(2), []);
     assert_eq!(desk.ack(3), [Done], "all is acknowledged");
     assert_eq!(desk.session.wake_at(), None);
@@ -374,7 +374,7 @@ fn lockstep_waits_for_its_recorder() {
     assert_eq!(desk.sleep(), [notice_of(notice::Code::Lost), observation(next + 2), truth(next + 2)]);
     assert_eq!(desk.truth().events.len(), 1);
     assert_eq!(desk.act(0, next + 2).len(), 2, "no wait without a recorder");
-    let first_from = |from_seq| desk.session.window.get(&TruthRequest { from_seq, count: 1 });
+    let first_from = |from_seq| desk.session.window.get(&StepRecordRequest { from_seq, count: 1 });
     assert!(first_from(0) == first_from(3) && first_from(3) != first_from(4), "0 to 2 are lost");
     desk.ack(3);
     assert_eq!(desk.act(0, next + 3), [], "it is back, and the window is full");

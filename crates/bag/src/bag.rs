@@ -1,0 +1,181 @@
+//! Reads a bag.
+
+use std::path::{Path, PathBuf};
+
+use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, Event, Observation, Reward, State, Version};
+use fiatlux_proto::{Message, foxglove, is_compatible};
+use prost::Name;
+
+use crate::scan::{Channels, ChunkAt, Scan, scan};
+use crate::stream::{ChunkReader, Messages};
+use crate::writer::STEP_NS;
+use crate::{BagError, metadata, topic};
+
+/// Whether a bag holds all of its episode.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Completeness {
+    /// All of it is there, its result included.
+    Whole,
+    /// Only a part is there.
+    Cut {
+        /// Why.
+        reason: String,
+        /// The step after the last row that is there.
+        next_step: u64,
+    },
+}
+
+/// An open bag. It keeps where its chunks are; messages are read when they are asked for.
+#[derive(Debug, Clone)]
+pub struct Bag {
+    path: PathBuf,
+    header: EpisodeHeader,
+    result: Option<EpisodeResult>,
+    completeness: Completeness,
+    channels: Channels,
+    chunks: Vec<ChunkAt>,
+}
+
+impl Bag {
+    /// Opens a bag, finished or not, whole or cut. What of it cannot be read is told by [`Bag::completeness`].
+    ///
+    /// # Errors
+    /// No such file, no bag, a header that is not there or of another major version, a first chunk that is damaged.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, BagError> {
+        let path = path.as_ref();
+        let mut found = scan(path)?;
+        let no_header = || {
+            let reason = found.broken.as_ref().map_or("it has no header", |(_, reason)| reason.as_str());
+            BagError::not_a_bag(path, reason)
+        };
+        let fields = found.header.as_ref().ok_or_else(no_header)?;
+        let wrong =
+            |what: &str, reason: String| BagError::not_a_bag(path, format!("its {what} cannot be read: {reason}"));
+        // First: a header of another version may not read as one of this.
+        let protocol = metadata::protocol(fields).unwrap_or(Version { major: 0, minor: 0 });
+        if !is_compatible(&protocol) {
+            return Err(BagError::Version { path: path.into(), found: protocol });
+        }
+        let header: EpisodeHeader = metadata::message_of(fields).map_err(|reason| wrong("header", reason))?;
+        let result = found.result.as_ref().map(metadata::message_of).transpose();
+        let result = result.map_err(|reason| wrong("result", reason))?;
+        learn_channels(path, &mut found)?;
+        let completeness = completeness(&found, result.is_some());
+        let Scan { channels, chunks, .. } = found;
+        Ok(Self { path: path.into(), header, result, completeness, channels, chunks })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What was set when the episode began.
+    pub fn header(&self) -> &EpisodeHeader {
+        &self.header
+    }
+
+    /// How the episode ended, where the file goes so far.
+    pub fn result(&self) -> Option<&EpisodeResult> {
+        self.result.as_ref()
+    }
+
+    /// Whether all of the episode is there.
+    pub fn completeness(&self) -> &Completeness {
+        &self.completeness
+    }
+
+    /// Each row's state.
+    pub fn states(&self) -> Messages<'_, State> {
+        self.messages(topic::STATE)
+    }
+
+    /// The actions as they were received.
+    pub fn actions(&self) -> Messages<'_, ActionRecord> {
+        self.messages(topic::ACTION)
+    }
+
+    /// What the policy saw.
+    pub fn observations(&self) -> Messages<'_, Observation> {
+        self.messages(topic::OBSERVATION)
+    }
+
+    /// The rewards as they were paid.
+    pub fn rewards(&self) -> Messages<'_, Reward> {
+        self.messages(topic::REWARD)
+    }
+
+    /// What happened.
+    pub fn events(&self) -> Messages<'_, Event> {
+        self.messages(topic::EVENT)
+    }
+
+    /// Poses for viewers.
+    pub fn frames(&self) -> Messages<'_, foxglove::FrameTransforms> {
+        self.messages(topic::TF)
+    }
+
+    /// Shapes for viewers.
+    pub fn scenes(&self) -> Messages<'_, foxglove::SceneUpdate> {
+        self.messages(topic::SCENE)
+    }
+
+    /// Images of the head camera, where the session asked for them.
+    pub fn images(&self) -> Messages<'_, foxglove::CompressedImage> {
+        self.messages(topic::CAMERA)
+    }
+
+    /// What the LiDAR hit, where the session asked for it.
+    pub fn point_clouds(&self) -> Messages<'_, foxglove::PointCloud> {
+        self.messages(topic::LIDAR)
+    }
+
+    fn messages<M: Message + Name + Default>(&self, topic: &'static str) -> Messages<'_, M> {
+        Messages::new(&self.path, &self.chunks, &self.channels, topic)
+    }
+
+    pub(crate) fn chunks(&self) -> &[ChunkAt] {
+        &self.chunks
+    }
+
+    pub(crate) fn channels(&self) -> &Channels {
+        &self.channels
+    }
+}
+
+/// Reads the first chunk for its channels; of a file that is cut also the last, whose indexes may be lost.
+fn learn_channels(path: &Path, found: &mut Scan) -> Result<(), BagError> {
+    let mut reader = ChunkReader::open(path, std::mem::take(&mut found.channels))?;
+    if let Some(first) = found.chunks.first() {
+        reader.start(first)?;
+        reader.find(|_| Ok(None::<()>))?;
+    }
+    if let Some(last) = found.chunks.last_mut()
+        && last.channels.is_none()
+    {
+        let mut ids = Vec::new();
+        reader.start(last)?;
+        let read = reader.find(|message| {
+            if !ids.contains(&message.channel) {
+                ids.push(message.channel);
+            }
+            Ok(None::<()>)
+        });
+        // A damaged chunk says so again to whoever reads it.
+        last.channels = read.is_ok().then_some(ids);
+    }
+    found.channels = reader.channels;
+    Ok(())
+}
+
+fn completeness(found: &Scan, has_result: bool) -> Completeness {
+    let reason = match (&found.broken, &found.cut) {
+        (Some((_, reason)), _) => reason.clone(),
+        (None, Some(cut)) => cut.get("reason").cloned().unwrap_or_default(),
+        (None, None) if !has_result => "it was not finished".into(),
+        (None, None) => return Completeness::Whole,
+    };
+    let has_rows = |chunk: &&ChunkAt| chunk.channels.is_some() && chunk.may_have(topic::STATE, &found.channels);
+    let steps = found.chunks.iter().filter(has_rows).map(|chunk| chunk.end_time / STEP_NS + 1);
+    Completeness::Cut { reason, next_step: steps.max().unwrap_or(0) }
+}

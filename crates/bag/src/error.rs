@@ -1,0 +1,109 @@
+//! Why a bag could not be written or read.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use fiatlux_proto::v3::Version;
+use fiatlux_proto::{DecodeError, PROTOCOL};
+use mcap::McapError;
+use thiserror::Error;
+
+/// Why a bag could not be written or read.
+#[derive(Debug, Error)]
+pub enum BagError {
+    /// The file could not be opened, made, read or renamed.
+    #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+    /// A bag of that name is there already.
+    #[error("{path} is there already; move it away or choose another name")]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The MCAP writer failed.
+    #[error("cannot write {path}; free some space and record the episode again")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: Box<McapError>,
+    },
+    /// A topic that bags do not have.
+    #[error("bags have no topic {topic}; use one of fiatlux_bag::topic")]
+    Topic {
+        /// The topic.
+        topic: String,
+    },
+    /// A header or result that metadata cannot hold.
+    #[error("the {what} does not read back as it was given; its numbers must be finite")]
+    Values {
+        /// Header or result.
+        what: &'static str,
+    },
+    /// No bag of ours.
+    #[error("{path} is no bag: {reason}; name an .mcap file that a recorder wrote")]
+    NotABag {
+        /// The file.
+        path: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
+    /// A bag of another major version.
+    #[error("{path} is of protocol {found}, this program reads {PROTOCOL}; use the program that belongs to it")]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// Version of the bag.
+        found: Version,
+    },
+    /// Bytes that are there are wrong.
+    #[error("{path} is damaged at byte {offset}: {reason}; copy it again or record the episode again")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where the record starts.
+        offset: u64,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A message that cannot be read.
+    #[error("{path}: step {step} of {topic} cannot be read; record the episode again with this version")]
+    Message {
+        /// The file.
+        path: PathBuf,
+        /// Topic of the message.
+        topic: &'static str,
+        /// Its step.
+        step: u64,
+        /// Why.
+        #[source]
+        source: DecodeError,
+    },
+}
+
+impl BagError {
+    pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io { action, path: path.into(), source }
+    }
+
+    pub(crate) fn write(path: &Path) -> impl FnOnce(McapError) -> Self {
+        move |source| Self::Write { path: path.into(), source: Box::new(source) }
+    }
+
+    pub(crate) fn not_a_bag(path: &Path, reason: impl Into<String>) -> Self {
+        Self::NotABag { path: path.into(), reason: reason.into() }
+    }
+
+    pub(crate) fn damaged(path: &Path, offset: u64, reason: impl ToString) -> Self {
+        Self::Damaged { path: path.into(), offset, reason: reason.to_string() }
+    }
+}

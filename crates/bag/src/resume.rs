@@ -1,0 +1,63 @@
+//! Goes on with a bag that was left unfinished.
+
+use std::fs::{self, File};
+use std::path::Path;
+
+use fiatlux_proto::v3::EpisodeHeader;
+
+use crate::stream::ChunkReader;
+use crate::{Bag, BagError, BagWriter, part_of, topic};
+
+/// A bag taken up again.
+pub struct Resumed {
+    /// Writes what follows.
+    pub writer: BagWriter,
+    /// The header as it was recorded.
+    pub header: EpisodeHeader,
+}
+
+impl BagWriter {
+    /// Takes up `NAME.mcap.part` of the bag `path`: all its whole rows go into a new file of that name, chunk for chunk as
+    /// if it had never been left. [`BagWriter::next_step`] says which row comes next. The old file stays until the new
+    /// one has all that is in it.
+    ///
+    /// # Errors
+    /// There is none, it cannot be read, it is damaged before its end, or the new one cannot be written.
+    pub fn resume(path: &Path) -> Result<Resumed, BagError> {
+        let part = part_of(path);
+        let bag = Bag::open(&part)?;
+        let mut new = part.clone().into_os_string();
+        new.push(".new");
+        let new = Path::new(&new);
+        let file = File::create(new).map_err(BagError::io("make", new))?;
+        let mut writer = Self::start(path, new.into(), file, bag.header())?;
+        copy_rows(&bag, &mut writer)?;
+        writer.forget_row();
+        writer.rename_part(part)?;
+        Ok(Resumed { writer, header: bag.header().clone() })
+    }
+
+    /// Throws away `NAME.mcap.part` of the bag `path`, to record it anew.
+    ///
+    /// # Errors
+    /// It cannot be removed.
+    pub fn discard(path: &Path) -> Result<(), BagError> {
+        let part = part_of(path);
+        fs::remove_file(&part).map_err(BagError::io("remove", &part))
+    }
+}
+
+/// Copies messages in the file's order: the other topics of a row come before its state.
+fn copy_rows(bag: &Bag, writer: &mut BagWriter) -> Result<(), BagError> {
+    let mut reader = ChunkReader::open(bag.path(), bag.channels().clone())?;
+    for chunk in bag.chunks() {
+        reader.start(chunk)?;
+        reader.find(|found| {
+            if found.topic != topic::RESULT {
+                writer.message(found.topic, found.step, found.bytes)?;
+            }
+            Ok(None::<()>)
+        })?;
+    }
+    Ok(())
+}

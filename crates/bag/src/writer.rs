@@ -1,0 +1,265 @@
+//! Writes a bag.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use fiatlux_proto::Message;
+use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, StepRecord};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Compression, WriteOptions};
+
+use crate::BagError;
+use crate::metadata;
+use crate::topic::{self, TOPICS};
+
+/// Rows of a chunk. It ends by their number alone, so that the same episode gives the same bytes.
+pub const ROWS_PER_CHUNK: u64 = 128;
+
+/// A chunk ends early when it would grow beyond this, bytes.
+const MAX_GROUP: usize = 8 << 20;
+
+/// zstd. Of 6,000 rows, level 3 takes 1.4 times as long for 2 % less.
+const LEVEL: u32 = 1;
+
+/// Length of a step, ns.
+pub(crate) const STEP_NS: u64 = 20_000_000;
+
+/// Writes one bag. Its file is named `NAME.mcap.part` until it is finished; dropped before, it stays so, and
+/// [`BagWriter::resume`] goes on with it.
+pub struct BagWriter {
+    path: PathBuf,
+    part: PathBuf,
+    /// Always there; taken when the writer ends.
+    mcap: Option<mcap::Writer<BufWriter<File>>>,
+    graded: Group,
+    other: Group,
+    next_step: u64,
+    next_step_on_disk: u64,
+}
+
+/// Messages of a chunk, one after the other.
+#[derive(Default)]
+struct Group {
+    bytes: Vec<u8>,
+    /// Channel, step, end in `bytes`.
+    messages: Vec<(u16, u64, usize)>,
+}
+
+impl Group {
+    fn push(&mut self, channel: u16, step: u64, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+        self.messages.push((channel, step, self.bytes.len()));
+    }
+
+    fn clear(&mut self) {
+        self.bytes.clear();
+        self.messages.clear();
+    }
+}
+
+impl BagWriter {
+    /// Starts the bag `path` (`NAME.mcap`) as `NAME.mcap.part`; makes its folder.
+    ///
+    /// # Errors
+    /// One of the two is there already, the file cannot be made, or a number of the header is not finite.
+    pub fn create(path: &Path, header: &EpisodeHeader) -> Result<Self, BagError> {
+        let part = part_of(path);
+        for taken in [path, &part] {
+            if taken.exists() {
+                return Err(BagError::Exists { path: taken.into() });
+            }
+        }
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(BagError::io("make the folder", folder))?;
+        }
+        let file = OpenOptions::new().write(true).create_new(true).open(&part);
+        Self::start(path, part.clone(), file.map_err(BagError::io("make", &part))?, header)
+    }
+
+    /// Writes into an empty file that will be named `part`.
+    pub(crate) fn start(path: &Path, part: PathBuf, file: File, header: &EpisodeHeader) -> Result<Self, BagError> {
+        let fields = metadata::fields(header).ok_or(BagError::Values { what: "header" })?;
+        let failed = |source| BagError::Write { path: part.clone(), source: Box::new(source) };
+        let options = WriteOptions::new()
+            .profile("fiatlux")
+            .library("fiatlux 1")
+            .chunk_size(None)
+            // Only whole chunks reach the file.
+            .disable_seeking(true)
+            .compression(Some(Compression::Zstd))
+            .compression_level(LEVEL)
+            .compression_threads(0);
+        let mut mcap = options.create(BufWriter::new(file)).map_err(failed)?;
+        mcap.write_metadata(&Metadata { name: metadata::HEADER.into(), metadata: fields }).map_err(failed)?;
+        // The first chunk has all schemas and channels, so that a reader can skip any other.
+        for (index, (topic, message)) in TOPICS.into_iter().enumerate() {
+            let schema = mcap.add_schema(message, "protobuf", &topic::schema(message)).map_err(failed)?;
+            let id = index as u16 + 1;
+            mcap.add_channel_with_id(id, schema, topic, "protobuf", &BTreeMap::new()).map_err(failed)?;
+        }
+        mcap.flush().map_err(failed)?;
+        Ok(Self {
+            path: path.into(),
+            part,
+            mcap: Some(mcap),
+            graded: Group::default(),
+            other: Group::default(),
+            next_step: 0,
+            next_step_on_disk: 0,
+        })
+    }
+
+    /// The finished bag's name.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The step after the last row that was pushed.
+    pub fn next_step(&self) -> u64 {
+        self.next_step
+    }
+
+    /// The step after the last row that the operating system has.
+    pub fn next_step_on_disk(&self) -> u64 {
+        self.next_step_on_disk
+    }
+
+    /// Adds the nested messages of a row byte for byte, the scene among them; header and result are passed over. After
+    /// every [`ROWS_PER_CHUNK`] rows the chunk goes to the operating system.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn push(&mut self, truth: &StepRecord) -> Result<(), BagError> {
+        let step = truth.step;
+        let other = [
+            (topic::SCENE, &truth.scene),
+            (topic::ACTION, &truth.action),
+            (topic::OBSERVATION, &truth.observation),
+            (topic::REWARD, &truth.reward),
+            (topic::CAMERA, &truth.camera),
+            (topic::LIDAR, &truth.lidar),
+        ];
+        for (topic, bytes) in other {
+            if !bytes.is_empty() {
+                self.message(topic, step, bytes)?;
+            }
+        }
+        for event in &truth.events {
+            self.message(topic::EVENT, step, event)?;
+        }
+        if !truth.state.is_empty() {
+            self.message(topic::STATE, step, &truth.state)?;
+        }
+        Ok(())
+    }
+
+    /// Adds one message. Those of a step come before its `/state`, which ends the row.
+    ///
+    /// # Errors
+    /// No such topic, or the file cannot be written.
+    pub fn message(&mut self, topic: &str, step: u64, bytes: &[u8]) -> Result<(), BagError> {
+        let channel = topic::channel(topic).ok_or_else(|| BagError::Topic { topic: topic.into() })?;
+        let group = if topic::is_graded(topic) { &mut self.graded } else { &mut self.other };
+        group.push(channel, step, bytes);
+        if topic == topic::STATE {
+            self.next_step = step.saturating_add(1);
+            let full = self.next_step.is_multiple_of(ROWS_PER_CHUNK);
+            if full || self.graded.bytes.len().max(self.other.bytes.len()) > MAX_GROUP {
+                self.flush()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the chunk and hands it to the operating system. A bag with extra flushes is not byte for byte the one
+    /// without them.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn flush(&mut self) -> Result<(), BagError> {
+        let Some(mcap) = &mut self.mcap else { return Ok(()) };
+        for group in [&mut self.other, &mut self.graded] {
+            let mut start = 0;
+            for &(channel_id, step, end) in &group.messages {
+                let time = step.saturating_mul(STEP_NS);
+                let sequence = step.try_into().unwrap_or(u32::MAX);
+                let header = MessageHeader { channel_id, sequence, log_time: time, publish_time: time };
+                mcap.write_to_known_channel(&header, &group.bytes[start..end]).map_err(BagError::write(&self.part))?;
+                start = end;
+            }
+            mcap.flush().map_err(BagError::write(&self.part))?;
+            group.clear();
+        }
+        self.next_step_on_disk = self.next_step;
+        Ok(())
+    }
+
+    /// Ends the bag with the episode's result and gives it its name.
+    ///
+    /// # Errors
+    /// The file cannot be written or renamed, or a number of the result is not finite.
+    pub fn finish(mut self, result: &EpisodeResult) -> Result<PathBuf, BagError> {
+        let fields = metadata::fields(result).ok_or(BagError::Values { what: "result" })?;
+        self.message(topic::RESULT, result.steps, &result.encode_to_vec())?;
+        self.end(metadata::RESULT, fields)
+    }
+
+    /// Ends a bag whose episode could not be recorded to its end.
+    ///
+    /// # Errors
+    /// The file cannot be written or renamed.
+    pub fn finish_cut(self, reason: &str) -> Result<PathBuf, BagError> {
+        let next_step = self.next_step.to_string();
+        let fields = BTreeMap::from([("reason".to_owned(), reason.to_owned()), ("next_step".to_owned(), next_step)]);
+        self.end(metadata::CUT, fields)
+    }
+
+    fn end(mut self, name: &str, fields: BTreeMap<String, String>) -> Result<PathBuf, BagError> {
+        self.flush()?;
+        if let Some(mut mcap) = self.mcap.take() {
+            let metadata = Metadata { name: name.into(), metadata: fields };
+            mcap.write_metadata(&metadata).map_err(BagError::write(&self.part))?;
+            mcap.finish().map_err(BagError::write(&self.part))?;
+            mcap.into_inner().flush().map_err(BagError::io("write", &self.part))?;
+        }
+        if self.path.exists() {
+            return Err(BagError::Exists { path: self.path.clone() });
+        }
+        fs::rename(&self.part, &self.path).map_err(BagError::io("rename", &self.part))?;
+        Ok(self.path.clone())
+    }
+
+    /// Drops messages of a row whose state never came.
+    pub(crate) fn forget_row(&mut self) {
+        for group in [&mut self.graded, &mut self.other] {
+            let whole = group.messages.iter().take_while(|(_, step, _)| *step < self.next_step).count();
+            group.messages.truncate(whole);
+            group.bytes.truncate(group.messages.last().map_or(0, |(_, _, end)| *end));
+        }
+    }
+
+    /// Names the file that is being written `NAME.mcap.part`.
+    pub(crate) fn rename_part(&mut self, part: PathBuf) -> Result<(), BagError> {
+        fs::rename(&self.part, &part).map_err(BagError::io("rename", &self.part))?;
+        self.part = part;
+        Ok(())
+    }
+}
+
+impl Drop for BagWriter {
+    fn drop(&mut self) {
+        // The MCAP writer would add a summary to what is no whole bag.
+        if let Some(mcap) = self.mcap.take() {
+            drop(mcap.into_inner());
+        }
+    }
+}
+
+/// Name of a bag while it is written: `NAME.mcap.part`.
+pub fn part_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    name.into()
+}

@@ -1,0 +1,341 @@
+//! The fold that judges an episode: its state follows from the rows alone.
+
+use crate::predicates::{at_working_height, crushed, dropped, fallen, impact, ladder_tipped, seated};
+use crate::scores::Summary;
+use crate::settle::PoseSpeed;
+use crate::{BodyRow, Bulb, Cause, Causes, Context, Criteria, Gate, Geometry, HAND_BODIES, Row, Task, Thresholds};
+
+/// Choices of a session or of a grading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct JudgeOptions {
+    /// What ends an episode instead of the task's own conditions. Cleared conditions are still noted.
+    pub end_on: Option<Causes>,
+    /// Counts criteria as the published numbers do: `c0` in row 1, and in place of an episode's last row the reset
+    /// state with that row's contact forces, which is what a simulator shows that resets within the step.
+    pub published_counting: bool,
+}
+
+/// How an episode ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct End {
+    /// The row that ended it.
+    pub step: u64,
+    /// All conditions in force that this row met.
+    pub causes: Causes,
+}
+
+impl End {
+    /// The cause to name: success where it is among them, the time-out only where it is alone.
+    pub fn cause(&self) -> Cause {
+        self.causes.iter().next().unwrap_or(Cause::TimeOut)
+    }
+
+    /// Ended by a success or a failure.
+    pub fn is_terminated(&self) -> bool {
+        !self.is_truncated()
+    }
+
+    /// Ended by the time-out alone.
+    pub fn is_truncated(&self) -> bool {
+        self.cause() == Cause::TimeOut
+    }
+}
+
+/// What the rows up to one say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Verdict {
+    /// The row.
+    pub step: u64,
+    /// Criteria of the gate in this row.
+    pub criteria: Criteria,
+    /// How many hold in this row.
+    pub count: u32,
+    /// The most that held in any row.
+    pub best_count: u32,
+    /// `clamp((best - c0) / (n - c0), 0, 1)`, and 1 where c0 is n.
+    pub progress: f64,
+    /// Consecutive rows, up to this one, in which all held.
+    pub sustained: u32,
+    /// The gate has held for its window, in this row or before.
+    pub success: bool,
+    /// Conditions that this row meets, in force or not; success only in the row that completes its window.
+    pub conditions: Causes,
+    /// A bulb pressed harder on a hand body than it can bear, in this row or before.
+    pub broken: bool,
+    /// A bulb was dropped, in this row or before.
+    pub dropped: bool,
+    /// The pelvis was at working height, in this row or before; a diagnostic.
+    pub reached_working_height: bool,
+    /// Largest contact force of a bulb on a hand body so far, N.
+    pub peak_hand_force_n: f64,
+    /// The same over all physics steps; a diagnostic.
+    pub peak_substep_force_n: f64,
+    /// How the episode ended, once it has.
+    pub end: Option<End>,
+}
+
+/// Judges the rows of one episode, one at a time. Rows after the end change nothing.
+///
+/// Rows are consecutive. Where a row's number is not the last one plus 1, nothing is carried over the gap: the window
+/// in which the gate must hold begins anew with this row, the bulbs' low-passed speeds start again from rest, and no
+/// bulb was struck.
+///
+/// Rows have finite numbers: those of a world do, and no other is read from a message. Whatever they hold, nothing panics.
+#[derive(Debug, Clone)]
+pub struct Judge {
+    task: Task,
+    thresholds: Thresholds,
+    geometry: Geometry,
+    options: JudgeOptions,
+    /// Kept for the published way of counting.
+    first_row: Option<Box<Row>>,
+    first_step: u64,
+    start_count: Option<u32>,
+    bulb_speeds: [PoseSpeed; 2],
+    last_bulbs: Option<[BodyRow; 2]>,
+    squared_actions: f64,
+    first_met: [Option<u64>; Cause::ALL.len()],
+    verdict: Verdict,
+}
+
+impl Judge {
+    /// A judge that has seen nothing; [`Judge::start`] shows it row 0.
+    pub fn new(task: Task, thresholds: Thresholds, geometry: Geometry, options: JudgeOptions) -> Self {
+        Self {
+            task,
+            thresholds,
+            geometry,
+            options,
+            first_row: None,
+            first_step: 0,
+            start_count: None,
+            bulb_speeds: [PoseSpeed::default(); 2],
+            last_bulbs: None,
+            squared_actions: 0.0,
+            first_met: [None; Cause::ALL.len()],
+            verdict: Verdict {
+                step: 0,
+                criteria: Criteria::default(),
+                count: 0,
+                best_count: 0,
+                progress: 0.0,
+                sustained: 0,
+                success: false,
+                conditions: Causes::NONE,
+                broken: false,
+                dropped: false,
+                reached_working_height: false,
+                peak_hand_force_n: 0.0,
+                peak_substep_force_n: 0.0,
+                end: None,
+            },
+        }
+    }
+
+    /// The task.
+    pub fn task(&self) -> Task {
+        self.task
+    }
+
+    /// Thresholds in force.
+    pub fn thresholds(&self) -> &Thresholds {
+        &self.thresholds
+    }
+
+    /// The scene's constants.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// What ends an episode.
+    pub fn ends_on(&self) -> Causes {
+        let usual = Causes::of(&[Cause::Success, Cause::Fall, Cause::TimeOut]);
+        self.options.end_on.unwrap_or_else(|| usual.union(self.task.spec().also_ends_on))
+    }
+
+    /// What the rows so far say.
+    pub fn verdict(&self) -> &Verdict {
+        &self.verdict
+    }
+
+    /// Criteria at the start, c0; `None` before the row that decides it.
+    pub fn start_count(&self) -> Option<u32> {
+        self.start_count
+    }
+
+    /// The first row that met a condition, whether or not that ended the episode.
+    pub fn first_met(&self, cause: Cause) -> Option<u64> {
+        self.first_met[cause as usize]
+    }
+
+    /// Context in which predicates read the row last shown.
+    pub fn context(&self) -> Context<'_> {
+        let fresh = if self.task == Task::S08 { self.thresholds.grab_drop_m } else { self.thresholds.fresh_drop_m };
+        Context {
+            thresholds: &self.thresholds,
+            geometry: &self.geometry,
+            bulb_speeds: self.bulb_speeds,
+            drop_heights: [self.thresholds.old_drop_m, fresh],
+        }
+    }
+
+    /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it beside c0.
+    pub fn start(&mut self, row: &Row) -> &Verdict {
+        let (thresholds, geometry) = (self.thresholds.clone(), self.geometry.clone());
+        *self = Self::new(self.task, thresholds, geometry, self.options);
+        self.first_step = row.step;
+        self.last_bulbs = Some(row.bulbs);
+        let criteria = self.gate().evaluate(row, &self.context());
+        self.verdict.step = row.step;
+        self.verdict.criteria = criteria;
+        self.verdict.count = criteria.count();
+        if self.options.published_counting {
+            self.first_row = Some(Box::new(row.clone()));
+        } else {
+            self.count(criteria.count());
+        }
+        self.note_hands_and_bulbs(row);
+        &self.verdict
+    }
+
+    /// Judges the next row, whose number is the last one plus 1.
+    pub fn advance(&mut self, row: &Row) -> &Verdict {
+        if self.verdict.end.is_some() {
+            return &self.verdict;
+        }
+        if self.verdict.step.checked_add(1) != Some(row.step) {
+            self.forget_motion();
+        }
+        self.follow_bulbs(row);
+        self.squared_actions += row.action.iter().map(|a| a * a).sum::<f64>();
+        let criteria = self.gate().evaluate(row, &self.context());
+        let v = &mut self.verdict;
+        v.step = row.step;
+        v.criteria = criteria;
+        v.count = criteria.count();
+        v.sustained = if criteria.all() { v.sustained + 1 } else { 0 };
+        self.note_hands_and_bulbs(row);
+        self.note_conditions(row);
+        self.last_bulbs = Some(row.bulbs);
+        let counted = match (&self.first_row, self.verdict.end) {
+            (Some(first), Some(_)) => self.count_after_reset(first, row),
+            _ => criteria.count(),
+        };
+        self.count(counted);
+        &self.verdict
+    }
+
+    /// What the episode amounts to so far.
+    pub fn summary(&self) -> Summary {
+        let v = &self.verdict;
+        let steps = self.steps_at(v.step);
+        Summary {
+            task: self.task,
+            success: v.success,
+            broken: v.broken,
+            dropped: v.dropped,
+            gate_progress: v.progress,
+            peak_hand_force_n: v.peak_hand_force_n,
+            control_effort: if steps == 0 { 0.0 } else { self.squared_actions / steps as f64 },
+            steps,
+            end: v.end,
+            reached_working_height: v.reached_working_height,
+        }
+    }
+
+    fn gate(&self) -> &'static Gate {
+        &self.task.spec().gate
+    }
+
+    /// Control steps from the start to a row.
+    fn steps_at(&self, step: u64) -> u64 {
+        step.saturating_sub(self.first_step)
+    }
+
+    /// Drops what compares a row with those before it.
+    fn forget_motion(&mut self) {
+        self.verdict.sustained = 0;
+        self.bulb_speeds = [PoseSpeed::default(); 2];
+        self.last_bulbs = None;
+    }
+
+    /// Low-pass of the bulbs' speeds. At rest at reset and, as published, through the first step.
+    fn follow_bulbs(&mut self, row: &Row) {
+        if self.steps_at(row.step) <= 1 {
+            return;
+        }
+        if let Some(last) = &self.last_bulbs {
+            for (speed, (before, after)) in self.bulb_speeds.iter_mut().zip(last.iter().zip(&row.bulbs)) {
+                *speed = speed.advance(&before.pose, &after.pose, self.thresholds.settle_time_s);
+            }
+        }
+    }
+
+    /// Takes a number of criteria into c0, the best and the progress.
+    fn count(&mut self, count: u32) {
+        let n = self.gate().n();
+        let c0 = *self.start_count.get_or_insert(count);
+        let best = self.verdict.best_count.max(count);
+        self.verdict.best_count = best;
+        self.verdict.progress = if c0 >= n { 1.0 } else { f64::from(best.saturating_sub(c0)) / f64::from(n - c0) };
+    }
+
+    /// Criteria as a simulator counts them that has already reset the scene, but not the contact forces.
+    fn count_after_reset(&self, first: &Row, last: &Row) -> u32 {
+        let reset = Row { hand_force: last.hand_force, ..first.clone() };
+        let context = Context { bulb_speeds: [PoseSpeed::default(); 2], ..self.context() };
+        self.gate().evaluate(&reset, &context).count()
+    }
+
+    /// Forces and drops count in every row.
+    fn note_hands_and_bulbs(&mut self, row: &Row) {
+        let peak_of = |forces: &[[f64; HAND_BODIES]; 2]| forces.iter().flatten().fold(0.0, |a: f64, b| a.max(*b));
+        let peak = peak_of(&row.hand_force.map(|forces| forces.map(|force| force.norm())));
+        let substep = peak_of(&row.hand_force_peak);
+        let context = self.context();
+        // `climb` parks its bulbs on the floor.
+        let drops = self.task != Task::Climb && Bulb::ALL.iter().any(|bulb| dropped(row, &context, *bulb));
+        let high = at_working_height(row, &context);
+        let v = &mut self.verdict;
+        v.peak_hand_force_n = v.peak_hand_force_n.max(peak);
+        v.peak_substep_force_n = v.peak_substep_force_n.max(substep);
+        v.broken |= peak > self.thresholds.fragility_n;
+        v.dropped |= drops;
+        v.reached_working_height |= high;
+    }
+
+    /// Conditions that a row meets, and the end that follows from those in force.
+    fn note_conditions(&mut self, row: &Row) {
+        let context = self.context();
+        let spec = self.task.spec();
+        let steps = self.steps_at(row.step);
+        let had_impact = self.last_bulbs.is_some_and(|last| {
+            let mut pairs = last.iter().zip(&row.bulbs);
+            pairs.any(|(before, after)| impact(before, after, &context))
+        });
+        let fires = !self.verdict.success && self.verdict.sustained >= spec.gate.sustain_steps;
+        let met = |cause| match cause {
+            Cause::Success => fires,
+            Cause::Fall => fallen(row, &context),
+            Cause::Tip => ladder_tipped(row, &context),
+            Cause::Crush => {
+                steps > u64::from(self.thresholds.crush_exempt_rows)
+                    && spec.bulbs.iter().any(|bulb| crushed(row, &context, *bulb))
+            }
+            Cause::Drop => spec.bulbs.iter().any(|bulb| dropped(row, &context, *bulb)),
+            Cause::Unseated => self.task == Task::S12 && !seated(row, Bulb::Fresh),
+            Cause::Impact => steps > u64::from(self.thresholds.impact_exempt_rows) && had_impact,
+            Cause::TimeOut => steps >= spec.horizon_steps,
+        };
+        let conditions: Causes = Cause::ALL.into_iter().filter(|cause| met(*cause)).collect();
+        let ending = conditions.intersection(self.ends_on());
+        for cause in conditions.iter() {
+            self.first_met[cause as usize].get_or_insert(row.step);
+        }
+        self.verdict.success |= fires;
+        self.verdict.conditions = conditions;
+        if !ending.is_empty() {
+            self.verdict.end = Some(End { step: row.step, causes: ending });
+        }
+    }
+}

@@ -1,0 +1,290 @@
+//! The tasks by name.
+
+use std::fmt;
+use std::str::FromStr;
+
+use thiserror::Error;
+
+use crate::tasks;
+use crate::{Bulb, Causes, Gate};
+
+/// Length of a control step, s.
+pub const CONTROL_DT: f64 = 0.02;
+/// Control steps of half a second: the sustain window of S03 and S08.
+pub(crate) const HALF_SECOND: u32 = 25;
+/// Control steps of a second: the sustain window of S01, S06 and S11.
+pub(crate) const ONE_SECOND: u32 = 50;
+/// Horizon of a subtask and of `climb`: 120 s.
+pub(crate) const SUBTASK_HORIZON: u64 = 6_000;
+
+/// A task of the benchmark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[allow(missing_docs)] // S01 to S12 are named in their files.
+pub enum Task {
+    S01,
+    S02,
+    S03,
+    S04,
+    S05,
+    S06,
+    S07,
+    S08,
+    S09,
+    S10,
+    S11,
+    S12,
+    /// The full errand.
+    Replace,
+    /// Climbing alone, in a scene of its own.
+    Climb,
+}
+
+/// How a robot is controlled in a task.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ControlMode {
+    /// Walking on the floor.
+    FlatNavigation,
+    /// Hands at work.
+    Manipulation,
+    /// Feet, and hands, on the ladder.
+    Climbing,
+}
+
+impl ControlMode {
+    /// As in the paper's table.
+    pub fn name(self) -> &'static str {
+        match self {
+            ControlMode::FlatNavigation => "Flat Navigation",
+            ControlMode::Manipulation => "Manipulation",
+            ControlMode::Climbing => "Climbing",
+        }
+    }
+}
+
+/// What makes a subtask hard. Its weight is the product of its factors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Factor {
+    /// Work from the ladder.
+    Balance,
+    /// Letting go so that the thing stays where it was put.
+    Release,
+    /// Taking hold of a thing at rest.
+    Grasp,
+    /// Carrying a load.
+    Carry,
+    /// Up or down the ladder.
+    Traverse,
+    /// Bulb and socket.
+    Mate,
+    /// Several control modes in one episode.
+    Span,
+}
+
+impl Factor {
+    /// Its multiplier (paper, table of weights).
+    pub fn multiplier(self) -> f64 {
+        match self {
+            Factor::Balance => 2.0,
+            Factor::Release => 1.8,
+            Factor::Grasp => 1.4,
+            Factor::Carry | Factor::Traverse | Factor::Mate | Factor::Span => 1.5,
+        }
+    }
+}
+
+/// All that defines a task but its reward.
+#[derive(Debug, Clone, Copy)]
+pub struct TaskSpec {
+    /// `S01`, `replace`.
+    pub short_id: &'static str,
+    /// `Fiatlux-S01-MoveLadder-v1`.
+    pub id: &'static str,
+    /// `Move Ladder`.
+    pub name: &'static str,
+    /// What the robot is told.
+    pub instruction: &'static str,
+    /// Why it weighs what it weighs; empty where it has no weight.
+    pub factors: &'static [Factor],
+    /// Weight in the benchmark score; 0 outside it.
+    pub weight: f64,
+    /// How the robot is controlled.
+    pub modes: &'static [ControlMode],
+    /// Control steps until time-out.
+    pub horizon_steps: u64,
+    /// The bulbs that the robot handles; dropping or crushing them concerns the task.
+    pub bulbs: &'static [Bulb],
+    /// When it succeeds.
+    pub gate: Gate,
+    /// Criteria that hold in its start state.
+    pub start_count: u32,
+    /// What ends it beside success, fall and time-out.
+    pub also_ends_on: Causes,
+}
+
+/// No task has this name.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("there is no task '{0}'; known ones are {names}, or their full ids such as {example}",
+    names = Task::ALL.map(Task::short_id).join(", "), example = Task::S01.id())]
+pub struct UnknownTask(String);
+
+impl Task {
+    /// The twelve subtasks.
+    pub const SUBTASKS: [Task; 12] = [
+        Task::S01,
+        Task::S02,
+        Task::S03,
+        Task::S04,
+        Task::S05,
+        Task::S06,
+        Task::S07,
+        Task::S08,
+        Task::S09,
+        Task::S10,
+        Task::S11,
+        Task::S12,
+    ];
+
+    /// The twelve subtasks, `replace` and `climb`.
+    pub const ALL: [Task; 14] = {
+        let mut all = [Task::Climb; 14];
+        let mut i = 0;
+        while i < 12 {
+            all[i] = Task::SUBTASKS[i];
+            i += 1;
+        }
+        all[12] = Task::Replace;
+        all
+    };
+
+    /// Its definition.
+    pub fn spec(self) -> &'static TaskSpec {
+        match self {
+            Task::S01 => &tasks::s01_move_ladder::SPEC,
+            Task::S02 => &tasks::s02_climb_ladder::SPEC,
+            Task::S03 => &tasks::s03_remove_old_bulb::SPEC,
+            Task::S04 => &tasks::s04_descend_with_bulb::SPEC,
+            Task::S05 => &tasks::s05_carry_to_disposal::SPEC,
+            Task::S06 => &tasks::s06_dispose_bulb::SPEC,
+            Task::S07 => &tasks::s07_approach_new_bulb::SPEC,
+            Task::S08 => &tasks::s08_grab_new_bulb::SPEC,
+            Task::S09 => &tasks::s09_carry_to_ladder::SPEC,
+            Task::S10 => &tasks::s10_climb_with_bulb::SPEC,
+            Task::S11 => &tasks::s11_screw_in_bulb::SPEC,
+            Task::S12 => &tasks::s12_climb_down::SPEC,
+            Task::Replace => &tasks::replace::SPEC,
+            Task::Climb => &tasks::climb::SPEC,
+        }
+    }
+
+    /// `S01`, `replace`.
+    pub fn short_id(self) -> &'static str {
+        self.spec().short_id
+    }
+
+    /// `Fiatlux-S01-MoveLadder-v1`.
+    pub fn id(self) -> &'static str {
+        self.spec().id
+    }
+
+    /// `Move Ladder`.
+    pub fn name(self) -> &'static str {
+        self.spec().name
+    }
+
+    /// Weight in the benchmark score; 0 for `replace` and `climb`.
+    pub fn weight(self) -> f64 {
+        self.spec().weight
+    }
+
+    /// What the robot is told.
+    pub fn instruction(self) -> &'static str {
+        self.spec().instruction
+    }
+
+    /// Control steps until time-out.
+    pub fn horizon_steps(self) -> u64 {
+        self.spec().horizon_steps
+    }
+
+    /// The one bulb that the task handles; `None` where it handles none, or both.
+    pub fn carried(self) -> Option<Bulb> {
+        match self.spec().bulbs {
+            [bulb] => Some(*bulb),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for Task {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.short_id())
+    }
+}
+
+impl FromStr for Task {
+    type Err = UnknownTask;
+
+    /// Reads `S01`, `s1`, `replace`, `climb` and full ids, in upper or lower case.
+    fn from_str(name: &str) -> Result<Self, UnknownTask> {
+        let number = name.strip_prefix(['S', 's']).filter(|rest| rest.bytes().all(|b| b.is_ascii_digit()));
+        if let Some(number) = number.and_then(|rest| rest.parse::<usize>().ok()) {
+            let task = number.checked_sub(1).and_then(|i| Task::SUBTASKS.get(i));
+            return task.copied().ok_or_else(|| UnknownTask(name.into()));
+        }
+        let is_named = |task: &Task| task.short_id().eq_ignore_ascii_case(name) || task.id().eq_ignore_ascii_case(name);
+        Task::ALL.into_iter().find(is_named).ok_or_else(|| UnknownTask(name.into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::MAX_CRITERIA;
+
+    #[test]
+    fn names_read_back() {
+        for task in Task::ALL {
+            for name in [task.short_id(), task.id(), &task.short_id().to_lowercase(), &task.to_string()] {
+                assert_eq!(name.parse(), Ok(task));
+            }
+        }
+        assert_eq!("s1".parse(), Ok(Task::S01));
+        assert_eq!("S9".parse(), Ok(Task::S09));
+        for name in ["S00", "S13", "s", "S1x", "", "Fiatlux-S01-MoveLadder-v0", "S99999999999999999999"] {
+            let error = name.parse::<Task>().expect_err(name).to_string();
+            let expected = format!("there is no task '{name}'; known ones are S01, S02, ");
+            assert!(error.starts_with(&expected) && error.contains("S12, replace, climb, or"), "{error}");
+        }
+    }
+
+    /// The paper's weights and their sum.
+    #[test]
+    fn weights() {
+        for task in Task::SUBTASKS {
+            let product: f64 = task.spec().factors.iter().map(|factor| factor.multiplier()).product();
+            assert!((product - task.weight()).abs() < 1e-12, "{task}: {product}");
+        }
+        let sum: f64 = Task::SUBTASKS.into_iter().map(Task::weight).sum();
+        assert!((sum - 34.05).abs() < 1e-12, "{sum}");
+    }
+
+    #[test]
+    fn specs_are_sound() {
+        for task in Task::ALL {
+            let spec = task.spec();
+            assert!(spec.gate.criteria.len() <= MAX_CRITERIA && spec.start_count < spec.gate.n(), "{task}");
+            let names: Vec<_> = spec.gate.criteria.iter().map(|c| c.name).collect();
+            assert!(names.iter().enumerate().all(|(i, name)| !names[..i].contains(name)), "{task}: {names:?}");
+            assert!(spec.id.starts_with("Fiatlux-") && spec.id.ends_with("-v1"), "{task}");
+            assert_eq!(spec.instruction, spec.instruction.to_lowercase());
+            assert!(!spec.modes.is_empty(), "{task}");
+        }
+    }
+
+    /// Two control modes at once in S03, S04, S10 and S11 only.
+    #[test]
+    fn control_modes() {
+        let twofold = Task::SUBTASKS.into_iter().filter(|task| task.spec().modes.len() == 2);
+        assert_eq!(twofold.collect::<Vec<_>>(), [Task::S03, Task::S04, Task::S10, Task::S11]);
+    }
+}

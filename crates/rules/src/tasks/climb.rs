@@ -1,0 +1,37 @@
+//! Climb: up to working height, in a scene with a fixed ladder and no bulb in play.
+//!
+//! Start: the robot stands on the floor 0.85 m from the ladder and faces it.
+//!
+//! Unlike S02, its gate needs the platform: the pelvis above 1.82 m.
+
+use super::page::*;
+
+pub(crate) const SPEC: TaskSpec = TaskSpec {
+    short_id: "climb",
+    id: "Fiatlux-Climb-v1",
+    name: "Climb",
+    instruction: "climb the ladder up to its platform",
+    factors: &[],
+    weight: 0.0,
+    modes: &[ControlMode::Climbing],
+    horizon_steps: SUBTASK_HORIZON,
+    bulbs: &[],
+    gate: Gate {
+        criteria: &[
+            Criterion { name: "at_working_height", holds: at_working_height },
+            Criterion { name: "near_ladder", holds: near_ladder },
+            Criterion { name: "climbing_slowly", holds: climbs_slowly },
+        ],
+        sustain_steps: 1,
+    },
+    start_count: 1,
+    also_ends_on: Causes::NONE,
+};
+
+fn near_ladder(row: &Row, cx: &Context<'_>) -> bool {
+    robot_distance(row, &row.ladder.pose.translation.vector) < cx.thresholds.ladder_near_m
+}
+
+fn climbs_slowly(row: &Row, cx: &Context<'_>) -> bool {
+    row.robot.linear_velocity.norm() < cx.thresholds.climb_speed_m_s
+}

@@ -1,0 +1,61 @@
+//! The tasks, a page each: what it is, its start, its gate, its ends.
+//!
+//! Every task also ends on success, on a fall of the robot and at its horizon. Starts are described for the reader;
+//! the simulator makes them.
+
+pub(crate) mod climb;
+pub(crate) mod replace;
+pub(crate) mod s01_move_ladder;
+pub(crate) mod s02_climb_ladder;
+pub(crate) mod s03_remove_old_bulb;
+pub(crate) mod s04_descend_with_bulb;
+pub(crate) mod s05_carry_to_disposal;
+pub(crate) mod s06_dispose_bulb;
+pub(crate) mod s07_approach_new_bulb;
+pub(crate) mod s08_grab_new_bulb;
+pub(crate) mod s09_carry_to_ladder;
+pub(crate) mod s10_climb_with_bulb;
+pub(crate) mod s11_screw_in_bulb;
+pub(crate) mod s12_climb_down;
+
+/// What every task file uses.
+mod page {
+    pub(super) use crate::predicates::*;
+    pub(super) use crate::task::{HALF_SECOND, ONE_SECOND, SUBTASK_HORIZON};
+    pub(super) use crate::{
+        Bulb, Cause, Causes, Context, ControlMode, Criterion, Factor, Gate, Row, TaskSpec, measure,
+    };
+}
+
+/// Criteria on one of the bulbs that several gates share.
+mod bulb_criteria {
+    use super::page::*;
+
+    pub(super) fn old_held(row: &Row, cx: &Context<'_>) -> bool {
+        held(row, cx, Bulb::Old)
+    }
+
+    pub(super) fn old_released(row: &Row, cx: &Context<'_>) -> bool {
+        released(row, cx, Bulb::Old)
+    }
+
+    pub(super) fn old_elevated(row: &Row, cx: &Context<'_>) -> bool {
+        elevated(row, cx, Bulb::Old)
+    }
+
+    pub(super) fn fresh_held(row: &Row, cx: &Context<'_>) -> bool {
+        held(row, cx, Bulb::Fresh)
+    }
+
+    pub(super) fn fresh_released(row: &Row, cx: &Context<'_>) -> bool {
+        released(row, cx, Bulb::Fresh)
+    }
+
+    pub(super) fn fresh_elevated(row: &Row, cx: &Context<'_>) -> bool {
+        elevated(row, cx, Bulb::Fresh)
+    }
+
+    pub(super) fn fresh_seated(row: &Row, _cx: &Context<'_>) -> bool {
+        seated(row, Bulb::Fresh)
+    }
+}

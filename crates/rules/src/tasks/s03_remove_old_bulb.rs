@@ -1,0 +1,35 @@
+//! S03 Remove Old Bulb: pull the spent bulb out of the socket and keep it in the hand.
+//!
+//! Start: the robot stands on the platform, facing the fixture, hands free. The old bulb is in the socket, the fresh
+//! one on the bench.
+
+use super::bulb_criteria::{old_elevated, old_held};
+use super::page::*;
+
+pub(crate) const SPEC: TaskSpec = TaskSpec {
+    short_id: "S03",
+    id: "Fiatlux-S03-RemoveOldBulb-v1",
+    name: "Remove Old Bulb",
+    instruction: "take hold of the bulb in the lamp fixture and pull it out",
+    factors: &[Factor::Grasp, Factor::Balance, Factor::Mate],
+    weight: 4.2,
+    modes: &[ControlMode::Manipulation, ControlMode::Climbing],
+    horizon_steps: SUBTASK_HORIZON,
+    bulbs: &[Bulb::Old],
+    gate: Gate {
+        criteria: &[
+            Criterion { name: "old_bulb_removed", holds: old_removed },
+            Criterion { name: "old_bulb_held", holds: old_held },
+            Criterion { name: "old_bulb_elevated", holds: old_elevated },
+            Criterion { name: "standing", holds: standing },
+            Criterion { name: "ladder_upright", holds: ladder_upright },
+        ],
+        sustain_steps: HALF_SECOND,
+    },
+    start_count: 3,
+    also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),
+};
+
+fn old_removed(row: &Row, cx: &Context<'_>) -> bool {
+    removed(row, cx, Bulb::Old)
+}

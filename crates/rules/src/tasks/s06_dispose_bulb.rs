@@ -1,0 +1,38 @@
+//! S06 Dispose Bulb: put the spent bulb into the crate and let go.
+//!
+//! Start: the robot stands 0.5 m from the crate's centre and faces it, the old bulb in its right hand. The socket is
+//! empty, the fresh bulb on the bench.
+
+use super::bulb_criteria::old_released;
+use super::page::*;
+
+pub(crate) const SPEC: TaskSpec = TaskSpec {
+    short_id: "S06",
+    id: "Fiatlux-S06-DisposeBulb-v1",
+    name: "Dispose Bulb",
+    instruction: "lower the bulb into the yellow crate and release it",
+    factors: &[Factor::Release],
+    weight: 1.8,
+    modes: &[ControlMode::Manipulation],
+    horizon_steps: SUBTASK_HORIZON,
+    bulbs: &[Bulb::Old],
+    gate: Gate {
+        criteria: &[
+            Criterion { name: "old_bulb_in_crate", holds: old_in_crate },
+            Criterion { name: "old_bulb_at_rest", holds: old_at_rest },
+            Criterion { name: "old_bulb_released", holds: old_released },
+            Criterion { name: "standing", holds: standing },
+        ],
+        sustain_steps: ONE_SECOND,
+    },
+    start_count: 2,
+    also_ends_on: Causes::of(&[Cause::Crush]),
+};
+
+fn old_in_crate(row: &Row, cx: &Context<'_>) -> bool {
+    in_crate(row, cx, Bulb::Old)
+}
+
+fn old_at_rest(row: &Row, cx: &Context<'_>) -> bool {
+    row.bulbs[Bulb::Old as usize].linear_velocity.norm() < cx.thresholds.rest_speed_m_s
+}

@@ -1,0 +1,38 @@
+//! S07 Approach New Bulb: walk up to the fresh bulb on the bench.
+//!
+//! Start: the robot stands beside the crate, turned towards the fresh bulb, hands free. The old bulb is in the crate,
+//! the socket empty.
+//!
+//! 0.63 m keeps the robot clear of the bench and leaves the bulb just out of reach.
+
+use super::page::*;
+
+pub(crate) const SPEC: TaskSpec = TaskSpec {
+    short_id: "S07",
+    id: "Fiatlux-S07-ApproachNewBulb-v1",
+    name: "Approach New Bulb",
+    instruction: "walk up to the bulb on the table",
+    factors: &[],
+    weight: 1.0,
+    modes: &[ControlMode::FlatNavigation],
+    horizon_steps: SUBTASK_HORIZON,
+    bulbs: &[],
+    gate: Gate {
+        criteria: &[
+            Criterion { name: "near_fresh_bulb", holds: near_fresh },
+            Criterion { name: "facing_fresh_bulb", holds: facing_fresh },
+            Criterion { name: "walking_slowly", holds: walks_slowly },
+        ],
+        sustain_steps: 1,
+    },
+    start_count: 2,
+    also_ends_on: Causes::NONE,
+};
+
+fn near_fresh(row: &Row, cx: &Context<'_>) -> bool {
+    robot_distance(row, &row.bulbs[Bulb::Fresh as usize].pose.translation.vector) < cx.thresholds.bench_near_m
+}
+
+fn facing_fresh(row: &Row, cx: &Context<'_>) -> bool {
+    faces(row, cx, &row.bulbs[Bulb::Fresh as usize].pose.translation.vector)
+}

@@ -1,0 +1,379 @@
+//! One episode of a task: a world in motion, judged, paid, observed and chained into a digest.
+
+use std::sync::Arc;
+
+use fiatlux_robot::Gains;
+use fiatlux_rules::{
+    Cause, Causes, End, JOINTS, Judge, JudgeOptions, Rewards, Row, RowDigest, Summary, Task, Term, Thresholds, Variant,
+    Verdict,
+};
+use thiserror::Error;
+
+use crate::start::check_kind;
+use crate::{
+    ACTION_SCALE, DomainSample, HandFriction, Layout, Light, NoiseSeed, Observer, PropScale, Proprioception, RNG_NAME,
+    Randomization, Scene, SceneKind, SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
+};
+
+/// What an episode is. It plays in the scene that [`EpisodeSpec::scene`] describes; gains are the scene's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EpisodeSpec {
+    /// The task.
+    pub task: Task,
+    /// Draws the room and the sizes of the props, and with the episode everything else.
+    pub seed: u64,
+    /// Index.
+    pub episode: u64,
+    /// Which draws it makes.
+    pub randomize: Randomization,
+    /// Sizes of the props; not in force where they are drawn.
+    pub scale: PropScale,
+    /// Thresholds in force.
+    pub thresholds: Thresholds,
+    /// What ends it in place of the task's own conditions.
+    pub end_on: Option<Causes>,
+    /// Which reward it pays; not part of the digest.
+    pub variant: Variant,
+}
+
+impl EpisodeSpec {
+    /// An episode as the standard protocol has it.
+    pub fn new(task: Task, seed: u64, episode: u64) -> Self {
+        Self {
+            task,
+            seed,
+            episode,
+            randomize: Randomization::default(),
+            scale: PropScale::default(),
+            thresholds: Thresholds::default(),
+            end_on: None,
+            variant: Variant::Benchmark,
+        }
+    }
+
+    /// Layout seed in force.
+    pub fn layout_seed(&self) -> u64 {
+        if self.randomize.layout { self.seed } else { 0 }
+    }
+
+    /// Sizes of the props in force.
+    pub fn prop_scale(&self) -> PropScale {
+        if self.randomize.prop_scale { PropScale::draw(self.seed) } else { self.scale }
+    }
+
+    /// Material of the hands; none for the robot file's own.
+    pub fn drawn_hand_friction(&self) -> Option<HandFriction> {
+        self.randomize.hand_friction.then(|| HandFriction::draw(self.seed, self.episode))
+    }
+
+    /// Light and tint. No row depends on them.
+    pub fn light(&self) -> Light {
+        Light::draw(self.seed, self.episode, &self.randomize)
+    }
+
+    /// The scene that it plays in.
+    pub fn scene(&self, gains: Gains) -> SceneSpec {
+        SceneSpec {
+            hand_friction: self.drawn_hand_friction().map(|friction| friction.dynamic_friction),
+            scale: self.prop_scale(),
+            ..SceneSpec::new(SceneKind::of(self.task), self.layout_seed(), gains)
+        }
+    }
+
+    /// Refuses a scene that differs from [`EpisodeSpec::scene`] in more than its gains.
+    fn check_scene(&self, scene: &Scene) -> Result<(), StartError> {
+        check_kind(scene, self.task)?;
+        let (needed, found) = (self.scene(scene.spec.gains.clone()), &scene.spec);
+        let friction =
+            |spec: &SceneSpec| spec.hand_friction.map_or("the robot's own".into(), |value| value.to_string());
+        let (what, needed, found) = if needed.seed != found.seed {
+            ("layout seed", needed.seed.to_string(), found.seed.to_string())
+        } else if needed.hand_friction != found.hand_friction {
+            ("hand friction", friction(&needed), friction(found))
+        } else if needed.scale != found.scale {
+            ("prop scale", format!("{:?}", needed.scale), format!("{:?}", found.scale))
+        } else if found.layout.is_some()
+            && Layout::of(&scene.config, needed.kind, needed.seed).ok() != Some(scene.layout)
+        {
+            ("layout", "the one of its layout seed".into(), "another one".into())
+        } else {
+            return Ok(());
+        };
+        let EpisodeSpec { task, seed, episode, .. } = *self;
+        Err(StartError::OtherScene { task, seed, episode, what, needed, found })
+    }
+
+    /// What must be equal beside the rows for two digests to be comparable, as bytes.
+    ///
+    /// Texts are followed by a zero byte; numbers are little-endian, whole ones of 8 bytes. In this order: id of the task;
+    /// seed; episode; layout seed in force; for each joint stiffness, damping, effort limit and armature (f64); friction
+    /// of the hands in force (f64, NaN for the robot's own); factors of the props' sizes in force (f64: ladder x, y and z,
+    /// socket, fresh bulb); a byte that says whether the start has noise; each threshold's name and value (f64); names of
+    /// the conditions that end the episode, then an empty text; digest of the robot's file; digest of the scene config,
+    /// the props in nominal size; [`RNG_NAME`]. Light, tint and noise of the sensors touch no row and are not in it.
+    pub fn context(&self, scene: &Scene) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(4096);
+        let text = |bytes: &mut Vec<u8>, text: &str| {
+            bytes.extend_from_slice(text.as_bytes());
+            bytes.push(0);
+        };
+        let number = |bytes: &mut Vec<u8>, number: f64| bytes.extend_from_slice(&number.to_le_bytes());
+        text(&mut bytes, self.task.id());
+        for whole in [self.seed, self.episode, scene.spec.seed] {
+            bytes.extend_from_slice(&whole.to_le_bytes());
+        }
+        for drive in &scene.spec.gains.0 {
+            for value in [drive.stiffness, drive.damping, drive.effort_limit, drive.armature] {
+                number(&mut bytes, value);
+            }
+        }
+        number(&mut bytes, scene.spec.hand_friction.unwrap_or(f64::NAN));
+        for (_, factor, _) in scene.spec.scale.factors() {
+            number(&mut bytes, factor);
+        }
+        bytes.push(u8::from(self.randomize.start));
+        for (name, value) in self.thresholds.entries() {
+            text(&mut bytes, name);
+            number(&mut bytes, value);
+        }
+        for cause in self.judge(scene).ends_on().iter() {
+            text(&mut bytes, cause.name());
+        }
+        text(&mut bytes, "");
+        text(&mut bytes, scene.robot.digest());
+        text(&mut bytes, &scene.config.digest());
+        text(&mut bytes, RNG_NAME);
+        bytes
+    }
+
+    fn judge(&self, scene: &Scene) -> Judge {
+        let options = JudgeOptions { end_on: self.end_on, ..JudgeOptions::default() };
+        Judge::new(self.task, self.thresholds.clone(), scene.geometry(), options)
+    }
+}
+
+/// What a policy asks of the robot in a control step, by joint in the public order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Action units: joint target = q0 + [`ACTION_SCALE`] action.
+    Action([f64; JOINTS]),
+    /// Joint targets, rad. Recorded and carried out as the action `(target - q0) / ACTION_SCALE`.
+    JointTarget([f64; JOINTS]),
+}
+
+impl Command {
+    /// In action units.
+    pub fn action(&self, q0: &[f64; JOINTS]) -> [f64; JOINTS] {
+        match self {
+            Command::Action(action) => *action,
+            Command::JointTarget(target) => std::array::from_fn(|joint| (target[joint] - q0[joint]) / ACTION_SCALE),
+        }
+    }
+}
+
+/// Why an episode took no step; it is unchanged then.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum EpisodeError {
+    /// It has ended.
+    #[error("the episode ended at step {step}; start another one")]
+    Ended {
+        /// Its last row.
+        step: u64,
+    },
+    /// The world refused the command.
+    #[error(transparent)]
+    World(#[from] WorldError),
+}
+
+/// What a control step brought.
+#[derive(Debug, Clone, Copy)]
+pub struct Step<'a> {
+    /// The row after it.
+    pub row: &'a Row,
+    /// What the rows so far say.
+    pub verdict: &'a Verdict,
+    /// What each term of the reward paid.
+    pub terms: &'a [Term],
+    /// What the robot senses of itself.
+    pub observation: &'a Proprioception,
+    /// Some number of the action was outside the box [-1, 1].
+    pub outside_box: bool,
+}
+
+/// Sums over an episode that no verdict has.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Totals {
+    /// Physics steps that did not converge, those of staging among them.
+    pub unconverged: u64,
+    /// Steps whose action left the box [-1, 1].
+    pub steps_outside_box: u64,
+    /// Sum of the rewards.
+    pub reward: f64,
+}
+
+/// One episode, from its start state on. No I/O, no threads, no clock: the rows follow from scene, spec and commands.
+#[derive(Debug, Clone)]
+pub struct Episode {
+    spec: EpisodeSpec,
+    start: StartOffset,
+    q0: [f64; JOINTS],
+    world: World,
+    judge: Judge,
+    rewards: Rewards,
+    observer: Observer,
+    observation: Proprioception,
+    context: RowDigest,
+    digest: RowDigest,
+    totals: Totals,
+}
+
+impl Episode {
+    /// Stages an episode: row 0 is judged, observed and in the digest.
+    ///
+    /// # Errors
+    /// [`StartError`]: the scene is not the one of [`EpisodeSpec::scene`], or the task does not start in it.
+    pub fn start(scene: Arc<Scene>, spec: &EpisodeSpec) -> Result<Self, StartError> {
+        spec.check_scene(&scene)?;
+        let q0: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint]);
+        let options = StartOptions {
+            reset_noise: spec.randomize.start,
+            seed: Some(spec.seed),
+            thresholds: spec.thresholds.clone(),
+        };
+        let (world, start) = start_drawn(Arc::clone(&scene), spec.task, spec.episode, &options)?;
+        let row = world.row();
+        let mut judge = spec.judge(&scene);
+        judge.start(row);
+        let mut rewards = Rewards::new(&judge, spec.variant);
+        rewards.start(&judge, row);
+        let seed = NoiseSeed { seed: spec.seed, episode: spec.episode };
+        let mut observer = Observer::new(q0, spec.randomize.sensors.then_some(seed));
+        let observation = observer.observe(row);
+        let context = RowDigest::new(&spec.context(&scene));
+        let mut digest = context.clone();
+        digest.push(row);
+        let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
+        let spec = spec.clone();
+        Ok(Self { spec, start, q0, judge, rewards, observer, observation, context, digest, totals, world })
+    }
+
+    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest.
+    ///
+    /// # Errors
+    /// [`EpisodeError`]; the episode is unchanged.
+    pub fn step(&mut self, command: &Command) -> Result<Step<'_>, EpisodeError> {
+        if let Some(end) = self.judge.verdict().end {
+            return Err(EpisodeError::Ended { step: end.step });
+        }
+        // A joint target goes through action units too, so that the recorded action alone repeats a step.
+        let action = command.action(&self.q0);
+        let target = std::array::from_fn(|joint| self.q0[joint] + ACTION_SCALE * action[joint]);
+        let row = self.world.step(&action, &target)?;
+        self.judge.advance(row);
+        self.rewards.advance(&self.judge, row);
+        self.observation = self.observer.observe(row);
+        self.digest.push(row);
+        let outside_box = action.iter().any(|number| number.abs() > 1.0);
+        self.totals.unconverged += u64::from(row.unconverged);
+        self.totals.steps_outside_box += u64::from(outside_box);
+        self.totals.reward += self.rewards.reward();
+        Ok(Step {
+            row: self.world.row(),
+            verdict: self.judge.verdict(),
+            terms: self.rewards.terms(),
+            observation: &self.observation,
+            outside_box,
+        })
+    }
+
+    /// What it is.
+    pub fn spec(&self) -> &EpisodeSpec {
+        &self.spec
+    }
+
+    /// What was drawn for it.
+    pub fn drawn(&self) -> DomainSample {
+        let scene = self.world.scene();
+        DomainSample {
+            layout: scene.layout,
+            scale: scene.spec.scale,
+            hand_friction: self.spec.drawn_hand_friction(),
+            light: self.spec.light(),
+            start: self.start,
+        }
+    }
+
+    /// The scene it plays in.
+    pub fn scene(&self) -> &Arc<Scene> {
+        self.world.scene()
+    }
+
+    /// The world.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// The last row.
+    pub fn row(&self) -> &Row {
+        self.world.row()
+    }
+
+    /// The judge.
+    pub fn judge(&self) -> &Judge {
+        &self.judge
+    }
+
+    /// What the rows so far say.
+    pub fn verdict(&self) -> &Verdict {
+        self.judge.verdict()
+    }
+
+    /// What each term of the reward paid in the last step.
+    pub fn terms(&self) -> &[Term] {
+        self.rewards.terms()
+    }
+
+    /// What all terms paid in the last step.
+    pub fn reward(&self) -> f64 {
+        self.rewards.reward()
+    }
+
+    /// What the robot senses of itself in the last row.
+    pub fn observation(&self) -> &Proprioception {
+        &self.observation
+    }
+
+    /// Digest of the rows so far, row 0 included.
+    pub fn digest(&self) -> &RowDigest {
+        &self.digest
+    }
+
+    /// The digest chain before row 0.
+    pub fn digest_context(&self) -> &RowDigest {
+        &self.context
+    }
+
+    /// Sums that no verdict has.
+    pub fn totals(&self) -> Totals {
+        self.totals
+    }
+
+    /// What it amounts to so far.
+    pub fn summary(&self) -> Summary {
+        self.judge.summary()
+    }
+
+    /// How it ended, once it has.
+    pub fn end(&self) -> Option<End> {
+        self.judge.verdict().end
+    }
+
+    /// Conditions that the last row met for the first time.
+    pub fn newly_met(&self) -> impl Iterator<Item = Cause> + use<'_> {
+        let step = self.row().step;
+        Cause::ALL.into_iter().filter(move |cause| step > 0 && self.judge.first_met(*cause) == Some(step))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,36 @@
+//! The benchmark's scene as data and as a model of the dynamics engine: room, bench, crate, fixture, bulbs, ladder and
+//! robot, their draw by seed, the socket's hold on a bulb, the tasks' start states, and what a policy senses.
+mod attach;
+pub mod config;
+mod episode;
+mod error;
+mod layout;
+mod lidar;
+mod observe;
+mod props;
+mod randomize;
+mod rng;
+mod scene;
+mod start;
+mod world;
+
+pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
+pub use config::SceneConfig;
+pub use episode::{Command, Episode, EpisodeError, EpisodeSpec, Step, Totals};
+pub use error::{SceneError, WorldError};
+pub use layout::{LadderStart, Layout, Mount, Place};
+pub use lidar::{LIDAR_COLUMNS, LIDAR_RANGE, LIDAR_RAYS, LIDAR_ROWS, Lidar};
+pub use observe::{
+    ClimbPrivileged, FEATURES, FOOT_FORCE_HEIGHT, NoiseSeed, ObservationTerm, Observer, Privileged, Proprioception,
+    Signal, StandardTerms, flat_privileged, flat_standard, foot_force_estimate, hand_force, limb_force,
+    observation_length, observation_terms, world_from_link,
+};
+pub use props::{LadderPoints, PropSizes};
+pub use randomize::{DomainSample, HandFriction, Light, PropScale, Randomization};
+pub use rng::{RNG_NAME, Random, Stream};
+pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};
+pub use start::{ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
+pub use world::{PHYSICS_DT, SUBSTEPS, World};
+
+// The rulebook's control step is the world's.
+const _: () = assert!(PHYSICS_DT * SUBSTEPS as f64 == fiatlux_rules::CONTROL_DT);

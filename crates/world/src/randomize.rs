@@ -1,0 +1,89 @@
+//! What is drawn for an episode, beside its task.
+//!
+//! | moment | what | drawn from |
+//! |---|---|---|
+//! | the room is laid out | [`Layout`](crate::Layout) | layout seed |
+//! | before start-up, where asked for | [`PropScale`] | seed |
+//! | start-up | [`HandFriction`] | seed (64 materials), seed and episode (which of them) |
+//! | reset | [`StartOffset`](crate::StartOffset), [`Light`] and tint, noise of the sensors | seed and episode |
+//!
+//! Each is drawn from a stream of its own: to leave one out changes no other.
+
+mod hand_friction;
+mod light;
+mod prop_scale;
+
+pub use hand_friction::HandFriction;
+pub use light::Light;
+pub use prop_scale::PropScale;
+
+use crate::{Layout, Random, StartOffset};
+
+/// Which draws an episode makes. What is not drawn is nominal. The default is the standard protocol.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Randomization {
+    /// The room is drawn by the seed; else it is that of layout seed 0.
+    pub layout: bool,
+    /// Place, heading and joints of the robot at the start.
+    pub start: bool,
+    /// Friction of the hands; else it is the robot file's own.
+    pub hand_friction: bool,
+    /// Light of the sky and of the lamp.
+    pub light: bool,
+    /// Tint of the room.
+    pub tint: bool,
+    /// Noise of the sensors.
+    pub sensors: bool,
+    /// Sizes of ladder, socket and fresh bulb.
+    pub prop_scale: bool,
+}
+
+impl Randomization {
+    /// Nothing is drawn: all episodes of a task are the same.
+    pub const FIXED: Self = Self {
+        layout: false,
+        start: false,
+        hand_friction: false,
+        light: false,
+        tint: false,
+        sensors: false,
+        prop_scale: false,
+    };
+}
+
+impl Default for Randomization {
+    fn default() -> Self {
+        Self {
+            layout: true,
+            start: true,
+            hand_friction: true,
+            light: true,
+            tint: true,
+            sensors: true,
+            prop_scale: false,
+        }
+    }
+}
+
+/// What was drawn for an episode, or is nominal. The noise of the sensors is not kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DomainSample {
+    /// The room.
+    pub layout: Layout,
+    /// Sizes of the props.
+    pub scale: PropScale,
+    /// Friction of the hands; none for the robot file's own.
+    pub hand_friction: Option<HandFriction>,
+    /// Light and tint.
+    pub light: Light,
+    /// How far off its nominal start the robot is.
+    pub start: StartOffset,
+}
+
+/// Uniform within a range.
+fn within(random: &mut Random, [low, high]: [f64; 2]) -> f64 {
+    random.uniform(low, high)
+}
+
+#[cfg(test)]
+mod tests;

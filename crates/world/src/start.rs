@@ -1,0 +1,289 @@
+//! The start states of the tasks.
+//!
+//! | task | robot | old bulb | fresh bulb | c0 |
+//! |---|---|---|---|---|
+//! | S01 | in its own zone, turned to the ladder | socket | bench | 3 of 4 |
+//! | S02 | 0.85 m in front of the ladder's steps, turned to it | socket | bench | 2 of 3 |
+//! | S03 | on the platform, turned to the fixture | socket | bench | 3 of 5 |
+//! | S04 | as S03 | right hand | bench | 4 of 5 |
+//! | S05 | 0.85 m from the ladder towards its own zone, turned to the crate | right hand | bench | 3 of 4 |
+//! | S06 | 0.5 m from the crate towards its own zone, turned to the crate | right hand | bench | 2 of 4 |
+//! | S07 | 0.75 m from the crate towards its own zone, turned to the fresh bulb | crate | bench | 2 of 3 |
+//! | S08 | at the bench, 0.63 m from the fresh bulb, turned to it | crate | bench | 2 of 4 |
+//! | S09 | at the bench, clear of it, turned to the ladder | crate | right hand | 4 of 5 |
+//! | S10 | as S02 | crate | right hand | 4 of 5 |
+//! | S11 | as S03 | crate | right hand | 3 of 5 |
+//! | S12 | as S03 | crate | socket | 3 of 4 |
+//! | `replace` | in its own zone, turned roughly to the bench | socket | bench | 0 of 2 |
+//! | `climb` | in front of the ladder | floor | floor | 1 of 3 |
+//!
+//! c0 is the number of the gate's criteria that hold at the start, the same for every seed and episode.
+//!
+//! Reset noise moves the robot and its joints (kept within their limits) off that; then the pelvis is set so high that
+//! the lowest point of the soles is on what the robot stands on. A place is taken where something is nearer to the robot
+//! or its bulb than the clearance or, in S05, the crate nearly as near as the gate asks for. Then S02, S05, S06, S07 and
+//! S10 start at the next free place around ladder or crate, in steps of 5 degrees to either side, and the tasks on the
+//! platform up to 5 cm farther back. Where nothing is free, or the noise puts two links into each other, it is drawn
+//! again.
+
+mod hold;
+mod place;
+
+use std::sync::Arc;
+
+use fiatlux_dynamics::ModelError;
+use fiatlux_robot::RobotError;
+use fiatlux_rules::{AttachmentRow, Bulb, JOINTS, Row, Task, Thresholds};
+use nalgebra::{Isometry3, Vector3};
+use thiserror::Error;
+
+use crate::{Scene, SceneKind, ShapeOwner, World, WorldError};
+
+/// Radians of joint target per unit of action: target = q0 + 0.5 action.
+pub const ACTION_SCALE: f64 = 0.5;
+
+/// How an episode starts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StartOptions {
+    /// Adds the task's reset noise.
+    pub reset_noise: bool,
+    /// Draws the reset noise, with the episode; none for the layout seed.
+    pub seed: Option<u64>,
+    /// Thresholds in force: how hard a hand presses its bulb, how near the crate S05 may start.
+    pub thresholds: Thresholds,
+}
+
+impl Default for StartOptions {
+    fn default() -> Self {
+        Self { reset_noise: true, seed: None, thresholds: Thresholds::default() }
+    }
+}
+
+/// Why there is no start state.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum StartError {
+    /// The task is played in another kind of scene.
+    #[error("{task} starts in a {needed:?} scene and was given a {found:?} scene; build it with SceneKind::of({task})")]
+    Scene {
+        /// The task.
+        task: Task,
+        /// Kind that it needs.
+        needed: SceneKind,
+        /// Kind that it was given.
+        found: SceneKind,
+    },
+    /// The episode is played in another scene of the kind.
+    #[error(
+        "{task} seed {seed} episode {episode} plays in a scene with {what} {needed} and was given one with {found}; \
+         build the scene that EpisodeSpec::scene describes"
+    )]
+    OtherScene {
+        /// The task.
+        task: Task,
+        /// Seed.
+        seed: u64,
+        /// Episode.
+        episode: u64,
+        /// What differs, such as `hand friction`.
+        what: &'static str,
+        /// What the episode has.
+        needed: String,
+        /// What the scene has.
+        found: String,
+    },
+    /// The config names a part that the robot does not have.
+    #[error("scene config: {field} names '{name}', which the robot does not have")]
+    Name {
+        /// The field.
+        field: &'static str,
+        /// Joint or link.
+        name: String,
+    },
+    /// No place for the robot.
+    #[error(
+        "{task} seed {seed} episode {episode}: {obstacle:?} is in the robot's way, and no other place is free; give the \
+         room more space or make start.clearance smaller"
+    )]
+    Place {
+        /// The task.
+        task: Task,
+        /// Seed.
+        seed: u64,
+        /// Episode.
+        episode: u64,
+        /// What is in the way of the first place that was tried.
+        obstacle: ShapeOwner,
+    },
+    /// The staged hand does not hold the bulb as it must.
+    #[error(
+        "{task} seed {seed} episode {episode}: the hand presses its bulb with {force_n} N, not between {least_n} and \
+         {most_n} N; check start.carry, hand friction and gains"
+    )]
+    Hold {
+        /// The task.
+        task: Task,
+        /// Seed.
+        seed: u64,
+        /// Episode.
+        episode: u64,
+        /// Largest force of the bulb on a body of a hand, N.
+        force_n: f64,
+        /// Below it nothing is held, N.
+        least_n: f64,
+        /// Above it the bulb breaks, N.
+        most_n: f64,
+    },
+    /// The world refused the state.
+    #[error("cannot set the start state")]
+    World(#[from] WorldError),
+    /// The robot's kinematics refused the posture.
+    #[error("cannot find where the hand is that takes the bulb")]
+    Kinematics(#[from] RobotError),
+    /// The engine refused to look for contacts.
+    #[error("cannot find what is in the robot's way")]
+    Contacts(#[from] ModelError),
+}
+
+impl SceneKind {
+    /// The scene that a task is played in.
+    pub fn of(task: Task) -> Self {
+        match task {
+            Task::S01 | Task::Replace => SceneKind::FreeLadder,
+            Task::Climb => SceneKind::Climb,
+            _ => SceneKind::CoupledLadder,
+        }
+    }
+}
+
+/// Refuses a scene that is not of a task's kind.
+pub(crate) fn check_kind(scene: &Scene, task: Task) -> Result<(), StartError> {
+    let (needed, found) = (SceneKind::of(task), scene.spec.kind);
+    if needed == found { Ok(()) } else { Err(StartError::Scene { task, needed, found }) }
+}
+
+/// How far off its nominal start the robot is, as drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StartOffset {
+    /// Along the world's x and y, m.
+    pub shift: [f64; 2],
+    /// About the vertical, rad.
+    pub turn: f64,
+    /// Of each joint in the public order, rad. An angle that would leave its joint's limits stays at the limit.
+    pub joints: [f64; JOINTS],
+}
+
+impl StartOffset {
+    /// The nominal start.
+    pub const NONE: Self = Self { shift: [0.0; 2], turn: 0.0, joints: [0.0; JOINTS] };
+}
+
+/// Where a bulb is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Spot {
+    /// In the socket's hold.
+    Socket,
+    /// Where the scene puts it: the fresh one on the bench; in `climb` both on the floor.
+    Scene,
+    /// Upright in the crate.
+    Crate,
+    /// In the robot's right hand.
+    Hand,
+}
+
+/// Where the old and the fresh bulb are.
+fn spots(task: Task) -> [Spot; 2] {
+    match task {
+        Task::S01 | Task::S02 | Task::S03 | Task::Replace => [Spot::Socket, Spot::Scene],
+        Task::S04 | Task::S05 | Task::S06 => [Spot::Hand, Spot::Scene],
+        Task::S07 | Task::S08 => [Spot::Crate, Spot::Scene],
+        Task::S09 | Task::S10 | Task::S11 => [Spot::Crate, Spot::Hand],
+        Task::S12 => [Spot::Crate, Spot::Socket],
+        Task::Climb => [Spot::Scene, Spot::Scene],
+    }
+}
+
+/// Everything that placing and staging need to know.
+struct Start<'a> {
+    scene: &'a Scene,
+    task: Task,
+    seed: u64,
+    episode: u64,
+    thresholds: &'a Thresholds,
+    /// The bulb in the hand.
+    carried: Option<Bulb>,
+    /// Joint angles free of noise, the hand open, rad.
+    posture: [f64; JOINTS],
+}
+
+/// A world in a task's start state of an episode; see [`start_drawn`].
+///
+/// # Errors
+/// As [`start_drawn`].
+pub fn start(scene: Arc<Scene>, task: Task, episode: u64, options: &StartOptions) -> Result<World, StartError> {
+    start_drawn(scene, task, episode, options).map(|(world, _)| world)
+}
+
+/// A world in a task's start state of an episode, and the reset noise in it. Seed and episode draw the noise; where a
+/// draw found no place for the robot, the noise is that of the draw that did.
+///
+/// Row 0 is that state at rest. Its targets are the nominal staged posture, free of noise, and its action is the same
+/// in action units. A bulb in the hand is held: the row has the contact forces of the last physics step of staging.
+///
+/// # Errors
+/// [`StartError`]: the scene is not the task's, the robot finds no place, its hand does not hold the bulb, or robot or
+/// engine refused the state.
+pub fn start_drawn(
+    scene: Arc<Scene>,
+    task: Task,
+    episode: u64,
+    options: &StartOptions,
+) -> Result<(World, StartOffset), StartError> {
+    check_kind(&scene, task)?;
+    let seed = options.seed.unwrap_or(scene.spec.seed);
+    let spots = spots(task);
+    let carried = Bulb::ALL.into_iter().find(|bulb| spots[*bulb as usize] == Spot::Hand);
+    let q0: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint]);
+    let mut posture = q0;
+    let mut targets = q0;
+    if carried.is_some() {
+        let carry = &scene.config.start.carry;
+        hold::set_joints(&scene, "start.carry.arm", &carry.arm, &mut posture)?;
+        if place::is_on_platform(task) {
+            hold::set_joints(&scene, "start.carry.platform_arm", &carry.platform_arm, &mut posture)?;
+        }
+        targets = posture;
+        hold::set_joints(&scene, "start.carry.grip", &carry.grip, &mut targets)?;
+    }
+    let noise = if options.reset_noise { place::noise(&scene, task) } else { place::NO_NOISE };
+
+    let mut world = World::new(Arc::clone(&scene));
+    let mut row = world.row().clone();
+    row.joint_target = targets;
+    put_bulbs(&scene, &spots, &mut row);
+    let start = Start { scene: &scene, task, seed, episode, thresholds: &options.thresholds, carried, posture };
+    let offset = start.put_robot(&mut world, &mut row, &noise)?;
+    let unconverged = match carried {
+        Some(bulb) => start.close_hand(&mut world, &row, bulb)?,
+        None => 0,
+    };
+    let action = std::array::from_fn(|joint| (targets[joint] - q0[joint]) / ACTION_SCALE);
+    world.begin(&action, unconverged);
+    Ok((world, offset))
+}
+
+/// Puts the bulbs where they start, those for the hand anywhere, and sets the socket's hold.
+fn put_bulbs(scene: &Scene, spots: &[Spot; 2], row: &mut Row) {
+    for (bulb, spot) in Bulb::ALL.into_iter().zip(spots) {
+        let pose = match spot {
+            Spot::Socket => scene.world_from_seated_bulb(bulb),
+            Spot::Crate => {
+                let height = Vector3::z() * scene.config.crate_.placing_height;
+                let crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
+                scene.world_from_standing_bulb(bulb, crate_.translation.vector + height)
+            }
+            Spot::Scene | Spot::Hand => row.bulbs[bulb as usize].pose,
+        };
+        row.bulbs[bulb as usize].pose = pose;
+        row.attachments[bulb as usize] = AttachmentRow { seated: *spot == Spot::Socket, steps_beyond: 0 };
+    }
+}
