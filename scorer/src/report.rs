@@ -15,7 +15,7 @@ use markup::{escape, percent};
 use crate::tables::{count, protocol, seed_count};
 use crate::{RateRow, Results};
 
-const STYLE: &str = include_str!("style.css");
+const STYLE: &str = include_str!("report/style.css");
 
 /// The page.
 pub fn html(results: &Results) -> String {
