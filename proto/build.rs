@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 15] = [
+const IN_METADATA: [&str; 17] = [
     "EpisodeHeader",
     "OpenRequest",
     "EpisodeResult",
@@ -19,6 +19,8 @@ const IN_METADATA: [&str; 15] = [
     "HandFriction",
     "Light",
     "StartNoise",
+    "SceneGeometry",
+    "BulbGeometry",
 ];
 
 fn main() {

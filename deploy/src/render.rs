@@ -20,7 +20,7 @@ use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
 use fiatlux_robot::{Robot, RobotError};
 use fiatlux_rules::{CONTROL_DT, Row};
-use fiatlux_sim::{RebuildError, light_of, scene_of};
+use fiatlux_wire::{RebuildError, light_of, scene_of};
 use fiatlux_world::Scene;
 use thiserror::Error;
 
@@ -257,7 +257,7 @@ impl Episode {
         let bag = Bag::open(path)?;
         let scene = scene_of(bag.header(), Arc::clone(robot))
             .map_err(|source| RenderError::Header { bag: path.into(), source })?;
-        let mut rows = Rows::new(&bag);
+        let mut rows = Rows::new(&bag, scene.robot_layout());
         let mut spots = Vec::new();
         let mut beyond = false;
         for row in rows.by_ref() {
@@ -336,7 +336,7 @@ impl Episode {
     fn rows<'a>(&'a self, indices: &'a [usize]) -> impl Iterator<Item = (usize, Row)> + 'a {
         let mut wanted = indices.iter().copied().peekable();
         let last = indices.last().map_or(0, |last| last + 1);
-        let rows = Rows::new(&self.bag).take(last).enumerate();
+        let rows = Rows::new(&self.bag, self.scene.robot_layout()).take(last).enumerate();
         rows.filter(move |(index, _)| wanted.next_if_eq(index).is_some())
     }
 }

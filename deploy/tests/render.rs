@@ -39,7 +39,7 @@ fn episode() -> Episode {
 
 fn header() -> EpisodeHeader {
     EpisodeHeader {
-        drawn: Some(drawn_message(&episode().drawn())),
+        drawn: Some(drawn_message(&episode().domain_sample())),
         protocol: Some(PROTOCOL),
         task: "S05".into(),
         gains: "fiatlux".into(),

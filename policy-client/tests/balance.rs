@@ -9,11 +9,14 @@ use std::time::{Duration, Instant};
 
 use fiatlux_policy::balance::{Balance, BalanceError, Sensed};
 use fiatlux_robot::{GainSet, JointGains, Robot};
-use fiatlux_rules::{Bulb, Cause, JOINTS, Judge, JudgeOptions, Row, Task, Thresholds};
+use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Row, Task, Thresholds};
 use fiatlux_world::{
     ACTION_SCALE, NoiseSeed, Observer, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start,
 };
 use nalgebra::Vector3;
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 /// The tasks that start on the floor and only go on with steps of their own.
 const FLOOR_TASKS: [Task; 7] = [Task::S01, Task::S02, Task::S05, Task::S06, Task::S07, Task::S08, Task::S09];

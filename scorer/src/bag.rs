@@ -4,7 +4,7 @@ use std::path::Path;
 
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_link::in_full;
-use fiatlux_rules::Row;
+use fiatlux_wire::{layout_of, read_row};
 
 use crate::GradeOptions;
 use crate::assemble::Content;
@@ -24,13 +24,14 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
     let header = bag.header();
     let mut grader =
         Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
+    let layout = layout_of(header).map_err(|error| unreadable(&error))?;
     let mut cut = match bag.completeness() {
         Completeness::Whole => None,
         Completeness::Cut { reason, .. } => Some(reason.clone()),
     };
     for state in bag.states() {
         let row = match state {
-            Ok(state) => Row::try_from(&state).map_err(|error| in_full(&error)),
+            Ok(state) => read_row(&state, layout).map_err(|error| in_full(&error)),
             Err(error) => Err(in_full(&error)),
         };
         match row {

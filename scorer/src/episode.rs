@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 
 use fiatlux_proto::v3;
-use fiatlux_rules::{
-    Cause, Causes, Geometry, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds,
-};
+use fiatlux_rules::{Cause, Causes, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds};
+use fiatlux_wire::{WireError, read_geometry};
 use thiserror::Error;
 
 use crate::Series;
@@ -18,17 +17,17 @@ pub(crate) const ABORTED: &str = "aborted";
 #[derive(Debug, Error)]
 pub enum HeaderError {
     /// The task.
-    #[error("{0}; the bag may come from another version")]
+    #[error("the header's task is unknown; the bag may come from another version")]
     Task(#[from] fiatlux_rules::UnknownTask),
     /// The thresholds.
-    #[error("{0}; the bag may come from another version")]
+    #[error("the header's thresholds cannot be taken; the bag may come from another version")]
     Threshold(#[from] ThresholdError),
     /// The conditions that end it.
-    #[error("{0}; the bag may come from another version")]
+    #[error("the header's end conditions are unknown; the bag may come from another version")]
     Cause(#[from] fiatlux_rules::UnknownCause),
     /// The scene's constants.
-    #[error("the scene's constants in the header cannot be read ({0}); the bag may come from another version")]
-    Geometry(#[from] serde_json::Error),
+    #[error("cannot read the header; the bag may come from another version")]
+    Wire(#[from] WireError),
     /// The start of the digest chain.
     #[error("digest_context in the header is not 64 hexadecimal digits; the bag may come from another version")]
     Context,
@@ -124,10 +123,7 @@ impl Grader {
             thresholds.set(&assignment)?;
         }
         set.iter().try_for_each(|assignment| thresholds.set(assignment))?;
-        let geometry: Geometry = match header.geometry_json.as_str() {
-            "" => Geometry::default(),
-            json => serde_json::from_str(json)?,
-        };
+        let geometry = read_geometry(&header.geometry)?;
         let ends = header.end_on.iter().map(|name| name.parse::<Cause>()).collect::<Result<Causes, _>>()?;
         let own_choice = header.end_on_overridden || !header.end_on.is_empty();
         let options = JudgeOptions { end_on: own_choice.then_some(ends), published_counting };

@@ -1,16 +1,12 @@
 //! The simulation server: scenes for policies to act in, and their export to other simulators.
-mod drawn;
 mod mjcf;
 mod recorder;
 mod scene;
 mod senses;
 mod server;
-mod show;
 
-pub use drawn::{RebuildError, drawn_message, light_of, scene_of};
 pub use mjcf::{Laws, MjcfOptions, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
 pub use senses::{SenseError, Senses, Sensor, Sensors};
 pub use server::{Server, ServerError, ServerOptions, joints};
-pub use show::{Frames, scene_update};

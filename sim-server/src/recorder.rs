@@ -22,7 +22,7 @@ use zenoh::pubsub::Subscriber;
 use zenoh::sample::SampleKind;
 use zenoh::{Session as Zenoh, Wait};
 
-use crate::show::Frames;
+use fiatlux_wire::Frames;
 use worker::{Worker, WorkerEvent};
 
 /// Cores that one worker serves.

@@ -10,7 +10,8 @@ use fiatlux_features::{FeatureError, ResNet18};
 use fiatlux_proto::foxglove::{CompressedImage, PointCloud};
 use fiatlux_proto::v3::{self, FlatObservation, Observation};
 use fiatlux_render::{Camera, Image, Lighting, RenderError, Renderer, Visuals};
-use fiatlux_rules::{Row, Task, pose_message};
+use fiatlux_rules::{Row, Task};
+use fiatlux_wire::{frame_of, point_cloud, pose_message, time_of};
 use fiatlux_world::{
     ClimbPrivileged, Episode, Lidar, Privileged, Proprioception, Scene, SceneError, StandardTerms, flat_standard,
     hand_force, limb_force,
@@ -18,7 +19,6 @@ use fiatlux_world::{
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
-use crate::show;
 pub use sensor::{Sensor, Sensors};
 
 /// Why a sensor has nothing to say.
@@ -141,9 +141,9 @@ impl Senses {
     /// [`SenseError`]: no camera.
     pub fn compressed_image(&mut self, episode: &Episode) -> Result<CompressedImage, SenseError> {
         let camera = episode.scene().robot.camera();
-        let frame_id = show::frame_of(&episode.scene().robot, camera);
+        let frame_id = frame_of(&episode.scene().robot, camera);
         let data = self.look(episode)?.to_png_fast()?;
-        Ok(CompressedImage { timestamp: Some(show::time_of(episode.row().step)), frame_id, data, format: "png".into() })
+        Ok(CompressedImage { timestamp: Some(time_of(episode.row().step)), frame_id, data, format: "png".into() })
     }
 
     /// What the LiDAR hits in an episode's last row, in its own frame, for a viewer.
@@ -152,9 +152,9 @@ impl Senses {
     /// [`SenseError`]: no LiDAR.
     pub fn point_cloud(&mut self, episode: &Episode) -> Result<PointCloud, SenseError> {
         let mount = episode.scene().robot.lidar();
-        let frame_id = show::frame_of(&episode.scene().robot, mount);
+        let frame_id = frame_of(&episode.scene().robot, mount);
         let points = self.scan(episode.row())?.points();
-        Ok(show::point_cloud(show::time_of(episode.row().step), frame_id, points))
+        Ok(point_cloud(time_of(episode.row().step), frame_id, points))
     }
 
     fn scan(&mut self, row: &Row) -> Result<&Lidar, SenseError> {
@@ -198,7 +198,7 @@ impl Senses {
         let network = self.network.as_ref().ok_or(SenseError::Absent("features"))?;
         let terms = StandardTerms {
             proprioception: episode.observation(),
-            hand_force: hand_force(row),
+            hand_force: &hand_force(row),
             limb_force: limb_force(&episode.scene().robot, row),
             features: network.last(),
             lidar,

@@ -14,13 +14,16 @@ use fiatlux_proto::v3::{
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{JOINTS, Row, RowDigest, Task};
+use fiatlux_rules::{Row, RowDigest, Task};
 use fiatlux_sim::{Server, ServerError, ServerOptions};
 use fiatlux_world::{Command, Episode, EpisodeSpec, Scene, SceneConfig};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 const LONG: Duration = Duration::from_secs(20);
 

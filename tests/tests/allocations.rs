@@ -6,11 +6,14 @@ use std::f64::consts::FRAC_PI_2;
 
 use fiatlux_dynamics::Contact;
 use fiatlux_robot::GainSet;
-use fiatlux_rules::{Bulb, JOINTS, Task};
+use fiatlux_rules::{Bulb, Task};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{SceneKind, ShapeOwner, StartOptions, World, start};
 use nalgebra::{Isometry3, Vector3};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;

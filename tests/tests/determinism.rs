@@ -6,9 +6,12 @@ use std::sync::Arc;
 use std::sync::mpsc;
 
 use fiatlux_robot::GainSet;
-use fiatlux_rules::{JOINTS, Row};
+use fiatlux_rules::Row;
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{ACTION_SCALE, Random, SceneKind, Stream, World};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 const STEPS: u64 = 6000;
 /// Tells a copy of this test binary to print its digest and stop.

@@ -75,7 +75,7 @@ fn sensors_go_all_the_way() {
     let header = bag.header();
     let label = &observations[0].features.as_ref().unwrap().weights;
     assert!(header.weights.starts_with("fiatlux-resnet18-seeded/") && header.weights == *label, "{label}");
-    let scale = header.drawn.as_ref().and_then(|drawn| drawn.prop_scale).unwrap();
+    let scale = header.domain_sample.as_ref().and_then(|sample| sample.prop_scale).unwrap();
     assert!(scale.ladder_z != 1.0 && scale.socket != 1.0, "{scale:?}");
 }
 

@@ -2,10 +2,13 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use fiatlux_robot::GainSet;
-use fiatlux_rules::{JOINTS, Row};
+use fiatlux_rules::Row;
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{SceneKind, World};
 use nalgebra::Vector3;
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 fn world() -> World {
     World::new(scene(SceneKind::FreeLadder, 0, robot().gains(GainSet::Fiatlux)))

@@ -9,7 +9,7 @@ mod places;
 
 use fiatlux_dynamics::BodyId;
 use fiatlux_robot::{GainSet, Gains, JointGains, Robot};
-use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, JOINTS, LIMBS, Row};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, LIMBS, Row};
 use fiatlux_tests::grasp::close_hand;
 use fiatlux_tests::posture::held_targets;
 use fiatlux_tests::{Rig, robot, scaled_gains, scene};
@@ -17,6 +17,9 @@ use fiatlux_world::{PHYSICS_DT, SceneConfig, SceneKind, ShapeOwner, World};
 use nalgebra::{Point3, Vector3};
 
 use places::{Place, find_posture, places};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 const GRAVITY: f64 = 9.81;
 const SETTLE_SECONDS: f64 = 3.0;
@@ -148,7 +151,7 @@ fn stand(place: &Place, with_bulb: bool) -> Stand {
         weight_with_ladder: weight + scene.config.ladder.mass * GRAVITY,
         carried: carried(&rig),
         floor_load: floor_load(&rig),
-        reported: row.limb_force,
+        reported: row.ladder_force,
         grip: row.hand_force[Bulb::Old as usize].iter().map(Vector3::norm).fold(0.0, f64::max),
         unconverged: rig.unconverged,
     }

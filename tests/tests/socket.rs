@@ -9,13 +9,16 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, ShapeId, Wrench};
 use fiatlux_robot::GainSet;
-use fiatlux_rules::JOINTS;
+
 use fiatlux_tests::{Rig, robot, scene};
 use fiatlux_world::config::AttachmentConfig;
 use fiatlux_world::{
     Attachment, LadderStart, Layout, Mount, PHYSICS_DT, PlugState, SUBSTEPS, Scene, SceneConfig, SceneKind, World,
 };
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 const PUSH_LIMIT: f64 = 5.0;
 /// Speed of the hand along the axis, m/s.

@@ -8,14 +8,16 @@ use std::time::{Duration, Instant};
 
 use fiatlux_dynamics::Contact;
 use fiatlux_robot::GainSet;
-use fiatlux_rules::{
-    Bulb, Geometry, HAND_BODIES_PER_SIDE, JOINTS, Judge, JudgeOptions, Row, RowDigest, Task, Thresholds, measure,
-};
+use fiatlux_rules::{Bulb, Geometry, Judge, JudgeOptions, Row, RowDigest, Task, Thresholds, measure};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{
     ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartError, StartOptions, World, start,
 };
 use nalgebra::Vector3;
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
+const HAND_BODIES_PER_SIDE: usize = 17;
 
 /// Deepest overlap of anything in a start state, m.
 const OVERLAP: f64 = 1e-3;

@@ -6,14 +6,14 @@ use sha2::{Digest, Sha256};
 use crate::row::{BodyRow, Row};
 
 /// Name and version of the layout below; it is hashed first, so that digests of different layouts never meet.
-pub const ROW_LAYOUT: &str = "fiatlux-row/1";
+pub const ROW_LAYOUT: &str = "fiatlux-row/2";
 
 /// A SHA-256 chain: `digest(k) = SHA-256(digest(k - 1), row k)`, started by `SHA-256(ROW_LAYOUT, 0, context)`.
 ///
-/// A row is a sequence of little-endian f64, counts and flags included, in this order: step; root pose and velocity; joint
-/// positions, velocities, targets, efforts; action; ladder; old bulb; fresh bulb (each pose and velocity); poses of fixture
-/// and crate; forces of the old bulb, then of the fresh one, on the 34 hand bodies; their peaks in the same order; forces of
-/// the ladder on the four limbs; per bulb seated and steps beyond; unconverged steps; velocity of the centre of mass;
+/// A row is a sequence of little-endian f64, counts and flags included, in this order: step; counts of joints and
+/// of hand bodies; root pose and velocity; joint positions, velocities, targets, efforts; action; ladder; old bulb; fresh bulb (each pose and velocity); poses of fixture
+/// and crate; forces of the old bulb, then of the fresh one, on the hand bodies; their peaks in the same order; forces of
+/// the floor, then of the ladder, on the four limbs; per bulb seated and steps beyond; unconverged steps; velocity of the centre of mass;
 /// positions of both palms. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
 #[derive(Debug, Clone)]
 pub struct RowDigest {
@@ -61,6 +61,9 @@ impl RowDigest {
 
 fn visit(row: &Row, out: &mut impl FnMut(f64)) {
     out(row.step as f64);
+    let layout = row.layout();
+    out(layout.joints as f64);
+    out(layout.hand_bodies() as f64);
     visit_body(&row.robot, out);
     for joints in [&row.joint_position, &row.joint_velocity, &row.joint_target, &row.joint_effort, &row.action] {
         joints.iter().for_each(|&number| out(number));
@@ -72,7 +75,9 @@ fn visit(row: &Row, out: &mut impl FnMut(f64)) {
     visit_pose(&row.crate_, out);
     row.hand_force.iter().flatten().for_each(|force| visit_vector(force, out));
     row.hand_force_peak.iter().flatten().for_each(|&peak| out(peak));
-    row.limb_force.iter().for_each(|force| visit_vector(force, out));
+    for force in row.floor_force.iter().chain(&row.ladder_force) {
+        visit_vector(force, out);
+    }
     for attachment in &row.attachments {
         out(f64::from(u8::from(attachment.seated)));
         out(f64::from(attachment.steps_beyond));

@@ -3,7 +3,7 @@
 use crate::predicates::{at_working_height, crushed, dropped, fallen, impact, ladder_tipped, seated};
 use crate::scores::Summary;
 use crate::settle::PoseSpeed;
-use crate::{BodyRow, Bulb, Cause, Causes, Context, Criteria, Gate, Geometry, HAND_BODIES, Row, Task, Thresholds};
+use crate::{BodyRow, Bulb, Cause, Causes, Context, Criteria, Gate, Geometry, Row, Task, Thresholds};
 
 /// Choices of a session or of a grading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -282,16 +282,15 @@ impl Judge {
 
     /// Criteria as a simulator counts them that has already reset the scene, but not the contact forces.
     fn count_after_reset(&self, first: &Row, last: &Row) -> u32 {
-        let reset = Row { hand_force: last.hand_force, ..first.clone() };
+        let reset = Row { hand_force: last.hand_force.clone(), ..first.clone() };
         let context = Context { bulb_speeds: [PoseSpeed::default(); 2], ..self.context() };
         self.gate().evaluate(&reset, &context).count()
     }
 
     /// Forces and drops count in every row.
     fn note_hands_and_bulbs(&mut self, row: &Row) {
-        let peak_of = |forces: &[[f64; HAND_BODIES]; 2]| forces.iter().flatten().fold(0.0, |a: f64, b| a.max(*b));
-        let peak = peak_of(&row.hand_force.map(|forces| forces.map(|force| force.norm())));
-        let substep = peak_of(&row.hand_force_peak);
+        let peak = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm()));
+        let substep = row.hand_force_peak.iter().flatten().fold(0.0, |peak: f64, force| peak.max(*force));
         let context = self.context();
         // `climb` parks its bulbs on the floor.
         let drops = self.task != Task::Climb && Bulb::ALL.iter().any(|bulb| dropped(row, &context, *bulb));

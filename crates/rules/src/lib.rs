@@ -3,10 +3,11 @@
 //! A [`Judge`] folds the [`Row`]s of an episode into a [`Verdict`]; the same code ends an episode online and grades it
 //! offline. [`Rewards`] pays for the same rows, term by term. [`Benchmark`] rolls [`Episode`]s up into scores.
 //!
-//! A row and the message that carries it, [`fiatlux_proto::v3::State`], convert into each other.
-//!
 //! Nothing here reads a file, a clock or a simulator. Figures that rules compare with are data: [`Thresholds`] and
 //! [`Geometry`].
+/// Version of the benchmark: of its rooms, its physics and its rules. Scores of different versions never share a ranking.
+pub const BENCHMARK_VERSION: u32 = 1;
+
 mod cause;
 mod digest;
 mod gate;
@@ -21,7 +22,6 @@ mod settle;
 mod task;
 mod tasks;
 mod thresholds;
-mod wire;
 
 pub use cause::{Cause, Causes, UnknownCause};
 pub use digest::{ROW_LAYOUT, RowDigest};
@@ -29,9 +29,8 @@ pub use gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA, Predicate};
 pub use geometry::{BulbGeometry, Geometry};
 pub use judge::{End, Judge, JudgeOptions, Verdict};
 pub use rewards::{Rewards, Term, Variant};
-pub use row::{AttachmentRow, BodyRow, Bulb, HAND_BODIES, HAND_BODIES_PER_SIDE, JOINTS, LIMBS, Limb, Row};
+pub use row::{AttachmentRow, BodyRow, Bulb, LIMBS, Limb, RobotLayout, Row};
 pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summary, wilson_interval};
 pub use settle::PoseSpeed;
 pub use task::{CONTROL_DT, ControlMode, Factor, Task, TaskSpec, UnknownTask};
 pub use thresholds::{ThresholdError, Thresholds};
-pub use wire::{RowError, pose_message, read_pose};

@@ -4,7 +4,7 @@
 
 use nalgebra::Vector3;
 
-use crate::{BodyRow, Bulb, CONTROL_DT, Context, HAND_BODIES_PER_SIDE, Row, measure};
+use crate::{BodyRow, Bulb, CONTROL_DT, Context, Row, measure};
 
 /// Acceleration of free fall, m/s^2.
 const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
@@ -102,7 +102,7 @@ pub fn released(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
 
 /// Several bodies of one hand feel the bulb.
 pub fn gripped(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    row.hand_force[bulb as usize].chunks(HAND_BODIES_PER_SIDE).any(|hand| {
+    row.hands(bulb).into_iter().any(|hand| {
         let touching = hand.iter().filter(|force| force.norm() > cx.thresholds.touch_n).count();
         touching >= cx.thresholds.grip_bodies as usize
     })

@@ -2,14 +2,24 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-/// Driven joints of the robot.
-pub const JOINTS: usize = 53;
-/// Sensed bodies of each hand.
-pub const HAND_BODIES_PER_SIDE: usize = 17;
-/// Sensed hand bodies: the right hand's, then the left hand's.
-pub const HAND_BODIES: usize = 2 * HAND_BODIES_PER_SIDE;
-/// Limbs whose load on the ladder is sensed.
+/// Limbs whose load on floor and ladder is sensed.
 pub const LIMBS: usize = 4;
+
+/// The sizes of a row that depend on the robot. They come with the robot's data file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct RobotLayout {
+    /// Driven joints.
+    pub joints: usize,
+    /// Sensed bodies of each hand.
+    pub hand_bodies_per_side: usize,
+}
+
+impl RobotLayout {
+    /// Sensed bodies of both hands: the right hand's, then the left hand's.
+    pub const fn hand_bodies(self) -> usize {
+        2 * self.hand_bodies_per_side
+    }
+}
 
 /// Index into the two bulbs of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -49,6 +59,13 @@ pub struct BodyRow {
     pub angular_velocity: Vector3<f64>,
 }
 
+impl BodyRow {
+    /// A body that does not move.
+    pub fn at_rest(pose: Isometry3<f64>) -> Self {
+        Self { pose, linear_velocity: Vector3::zeros(), angular_velocity: Vector3::zeros() }
+    }
+}
+
 /// The socket's hold on a bulb.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AttachmentRow {
@@ -58,8 +75,13 @@ pub struct AttachmentRow {
     pub steps_beyond: u32,
 }
 
-/// The state after a control step; row 0 is the reset state.
-#[derive(Debug, Clone, PartialEq)]
+impl AttachmentRow {
+    /// Not in the socket.
+    pub const FREE: Self = Self { seated: false, steps_beyond: 0 };
+}
+
+/// The state after a control step; row 0 is the reset state. Lists have the lengths of the row's [`RobotLayout`].
+#[derive(Debug, PartialEq)]
 pub struct Row {
     /// Number of control steps since reset.
     pub step: u64,
@@ -70,15 +92,15 @@ pub struct Row {
     /// Origins of the left and the right palm, m.
     pub palm_position: [Vector3<f64>; 2],
     /// rad, in the public joint order.
-    pub joint_position: [f64; JOINTS],
+    pub joint_position: Vec<f64>,
     /// rad/s.
-    pub joint_velocity: [f64; JOINTS],
+    pub joint_velocity: Vec<f64>,
     /// Targets that led to this row, rad.
-    pub joint_target: [f64; JOINTS],
+    pub joint_target: Vec<f64>,
     /// Efforts that the drives applied in the last physics step, N m.
-    pub joint_effort: [f64; JOINTS],
+    pub joint_effort: Vec<f64>,
     /// The action that led to this row as it was received; in row 0 the staged posture in action units.
-    pub action: [f64; JOINTS],
+    pub action: Vec<f64>,
     /// The ladder.
     pub ladder: BodyRow,
     /// Both bulbs, by [`Bulb`].
@@ -88,13 +110,118 @@ pub struct Row {
     /// The crate.
     pub crate_: Isometry3<f64>,
     /// Contact force of each bulb on each sensed hand body in the last physics step, world axes, N.
-    pub hand_force: [[Vector3<f64>; HAND_BODIES]; 2],
+    pub hand_force: [Vec<Vector3<f64>>; 2],
     /// The largest magnitude of it over the control step's physics steps, N.
-    pub hand_force_peak: [[f64; HAND_BODIES]; 2],
+    pub hand_force_peak: [Vec<f64>; 2],
+    /// Contact force of the floor on each limb in the last physics step, by [`Limb`], world axes, N.
+    pub floor_force: [Vector3<f64>; LIMBS],
     /// Contact force of the ladder on each limb in the last physics step, by [`Limb`], world axes, N.
-    pub limb_force: [Vector3<f64>; LIMBS],
+    pub ladder_force: [Vector3<f64>; LIMBS],
     /// The socket's hold on each bulb.
     pub attachments: [AttachmentRow; 2],
     /// Physics steps of this control step whose solve did not converge.
     pub unconverged: u32,
+}
+
+impl Row {
+    /// A row of step 0 with every number 0, every pose the identity, and no bulb in the socket.
+    pub fn zeros(layout: RobotLayout) -> Self {
+        let joints = vec![0.0; layout.joints];
+        let hands = layout.hand_bodies();
+        let origin = BodyRow::at_rest(Isometry3::identity());
+        Self {
+            step: 0,
+            robot: origin,
+            com_velocity: Vector3::zeros(),
+            palm_position: [Vector3::zeros(); 2],
+            joint_position: joints.clone(),
+            joint_velocity: joints.clone(),
+            joint_target: joints.clone(),
+            joint_effort: joints.clone(),
+            action: joints,
+            ladder: origin,
+            bulbs: [origin; 2],
+            fixture: Isometry3::identity(),
+            crate_: Isometry3::identity(),
+            hand_force: [vec![Vector3::zeros(); hands], vec![Vector3::zeros(); hands]],
+            hand_force_peak: [vec![0.0; hands], vec![0.0; hands]],
+            floor_force: [Vector3::zeros(); LIMBS],
+            ladder_force: [Vector3::zeros(); LIMBS],
+            attachments: [AttachmentRow::FREE; 2],
+            unconverged: 0,
+        }
+    }
+
+    /// The sizes of its lists.
+    pub fn layout(&self) -> RobotLayout {
+        RobotLayout { joints: self.joint_position.len(), hand_bodies_per_side: self.hand_force[0].len() / 2 }
+    }
+
+    /// Contact force of a bulb on the bodies of the right hand, then of the left hand, world axes, N.
+    pub fn hands(&self, bulb: Bulb) -> [&[Vector3<f64>]; 2] {
+        let forces = &self.hand_force[bulb as usize];
+        let (right, left) = forces.split_at(forces.len() / 2);
+        [right, left]
+    }
+
+    /// Whether all its lists have the lengths of a layout.
+    pub fn fits(&self, layout: RobotLayout) -> bool {
+        let joints = [&self.joint_position, &self.joint_velocity, &self.joint_target, &self.joint_effort, &self.action];
+        let bodies = layout.hand_bodies();
+        joints.iter().all(|list| list.len() == layout.joints)
+            && self.hand_force.iter().all(|list| list.len() == bodies)
+            && self.hand_force_peak.iter().all(|list| list.len() == bodies)
+    }
+}
+
+impl Clone for Row {
+    fn clone(&self) -> Self {
+        let mut row = Self::zeros(self.layout());
+        row.clone_from(self);
+        row
+    }
+
+    /// Copies into the lists that are there already: no allocation between rows of one layout.
+    fn clone_from(&mut self, source: &Self) {
+        let Self {
+            step,
+            robot,
+            com_velocity,
+            palm_position,
+            joint_position,
+            joint_velocity,
+            joint_target,
+            joint_effort,
+            action,
+            ladder,
+            bulbs,
+            fixture,
+            crate_,
+            hand_force,
+            hand_force_peak,
+            floor_force,
+            ladder_force,
+            attachments,
+            unconverged,
+        } = self;
+        *step = source.step;
+        *robot = source.robot;
+        *com_velocity = source.com_velocity;
+        *palm_position = source.palm_position;
+        joint_position.clone_from(&source.joint_position);
+        joint_velocity.clone_from(&source.joint_velocity);
+        joint_target.clone_from(&source.joint_target);
+        joint_effort.clone_from(&source.joint_effort);
+        action.clone_from(&source.action);
+        *ladder = source.ladder;
+        *bulbs = source.bulbs;
+        *fixture = source.fixture;
+        *crate_ = source.crate_;
+        hand_force.clone_from(&source.hand_force);
+        hand_force_peak.clone_from(&source.hand_force_peak);
+        *floor_force = source.floor_force;
+        *ladder_force = source.ladder_force;
+        *attachments = source.attachments;
+        *unconverged = source.unconverged;
+    }
 }

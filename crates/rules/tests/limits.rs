@@ -34,7 +34,7 @@ fn limits() -> Vec<Limit> {
         (S02, "at_ladder_top", |r, v| r.robot.linear_velocity.y = v, 1.499, 1.501),
         (S02, "ladder_upright", |r, a| r.ladder.pose = rotated(LADDER, Vector3::y(), a), 0.599, 0.601),
         (S03, "old_bulb_removed", |r, d| r.bulbs[OLD].pose = r.fixture * at([0.0, 0.0, d]), 0.1001, 0.0999),
-        (S03, "old_bulb_held", |r, f| r.hand_force[OLD] = [Vector3::x() * f; 34], 1.001, 0.999),
+        (S03, "old_bulb_held", |r, f| r.hand_force[OLD].fill(Vector3::x() * f), 1.001, 0.999),
         (S03, "old_bulb_elevated", |r, z| r.bulbs[OLD].pose.translation.vector.z = z, 0.1501, 0.1499),
         (S04, "at_ladder_foot", |r, z| r.robot.pose.translation.vector.z = z, 0.9399, 0.9401),
         (S04, "at_ladder_foot", |r, d| stand_off(r, LADDER, d), 0.599, 0.601),

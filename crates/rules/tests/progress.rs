@@ -89,7 +89,7 @@ fn junk_rows() {
                 numbers.extend(rotation.coords.iter_mut());
             }
             numbers.extend(row.hand_force.iter_mut().flatten().flat_map(|force| force.iter_mut()));
-            numbers.extend(row.limb_force.iter_mut().flat_map(|force| force.iter_mut()));
+            numbers.extend(row.ladder_force.iter_mut().flat_map(|force| force.iter_mut()));
             numbers.extend(row.joint_position.iter_mut().chain(&mut row.action));
             for number in numbers {
                 if draw.one_in(10) {

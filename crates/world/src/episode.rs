@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_robot::Gains;
 use fiatlux_rules::{
-    Cause, Causes, End, JOINTS, Judge, JudgeOptions, Rewards, Row, RowDigest, Summary, Task, Term, Thresholds, Variant,
-    Verdict,
+    Cause, Causes, End, Judge, JudgeOptions, Rewards, Row, RowDigest, Summary, Task, Term, Thresholds, Variant, Verdict,
 };
 use thiserror::Error;
 
@@ -154,19 +153,22 @@ impl EpisodeSpec {
 
 /// What a policy asks of the robot in a control step, by joint in the public order.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Command {
+pub enum Command<'a> {
     /// Action units: joint target = q0 + [`ACTION_SCALE`] action.
-    Action([f64; JOINTS]),
+    Action(&'a [f64]),
     /// Joint targets, rad. Recorded and carried out as the action `(target - q0) / ACTION_SCALE`.
-    JointTarget([f64; JOINTS]),
+    JointTarget(&'a [f64]),
 }
 
-impl Command {
-    /// In action units.
-    pub fn action(&self, q0: &[f64; JOINTS]) -> [f64; JOINTS] {
+impl Command<'_> {
+    /// Writes it in action units; `q0` is the standing posture, rad.
+    pub fn write_action(&self, q0: &[f64], action: &mut Vec<f64>) {
+        action.clear();
         match self {
-            Command::Action(action) => *action,
-            Command::JointTarget(target) => std::array::from_fn(|joint| (target[joint] - q0[joint]) / ACTION_SCALE),
+            Command::Action(given) => action.extend_from_slice(given),
+            Command::JointTarget(target) => {
+                action.extend(target.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE));
+            }
         }
     }
 }
@@ -216,7 +218,8 @@ pub struct Totals {
 pub struct Episode {
     spec: EpisodeSpec,
     start: StartOffset,
-    q0: [f64; JOINTS],
+    action: Vec<f64>,
+    joint_target: Vec<f64>,
     world: World,
     judge: Judge,
     rewards: Rewards,
@@ -234,7 +237,6 @@ impl Episode {
     /// [`StartError`]: the scene is not the one of [`EpisodeSpec::scene`], or the task does not start in it.
     pub fn start(scene: Arc<Scene>, spec: &EpisodeSpec) -> Result<Self, StartError> {
         spec.check_scene(&scene)?;
-        let q0: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint]);
         let options = StartOptions {
             reset_noise: spec.randomize.start,
             seed: Some(spec.seed),
@@ -247,33 +249,51 @@ impl Episode {
         let mut rewards = Rewards::new(&judge, spec.variant);
         rewards.start(&judge, row);
         let seed = NoiseSeed { seed: spec.seed, episode: spec.episode };
-        let mut observer = Observer::new(q0, spec.randomize.sensors.then_some(seed));
-        let observation = observer.observe(row);
+        let mut observer = Observer::new(scene.robot.q0().to_vec(), spec.randomize.sensors.then_some(seed));
+        let mut observation = Proprioception::zeros(scene.robot_layout().joints);
+        observer.observe(row, &mut observation);
         let context = RowDigest::new(&spec.context(&scene));
         let mut digest = context.clone();
         digest.push(row);
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
+        let action = row.action.clone();
+        let joint_target = row.joint_target.clone();
         let spec = spec.clone();
-        Ok(Self { spec, start, q0, judge, rewards, observer, observation, context, digest, totals, world })
+        Ok(Self {
+            spec,
+            start,
+            action,
+            joint_target,
+            judge,
+            rewards,
+            observer,
+            observation,
+            context,
+            digest,
+            totals,
+            world,
+        })
     }
 
     /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest.
     ///
     /// # Errors
     /// [`EpisodeError`]; the episode is unchanged.
-    pub fn step(&mut self, command: &Command) -> Result<Step<'_>, EpisodeError> {
+    pub fn step(&mut self, command: Command<'_>) -> Result<Step<'_>, EpisodeError> {
         if let Some(end) = self.judge.verdict().end {
             return Err(EpisodeError::Ended { step: end.step });
         }
         // A joint target goes through action units too, so that the recorded action alone repeats a step.
-        let action = command.action(&self.q0);
-        let target = std::array::from_fn(|joint| self.q0[joint] + ACTION_SCALE * action[joint]);
-        let row = self.world.step(&action, &target)?;
+        let q0 = self.world.scene().robot.q0();
+        command.write_action(q0, &mut self.action);
+        self.joint_target.clear();
+        self.joint_target.extend(q0.iter().zip(&self.action).map(|(q0, action)| q0 + ACTION_SCALE * action));
+        let row = self.world.step(&self.action, &self.joint_target)?;
         self.judge.advance(row);
         self.rewards.advance(&self.judge, row);
-        self.observation = self.observer.observe(row);
+        self.observer.observe(row, &mut self.observation);
         self.digest.push(row);
-        let outside_box = action.iter().any(|number| number.abs() > 1.0);
+        let outside_box = self.action.iter().any(|number| number.abs() > 1.0);
         self.totals.unconverged += u64::from(row.unconverged);
         self.totals.steps_outside_box += u64::from(outside_box);
         self.totals.reward += self.rewards.reward();
@@ -292,14 +312,14 @@ impl Episode {
     }
 
     /// What was drawn for it.
-    pub fn drawn(&self) -> DomainSample {
+    pub fn domain_sample(&self) -> DomainSample {
         let scene = self.world.scene();
         DomainSample {
             layout: scene.layout,
             scale: scene.spec.scale,
             hand_friction: self.spec.drawn_hand_friction(),
             light: self.spec.light(),
-            start: self.start,
+            start: self.start.clone(),
         }
     }
 

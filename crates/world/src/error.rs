@@ -1,5 +1,6 @@
 use fiatlux_dynamics::ModelError;
 use fiatlux_robot::RobotError;
+use fiatlux_rules::RobotLayout;
 use thiserror::Error;
 
 /// Why a scene cannot be built.
@@ -85,6 +86,24 @@ pub enum WorldError {
         field: &'static str,
         /// Name of the joint.
         joint: String,
+    },
+    /// An action or a list of joint targets is not as long as the robot has joints.
+    #[error("{field} has {found} numbers instead of {expected}; send one a joint")]
+    Length {
+        /// `action` or `target`.
+        field: &'static str,
+        /// Its length.
+        found: usize,
+        /// Joints of the robot.
+        expected: usize,
+    },
+    /// A row is of another robot.
+    #[error("row to start from: it has {found:?}, the scene's robot has {expected:?}; take a row of the same robot")]
+    Layout {
+        /// The row's.
+        found: RobotLayout,
+        /// The scene's.
+        expected: RobotLayout,
     },
     /// A row cannot be started from.
     #[error("row to start from: {field} is {value}; {rule}")]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId};
 use fiatlux_robot::{BuildOptions, Gains, Robot, RobotError, RobotIds};
-use fiatlux_rules::{Bulb, BulbGeometry, Geometry, HAND_BODIES, JOINTS};
+use fiatlux_rules::{Bulb, BulbGeometry, Geometry, RobotLayout};
 use nalgebra::{Isometry3, Vector2, Vector3};
 
 use crate::config::BulbConfig;
@@ -194,6 +194,11 @@ impl Scene {
         self.owners[shape.0]
     }
 
+    /// The sizes of the scene's rows.
+    pub fn robot_layout(&self) -> RobotLayout {
+        RobotLayout { joints: self.robot.joints().len(), hand_bodies_per_side: self.robot.hand_links().len() / 2 }
+    }
+
     /// What the rulebook needs to know of the scene beside a row.
     pub fn geometry(&self) -> Geometry {
         let config = &self.config;
@@ -225,11 +230,10 @@ impl Scene {
     }
 }
 
-/// Refuses a robot that does not fit the arrays of a [`fiatlux_rules::Row`].
+/// Refuses a robot that does not fit a [`fiatlux_rules::Row`].
 fn check_robot(robot: &Robot) -> Result<(), SceneError> {
     let counts = [
-        ("joints", robot.joints().len(), JOINTS),
-        ("hand links", robot.hand_links().len(), HAND_BODIES),
+        ("hand links", robot.hand_links().len(), 2 * (robot.hand_links().len() / 2)),
         ("feet", robot.feet().len(), 2),
         ("palms", robot.palms().len(), 2),
     ];

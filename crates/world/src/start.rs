@@ -33,7 +33,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::ModelError;
 use fiatlux_robot::RobotError;
-use fiatlux_rules::{AttachmentRow, Bulb, JOINTS, Row, Task, Thresholds};
+use fiatlux_rules::{AttachmentRow, Bulb, Row, Task, Thresholds};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -162,19 +162,21 @@ pub(crate) fn check_kind(scene: &Scene, task: Task) -> Result<(), StartError> {
 }
 
 /// How far off its nominal start the robot is, as drawn.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct StartOffset {
     /// Along the world's x and y, m.
     pub shift: [f64; 2],
     /// About the vertical, rad.
     pub turn: f64,
     /// Of each joint in the public order, rad. An angle that would leave its joint's limits stays at the limit.
-    pub joints: [f64; JOINTS],
+    pub joints: Vec<f64>,
 }
 
 impl StartOffset {
-    /// The nominal start.
-    pub const NONE: Self = Self { shift: [0.0; 2], turn: 0.0, joints: [0.0; JOINTS] };
+    /// The nominal start of a robot of so many joints.
+    pub fn none(joints: usize) -> Self {
+        Self { shift: [0.0; 2], turn: 0.0, joints: vec![0.0; joints] }
+    }
 }
 
 /// Where a bulb is.
@@ -212,7 +214,7 @@ struct Start<'a> {
     /// The bulb in the hand.
     carried: Option<Bulb>,
     /// Joint angles free of noise, the hand open, rad.
-    posture: [f64; JOINTS],
+    posture: Vec<f64>,
 }
 
 /// A world in a task's start state of an episode; see [`start_drawn`].
@@ -242,23 +244,23 @@ pub fn start_drawn(
     let seed = options.seed.unwrap_or(scene.spec.seed);
     let spots = spots(task);
     let carried = Bulb::ALL.into_iter().find(|bulb| spots[*bulb as usize] == Spot::Hand);
-    let q0: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint]);
-    let mut posture = q0;
-    let mut targets = q0;
+    let q0 = scene.robot.q0();
+    let mut posture = q0.to_vec();
+    let mut targets = q0.to_vec();
     if carried.is_some() {
         let carry = &scene.config.start.carry;
         hold::set_joints(&scene, "start.carry.arm", &carry.arm, &mut posture)?;
         if place::is_on_platform(task) {
             hold::set_joints(&scene, "start.carry.platform_arm", &carry.platform_arm, &mut posture)?;
         }
-        targets = posture;
+        targets.clone_from(&posture);
         hold::set_joints(&scene, "start.carry.grip", &carry.grip, &mut targets)?;
     }
     let noise = if options.reset_noise { place::noise(&scene, task) } else { place::NO_NOISE };
 
     let mut world = World::new(Arc::clone(&scene));
     let mut row = world.row().clone();
-    row.joint_target = targets;
+    row.joint_target.clone_from(&targets);
     put_bulbs(&scene, &spots, &mut row);
     let start = Start { scene: &scene, task, seed, episode, thresholds: &options.thresholds, carried, posture };
     let offset = start.put_robot(&mut world, &mut row, &noise)?;
@@ -266,7 +268,7 @@ pub fn start_drawn(
         Some(bulb) => start.close_hand(&mut world, &row, bulb)?,
         None => 0,
     };
-    let action = std::array::from_fn(|joint| (targets[joint] - q0[joint]) / ACTION_SCALE);
+    let action: Vec<f64> = targets.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
     world.begin(&action, unconverged);
     Ok((world, offset))
 }

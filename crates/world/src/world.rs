@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, State, Wrench};
-use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, HAND_BODIES, JOINTS, LIMBS, Row};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::attach::{Attachment, AttachmentState, PlugState};
@@ -36,6 +36,7 @@ struct Sensors {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
     Other,
+    Floor,
     Ladder,
     Bulb(u8),
     Hand(u8),
@@ -95,6 +96,10 @@ impl World {
     /// [`WorldError::Row`] for a number that is not finite or a rotation that is not a unit quaternion.
     pub fn reset_to(&mut self, row: &Row) -> Result<(), WorldError> {
         check_row(row)?;
+        let (found, expected) = (row.layout(), self.scene.robot_layout());
+        if !row.fits(expected) {
+            return Err(WorldError::Layout { found, expected });
+        }
         let scene = &self.scene;
         let model = &scene.model;
         let bodies = [
@@ -124,7 +129,7 @@ impl World {
         self.row.fixture = scene.world_from_fixture;
         self.row.crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
         if scene.ladder.is_none() {
-            self.row.ladder = standing_still(scene.world_from_ladder);
+            self.row.ladder = BodyRow::at_rest(scene.world_from_ladder);
         }
         Ok(())
     }
@@ -134,8 +139,12 @@ impl World {
     ///
     /// # Errors
     /// [`WorldError::Joint`] for a number that is not finite; the world is unchanged.
-    pub fn step(&mut self, action: &[f64; JOINTS], joint_target: &[f64; JOINTS]) -> Result<&Row, WorldError> {
+    pub fn step(&mut self, action: &[f64], joint_target: &[f64]) -> Result<&Row, WorldError> {
+        let joints = self.scene.robot_layout().joints;
         for (field, values) in [("action", action), ("target", joint_target)] {
+            if values.len() != joints {
+                return Err(WorldError::Length { field, found: values.len(), expected: joints });
+            }
             if let Some(joint) = values.iter().position(|value| !value.is_finite()) {
                 let joint = self.scene.robot.joints()[joint].name.clone();
                 return Err(WorldError::Joint { field, joint });
@@ -148,7 +157,7 @@ impl World {
             self.targets[ids.drive] = target;
             self.row.joint_target[joint] = target;
         }
-        self.row.action = *action;
+        self.row.action.copy_from_slice(action);
         self.hold_bulbs(&scene);
         let unconverged = self.physics(&scene, &[], SUBSTEPS);
         self.measure(self.row.step + 1, unconverged);
@@ -160,12 +169,7 @@ impl World {
     ///
     /// # Errors
     /// As [`World::reset_to`] and [`World::step`]; `row` is unchanged.
-    pub fn step_row(
-        &mut self,
-        row: &mut Row,
-        action: &[f64; JOINTS],
-        joint_target: &[f64; JOINTS],
-    ) -> Result<(), WorldError> {
+    pub fn step_row(&mut self, row: &mut Row, action: &[f64], joint_target: &[f64]) -> Result<(), WorldError> {
         self.reset_to(row)?;
         self.step(action, joint_target)?;
         row.clone_from(&self.row);
@@ -174,7 +178,7 @@ impl World {
 
     /// Runs physics steps towards joint targets, some degrees of freedom held at rest and no bulb in the socket's hold;
     /// returns how many did not converge. To stage a start state.
-    pub(crate) fn stage(&mut self, joint_target: &[f64; JOINTS], locked: &[bool], steps: usize) -> u32 {
+    pub(crate) fn stage(&mut self, joint_target: &[f64], locked: &[bool], steps: usize) -> u32 {
         let scene = Arc::clone(&self.scene);
         for (ids, target) in scene.robot_ids.joints.iter().zip(joint_target) {
             self.targets[ids.drive] = *target;
@@ -185,14 +189,17 @@ impl World {
 
     /// Makes the present configuration, at rest, row 0. The contact forces between hands and bulbs stay; no other force
     /// has acted yet.
-    pub(crate) fn begin(&mut self, action: &[f64; JOINTS], unconverged: u32) {
+    pub(crate) fn begin(&mut self, action: &[f64], unconverged: u32) {
         self.state.qvel.fill(0.0);
         self.measure(0, unconverged);
         let row = &mut *self.row;
-        row.action = *action;
-        row.joint_effort = [0.0; JOINTS];
-        row.limb_force = [Vector3::zeros(); LIMBS];
-        row.hand_force_peak = row.hand_force.map(|forces| forces.map(|force| force.norm()));
+        row.action.copy_from_slice(action);
+        row.joint_effort.fill(0.0);
+        row.floor_force = Default::default();
+        row.ladder_force = Default::default();
+        for (peaks, forces) in row.hand_force_peak.iter_mut().zip(&row.hand_force) {
+            peaks.iter_mut().zip(forces).for_each(|(peak, force)| *peak = force.norm());
+        }
     }
 
     /// Advances both attachments from the present state and sets their wrenches.
@@ -214,7 +221,7 @@ impl World {
     /// Runs physics steps and notes contact forces; returns how many did not converge.
     fn physics(&mut self, scene: &Scene, locked: &[bool], steps: usize) -> u32 {
         let mut unconverged = 0;
-        self.row.hand_force_peak = [[0.0; HAND_BODIES]; 2];
+        self.row.hand_force_peak.iter_mut().for_each(|peaks| peaks.fill(0.0));
         for _ in 0..steps {
             let input = Input { targets: &self.targets, wrenches: &self.wrenches, locked };
             let report = self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
@@ -227,8 +234,9 @@ impl World {
     /// Sums the last physics step's contact forces per sensed part.
     fn sense(&mut self) {
         let row = &mut *self.row;
-        row.hand_force = [[Vector3::zeros(); HAND_BODIES]; 2];
-        row.limb_force = [Vector3::zeros(); LIMBS];
+        row.hand_force.iter_mut().for_each(|forces| forces.fill(Vector3::zeros()));
+        row.floor_force = Default::default();
+        row.ladder_force = Default::default();
         let mut touched = false;
         for contact in self.dynamics.contacts() {
             let (a, b) = (self.sensors.parts[contact.shape_a.0], self.sensors.parts[contact.shape_b.0]);
@@ -240,7 +248,10 @@ impl World {
                         touched = true;
                     }
                     (Part::Limb(limb) | Part::Palm(_, limb), Part::Ladder) => {
-                        row.limb_force[usize::from(limb)] += force;
+                        row.ladder_force[usize::from(limb)] += force;
+                    }
+                    (Part::Limb(limb) | Part::Palm(_, limb), Part::Floor) => {
+                        row.floor_force[usize::from(limb)] += force;
                     }
                     _ => {}
                 }
@@ -291,6 +302,7 @@ impl Sensors {
         let index = |links: &[usize], link: usize| links.iter().position(|l| *l == link).map(|i| i as u8);
         let limbs: Vec<usize> = robot.feet().iter().chain(robot.palms()).copied().collect();
         let parts = scene.model.shapes().iter().map(|shape| match ShapeOwner::from_label(shape.label) {
+            ShapeOwner::Floor => Part::Floor,
             ShapeOwner::Ladder => Part::Ladder,
             ShapeOwner::OldBulb => Part::Bulb(Bulb::Old as u8),
             ShapeOwner::FreshBulb => Part::Bulb(Bulb::Fresh as u8),
@@ -318,31 +330,13 @@ fn read_body(scene: &Scene, state: &State, body: BodyId) -> BodyRow {
     }
 }
 
-fn standing_still(pose: Isometry3<f64>) -> BodyRow {
-    BodyRow { pose, linear_velocity: Vector3::zeros(), angular_velocity: Vector3::zeros() }
-}
-
 /// Zeros, with what never moves in its place.
 fn blank_row(scene: &Scene) -> Row {
     Row {
-        step: 0,
-        robot: standing_still(Isometry3::identity()),
-        com_velocity: Vector3::zeros(),
-        palm_position: [Vector3::zeros(); 2],
-        joint_position: [0.0; JOINTS],
-        joint_velocity: [0.0; JOINTS],
-        joint_target: [0.0; JOINTS],
-        joint_effort: [0.0; JOINTS],
-        action: [0.0; JOINTS],
-        ladder: standing_still(scene.world_from_ladder),
-        bulbs: [standing_still(Isometry3::identity()); 2],
+        ladder: BodyRow::at_rest(scene.world_from_ladder),
         fixture: scene.world_from_fixture,
         crate_: scene.world_from_crate.unwrap_or_else(Isometry3::identity),
-        hand_force: [[Vector3::zeros(); HAND_BODIES]; 2],
-        hand_force_peak: [[0.0; HAND_BODIES]; 2],
-        limb_force: [Vector3::zeros(); LIMBS],
-        attachments: [AttachmentRow { seated: false, steps_beyond: 0 }; 2],
-        unconverged: 0,
+        ..Row::zeros(scene.robot_layout())
     }
 }
 

@@ -12,9 +12,12 @@ use std::sync::Arc;
 use common::{document_measured, q0, scene, started};
 use fiatlux_dynamics::{Dynamics, Input, State};
 use fiatlux_robot::Robot;
-use fiatlux_rules::{JOINTS, Row, Task};
+use fiatlux_rules::{Row, Task};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene, ShapeOwner, foot_force_estimate, world_from_link};
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 /// Least force that counts as touching, N: that of the rulebook's contacts.
 const TOUCH: f64 = 1.0;
@@ -40,7 +43,7 @@ impl Stats {
     fn add(&mut self, robot: &Robot, row: &Row, feet: &[usize]) {
         let estimates = foot_force_estimate(robot, row);
         for &foot in feet {
-            let (truth, estimate) = (row.limb_force[foot], estimates[foot]);
+            let (truth, estimate) = (row.ladder_force[foot], estimates[foot]);
             self.samples += 1;
             self.largest_estimate = self.largest_estimate.max(estimate.norm());
             if truth.norm() > TOUCH {
@@ -171,15 +174,15 @@ impl Crane {
             let input = Input { targets: &self.targets, wrenches: &[], locked: &self.locked };
             self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
         }
-        self.row.limb_force = Default::default();
+        self.row.ladder_force = Default::default();
         for contact in self.dynamics.contacts() {
             let owners = [contact.shape_a, contact.shape_b].map(|shape| scene.owner(shape));
             for (foot, &link) in scene.robot.feet().iter().enumerate() {
                 // The contact's force acts on its second shape.
                 if owners == [ShapeOwner::Ladder, ShapeOwner::Robot(link)] {
-                    self.row.limb_force[foot] += contact.force;
+                    self.row.ladder_force[foot] += contact.force;
                 } else if owners == [ShapeOwner::Robot(link), ShapeOwner::Ladder] {
-                    self.row.limb_force[foot] -= contact.force;
+                    self.row.ladder_force[foot] -= contact.force;
                 }
             }
         }

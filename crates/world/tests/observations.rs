@@ -6,13 +6,16 @@ mod common;
 use std::fmt::Write as _;
 
 use common::{document, q0, start_row};
-use fiatlux_rules::{Bulb, JOINTS, Row, Task};
+use fiatlux_rules::{Bulb, Row, Task};
 use fiatlux_world::{
     ClimbPrivileged, FEATURES, LIDAR_RAYS, Lidar, NoiseSeed, ObservationTerm, Observer, Privileged, Proprioception,
     Scene, Signal, StandardTerms, flat_privileged, flat_standard, hand_force, limb_force, observation_length,
     observation_terms,
 };
 use nalgebra::{Isometry3, Vector3};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 const SEED: NoiseSeed = NoiseSeed { seed: 2, episode: 9 };
 

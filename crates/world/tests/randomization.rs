@@ -41,8 +41,8 @@ fn nothing_drawn_means_nothing_differs() {
         let spec =
             |seed, episode| EpisodeSpec { randomize: Randomization::FIXED, ..EpisodeSpec::new(task, seed, episode) };
         let mut first = started(&spec(3, 0));
-        let drawn = first.drawn();
-        let room = started(&EpisodeSpec::new(task, 0, 0)).drawn().layout;
+        let drawn = first.domain_sample();
+        let room = started(&EpisodeSpec::new(task, 0, 0)).domain_sample().layout;
         let nominal = DomainSample {
             layout: room,
             scale: PropScale::default(),
@@ -64,7 +64,7 @@ fn nothing_drawn_means_nothing_differs() {
 fn standard_episodes_differ() {
     for task in [Task::S01, Task::S05, Task::S11] {
         let [mut first, mut second] = [0, 1].map(|episode| started(&EpisodeSpec::new(task, 2, episode)));
-        let (a, b) = (first.drawn(), second.drawn());
+        let (a, b) = (first.domain_sample(), second.domain_sample());
         assert_eq!((a.layout, a.scale), (b.layout, PropScale::default()));
         assert!(a.hand_friction != b.hand_friction && a.light != b.light, "{task}");
         assert_eq!(a.start == b.start, task == Task::S05, "{task}");
@@ -92,12 +92,12 @@ fn each_switch_is_its_own() {
     // Row 0 is at rest: what is sensed is the noise.
     let noise = |episode: &Episode| episode.observation().joint_velocity;
     let standard = started(&spec);
-    let before = standard.drawn();
+    let before = standard.domain_sample();
     for (name, switch) in switches {
         let mut other = spec.clone();
         switch(&mut other.randomize);
         let episode = started(&other);
-        let after = episode.drawn();
+        let after = episode.domain_sample();
         let changed = [
             ("layout", before.layout != after.layout),
             ("start", before.start != after.start),
@@ -125,7 +125,7 @@ fn the_start_has_the_noise_that_was_drawn() {
             let mut still = spec.clone();
             still.randomize.start = false;
             let (noisy, nominal) = (started(&spec), started(&still));
-            let (offset, scene) = (noisy.drawn().start, noisy.scene());
+            let (offset, scene) = (noisy.domain_sample().start, noisy.scene());
             let (row, from) = (noisy.row(), nominal.row());
             let shift = row.robot.pose.translation.vector - from.robot.pose.translation.vector;
             let turn =
@@ -136,7 +136,7 @@ fn the_start_has_the_noise_that_was_drawn() {
                 let expected = (scene.robot.q0()[joint] + offset.joints[joint]).clamp(limits.lower, limits.upper);
                 assert!((row.joint_position[joint] - expected).abs() < 1e-12, "{task}: {}", limits.name);
             }
-            assert_eq!(nominal.drawn().start, StartOffset::NONE);
+            assert_eq!(nominal.domain_sample().start, StartOffset::NONE);
         }
     }
 }
@@ -207,7 +207,7 @@ fn a_recording_plays_again_without_draws() {
         let mut spec = EpisodeSpec::new(task, 6, 2);
         spec.randomize.prop_scale = prop_scale;
         let mut episode = started(&spec);
-        let (drawn, original) = (episode.drawn(), Arc::clone(episode.scene()));
+        let (drawn, original) = (episode.domain_sample(), Arc::clone(episode.scene()));
         let rows: Vec<Row> = played(&mut episode, 60).into_iter().map(|(row, _)| row).collect();
         assert!(rows.len() > 30, "{task}: {:?}", episode.end());
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Bulb, JOINTS};
+use fiatlux_rules::Bulb;
 use fiatlux_world::{PHYSICS_DT, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
 use nalgebra::{Isometry3, Vector3};
 
@@ -66,12 +66,13 @@ fn standing(stage: &Stage) -> Result<Case, BenchError> {
 }
 
 /// A world in which the robot of `standing` stands, and its joint targets, rad in the public order.
-pub(crate) fn standing_world() -> Result<(World, [f64; JOINTS]), BenchError> {
+pub(crate) fn standing_world() -> Result<(World, Vec<f64>), BenchError> {
     let stage = Stage::new(FIRM_ANKLES)?;
     let targets = stage.standing_targets();
     let mut world = World::new(stage.scene.clone());
+    let action = vec![0.0; targets.len()];
     for _ in 0..250 {
-        world.step(&[0.0; JOINTS], &targets).map_err(|e| BenchError::Scene(e.into()))?;
+        world.step(&action, &targets).map_err(|e| BenchError::Scene(e.into()))?;
     }
     stage.check_pelvis("many worlds", world.state(), "above", |z| z > STANDING)?;
     Ok((world, targets))
@@ -191,10 +192,10 @@ impl Stage {
     }
 
     /// With which the robot stands on firm ankles; by joint.
-    fn standing_targets(&self) -> [f64; JOINTS] {
+    fn standing_targets(&self) -> Vec<f64> {
         let (joints, q0) = (self.scene.robot.joints(), self.scene.robot.q0());
         let lean = |j: usize| if joints[j].name.ends_with("ankle_pitch_joint") { ANKLE_LEAN } else { 0.0 };
-        std::array::from_fn(|j| q0[j] + lean(j))
+        q0.iter().enumerate().map(|(j, q0)| q0 + lean(j)).collect()
     }
 
     fn case(&self, name: &'static str, start: State, targets: &[f64]) -> Case {

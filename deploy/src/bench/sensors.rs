@@ -132,12 +132,11 @@ impl Stage {
     }
 
     fn step(&mut self, command: PolicyCommand) -> Result<(), BenchError> {
-        let fill = |numbers: Vec<f64>| numbers.try_into().unwrap_or([0.0; fiatlux_rules::JOINTS]);
-        let command = match command {
-            PolicyCommand::Action(numbers) => WorldCommand::Action(fill(numbers)),
-            PolicyCommand::JointTarget(numbers) => WorldCommand::JointTarget(fill(numbers)),
+        let command = match &command {
+            PolicyCommand::Action(numbers) => WorldCommand::Action(numbers),
+            PolicyCommand::JointTarget(numbers) => WorldCommand::JointTarget(numbers),
         };
-        self.episode.step(&command).map(|_| ()).map_err(scene)
+        self.episode.step(command).map(|_| ()).map_err(scene)
     }
 }
 
@@ -178,7 +177,7 @@ fn costs(network: &ResNet18) -> Result<Vec<SensorCase>, BenchError> {
     let mut samples: Vec<Vec<Duration>> = vec![Vec::new(); Sensor::ALL.len()];
     for place in PLACES {
         let mut stage = Stage::new(place, all, network)?;
-        let hold = stage.episode.row().action;
+        let hold = stage.episode.row().action.clone();
         for _ in 0..ROWS {
             for (sensor, samples) in Sensor::ALL.into_iter().zip(&mut samples) {
                 let begun = Instant::now();
@@ -188,7 +187,7 @@ fn costs(network: &ResNet18) -> Result<Vec<SensorCase>, BenchError> {
             if stage.episode.end().is_some() {
                 break;
             }
-            stage.step(PolicyCommand::Action(hold.to_vec()))?;
+            stage.step(PolicyCommand::Action(hold.clone()))?;
         }
     }
     let case = |(sensor, samples): (Sensor, &mut Vec<Duration>)| {

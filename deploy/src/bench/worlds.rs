@@ -4,7 +4,6 @@ use std::sync::Barrier;
 use std::thread;
 use std::time::Instant;
 
-use fiatlux_rules::JOINTS;
 use fiatlux_world::{SUBSTEPS, World};
 use stats_alloc::INSTRUMENTED_SYSTEM;
 
@@ -69,21 +68,23 @@ fn rate(world: &World, play: &(impl Fn(&mut World) + Sync)) -> f64 {
 }
 
 /// A thread's share of the worlds at once: rows that take turns by control steps.
-fn in_turns(stage: &mut World, start: &World, targets: &[f64; JOINTS]) {
+fn in_turns(stage: &mut World, start: &World, targets: &[f64]) {
+    let action = vec![0.0; targets.len()];
     let mut rows = vec![start.row().clone(); WORLDS / THREADS];
     for _ in 0..CONTROL_STEPS {
         for row in &mut rows {
-            stage.step_row(row, &[0.0; JOINTS], targets).expect("a row of this scene");
+            stage.step_row(row, &action, targets).expect("a row of this scene");
         }
     }
 }
 
 /// The same steps of the same worlds, each played to its end before the next.
-fn one_after_another(stage: &mut World, start: &World, targets: &[f64; JOINTS]) {
+fn one_after_another(stage: &mut World, start: &World, targets: &[f64]) {
+    let action = vec![0.0; targets.len()];
     for _ in 0..WORLDS / THREADS {
         stage.reset_to(start.row()).expect("a row of this scene");
         for _ in 0..CONTROL_STEPS {
-            stage.step(&[0.0; JOINTS], targets).expect("the targets are finite");
+            stage.step(&action, targets).expect("the targets are finite");
         }
     }
 }

@@ -2,7 +2,8 @@
 
 use fiatlux_bag::{Bag, Messages};
 use fiatlux_proto::v3::State;
-use fiatlux_rules::{CONTROL_DT, Row};
+use fiatlux_rules::{CONTROL_DT, RobotLayout, Row};
+use fiatlux_wire::read_row;
 use nalgebra::{Isometry3, Vector3};
 
 /// Rows a second.
@@ -43,14 +44,15 @@ impl Faults {
 /// The rows of a bag that can be drawn, by rising step.
 pub(super) struct Rows<'a> {
     states: Messages<'a, State>,
+    layout: RobotLayout,
     /// The step after the last row.
     next: Option<u64>,
     pub faults: Faults,
 }
 
 impl<'a> Rows<'a> {
-    pub fn new(bag: &'a Bag) -> Self {
-        Self { states: bag.states(), next: None, faults: Faults::default() }
+    pub fn new(bag: &'a Bag, layout: RobotLayout) -> Self {
+        Self { states: bag.states(), layout, next: None, faults: Faults::default() }
     }
 }
 
@@ -77,7 +79,7 @@ impl Iterator for Rows<'_> {
             };
             self.faults.missing = self.faults.missing.saturating_add(missing);
             self.next = Some(step.saturating_add(1));
-            match Row::try_from(&state) {
+            match read_row(&state, self.layout) {
                 Ok(row) if is_drawable(&row) => return Some(row),
                 _ => self.faults.undrawable += 1,
             }

@@ -14,7 +14,7 @@ use tracing::warn;
 
 use super::track::Write;
 use super::{BagEnd, BagReport, Naming, Shared};
-use crate::show::Frames;
+use fiatlux_wire::{Frames, layout_of, read_row};
 
 /// Rows from one set of poses to the next: 25 Hz.
 const ROWS_PER_FRAMES: u64 = 2;
@@ -120,9 +120,9 @@ impl Bags {
     }
 
     fn row(&mut self, truth: &StepRecord) -> Result<(), BagError> {
-        let Some(OpenBag { writer, .. }) = &mut self.open else { return Ok(()) };
+        let Some(OpenBag { header, writer }) = &mut self.open else { return Ok(()) };
         if truth.step.is_multiple_of(ROWS_PER_FRAMES)
-            && let Some(frames) = frames(&self.shared.frames, &truth.state)
+            && let Some(frames) = frames(&self.shared.frames, header, &truth.state)
         {
             writer.message(topic::TF, truth.step, &frames)?;
         }
@@ -160,10 +160,11 @@ impl Bags {
 }
 
 /// Encoded poses of a row; none where the truth has none, or no readable one.
-fn frames(frames: &Frames, state: &[u8]) -> Option<Vec<u8>> {
+fn frames(frames: &Frames, header: &EpisodeHeader, state: &[u8]) -> Option<Vec<u8>> {
     if state.is_empty() {
         return None;
     }
     let state: State = decode(state, MAX_SERVER_MESSAGE).ok()?;
-    Some(frames.transforms(&state).ok()?.encode_to_vec())
+    let row = read_row(&state, layout_of(header).ok()?).ok()?;
+    Some(frames.transforms(&row).encode_to_vec())
 }

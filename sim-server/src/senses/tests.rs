@@ -4,10 +4,14 @@ use fiatlux_features::Weights;
 use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::packed_element_field::NumericType;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{HAND_BODIES, JOINTS};
+
 use fiatlux_world::{Command, EpisodeSpec, LIDAR_RANGE, LIDAR_RAYS, SceneConfig, observation_terms};
 
 use super::*;
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
+const HAND_BODIES: usize = 34;
 
 fn episode(task: Task) -> Episode {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
@@ -132,7 +136,7 @@ fn sensors_do_not_touch_each_other() {
             senses.observe(&episode, sensors).unwrap();
             // Twice: a second look draws no noise.
             seen.push(senses.observe(&episode, body).unwrap());
-            episode.step(&Command::Action([0.1; JOINTS])).unwrap();
+            episode.step(Command::Action(&[0.1; JOINTS])).unwrap();
         }
         (seen, episode.digest().hex())
     };
@@ -145,7 +149,7 @@ fn a_new_row_is_sensed_afresh() {
     let mut senses = senses(&episode, all());
     let first = senses.observe(&episode, all()).unwrap();
     for _ in 0..20 {
-        episode.step(&Command::Action([0.5; JOINTS])).unwrap();
+        episode.step(Command::Action(&[0.5; JOINTS])).unwrap();
     }
     let later = senses.observe(&episode, all()).unwrap();
     assert_ne!(first.lidar, later.lidar);

@@ -4,13 +4,13 @@ use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, FlatTerm, Joint, ServerInfo, SessionInfo, TaskInfo};
 use fiatlux_render::head_fov;
 use fiatlux_robot::{JointGains, Robot};
-use fiatlux_rules::{CONTROL_DT, ROW_LAYOUT, Task};
+use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Task};
 use fiatlux_world::{ACTION_SCALE, Episode, ObservationTerm, RNG_NAME, Scene, SceneConfig, observation_terms};
 
 use super::plan::{GAINS, Plan};
 use super::session::Times;
-use crate::drawn::drawn_message;
 use crate::senses::Sensor;
+use fiatlux_wire::{domain_sample_message, geometry_message};
 
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -147,7 +147,8 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         end_on: episode.judge().ends_on().iter().map(|cause| cause.name().to_owned()).collect(),
         thresholds: plan.thresholds.entries().map(|(name, value)| (name.to_owned(), value)).collect(),
         // Numbers and lists of them always have a form in JSON.
-        geometry_json: serde_json::to_string(episode.judge().geometry()).unwrap_or_default(),
+        geometry: Some(geometry_message(episode.judge().geometry())),
+        benchmark_version: BENCHMARK_VERSION,
         random: RNG_NAME.into(),
         digest_layout: ROW_LAYOUT.into(),
         model_digest: robot.digest().into(),
@@ -160,7 +161,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         control_dt: CONTROL_DT,
         end_on_overridden: plan.end_on.is_some(),
         randomization: Some(plan.request.randomization.unwrap_or_default()),
-        drawn: Some(drawn_message(&episode.drawn())),
+        domain_sample: Some(domain_sample_message(&episode.domain_sample())),
         scene_config: if scene.config == SceneConfig::default() { String::new() } else { scene.config.to_toml() },
         request: Some(plan.request.clone()),
         reward: plan.reward_name().into(),

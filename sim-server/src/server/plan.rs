@@ -12,8 +12,8 @@ use fiatlux_rules::{Cause, Causes, Task, Thresholds, Variant};
 
 use fiatlux_world::{EpisodeSpec, PropScale, Randomization};
 
-use crate::drawn;
 use crate::senses::Sensors;
+use fiatlux_wire as wire;
 pub(super) use sensors::SensorPlan;
 
 /// Names of the gains.
@@ -101,7 +101,7 @@ fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
             return Err(unknown("mode", message));
         }
     };
-    let randomize = drawn::randomization(&request.randomization.unwrap_or_default());
+    let randomize = wire::randomization(&request.randomization.unwrap_or_default());
     let task = request.task.parse::<Task>().map_err(|error| unknown("task", error.to_string()))?;
     let sensors = sensors::read(request, task)?;
     check_weights(request, &sensors)?;
@@ -125,7 +125,7 @@ fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
 
 fn prop_scale(request: &OpenRequest, randomize: &Randomization) -> Result<PropScale, Refusal> {
     let wrong = |message: String| Err(refusal(Code::Value, "prop_scale", message));
-    let scale = drawn::prop_scale(&request.prop_scale.unwrap_or_default());
+    let scale = wire::prop_scale(&request.prop_scale.unwrap_or_default());
     if randomize.prop_scale && scale != PropScale::default() {
         return wrong("sizes are both given and to be drawn; choose one of the two".into());
     }

@@ -2,9 +2,10 @@
 
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{
-    ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, State, StepRecord,
+    ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, StepRecord,
 };
 use fiatlux_rules::{Bulb, Criteria};
+use fiatlux_wire::state_message;
 use fiatlux_world::Episode;
 
 /// Cause of an end that no row brought.
@@ -56,7 +57,7 @@ impl Record {
             episode: header.episode,
             step: row.step,
             header: Some(header),
-            state: State::from(row).encode_to_vec(),
+            state: state_message(row).encode_to_vec(),
             observation: seen.observation,
             camera: seen.camera,
             lidar: seen.lidar,
@@ -88,7 +89,7 @@ impl Record {
         StepRecord {
             episode: episode.spec().episode,
             step: row.step,
-            state: State::from(row).encode_to_vec(),
+            state: state_message(row).encode_to_vec(),
             action: action.encode_to_vec(),
             observation: seen.observation,
             camera: seen.camera,

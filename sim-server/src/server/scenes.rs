@@ -27,7 +27,7 @@ pub(super) struct Built {
 
 impl Built {
     fn new(scene: Arc<Scene>, meshes: Option<Arc<RobotMeshes>>) -> Self {
-        let shapes = crate::show::scene_update(&scene).encode_to_vec().into();
+        let shapes = fiatlux_wire::scene_update(&scene).encode_to_vec().into();
         Self { scene, shapes, visuals: Arc::default(), meshes }
     }
 

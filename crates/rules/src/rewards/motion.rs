@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_6;
 use nalgebra::Vector3;
 
 use super::term::View;
-use crate::{Bulb, CONTROL_DT, HAND_BODIES_PER_SIDE, JOINTS, LIMBS, Limb, Row};
+use crate::{Bulb, CONTROL_DT, LIMBS, Limb, Row};
 
 /// Hips and knees in the public joint order.
 const HIPS_AND_KNEES: [usize; 8] = [0, 1, 2, 3, 6, 7, 8, 9];
@@ -15,8 +15,8 @@ const PITCH_LIMITS: [f64; 2] = [-0.87267, FRAC_PI_6];
 const ROLL_LIMITS: [f64; 2] = [-0.2618, 0.2618];
 /// Waist in the public joint order.
 const WAIST: std::ops::Range<usize> = 12..15;
-/// Joints of both hands in the public joint order.
-const FINGERS: std::ops::Range<usize> = 29..JOINTS;
+/// Joints of the body, which come before those of the hands in the public joint order.
+const BODY_JOINTS: usize = 29;
 /// Part of a joint's range, about its middle, that counts as soft (the G1 preset of Isaac Lab; the source names no
 /// figure).
 const SOFT_RANGE: f64 = 0.9;
@@ -40,7 +40,7 @@ pub(super) fn action_rate(view: &View<'_>) -> f64 {
 /// Sum of squared accelerations of hips and knees over the control step, rad^2/s^4.
 pub(super) fn joint_acceleration(view: &View<'_>) -> f64 {
     let (after, before) = (&view.row.joint_velocity, &view.before.joint_velocity);
-    let acceleration = |joint: usize| (after[joint] - before[joint]) / CONTROL_DT;
+    let acceleration = |joint: usize| (of_joint(after, joint) - of_joint(before, joint)) / CONTROL_DT;
     HIPS_AND_KNEES.iter().map(|&joint| acceleration(joint) * acceleration(joint)).sum()
 }
 
@@ -48,25 +48,25 @@ pub(super) fn joint_acceleration(view: &View<'_>) -> f64 {
 pub(super) fn ankle_limits(view: &View<'_>) -> f64 {
     let excess = |(joint, [lower, upper]): &(usize, [f64; 2])| {
         let (middle, soft_half) = ((lower + upper) / 2.0, SOFT_RANGE * (upper - lower) / 2.0);
-        ((view.row.joint_position[*joint] - middle).abs() - soft_half).max(0.0)
+        ((of_joint(&view.row.joint_position, *joint) - middle).abs() - soft_half).max(0.0)
     };
     ANKLES.iter().map(excess).sum()
 }
 
 /// Sum of the waist joints' deviations from the standing posture, which has them at 0, rad.
 pub(super) fn waist_deviation(view: &View<'_>) -> f64 {
-    view.row.joint_position[WAIST].iter().map(|q| q.abs()).sum()
+    WAIST.map(|joint| of_joint(&view.row.joint_position, joint).abs()).sum()
 }
 
 /// Sum of the finger joints' deviations from the standing posture, which has them at 0, rad.
 pub(super) fn finger_deviation(view: &View<'_>) -> f64 {
-    view.row.joint_position[FINGERS].iter().map(|q| q.abs()).sum()
+    view.row.joint_position.iter().skip(BODY_JOINTS).map(|q| q.abs()).sum()
 }
 
 /// Sum of squared contact forces of both bulbs on the bodies of the right hand, N^2.
 pub(super) fn right_hand_force(view: &View<'_>) -> f64 {
-    let [old, fresh] = &view.row.hand_force;
-    old.iter().zip(fresh).take(HAND_BODIES_PER_SIDE).map(|(a, b)| (a + b).norm_squared()).sum()
+    let [[old, _], [fresh, _]] = Bulb::ALL.map(|bulb| view.row.hands(bulb));
+    old.iter().zip(fresh).map(|(a, b)| (a + b).norm_squared()).sum()
 }
 
 /// Sum of squared contact forces of one bulb on the bodies of both hands, N^2.
@@ -76,9 +76,14 @@ pub(super) fn grip_force(row: &Row, bulb: Bulb) -> f64 {
 
 /// Part of some limbs that touch the ladder.
 pub(super) fn limbs_on_ladder(row: &Row, limbs: &[Limb], contact_n: f64) -> f64 {
-    let loads = limbs.iter().map(|limb| row.limb_force[*limb as usize].norm());
+    let loads = limbs.iter().map(|limb| row.ladder_force[*limb as usize].norm());
     loads.filter(|load| load.is_finite() && *load > contact_n).count() as f64 / limbs.len() as f64
 }
 
 /// Feet and palms.
 pub(super) const ALL_LIMBS: [Limb; LIMBS] = [Limb::LeftFoot, Limb::RightFoot, Limb::LeftPalm, Limb::RightPalm];
+
+/// A joint's number; 0 for a joint that the robot lacks.
+fn of_joint(numbers: &[f64], joint: usize) -> f64 {
+    numbers.get(joint).copied().unwrap_or_default()
+}

@@ -4,10 +4,12 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_rules::{
-    AttachmentRow, BodyRow, Bulb, Geometry, HAND_BODIES, JOINTS, Judge, JudgeOptions, LIMBS, Row, Task, Thresholds,
+    AttachmentRow, BodyRow, Bulb, Geometry, Judge, JudgeOptions, LIMBS, RobotLayout, Row, Task, Thresholds,
 };
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
+/// The G1 with Inspire hands.
+pub const LAYOUT: RobotLayout = RobotLayout { joints: 53, hand_bodies_per_side: 17 };
 pub const LADDER: [f64; 3] = [2.0, 1.0, 0.0];
 pub const FIXTURE: [f64; 3] = [2.0, 1.48, 2.2];
 pub const CRATE: [f64; 3] = [-2.0, 1.0, 0.0];
@@ -38,27 +40,14 @@ pub fn body(pose: Isometry3<f64>) -> BodyRow {
 /// The old bulb in the socket, the fresh one on the bench, the robot on its feet at the origin.
 pub fn room() -> Row {
     Row {
-        step: 0,
         robot: body(at([0.0, 0.0, 0.79])),
-        com_velocity: Vector3::zeros(),
         palm_position: [Vector3::new(0.2, 0.2, 0.7), Vector3::new(0.2, -0.2, 0.7)],
-        joint_position: [0.0; JOINTS],
-        joint_velocity: [0.0; JOINTS],
-        joint_target: [0.0; JOINTS],
-        joint_effort: [0.0; JOINTS],
-        action: [0.0; JOINTS],
         ladder: body(at(LADDER)),
         bulbs: [body(fixture()), body(at(FRESH))],
         fixture: fixture(),
         crate_: at(CRATE),
-        hand_force: [[Vector3::zeros(); HAND_BODIES]; 2],
-        hand_force_peak: [[0.0; HAND_BODIES]; 2],
-        limb_force: [Vector3::zeros(); LIMBS],
-        attachments: [
-            AttachmentRow { seated: true, steps_beyond: 0 },
-            AttachmentRow { seated: false, steps_beyond: 0 },
-        ],
-        unconverged: 0,
+        attachments: [AttachmentRow { seated: true, steps_beyond: 0 }, AttachmentRow::FREE],
+        ..Row::zeros(LAYOUT)
     }
 }
 
@@ -87,7 +76,7 @@ pub fn touch(row: &mut Row, bulb: usize, hand_body: usize, newtons: f64) {
 }
 
 pub fn let_go(row: &mut Row, bulb: usize) {
-    row.hand_force[bulb] = [Vector3::zeros(); HAND_BODIES];
+    row.hand_force[bulb].fill(Vector3::zeros());
 }
 
 pub fn put_in_crate(row: &mut Row, bulb: usize) {
@@ -290,7 +279,7 @@ impl Draw {
         for q in row.joint_position.iter_mut().chain(&mut row.joint_velocity).chain(&mut row.action) {
             *q = self.unit();
         }
-        row.limb_force = [(); LIMBS].map(|()| self.vector(3.0));
+        row.ladder_force = [(); LIMBS].map(|()| self.vector(3.0));
         row.attachments = [(); 2].map(|()| AttachmentRow { seated: self.one_in(2), steps_beyond: 0 });
         row
     }

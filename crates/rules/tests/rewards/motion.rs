@@ -82,7 +82,7 @@ fn limbs_on_the_ladder_pay_each_step() {
         (Limb::LeftPalm, 2.0, 3.0),
         (Limb::RightPalm, 1.001, 4.0),
     ] {
-        row.limb_force[limb as usize] = Vector3::new(0.6 * load, 0.0, -0.8 * load);
+        row.ladder_force[limb as usize] = Vector3::new(0.6 * load, 0.0, -0.8 * load);
         let meter = play(Task::Climb, Variant::Benchmark, &[&row, &row, &row]);
         assert!(close(meter.paid("limb_contact"), 2.0 * 0.02 * 0.25 * limbs / 4.0), "{limb:?} {load}");
     }

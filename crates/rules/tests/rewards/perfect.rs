@@ -39,7 +39,7 @@ impl Script {
         for body in [&mut self.now.robot, &mut self.now.ladder].into_iter().chain(&mut self.now.bulbs) {
             *body = common::body(body.pose);
         }
-        self.now.joint_velocity = [0.0; 53];
+        self.now.joint_velocity.fill(0.0);
         self.now.joint_position[LEFT_ANKLE_ROLL] = 0.0;
         self.now.joint_position[WAIST_PITCH] = 0.0;
     }
@@ -243,7 +243,7 @@ fn perfect_errand() {
 fn perfect_climb() {
     let mut start = start_of(Task::Climb);
     for limb in [Limb::LeftFoot, Limb::RightFoot, Limb::LeftPalm] {
-        start.limb_force[limb as usize].z = 80.0;
+        start.ladder_force[limb as usize].z = 80.0;
     }
     let mut script = Script::from(start);
     script.walk([1.0, 0.0, 1.3], 4.0);

@@ -246,7 +246,7 @@ fn what_is_not_finite_pays_nothing() {
             }
             spoilt.com_velocity.fill(junk);
             spoilt.palm_position = [Vector3::repeat(junk); 2];
-            spoilt.hand_force.iter_mut().flatten().chain(&mut spoilt.limb_force).for_each(|force| force.fill(junk));
+            spoilt.hand_force.iter_mut().flatten().chain(&mut spoilt.ladder_force).for_each(|force| force.fill(junk));
             for numbers in [&mut spoilt.joint_position, &mut spoilt.joint_velocity, &mut spoilt.action] {
                 numbers.fill(junk);
             }

@@ -115,12 +115,12 @@ fn charges(task: Task) -> &'static [&'static str] {
 }
 
 fn load(row: &mut Row, limbs: &[Limb]) {
-    limbs.iter().for_each(|limb| row.limb_force[*limb as usize] = Vector3::new(0.0, 0.0, 50.0));
+    limbs.iter().for_each(|limb| row.ladder_force[*limb as usize] = Vector3::new(0.0, 0.0, 50.0));
 }
 
 /// A bulb presses on either hand by 3 N and 7 N, and the other bulb harder.
 fn press(row: &mut Row, bulb: usize) {
-    row.hand_force = [[Vector3::zeros(); 34]; 2];
+    row.hand_force.iter_mut().for_each(|forces| forces.fill(Vector3::zeros()));
     touch(row, bulb, RIGHT[0], 3.0);
     touch(row, bulb, LEFT, 7.0);
     touch(row, 1 - bulb, LEFT, 9.0);

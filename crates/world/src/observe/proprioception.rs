@@ -1,6 +1,6 @@
 //! What the robot senses of its own body: a row, and uniform noise.
 
-use fiatlux_rules::{JOINTS, Row};
+use fiatlux_rules::Row;
 use nalgebra::Vector3;
 
 use super::ObservationTerm;
@@ -21,9 +21,9 @@ pub struct Proprioception {
     /// Height of the pelvis link's origin in the world, m.
     pub base_height: f64,
     /// Joint positions less those of the standing posture q0, public order, rad.
-    pub joint_position: [f64; JOINTS],
+    pub joint_position: Vec<f64>,
     /// Joint velocities, public order, rad/s.
-    pub joint_velocity: [f64; JOINTS],
+    pub joint_velocity: Vec<f64>,
 }
 
 /// Which episode's noise is drawn.
@@ -35,38 +35,50 @@ pub struct NoiseSeed {
     pub episode: u64,
 }
 
+impl Proprioception {
+    /// All numbers 0, for a robot of so many joints.
+    pub fn zeros(joints: usize) -> Self {
+        Self {
+            base_angular_velocity: [0.0; 3],
+            projected_gravity: [0.0; 3],
+            base_linear_velocity: [0.0; 3],
+            base_height: 0.0,
+            joint_position: vec![0.0; joints],
+            joint_velocity: vec![0.0; joints],
+        }
+    }
+}
+
 /// Turns the rows of one episode into what its robot senses.
 ///
 /// Each term has its own random stream, of which every observation takes the same count: the noise of the k-th
 /// observation is the same whatever the rows hold.
 #[derive(Debug, Clone)]
 pub struct Observer {
-    q0: [f64; JOINTS],
+    q0: Vec<f64>,
     noise: Option<Noise>,
 }
 
 impl Observer {
     /// An observer that has seen nothing; `q0` is the robot's standing posture, rad. Without a seed it adds no noise.
-    pub fn new(q0: [f64; JOINTS], noise: Option<NoiseSeed>) -> Self {
+    pub fn new(q0: Vec<f64>, noise: Option<NoiseSeed>) -> Self {
         Self { q0, noise: noise.map(Noise::new) }
     }
 
-    /// The next observation.
-    pub fn observe(&mut self, row: &Row) -> Proprioception {
+    /// Writes the next observation.
+    pub fn observe(&mut self, row: &Row, sensed: &mut Proprioception) {
         let world_from_pelvis = &row.robot.pose.rotation;
         let in_pelvis = |vector: &Vector3<f64>| world_from_pelvis.inverse_transform_vector(vector).into();
-        let mut sensed = Proprioception {
-            base_angular_velocity: in_pelvis(&row.robot.angular_velocity),
-            projected_gravity: in_pelvis(&-Vector3::z()),
-            base_linear_velocity: in_pelvis(&row.robot.linear_velocity),
-            base_height: row.robot.pose.translation.z,
-            joint_position: std::array::from_fn(|joint| row.joint_position[joint] - self.q0[joint]),
-            joint_velocity: row.joint_velocity,
-        };
+        sensed.base_angular_velocity = in_pelvis(&row.robot.angular_velocity);
+        sensed.projected_gravity = in_pelvis(&-Vector3::z());
+        sensed.base_linear_velocity = in_pelvis(&row.robot.linear_velocity);
+        sensed.base_height = row.robot.pose.translation.z;
+        sensed.joint_position.clear();
+        sensed.joint_position.extend(row.joint_position.iter().zip(&self.q0).map(|(q, q0)| q - q0));
+        sensed.joint_velocity.clone_from(&row.joint_velocity);
         if let Some(noise) = &mut self.noise {
-            noise.add_to(&mut sensed);
+            noise.add_to(sensed);
         }
-        sensed
     }
 }
 

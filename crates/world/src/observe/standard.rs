@@ -1,6 +1,6 @@
 //! The published flat vector.
 
-use fiatlux_rules::{HAND_BODIES, HAND_BODIES_PER_SIDE, JOINTS, LIMBS, Task};
+use fiatlux_rules::{LIMBS, Task};
 use nalgebra::Vector3;
 
 use super::Proprioception;
@@ -13,7 +13,7 @@ pub struct StandardTerms<'a> {
     /// What the robot senses of its own body.
     pub proprioception: &'a Proprioception,
     /// Force on each hand body, world axes, N; see [`super::hand_force`]. Not read in `climb`.
-    pub hand_force: [Vector3<f64>; HAND_BODIES],
+    pub hand_force: &'a [Vector3<f64>],
     /// Force on each limb, world axes, N; see [`super::limb_force`]. Read in `climb` only.
     pub limb_force: [Vector3<f64>; LIMBS],
     /// Features of the head camera's image.
@@ -21,13 +21,13 @@ pub struct StandardTerms<'a> {
     /// Ranges of the LiDAR, m; see [`crate::Lidar::scan`].
     pub lidar: &'a [f32; LIDAR_RAYS],
     /// The last action, as [`fiatlux_rules::Row::action`] has it.
-    pub last_action: &'a [f64; JOINTS],
+    pub last_action: &'a [f64],
 }
 
 /// The flat vector of a task, as [`observation_terms`] lays it out.
 pub fn flat_standard(terms: &StandardTerms<'_>, task: Task) -> Vec<f32> {
     let mut flat = Vec::with_capacity(observation_length(task));
-    let (right, left) = terms.hand_force.split_at(HAND_BODIES_PER_SIDE);
+    let (right, left) = terms.hand_force.split_at(terms.hand_force.len() / 2);
     let sensed = terms.proprioception;
     for term in observation_terms(task) {
         let numbers = |flat: &mut Vec<f32>, values: &[f64]| {

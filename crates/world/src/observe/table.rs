@@ -3,9 +3,13 @@
 //! Order, scales and noise are those of the published `FIATLUX-Replace-v0` and `FIATLUX-Climb-v0` (`replace_env_cfg` and
 //! `climb_env_cfg`, group `policy`).
 
-use fiatlux_rules::{HAND_BODIES_PER_SIDE, JOINTS, LIMBS, Task};
+use fiatlux_rules::{LIMBS, Task};
 
 use crate::lidar::LIDAR_RAYS;
+
+/// Joints and bodies of a hand of the published robot.
+const JOINTS: usize = 53;
+const HAND_BODIES_PER_SIDE: usize = 17;
 
 /// Features of the head camera's image.
 pub const FEATURES: usize = 512;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use fiatlux_rules::{Bulb, JOINTS, Row};
+use fiatlux_rules::{Bulb, Row};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Start, StartError};
@@ -14,7 +14,7 @@ pub(super) fn set_joints(
     scene: &Scene,
     field: &'static str,
     angles: &BTreeMap<String, f64>,
-    posture: &mut [f64; JOINTS],
+    posture: &mut [f64],
 ) -> Result<(), StartError> {
     for (name, angle) in angles {
         let joint = scene.robot.joint_index(name).ok_or_else(|| StartError::Name { field, name: name.clone() })?;

@@ -143,7 +143,7 @@ impl Start<'_> {
             let mut draw = |half: f64| random.uniform(-half, half);
             let shift = [draw(noise.shift), draw(noise.shift)];
             let turn = draw(noise.turn);
-            let offset = StartOffset { shift, turn, joints: std::array::from_fn(|_| draw(noise.joint)) };
+            let offset = StartOffset { shift, turn, joints: self.posture.iter().map(|_| draw(noise.joint)).collect() };
             for (joint, limits) in scene.robot.joints().iter().enumerate() {
                 let angle = self.posture[joint] + offset.joints[joint];
                 row.joint_position[joint] = angle.clamp(limits.lower, limits.upper);

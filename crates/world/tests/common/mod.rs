@@ -5,8 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_robot::{GainSet, Gains, Robot};
-use fiatlux_rules::{JOINTS, Row, Task};
+use fiatlux_rules::{Row, Task};
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 /// The scene that a task plays in, layout seed 0, with all gains multiplied.
 pub fn scene(task: Task, stiffer: f64) -> Arc<Scene> {

@@ -6,7 +6,7 @@ use fiatlux_link::in_full;
 use fiatlux_proto::v3::notice::Code as NoticeCode;
 use fiatlux_proto::v3::{Action, ActionRecord};
 use fiatlux_proto::{DecodeError, Message, decode, limits};
-use fiatlux_rules::{CONTROL_DT, JOINTS};
+use fiatlux_rules::CONTROL_DT;
 use fiatlux_world::Command;
 use zenoh::bytes::ZBytes;
 
@@ -22,7 +22,6 @@ const MAX_AHEAD: u64 = 50;
 #[derive(Debug, Clone)]
 pub(super) struct Asked {
     action: Action,
-    command: Command,
     received: Duration,
 }
 
@@ -144,20 +143,21 @@ impl<R> Session<R> {
                 return None;
             }
         };
-        let Ok(numbers) = <[f64; JOINTS]>::try_from(numbers.as_slice()) else {
-            let message = format!("{field} has {} numbers instead of {JOINTS}", numbers.len());
+        let robot = &self.built.scene.robot;
+        let joints = robot.joints().len();
+        if numbers.len() != joints {
+            let message = format!("{field} has {} numbers instead of {joints}", numbers.len());
             self.refuse_action(NoticeCode::Value, field, message, remedy, now, out);
             return None;
-        };
-        let command = if field == "action" { Command::Action(numbers) } else { Command::JointTarget(numbers) };
-        let robot = &self.built.scene.robot;
-        let q0 = std::array::from_fn(|joint| robot.q0()[joint]);
-        if let Some(joint) = command.action(&q0).iter().position(|number| !number.is_finite()) {
+        }
+        let mut in_action_units = Vec::new();
+        command_of(&action).write_action(robot.q0(), &mut in_action_units);
+        if let Some(joint) = in_action_units.iter().position(|number| !number.is_finite()) {
             let message = format!("{field} of joint '{}' is not finite", robot.joints()[joint].name);
             self.refuse_action(NoticeCode::Value, field, message, remedy, now, out);
             return None;
         }
-        Some(Asked { action, command, received: now })
+        Some(Asked { action, received: now })
     }
 
     fn refuse_action(
@@ -180,7 +180,7 @@ impl<R> Session<R> {
 
     fn advance(&mut self, asked: Asked, arrival: Arrival, now: Duration, out: Sink<'_, R>) {
         let Some(run) = &mut self.run else { return };
-        let outside_box = match run.episode.step(&asked.command) {
+        let outside_box = match run.episode.step(command_of(&asked.action)) {
             Ok(step) => step.outside_box,
             Err(error) => {
                 let message = error.to_string();
@@ -247,4 +247,9 @@ impl<R> Session<R> {
         }
         self.advance(asked, Arrival { held, lateness_s: lateness.as_secs_f64() }, now, out);
     }
+}
+
+/// What a checked action asks for: one of its lists is filled.
+fn command_of(action: &Action) -> Command<'_> {
+    if action.action.is_empty() { Command::JointTarget(&action.joint_target) } else { Command::Action(&action.action) }
 }

@@ -9,12 +9,15 @@ use fiatlux_proto::v3::{
     StepRecordAck, StepRecordRequest, look_reply, notice, refusal, reset_reply,
 };
 use fiatlux_robot::Robot;
-use fiatlux_rules::JOINTS;
+
 use fiatlux_world::SceneConfig;
 
 use super::*;
 use crate::server::plan;
 use crate::server::scenes::Scenes;
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 const MS: Duration = Duration::from_millis(1);
 const TIMES: Times = Times {

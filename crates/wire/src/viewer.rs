@@ -11,10 +11,9 @@ use fiatlux_proto::foxglove::{
     Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, PackedElementField, PointCloud, Pose,
     Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Vector3 as Vector,
 };
-use fiatlux_proto::v3::State;
 use fiatlux_proto::{Duration, Timestamp};
 use fiatlux_robot::Robot;
-use fiatlux_rules::{CONTROL_DT, Row, RowError};
+use fiatlux_rules::{CONTROL_DT, Row};
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
@@ -158,11 +157,7 @@ impl Frames {
     }
 
     /// Where all frames are in a row, each in its parent, stamped with the row's time.
-    ///
-    /// # Errors
-    /// A state that is no row.
-    pub fn transforms(&self, state: &State) -> Result<FrameTransforms, RowError> {
-        let row = Row::try_from(state)?;
+    pub fn transforms(&self, row: &Row) -> FrameTransforms {
         let timestamp = Some(time_of(row.step));
         let frame = |parent: &str, child: &str, pose: &Isometry3<f64>| {
             let Pose { position, orientation } = pose_of(pose);
@@ -194,16 +189,12 @@ impl Frames {
             (CRATE, row.crate_),
         ];
         let props = props.iter().map(|(name, pose)| frame(WORLD, name, pose));
-        Ok(FrameTransforms { transforms: links.chain(props).collect() })
+        FrameTransforms { transforms: links.chain(props).collect() }
     }
 }
 
 /// Points in a frame, m.
-pub(crate) fn point_cloud(
-    timestamp: Timestamp,
-    frame_id: String,
-    points: impl Iterator<Item = [f32; 3]>,
-) -> PointCloud {
+pub fn point_cloud(timestamp: Timestamp, frame_id: String, points: impl Iterator<Item = [f32; 3]>) -> PointCloud {
     const NUMBER: u32 = size_of::<f32>() as u32;
     let field = |(index, name): (u32, &str)| PackedElementField {
         name: name.into(),
@@ -221,12 +212,12 @@ pub(crate) fn point_cloud(
 }
 
 /// The frame of a link of the robot; the world's where it has none.
-pub(crate) fn frame_of(robot: &Robot, link: Option<usize>) -> String {
+pub fn frame_of(robot: &Robot, link: Option<usize>) -> String {
     link.map_or_else(|| WORLD.to_owned(), |link| robot.links()[link].name.clone())
 }
 
 /// A row's time.
-pub(crate) fn time_of(step: u64) -> Timestamp {
+pub fn time_of(step: u64) -> Timestamp {
     const STEP_NS: u64 = (CONTROL_DT * 1e9) as u64;
     let ns = step.saturating_mul(STEP_NS);
     Timestamp { seconds: (ns / 1_000_000_000) as i64, nanos: (ns % 1_000_000_000) as i32 }

@@ -2,11 +2,14 @@
 
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest, PropScale, Randomization, State};
-use fiatlux_rules::{JOINTS, Row};
+use fiatlux_rules::Row;
 use fiatlux_world::{ACTION_SCALE, Command, Episode, Light, SceneConfig, World};
 
 use super::*;
 use crate::server::recorded_header;
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
 
 /// An episode of a request in a config: its header and its rows, as messages.
 fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8>, Vec<Vec<u8>>) {
@@ -16,7 +19,7 @@ fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8
     let staged = episode.row().action;
     for step in 0..steps {
         let action = std::array::from_fn(|joint| staged[joint] + 0.1 * libm::sin(0.3 * step as f64 + joint as f64));
-        episode.step(&Command::Action(action)).unwrap();
+        episode.step(Command::Action(&action)).unwrap();
         rows.push(State::from(episode.row()).encode_to_vec());
     }
     (header.encode_to_vec(), rows)

@@ -1,10 +1,12 @@
 //! A row goes through a message and its bytes without losing a bit, and a message of another shape is refused.
 
+#[path = "../../rules/tests/common/mod.rs"]
 mod common;
 
-use common::{Draw, room};
+use common::{Draw, LAYOUT, room};
 use fiatlux_proto::{Message, v3};
-use fiatlux_rules::{Row, RowDigest, RowError};
+use fiatlux_rules::{Row, RowDigest};
+use fiatlux_wire::{WireError, read_row, state_message};
 
 /// Everything set to something of its own.
 fn full(draw: &mut Draw, step: u64) -> Row {
@@ -35,12 +37,12 @@ fn rows_come_back_bit_for_bit() {
     let mut draw = Draw(11);
     for step in (0..200).chain([u64::MAX]) {
         let row = full(&mut draw, step);
-        let bytes = v3::State::from(&row).encode_to_vec();
+        let bytes = state_message(&row).encode_to_vec();
         let state = v3::State::decode(&bytes[..]).expect("decodes");
-        let back = Row::try_from(&state).expect("a row");
+        let back = read_row(&state, LAYOUT).expect("a row");
         assert_eq!(back, row);
         assert_eq!(digest(&back), digest(&row));
-        assert_eq!(v3::State::from(&back).encode_to_vec(), bytes);
+        assert_eq!(state_message(&back).encode_to_vec(), bytes);
     }
 }
 
@@ -51,8 +53,8 @@ fn odd_numbers_come_back_bit_for_bit() {
     row.robot.pose.rotation.as_mut_unchecked().coords *= 1.0 + 1e-9;
     row.joint_velocity[0] = -0.0;
     row.com_velocity.x = f64::MIN_POSITIVE / 2.0;
-    let state = v3::State::decode(&v3::State::from(&row).encode_to_vec()[..]).expect("decodes");
-    let back = Row::try_from(&state).expect("a row");
+    let state = v3::State::decode(&state_message(&row).encode_to_vec()[..]).expect("decodes");
+    let back = read_row(&state, LAYOUT).expect("a row");
     assert_eq!(digest(&back), digest(&row));
     assert_eq!(back.joint_velocity[0].to_bits(), (-0.0_f64).to_bits());
 }
@@ -78,7 +80,8 @@ fn other_shapes_are_refused() {
         ("joint_effort has a number that is not finite", |s| s.joint_effort[1] = f64::NAN),
         ("action has a number that is not finite", |s| s.action[2] = f64::NEG_INFINITY),
         ("robot has a number that is not finite", |s| body(&mut s.robot).position[0] = f64::INFINITY),
-        ("limb_force has a number that is not finite", |s| s.limb_force[11] = f64::INFINITY),
+        ("ladder_force has a number that is not finite", |s| s.ladder_force[11] = f64::INFINITY),
+        ("floor_force has a number that is not finite", |s| s.floor_force[0] = f64::NAN),
         ("robot is missing", |s| s.robot = None),
         ("ladder is missing", |s| s.ladder = None),
         ("old_bulb is missing", |s| s.old_bulb = None),
@@ -105,15 +108,16 @@ fn other_shapes_are_refused() {
             shorten(&mut bulb(&mut s.old_bulb).hand_force_peak);
         }),
         ("fresh_bulb.hand_force_peak has 35", |s| bulb(&mut s.fresh_bulb).hand_force_peak.push(0.0)),
-        ("limb_force has 11 numbers instead of 12", |s| shorten(&mut s.limb_force)),
+        ("ladder_force has 11 numbers instead of 12", |s| shorten(&mut s.ladder_force)),
+        ("floor_force has 11 numbers instead of 12", |s| shorten(&mut s.floor_force)),
     ];
     for (expected, spoil) in spoils {
-        let mut state = v3::State::from(&room());
+        let mut state = state_message(&room());
         spoil(&mut state);
-        let error = Row::try_from(&state).expect_err(expected).to_string();
+        let error = read_row(&state, LAYOUT).expect_err(expected).to_string();
         assert!(error.contains(expected), "{expected}: {error}");
     }
-    assert!(matches!(Row::try_from(&v3::State::default()), Err(RowError::Missing { .. })));
+    assert!(matches!(read_row(&v3::State::default(), LAYOUT), Err(WireError::Missing { .. })));
 }
 
 /// A grade starts the chain from the link in a bag's header.

@@ -41,7 +41,7 @@ fn tasks() -> impl Iterator<Item = (Arc<Scene>, Row)> {
 #[test]
 fn frames_are_where_the_links_are() {
     for (scene, row) in tasks() {
-        let frames = Frames::new(&scene.robot).transforms(&State::from(&row)).expect("a row");
+        let frames = Frames::new(&scene.robot).transforms(&row);
         let poses = in_world(&frames);
         let expected = scene.robot.forward_kinematics(&row.joint_position, &row.robot.pose).expect("kinematics");
         let links = scene.robot.links().iter().map(|link| link.name.as_str()).zip(expected);
@@ -57,7 +57,7 @@ fn frames_are_where_the_links_are() {
 #[test]
 fn every_entity_has_a_frame() {
     for (scene, row) in tasks() {
-        let frames = Frames::new(&scene.robot).transforms(&State::from(&row)).expect("a row");
+        let frames = Frames::new(&scene.robot).transforms(&row);
         let mut names: BTreeSet<&str> = frames.transforms.iter().map(|frame| frame.child_frame_id.as_str()).collect();
         assert_eq!(names.len(), frames.transforms.len(), "a frame has one parent");
         names.insert(WORLD);
@@ -75,7 +75,7 @@ fn every_entity_has_a_frame() {
 #[test]
 fn boxes_are_drawn_where_the_model_has_them() {
     for (scene, row) in tasks() {
-        let frames = Frames::new(&scene.robot).transforms(&State::from(&row)).expect("a row");
+        let frames = Frames::new(&scene.robot).transforms(&row);
         let poses = in_world(&frames);
         let update = scene_update(&scene);
         let drawn: Vec<Isometry3<f64>> = (update.entities.iter())

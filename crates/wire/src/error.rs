@@ -1,0 +1,55 @@
+//! Why a message cannot be read.
+
+use thiserror::Error;
+
+/// What is wrong with a message, by field.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum WireError {
+    /// A part is missing.
+    #[error("{field} is missing")]
+    Missing {
+        /// Path of the field in the message.
+        field: &'static str,
+    },
+    /// A list has a wrong length.
+    #[error("{field} has {found} numbers instead of {expected}")]
+    Length {
+        /// Path of the field in the message.
+        field: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length that it must have.
+        expected: usize,
+    },
+    /// A number is infinite or NaN: no world has such a state, and rules are not made for it.
+    #[error("{field} has a number that is not finite")]
+    NotFinite {
+        /// Path of the field in the message.
+        field: &'static str,
+    },
+    /// A value that the field cannot have.
+    #[error("{field} {problem}")]
+    Value {
+        /// Path of the field in the message.
+        field: &'static str,
+        /// What is wrong with it.
+        problem: String,
+    },
+}
+
+pub(crate) fn check_finite(field: &'static str, numbers: &[f64]) -> Result<(), WireError> {
+    if numbers.iter().all(|number| number.is_finite()) { Ok(()) } else { Err(WireError::NotFinite { field }) }
+}
+
+pub(crate) fn array<const N: usize>(field: &'static str, numbers: &[f64]) -> Result<[f64; N], WireError> {
+    check_finite(field, numbers)?;
+    numbers.try_into().map_err(|_| WireError::Length { field, found: numbers.len(), expected: N })
+}
+
+pub(crate) fn list(field: &'static str, numbers: &[f64], expected: usize) -> Result<Vec<f64>, WireError> {
+    if numbers.len() != expected {
+        return Err(WireError::Length { field, found: numbers.len(), expected });
+    }
+    check_finite(field, numbers)?;
+    Ok(numbers.to_vec())
+}

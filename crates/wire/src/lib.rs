@@ -1,0 +1,45 @@
+//! Messages to our types and back: the one place where protobuf meets the rulebook and the world.
+//!
+//! A message that arrives is hostile until it is read here: what is missing, has a wrong length or a number that is not
+//! finite is a [`WireError`] that names the field. What is read comes back bit for bit when it is written again.
+//!
+//! ```
+//! use fiatlux_rules::{RobotLayout, Row};
+//! use fiatlux_wire::{WireError, read_row, state_message};
+//!
+//! let layout = RobotLayout { joints: 29, hand_bodies_per_side: 17 };
+//! let mut row = Row::zeros(layout);
+//! row.joint_position[3] = 0.2;
+//! let mut state = state_message(&row);
+//! assert_eq!(read_row(&state, layout)?, row);
+//!
+//! state.joint_velocity.pop();
+//! let error = read_row(&state, layout).unwrap_err();
+//! assert_eq!(error.to_string(), "joint_velocity has 28 numbers instead of 29");
+//! # Ok::<(), WireError>(())
+//! ```
+mod error;
+mod geometry;
+mod header;
+mod pose;
+mod row;
+
+#[cfg(feature = "world")]
+mod domain_sample;
+#[cfg(feature = "world")]
+mod scene;
+#[cfg(feature = "world")]
+mod viewer;
+
+pub use error::WireError;
+pub use geometry::{geometry_message, read_geometry};
+pub use header::layout_of;
+pub use pose::{pose_message, read_pose};
+pub use row::{read_row, state_message};
+
+#[cfg(feature = "world")]
+pub use domain_sample::{domain_sample_message, light_of, prop_scale, randomization};
+#[cfg(feature = "world")]
+pub use scene::{RebuildError, scene_of};
+#[cfg(feature = "world")]
+pub use viewer::{Frames, frame_of, point_cloud, scene_update, time_of};

@@ -1,0 +1,120 @@
+//! Rows as messages and back.
+
+use fiatlux_proto::v3;
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, LIMBS, RobotLayout, Row};
+use nalgebra::Vector3;
+
+use crate::WireError;
+use crate::error::{array, check_finite, list};
+use crate::pose::{isometry, numbers, pose_message, quaternion, read_pose, vector};
+
+/// A row as a message.
+pub fn state_message(row: &Row) -> v3::State {
+    let bulb = |bulb: Bulb| {
+        let i = bulb as usize;
+        v3::Bulb {
+            body: Some(body(&row.bulbs[i])),
+            hand_force: flat(&row.hand_force[i]),
+            hand_force_peak: row.hand_force_peak[i].clone(),
+            seated: row.attachments[i].seated,
+            steps_beyond: row.attachments[i].steps_beyond,
+        }
+    };
+    v3::State {
+        step: row.step,
+        robot: Some(body(&row.robot)),
+        com_velocity: numbers(&row.com_velocity),
+        left_palm_position: numbers(&row.palm_position[0]),
+        right_palm_position: numbers(&row.palm_position[1]),
+        joint_position: row.joint_position.clone(),
+        joint_velocity: row.joint_velocity.clone(),
+        joint_target: row.joint_target.clone(),
+        joint_effort: row.joint_effort.clone(),
+        action: row.action.clone(),
+        ladder: Some(body(&row.ladder)),
+        old_bulb: Some(bulb(Bulb::Old)),
+        fresh_bulb: Some(bulb(Bulb::Fresh)),
+        fixture: Some(pose_message(&row.fixture)),
+        crate_: Some(pose_message(&row.crate_)),
+        floor_force: flat(&row.floor_force),
+        ladder_force: flat(&row.ladder_force),
+        unconverged: row.unconverged,
+    }
+}
+
+/// A row from a message, whose lists must have the lengths of `layout` and whose numbers must be finite.
+///
+/// # Errors
+/// [`WireError`], with the field.
+pub fn read_row(state: &v3::State, layout: RobotLayout) -> Result<Row, WireError> {
+    let [old, fresh] = [("old_bulb", &state.old_bulb), ("fresh_bulb", &state.fresh_bulb)]
+        .map(|(field, bulb)| bulb.as_ref().ok_or(WireError::Missing { field }));
+    let (old, fresh) = (old?, fresh?);
+    let (joints, hands) = (layout.joints, layout.hand_bodies());
+    let attachment = |bulb: &v3::Bulb| AttachmentRow { seated: bulb.seated, steps_beyond: bulb.steps_beyond };
+    Ok(Row {
+        step: state.step,
+        robot: read_body("robot", &state.robot)?,
+        com_velocity: vector("com_velocity", &state.com_velocity)?,
+        palm_position: [
+            vector("left_palm_position", &state.left_palm_position)?,
+            vector("right_palm_position", &state.right_palm_position)?,
+        ],
+        joint_position: list("joint_position", &state.joint_position, joints)?,
+        joint_velocity: list("joint_velocity", &state.joint_velocity, joints)?,
+        joint_target: list("joint_target", &state.joint_target, joints)?,
+        joint_effort: list("joint_effort", &state.joint_effort, joints)?,
+        action: list("action", &state.action, joints)?,
+        ladder: read_body("ladder", &state.ladder)?,
+        bulbs: [read_body("old_bulb.body", &old.body)?, read_body("fresh_bulb.body", &fresh.body)?],
+        fixture: read_pose("fixture", &state.fixture)?,
+        crate_: read_pose("crate", &state.crate_)?,
+        hand_force: [
+            vectors("old_bulb.hand_force", &old.hand_force, hands)?,
+            vectors("fresh_bulb.hand_force", &fresh.hand_force, hands)?,
+        ],
+        hand_force_peak: [
+            list("old_bulb.hand_force_peak", &old.hand_force_peak, hands)?,
+            list("fresh_bulb.hand_force_peak", &fresh.hand_force_peak, hands)?,
+        ],
+        floor_force: limbs("floor_force", &state.floor_force)?,
+        ladder_force: limbs("ladder_force", &state.ladder_force)?,
+        attachments: [attachment(old), attachment(fresh)],
+        unconverged: state.unconverged,
+    })
+}
+
+fn body(body: &BodyRow) -> v3::Body {
+    v3::Body {
+        position: numbers(&body.pose.translation.vector),
+        quaternion: quaternion(&body.pose),
+        linear_velocity: numbers(&body.linear_velocity),
+        angular_velocity: numbers(&body.angular_velocity),
+    }
+}
+
+fn read_body(field: &'static str, body: &Option<v3::Body>) -> Result<BodyRow, WireError> {
+    let body = body.as_ref().ok_or(WireError::Missing { field })?;
+    Ok(BodyRow {
+        pose: isometry(field, &body.position, &body.quaternion)?,
+        linear_velocity: vector(field, &body.linear_velocity)?,
+        angular_velocity: vector(field, &body.angular_velocity)?,
+    })
+}
+
+fn flat(vectors: &[Vector3<f64>]) -> Vec<f64> {
+    vectors.iter().flat_map(|vector| vector.iter().copied()).collect()
+}
+
+fn vectors(field: &'static str, numbers: &[f64], count: usize) -> Result<Vec<Vector3<f64>>, WireError> {
+    if numbers.len() != 3 * count {
+        return Err(WireError::Length { field, found: numbers.len(), expected: 3 * count });
+    }
+    check_finite(field, numbers)?;
+    Ok(numbers.chunks_exact(3).map(Vector3::from_column_slice).collect())
+}
+
+fn limbs(field: &'static str, numbers: &[f64]) -> Result<[Vector3<f64>; LIMBS], WireError> {
+    let flat: [f64; 3 * LIMBS] = array(field, numbers)?;
+    Ok(std::array::from_fn(|limb| Vector3::from_column_slice(&flat[3 * limb..3 * limb + 3])))
+}
