@@ -5,6 +5,9 @@ mod scene;
 mod senses;
 mod server;
 
+#[cfg(test)]
+mod rebuild_tests;
+
 pub use mjcf::{Laws, MjcfOptions, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};

@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, ShapeId, Wrench};
 use fiatlux_robot::GainSet;
-
 use fiatlux_tests::{Rig, robot, scene};
 use fiatlux_world::config::AttachmentConfig;
 use fiatlux_world::{
@@ -334,7 +333,7 @@ fn a_trial_is_stepped_like_a_world() {
     let mut trial = Trial::new(&scene, &Isometry3::identity());
     trial.rig = Rig::new(&scene);
     trial.bulb = scene.old_bulb;
-    let target = std::array::from_fn(|joint| scene.robot.q0()[joint]);
+    let target = scene.robot.q0().to_vec();
     for step in 0..50 {
         world.step(&[0.0; JOINTS], &target).unwrap();
         trial.run(SUBSTEPS as f64 * PHYSICS_DT, None);

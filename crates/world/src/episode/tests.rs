@@ -5,6 +5,9 @@ use fiatlux_robot::{GainSet, Robot};
 use super::*;
 use crate::{Random, SceneConfig, Stream};
 
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
+
 fn scene(spec: &EpisodeSpec) -> Arc<Scene> {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let spec = spec.scene(robot.gains(GainSet::default()));
@@ -20,7 +23,7 @@ fn action(step: u64) -> [f64; JOINTS] {
 fn run(episode: &mut Episode, steps: u64) -> Vec<String> {
     let mut digests = vec![episode.digest().hex()];
     for step in 0..steps {
-        if episode.step(&Command::Action(action(step))).is_err() {
+        if episode.step(Command::Action(&action(step))).is_err() {
             break;
         }
         digests.push(episode.digest().hex());
@@ -49,9 +52,9 @@ fn joint_targets_are_the_same_as_the_action_they_stand_for() {
     let scene = scene(&spec);
     let [mut by_target, mut by_action] = [(), ()].map(|()| Episode::start(Arc::clone(&scene), &spec).unwrap());
     for step in 0..30 {
-        let target = std::array::from_fn(|joint| scene.robot.q0()[joint] + 0.5 * action(step)[joint]);
+        let target: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint] + 0.5 * action(step)[joint]);
         by_target.step(Command::JointTarget(&target)).unwrap();
-        let recorded = by_target.row().action;
+        let recorded = by_target.row().action.clone();
         by_action.step(Command::Action(&recorded)).unwrap();
         for joint in 0..JOINTS {
             assert!((recorded[joint] - action(step)[joint]).abs() < 1e-15, "{joint}");
