@@ -11,7 +11,8 @@ use fiatlux_policy::balance::{Balance, BalanceError, Sensed};
 use fiatlux_robot::{GainSet, JointGains, Robot};
 use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Row, Task, Thresholds};
 use fiatlux_world::{
-    ACTION_SCALE, NoiseSeed, Observer, Proprioception, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start,
+    ACTION_SCALE, NoiseSeed, Observer, Proprioception, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World,
+    start,
 };
 use nalgebra::Vector3;
 

@@ -22,7 +22,8 @@ fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8
     let mut rows = vec![state_message(episode.row()).encode_to_vec()];
     let staged = episode.row().action.clone();
     for step in 0..steps {
-        let action: [f64; JOINTS] = std::array::from_fn(|joint| staged[joint] + 0.1 * libm::sin(0.3 * step as f64 + joint as f64));
+        let action: [f64; JOINTS] =
+            std::array::from_fn(|joint| staged[joint] + 0.1 * libm::sin(0.3 * step as f64 + joint as f64));
         episode.step(Command::Action(&action)).unwrap();
         rows.push(state_message(episode.row()).encode_to_vec());
     }

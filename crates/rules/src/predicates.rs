@@ -4,7 +4,9 @@
 
 use nalgebra::Vector3;
 
-use crate::{BodyRow, Bulb, CONTROL_DT, Context, Row, measure};
+use crate::gate::Context;
+use crate::measure;
+use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
 
 /// Acceleration of free fall, m/s^2.
 const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);

@@ -232,8 +232,14 @@ impl Scene {
 
 /// Refuses a robot that does not fit a [`fiatlux_rules::Row`].
 fn check_robot(robot: &Robot) -> Result<(), SceneError> {
+    let (links, hands) = (robot.links(), robot.hand_links());
+    let is_below = |link: usize, root: usize| {
+        std::iter::successors(Some(link), |&link| links[link].parent).any(|link| link == root)
+    };
+    // The first hand's links hang from its first one. The other hand has as many.
+    let first_hand = hands.iter().take_while(|&&link| is_below(link, hands[0])).count();
     let counts = [
-        ("hand links", robot.hand_links().len(), 2 * (robot.hand_links().len() / 2)),
+        ("hand links", hands.len(), 2 * first_hand),
         ("feet", robot.feet().len(), 2),
         ("palms", robot.palms().len(), 2),
     ];

@@ -231,7 +231,8 @@ fn a_recording_plays_again_without_draws() {
         world.reset_to(&rows[0]).unwrap();
         for pair in rows.windows(2) {
             let action = &pair[1].action;
-            let target: [f64; JOINTS] = std::array::from_fn(|joint| original.robot.q0()[joint] + ACTION_SCALE * action[joint]);
+            let target: [f64; JOINTS] =
+                std::array::from_fn(|joint| original.robot.q0()[joint] + ACTION_SCALE * action[joint]);
             assert_eq!(world.step(action, &target).unwrap(), &pair[1], "{task} step {}", pair[1].step);
         }
     }
