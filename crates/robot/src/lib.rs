@@ -10,10 +10,12 @@
 //! let robot = Robot::by_name("g1_bare")?;
 //! assert_eq!(robot.joints().len(), 29);
 //!
-//! // A bent posture, its soles on the floor.
+//! // A crouch with flat soles, set down on the floor.
 //! let mut q = robot.q0().to_vec();
-//! for side in ["left", "right"] {
-//!     q[robot.joint_index(&format!("{side}_knee_joint")).unwrap()] = 0.5;
+//! for (joint, angle) in [("hip_pitch", -0.4), ("knee", 0.8), ("ankle_pitch", -0.4)] {
+//!     for side in ["left", "right"] {
+//!         q[robot.joint_index(&format!("{side}_{joint}_joint")).unwrap()] = angle;
+//!     }
 //! }
 //! let height = robot.height_on_soles(&q, &UnitQuaternion::identity())?;
 //! assert!(height < robot.standing_height());

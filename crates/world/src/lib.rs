@@ -2,11 +2,14 @@
 //! robot, their draw by seed, the socket's hold on a bulb, the tasks' start states, and what a policy senses.
 mod attach;
 pub mod config;
+mod domain_sample;
 mod episode;
 mod error;
 mod layout;
 mod lidar;
 mod observe;
+mod owner;
+mod parts;
 mod props;
 mod randomize;
 mod rng;
@@ -16,6 +19,7 @@ mod world;
 
 pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
 pub use config::SceneConfig;
+pub use domain_sample::DomainSample;
 pub use episode::{Command, Episode, EpisodeError, EpisodeSpec, Step, Totals};
 pub use error::{SceneError, WorldError};
 pub use layout::{LadderStart, Layout, Mount, Place};
@@ -25,10 +29,12 @@ pub use observe::{
     Signal, StandardTerms, flat_privileged, flat_standard, foot_force_estimate, hand_force, limb_force,
     observation_length, observation_terms, world_from_link,
 };
+pub use owner::ShapeOwner;
+pub use parts::{FAR, LadderPart, SceneKind, SceneParts};
 pub use props::{LadderPoints, PropSizes};
-pub use randomize::{DomainSample, HandFriction, Light, PropScale, Randomization};
+pub use randomize::{HandFriction, Light, PropScale, Randomization};
 pub use rng::{RNG_NAME, Random, Stream};
-pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};
+pub use scene::{Scene, SceneSpec};
 pub use start::{ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
 
