@@ -13,7 +13,7 @@
 //!    root \[1\].
 //! 2. *Dynamics*: bias forces `c` by the recursive Newton-Euler algorithm and the mass matrix `M` by composite rigid bodies
 //!    \[1\], rotor inertias on its diagonal.
-//! 3. *Collision*: bounding boxes of clusters of shapes, then of shapes, then contact points: closed forms for balls,
+//! 3. *Collision*: bounding boxes of cull groups of shapes, then of shapes, then contact points: closed forms for balls,
 //!    capsules, boxes and half-spaces, parry's face clipping for two boxes. Margins grow with speed, up to 0.1 m,
 //!    so that a fast body meets a surface in the step in which it would pass it.
 //! 4. *Solve*: the next velocity minimises one convex function
@@ -43,22 +43,33 @@
 //! SI units, radians. Quaternions are w first. A free joint's `qpos` is position and quaternion, its `qvel` the velocity of
 //! the body's origin and the angular velocity, both in world axes. [`BodyId::WORLD`] is body 0.
 
+mod builder;
 mod check;
 mod collide;
 mod contact;
+mod contact_law;
+mod equation_of_motion;
 mod error;
 mod factor;
-mod inertia;
+mod input;
+mod inverse_weights;
+mod joint_forces;
 mod kinematics;
 mod model;
+mod parameters;
 mod solve;
 mod spatial;
-mod spring;
+mod spec;
 mod step;
+mod variation;
 
+pub use builder::ModelBuilder;
+pub use contact::Contact;
 pub use error::{ModelError, check_array};
-pub use model::{
-    Body, BodyId, BodySpec, Drive, Geometry, Hinge, Joint, MAX_DOFS, Material, Model, ModelBuilder, ShapeId, ShapeSpec,
-    State,
-};
-pub use step::{Contact, Dynamics, Input, StepReport, Velocity, Wrench};
+pub use input::Input;
+pub use model::{Body, MAX_DOFS, Model, State};
+pub use solve::StepReport;
+pub use spatial::{Velocity, Wrench};
+pub use spec::{BodyId, BodySpec, Drive, Geometry, Hinge, Joint, Material, ShapeId, ShapeSpec};
+pub use step::Dynamics;
+pub use variation::{BodyVariation, DriveVariation, Variation};
