@@ -1,9 +1,43 @@
 //! Trees of rigid bodies with hinges, drives and frictional contact, stepped by one convex solve.
 //!
 //! The crate knows bodies, joints, shapes and wrenches; nothing of robots or lamps. A [`Model`] is built once and is then
-//! constant; a [`State`] is two arrays; a [`Dynamics`] is the scratch memory of one world. A step is a pure function of
-//! model, state and [`Input`]: no cache, clock, thread or hash order reaches the result, so one recorded state restarts a
+//! constant, so that many worlds share it; a [`State`] is two arrays; a [`Dynamics`] is the scratch memory of one world and
+//! its [`Variation`]: masses, gains and frictions of its own. A step is a pure function of these and an [`Input`]: no cache, clock, thread or hash order reaches the result, so one recorded state restarts a
 //! world exactly.
+//!
+//! A pendulum released at a small angle is back after one period:
+//!
+//! ```
+//! use fiatlux_dynamics::*;
+//! use nalgebra::{Isometry3, Matrix3, Vector3};
+//!
+//! # fn main() -> Result<(), ModelError> {
+//! let mut builder = ModelBuilder::new();
+//! let hinge = Hinge { axis: Vector3::y_axis(), lower: -1.0, upper: 1.0, armature: 0.0, drive: None };
+//! builder.add_body(BodySpec {
+//!     name: "pendulum".into(),
+//!     parent: BodyId::WORLD,
+//!     parent_from_body: Isometry3::translation(0.0, 0.0, 2.0),
+//!     joint: Joint::Hinge(hinge),
+//!     mass: 1.5,
+//!     com: Vector3::new(0.0, 0.0, -0.5),
+//!     inertia: Matrix3::identity() * 0.02,
+//! })?;
+//! let model = builder.build()?;
+//! let (mut dynamics, mut state) = (Dynamics::new(&model), model.reference_state());
+//! state.qpos[0] = 0.01;
+//!
+//! // Inertia about the hinge over the restoring torque per radian.
+//! let period = std::f64::consts::TAU * ((0.02 + 1.5 * 0.5_f64.powi(2)) / (1.5 * 9.81 * 0.5)).sqrt();
+//! let steps = 2000;
+//! for _ in 0..steps {
+//!     let report = dynamics.step(&model, &mut state, &Input::default(), period / f64::from(steps));
+//!     assert!(report.converged);
+//! }
+//! assert!((state.qpos[0] - 0.01).abs() < 1e-5 && state.qvel[0].abs() < 1e-4);
+//! # Ok(())
+//! # }
+//! ```
 //!
 //! # Method
 //!

@@ -1,5 +1,7 @@
 //! The next velocity as the minimum of one convex function, by Newton's method with a line search.
 
+mod body_pair;
+
 use std::ops::Range;
 
 use crate::contact::Contact;
@@ -13,6 +15,7 @@ use crate::model::{Model, State};
 use crate::parameters::Parameters;
 use crate::spatial::{Force, Motion, V3};
 use crate::spec::Joint;
+use body_pair::{BodyPair, force_of, stiffness_of};
 
 /// Residual at which the solve limits, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
 const TOLERANCE: f64 = 1e-6;
@@ -52,22 +55,6 @@ pub struct StepReport {
     pub converged: bool,
     /// Contact points that carried load or were closer than 0.5 mm.
     pub contacts: u32,
-}
-
-/// The contacts between two bodies: they share one relative motion, a sum of columns over degrees of freedom.
-#[derive(Debug, Clone, Copy)]
-struct BodyPair {
-    points: (usize, usize),
-    columns: (usize, usize),
-    /// From relative motion to force; none while no point is loaded.
-    stiffness: Option<[[f64; 6]; 6]>,
-}
-
-impl BodyPair {
-    /// Whether it has a column for a degree of freedom from `split` on.
-    fn reaches(&self, column_dof: &[u16], split: usize) -> bool {
-        usize::from(column_dof[self.columns.1 - 1]) >= split
-    }
 }
 
 #[derive(Debug, Clone)]
@@ -149,7 +136,7 @@ impl Solver {
         self.momentum_change.fill(0.0);
         self.factor.multiply(&equation.mass_matrix, &self.velocity, &mut self.momentum);
         for pair in &self.pairs {
-            let motion = relative_motion(&self.columns, &self.column_dof, pair, &self.velocity);
+            let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.velocity);
             for point in &mut self.points[pair.points.0..pair.points.1] {
                 for (k, row) in point.rows.iter().enumerate() {
                     point.velocity[k] = motion.dot(row);
@@ -330,7 +317,7 @@ impl Solver {
         self.factor.solve(&mut self.direction);
         self.factor.multiply(&equation.mass_matrix, &self.direction, &mut self.mass_direction);
         for pair in &self.pairs {
-            let motion = relative_motion(&self.columns, &self.column_dof, pair, &self.direction);
+            let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.direction);
             for point in &mut self.points[pair.points.0..pair.points.1] {
                 for (k, row) in point.rows.iter().enumerate() {
                     point.direction[k] = motion.dot(row);
@@ -364,7 +351,7 @@ impl Solver {
             self.points.iter_mut().for_each(|point| point.bound_stiffness(self.caution));
         }
         for pair in &mut self.pairs {
-            pair.stiffness = pair_stiffness(&self.points[pair.points.0..pair.points.1]);
+            pair.stiffness = stiffness_of(&self.points[pair.points.0..pair.points.1]);
             if pair.reaches(&self.column_dof, split) {
                 self.late.extend(pair.stiffness.iter().flatten().flatten());
             }
@@ -392,7 +379,7 @@ impl Solver {
             let columns = &self.columns[pair.columns.0..pair.columns.1];
             let dofs = &self.column_dof[pair.columns.0..pair.columns.1];
             for (r, column) in columns.iter().enumerate() {
-                let force = apply(stiffness, column);
+                let force = force_of(stiffness, column);
                 let row = self.factor.row_mut(usize::from(dofs[r]));
                 for (other, &dof) in columns[..=r].iter().zip(dofs) {
                     row[usize::from(dof)] += other.dot(&force);
@@ -459,51 +446,4 @@ impl Solver {
             point.velocity += point.direction * step;
         }
     }
-}
-
-fn relative_motion(columns: &[Motion], dofs: &[u16], pair: &BodyPair, velocity: &[f64]) -> Motion {
-    let mut motion = Motion::ZERO;
-    for k in pair.columns.0..pair.columns.1 {
-        motion.add_scaled(&columns[k], velocity[usize::from(dofs[k])]);
-    }
-    motion
-}
-
-/// Sum of the points' stiffnesses as a matrix from relative motion to force; none if no point is loaded.
-fn pair_stiffness(points: &[Point]) -> Option<[[f64; 6]; 6]> {
-    let mut sum = [[0.0; 6]; 6];
-    let mut loaded = false;
-    for point in points {
-        let g = &point.stiffness;
-        if g[5] == 0.0 {
-            continue;
-        }
-        loaded = true;
-        let flat = |f: &Force| [f.torque.x, f.torque.y, f.torque.z, f.force.x, f.force.y, f.force.z];
-        let rows = [flat(&point.rows[0]), flat(&point.rows[1]), flat(&point.rows[2])];
-        let mut scaled = [[0.0; 6]; 3];
-        for c in 0..6 {
-            scaled[0][c] = g[0] * rows[0][c] + g[1] * rows[1][c] + g[3] * rows[2][c];
-            scaled[1][c] = g[1] * rows[0][c] + g[2] * rows[1][c] + g[4] * rows[2][c];
-            scaled[2][c] = g[3] * rows[0][c] + g[4] * rows[1][c] + g[5] * rows[2][c];
-        }
-        for r in 0..6 {
-            for c in 0..6 {
-                sum[r][c] += rows[0][r] * scaled[0][c] + rows[1][r] * scaled[1][c] + rows[2][r] * scaled[2][c];
-            }
-        }
-    }
-    loaded.then_some(sum)
-}
-
-fn apply(stiffness: &[[f64; 6]; 6], m: &Motion) -> Force {
-    let v = [m.angular.x, m.angular.y, m.angular.z, m.linear.x, m.linear.y, m.linear.z];
-    let mut out = [0.0; 6];
-    // The matrix is symmetric: columns times scalars vectorise, rows times the vector do not.
-    for (row, value) in stiffness.iter().zip(v) {
-        for c in 0..6 {
-            out[c] += row[c] * value;
-        }
-    }
-    Force { torque: V3::new(out[0], out[1], out[2]), force: V3::new(out[3], out[4], out[5]) }
 }

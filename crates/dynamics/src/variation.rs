@@ -73,7 +73,14 @@ impl Variation {
             to.com = from.com + variation.com_offset;
             check_finite("body", name, "varied inertia", to.inertia.as_slice())?;
             let moment = to.inertia.diagonal().min();
-            check_value("body", name, "varied inertia", moment, moment > 0.0, "every moment must be positive")?;
+            check_value(
+                "body",
+                name,
+                "varied inertia",
+                moment,
+                moment >= f64::MIN_POSITIVE,
+                "every moment must be positive",
+            )?;
             check_finite("body", name, "com_offset", variation.com_offset.as_slice())?;
             check_finite("body", name, "varied com", to.com.as_slice())?;
         }
