@@ -82,7 +82,7 @@ impl Model {
         &self.nominal.drives
     }
 
-    /// Pairs of bodies whose shapes never touch, beside those joined by a joint.
+    /// Pairs of bodies whose shapes never touch, besides those joined by a joint.
     pub fn excluded(&self) -> &[(BodyId, BodyId)] {
         &self.excluded
     }
