@@ -160,7 +160,7 @@ impl Scene {
                 world_from_pelvis: layout.robot.world_from_place(config.robot.pelvis_height),
                 hand_friction: spec.hand_friction,
                 first_label: ShapeOwner::Robot(0).label(),
-                first_cluster: props.next_cluster,
+                first_cull_group: props.next_cull_group,
             },
         );
         let placed = placed.map_err(robot_error)?;
@@ -270,7 +270,7 @@ pub(crate) struct Props {
     pub ladder: Option<BodyId>,
     pub old_bulb: BodyId,
     pub fresh_bulb: BodyId,
-    pub next_cluster: u16,
+    pub next_cull_group: u16,
 }
 
 impl Props {
@@ -282,10 +282,10 @@ impl Props {
         kind: SceneKind,
     ) -> Result<Self, SceneError> {
         let surfaces = &config.surfaces;
-        let mut next_cluster = 0;
-        let mut cluster = || {
-            next_cluster += 1;
-            next_cluster - 1
+        let mut next_cull_group = 0;
+        let mut cull_group = || {
+            next_cull_group += 1;
+            next_cull_group - 1
         };
         let at_origin = Isometry3::identity();
 
@@ -297,21 +297,21 @@ impl Props {
             Some(body) => (body, at_origin),
             None => (BodyId::WORLD, world_from_ladder),
         };
-        add_parts(builder, ladder_parts, "ladder_", body, &body_from_ladder, ShapeOwner::Ladder, cluster())?;
+        add_parts(builder, ladder_parts, "ladder_", body, &body_from_ladder, ShapeOwner::Ladder, cull_group())?;
 
         let (world_from_old, world_from_fresh) = bulb_poses(config, sizes, layout);
         let [old, fresh] = &sizes.bulbs;
         let mut add_bulb = |builder: &mut ModelBuilder, bulb, name: &str, pose, owner| -> Result<BodyId, SceneError> {
             let body = builder.add_body(props::bulb_body(bulb, name, pose))?;
             let parts = props::bulb(bulb, surfaces);
-            add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cluster())?;
+            add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cull_group())?;
             Ok(body)
         };
         let old_bulb = add_bulb(builder, old, "old_bulb", world_from_old, ShapeOwner::OldBulb)?;
         let fresh_bulb = add_bulb(builder, fresh, "fresh_bulb", world_from_fresh, ShapeOwner::FreshBulb)?;
 
         let mut add_fixed = |parts, prefix: &str, pose: &Isometry3<f64>, owner| {
-            add_parts(builder, parts, prefix, BodyId::WORLD, pose, owner, cluster())
+            add_parts(builder, parts, prefix, BodyId::WORLD, pose, owner, cull_group())
         };
         let (floor, walls) = props::room(&config.room, surfaces);
         add_fixed(vec![floor], "room_", &at_origin, ShapeOwner::Floor)?;
@@ -333,7 +333,7 @@ impl Props {
         if let Some(center) = layout.crate_ {
             add_fixed(props::crate_(&config.crate_, surfaces), "crate_", &on_floor(center), ShapeOwner::Crate)?;
         }
-        Ok(Self { ladder, old_bulb, fresh_bulb, next_cluster })
+        Ok(Self { ladder, old_bulb, fresh_bulb, next_cull_group })
     }
 }
 

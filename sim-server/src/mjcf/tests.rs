@@ -34,10 +34,10 @@ fn small_model() -> Model {
         (trunk, "ball", Geometry::Sphere { radius: 0.05 }, material),
         (hand, "pin", Geometry::Capsule { radius: 0.01, half_length: 0.02 }, Material { friction: 1.2, priority: 1 }),
     ];
-    for (cluster, (body, name, geometry, material)) in geometries.into_iter().enumerate() {
-        let (name, body_from_shape, cluster) = (name.into(), Isometry3::identity(), cluster as u16);
+    for (cull_group, (body, name, geometry, material)) in geometries.into_iter().enumerate() {
+        let (name, body_from_shape, cull_group) = (name.into(), Isometry3::identity(), cull_group as u16);
         builder
-            .add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cluster, label: 0 })
+            .add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 })
             .expect("a valid model");
     }
     builder.exclude(right, hand);

@@ -1,15 +1,16 @@
-//! Mass matrix (composite rigid bodies) and bias forces (recursive Newton-Euler), about each tree's origin.
+//! `M(q) a + c(q, v) = effort`: the mass matrix by composite rigid bodies and the bias force by recursive Newton-Euler,
+//! about each tree's origin.
 
 use nalgebra::Matrix3;
 
-use crate::factor::Factor;
 use crate::kinematics::Kinematics;
-use crate::model::{BodyId, Joint, Model};
-use crate::spatial::{Force, Inertia, Motion, Sym3, V3};
-use crate::step::Wrench;
+use crate::model::Model;
+use crate::parameters::Parameters;
+use crate::spatial::{Force, Inertia, Motion, Sym3, V3, Wrench};
+use crate::spec::{BodyId, Joint};
 
 #[derive(Debug, Clone)]
-pub(crate) struct Dynamical {
+pub(crate) struct EquationOfMotion {
     /// Lower triangle of the mass matrix, row-major with `nv` columns; armature included.
     pub mass_matrix: Vec<f64>,
     /// Coriolis, centrifugal, gravity and external forces: the generalised force that keeps accelerations at zero.
@@ -20,7 +21,7 @@ pub(crate) struct Dynamical {
     armature: Vec<f64>,
 }
 
-impl Dynamical {
+impl EquationOfMotion {
     pub fn new(model: &Model) -> Self {
         let bodies = model.bodies.len();
         let zero = Inertia::new(0.0, &V3::zeros(), &Sym3::rotated(&Matrix3::identity(), &Matrix3::zeros()));
@@ -40,13 +41,13 @@ impl Dynamical {
         }
     }
 
-    pub fn update(&mut self, model: &Model, kin: &Kinematics, wrenches: &[(BodyId, Wrench)]) {
+    pub fn update(&mut self, model: &Model, parameters: &Parameters, kin: &Kinematics, wrenches: &[(BodyId, Wrench)]) {
         // Gravity as an upward acceleration of the world.
         self.acceleration[0] = Motion { angular: V3::zeros(), linear: -model.gravity };
         for (index, body) in model.bodies.iter().enumerate().skip(1) {
-            let rotation = &kin.rotation[index];
-            let com = kin.position[index] - kin.origin[index] + rotation * body.spec.com;
-            let inertia = Inertia::new(body.spec.mass, &com, &Sym3::rotated(rotation, &body.spec.inertia));
+            let (rotation, inertial) = (&kin.rotation[index], &parameters.bodies[index]);
+            let com = kin.position[index] - kin.origin[index] + rotation * inertial.com;
+            let inertia = Inertia::new(inertial.mass, &com, &Sym3::rotated(rotation, &inertial.inertia));
             let motion = &kin.motion[index];
             let mut acceleration = self.acceleration[body.spec.parent.0];
             match body.spec.joint {
@@ -67,7 +68,7 @@ impl Dynamical {
             self.force[index] = force;
         }
         for (body, wrench) in wrenches {
-            let arm = kin.position[body.0] - kin.origin[body.0] + kin.rotation[body.0] * model.bodies[body.0].spec.com;
+            let arm = kin.position[body.0] - kin.origin[body.0] + kin.rotation[body.0] * parameters.bodies[body.0].com;
             self.force[body.0].force -= wrench.force;
             self.force[body.0].torque -= wrench.torque + arm.cross(&wrench.force);
         }
@@ -94,52 +95,4 @@ impl Dynamical {
             }
         }
     }
-}
-
-/// Step for which the drives' share of the inverse inertia is taken, s.
-const NOMINAL_DT: f64 = 0.005;
-
-/// Inverse inertia in the reference pose: per body the mean over directions at its centre of mass (1/kg), and per degree
-/// of freedom the diagonal. Drives count with what they add to the inertia in an implicit step: a finger link of 3 g behind
-/// a stiff damper is not light to a contact, and a compliance scaled by its bare mass would creep.
-pub(crate) fn inverse_weights(model: &Model) -> (Vec<f64>, Vec<f64>) {
-    let mut kin = Kinematics::new(model);
-    kin.update(model, &model.reference_state());
-    let mut dynamical = Dynamical::new(model);
-    dynamical.update(model, &kin, &[]);
-    let mut factor = Factor::new(model);
-    factor.load(&dynamical.mass_matrix);
-    for (body, drive) in &model.drives {
-        let dof = model.bodies[body.0].dof_start;
-        factor.add(dof, dof, NOMINAL_DT * (drive.damping + NOMINAL_DT * drive.stiffness));
-    }
-    factor.eliminate_late();
-    factor.eliminate_early();
-    let solve = |rhs: Vec<f64>| {
-        let mut x = rhs;
-        factor.solve(&mut x);
-        x
-    };
-    let dof_weights = (0..model.nv)
-        .map(|dof| {
-            let mut unit = vec![0.0; model.nv];
-            unit[dof] = 1.0;
-            solve(unit)[dof]
-        })
-        .collect();
-    let mut body_weights = vec![0.0; model.bodies.len()];
-    for index in 1..model.bodies.len() {
-        let com = kin.position[index] - kin.origin[index] + kin.rotation[index] * model.bodies[index].spec.com;
-        for k in 0..3 {
-            let direction = V3::ith(k, 1.0);
-            let force = Force { torque: com.cross(&direction), force: direction };
-            let mut row = vec![0.0; model.nv];
-            for &dof in &model.chains[index] {
-                row[usize::from(dof)] = kin.axes[usize::from(dof)].dot(&force);
-            }
-            let x = solve(row.clone());
-            body_weights[index] += row.iter().zip(&x).map(|(a, b)| a * b).sum::<f64>() / 3.0;
-        }
-    }
-    (body_weights, dof_weights)
 }

@@ -1,6 +1,6 @@
 //! What acts on one degree of freedom alone: drives and joint limits.
 
-use crate::model::{Drive, Hinge};
+use crate::spec::{Drive, Hinge};
 
 /// Compliance of a joint limit, in units of the joint's inverse inertia.
 const COMPLIANCE: f64 = 1e-2;
@@ -10,7 +10,7 @@ const RETURN_MAX: f64 = 1.0;
 
 /// A drive over one step: its effort falls linearly with the velocity at the end of the step, within its limits.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Spring {
+pub(crate) struct ImplicitDrive {
     pub dof: usize,
     /// Effort is `offset - slope * v`, clamped at `limit`.
     offset: f64,
@@ -20,7 +20,7 @@ pub(crate) struct Spring {
 
 /// The limits of a joint over one step.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Stop {
+pub(crate) struct JointLimit {
     pub dof: usize,
     /// Velocity bounds and the inverse compliance beyond them.
     low: f64,
@@ -28,14 +28,14 @@ pub(crate) struct Stop {
     inverse_compliance: f64,
 }
 
-impl Spring {
+impl ImplicitDrive {
     /// The drive of a joint that is `error` rad short of its target.
     pub fn new(dof: usize, drive: &Drive, error: f64, dt: f64) -> Self {
         let slope = drive.stiffness * dt + drive.damping;
         Self { dof, offset: drive.stiffness * error, slope, limit: drive.effort_limit }
     }
 
-    /// Stiffness for the Hessian: the derivative, or with caution the secant of a saturated spring to where its effort is
+    /// Stiffness for the Hessian: the derivative, or with caution the secant of a saturated drive to where its effort is
     /// zero, which bounds the potential from above (as for Huber's function).
     pub fn stiffness(&self, velocity: f64, caution: f64) -> f64 {
         let (effort, slope) = self.effort(velocity);
@@ -60,7 +60,7 @@ impl Spring {
     }
 }
 
-impl Stop {
+impl JointLimit {
     /// The limits of a joint at `q`; none if it has no limits.
     pub fn new(dof: usize, hinge: &Hinge, q: f64, inverse_weight: f64, dt: f64) -> Option<Self> {
         let bound = |gap: f64| {
