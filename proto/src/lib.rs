@@ -2,6 +2,22 @@
 //!
 //! Messages are protobuf (`proto/proto/fiatlux/v3/*.proto`, where every field is described); [`v3`] has them as Rust
 //! types. [`foxglove`] has the well-known messages by which a viewer shows a bag. Nothing here does I/O.
+//!
+//! ```
+//! use fiatlux_proto::keys::ServerKeys;
+//! use fiatlux_proto::limits::MAX_CLIENT_MESSAGE;
+//! use fiatlux_proto::v3::Action;
+//! use fiatlux_proto::{Message, decode};
+//!
+//! let action = Action { step: 7, joint_target: vec![0.0; 29], ..Action::default() };
+//! let bytes = action.encode_to_vec();
+//! assert_eq!(decode::<Action>(&bytes, MAX_CLIENT_MESSAGE), Ok(action));
+//!
+//! // Whatever arrives is refused with the reason, never half read.
+//! let error = decode::<Action>(&bytes[..9], MAX_CLIENT_MESSAGE).unwrap_err();
+//! assert!(error.to_string().contains("Action"), "{error}");
+//! assert_eq!(ServerKeys::new("lab").session("42").action(), "fiatlux/v3/lab/s/42/action");
+//! ```
 mod decode;
 pub mod keys;
 pub mod limits;

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use fiatlux_rules::Task;
-use fiatlux_sim::{ExportScene, Laws, MjcfOptions, to_mjcf};
+use fiatlux_sim::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
 
 /// Simulates the errand's scenes for policies.
 ///
@@ -102,7 +102,7 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
     let options = MjcfOptions {
         name: scene.name,
         timestep: export.timestep,
-        laws: if export.mujoco_defaults { Laws::MujocoDefaults } else { Laws::Ours },
+        option_set: if export.mujoco_defaults { OptionSet::Defaults } else { OptionSet::Nearest },
     };
     let text = to_mjcf(&scene.model, &scene.state, &scene.targets, &options);
     if export.output.as_os_str() == "-" {

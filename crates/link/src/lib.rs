@@ -3,6 +3,17 @@
 //!
 //! Nothing leaves the loopback interface unless a flag or a config file asks for it: without them a server listens on
 //! [`DEFAULT_ENDPOINT`], a client connects to it, and neither scouts.
+//!
+//! ```
+//! use zenoh::Wait;
+//!
+//! // Two parts of one process; programs open a session with `LinkArgs::open` instead.
+//! let link = fiatlux_link::embedded().expect("Zenoh starts");
+//! let subscriber = link.declare_subscriber("example/greeting").wait().expect("a subscriber");
+//! link.put("example/greeting", "hello").wait().expect("a publication");
+//! let sample = subscriber.recv().expect("a message");
+//! assert_eq!(sample.payload().try_to_string().expect("text"), "hello");
+//! ```
 mod args;
 mod config;
 mod error;
