@@ -201,6 +201,11 @@ impl State {
         self.latest.step as f64 * self.info.control_dt
     }
 
+    /// `lockstep` or `real time`.
+    pub fn mode(&self) -> &'static str {
+        if self.is_real_time() { "real time" } else { "lockstep" }
+    }
+
     /// Whether the server steps by the wall clock.
     pub fn is_real_time(&self) -> bool {
         self.info.mode() == Mode::RealTime

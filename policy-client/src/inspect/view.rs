@@ -4,6 +4,7 @@ use fiatlux_policy::RoundTrips;
 
 use super::state::State;
 use super::table;
+use super::terms::SENSORS;
 pub use super::text::Style;
 use super::text::{Lines, bytes, duration, number};
 
@@ -54,7 +55,7 @@ fn head(state: &State, lines: &mut Lines) {
         &format!(
             "server {}, {}, seed {}, episode {}, policy {}, gains {}",
             info.server,
-            mode(state),
+            state.mode(),
             info.seed,
             state.episode,
             state.policy,
@@ -84,38 +85,10 @@ fn head(state: &State, lines: &mut Lines) {
     }
 }
 
-/// What the numbers of the session's sensors are, as far as their names do not say it.
 fn remarks(state: &State, lines: &mut Lines) {
-    let info = &state.info;
-    let fov = format!("camera: rows from the top, {:.0}° from the left to the right edge", info.image_fov.to_degrees());
-    let weights = format!("features, flat: ResNet-18 with the weights {}", info.weights);
-    let remarks = [
-        (
-            "proprioception",
-            "proprioception: with noise unless it is fixed; joint_position is relative to q0; vectors in the pelvis frame",
-        ),
-        ("hand_contact", "hand_contact: force of the bulbs on the right hand's bodies, then the left's, world axes"),
-        (
-            "limb_contact",
-            "limb_contact: force of the ladder on left foot, right foot, left palm, right palm, world axes",
-        ),
-        (
-            "lidar",
-            "lidar: floor and ladder only; 180 row + column, row 0 looks up, column 90 ahead; 10 where nothing is hit",
-        ),
-        ("camera", fov.as_str()),
-        ("features", weights.as_str()),
-        ("privileged", "distances: ladder's top to seat, fresh plug to seat, old plug to seat, old bulb to crate"),
-        ("privileged", "seated: old bulb, fresh bulb; poses in the world, of which this table shows position and yaw"),
-    ];
-    for (_, remark) in remarks.iter().filter(|(sensor, _)| state.is_asked(sensor)) {
-        lines.prose("  ", remark);
+    for sensor in SENSORS.iter().filter(|sensor| state.is_asked(sensor.name)) {
+        (sensor.remarks)(&state.info).lines().for_each(|remark| lines.prose("  ", remark));
     }
-}
-
-/// `lockstep` or `real time`.
-pub fn mode(state: &State) -> &'static str {
-    if state.is_real_time() { "real time" } else { "lockstep" }
 }
 
 fn gate(state: &State, lines: &mut Lines) {
