@@ -123,15 +123,10 @@ pub fn observation(state: &State) -> String {
             seen.step
         ));
     }
-    let task = state.info.task.as_ref().map_or("", |task| &task.task);
-    format!(
-        "{{\n  \"task\": {},\n  \"seed\": {},\n  \"episode\": {},\n  \"step\": {},\n  \"sensors\": {{\n{}\n  }}\n}}\n",
-        json!(task),
-        state.info.seed,
-        state.episode,
-        state.latest.step,
-        lines.join(",\n")
-    )
+    let (State { info, episode, .. }, step) = (state, state.latest.step);
+    let (seed, task) = (info.seed, json!(info.task.as_ref().map_or("", |task| &task.task)));
+    let head = format!("  \"episode\": {episode},\n  \"seed\": {seed},\n  \"step\": {step},\n  \"task\": {task}");
+    format!("{{\n{head},\n  \"sensors\": {{\n{}\n  }}\n}}\n", lines.join(",\n"))
 }
 
 /// With the digits that a number has: a single has about seven.

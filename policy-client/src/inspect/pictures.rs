@@ -249,6 +249,20 @@ mod tests {
         assert_eq!((x, y), (middle - 72, centre - 144));
     }
 
+    /// Five things in one place, in a corner of the picture.
+    #[test]
+    fn names_keep_off_each_other() {
+        let area = Rectangle::new(Point::zero(), Size::new_equal(200));
+        let at = Point::new(5, 190);
+        let mut taken = vec![Rectangle::with_center(at, Size::new_equal(15))];
+        for name in ["ladder", "crate", "fresh bulb", "old bulb", "socket"] {
+            let label = beside(name, at, &area, &taken, &[]).unwrap().bounding_box();
+            assert!(taken.iter().all(|other| label.intersection(other).is_zero_sized()), "{name}");
+            assert_eq!(label.intersection(&area), label, "{name}");
+            taken.push(label);
+        }
+    }
+
     #[test]
     fn what_is_no_picture_is_none() {
         assert!(lidar(&[1.0; 7], None).is_none());

@@ -48,46 +48,30 @@ fn head(state: &State, lines: &mut Lines) {
     let task = info.task.clone().unwrap_or_default();
     lines.title(format!("{} {}", task.task, task.name));
     if !task.instruction.is_empty() {
-        lines.prose("  ", &format!("\"{}\"", task.instruction));
+        lines.note(&format!("\"{}\"", task.instruction));
     }
-    lines.prose(
-        "  ",
-        &format!(
-            "server {}, {}, seed {}, episode {}, policy {}, gains {}",
-            info.server,
-            state.mode(),
-            info.seed,
-            state.episode,
-            state.policy,
-            info.gains
-        ),
-    );
-    let rate = state.steps_per_s();
-    let each = state.bytes as f64 / state.observations.max(1) as f64;
-    lines.prose(
-        "  ",
-        &format!(
-            "step {} of {} ({:.2} s), {rate:.0} steps/s, {:.1} x real time, {} an observation",
-            state.latest.step,
-            task.horizon_steps,
-            state.simulated_s(),
-            rate * info.control_dt,
-            bytes(each)
-        ),
-    );
+    let (mode, State { episode, policy, .. }) = (state.mode(), state);
+    let (server, seed, gains) = (&info.server, info.seed, &info.gains);
+    lines.note(&format!("server {server}, {mode}, seed {seed}, episode {episode}, policy {policy}, gains {gains}"));
+    let (step, horizon, simulated_s) = (state.latest.step, task.horizon_steps, state.simulated_s());
+    let (rate, size) = (state.steps_per_s(), bytes(state.bytes as f64 / state.observations.max(1) as f64));
+    let speed = rate * info.control_dt;
+    lines.note(&format!(
+        "step {step} of {horizon} ({simulated_s:.2} s), {rate:.0} steps/s, {speed:.1} x real time, {size} an observation"
+    ));
     let (seen, all) = (state.observations, state.latest.step + 1);
     if seen < all && seen > 0 {
-        lines.prose("  ", &format!("{seen} of {all} observations were shown; the others came while an answer was due"));
+        lines.note(&format!("{seen} of {all} observations were shown; the others came while an answer was due"));
     }
     if let Some(end) = &state.end {
         let success = if end.success { ", success" } else { "" };
-        lines.prose("  ", &format!("ended after {} steps: {}{success}", end.steps, end.causes.join(", ")));
+        lines.note(&format!("ended after {} steps: {}{success}", end.steps, end.causes.join(", ")));
     }
 }
 
 fn remarks(state: &State, lines: &mut Lines) {
     for sensor in SENSORS.iter().filter(|sensor| state.is_asked(sensor.name)) {
-        (sensor.remarks)(&state.info).lines().for_each(|remark| lines.prose("  ", remark));
+        (sensor.remarks)(&state.info).lines().for_each(|remark| lines.note(remark));
     }
 }
 
@@ -142,10 +126,10 @@ fn action(state: &State, all: bool, lines: &mut Lines) {
     let (count, scale) = (state.info.joints.len(), state.info.action_scale);
     lines.title(format!("Action: {count} numbers, one a joint"));
     let or = "or joint targets in rad; the server clamps targets to the joint's limits";
-    lines.prose("  ", &format!("action a: joint target = q0 + {scale} a, rad; {or}"));
+    lines.note(&format!("action a: joint target = q0 + {scale} a, rad; {or}"));
     let beyond = &state.out_of_limits;
     if beyond.steps > 0 {
-        lines.prose("  ", &format!("targets beyond the limits in {} of {} steps", beyond.steps, state.acting.count()));
+        lines.note(&format!("targets beyond the limits in {} of {} steps", beyond.steps, state.acting.count()));
         let named = state.info.joints.iter().zip(&beyond.joints).filter(|(_, count)| **count > 0);
         let named = named.map(|(joint, count)| format!("{} {count}", joint.name)).collect::<Vec<_>>();
         lines.prose("    ", &named.join(", "));
@@ -195,6 +179,6 @@ fn notices(state: &State, lines: &mut Lines) {
     lines.blank();
     lines.title(format!("Notices of the server: {}", state.notice_count));
     for notice in &state.notices {
-        lines.prose("  ", &format!("step {}: {}; {}", notice.step, notice.message, notice.remedy));
+        lines.note(&format!("step {}: {}; {}", notice.step, notice.message, notice.remedy));
     }
 }
