@@ -151,8 +151,14 @@ fn beside<'a>(name: &'a str, at: Point, area: &Rectangle, taken: &[Rectangle], h
             (Point::new(-11 - away, -6), Alignment::Right),
         ]
     };
-    let places = (0..8).flat_map(|times| around(6 * times));
-    let labels = places.map(|(offset, alignment)| label(name, at + offset, alignment, THING, GROUND));
+    let ends = |area: Rectangle| [area.top_left.x, area.top_left.x + area.size.width as i32];
+    let places = (0..16).flat_map(|times| around(6 * times));
+    let labels = places.map(|(offset, alignment)| {
+        let label = label(name, at + offset, alignment, THING, GROUND);
+        // Inside the area where the mark is near its edge.
+        let ([left, right], [first, last]) = (ends(label.bounding_box()), ends(*area));
+        label.translate(Point::new((first - left).max(0) - (right - last).max(0), 0))
+    });
     let is_free = |label: &Label| {
         let text = label.bounding_box();
         text.intersection(area) == text && taken.iter().all(|other| text.intersection(other).is_zero_sized())
