@@ -22,6 +22,7 @@ mod log;
 mod ports;
 mod print;
 mod progress;
+mod settings;
 mod signal;
 
 use zenoh::{Session, Wait};
@@ -34,6 +35,7 @@ pub use log::{init_log, init_quiet_log};
 pub use ports::choose_port;
 pub use print::print;
 pub use progress::ProgressLine;
+pub use settings::{check_example, parse_with_settings, parse_with_settings_from};
 pub use signal::{stop_on_signal, wait_for};
 
 /// Where a server listens and a client looks for it, unless told otherwise.

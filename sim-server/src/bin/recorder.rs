@@ -14,7 +14,7 @@ use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions};
 ///
 /// Prints a line for each bag that ended. Exit codes: 0 all whole, 1 failed, 2 usage, 3 some bags are cut.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version, after_help = EXAMPLES)]
 struct Cli {
     /// Folder of the bags
     #[arg(long, value_name = "DIR")]
@@ -32,11 +32,16 @@ struct Cli {
     link: LinkArgs,
 }
 
+const EXAMPLES: &str = "\
+Examples:
+  recorder --out bags                     sessions of the server on this machine
+  recorder --settings recorder.toml       with the flags that a file has; deploy/settings/recorder.toml shows all";
+
 /// Finished with data loss.
 const CUT: u8 = 3;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = fiatlux_link::parse_with_settings();
     fiatlux_link::init_log();
     match run(cli) {
         Ok(false) => ExitCode::SUCCESS,
@@ -85,5 +90,17 @@ fn line(BagReport { path, end, .. }: &BagReport) -> String {
             format!("{path}: {cause} after {} steps, progress {:.3}", result.steps, result.gate_progress)
         }
         BagEnd::Cut(reason) => format!("{path}: cut: {reason}"),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_example_settings_show_every_flag() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/settings/recorder.toml");
+        fiatlux_link::check_example::<Cli>(path.as_ref()).unwrap();
     }
 }

@@ -1,7 +1,8 @@
 //! A view that is drawn over itself on a terminal.
 
-use std::io::Write;
-use std::process::{Command, Stdio};
+use std::io::{IsTerminal, Write, stderr, stdout};
+
+use terminal_size::{Height, Width};
 
 use super::view::Style;
 
@@ -9,6 +10,11 @@ use super::view::Style;
 const PERIOD_S: f64 = 0.2;
 /// Columns and rows of a terminal that does not say its size.
 const SIZE: [usize; 2] = [80, 24];
+/// Letters in a line of a text that goes to no terminal.
+const WIDTH: usize = 100;
+
+/// Where views are drawn: stdout or stderr.
+pub type Terminal = Box<dyn Write + Send>;
 
 /// A place on a terminal where a view stands.
 pub struct Screen<W: Write> {
@@ -20,13 +26,20 @@ pub struct Screen<W: Write> {
     next_s: f64,
 }
 
-impl<W: Write> Screen<W> {
-    /// On that terminal, in its width.
-    pub fn new(out: W, color: bool) -> Self {
-        let [columns, rows] = size();
-        Self { out, style: Style { width: columns, color }, rows, drawn: 0, next_s: f64::NEG_INFINITY }
+impl Screen<Terminal> {
+    /// On the terminal of this process, if it has one.
+    pub fn on_terminal(color: bool) -> Option<Self> {
+        let out: Terminal = match [stdout().is_terminal(), stderr().is_terminal()] {
+            [true, _] => Box::new(stdout()),
+            [false, true] => Box::new(stderr()),
+            _ => return None,
+        };
+        let [width, rows] = size();
+        Some(Self { out, style: Style { width, color }, rows, drawn: 0, next_s: f64::NEG_INFINITY })
     }
+}
 
+impl<W: Write> Screen<W> {
     /// Draws the view anew if it is time to.
     pub fn show(&mut self, now_s: f64, draw: impl FnOnce(Style) -> String) {
         if now_s < self.next_s {
@@ -64,22 +77,19 @@ impl<W: Write> Screen<W> {
 }
 
 /// Columns and rows: what the environment says, else what the terminal says.
-pub fn size() -> [usize; 2] {
-    let said = ["COLUMNS", "LINES"].map(|name| std::env::var(name).ok()?.parse().ok().filter(|&number| number > 0));
-    if let [Some(columns), Some(rows)] = said {
-        return [columns, rows];
-    }
-    let [columns, rows] = asked().unwrap_or(SIZE);
-    [said[0].unwrap_or(columns), said[1].unwrap_or(rows)]
+fn size() -> [usize; 2] {
+    let asked = terminal_size::terminal_size().map(|(Width(columns), Height(rows))| [columns, rows].map(usize::from));
+    let [columns, rows] = asked.unwrap_or(SIZE);
+    [said("COLUMNS").unwrap_or(columns), said("LINES").unwrap_or(rows)]
 }
 
-/// `stty` knows, where there is one.
-fn asked() -> Option<[usize; 2]> {
-    let terminal = std::fs::File::open("/dev/tty").ok()?;
-    let output = Command::new("stty").arg("size").stdin(terminal).stderr(Stdio::null()).output().ok()?;
-    let text = String::from_utf8(output.stdout).ok()?;
-    let (rows, columns) = text.trim().split_once(' ')?;
-    Some([columns.parse().ok()?, rows.parse().ok()?]).filter(|size| size.iter().all(|&number| number > 0))
+fn said(name: &str) -> Option<usize> {
+    std::env::var(name).ok()?.parse().ok().filter(|&number| number > 0)
+}
+
+/// Letters in a line of what is printed at the end.
+pub fn width() -> usize {
+    if stdout().is_terminal() { size()[0] } else { said("COLUMNS").unwrap_or(WIDTH) }
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ const LOOK_PERIOD: u64 = 50;
 const NOTICES: usize = 5;
 
 /// What has been seen of a session so far.
+#[derive(Default)]
 pub struct State {
     pub info: SessionInfo,
     pub policy: String,
@@ -78,30 +79,7 @@ impl State {
     pub fn new(info: SessionInfo, policy: String, episode: u64) -> Self {
         let out_of_limits = OutOfLimits { joints: vec![0; info.joints.len()], ..OutOfLimits::default() };
         let held = vec![0; info.task.as_ref().map_or(0, |task| task.criteria.len())];
-        Self {
-            info,
-            policy,
-            episode,
-            latest: Observation::default(),
-            scanned: Observation::default(),
-            seen: BTreeMap::new(),
-            observations: 0,
-            bytes: 0,
-            steps: RoundTrips::default(),
-            steps_with: BTreeMap::new(),
-            acting: RoundTrips::default(),
-            held,
-            verdicts: 0,
-            reward: 0.0,
-            out_of_limits,
-            notices: Vec::new(),
-            notice_count: 0,
-            end: None,
-            wall_s: 0.0,
-            look_s: 0.0,
-            first_s: None,
-            acted_s: None,
-        }
+        Self { info, policy, episode, held, out_of_limits, ..Self::default() }
     }
 
     /// An observation has come; false if it is the one that was there. In real time one is shown again where the step of
@@ -199,6 +177,11 @@ impl State {
     /// Simulated time of the newest observation, s.
     pub fn simulated_s(&self) -> f64 {
         self.latest.step as f64 * self.info.control_dt
+    }
+
+    /// `lockstep` or `real time`.
+    pub fn mode(&self) -> &'static str {
+        if self.is_real_time() { "real time" } else { "lockstep" }
     }
 
     /// Whether the server steps by the wall clock.

@@ -52,6 +52,11 @@ impl Lines {
         self.push(holds.then_some(GREEN), &line);
     }
 
+    /// As [`Lines::prose`], indented once.
+    pub fn note(&mut self, text: &str) {
+        self.prose("  ", text);
+    }
+
     /// A text that goes on in the next line where one is full.
     pub fn prose(&mut self, indent: &str, text: &str) {
         let mut line = indent.to_owned();

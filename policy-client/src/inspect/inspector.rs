@@ -1,6 +1,5 @@
 //! A policy around a policy, which sees what the inner one is shown.
 
-use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
@@ -9,37 +8,54 @@ use std::time::Instant;
 use fiatlux_policy::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Notice, Observation, SessionInfo};
 
-use super::screen::Screen;
+use super::screen::{Screen, Terminal};
 use super::state::State;
 use super::view::{self, Part};
 
 /// Shows what the policy inside it is shown.
-pub struct Inspector<'a, W: Write + Send> {
-    pub inner: Box<dyn Policy>,
-    pub state: &'a mut State,
-    /// Where the view is drawn, if anywhere.
-    pub screen: Option<Screen<W>>,
-    pub notices: Receiver<Notice>,
+pub struct Inspector<'a> {
+    inner: Box<dyn Policy>,
+    state: &'a mut State,
+    screen: Option<Screen<Terminal>>,
+    notices: Receiver<Notice>,
     /// The step that is the last one.
-    pub last: u64,
-    pub stop: Arc<AtomicBool>,
-    pub origin: Instant,
+    last: u64,
+    stop: Arc<AtomicBool>,
+    origin: Instant,
     /// The sensors that are being looked at, and since when.
-    pub looking: Option<(Vec<&'static str>, f64)>,
+    looking: Option<(Vec<&'static str>, f64)>,
 }
 
-impl<W: Write + Send> Inspector<'_, W> {
+impl<'a> Inspector<'a> {
+    pub fn new(
+        inner: Box<dyn Policy>,
+        state: &'a mut State,
+        screen: Option<Screen<Terminal>>,
+        notices: Receiver<Notice>,
+        last: u64,
+        stop: Arc<AtomicBool>,
+    ) -> Self {
+        Self { inner, state, screen, notices, last, stop, origin: Instant::now(), looking: None }
+    }
+
+    /// Takes in what the server said last, and wipes the view.
+    pub fn finish(&mut self) {
+        self.read_notices();
+        if let Some(screen) = &mut self.screen {
+            screen.clear();
+        }
+    }
+
     fn now_s(&self) -> f64 {
         self.origin.elapsed().as_secs_f64()
     }
 
-    /// Takes in what the server has said.
-    pub fn read_notices(&mut self) {
+    fn read_notices(&mut self) {
         self.notices.try_iter().for_each(|notice| self.state.noticed(notice));
     }
 }
 
-impl<W: Write + Send> Policy for Inspector<'_, W> {
+impl Policy for Inspector<'_> {
     fn name(&self) -> String {
         self.inner.name()
     }

@@ -4,6 +4,7 @@ use fiatlux_policy::RoundTrips;
 
 use super::state::State;
 use super::table;
+use super::terms::SENSORS;
 pub use super::text::Style;
 use super::text::{Lines, bytes, duration, number};
 
@@ -47,75 +48,31 @@ fn head(state: &State, lines: &mut Lines) {
     let task = info.task.clone().unwrap_or_default();
     lines.title(format!("{} {}", task.task, task.name));
     if !task.instruction.is_empty() {
-        lines.prose("  ", &format!("\"{}\"", task.instruction));
+        lines.note(&format!("\"{}\"", task.instruction));
     }
-    lines.prose(
-        "  ",
-        &format!(
-            "server {}, {}, seed {}, episode {}, policy {}, gains {}",
-            info.server,
-            mode(state),
-            info.seed,
-            state.episode,
-            state.policy,
-            info.gains
-        ),
-    );
-    let rate = state.steps_per_s();
-    let each = state.bytes as f64 / state.observations.max(1) as f64;
-    lines.prose(
-        "  ",
-        &format!(
-            "step {} of {} ({:.2} s), {rate:.0} steps/s, {:.1} x real time, {} an observation",
-            state.latest.step,
-            task.horizon_steps,
-            state.simulated_s(),
-            rate * info.control_dt,
-            bytes(each)
-        ),
-    );
+    let (mode, State { episode, policy, .. }) = (state.mode(), state);
+    let (server, seed, gains) = (&info.server, info.seed, &info.gains);
+    lines.note(&format!("server {server}, {mode}, seed {seed}, episode {episode}, policy {policy}, gains {gains}"));
+    let (step, horizon, simulated_s) = (state.latest.step, task.horizon_steps, state.simulated_s());
+    let (rate, size) = (state.steps_per_s(), bytes(state.bytes as f64 / state.observations.max(1) as f64));
+    let speed = rate * info.control_dt;
+    lines.note(&format!(
+        "step {step} of {horizon} ({simulated_s:.2} s), {rate:.0} steps/s, {speed:.1} x real time, {size} an observation"
+    ));
     let (seen, all) = (state.observations, state.latest.step + 1);
     if seen < all && seen > 0 {
-        lines.prose("  ", &format!("{seen} of {all} observations were shown; the others came while an answer was due"));
+        lines.note(&format!("{seen} of {all} observations were shown; the others came while an answer was due"));
     }
     if let Some(end) = &state.end {
         let success = if end.success { ", success" } else { "" };
-        lines.prose("  ", &format!("ended after {} steps: {}{success}", end.steps, end.causes.join(", ")));
+        lines.note(&format!("ended after {} steps: {}{success}", end.steps, end.causes.join(", ")));
     }
 }
 
-/// What the numbers of the session's sensors are, as far as their names do not say it.
 fn remarks(state: &State, lines: &mut Lines) {
-    let info = &state.info;
-    let fov = format!("camera: rows from the top, {:.0}° from the left to the right edge", info.image_fov.to_degrees());
-    let weights = format!("features, flat: ResNet-18 with the weights {}", info.weights);
-    let remarks = [
-        (
-            "proprioception",
-            "proprioception: with noise unless it is fixed; joint_position is relative to q0; vectors in the pelvis frame",
-        ),
-        ("hand_contact", "hand_contact: force of the bulbs on the right hand's bodies, then the left's, world axes"),
-        (
-            "limb_contact",
-            "limb_contact: force of the ladder on left foot, right foot, left palm, right palm, world axes",
-        ),
-        (
-            "lidar",
-            "lidar: floor and ladder only; 180 row + column, row 0 looks up, column 90 ahead; 10 where nothing is hit",
-        ),
-        ("camera", fov.as_str()),
-        ("features", weights.as_str()),
-        ("privileged", "distances: ladder's top to seat, fresh plug to seat, old plug to seat, old bulb to crate"),
-        ("privileged", "seated: old bulb, fresh bulb; poses in the world, of which this table shows position and yaw"),
-    ];
-    for (_, remark) in remarks.iter().filter(|(sensor, _)| state.is_asked(sensor)) {
-        lines.prose("  ", remark);
+    for sensor in SENSORS.iter().filter(|sensor| state.is_asked(sensor.name)) {
+        (sensor.remarks)(&state.info).lines().for_each(|remark| lines.note(remark));
     }
-}
-
-/// `lockstep` or `real time`.
-pub fn mode(state: &State) -> &'static str {
-    if state.is_real_time() { "real time" } else { "lockstep" }
 }
 
 fn gate(state: &State, lines: &mut Lines) {
@@ -169,10 +126,10 @@ fn action(state: &State, all: bool, lines: &mut Lines) {
     let (count, scale) = (state.info.joints.len(), state.info.action_scale);
     lines.title(format!("Action: {count} numbers, one a joint"));
     let or = "or joint targets in rad; the server clamps targets to the joint's limits";
-    lines.prose("  ", &format!("action a: joint target = q0 + {scale} a, rad; {or}"));
+    lines.note(&format!("action a: joint target = q0 + {scale} a, rad; {or}"));
     let beyond = &state.out_of_limits;
     if beyond.steps > 0 {
-        lines.prose("  ", &format!("targets beyond the limits in {} of {} steps", beyond.steps, state.acting.count()));
+        lines.note(&format!("targets beyond the limits in {} of {} steps", beyond.steps, state.acting.count()));
         let named = state.info.joints.iter().zip(&beyond.joints).filter(|(_, count)| **count > 0);
         let named = named.map(|(joint, count)| format!("{} {count}", joint.name)).collect::<Vec<_>>();
         lines.prose("    ", &named.join(", "));
@@ -222,6 +179,6 @@ fn notices(state: &State, lines: &mut Lines) {
     lines.blank();
     lines.title(format!("Notices of the server: {}", state.notice_count));
     for notice in &state.notices {
-        lines.prose("  ", &format!("step {}: {}; {}", notice.step, notice.message, notice.remedy));
+        lines.note(&format!("step {}: {}; {}", notice.step, notice.message, notice.remedy));
     }
 }

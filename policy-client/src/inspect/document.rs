@@ -3,12 +3,10 @@
 use std::collections::BTreeMap;
 
 use fiatlux_policy::RoundTrips;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::state::State;
-use super::table::Spread;
-use super::terms::SENSORS;
-use super::view::mode;
+use super::terms::{SENSORS, spread};
 
 /// What the view says. `files` are those that were written, by what they hold.
 pub fn report(state: &State, files: &BTreeMap<&'static str, String>) -> Value {
@@ -50,7 +48,7 @@ pub fn report(state: &State, files: &BTreeMap<&'static str, String>) -> Value {
     });
     json!({
         "task": task.task, "name": task.name, "instruction": task.instruction, "horizon_steps": task.horizon_steps,
-        "server": info.server, "session": info.session, "mode": mode(state), "gains": info.gains, "seed": info.seed,
+        "server": info.server, "session": info.session, "mode": state.mode(), "gains": info.gains, "seed": info.seed,
         "episode": state.episode, "policy": state.policy,
         "step": state.latest.step, "control_dt": info.control_dt, "simulated_s": state.simulated_s(),
         "wall_s": state.wall_s, "look_s": state.look_s, "steps_per_s": state.steps_per_s(),
@@ -84,10 +82,10 @@ fn sensors(state: &State) -> Vec<Value> {
         let asked = state.info.sensors.iter().find(|asked| asked.name == sensor.name)?;
         let seen = state.seen.get(sensor.name);
         let terms = sensor.terms.iter().filter_map(|term| {
-            let spread = Spread::of(&term.read(&state.latest)?);
+            let [min, mean, max] = spread(&term.read(&state.latest)?);
             Some(json!({
                 "name": term.name, "shape": (term.shape)(&state.info), "unit": term.unit,
-                "min": spread.min, "mean": spread.mean, "max": spread.max,
+                "min": min, "mean": mean, "max": max,
             }))
         });
         Some(json!({
@@ -125,13 +123,9 @@ pub fn observation(state: &State) -> String {
             seen.step
         ));
     }
-    let mut head = Map::new();
-    let task = state.info.task.as_ref().map_or("", |task| &task.task);
-    head.insert("task".into(), json!(task));
-    head.insert("seed".into(), json!(state.info.seed));
-    head.insert("episode".into(), json!(state.episode));
-    head.insert("step".into(), json!(state.latest.step));
-    let head = head.iter().map(|(name, value)| format!("  {}: {value}", json!(name))).collect::<Vec<_>>().join(",\n");
+    let (State { info, episode, .. }, step) = (state, state.latest.step);
+    let (seed, task) = (info.seed, json!(info.task.as_ref().map_or("", |task| &task.task)));
+    let head = format!("  \"episode\": {episode},\n  \"seed\": {seed},\n  \"step\": {step},\n  \"task\": {task}");
     format!("{{\n{head},\n  \"sensors\": {{\n{}\n  }}\n}}\n", lines.join(",\n"))
 }
 

@@ -1,11 +1,13 @@
 //! The table of what a policy receives.
 
 use super::state::State;
-use super::terms::{SENSORS, Sensor, Term};
+use super::terms::{POSE, SENSORS, Sensor, Term, spread};
 use super::text::{Lines, bytes, number};
 
 /// Lines of fewer letters go without units and bytes.
 const WIDE: usize = 78;
+/// So many numbers say more one by one than their least, mean and greatest do.
+const FEW: usize = 4;
 
 /// One line a term, under its sensor where that has several.
 pub fn draw(state: &State, lines: &mut Lines) {
@@ -65,35 +67,15 @@ fn summary(term: &Term, numbers: &[f64]) -> String {
     if term.unit == "bool" {
         return numbers.iter().map(|flag| if *flag == 0.0 { "no" } else { "yes" }).collect::<Vec<_>>().join(" ");
     }
-    if numbers.len() <= term.shown {
-        return numbers.iter().copied().map(number).collect::<Vec<_>>().join(" ");
-    }
-    if let [x, y, z, quaternion @ ..] = numbers
-        && let [w, i, j, k] = quaternion
-    {
-        let yaw = f64::atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k));
-        // Without the sign of a zero.
-        let degrees = yaw.to_degrees().round() + 0.0;
-        return format!("{} {degrees:.0}°", [x, y, z].map(|x| number(*x)).join(" "));
-    }
-    let spread = Spread::of(numbers);
-    [spread.min, spread.mean, spread.max].map(number).join(" ")
-}
-
-/// Least, mean and greatest of some numbers.
-pub struct Spread {
-    pub min: f64,
-    pub mean: f64,
-    pub max: f64,
-}
-
-impl Spread {
-    /// Of at least one number.
-    pub fn of(numbers: &[f64]) -> Self {
-        Self {
-            min: numbers.iter().copied().fold(f64::INFINITY, f64::min),
-            mean: numbers.iter().sum::<f64>() / numbers.len() as f64,
-            max: numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    let shown = match numbers {
+        [x, y, z, w, i, j, k] if term.unit == POSE => {
+            let yaw = f64::atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k));
+            // Without the sign of a zero.
+            let degrees = yaw.to_degrees().round() + 0.0;
+            return format!("{} {degrees:.0}°", [x, y, z].map(|x| number(*x)).join(" "));
         }
-    }
+        few if few.len() <= FEW => few.to_vec(),
+        many => spread(many).to_vec(),
+    };
+    shown.into_iter().map(number).collect::<Vec<_>>().join(" ")
 }
