@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_proto::v3;
+use fiatlux_proto::{ABORTED, v3};
 use fiatlux_rules::{
     Cause, Causes, Geometry, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds,
 };
@@ -10,9 +10,6 @@ use thiserror::Error;
 
 use crate::Series;
 use crate::series::Recorder;
-
-/// Cause of an episode that ended without its last row.
-pub(crate) const ABORTED: &str = "aborted";
 
 /// Why an episode cannot be graded from its header.
 #[derive(Debug, Error)]

@@ -16,7 +16,7 @@ use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{JOINTS, Row, RowDigest, Task};
 use fiatlux_sim::{Server, ServerError, ServerOptions};
-use fiatlux_world::{Command, Episode, EpisodeSpec, Scene, SceneConfig};
+use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
 use zenoh::sample::Sample;
@@ -133,7 +133,7 @@ fn alone(task: Task, seed: u64, episode: u64, steps: u64) -> (Vec<Row>, String) 
     let mut episode = Episode::start(scene, &spec).unwrap();
     let mut rows = vec![episode.row().clone()];
     for step in 0..steps {
-        if episode.step(&Command::Action(action(step))).is_err() {
+        if episode.step(&action(step)).is_err() {
             break;
         }
         rows.push(episode.row().clone());

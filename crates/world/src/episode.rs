@@ -152,25 +152,6 @@ impl EpisodeSpec {
     }
 }
 
-/// What a policy asks of the robot in a control step, by joint in the public order.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Command {
-    /// Action units: joint target = q0 + [`ACTION_SCALE`] action.
-    Action([f64; JOINTS]),
-    /// Joint targets, rad. Recorded and carried out as the action `(target - q0) / ACTION_SCALE`.
-    JointTarget([f64; JOINTS]),
-}
-
-impl Command {
-    /// In action units.
-    pub fn action(&self, q0: &[f64; JOINTS]) -> [f64; JOINTS] {
-        match self {
-            Command::Action(action) => *action,
-            Command::JointTarget(target) => std::array::from_fn(|joint| (target[joint] - q0[joint]) / ACTION_SCALE),
-        }
-    }
-}
-
 /// Why an episode took no step; it is unchanged then.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EpisodeError {
@@ -180,7 +161,7 @@ pub enum EpisodeError {
         /// Its last row.
         step: u64,
     },
-    /// The world refused the command.
+    /// The world refused the action.
     #[error(transparent)]
     World(#[from] WorldError),
 }
@@ -211,7 +192,7 @@ pub struct Totals {
     pub reward: f64,
 }
 
-/// One episode, from its start state on. No I/O, no threads, no clock: the rows follow from scene, spec and commands.
+/// One episode, from its start state on. No I/O, no threads, no clock: the rows follow from scene, spec and actions.
 #[derive(Debug, Clone)]
 pub struct Episode {
     spec: EpisodeSpec,
@@ -257,18 +238,23 @@ impl Episode {
         Ok(Self { spec, start, q0, judge, rewards, observer, observation, context, digest, totals, world })
     }
 
-    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest.
+    /// The action for joint targets in rad: `(target - q0) / ACTION_SCALE`.
+    pub fn action_for(&self, target: &[f64; JOINTS]) -> [f64; JOINTS] {
+        std::array::from_fn(|joint| (target[joint] - self.q0[joint]) / ACTION_SCALE)
+    }
+
+    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest. An action
+    /// has a number for each joint: joint target = q0 + [`ACTION_SCALE`] action. It is all that a row records of a command,
+    /// so joint targets become one first ([`Episode::action_for`]).
     ///
     /// # Errors
     /// [`EpisodeError`]; the episode is unchanged.
-    pub fn step(&mut self, command: &Command) -> Result<Step<'_>, EpisodeError> {
+    pub fn step(&mut self, action: &[f64; JOINTS]) -> Result<Step<'_>, EpisodeError> {
         if let Some(end) = self.judge.verdict().end {
             return Err(EpisodeError::Ended { step: end.step });
         }
-        // A joint target goes through action units too, so that the recorded action alone repeats a step.
-        let action = command.action(&self.q0);
         let target = std::array::from_fn(|joint| self.q0[joint] + ACTION_SCALE * action[joint]);
-        let row = self.world.step(&action, &target)?;
+        let row = self.world.step(action, &target)?;
         self.judge.advance(row);
         self.rewards.advance(&self.judge, row);
         self.observation = self.observer.observe(row);

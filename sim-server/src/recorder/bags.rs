@@ -10,9 +10,9 @@ use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{EpisodeHeader, State, StepRecord};
 use fiatlux_proto::{Message, decode};
 use fiatlux_rules::Task;
+use fiatlux_session::recorder::Output;
 use tracing::warn;
 
-use super::track::Write;
 use super::{BagEnd, BagReport, Naming, Shared};
 use crate::show::Frames;
 
@@ -79,13 +79,14 @@ impl Bags {
         self.open.map(|open| part_of(open.writer.path()))
     }
 
-    /// Writes; `false` when the open bag had to be given up, which is reported.
-    pub fn write(&mut self, write: Write) -> bool {
+    /// Writes what is to be written; `false` when the open bag had to be given up, which is reported.
+    pub fn write(&mut self, write: Output) -> bool {
         let done = match write {
-            Write::Open(header) => self.start(&header),
-            Write::Row(truth) => self.row(&truth),
-            Write::Finish(result) => return self.end(BagEnd::Whole(*result)),
-            Write::Cut(reason) => return self.end(BagEnd::Cut(reason)),
+            Output::Open(header) => self.start(&header),
+            Output::Row(record) => self.row(&record),
+            Output::Finish(result) => return self.end(BagEnd::Whole(*result)),
+            Output::Cut(reason) => return self.end(BagEnd::Cut(reason)),
+            Output::Request(_) | Output::Ack(_) | Output::Done => Ok(()),
         };
         if let Err(error) = &done {
             self.fail(error);
@@ -119,14 +120,14 @@ impl Bags {
         error
     }
 
-    fn row(&mut self, truth: &StepRecord) -> Result<(), BagError> {
+    fn row(&mut self, record: &StepRecord) -> Result<(), BagError> {
         let Some(OpenBag { writer, .. }) = &mut self.open else { return Ok(()) };
-        if truth.step.is_multiple_of(ROWS_PER_FRAMES)
-            && let Some(frames) = frames(&self.shared.frames, &truth.state)
+        if record.step.is_multiple_of(ROWS_PER_FRAMES)
+            && let Some(frames) = frames(&self.shared.frames, &record.state)
         {
-            writer.message(topic::TF, truth.step, &frames)?;
+            writer.message(topic::TF, record.step, &frames)?;
         }
-        writer.push(truth)
+        writer.push(record)
     }
 
     fn end(&mut self, end: BagEnd) -> bool {
@@ -159,7 +160,7 @@ impl Bags {
     }
 }
 
-/// Encoded poses of a row; none where the truth has none, or no readable one.
+/// Encoded poses of a row; none where the record has none, or no readable one.
 fn frames(frames: &Frames, state: &[u8]) -> Option<Vec<u8>> {
     if state.is_empty() {
         return None;
