@@ -3,97 +3,93 @@
 use super::fake::{Dice, FakeServer, info};
 use super::*;
 
-/// A message under way.
-enum Post {
-    Reset(Vec<u8>),
-    Action(Vec<u8>),
-    Ask,
-    ResetReply(Option<Vec<u8>>),
-    Observation(Vec<u8>),
-    LastObservation(Option<Vec<u8>>),
+/// A message under way: to the server what the client wants done, back what reaches it.
+enum Mail {
+    ToServer(Output),
+    ToClient(Input),
 }
 
 /// Sends messages on their way: one of ten is lost, each takes 1 to 40 ms, and may overtake others.
 struct Channel {
     dice: Dice,
-    posts: Vec<(f64, Post)>,
+    messages: Vec<(Duration, Mail)>,
     lost: usize,
 }
 
 impl Channel {
-    fn send(&mut self, now_s: f64, post: Post) {
-        let arrival_s = now_s + 0.001 * (1 + self.dice.below(40)) as f64;
+    fn send(&mut self, now: Duration, message: Mail) {
+        let arrival = now + Duration::from_millis(1 + self.dice.below(40));
         if self.dice.below(10) > 0 {
-            return self.posts.push((arrival_s, post));
+            return self.messages.push((arrival, message));
         }
         self.lost += 1;
         // Zenoh tells when a query has run into its time-out.
-        match post {
-            Post::Reset(_) | Post::ResetReply(_) => self.posts.push((now_s + 5.0, Post::ResetReply(None))),
-            Post::Ask | Post::LastObservation(_) => self.posts.push((now_s + 2.0, Post::LastObservation(None))),
-            Post::Action(_) | Post::Observation(_) => {}
-        }
+        let (secs, ended) = match message {
+            Mail::ToServer(Output::Reset(_)) | Mail::ToClient(Input::Reset(_)) => (5, Input::Reset(None)),
+            Mail::ToServer(Output::AskObservation) | Mail::ToClient(Input::LastObservation(_)) => {
+                (2, Input::LastObservation(None))
+            }
+            _ => return,
+        };
+        self.messages.push((now + Duration::from_secs(secs), Mail::ToClient(ended)));
     }
 
-    fn next(&mut self) -> Option<(f64, Post)> {
-        let first = (0..self.posts.len()).min_by(|&a, &b| self.posts[a].0.total_cmp(&self.posts[b].0))?;
-        Some(self.posts.swap_remove(first))
+    fn next(&mut self) -> Option<(Duration, Mail)> {
+        let first = (0..self.messages.len()).min_by_key(|&message| self.messages[message].0)?;
+        Some(self.messages.swap_remove(first))
+    }
+}
+
+/// What the server sends for a message, if anything.
+fn serve(server: &mut FakeServer, output: &Output) -> Option<Input> {
+    match output {
+        Output::Reset(bytes) => Some(Input::Reset(Some(Ok(server.reset(bytes).into())))),
+        Output::Action(bytes) => server.act(bytes).map(|bytes| Input::Observation(bytes.into())),
+        Output::AskObservation => Some(Input::LastObservation(Some(Ok(server.present().encode_to_vec().into())))),
+        _ => None,
     }
 }
 
 /// Plays an episode; what the policy was shown, the steps that the server took, and how many messages were lost.
 fn play(seed: u64, horizon: u64) -> (Vec<u64>, Vec<u64>, usize) {
-    let mut channel = Channel { dice: Dice::new(seed), posts: Vec::new(), lost: 0 };
+    let mut channel = Channel { dice: Dice::new(seed), messages: Vec::new(), lost: 0 };
     let mut server = FakeServer::new(horizon);
     let mut session = ClientSession::new(&info(2, false));
-    let (mut shown, mut now_s) = (Vec::new(), 0.0);
-    session.start(7, now_s);
+    let (mut shown, mut now) = (Vec::new(), Duration::ZERO);
+    session.handle(Input::Start(7), now);
     loop {
         while let Some(output) = session.poll() {
             match output {
-                Output::Reset(bytes) => channel.send(now_s, Post::Reset(bytes)),
-                Output::Action(bytes) => channel.send(now_s, Post::Action(bytes)),
-                Output::AskObservation => channel.send(now_s, Post::Ask),
+                Output::Observation(observation) => {
+                    shown.push(observation.step);
+                    session.handle(Input::Command(Command::Action(vec![0.0; 2])), now);
+                }
                 Output::Done(end) => {
                     assert_eq!(end.steps, horizon);
                     return (shown, server.taken, channel.lost);
                 }
                 Output::Failed(failure) => panic!("seed {seed}: {failure}"),
+                Output::RoundTrip(_) => {}
+                sent => channel.send(now, Mail::ToServer(sent)),
             }
         }
-        if let Some(observation) = session.to_answer() {
-            shown.push(observation.step);
-            session.act("test", Command::Action(vec![0.0; 2]), now_s).expect("a good command");
-            continue;
-        }
-        let wake_s = session.wake_s().expect("something to wait for");
+        let wake = session.wake_at().expect("something to wait for");
         match channel.next() {
-            Some((arrival_s, post)) if arrival_s <= wake_s => {
-                now_s = arrival_s;
-                match post {
-                    Post::Reset(bytes) => channel.send(now_s, Post::ResetReply(Some(server.reset(&bytes)))),
-                    Post::Action(bytes) => {
-                        if let Some(bytes) = server.act(&bytes) {
-                            channel.send(now_s, Post::Observation(bytes));
+            Some((arrival, message)) if arrival <= wake => {
+                now = arrival;
+                match message {
+                    Mail::ToServer(output) => {
+                        if let Some(input) = serve(&mut server, &output) {
+                            channel.send(now, Mail::ToClient(input));
                         }
                     }
-                    Post::Ask => {
-                        channel.send(now_s, Post::LastObservation(Some(server.present().encode_to_vec())));
-                    }
-                    Post::ResetReply(Some(bytes)) => session.reset_reply(&bytes, now_s),
-                    Post::ResetReply(None) => session.reset_unanswered(now_s),
-                    Post::Observation(bytes) => session.observation(&bytes, now_s),
-                    Post::LastObservation(Some(bytes)) => {
-                        session.observation_answered();
-                        session.observation(&bytes, now_s);
-                    }
-                    Post::LastObservation(None) => session.observation_refused(None),
+                    Mail::ToClient(input) => session.handle(input, now),
                 }
             }
             later => {
-                channel.posts.extend(later);
-                now_s = wake_s;
-                session.tick(now_s);
+                channel.messages.extend(later);
+                now = wake;
+                session.handle(Input::Tick, now);
             }
         }
     }
