@@ -302,7 +302,8 @@ fn subscribe(
     input: fn(Bytes) -> Input,
 ) -> Result<Subscriber<()>, ClientError> {
     let mailbox = Arc::clone(mailbox);
-    let receive = move |sample: zenoh::sample::Sample| mailbox.put(input(sample.payload().to_bytes().into_owned().into()));
+    let receive =
+        move |sample: zenoh::sample::Sample| mailbox.put(input(sample.payload().to_bytes().into_owned().into()));
     link.declare_subscriber(key).callback(receive).wait().map_err(ClientError::zenoh)
 }
 

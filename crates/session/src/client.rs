@@ -153,9 +153,8 @@ impl Machine for ClientSession {
 impl ClientSession {
     /// Of a session as the server described it.
     pub fn new(info: &SessionInfo) -> Self {
-        let resend = seconds(info.resend_s).map_or(LONGEST_WAIT, |resend| {
-            resend.clamp(Duration::from_millis(10), Duration::from_secs(10))
-        });
+        let resend = seconds(info.resend_s)
+            .map_or(LONGEST_WAIT, |resend| resend.clamp(Duration::from_millis(10), Duration::from_secs(10)));
         let grace = seconds(info.grace_s).unwrap_or_default().min(Duration::from_secs(3600));
         Self {
             info: info.clone(),

@@ -5,6 +5,8 @@ mod host;
 mod message;
 mod notices;
 mod recording;
+#[cfg(test)]
+mod tests;
 mod window;
 
 use std::collections::VecDeque;
@@ -53,7 +55,15 @@ impl Run {
     fn new(first: &Observation, now: Duration) -> Self {
         let observation = first.encode_to_vec().into();
         let Observation { episode, step, .. } = *first;
-        Self { episode, step, is_over: first.end.is_some(), observation, observed_at: now, clock: None, missed_steps: 0 }
+        Self {
+            episode,
+            step,
+            is_over: first.end.is_some(),
+            observation,
+            observed_at: now,
+            clock: None,
+            missed_steps: 0,
+        }
     }
 }
 
@@ -339,8 +349,7 @@ impl<H: Host, R> ServerSession<H, R> {
 
     /// Sensors at the present step, for a client that waits with its action.
     fn look(&mut self, bytes: &[u8]) -> Result<Observation, Refusal> {
-        let request: LookRequest =
-            decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
+        let request: LookRequest = decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
         if self.phase != Phase::Open {
             return Err(closed());
         }

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Bulb, Row, Task, measure};
 use fiatlux_world::{
-    ACTION_SCALE, DomainSample, Episode, EpisodeSpec, HandFriction, Light, PropScale, Proprioception,
-    Randomization, Scene, SceneConfig, SceneError, SceneSpec, StartError, StartOffset, StartOptions, World, start,
+    ACTION_SCALE, DomainSample, Episode, EpisodeSpec, HandFriction, Light, PropScale, Proprioception, Randomization,
+    Scene, SceneConfig, SceneError, SceneSpec, StartError, StartOffset, StartOptions, World, start,
 };
 
 fn scene_of(spec: &EpisodeSpec) -> Arc<Scene> {

@@ -149,7 +149,8 @@ impl Worker {
         };
         let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default() };
         let heard = inlet.clone();
-        let records = self.zenoh.declare_subscriber(keys.truth_row()).callback(move |sample| heard.push(&sample)).wait();
+        let records =
+            self.zenoh.declare_subscriber(keys.truth_row()).callback(move |sample| heard.push(&sample)).wait();
         let records = records.map_err(|error| warn!(%key, %error, "a session is not recorded")).ok()?;
         debug!(%key, "a session is recorded");
         Some(Followed { keys, inlet, state, bags, _records: records })

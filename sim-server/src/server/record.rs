@@ -159,13 +159,8 @@ fn result(episode: &Episode, end: EpisodeEnd) -> EpisodeResult {
     let (summary, totals) = (episode.summary(), episode.totals());
     EpisodeResult {
         end: Some(end),
-        success: summary.success,
-        broken: summary.broken,
-        dropped: summary.dropped,
-        gate_progress: summary.gate_progress,
         peak_hand_force_n: summary.peak_hand_force_n,
         control_effort: summary.control_effort,
-        steps: summary.steps,
         unconverged: totals.unconverged,
         steps_outside_box: totals.steps_outside_box,
         missed_steps: 0,

@@ -63,14 +63,15 @@ pub struct ServerOptions {
 
 impl Default for ServerOptions {
     fn default() -> Self {
+        let Timeouts { grace, action, resend, recorder } = Timeouts::default();
         Self {
             name: "local".into(),
             workers: std::thread::available_parallelism().map_or(1, usize::from),
             capacity: 64,
-            grace: Duration::from_secs(10),
-            action_timeout: Duration::from_secs(60),
-            resend: Duration::from_millis(100),
-            recorder_timeout: limits::RECORDER_TIMEOUT,
+            grace,
+            action_timeout: action,
+            resend,
+            recorder_timeout: recorder,
             scene: SceneConfig::default(),
             weights: None,
             meshes: None,

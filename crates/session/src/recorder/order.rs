@@ -129,7 +129,8 @@ impl Order {
 
     /// When there may be something to ask for, if nothing comes before.
     pub fn wake_at(&self) -> Option<Duration> {
-        let quiet = if self.searching.is_none() && self.waiting.is_empty() { self.heard_at + QUIET } else { self.ask_at };
+        let quiet =
+            if self.searching.is_none() && self.waiting.is_empty() { self.heard_at + QUIET } else { self.ask_at };
         self.asked.is_none().then(|| quiet.max(self.ask_at))
     }
 

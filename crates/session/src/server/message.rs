@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fiatlux_proto::Bytes;
+use fiatlux_proto::{Bytes, limits};
 
 /// Spans that a session keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,6 +15,17 @@ pub struct Timeouts {
     pub resend: Duration,
     /// How long it waits for a recorder that makes no progress.
     pub recorder: Duration,
+}
+
+impl Default for Timeouts {
+    fn default() -> Self {
+        Self {
+            grace: Duration::from_secs(10),
+            action: Duration::from_secs(60),
+            resend: Duration::from_millis(100),
+            recorder: limits::RECORDER_TIMEOUT,
+        }
+    }
 }
 
 /// What reaches a session. `R` is where a reply goes.

@@ -48,11 +48,18 @@ impl<H: Host, R> ServerSession<H, R> {
     pub(super) fn on_ack(&mut self, bytes: &[u8], now: Duration) {
         let ack: StepRecordAck = match decode(bytes, limits::MAX_CLIENT_MESSAGE) {
             Ok(ack) => ack,
-            Err(error) => return tracing::debug!(session = self.info.session, %error, "an acknowledgement that cannot be read is dropped"),
+            Err(error) => {
+                return tracing::debug!(session = self.info.session, %error, "an acknowledgement that cannot be read is dropped");
+            }
         };
         if ack.next_seq > self.window.next_seq() {
             let next = self.window.next_seq();
-            return tracing::debug!(session = self.info.session, ack.next_seq, next, "acknowledgement of what does not exist");
+            return tracing::debug!(
+                session = self.info.session,
+                ack.next_seq,
+                next,
+                "acknowledgement of what does not exist"
+            );
         }
         self.recording.registered = true;
         self.recording.lost = false;

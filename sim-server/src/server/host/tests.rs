@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use fiatlux_proto::v3::{
     Action, ActionRecord, CloseRequest, EpisodeResult, LookReply, LookRequest, Notice, OpenRequest, ResetReply,
-    ResetRequest, Sensor, State, StepRecord, StepRecordAck, StepRecordRequest, look_reply, notice,
-    reset_reply,
+    ResetRequest, Sensor, State, StepRecord, StepRecordAck, StepRecordRequest, look_reply, notice, reset_reply,
 };
 use fiatlux_proto::{Bytes, PROTOCOL, limits};
 use fiatlux_robot::Robot;
@@ -296,7 +295,7 @@ fn resets() {
     assert_eq!(harness.reset(1).len(), 3, "a running episode starts over");
     assert_eq!(harness.act(0, 1), [notice_of(notice::Code::Step)], "of the episode before");
     let steps = harness.finish(1, 0);
-    assert_eq!(harness.result().steps, steps);
+    assert_eq!(harness.result().end.unwrap().steps, steps);
     assert_eq!(harness.reset(2).len(), 2, "an episode that has ended is not aborted");
     harness.give(Input::Reset(vec![0xff; 3].into(), 1));
     assert!(matches!(harness.reset_reply(), reset_reply::Reply::Refusal(_)));
@@ -418,7 +417,10 @@ fn shutdown_aborts() {
     let mut harness = harness(OpenRequest::default());
     harness.reset(0);
     assert!(!harness.session.is_settled());
-    assert_eq!(harness.give(Input::Terminate("the server shuts down")), [notice_of(notice::Code::Lost), record(1), Closed]);
+    assert_eq!(
+        harness.give(Input::Terminate("the server shuts down")),
+        [notice_of(notice::Code::Lost), record(1), Closed]
+    );
     assert!(harness.session.is_settled(), "nobody records it");
 }
 
