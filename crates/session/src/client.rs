@@ -15,7 +15,8 @@ use fiatlux_proto::v3::{
 };
 use fiatlux_proto::{Bytes, Message, decode};
 
-use crate::{Command, Machine};
+use crate::command::Command;
+use crate::machine::Machine;
 use check::Lengths;
 pub use failure::SessionFailure;
 

@@ -36,7 +36,7 @@ pub enum CommandError {
     NotFinite {
         /// `action` or `joint_target`.
         field: &'static str,
-        /// Index and name of the joint.
+        /// Index of the joint.
         joint: usize,
         /// Its name.
         name: String,

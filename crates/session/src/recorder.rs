@@ -12,7 +12,7 @@ use fiatlux_proto::limits::{ACK_PERIOD, MAX_SERVER_MESSAGE, RECORDER_TIMEOUT};
 use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, StepRecord, StepRecordAck};
 use fiatlux_proto::{Bytes, Message, decode};
 
-use crate::Machine;
+use crate::machine::Machine;
 pub use order::MAX_WAITING;
 use order::{Next, Order};
 

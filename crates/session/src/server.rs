@@ -20,7 +20,7 @@ use fiatlux_proto::v3::{
 };
 use fiatlux_proto::{ABORTED, Bytes, Message, decode, limits};
 
-use crate::Machine;
+use crate::machine::Machine;
 use action::{Clock, ReceivedAction, Unrecorded};
 pub use host::Host;
 pub use message::{Input, Output, Timeouts};

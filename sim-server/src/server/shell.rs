@@ -294,10 +294,10 @@ impl Server {
             let Some(actor) = session_of(&shared, query.key_expr().as_str()) else {
                 return reject(&query, Code::Closed, "", "there is no such session; open one");
             };
-            let bytes = query.payload().map(own).unwrap_or_default();
-            if bytes.len() > limits::MAX_CLIENT_MESSAGE {
+            if query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE) {
                 return reject(&query, Code::Malformed, "", "the request is too large");
             }
+            let bytes = query.payload().map(own).unwrap_or_default();
             shared.send(&actor, side, input(bytes, query));
         };
         self.declare_queryable(key, callback)

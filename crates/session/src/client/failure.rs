@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::CommandError;
+use crate::command::CommandError;
 
 /// Why a session cannot go on.
 #[derive(Debug, Clone, PartialEq, Error)]

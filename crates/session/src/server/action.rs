@@ -7,7 +7,7 @@ use fiatlux_proto::v3::{Action, ActionRecord, Event};
 use fiatlux_proto::{DecodeError, Message, decode, limits};
 
 use super::{Deferred, Host, Output, Phase, ServerSession};
-use crate::Command;
+use crate::command::Command;
 
 /// How far an action of a real-time session may be ahead of the present step.
 const MAX_AHEAD: Duration = Duration::from_secs(1);

@@ -1,6 +1,6 @@
 use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, StepRecord};
 
-use crate::Command;
+use crate::command::Command;
 
 /// What a session runs: a simulation, which speaks in messages. One episode at a time; staging another one ends it.
 ///

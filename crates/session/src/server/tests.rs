@@ -6,7 +6,7 @@ use std::rc::Rc;
 use fiatlux_proto::v3::{Action, ActionRecord, EpisodeResult, Joint};
 
 use super::*;
-use crate::Command;
+use crate::command::Command;
 
 const NOW: Duration = Duration::from_secs(100);
 
