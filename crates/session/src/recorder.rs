@@ -41,17 +41,11 @@ pub enum Input {
     Tick,
 }
 
-/// What a recorder wants done. After each write, say what is on disk.
+/// What a recorder wants done.
 #[derive(Debug, PartialEq)]
 pub enum Output {
-    /// Write a new bag.
-    Open(Box<EpisodeHeader>),
-    /// Write a row, or the events that end an episode without one.
-    Row(Box<StepRecord>),
-    /// The bag is whole.
-    Finish(Box<EpisodeResult>),
-    /// The bag ends before its episode, for this reason.
-    Cut(String),
+    /// Write this, then say what is on disk.
+    Write(Write),
     /// Query `truth/rows` with this [`StepRecordRequest`](fiatlux_proto::v3::StepRecordRequest). All replies have one key:
     /// ask with Zenoh's consolidation off.
     Request(Bytes),
@@ -59,6 +53,19 @@ pub enum Output {
     Ack(Bytes),
     /// Nothing more comes, and no bag is open.
     Done,
+}
+
+/// What goes into bags.
+#[derive(Debug, PartialEq)]
+pub enum Write {
+    /// A new bag.
+    Open(Box<EpisodeHeader>),
+    /// A row, or the events that end an episode without one.
+    Row(Box<StepRecord>),
+    /// The bag is whole.
+    Finish(Box<EpisodeResult>),
+    /// The bag ends before its episode, for this reason.
+    Cut(String),
 }
 
 /// A bag that is open.
@@ -82,7 +89,7 @@ pub struct RecorderSession {
     first_seq: Option<u64>,
     /// The step after the last row on disk of the open bag.
     on_disk: u64,
-    writes: VecDeque<Output>,
+    writes: VecDeque<Write>,
     /// Since when the session's token is gone.
     gone_at: Option<Duration>,
     is_done: bool,
@@ -128,7 +135,7 @@ impl Machine for RecorderSession {
                 None => return self.poll_server(),
             }
         }
-        self.writes.pop_front()
+        self.writes.pop_front().map(Output::Write)
     }
 
     fn wake_at(&self) -> Option<Duration> {
@@ -187,7 +194,7 @@ impl RecorderSession {
         let gone_for = self.now.saturating_sub(self.gone_at?);
         if self.open.is_some() && gone_for >= SERVER_TIMEOUT {
             self.cut("the server went away before the episode ended");
-            return self.writes.pop_front();
+            return self.writes.pop_front().map(Output::Write);
         }
         // What was sent before the token went may still be on its way.
         let is_done = self.open.is_none() && gone_for >= ACK_PERIOD;
@@ -207,7 +214,7 @@ impl RecorderSession {
     fn cut(&mut self, reason: &str) {
         if self.open.take().is_some() {
             self.bag_ended = true;
-            self.writes.push_back(Output::Cut(reason.into()));
+            self.writes.push_back(Write::Cut(reason.into()));
         }
     }
 
@@ -221,7 +228,7 @@ impl RecorderSession {
             let (true, Some(header)) = (begins, record.header.take()) else { return };
             self.open = Some(OpenBag { episode: record.episode, next_step: 0 });
             self.on_disk = 0;
-            self.writes.push_back(Output::Open(Box::new(header)));
+            self.writes.push_back(Write::Open(Box::new(header)));
         }
         self.resumed = None;
         let Some(open) = &mut self.open else { return };
@@ -239,12 +246,12 @@ impl RecorderSession {
         }
         open.next_step += u64::from(is_row);
         let result = record.result.take();
-        self.writes.push_back(Output::Row(record));
+        self.writes.push_back(Write::Row(record));
         if let Some(result) = result {
             self.open = None;
             self.first_seq = None;
             self.bag_ended = true;
-            self.writes.push_back(Output::Finish(Box::new(result)));
+            self.writes.push_back(Write::Finish(Box::new(result)));
         }
     }
 }

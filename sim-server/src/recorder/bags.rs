@@ -10,7 +10,7 @@ use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{EpisodeHeader, State, StepRecord};
 use fiatlux_proto::{Message, decode};
 use fiatlux_rules::Task;
-use fiatlux_session::recorder::Output;
+use fiatlux_session::recorder::Write;
 use tracing::warn;
 
 use super::{BagEnd, BagReport, Naming, Shared};
@@ -79,14 +79,13 @@ impl Bags {
         self.open.map(|open| part_of(open.writer.path()))
     }
 
-    /// Writes what is to be written; `false` when the open bag had to be given up, which is reported.
-    pub fn write(&mut self, write: Output) -> bool {
+    /// Writes; `false` when the open bag had to be given up, which is reported.
+    pub fn write(&mut self, write: Write) -> bool {
         let done = match write {
-            Output::Open(header) => self.start(&header),
-            Output::Row(record) => self.row(&record),
-            Output::Finish(result) => return self.end(BagEnd::Whole(*result)),
-            Output::Cut(reason) => return self.end(BagEnd::Cut(reason)),
-            Output::Request(_) | Output::Ack(_) | Output::Done => Ok(()),
+            Write::Open(header) => self.start(&header),
+            Write::Row(record) => self.row(&record),
+            Write::Finish(result) => return self.end(BagEnd::Whole(*result)),
+            Write::Cut(reason) => return self.end(BagEnd::Cut(reason)),
         };
         if let Err(error) = &done {
             self.fail(error);

@@ -164,7 +164,7 @@ impl Worker {
                 Output::Request(request) => self.ask(session, request),
                 Output::Ack(ack) => self.acknowledge(session, ack),
                 Output::Done => return false,
-                write => {
+                Output::Write(write) => {
                     let written = session.bags.write(write);
                     let next_step = session.bags.next_step_on_disk();
                     session.state.handle(if written { Input::OnDisk(next_step) } else { Input::WriteFailed }, now);

@@ -51,10 +51,10 @@ impl Harness {
         self.session.handle(input, self.now);
         while let Some(output) = self.session.poll() {
             match output {
-                Output::Open(header) => self.written.push(format!("o{}", header.episode)),
-                Output::Row(record) => self.written.push(record.step.to_string()),
-                Output::Finish(_) => self.written.push("f".into()),
-                Output::Cut(reason) => {
+                Output::Write(Write::Open(header)) => self.written.push(format!("o{}", header.episode)),
+                Output::Write(Write::Row(record)) => self.written.push(record.step.to_string()),
+                Output::Write(Write::Finish(_)) => self.written.push("f".into()),
+                Output::Write(Write::Cut(reason)) => {
                     assert!(!reason.is_empty());
                     self.written.push("c".into());
                 }
