@@ -21,11 +21,13 @@
 mod decode;
 pub mod keys;
 pub mod limits;
+mod refusal;
 mod sensor;
 mod version;
 
 pub use decode::{DecodeError, decode};
 pub use prost::Message;
+pub use prost::bytes::Bytes;
 pub use version::{PROTOCOL, is_compatible};
 
 /// The messages of the service.
@@ -44,6 +46,9 @@ pub use prost_types::{Duration, Timestamp};
 
 /// All messages as a protobuf `FileDescriptorSet` with everything that they import: the schema that bags carry.
 pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
+
+/// The cause in an [`EpisodeEnd`](v3::EpisodeEnd) of an episode that no row ended: its client or its server cut it short.
+pub const ABORTED: &str = "aborted";
 
 /// Encoding of a payload, by the message's name: `application/protobuf;fiatlux.v3.Action`.
 pub fn encoding(message: &str) -> String {

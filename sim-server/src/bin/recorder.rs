@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 use clap::Parser;
 use fiatlux_link::{LinkArgs, Role};
+use fiatlux_proto::v3::EpisodeEnd;
 use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions};
 
 /// Records the sessions of simulation servers, an episode in an MCAP file each.
@@ -86,8 +87,8 @@ fn line(BagReport { path, end, .. }: &BagReport) -> String {
     let path = path.display();
     match end {
         BagEnd::Whole(result) => {
-            let cause = result.end.as_ref().map_or("", |end| end.cause.as_str());
-            format!("{path}: {cause} after {} steps, progress {:.3}", result.steps, result.gate_progress)
+            let EpisodeEnd { cause, steps, gate_progress, .. } = result.end.clone().unwrap_or_default();
+            format!("{path}: {cause} after {steps} steps, progress {gate_progress:.3}")
         }
         BagEnd::Cut(reason) => format!("{path}: cut: {reason}"),
     }

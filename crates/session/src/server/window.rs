@@ -1,47 +1,46 @@
-//! The truths that no recorder has on disk yet.
+//! The records that no recorder has on disk yet.
 
 use std::collections::VecDeque;
 
-use fiatlux_proto::Message;
 use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW, RECORDING_WINDOW_BYTES};
 use fiatlux_proto::v3::{StepRecord, StepRecordAck, StepRecordRequest};
-use zenoh::bytes::ZBytes;
+use fiatlux_proto::{Bytes, Message};
 
-/// Numbers truths and keeps those that are not acknowledged.
+/// Numbers records and keeps those that are not acknowledged.
 #[derive(Debug, Default)]
-pub(super) struct Window {
-    truths: VecDeque<ZBytes>,
+pub(super) struct RecordWindow {
+    records: VecDeque<Bytes>,
     /// Number of the first one kept.
     first: u64,
     /// What they take.
     bytes: usize,
 }
 
-impl Window {
-    /// Number of the next truth.
+impl RecordWindow {
+    /// Number of the next record.
     pub fn next_seq(&self) -> u64 {
-        self.first + self.truths.len() as u64
+        self.first + self.records.len() as u64
     }
 
-    /// Takes a truth in, numbered. A full window loses its oldest truth if `slide`.
-    pub fn push(&mut self, truth: &mut StepRecord, slide: bool) -> ZBytes {
-        truth.seq = self.next_seq();
-        let bytes = ZBytes::from(truth.encode_to_vec());
+    /// Takes a record in, numbered. A full window loses its oldest record if `slide`.
+    pub fn push(&mut self, record: &mut StepRecord, slide: bool) -> Bytes {
+        record.seq = self.next_seq();
+        let bytes = Bytes::from(record.encode_to_vec());
         while slide && self.is_full() {
             self.drop_first();
         }
         self.bytes += bytes.len();
-        self.truths.push_back(bytes.clone());
+        self.records.push_back(bytes.clone());
         bytes
     }
 
     /// As many are kept as may be.
     pub fn is_full(&self) -> bool {
-        self.truths.len() as u64 >= RECORDING_WINDOW || self.bytes >= RECORDING_WINDOW_BYTES
+        self.records.len() as u64 >= RECORDING_WINDOW || self.bytes >= RECORDING_WINDOW_BYTES
     }
 
     fn drop_first(&mut self) {
-        if let Some(first) = self.truths.pop_front() {
+        if let Some(first) = self.records.pop_front() {
             self.first += 1;
             self.bytes -= first.len();
         }
@@ -49,25 +48,25 @@ impl Window {
 
     /// All is acknowledged.
     pub fn is_empty(&self) -> bool {
-        self.truths.is_empty()
+        self.records.is_empty()
     }
 
-    /// Forgets what a recorder has on disk; returns how many truths that freed. An acknowledgement of what does not exist
+    /// Forgets what a recorder has on disk; returns how many records that freed. An acknowledgement of what does not exist
     /// yet frees nothing.
     pub fn acknowledge(&mut self, ack: &StepRecordAck) -> usize {
         if ack.next_seq > self.next_seq() {
             return 0;
         }
-        let freed = ack.next_seq.saturating_sub(self.first).min(self.truths.len() as u64) as usize;
+        let freed = ack.next_seq.saturating_sub(self.first).min(self.records.len() as u64) as usize;
         (0..freed).for_each(|_| self.drop_first());
         freed
     }
 
     /// As many as are asked for, from the first of them that is kept.
-    pub fn get(&self, request: &StepRecordRequest) -> Vec<ZBytes> {
-        let skipped = request.from_seq.saturating_sub(self.first).min(self.truths.len() as u64);
+    pub fn get(&self, request: &StepRecordRequest) -> Vec<Bytes> {
+        let skipped = request.from_seq.saturating_sub(self.first).min(self.records.len() as u64);
         let count = request.count.min(MAX_TRUTHS_PER_REQUEST);
-        self.truths.iter().skip(skipped as usize).take(count as usize).cloned().collect()
+        self.records.iter().skip(skipped as usize).take(count as usize).cloned().collect()
     }
 }
 
@@ -75,13 +74,13 @@ impl Window {
 mod tests {
     use super::*;
 
-    fn seqs(truths: &[ZBytes]) -> Vec<u64> {
-        truths.iter().map(|bytes| StepRecord::decode(&*bytes.to_bytes()).expect("a truth").seq).collect()
+    fn seqs(records: &[Bytes]) -> Vec<u64> {
+        records.iter().map(|bytes| StepRecord::decode(bytes.clone()).expect("a record").seq).collect()
     }
 
     #[test]
-    fn truths_are_kept_until_acknowledged() {
-        let mut window = Window::default();
+    fn records_are_kept_until_acknowledged() {
+        let mut window = RecordWindow::default();
         for _ in 0..10 {
             window.push(&mut StepRecord::default(), false);
         }
@@ -99,14 +98,14 @@ mod tests {
 
     #[test]
     fn a_full_window_slides_or_grows() {
-        let mut window = Window::default();
+        let mut window = RecordWindow::default();
         for _ in 0..RECORDING_WINDOW {
             assert!(!window.is_full());
             window.push(&mut StepRecord::default(), true);
         }
         assert!(window.is_full());
         window.push(&mut StepRecord::default(), true);
-        let oldest = |window: &Window| seqs(&window.get(&StepRecordRequest { from_seq: 0, count: 1 }));
+        let oldest = |window: &RecordWindow| seqs(&window.get(&StepRecordRequest { from_seq: 0, count: 1 }));
         assert_eq!(oldest(&window), [1]);
         window.push(&mut StepRecord::default(), false);
         assert_eq!(oldest(&window), [1]);

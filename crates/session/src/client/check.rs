@@ -1,8 +1,6 @@
-//! What a session takes in and gives out has the right lengths and finite numbers.
+//! What a client takes in has the right lengths.
 
 use fiatlux_proto::v3::{Observation, Pose, Privileged, SessionInfo};
-
-use crate::{Command, PolicyError};
 
 /// Rays of a scan.
 const LIDAR_RAYS: usize = 5760;
@@ -13,8 +11,8 @@ const LIMBS: usize = 4;
 
 /// The lengths of a session's terms.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Lengths {
-    pub joints: usize,
+pub(super) struct Lengths {
+    joints: usize,
     hand_bodies: usize,
     image: [u32; 2],
     flat: usize,
@@ -94,20 +92,4 @@ fn check_privileged(found: &Privileged) -> Result<(), String> {
     empty_or("privileged.distances", found.distances.len(), 4)?;
     empty_or("privileged.seated", found.seated.len(), 2)?;
     empty_or("privileged.linear_velocity", found.linear_velocity.len(), 3)
-}
-
-/// Refuses a command that a server would refuse.
-pub fn command(policy: &str, command: &Command, joints: usize, step: u64) -> Result<(), PolicyError> {
-    let (field, numbers) = match command {
-        Command::Action(numbers) => ("action", numbers),
-        Command::JointTarget(numbers) => ("joint_target", numbers),
-    };
-    let problem = if numbers.len() != joints {
-        format!("of {} numbers, not {joints},", numbers.len())
-    } else if let Some(index) = numbers.iter().position(|number| !number.is_finite()) {
-        format!("{} for joint {index}", numbers[index])
-    } else {
-        return Ok(());
-    };
-    Err(PolicyError::Command { policy: policy.into(), field, problem, step })
 }

@@ -1,4 +1,4 @@
-//! Puts a session's truths into the order of their numbers and asks for those that are missing.
+//! Puts a session's records into the order of their numbers and asks for those that are missing.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -6,30 +6,30 @@ use std::time::Duration;
 use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW};
 use fiatlux_proto::v3::{StepRecord, StepRecordRequest};
 
-/// StepRecords of a session that wait for an earlier one. Those beyond are asked for again when their turn comes.
-pub(super) const MAX_WAITING: usize = 1024;
+/// Records of a session that wait for an earlier one. More are dropped, and asked for again when their turn comes.
+pub const MAX_WAITING: usize = 1024;
 
 /// A session from which nothing came for so long is asked whether there is more.
 const QUIET: Duration = Duration::from_secs(1);
 
-/// Between two questions for the same truth.
+/// Between two questions for the same record.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// A truth that was not in so many answers is lost, where the server has had to forget it.
+/// A record that was not in so many answers is lost, where the server has had to forget it.
 const TRIES: u32 = 3;
 
 /// And where the server should still have it: the question, or its answer, may be what was lost.
 const TRIES_IN_WINDOW: u32 = 15;
 
-/// How far a recorder that takes up a bag looks for the first truth that the server has, in requests.
+/// How far a recorder that takes up a bag looks for the first record that the server has, in requests.
 const MAX_PROBES: u64 = 4096;
 
 /// What came next.
 #[derive(Debug, PartialEq)]
 pub(super) enum Next {
-    /// The next truth.
+    /// The next record.
     StepRecord(Box<StepRecord>),
-    /// StepRecords that cannot be had any more.
+    /// Records that cannot be had any more.
     Lost {
         /// Number of the first one.
         from: u64,
@@ -38,11 +38,11 @@ pub(super) enum Next {
     },
 }
 
-/// The truths of one session.
+/// The records of one session.
 #[derive(Debug)]
 pub(super) struct Order {
     next: u64,
-    /// The number of the next truth is not known yet: it is looked for in steps of a request.
+    /// The number of the next record is not known yet: it is looked for in steps of a request.
     searching: Option<u64>,
     waiting: BTreeMap<u64, StepRecord>,
     /// First number of the request that is being answered.
@@ -55,7 +55,7 @@ pub(super) struct Order {
 }
 
 impl Order {
-    /// From the first truth on; or, for a bag that is taken up, from the first one that the server still has.
+    /// From the first record on; or, for a bag that is taken up, from the first one that the server still has.
     pub fn new(takes_up: bool, now: Duration) -> Self {
         Self {
             next: 0,
@@ -69,15 +69,15 @@ impl Order {
         }
     }
 
-    /// Number of the truth that comes next.
+    /// Number of the record that comes next.
     pub fn next_seq(&self) -> u64 {
         self.next
     }
 
-    /// Takes a truth in, in whatever order, however often.
-    pub fn take(&mut self, truth: StepRecord, now: Duration) {
+    /// Takes a record in, in whatever order, however often.
+    pub fn take(&mut self, record: StepRecord, now: Duration) {
         self.heard_at = now;
-        let seq = truth.seq;
+        let seq = record.seq;
         let is_old = seq < self.next && self.searching.is_none();
         if is_old || self.waiting.contains_key(&seq) {
             return;
@@ -89,10 +89,10 @@ impl Order {
                 _ => return,
             };
         }
-        self.waiting.insert(seq, truth);
+        self.waiting.insert(seq, record);
     }
 
-    /// The next truth, when it is there.
+    /// The next record, when it is there.
     pub fn next(&mut self) -> Option<Next> {
         if self.searching.is_some() {
             return None;
@@ -102,10 +102,10 @@ impl Order {
             self.waiting = self.waiting.split_off(&to);
             return Some(Next::Lost { from, to });
         }
-        let truth = self.waiting.remove(&self.next)?;
+        let record = self.waiting.remove(&self.next)?;
         self.next += 1;
         self.tries = 0;
-        Some(Next::StepRecord(Box::new(truth)))
+        Some(Next::StepRecord(Box::new(record)))
     }
 
     /// What to ask for now. [`Order::answered`] must follow before there is another request.
@@ -127,7 +127,14 @@ impl Order {
         Some(request)
     }
 
-    /// The answer to the request is complete; its truths were taken in.
+    /// When there may be something to ask for, if nothing comes before.
+    pub fn wake_at(&self) -> Option<Duration> {
+        let quiet =
+            if self.searching.is_none() && self.waiting.is_empty() { self.heard_at + QUIET } else { self.ask_at };
+        self.asked.is_none().then(|| quiet.max(self.ask_at))
+    }
+
+    /// The answer to the request is complete; its records were taken in.
     pub fn answered(&mut self, now: Duration) {
         let Some(from) = self.asked.take() else { return };
         let first = self.waiting.keys().next().copied();
@@ -152,7 +159,7 @@ impl Order {
         }
     }
 
-    /// Requests of one length one after the other meet the first truth that the server has before any other.
+    /// Requests of one length one after the other meet the first record that the server has before any other.
     fn search_on(&mut self, from: u64, first: Option<u64>, now: Duration) {
         let after = from.saturating_add(MAX_TRUTHS_PER_REQUEST);
         match first {
@@ -177,13 +184,13 @@ mod tests {
 
     const NOW: Duration = Duration::from_secs(100);
 
-    fn truth(seq: u64) -> StepRecord {
+    fn record(seq: u64) -> StepRecord {
         StepRecord { seq, ..StepRecord::default() }
     }
 
     fn seqs(order: &mut Order) -> Vec<u64> {
         std::iter::from_fn(|| match order.next() {
-            Some(Next::StepRecord(truth)) => Some(truth.seq),
+            Some(Next::StepRecord(record)) => Some(record.seq),
             _ => None,
         })
         .collect()
@@ -193,11 +200,11 @@ mod tests {
     fn any_order_and_any_number_of_times() {
         let mut order = Order::new(false, NOW);
         for seq in [2, 0, 0, 2] {
-            order.take(truth(seq), NOW);
+            order.take(record(seq), NOW);
         }
         assert_eq!(seqs(&mut order), [0]);
         for seq in [0, 1, 3, 1] {
-            order.take(truth(seq), NOW);
+            order.take(record(seq), NOW);
         }
         assert_eq!(seqs(&mut order), [1, 2, 3]);
         assert_eq!(order.next_seq(), 4);
@@ -207,13 +214,13 @@ mod tests {
     #[test]
     fn gaps_are_asked_for_one_request_at_a_time() {
         let mut order = Order::new(false, NOW);
-        order.take(truth(5), NOW);
+        order.take(record(5), NOW);
         assert_eq!(order.request(NOW), Some(StepRecordRequest { from_seq: 0, count: 5 }));
         assert_eq!(order.request(NOW), None, "one is under way");
-        (0..5).for_each(|seq| order.take(truth(seq), NOW));
+        (0..5).for_each(|seq| order.take(record(seq), NOW));
         order.answered(NOW);
         assert_eq!(seqs(&mut order), [0, 1, 2, 3, 4, 5]);
-        order.take(truth(1000), NOW);
+        order.take(record(1000), NOW);
         let later = NOW + AGAIN;
         assert_eq!(order.request(later), Some(StepRecordRequest { from_seq: 6, count: MAX_TRUTHS_PER_REQUEST }));
     }
@@ -232,9 +239,9 @@ mod tests {
     #[test]
     fn what_nobody_has_is_lost() {
         let mut order = Order::new(false, NOW);
-        order.take(truth(0), NOW);
+        order.take(record(0), NOW);
         assert_eq!(seqs(&mut order), [0]);
-        order.take(truth(2000), NOW);
+        order.take(record(2000), NOW);
         let mut now = NOW;
         for _ in 0..TRIES {
             assert_eq!(order.next(), None);
@@ -245,7 +252,7 @@ mod tests {
         // What the window may still have is asked for.
         assert_eq!(order.next(), Some(Next::Lost { from: 1, to: 2000 - RECORDING_WINDOW }));
         assert_eq!(order.request(now).map(|request| request.from_seq), Some(2000 - RECORDING_WINDOW));
-        (1990..2000).for_each(|seq| order.take(truth(seq), now));
+        (1990..2000).for_each(|seq| order.take(record(seq), now));
         order.answered(now);
         for _ in 1..TRIES_IN_WINDOW {
             assert_eq!(order.next(), None, "the server should have it");
@@ -259,25 +266,25 @@ mod tests {
     #[test]
     fn memory_is_bounded_and_the_earlier_stay() {
         let mut order = Order::new(false, NOW);
-        (1..5000).rev().for_each(|seq| order.take(truth(seq), NOW));
+        (1..5000).rev().for_each(|seq| order.take(record(seq), NOW));
         assert_eq!(order.waiting.len(), MAX_WAITING);
-        order.take(truth(0), NOW);
+        order.take(record(0), NOW);
         assert_eq!(seqs(&mut order).len(), MAX_WAITING);
     }
 
     /// A recorder that comes back finds the window wherever it is, even when nothing new is sent.
     #[test]
-    fn a_search_finds_the_first_truth() {
+    fn a_search_finds_the_first_record() {
         for window in [0..1, 100..612, 4000..4512, 10_000..10_001] {
             for is_heard in [false, true] {
                 let mut order = Order::new(true, NOW);
                 if is_heard {
-                    order.take(truth(window.end - 1), NOW);
+                    order.take(record(window.end - 1), NOW);
                 }
                 while let Some(request) = order.request(NOW) {
                     // As the server answers.
                     let asked = request.from_seq..request.from_seq + request.count;
-                    window.clone().filter(|seq| asked.contains(seq)).for_each(|seq| order.take(truth(seq), NOW));
+                    window.clone().filter(|seq| asked.contains(seq)).for_each(|seq| order.take(record(seq), NOW));
                     order.answered(NOW);
                 }
                 assert_eq!(seqs(&mut order).first(), Some(&window.start), "{window:?}");

@@ -1,4 +1,4 @@
-//! Notices to a client, as many a second as it must bear.
+//! Notices to a client, at a bounded rate.
 
 use std::time::Duration;
 
@@ -8,16 +8,16 @@ use fiatlux_proto::v3::Notice;
 /// The span over which notices are counted.
 const SPAN: Duration = Duration::from_secs(1);
 
-/// Lets through so many notices a second and counts the others into the next one.
+/// Lets a bounded number of notices a second through and counts the others into the next one.
 #[derive(Debug, Default)]
-pub(super) struct Notices {
+pub(super) struct NoticeLimiter {
     span_start: Duration,
     sent: u32,
     /// The last one held back; its `count` stands for all of them.
     held: Option<Notice>,
 }
 
-impl Notices {
+impl NoticeLimiter {
     /// A notice of `count` messages; returns what to send now.
     pub fn offer(&mut self, mut notice: Notice, now: Duration) -> Option<Notice> {
         if now >= self.span_start + SPAN {
@@ -43,7 +43,7 @@ impl Notices {
         self.held.take()
     }
 
-    /// When [`Notices::due`] has something.
+    /// When [`NoticeLimiter::due`] has something.
     pub fn wake_at(&self) -> Option<Duration> {
         self.held.as_ref().map(|_| self.span_start + SPAN)
     }
@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn a_flood_becomes_one_notice_with_a_count() {
-        let mut notices = Notices::default();
+        let mut notices = NoticeLimiter::default();
         let at = Duration::from_millis;
         let sent = (0..100).filter_map(|i| notices.offer(Notice::default(), at(5000 + i))).count();
         assert_eq!(sent, MAX_NOTICES_PER_S as usize);

@@ -1,5 +1,4 @@
-//! A client's side of a session as a state machine: messages and the time go in, messages come out. It reads no clock and
-//! does no I/O; the rules are those of `proto/PROTOCOL.md`.
+//! A client's side of a session. The rules that it follows are those of `proto/PROTOCOL.md`.
 
 mod check;
 mod failure;
@@ -7,24 +6,26 @@ mod failure;
 mod tests;
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
-use fiatlux_proto::limits::{MAX_SERVER_MESSAGE, RECORDER_TIMEOUT_S};
+use fiatlux_proto::limits::{MAX_SERVER_MESSAGE, RECORDER_TIMEOUT};
 use fiatlux_proto::v3::notice::Code;
 use fiatlux_proto::v3::{
-    Action, EpisodeEnd, Mode, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
+    EpisodeEnd, Mode, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
 };
-use fiatlux_proto::{Message, decode};
+use fiatlux_proto::{Bytes, Message, decode};
 
-use crate::{Command, PolicyError};
+use crate::command::Command;
+use crate::machine::Machine;
 use check::Lengths;
 pub use failure::SessionFailure;
 
-/// Longest time between two tries, s.
-const LONGEST_WAIT_S: f64 = 1.0;
+/// Longest time between two tries.
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
-/// A query that nobody has answered for so long is asked again, s. No two are under way at once: a reset that came late
+/// A query that nobody has answered for so long is asked again. No two are under way at once: a reset that came late
 /// would abort the episode that the earlier one started.
-const QUERY_TIMEOUT_S: f64 = 16.0;
+const QUERY_TIMEOUT: Duration = Duration::from_secs(16);
 
 /// So many refusals of one action, or messages that cannot be read, without an observation between them are no accident.
 const MAX_REFUSALS: u32 = 3;
@@ -32,18 +33,44 @@ const MAX_REFUSALS: u32 = 3;
 /// Each so many tries the last observation is asked for too.
 const ASK_EVERY: u32 = 4;
 
-/// What the session wants done.
+/// How a query ended: with a reply, an error reply, or none.
+pub type Answer = Option<Result<Bytes, Bytes>>;
+
+/// What reaches a client.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Input {
+    /// Start this episode; one that runs is given up.
+    Start(u64),
+    /// The policy's answer to the last [`Output::Observation`].
+    Command(Command),
+    /// A message on `observation`.
+    Observation(Bytes),
+    /// A message on `notice`.
+    Notice(Bytes),
+    /// The query `reset` has ended.
+    Reset(Answer),
+    /// The query `observation` has ended.
+    LastObservation(Answer),
+    /// Nothing but the time.
+    Tick,
+}
+
+/// What a client wants done.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Output {
     /// Query `reset` with this [`ResetRequest`].
-    Reset(Vec<u8>),
-    /// Publish this [`Action`].
-    Action(Vec<u8>),
+    Reset(Bytes),
+    /// Publish this [`Action`](fiatlux_proto::v3::Action).
+    Action(Bytes),
     /// Query `observation`.
     AskObservation,
-    /// The episode has ended.
+    /// Time between an action and its observation, which follows.
+    RoundTrip(Duration),
+    /// The policy has to answer this.
+    Observation(Box<Observation>),
+    /// The episode has ended; nothing follows.
     Done(EpisodeEnd),
-    /// The session cannot go on.
+    /// The session cannot go on; nothing follows.
     Failed(SessionFailure),
 }
 
@@ -53,28 +80,28 @@ enum Phase {
     #[default]
     Idle,
     /// `reset` is asked; the query is out until then, or the next one waits for then.
-    Resetting { out: bool, until_s: f64 },
-    /// The policy has to answer this.
-    Acting(Box<Observation>),
+    Resetting { out: bool, until: Duration },
+    /// The policy has to answer the observation of that step.
+    Acting { step: u64 },
     /// The action of that step is out.
-    Waiting { step: u64, action: Vec<u8>, again_s: f64 },
+    Waiting { step: u64, action: Bytes, again: Duration },
 }
 
 /// One client's session.
 #[derive(Debug)]
 pub struct ClientSession {
-    server: String,
+    info: SessionInfo,
     lengths: Lengths,
-    real_time: bool,
-    resend_s: f64,
-    silence_s: f64,
+    resend: Duration,
+    /// A server that says nothing for so long is gone.
+    silence: Duration,
     episode: u64,
     phase: Phase,
     outputs: VecDeque<Output>,
     /// Since when nothing has come forward.
-    since_s: f64,
+    since: Duration,
     /// Wait before the next try.
-    wait_s: f64,
+    wait: Duration,
     tries: u32,
     refusals: u32,
     /// Query `observation` is out.
@@ -83,114 +110,117 @@ pub struct ClientSession {
     lost: Option<SessionFailure>,
     /// The last thing that went wrong, to explain a silence with.
     problem: Option<String>,
-    /// When the action went out first, and how long its observation took.
-    sent_s: f64,
-    round_trip_s: Option<f64>,
+    /// When the action went out first.
+    sent_at: Duration,
+}
+
+impl Machine for ClientSession {
+    type Input = Input;
+    type Output = Output;
+
+    fn handle(&mut self, input: Input, now: Duration) {
+        match input {
+            Input::Start(episode) => self.start(episode, now),
+            Input::Command(command) => self.act(command, now),
+            Input::Observation(bytes) => self.on_observation(&bytes, now),
+            Input::Notice(bytes) => self.on_notice(&bytes),
+            Input::Reset(Some(Ok(bytes))) => self.on_reset_reply(&bytes, now),
+            Input::Reset(Some(Err(_)) | None) => self.on_reset_unanswered(now),
+            Input::LastObservation(answer) => {
+                self.asking = false;
+                match answer {
+                    Some(Ok(bytes)) => self.on_observation(&bytes, now),
+                    Some(Err(bytes)) => self.on_observation_refused(Some(&bytes)),
+                    None => self.on_observation_refused(None),
+                }
+            }
+            Input::Tick => {}
+        }
+        self.pass_time(now);
+    }
+
+    fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    fn wake_at(&self) -> Option<Duration> {
+        match self.phase {
+            Phase::Idle | Phase::Acting { .. } => None,
+            Phase::Resetting { until: at, .. } | Phase::Waiting { again: at, .. } => Some(at),
+        }
+    }
 }
 
 impl ClientSession {
     /// Of a session as the server described it.
     pub fn new(info: &SessionInfo) -> Self {
-        let resend_s = if info.resend_s.is_finite() { info.resend_s.clamp(0.01, 10.0) } else { LONGEST_WAIT_S };
-        let grace_s = if info.grace_s.is_finite() { info.grace_s.clamp(0.0, 3600.0) } else { 0.0 };
+        let resend = seconds(info.resend_s)
+            .map_or(LONGEST_WAIT, |resend| resend.clamp(Duration::from_millis(10), Duration::from_secs(10)));
+        let grace = seconds(info.grace_s).unwrap_or_default().min(Duration::from_secs(3600));
         Self {
-            server: info.server.clone(),
+            info: info.clone(),
             lengths: Lengths::new(info),
-            real_time: info.mode() == Mode::RealTime,
-            resend_s,
+            resend,
             // A server that waits for its recorder is silent for so long, and is no dead one.
-            silence_s: grace_s.max(2.0 * RECORDER_TIMEOUT_S),
+            silence: grace.max(2 * RECORDER_TIMEOUT),
             episode: 0,
             phase: Phase::Idle,
             outputs: VecDeque::new(),
-            since_s: 0.0,
-            wait_s: resend_s,
+            since: Duration::ZERO,
+            wait: resend,
             tries: 0,
             refusals: 0,
             asking: false,
             lost: None,
             problem: None,
-            sent_s: 0.0,
-            round_trip_s: None,
+            sent_at: Duration::ZERO,
         }
     }
 
-    /// Starts an episode; one that runs is given up. Times are in seconds from any origin.
-    pub fn start(&mut self, episode: u64, now_s: f64) {
-        self.episode = episode;
-        self.outputs.clear();
-        (self.asking, self.lost, self.problem) = (false, None, None);
-        self.came_forward(now_s);
-        self.ask_reset(now_s);
-    }
-
-    /// What is to be done next. [`Output::Done`] and [`Output::Failed`] are the last of an episode.
-    pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
-    }
-
-    /// The observation that the policy has to answer, if there is one.
-    pub fn to_answer(&self) -> Option<&Observation> {
-        match &self.phase {
-            Phase::Acting(observation) => Some(observation),
-            _ => None,
-        }
-    }
-
-    /// Time between the last action and its observation, s; `None` until the next one is there.
-    pub fn take_round_trip_s(&mut self) -> Option<f64> {
-        self.round_trip_s.take()
-    }
-
-    /// When [`ClientSession::tick`] has something to do.
-    pub fn wake_s(&self) -> Option<f64> {
-        match self.phase {
-            Phase::Idle | Phase::Acting(_) => None,
-            Phase::Resetting { until_s: at_s, .. } | Phase::Waiting { again_s: at_s, .. } => Some(at_s),
-        }
-    }
-
-    /// The policy's answer to [`ClientSession::to_answer`].
+    /// Passes an observation on whose terms have the session's lengths: one that was looked at.
     ///
     /// # Errors
-    /// A command that no server takes; nothing is sent then.
-    pub fn act(&mut self, policy: &str, command: Command, now_s: f64) -> Result<(), PolicyError> {
-        let Phase::Acting(observation) = &self.phase else { return Ok(()) };
-        let step = observation.step;
-        check::command(policy, &command, self.lengths.joints, step)?;
-        let mut action = Action { episode: self.episode, step, ..Action::default() };
-        match command {
-            Command::Action(numbers) => action.action = numbers,
-            Command::JointTarget(numbers) => action.joint_target = numbers,
-        }
-        let action = action.encode_to_vec();
-        self.outputs.push_back(Output::Action(action.clone()));
-        self.came_forward(now_s);
-        self.sent_s = now_s;
-        self.phase = Phase::Waiting { step, action, again_s: now_s + self.wait_s };
-        if self.lost.is_some() {
-            self.ask_observation();
-        }
-        Ok(())
-    }
-
-    /// A message came on `observation`, published or as the answer to a query.
-    pub fn observation(&mut self, bytes: &[u8], now_s: f64) {
-        let read = decode::<Observation>(bytes, MAX_SERVER_MESSAGE).map_err(|error| error.to_string());
-        match read.and_then(|observation| self.lengths.check(observation)) {
-            Ok(observation) => self.observed(observation, now_s),
-            Err(reason) => self.unreadable("observation", reason),
-        }
-    }
-
-    /// Passes an observation on whose terms have the session's lengths; otherwise what is wrong.
+    /// What is wrong with it.
     pub fn check(&self, observation: Observation) -> Result<Observation, String> {
         self.lengths.check(observation)
     }
 
-    /// The query `observation` has ended: with an error reply, or with nothing.
-    pub fn observation_refused(&mut self, error: Option<&[u8]>) {
-        self.asking = false;
+    fn is_real_time(&self) -> bool {
+        self.info.mode() == Mode::RealTime
+    }
+
+    fn start(&mut self, episode: u64, now: Duration) {
+        self.episode = episode;
+        self.outputs.clear();
+        (self.asking, self.lost, self.problem) = (false, None, None);
+        self.came_forward(now);
+        self.ask_reset(now);
+    }
+
+    fn act(&mut self, command: Command, now: Duration) {
+        let Phase::Acting { step } = self.phase else { return };
+        if let Err(error) = command.check(&self.info) {
+            return self.fail(SessionFailure::command(step, &error));
+        }
+        let action = Bytes::from(command.into_action(self.episode, step).encode_to_vec());
+        self.outputs.push_back(Output::Action(action.clone()));
+        self.came_forward(now);
+        self.sent_at = now;
+        self.phase = Phase::Waiting { step, action, again: now + self.wait };
+        if self.lost.is_some() {
+            self.ask_observation();
+        }
+    }
+
+    fn on_observation(&mut self, bytes: &[u8], now: Duration) {
+        let read = decode::<Observation>(bytes, MAX_SERVER_MESSAGE).map_err(|error| error.to_string());
+        match read.and_then(|observation| self.lengths.check(observation)) {
+            Ok(observation) => self.observed(observation, now),
+            Err(reason) => self.unreadable("observation", reason),
+        }
+    }
+
+    fn on_observation_refused(&mut self, error: Option<&[u8]>) {
         if !matches!(self.phase, Phase::Waiting { .. }) {
             return;
         }
@@ -201,13 +231,7 @@ impl ClientSession {
         }
     }
 
-    /// The query `observation` has been answered.
-    pub fn observation_answered(&mut self) {
-        self.asking = false;
-    }
-
-    /// The reply to `reset`.
-    pub fn reset_reply(&mut self, bytes: &[u8], now_s: f64) {
+    fn on_reset_reply(&mut self, bytes: &[u8], now: Duration) {
         let reply = match decode::<ResetReply>(bytes, MAX_SERVER_MESSAGE) {
             Ok(reply) => reply.reply,
             Err(error) => return self.unreadable("reply to reset", error.to_string()),
@@ -218,7 +242,7 @@ impl ClientSession {
         match reply {
             Some(reset_reply::Reply::Observation(observation)) => {
                 match self.lengths.check(observation) {
-                    Ok(first) if first.episode == self.episode && first.step == 0 => self.accept(first, now_s),
+                    Ok(first) if first.episode == self.episode && first.step == 0 => self.accept(first, now),
                     // The answer to an earlier reset.
                     Ok(_) => {}
                     Err(reason) => self.unreadable("reply to reset", reason),
@@ -231,17 +255,15 @@ impl ClientSession {
         }
     }
 
-    /// The query `reset` has ended without a reply that could be read.
-    pub fn reset_unanswered(&mut self, now_s: f64) {
-        if let Phase::Resetting { out: out @ true, until_s } = &mut self.phase {
+    fn on_reset_unanswered(&mut self, now: Duration) {
+        if let Phase::Resetting { out: out @ true, until } = &mut self.phase {
             *out = false;
-            *until_s = now_s + self.wait_s;
-            self.wait_s = (2.0 * self.wait_s).min(LONGEST_WAIT_S);
+            *until = now + self.wait;
+            self.wait = (2 * self.wait).min(LONGEST_WAIT);
         }
     }
 
-    /// A message came on `notice`.
-    pub fn notice(&mut self, bytes: &[u8]) {
+    fn on_notice(&mut self, bytes: &[u8]) {
         let notice = match decode::<Notice>(bytes, MAX_SERVER_MESSAGE) {
             Ok(notice) => notice,
             Err(error) => return self.unreadable("notice", error.to_string()),
@@ -260,22 +282,22 @@ impl ClientSession {
         }
     }
 
-    /// Time passes.
-    pub fn tick(&mut self, now_s: f64) {
-        if self.wake_s().is_none_or(|at_s| now_s < at_s) {
+    fn pass_time(&mut self, now: Duration) {
+        if self.wake_at().is_none_or(|at| now < at) {
             return;
         }
-        if now_s - self.since_s >= self.silence_s {
+        if now.saturating_sub(self.since) >= self.silence {
             return self.fail(self.silent());
         }
         self.tries += 1;
-        self.wait_s = (2.0 * self.wait_s).min(LONGEST_WAIT_S.max(self.resend_s));
+        self.wait = (2 * self.wait).min(LONGEST_WAIT.max(self.resend));
+        let real_time = self.is_real_time();
         match &mut self.phase {
-            Phase::Resetting { .. } => self.ask_reset(now_s),
-            Phase::Waiting { step, action, again_s } => {
-                *again_s = now_s + self.wait_s;
+            Phase::Resetting { .. } => self.ask_reset(now),
+            Phase::Waiting { step, action, again } => {
+                *again = now + self.wait;
                 // Once the clock runs, an action that comes again only comes late.
-                let send = !self.real_time || *step == 0;
+                let send = !real_time || *step == 0;
                 if send {
                     self.outputs.push_back(Output::Action(action.clone()));
                 }
@@ -283,27 +305,27 @@ impl ClientSession {
                     self.ask_observation();
                 }
             }
-            Phase::Idle | Phase::Acting(_) => {}
+            Phase::Idle | Phase::Acting { .. } => {}
         }
     }
 
-    fn observed(&mut self, observation: Observation, now_s: f64) {
+    fn observed(&mut self, observation: Observation, now: Duration) {
         if observation.episode != self.episode {
             return;
         }
         match &self.phase {
             // Others are old or come twice.
             Phase::Waiting { step, .. } if observation.step > *step => {
-                if !self.real_time && observation.step != step + 1 {
+                if !self.is_real_time() && observation.step != step + 1 {
                     let (expected, found) = (step + 1, observation.step);
                     return self.fail(SessionFailure::Order { expected, found });
                 }
-                self.round_trip_s = Some(now_s - self.sent_s);
-                self.accept(observation, now_s);
+                self.outputs.push_back(Output::RoundTrip(now.saturating_sub(self.sent_at)));
+                self.accept(observation, now);
             }
             // In real time the newest one counts.
-            Phase::Acting(present) if self.real_time && observation.step > present.step => {
-                self.accept(observation, now_s);
+            Phase::Acting { step } if self.is_real_time() && observation.step > *step => {
+                self.accept(observation, now);
             }
             // The server answers: it is there, and its session too.
             Phase::Waiting { .. } => self.lost = None,
@@ -311,21 +333,24 @@ impl ClientSession {
         }
     }
 
-    fn accept(&mut self, mut observation: Observation, now_s: f64) {
-        self.came_forward(now_s);
+    fn accept(&mut self, mut observation: Observation, now: Duration) {
+        self.came_forward(now);
         self.lost = None;
         match observation.end.take() {
             Some(end) => {
                 self.phase = Phase::Idle;
                 self.outputs.push_back(Output::Done(end));
             }
-            None => self.phase = Phase::Acting(Box::new(observation)),
+            None => {
+                self.phase = Phase::Acting { step: observation.step };
+                self.outputs.push_back(Output::Observation(Box::new(observation)));
+            }
         }
     }
 
-    fn ask_reset(&mut self, now_s: f64) {
-        self.outputs.push_back(Output::Reset(ResetRequest { episode: self.episode }.encode_to_vec()));
-        self.phase = Phase::Resetting { out: true, until_s: now_s + QUERY_TIMEOUT_S };
+    fn ask_reset(&mut self, now: Duration) {
+        self.outputs.push_back(Output::Reset(ResetRequest { episode: self.episode }.encode_to_vec().into()));
+        self.phase = Phase::Resetting { out: true, until: now + QUERY_TIMEOUT };
     }
 
     fn ask_observation(&mut self) {
@@ -363,9 +388,9 @@ impl ClientSession {
             _ => format!("the reset to episode {}", self.episode),
         };
         SessionFailure::Silent {
-            server: self.server.clone(),
+            server: self.info.server.clone(),
             waited_for,
-            silence_s: self.silence_s,
+            silence_s: self.silence.as_secs_f64(),
             tries: self.tries + 1,
             problem: self.problem.as_ref().map_or_else(String::new, |problem| format!("; last: {problem}")),
         }
@@ -376,9 +401,14 @@ impl ClientSession {
         self.outputs.push_back(Output::Failed(failure));
     }
 
-    fn came_forward(&mut self, now_s: f64) {
-        self.since_s = now_s;
-        self.wait_s = self.resend_s;
+    fn came_forward(&mut self, now: Duration) {
+        self.since = now;
+        self.wait = self.resend;
         (self.tries, self.refusals) = (0, 0);
     }
+}
+
+/// A time in a message; none where it cannot be one.
+fn seconds(secs: f64) -> Option<Duration> {
+    secs.is_finite().then(|| Duration::try_from_secs_f64(secs.max(0.0)).unwrap_or(Duration::MAX))
 }

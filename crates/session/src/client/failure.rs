@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::command::CommandError;
+
 /// Why a session cannot go on.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SessionFailure {
@@ -12,6 +14,16 @@ pub enum SessionFailure {
         episode: u64,
         /// The server's words.
         message: String,
+    },
+    /// A command that no server takes; it was not sent.
+    #[error("the policy commands {field} {problem} in step {step}; correct the policy")]
+    Command {
+        /// `action` or `joint_target`.
+        field: &'static str,
+        /// What is wrong with it.
+        problem: String,
+        /// Step of the observation that it answers.
+        step: u64,
     },
     /// The server refuses an action.
     #[error("the server refuses the action of step {step}: {message} (field '{field}'); {remedy}")]
@@ -69,4 +81,15 @@ pub enum SessionFailure {
         /// The last thing that went wrong; may be empty.
         problem: String,
     },
+}
+
+impl SessionFailure {
+    pub(super) fn command(step: u64, error: &CommandError) -> Self {
+        let problem = match error {
+            CommandError::Form { .. } => "without a number".into(),
+            CommandError::Length { found, expected, .. } => format!("of {found} numbers, not {expected},"),
+            CommandError::NotFinite { value, joint, .. } => format!("{value} for joint {joint}"),
+        };
+        Self::Command { field: error.field(), problem, step }
+    }
 }
