@@ -5,7 +5,7 @@ mod scene;
 mod senses;
 mod server;
 
-pub use mjcf::{Laws, MjcfOptions, to_mjcf};
+pub use mjcf::{MjcfOptions, OptionSet, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
 pub use senses::{SenseError, Senses, Sensor, Sensors};

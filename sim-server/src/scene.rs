@@ -74,7 +74,7 @@ impl ExportScene {
                 body_from_shape: Isometry3::identity(),
                 geometry: Geometry::HalfSpace,
                 material: Material { friction: 1.0, priority: 0 },
-                cluster: placed.next_cluster,
+                cull_group: placed.next_cull_group,
                 label: u32::MAX,
             })?;
         }

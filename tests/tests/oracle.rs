@@ -154,7 +154,7 @@ fn robot_on_floor(ankles: f64) -> Model {
     let placed = robot.add_to(&mut builder, &options).unwrap();
     let exported = ExportScene::robot_only(true).unwrap().model;
     let floor = exported.shapes().iter().find(|shape| shape.geometry == Geometry::HalfSpace).unwrap();
-    builder.add_shape(ShapeSpec { cluster: placed.next_cluster, ..floor.clone() }).unwrap();
+    builder.add_shape(ShapeSpec { cull_group: placed.next_cull_group, ..floor.clone() }).unwrap();
     builder.build().unwrap()
 }
 
@@ -403,7 +403,7 @@ fn contact_points_are_those_of_mujoco() {
                 body_from_shape: if fixed { shape.pose() } else { Isometry3::identity() },
                 geometry: shape.geometry(),
                 material: Material { friction: 1.0, priority: 0 },
-                cluster: u16::from(name == "b"),
+                cull_group: u16::from(name == "b"),
                 label: 0,
             };
             builder.add_shape(spec).unwrap();

@@ -133,7 +133,7 @@ impl Loaded {
                     body_from_shape: Isometry3::identity(),
                     geometry: Geometry::Cuboid { half_extents: Vector3::from_element(BLOCK_HALF) },
                     material: Material { friction: 1.0, priority: 0 },
-                    cluster: 1000,
+                    cull_group: 1000,
                     label: 1000,
                 })
                 .unwrap();

@@ -25,7 +25,7 @@ fn shape(name: &str, body: BodyId, geometry: Geometry, friction: f64) -> ShapeSp
         body_from_shape: Isometry3::identity(),
         geometry,
         material: Material { friction, priority: 0 },
-        cluster: body.0 as u16,
+        cull_group: body.0 as u16,
         label: 0,
     }
 }
@@ -149,4 +149,35 @@ fn a_fast_ball_stops_at_the_surface_it_meets() {
         lowest = lowest.min(state.qpos[2] - 0.03);
     }
     assert!(lowest > -1e-3, "went {lowest} m deep");
+}
+
+#[test]
+fn a_wrench_acts_at_the_centre_of_mass_in_world_axes() {
+    let mut builder = ModelBuilder::new();
+    builder.set_gravity(Vector3::zeros());
+    let mut spec = body("rod", 2.0, [0.02, 0.03, 0.04]);
+    spec.com = Vector3::new(0.3, -0.1, 0.2);
+    let rod = builder.add_body(spec).unwrap();
+    let model = builder.build().unwrap();
+    let mut state = model.reference_state();
+    let turn = UnitQuaternion::from_euler_angles(0.4, -0.7, 1.1);
+    state.set_pose(&model, rod, &Isometry3::from_parts(Vector3::zeros().into(), turn));
+    let start = state.clone();
+    let mut dynamics = Dynamics::new(&model);
+    let mut step = |force, torque| {
+        let mut state = start.clone();
+        let wrenches = [(rod, Wrench { force, torque })];
+        dynamics.step(&model, &mut state, &Input { wrenches: &wrenches, ..Input::default() }, DT);
+        (Vector3::from_column_slice(&state.qvel[..3]), Vector3::from_column_slice(&state.qvel[3..]))
+    };
+    let force = Vector3::new(1.0, 2.0, -3.0);
+    let (linear, angular) = step(force, Vector3::zeros());
+    assert!((linear - force * (DT / 2.0)).norm() < 1e-12 && angular.norm() < 1e-12, "{linear} {angular}");
+
+    let torque = Vector3::new(0.1, 0.2, 0.3);
+    let (linear, angular) = step(Vector3::zeros(), torque);
+    let in_body = turn.inverse() * torque;
+    let expected = turn * Vector3::new(in_body.x / 0.02, in_body.y / 0.03, in_body.z / 0.04) * DT;
+    let com_velocity = linear + angular.cross(&(turn * Vector3::new(0.3, -0.1, 0.2)));
+    assert!((angular - expected).norm() < 1e-12 && com_velocity.norm() < 1e-12, "{angular} {com_velocity}");
 }

@@ -54,7 +54,7 @@ fn two_shapes(a: Geometry, b: Geometry) -> Model {
                 body_from_shape: Isometry3::identity(),
                 geometry,
                 material: Material { friction: 1.0, priority: 0 },
-                cluster: body.0 as u16,
+                cull_group: body.0 as u16,
                 label: 0,
             })
             .unwrap();

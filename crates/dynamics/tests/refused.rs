@@ -29,7 +29,7 @@ fn shape() -> ShapeSpec {
         body_from_shape: Isometry3::identity(),
         geometry: Geometry::Sphere { radius: 0.1 },
         material: Material { friction: 1.0, priority: 0 },
-        cluster: 0,
+        cull_group: 0,
         label: 0,
     }
 }
@@ -118,7 +118,7 @@ fn models() {
     let mut mixed = builder();
     mixed.add_shape(shape()).unwrap();
     mixed.add_shape(ShapeSpec { name: "floor".into(), body: BodyId::WORLD, ..shape() }).unwrap();
-    refused(mixed.build(), &["floor", "cluster 0", "'ball'"]);
+    refused(mixed.build(), &["floor", "cull group 0", "'ball'"]);
 }
 
 #[test]

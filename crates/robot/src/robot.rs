@@ -195,6 +195,11 @@ impl Robot {
         self.joints.iter().position(|j| j.name == name)
     }
 
+    /// Whether the shapes of a link have the surface named `hand`.
+    pub fn is_hand_surface(&self, link: usize) -> bool {
+        self.shapes.iter().any(|shape| shape.link == link && self.surfaces[shape.surface].name == HAND_SURFACE)
+    }
+
     /// kg.
     pub fn total_mass(&self) -> f64 {
         self.links.iter().map(|l| l.mass).sum()
@@ -215,6 +220,9 @@ impl JointGains {
         Drive { stiffness: self.stiffness, damping: self.damping, effort_limit: self.effort_limit }
     }
 }
+
+/// Surface of the hands, whose friction a scene may set.
+pub(crate) const HAND_SURFACE: &str = "hand";
 
 /// The embedded file of a known robot.
 fn text_of(name: &str) -> Result<&'static str, RobotError> {

@@ -50,7 +50,8 @@ fn its_hands_end_at_the_palm() {
     let (whole, bare) = pair();
     let names: Vec<&str> = bare.hand_links().iter().map(|&link| bare.links()[link].name.as_str()).collect();
     let side = |side: &str| {
-        ["wrist_roll_link", "wrist_pitch_link", "wrist_yaw_link", "hand_base_link", "palm"].map(|l| format!("{side}_{l}"))
+        ["wrist_roll_link", "wrist_pitch_link", "wrist_yaw_link", "hand_base_link", "palm"]
+            .map(|l| format!("{side}_{l}"))
     };
     assert_eq!(names, [side("right"), side("left")].concat());
     let is_finger = |name: &str| name.starts_with("L_") || name.starts_with("R_");

@@ -75,13 +75,13 @@ fn welded_links_keep_mass_moment_and_inertia() {
 fn shapes_keep_the_label_of_their_link() {
     let robot = Robot::g1_inspire().unwrap();
     let mut options = BuildOptions::new(&robot);
-    (options.first_label, options.first_cluster, options.hand_friction) = (100, 7, Some(0.8));
+    (options.first_label, options.first_cull_group, options.hand_friction) = (100, 7, Some(0.8));
     let (model, ids) = build(&robot, &options);
     assert_eq!(model.shapes().len(), robot.shapes().len());
     for (shape, spec) in robot.shapes().iter().zip(model.shapes()) {
         assert_eq!(spec.label, ids.first_label + shape.link as u32);
         assert_eq!(spec.body, ids.links[shape.link].body);
-        assert_eq!(spec.cluster, 7 + shape.group);
+        assert_eq!(spec.cull_group, 7 + shape.group);
         let hand = robot.hand_links().contains(&shape.link) && !spec.name.contains("wrist");
         let material = (spec.material.friction, spec.material.priority);
         assert_eq!(material, if hand { (0.8, 1) } else { (0.5, 0) }, "{}", spec.name);

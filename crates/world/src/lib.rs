@@ -5,6 +5,7 @@ pub mod config;
 mod domain_sample;
 mod episode;
 mod error;
+mod input;
 mod layout;
 mod lidar;
 mod observe;
@@ -20,8 +21,9 @@ mod world;
 pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
 pub use config::SceneConfig;
 pub use domain_sample::DomainSample;
-pub use episode::{Command, Episode, EpisodeError, EpisodeSpec, Step, Totals};
+pub use episode::{Episode, EpisodeError, EpisodeSpec, Step, Totals};
 pub use error::{SceneError, WorldError};
+pub use input::{AppliedWrench, ControlInput, Push, Target};
 pub use layout::{LadderStart, Layout, Mount, Place};
 pub use lidar::{LIDAR_COLUMNS, LIDAR_RANGE, LIDAR_RAYS, LIDAR_ROWS, Lidar};
 pub use observe::{

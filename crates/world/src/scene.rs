@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId};
+use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId, Variation};
 use fiatlux_robot::{BuildOptions, Gains, Robot, RobotError, RobotIds};
 use fiatlux_rules::{Bulb, BulbGeometry, Geometry, RobotLayout};
 use nalgebra::{Isometry3, Vector2, Vector3};
@@ -106,7 +106,7 @@ impl Scene {
                 world_from_pelvis: layout.robot.world_from_place(config.robot.pelvis_height),
                 hand_friction: spec.hand_friction,
                 first_label: ShapeOwner::Robot(0).label(),
-                first_cluster: props.next_cluster,
+                first_cull_group: props.next_cull_group,
             },
         );
         let placed = placed.map_err(robot_error)?;
@@ -139,6 +139,17 @@ impl Scene {
     /// If the shape is not this model's.
     pub fn owner(&self, shape: ShapeId) -> ShapeOwner {
         self.owners[shape.0]
+    }
+
+    /// Writes a friction coefficient of the hands into a variation, for [`World::set_variation`](crate::World::set_variation).
+    pub fn set_hand_friction(&self, friction: f64, variation: &mut Variation) {
+        let is_hand = |label| match ShapeOwner::from_label(label) {
+            ShapeOwner::Robot(link) => self.robot.is_hand_surface(link),
+            _ => false,
+        };
+        let shapes = self.model.shapes().iter().enumerate();
+        let hands = shapes.filter(|(_, shape)| is_hand(shape.label)).map(|(index, _)| ShapeId(index));
+        variation.frictions.extend(hands.map(|shape| (shape, friction)));
     }
 
     /// The sizes of the scene's rows.
@@ -216,7 +227,7 @@ fn standing_pose(bulb: &BulbConfig, point: Vector3<f64>) -> Isometry3<f64> {
 pub(crate) struct Props {
     pub ladder: Option<BodyId>,
     pub bulbs: Option<[BodyId; 2]>,
-    pub next_cluster: u16,
+    pub next_cull_group: u16,
 }
 
 impl Props {
@@ -228,10 +239,10 @@ impl Props {
         with: &SceneParts,
     ) -> Result<Self, SceneError> {
         let surfaces = &config.surfaces;
-        let mut next_cluster = 0;
-        let mut cluster = || {
-            next_cluster += 1;
-            next_cluster - 1
+        let mut next_cull_group = 0;
+        let mut cull_group = || {
+            next_cull_group += 1;
+            next_cull_group - 1
         };
         let at_origin = Isometry3::identity();
 
@@ -247,7 +258,7 @@ impl Props {
                 }
             };
             let parts = props::ladder(&sizes.ladder, surfaces);
-            add_parts(builder, parts, "ladder_", body, &body_from_ladder, ShapeOwner::Ladder, cluster())?;
+            add_parts(builder, parts, "ladder_", body, &body_from_ladder, ShapeOwner::Ladder, cull_group())?;
         }
 
         let mut bulbs = None;
@@ -255,7 +266,7 @@ impl Props {
             let mut add_bulb = |bulb, name: &str, pose, owner| -> Result<BodyId, SceneError> {
                 let body = builder.add_body(props::bulb_body(bulb, name, pose))?;
                 let parts = props::bulb(bulb, surfaces);
-                add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cluster())?;
+                add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cull_group())?;
                 Ok(body)
             };
             let (world_from_old, world_from_fresh) = bulb_poses(config, sizes, layout, with);
@@ -267,7 +278,7 @@ impl Props {
         }
 
         let mut add_fixed = |parts, prefix: &str, pose: &Isometry3<f64>, owner| {
-            add_parts(builder, parts, prefix, BodyId::WORLD, pose, owner, cluster())
+            add_parts(builder, parts, prefix, BodyId::WORLD, pose, owner, cull_group())
         };
         let (floor, walls) = props::room(&config.room, surfaces);
         add_fixed(vec![floor], "room_", &at_origin, ShapeOwner::Floor)?;
@@ -291,7 +302,7 @@ impl Props {
         if let Some(center) = layout.crate_ {
             add_fixed(props::crate_(&config.crate_, surfaces), "crate_", &on_floor(center), ShapeOwner::Crate)?;
         }
-        Ok(Self { ladder, bulbs, next_cluster })
+        Ok(Self { ladder, bulbs, next_cull_group })
     }
 }
 

@@ -14,7 +14,7 @@ use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
 use fiatlux_sim::{Senses, Sensor, Sensors, joints};
-use fiatlux_world::{ACTION_SCALE, Command as WorldCommand, Episode, EpisodeSpec, Scene, SceneConfig};
+use fiatlux_world::{ACTION_SCALE, Episode, EpisodeSpec, Scene, SceneConfig};
 use serde::{Deserialize, Serialize};
 
 use super::machine::machine;
@@ -132,11 +132,11 @@ impl Stage {
     }
 
     fn step(&mut self, command: PolicyCommand) -> Result<(), BenchError> {
-        let command = match &command {
-            PolicyCommand::Action(numbers) => WorldCommand::Action(numbers),
-            PolicyCommand::JointTarget(numbers) => WorldCommand::JointTarget(numbers),
+        let action = match command {
+            PolicyCommand::Action(numbers) => numbers,
+            PolicyCommand::JointTarget(numbers) => self.episode.action_for(&numbers),
         };
-        self.episode.step(command).map(|_| ()).map_err(scene)
+        self.episode.step(&action).map(|_| ()).map_err(scene)
     }
 }
 

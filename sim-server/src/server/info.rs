@@ -8,7 +8,6 @@ use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Task};
 use fiatlux_world::{ACTION_SCALE, Episode, ObservationTerm, RNG_NAME, Scene, SceneConfig, observation_terms};
 
 use super::plan::{GAINS, Plan};
-use super::session::Times;
 use crate::senses::Sensor;
 use fiatlux_wire::{domain_sample_message, geometry_message};
 
@@ -74,15 +73,8 @@ pub(super) struct Labels<'a> {
     pub meshes: &'a str,
 }
 
-/// Of a session.
-pub(super) fn session(
-    server: &str,
-    id: &str,
-    plan: &Plan,
-    labels: Labels<'_>,
-    scene: &Scene,
-    times: &Times,
-) -> SessionInfo {
+/// Of a session, its timeouts aside.
+pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, scene: &Scene) -> SessionInfo {
     SessionInfo {
         protocol: Some(PROTOCOL),
         server: server.into(),
@@ -95,9 +87,6 @@ pub(super) fn session(
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
         action_scale: ACTION_SCALE,
-        action_timeout_s: times.action_timeout.as_secs_f64(),
-        grace_s: times.grace.as_secs_f64(),
-        resend_s: times.resend.as_secs_f64(),
         gains: plan.gains.to_string(),
         image_width: plan.image_size[0] as u32,
         image_height: plan.image_size[1] as u32,
@@ -107,6 +96,7 @@ pub(super) fn session(
         randomization: Some(plan.request.randomization.unwrap_or_default()),
         reward: plan.reward_name().into(),
         flat_terms: if plan.sensors.all().contains(Sensor::Flat) { flat_terms(plan.task) } else { Vec::new() },
+        ..SessionInfo::default()
     }
 }
 

@@ -5,7 +5,6 @@ use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{OpenRequest, Refusal};
 use fiatlux_rules::{CONTROL_DT, Task};
 
-use super::refusal;
 use crate::senses::{Sensor, Sensors};
 
 /// Observations a second.
@@ -85,9 +84,9 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
         let name = &asked.name;
         let Some(sensor) = Sensor::by_name(name) else {
             let message = format!("sensor '{name}' does not exist; ask for some of {}", Sensor::names());
-            return Err(refusal(Code::Unknown, "sensors", message));
+            return Err(Refusal::new(Code::Unknown, "sensors", message));
         };
-        let wrong = |message: String| Err(refusal(Code::Value, "sensors", message));
+        let wrong = |message: String| Err(Refusal::new(Code::Value, "sensors", message));
         if choices.iter().any(|choice| choice.sensor == sensor) {
             return wrong(format!("sensor '{name}' is listed twice; list it once, with one rate"));
         }
@@ -139,10 +138,10 @@ fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refus
             "{field} of sensor '{name}' is {hz}; it must be {STEP_HZ} divided by a whole number: \
              the nearest ones are {slower:.4} and {faster:.4}"
         );
-        return Err(refusal(Code::Value, "sensors", message));
+        return Err(Refusal::new(Code::Value, "sensors", message));
     }
     let message = format!("{field} of sensor '{name}' is {hz}; it must be within {LEAST_HZ} and {STEP_HZ}, in Hz");
-    Err(refusal(Code::Value, "sensors", message))
+    Err(Refusal::new(Code::Value, "sensors", message))
 }
 
 #[cfg(test)]
