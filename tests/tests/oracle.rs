@@ -6,7 +6,7 @@ use std::path::Path;
 use fiatlux_dynamics::{
     BodyId, BodySpec, Dynamics, Geometry, Input, Joint, Material, Model, ModelBuilder, ShapeSpec, State,
 };
-use fiatlux_robot::{BuildOptions, Robot};
+use fiatlux_robot::{BuildOptions, HandKind, Robot};
 use fiatlux_sim::ExportScene;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
@@ -52,7 +52,7 @@ struct DynamicsState {
 
 #[test]
 fn mass_matrix_and_bias_force_are_those_of_mujoco() {
-    let scene = ExportScene::robot_only(false).unwrap();
+    let scene = ExportScene::robot_only(HandKind::Inspire, false).unwrap();
     let fixture: DynamicsFixture = fixture("dynamics");
     check_bodies(&scene.model, &fixture.bodies);
     assert_eq!(fixture.states.len(), 20);
@@ -98,7 +98,7 @@ struct TumbleRow {
 
 /// The robot in the air without contacts: MuJoCo's tumble has them disabled.
 fn robot_without_shapes() -> Model {
-    let with_shapes = ExportScene::robot_only(false).unwrap().model;
+    let with_shapes = ExportScene::robot_only(HandKind::Inspire, false).unwrap().model;
     let mut builder = ModelBuilder::new();
     for body in &with_shapes.bodies()[1..] {
         builder.add_body(body.spec.clone()).unwrap();
@@ -152,7 +152,7 @@ fn robot_on_floor(ankles: f64) -> Model {
     options.gains.scale((0..robot.joints().len()).filter(|j| robot.joints()[*j].name.contains("ankle")), ankles);
     let mut builder = ModelBuilder::new();
     let placed = robot.add_to(&mut builder, &options).unwrap();
-    let exported = ExportScene::robot_only(true).unwrap().model;
+    let exported = ExportScene::robot_only(HandKind::Inspire, true).unwrap().model;
     let floor = exported.shapes().iter().find(|shape| shape.geometry == Geometry::HalfSpace).unwrap();
     builder.add_shape(ShapeSpec { cull_group: placed.next_cull_group, ..floor.clone() }).unwrap();
     builder.build().unwrap()
@@ -325,7 +325,7 @@ fn every_task_holds_in_mujoco_what_it_holds_here() {
     let fixture: TasksFixture = fixture("tasks");
     assert_eq!(fixture.scenes.len(), 14);
     for theirs in &fixture.scenes {
-        let model = ExportScene::task(theirs.task.parse().unwrap(), 0).unwrap().model;
+        let model = ExportScene::task(theirs.task.parse().unwrap(), 0, HandKind::Inspire).unwrap().model;
         let mass: f64 = model.bodies().iter().map(|body| body.spec.mass).sum();
         let ours = [model.bodies().len() - 1, model.nv(), model.drives().len(), model.shapes().len()];
         let theirs_counted = [theirs.bodies, theirs.dofs, theirs.drives, theirs.shapes].map(|count| count as usize);

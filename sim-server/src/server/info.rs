@@ -3,13 +3,13 @@
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, FlatTerm, Joint, ServerInfo, SessionInfo, TaskInfo};
 use fiatlux_render::head_fov;
-use fiatlux_robot::{JointGains, Robot};
+use fiatlux_robot::{HandKind, JointGains, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Task};
 use fiatlux_world::{ACTION_SCALE, Episode, ObservationTerm, RNG_NAME, Scene, SceneConfig, observation_terms};
 
 use super::plan::{GAINS, Plan};
 use crate::senses::Sensor;
-use fiatlux_wire::{domain_sample_message, geometry_message};
+use fiatlux_wire::{domain_sample_message, footprint_messages, geometry_message};
 
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -27,6 +27,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
         open_sessions: 0,
         model_digest: robot.digest().into(),
         scene_digest: scene.digest(),
+        hands: HandKind::ALL.map(|hand| hand.to_string()).into(),
     }
 }
 
@@ -83,6 +84,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         mode: plan.mode().into(),
         seed: plan.seed,
         joints: joints(scene),
+        footprints: footprint_messages(scene),
         hand_bodies: hand_bodies(&scene.robot),
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
