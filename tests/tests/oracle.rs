@@ -52,8 +52,18 @@ struct DynamicsState {
 
 #[test]
 fn mass_matrix_and_bias_force_are_those_of_mujoco() {
-    let scene = ExportScene::robot_only(HandKind::Inspire, false).unwrap();
-    let fixture: DynamicsFixture = fixture("dynamics");
+    check_dynamics(HandKind::Inspire, "dynamics");
+}
+
+/// MuJoCo has the welded fingers' masses as ours merges them into the wrists' bodies.
+#[test]
+fn those_of_the_robot_with_welded_fingers_too() {
+    check_dynamics(HandKind::Bare, "dynamics_bare");
+}
+
+fn check_dynamics(hands: HandKind, name: &str) {
+    let scene = ExportScene::robot_only(hands, false).unwrap();
+    let fixture: DynamicsFixture = fixture(name);
     check_bodies(&scene.model, &fixture.bodies);
     assert_eq!(fixture.states.len(), 20);
     let nv = scene.model.nv();
@@ -77,7 +87,7 @@ fn mass_matrix_and_bias_force_are_those_of_mujoco() {
         }
         bias_error = bias_error.max(relative(&dynamics.bias_force(&scene.model, &state), &expected.bias));
     }
-    println!("relative error over 20 states: mass matrix {mass_error:.1e}, bias force {bias_error:.1e}");
+    println!("{name}: relative error over 20 states: mass matrix {mass_error:.1e}, bias force {bias_error:.1e}");
     assert!(mass_error < 1e-9 && bias_error < 1e-9);
 }
 
