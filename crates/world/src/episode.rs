@@ -1,4 +1,4 @@
-//! One episode of a task: a world in motion, judged, paid, observed and chained into a digest.
+//! One episode of a task: a world in motion, judged, paid and chained into a digest.
 
 use std::sync::Arc;
 
@@ -10,8 +10,7 @@ use thiserror::Error;
 
 use crate::start::check_kind;
 use crate::{
-    ACTION_SCALE, DomainSample, HandFriction, Layout, Light, NoiseSeed, Observer, PropScale, Proprioception, RNG_NAME,
-    Randomization, Scene, SceneKind, SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
+    ACTION_SCALE, DomainSample, HandFriction, Layout, Light, PropScale, RNG_NAME, Randomization, Scene, SceneKind, SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
 };
 
 /// What an episode is. It plays in the scene that [`EpisodeSpec::scene`] describes; gains are the scene's.
@@ -196,8 +195,6 @@ pub struct Step<'a> {
     pub verdict: &'a Verdict,
     /// What each term of the reward paid.
     pub terms: &'a [Term],
-    /// What the robot senses of itself.
-    pub observation: &'a Proprioception,
     /// Some number of the action was outside the box [-1, 1].
     pub outside_box: bool,
 }
@@ -223,15 +220,13 @@ pub struct Episode {
     world: World,
     judge: Judge,
     rewards: Rewards,
-    observer: Observer,
-    observation: Proprioception,
     context: RowDigest,
     digest: RowDigest,
     totals: Totals,
 }
 
 impl Episode {
-    /// Stages an episode: row 0 is judged, observed and in the digest.
+    /// Stages an episode: row 0 is judged and in the digest.
     ///
     /// # Errors
     /// [`StartError`]: the scene is not the one of [`EpisodeSpec::scene`], or the task does not start in it.
@@ -248,10 +243,6 @@ impl Episode {
         judge.start(row);
         let mut rewards = Rewards::new(&judge, spec.variant);
         rewards.start(&judge, row);
-        let seed = NoiseSeed { seed: spec.seed, episode: spec.episode };
-        let mut observer = Observer::new(scene.robot.q0().to_vec(), spec.randomize.sensors.then_some(seed));
-        let mut observation = Proprioception::zeros(scene.robot_layout().joints);
-        observer.observe(row, &mut observation);
         let context = RowDigest::new(&spec.context(&scene));
         let mut digest = context.clone();
         digest.push(row);
@@ -266,8 +257,6 @@ impl Episode {
             joint_target,
             judge,
             rewards,
-            observer,
-            observation,
             context,
             digest,
             totals,
@@ -275,7 +264,7 @@ impl Episode {
         })
     }
 
-    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest.
+    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, digest.
     ///
     /// # Errors
     /// [`EpisodeError`]; the episode is unchanged.
@@ -291,7 +280,6 @@ impl Episode {
         let row = self.world.step(&self.action, &self.joint_target)?;
         self.judge.advance(row);
         self.rewards.advance(&self.judge, row);
-        self.observer.observe(row, &mut self.observation);
         self.digest.push(row);
         let outside_box = self.action.iter().any(|number| number.abs() > 1.0);
         self.totals.unconverged += u64::from(row.unconverged);
@@ -301,7 +289,6 @@ impl Episode {
             row: self.world.row(),
             verdict: self.judge.verdict(),
             terms: self.rewards.terms(),
-            observation: &self.observation,
             outside_box,
         })
     }
@@ -356,11 +343,6 @@ impl Episode {
     /// What all terms paid in the last step.
     pub fn reward(&self) -> f64 {
         self.rewards.reward()
-    }
-
-    /// What the robot senses of itself in the last row.
-    pub fn observation(&self) -> &Proprioception {
-        &self.observation
     }
 
     /// Digest of the rows so far, row 0 included.

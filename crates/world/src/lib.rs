@@ -1,12 +1,10 @@
 //! The benchmark's scene as data and as a model of the dynamics engine: room, bench, crate, fixture, bulbs, ladder and
-//! robot, their draw by seed, the socket's hold on a bulb, the tasks' start states, and what a policy senses.
+//! robot, their draw by seed, the socket's hold on a bulb, the tasks' start states, and episodes.
 mod attach;
 pub mod config;
 mod episode;
 mod error;
 mod layout;
-mod lidar;
-mod observe;
 mod props;
 mod randomize;
 mod rng;
@@ -19,12 +17,6 @@ pub use config::SceneConfig;
 pub use episode::{Command, Episode, EpisodeError, EpisodeSpec, Step, Totals};
 pub use error::{SceneError, WorldError};
 pub use layout::{LadderStart, Layout, Mount, Place};
-pub use lidar::{LIDAR_COLUMNS, LIDAR_RANGE, LIDAR_RAYS, LIDAR_ROWS, Lidar};
-pub use observe::{
-    ClimbPrivileged, FEATURES, FOOT_FORCE_HEIGHT, NoiseSeed, ObservationTerm, Observer, Privileged, Proprioception,
-    Signal, StandardTerms, flat_privileged, flat_standard, foot_force_estimate, hand_force, limb_force,
-    observation_length, observation_terms, world_from_link,
-};
 pub use props::{LadderPoints, PropSizes};
 pub use randomize::{DomainSample, HandFriction, Light, PropScale, Randomization};
 pub use rng::{RNG_NAME, Random, Stream};

@@ -1,13 +1,8 @@
 //! What the robot senses of its own body: a row, and uniform noise.
 
 use fiatlux_rules::Row;
+use fiatlux_world::{EpisodeSpec, Random, Stream};
 use nalgebra::Vector3;
-
-use super::ObservationTerm;
-use super::table::{
-    BASE_ANGULAR_VELOCITY, BASE_HEIGHT, BASE_LINEAR_VELOCITY, JOINT_POSITION, JOINT_VELOCITY, PROJECTED_GRAVITY,
-};
-use crate::{Random, Stream};
 
 /// What the robot senses of its own body in one row. The pelvis frame is the pelvis link's.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,15 +21,6 @@ pub struct Proprioception {
     pub joint_velocity: Vec<f64>,
 }
 
-/// Which episode's noise is drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct NoiseSeed {
-    /// Seed.
-    pub seed: u64,
-    /// Episode.
-    pub episode: u64,
-}
-
 impl Proprioception {
     /// All numbers 0, for a robot of so many joints.
     pub fn zeros(joints: usize) -> Self {
@@ -49,10 +35,26 @@ impl Proprioception {
     }
 }
 
+/// Which episode's noise is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NoiseSeed {
+    /// Seed of the session.
+    pub seed: u64,
+    /// Index of the episode.
+    pub episode: u64,
+}
+
+impl NoiseSeed {
+    /// Of an episode; none where its sensors have no noise.
+    pub fn of(spec: &EpisodeSpec) -> Option<Self> {
+        spec.randomize.sensors.then_some(Self { seed: spec.seed, episode: spec.episode })
+    }
+}
+
 /// Turns the rows of one episode into what its robot senses.
 ///
-/// Each term has its own random stream, of which every observation takes the same count: the noise of the k-th
-/// observation is the same whatever the rows hold.
+/// Each term has its own random stream, of which every row takes the same count: the noise of row k is the same whatever
+/// the rows hold, and whichever of them are observed.
 #[derive(Debug, Clone)]
 pub struct Observer {
     q0: Vec<f64>,
@@ -65,7 +67,7 @@ impl Observer {
         Self { q0, noise: noise.map(Noise::new) }
     }
 
-    /// Writes the next observation.
+    /// Writes what the robot senses in a row.
     pub fn observe(&mut self, row: &Row, sensed: &mut Proprioception) {
         let world_from_pelvis = &row.robot.pose.rotation;
         let in_pelvis = |vector: &Vector3<f64>| world_from_pelvis.inverse_transform_vector(vector).into();
@@ -77,59 +79,55 @@ impl Observer {
         sensed.joint_position.extend(row.joint_position.iter().zip(&self.q0).map(|(q, q0)| q - q0));
         sensed.joint_velocity.clone_from(&row.joint_velocity);
         if let Some(noise) = &mut self.noise {
-            noise.add_to(sensed);
+            noise.add_to(sensed, row.step);
         }
     }
 }
 
-/// The streams of all terms, each with its half-width. A term without noise draws nothing.
+/// Name and half-width of the noise of each term, in the term's unit, as published.
+pub(crate) const NOISE: [(&str, f64); 6] = [
+    ("base_angular_velocity", 0.2),
+    ("projected_gravity", 0.05),
+    ("base_linear_velocity", 0.1),
+    ("base_height", 0.05),
+    ("joint_position", 0.01),
+    ("joint_velocity", 1.5),
+];
+
 #[derive(Debug, Clone)]
 struct Noise {
-    angular_velocity: TermNoise,
-    gravity: TermNoise,
-    linear_velocity: TermNoise,
-    height: TermNoise,
-    joint_position: TermNoise,
-    joint_velocity: TermNoise,
-}
-
-#[derive(Debug, Clone)]
-struct TermNoise {
-    random: Random,
-    half_width: f64,
-}
-
-impl TermNoise {
-    fn add_to(&mut self, values: &mut [f64]) {
-        for value in values {
-            *value += self.random.uniform(-self.half_width, self.half_width);
-        }
-    }
+    seed: NoiseSeed,
+    streams: [Random; 6],
+    /// Row whose noise comes next.
+    next: u64,
 }
 
 impl Noise {
-    fn new(NoiseSeed { seed, episode }: NoiseSeed) -> Self {
-        let of = |term: &ObservationTerm| TermNoise {
-            random: Random::of_term(Stream::Noise, term.name, seed, episode),
-            half_width: term.noise,
-        };
-        Self {
-            angular_velocity: of(&BASE_ANGULAR_VELOCITY),
-            gravity: of(&PROJECTED_GRAVITY),
-            linear_velocity: of(&BASE_LINEAR_VELOCITY),
-            height: of(&BASE_HEIGHT),
-            joint_position: of(&JOINT_POSITION),
-            joint_velocity: of(&JOINT_VELOCITY),
-        }
+    fn new(seed: NoiseSeed) -> Self {
+        let stream = |(name, _)| Random::of_term(Stream::Noise, name, seed.seed, seed.episode);
+        Self { seed, streams: NOISE.map(stream), next: 0 }
     }
 
-    fn add_to(&mut self, sensed: &mut Proprioception) {
-        self.angular_velocity.add_to(&mut sensed.base_angular_velocity);
-        self.gravity.add_to(&mut sensed.projected_gravity);
-        self.linear_velocity.add_to(&mut sensed.base_linear_velocity);
-        self.height.add_to(std::slice::from_mut(&mut sensed.base_height));
-        self.joint_position.add_to(&mut sensed.joint_position);
-        self.joint_velocity.add_to(&mut sensed.joint_velocity);
+    fn add_to(&mut self, sensed: &mut Proprioception, step: u64) {
+        if step < self.next {
+            *self = Self::new(self.seed);
+        }
+        let left_out = step - self.next;
+        self.next = step + 1;
+        let terms: [&mut [f64]; 6] = [
+            &mut sensed.base_angular_velocity,
+            &mut sensed.projected_gravity,
+            &mut sensed.base_linear_velocity,
+            std::slice::from_mut(&mut sensed.base_height),
+            &mut sensed.joint_position,
+            &mut sensed.joint_velocity,
+        ];
+        for ((random, (_, half_width)), values) in self.streams.iter_mut().zip(NOISE).zip(terms) {
+            if left_out > 0 {
+                random.skip(left_out.saturating_mul(values.len() as u64));
+            }
+            values.iter_mut().for_each(|value| *value += random.uniform(-half_width, half_width));
+        }
     }
 }
 

@@ -3,10 +3,10 @@
 use fiatlux_dynamics::Geometry;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-/// A shape of the ladder, in the ladder's frame.
+/// A shape of a prop, in the prop's frame.
 #[derive(Debug, Clone)]
 pub(super) struct Target {
-    ladder_from_shape: Isometry3<f64>,
+    prop_from_shape: Isometry3<f64>,
     form: Form,
     /// Half extents of its bounding box, in its own frame, m.
     half: Vector3<f64>,
@@ -24,7 +24,7 @@ enum Form {
 
 impl Target {
     /// `None` for what has no bounds.
-    pub fn new(geometry: &Geometry, ladder_from_shape: Isometry3<f64>) -> Option<Self> {
+    pub fn new(geometry: &Geometry, prop_from_shape: Isometry3<f64>) -> Option<Self> {
         let capsule = |radius: f64, half_length: f64| {
             (Form::Capsule { radius, half_length }, Vector3::new(radius, radius, radius + half_length))
         };
@@ -34,12 +34,12 @@ impl Target {
             Geometry::Sphere { radius } => capsule(radius, 0.0),
             Geometry::HalfSpace => return None,
         };
-        Some(Self { ladder_from_shape, form, half })
+        Some(Self { prop_from_shape, form, half })
     }
 
     /// In the frame of a sensor.
-    pub fn place(&self, sensor_from_ladder: &Isometry3<f64>) -> Placed {
-        let sensor_from_shape = sensor_from_ladder * self.ladder_from_shape;
+    pub fn place(&self, sensor_from_prop: &Isometry3<f64>) -> Placed {
+        let sensor_from_shape = sensor_from_prop * self.prop_from_shape;
         let center = sensor_from_shape.translation.vector;
         let axes = sensor_from_shape.rotation.to_rotation_matrix().into_inner();
         Placed { form: self.form, half: self.half, center, axes, eye: -axes.tr_mul(&center) }

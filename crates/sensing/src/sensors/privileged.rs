@@ -1,7 +1,79 @@
 //! What a policy in training may see beside what the robot senses: exact, of the things around it.
 
+use fiatlux_proto::v3;
 use fiatlux_rules::{Bulb, Geometry, Row, Task};
+use fiatlux_wire::pose_message;
 use nalgebra::{Isometry3, Vector3};
+
+use crate::Setup;
+use crate::sensor::{Entry, Needs, Term};
+
+pub(crate) const ENTRY: Entry = Entry {
+    name: "privileged",
+    is_large: false,
+    needs: Needs::ROW,
+    terms,
+    compute: |view, _, out| {
+        match view.task {
+            Task::Climb => out.extend(&ClimbPrivileged::measure(view.row).flat()),
+            _ => out.extend(&Privileged::measure(view.judge.geometry(), view.row).flat()),
+        }
+        Ok(())
+    },
+    encode: |view, _, observation| {
+        observation.privileged = Some(match view.task {
+            Task::Climb => ClimbPrivileged::measure(view.row).message(),
+            _ => Privileged::measure(view.judge.geometry(), view.row).message(),
+        });
+        Ok(())
+    },
+};
+
+fn terms(setup: &Setup) -> Vec<Term> {
+    fn pose(
+        [position, quaternion]: [&'static str; 2],
+        [position_field, quaternion_field]: [&'static str; 2],
+    ) -> [Term; 2] {
+        [
+            Term::new(position, position_field, &[3], "m", "origin in the world"),
+            Term::new(quaternion, quaternion_field, &[4], "", "turn in the world: w, x, y, z").within(-1.0, 1.0),
+        ]
+    }
+    /// The terms of a pose, by the name of its field.
+    macro_rules! pose {
+        ($name:literal) => {
+            pose(
+                [concat!($name, "_position"), concat!($name, "_quaternion")],
+                [concat!("privileged.", $name, ".position"), concat!("privileged.", $name, ".quaternion")],
+            )
+        };
+    }
+    if setup.task == Task::Climb {
+        let meaning = "velocity of the pelvis, pelvis frame, without noise";
+        let velocity = Term::new("linear_velocity", "privileged.linear_velocity", &[3], "m/s", meaning);
+        return pose!("robot").into_iter().chain([velocity]).chain(pose!("ladder")).collect();
+    }
+    let poses = [
+        pose!("robot"),
+        pose!("ladder"),
+        pose!("socket"),
+        pose!("fresh_bulb"),
+        pose!("old_bulb"),
+        pose!("crate"),
+    ];
+    let distances = "ladder's top point from the seat, fresh plug from the seat, old plug from the seat, old bulb's \
+                     origin from the crate's";
+    let rest = [
+        Term::new("distances", "privileged.distances", &[4], "m", distances).within(0.0, f64::INFINITY),
+        Term::new("seated", "privileged.seated", &[2], "", "old bulb seated, fresh bulb seated: 0 or 1")
+            .within(0.0, 1.0),
+    ];
+    poses.into_iter().flatten().chain(rest).collect()
+}
+
+fn pose(pose: &Isometry3<f64>) -> Option<v3::Pose> {
+    Some(pose_message(pose))
+}
 
 /// The privileged terms of every task but `climb`: 48 numbers. Poses are of link origins in the world.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,6 +127,20 @@ impl Privileged {
         let poses = poses.into_iter().flat_map(flat_pose);
         fill(poses.chain(self.distances).chain(self.seated.map(|seated| f64::from(u8::from(seated)))))
     }
+
+    fn message(&self) -> v3::Privileged {
+        v3::Privileged {
+            robot: pose(&self.robot),
+            ladder: pose(&self.ladder),
+            socket: pose(&self.socket),
+            fresh_bulb: pose(&self.fresh_bulb),
+            old_bulb: pose(&self.old_bulb),
+            crate_: pose(&self.crate_),
+            distances: self.distances.into(),
+            seated: self.seated.into(),
+            linear_velocity: Vec::new(),
+        }
+    }
 }
 
 /// The privileged terms of `climb`: 17 numbers.
@@ -86,14 +172,14 @@ impl ClimbPrivileged {
         let velocity: [f64; 3] = self.linear_velocity.into();
         fill(flat_pose(&self.robot).into_iter().chain(velocity).chain(flat_pose(&self.ladder)))
     }
-}
 
-/// The privileged vector of a task: 48 numbers, and 17 in `climb`.
-pub fn flat_privileged(geometry: &Geometry, row: &Row, task: Task) -> Vec<f32> {
-    let single = |numbers: &[f64]| numbers.iter().map(|number| *number as f32).collect();
-    match task {
-        Task::Climb => single(&ClimbPrivileged::measure(row).flat()),
-        _ => single(&Privileged::measure(geometry, row).flat()),
+    fn message(&self) -> v3::Privileged {
+        v3::Privileged {
+            robot: pose(&self.robot),
+            ladder: pose(&self.ladder),
+            linear_velocity: self.linear_velocity.as_slice().to_vec(),
+            ..v3::Privileged::default()
+        }
     }
 }
 

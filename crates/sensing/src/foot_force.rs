@@ -18,7 +18,7 @@ use fiatlux_robot::{Robot, Shape};
 use fiatlux_rules::Row;
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 
-use super::world_from_link;
+use crate::world_from_link;
 
 /// Least height of the sole's centre above the floor at which a force counts, m: lower, the floor may be what bears the
 /// foot, and only the ladder is asked for.

@@ -1,4 +1,5 @@
-//! The LiDAR in the robot's head: ranges by our own closed forms, to the floor and the ladder and nothing else.
+//! The LiDAR in the robot's head: ranges by our own closed forms. The published one sees the floor and the ladder and
+//! nothing else.
 //!
 //! Rows are elevations from -25 to 25 degrees, columns azimuths from -180 degrees in steps of 2, both in the frame of the
 //! link that carries it, with whose whole orientation it turns; the index is 180 row + column. That frame is mounted
@@ -12,10 +13,10 @@ use std::sync::Arc;
 
 use fiatlux_robot::Robot;
 use fiatlux_rules::Row;
+use fiatlux_world::{Scene, SceneError, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
-use crate::observe::world_from_link;
-use crate::{Scene, SceneError, ShapeOwner};
+use crate::world_from_link;
 use cast::{Placed, Target};
 
 /// Elevations.
@@ -30,6 +31,16 @@ pub const LIDAR_RANGE: f64 = 10.0;
 /// Greatest elevation, rad; the least is its negative.
 const ELEVATION: f64 = 25.0 * PI / 180.0;
 
+/// What a LiDAR sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Sight {
+    /// Floor and ladder, as the published benchmark has it.
+    #[default]
+    Published,
+    /// Walls, ceiling, bench, crate and fixture too.
+    Room,
+}
+
 /// The robot's LiDAR. A scan allocates nothing.
 #[derive(Debug, Clone)]
 pub struct Lidar {
@@ -37,7 +48,9 @@ pub struct Lidar {
     link: usize,
     /// Where the ladder stands, where it cannot move.
     world_from_fixed_ladder: Option<Isometry3<f64>>,
-    targets: Vec<Target>,
+    ladder: Vec<Target>,
+    /// What stands fast beside the ladder, in the world.
+    room: Vec<Target>,
     /// In the sensor's frame, by index.
     directions: Vec<Vector3<f64>>,
     ranges: Box<[f32; LIDAR_RAYS]>,
@@ -48,7 +61,7 @@ impl Lidar {
     ///
     /// # Errors
     /// [`SceneError::RobotParts`] for a robot that has none.
-    pub fn new(scene: &Scene) -> Result<Self, SceneError> {
+    pub fn new(scene: &Scene, sight: Sight) -> Result<Self, SceneError> {
         let link = scene.robot.lidar().ok_or_else(|| SceneError::RobotParts {
             robot: scene.robot.name().into(),
             part: "LiDAR mounts",
@@ -57,15 +70,22 @@ impl Lidar {
         })?;
         let world_from_fixed_ladder = scene.ladder.is_none().then_some(scene.world_from_ladder);
         let ladder_from_body = world_from_fixed_ladder.map_or_else(Isometry3::identity, |pose| pose.inverse());
-        let shapes = scene.model.shapes().iter();
-        let targets = shapes
-            .filter(|shape| ShapeOwner::from_label(shape.label) == ShapeOwner::Ladder)
-            .filter_map(|shape| Target::new(&shape.geometry, ladder_from_body * shape.body_from_shape));
+        let targets = |owner: ShapeOwner, prop_from_body: Isometry3<f64>| {
+            let shapes = scene.model.shapes().iter();
+            shapes
+                .filter(move |shape| ShapeOwner::from_label(shape.label) == owner)
+                .filter_map(move |shape| Target::new(&shape.geometry, prop_from_body * shape.body_from_shape))
+        };
+        let room: &[ShapeOwner] = match sight {
+            Sight::Published => &[],
+            Sight::Room => &[ShapeOwner::Room, ShapeOwner::Bench, ShapeOwner::Crate, ShapeOwner::Fixture],
+        };
         Ok(Self {
             robot: Arc::clone(&scene.robot),
             link,
             world_from_fixed_ladder,
-            targets: targets.collect(),
+            ladder: targets(ShapeOwner::Ladder, ladder_from_body).collect(),
+            room: room.iter().flat_map(|owner| targets(*owner, Isometry3::identity())).collect(),
             directions: (0..LIDAR_RAYS).map(direction).collect(),
             ranges: Box::new([LIDAR_RANGE as f32; LIDAR_RAYS]),
         })
@@ -76,9 +96,11 @@ impl Lidar {
         let world_from_sensor = world_from_link(&self.robot, self.link, row);
         self.scan_floor(&world_from_sensor);
         let world_from_ladder = self.world_from_fixed_ladder.unwrap_or(row.ladder.pose);
-        let sensor_from_ladder = world_from_sensor.inverse() * world_from_ladder;
-        for target in &self.targets {
-            let placed = target.place(&sensor_from_ladder);
+        let sensor_from_world = world_from_sensor.inverse();
+        let sensor_from_ladder = sensor_from_world * world_from_ladder;
+        let ladder = self.ladder.iter().map(|target| target.place(&sensor_from_ladder));
+        let room = self.room.iter().map(|target| target.place(&sensor_from_world));
+        for placed in ladder.chain(room) {
             if placed.gap() > LIDAR_RANGE {
                 continue;
             }
