@@ -22,16 +22,15 @@ const MADE_OF_IMAGES: [&str; 3] = [IMAGE, "fiatlux.v3.Features", "fiatlux.v3.Fla
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum TermError {
     /// The server names a field that these messages do not have.
-    #[error("sensor '{sensor}' fills field '{field}', which this client does not know; use one of the server's version")]
+    #[error(
+        "sensor '{sensor}' fills field '{field}', which this client does not know; use one of the server's version"
+    )]
     UnknownField {
         /// The sensor.
         sensor: String,
         /// The field.
         field: String,
     },
-    /// A sensor of the session has no terms.
-    #[error("sensor '{0}' of the session has no terms; the server must name what it holds")]
-    Undescribed(String),
     /// An observation has what the session does not.
     #[error("{field} is no term of the session; ask for its sensor, or use a client of the server's version")]
     NoTerm {
@@ -87,7 +86,7 @@ impl ObservationLayout {
     /// Of a session.
     ///
     /// # Errors
-    /// [`TermError`]: a sensor of the session fills a field that these messages do not have, or is not described.
+    /// [`TermError`]: a sensor of the session fills a field that these messages do not have.
     pub fn new(info: &SessionInfo) -> Result<Self, TermError> {
         let mut layout = Self::default();
         for term in &info.terms {
@@ -100,8 +99,7 @@ impl ObservationLayout {
                 layout.images.insert(image.into(), [u64::from(*width), u64::from(*height)]);
             }
         }
-        let bare = info.sensors.iter().find(|sensor| !sensor.bag_only && info.terms_of(&sensor.name).next().is_none());
-        bare.map_or(Ok(layout), |sensor| Err(TermError::Undescribed(sensor.name.clone())))
+        Ok(layout)
     }
 
     /// Refuses an observation in which a sensor's part is not as described. A sensor that is not due has none.
@@ -218,7 +216,9 @@ impl Part<'_> {
 
     fn numbers(&self) -> Vec<f64> {
         match self.field.kind {
-            Type::Float => self.contents.as_chunks().0.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect(),
+            Type::Float => {
+                self.contents.as_chunks().0.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect()
+            }
             Type::Double => self.contents.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect(),
             Type::Bytes => self.contents.iter().map(|byte| f64::from(*byte)).collect(),
             Type::String | Type::Message => Vec::new(),

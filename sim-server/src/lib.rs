@@ -4,7 +4,7 @@ mod recorder;
 mod scene;
 mod server;
 
-pub use mjcf::{Laws, MjcfOptions, to_mjcf};
+pub use mjcf::{MjcfOptions, OptionSet, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
 pub use server::{Server, ServerError, ServerOptions, joints};

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use fiatlux_rules::Task;
-use fiatlux_sim::{ExportScene, Laws, MjcfOptions, to_mjcf};
+use fiatlux_sim::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
 
 /// Simulates the errand's scenes for policies.
 ///
@@ -28,6 +28,7 @@ const EXAMPLES: &str = "\
 Examples:
   sim-server                                  for policies on this machine
   sim-server -l tcp/0.0.0.0:7447 --name lab   for policies on the network
+  sim-server --settings lab.toml              with the flags that a file has; deploy/settings/sim-server.toml shows all
   sim-server export --task S01 -o scene.xml   the same scene for MuJoCo";
 
 #[derive(Debug, Subcommand)]
@@ -79,7 +80,7 @@ fn timestep(text: &str) -> Result<f64, String> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = fiatlux_link::parse_with_settings();
     let done = match &cli.command {
         Some(Command::Export(export)) => run_export(export),
         None => daemon::run(cli.daemon),
@@ -102,7 +103,7 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
     let options = MjcfOptions {
         name: scene.name,
         timestep: export.timestep,
-        laws: if export.mujoco_defaults { Laws::MujocoDefaults } else { Laws::Ours },
+        option_set: if export.mujoco_defaults { OptionSet::Defaults } else { OptionSet::Nearest },
     };
     let text = to_mjcf(&scene.model, &scene.state, &scene.targets, &options);
     if export.output.as_os_str() == "-" {
@@ -110,4 +111,19 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
         return Ok(());
     }
     std::fs::write(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_example_settings_show_every_flag() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/settings/sim-server.toml");
+        fiatlux_link::check_example::<Cli>(path.as_ref()).unwrap();
+        Cli::command().debug_assert();
+    }
 }

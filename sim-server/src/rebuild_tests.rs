@@ -2,8 +2,8 @@
 
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest, PropScale, Randomization, State};
-use fiatlux_rules::Row;
-use fiatlux_world::{ACTION_SCALE, Command, Episode, Light, SceneConfig, World};
+use fiatlux_rules::{JOINTS, Row};
+use fiatlux_world::{ACTION_SCALE, Episode, Light, SceneConfig, World};
 
 use super::*;
 use crate::server::recorded_header;
@@ -19,7 +19,7 @@ fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8
     let staged = episode.row().action;
     for step in 0..steps {
         let action = std::array::from_fn(|joint| staged[joint] + 0.1 * libm::sin(0.3 * step as f64 + joint as f64));
-        episode.step(Command::Action(&action)).unwrap();
+        episode.step(&action).unwrap();
         rows.push(State::from(episode.row()).encode_to_vec());
     }
     (header.encode_to_vec(), rows)

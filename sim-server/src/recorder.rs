@@ -1,11 +1,9 @@
 //! Records sessions into bags, an episode each.
 //!
-//! Zenoh's callbacks put truths into the queue of a worker thread, which alone has its sessions' state; a session stays
-//! with one worker. A row takes some 70 us (poses, compression, file), so one worker keeps up with 14,000 rows/s: more
+//! Zenoh's callbacks put records into the queue of a worker thread, which alone has its sessions' state
+//! (`fiatlux_session::RecorderSession`) and writes their bags; a session stays with one worker. A row takes some 70 us (poses, compression, file), so one worker keeps up with 14,000 rows/s: more
 //! than four cores simulate. There is a worker for each four cores.
 mod bags;
-mod order;
-mod track;
 mod worker;
 
 use std::path::PathBuf;

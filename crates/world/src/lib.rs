@@ -14,7 +14,7 @@ mod world;
 
 pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
 pub use config::SceneConfig;
-pub use episode::{Command, Episode, EpisodeError, EpisodeSpec, Step, Totals};
+pub use episode::{Episode, EpisodeError, EpisodeSpec, Step, Totals};
 pub use error::{SceneError, WorldError};
 pub use layout::{LadderStart, Layout, Mount, Place};
 pub use props::{LadderPoints, PropSizes};

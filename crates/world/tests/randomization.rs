@@ -6,8 +6,8 @@ use std::sync::Arc;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Bulb, Row, Task, measure};
 use fiatlux_world::{
-    ACTION_SCALE, Command, DomainSample, Episode, EpisodeSpec, HandFriction, Light, PropScale, Proprioception,
-    Randomization, Scene, SceneConfig, SceneError, SceneSpec, StartError, StartOffset, StartOptions, World, start,
+    ACTION_SCALE, DomainSample, Episode, EpisodeSpec, HandFriction, Light, PropScale, Proprioception, Randomization,
+    Scene, SceneConfig, SceneError, SceneSpec, StartError, StartOffset, StartOptions, World, start,
 };
 
 fn scene_of(spec: &EpisodeSpec) -> Arc<Scene> {
@@ -26,7 +26,7 @@ fn played(episode: &mut Episode, steps: u64) -> Vec<(Row, Proprioception)> {
     let staged = episode.row().action;
     for step in 0..steps {
         let swing = |joint: usize| 0.05 * libm::sin(0.1 * step as f64 + joint as f64);
-        if episode.step(&Command::Action(std::array::from_fn(|joint| staged[joint] + swing(joint)))).is_err() {
+        if episode.step(&std::array::from_fn(|joint| staged[joint] + swing(joint))).is_err() {
             break;
         }
         rows.push((episode.row().clone(), episode.observation().clone()));
@@ -277,7 +277,7 @@ fn tasks_start_at_every_corner_of_the_sizes() {
             if matches!(task, Task::S03 | Task::S12) {
                 let bulb = if task == Task::S03 { Bulb::Old } else { Bulb::Fresh };
                 for _ in 0..100 {
-                    if episode.step(&Command::Action(row.action)).is_err() {
+                    if episode.step(&row.action).is_err() {
                         break;
                     }
                     assert!(episode.row().attachments[bulb as usize].seated, "{task} {scale:?}");

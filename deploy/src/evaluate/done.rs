@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use fiatlux_bag::{Bag, BagError, Completeness, part_of};
+use fiatlux_proto::ABORTED;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest};
 use fiatlux_render::RobotMeshes;
 use fiatlux_robot::Robot;
@@ -73,7 +74,7 @@ fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest, meshes:
 /// Whole, played to its end, and in the world that this build simulates.
 fn is_current(bag: &Bag, world: &Digests) -> bool {
     let header = bag.header();
-    let ended = bag.result().and_then(|result| result.end.as_ref()).is_some_and(|end| end.cause != "aborted");
+    let ended = bag.result().and_then(|result| result.end.as_ref()).is_some_and(|end| end.cause != ABORTED);
     let same_world = header.model_digest == world.model && header.scene_digest == world.scene;
     ended && same_world && header.version == env!("CARGO_PKG_VERSION") && *bag.completeness() == Completeness::Whole
 }

@@ -46,8 +46,9 @@ pub fn header() -> EpisodeHeader {
 }
 
 pub fn result(rows: u64) -> EpisodeResult {
-    let end = EpisodeEnd { cause: "time-out".into(), steps: rows - 1, digest: "ab12".into(), ..EpisodeEnd::default() };
-    EpisodeResult { end: Some(end), steps: rows - 1, gate_progress: 1.0 / 3.0, ..EpisodeResult::default() }
+    let (cause, digest) = ("time-out".into(), "ab12".into());
+    let end = EpisodeEnd { cause, digest, steps: rows - 1, gate_progress: 1.0 / 3.0, ..EpisodeEnd::default() };
+    EpisodeResult { end: Some(end), ..EpisodeResult::default() }
 }
 
 pub fn state(step: u64) -> State {

@@ -53,14 +53,8 @@ fn terms(setup: &Setup) -> Vec<Term> {
         let velocity = Term::new("linear_velocity", "privileged.linear_velocity", &[3], "m/s", meaning);
         return pose!("robot").into_iter().chain([velocity]).chain(pose!("ladder")).collect();
     }
-    let poses = [
-        pose!("robot"),
-        pose!("ladder"),
-        pose!("socket"),
-        pose!("fresh_bulb"),
-        pose!("old_bulb"),
-        pose!("crate"),
-    ];
+    let poses =
+        [pose!("robot"), pose!("ladder"), pose!("socket"), pose!("fresh_bulb"), pose!("old_bulb"), pose!("crate")];
     let distances = "ladder's top point from the seat, fresh plug from the seat, old plug from the seat, old bulb's \
                      origin from the crate's";
     let rest = [

@@ -49,14 +49,8 @@ fn terms(setup: &Setup) -> Vec<Term> {
             "rad/s",
             "angular velocity of the pelvis, pelvis frame",
         ),
-        term(
-            "projected_gravity",
-            "proprioception.projected_gravity",
-            &[3],
-            "",
-            "direction of gravity, pelvis frame",
-        )
-        .within(-1.0, 1.0),
+        term("projected_gravity", "proprioception.projected_gravity", &[3], "", "direction of gravity, pelvis frame")
+            .within(-1.0, 1.0),
         term(
             "base_linear_velocity",
             "proprioception.base_linear_velocity",
@@ -64,13 +58,7 @@ fn terms(setup: &Setup) -> Vec<Term> {
             "m/s",
             "velocity of the pelvis link's origin, pelvis frame",
         ),
-        term(
-            "base_height",
-            "proprioception.base_height",
-            &[],
-            "m",
-            "height of the pelvis link's origin in the world",
-        ),
+        term("base_height", "proprioception.base_height", &[], "m", "height of the pelvis link's origin in the world"),
         term("joint_position", "proprioception.joint_position", &[joints], "rad", "joint angles less those of q0"),
         term("joint_velocity", "proprioception.joint_velocity", &[joints], "rad/s", "joint velocities"),
     ]

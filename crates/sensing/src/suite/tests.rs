@@ -4,8 +4,8 @@ use fiatlux_features::Weights;
 use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::packed_element_field::NumericType;
 use fiatlux_robot::{GainSet, Robot};
-
-use fiatlux_world::{Command, EpisodeSpec, LIDAR_RANGE, LIDAR_RAYS, SceneConfig, observation_terms};
+use fiatlux_rules::{HAND_BODIES, JOINTS};
+use fiatlux_world::{EpisodeSpec, LIDAR_RANGE, LIDAR_RAYS, SceneConfig, observation_terms};
 
 use super::*;
 
@@ -136,7 +136,7 @@ fn sensors_do_not_touch_each_other() {
             senses.observe(&episode, sensors).unwrap();
             // Twice: a second look draws no noise.
             seen.push(senses.observe(&episode, body).unwrap());
-            episode.step(Command::Action(&[0.1; JOINTS])).unwrap();
+            episode.step(&[0.1; JOINTS]).unwrap();
         }
         (seen, episode.digest().hex())
     };
@@ -149,7 +149,7 @@ fn a_new_row_is_sensed_afresh() {
     let mut senses = senses(&episode, all());
     let first = senses.observe(&episode, all()).unwrap();
     for _ in 0..20 {
-        episode.step(Command::Action(&[0.5; JOINTS])).unwrap();
+        episode.step(&[0.5; JOINTS]).unwrap();
     }
     let later = senses.observe(&episode, all()).unwrap();
     assert_ne!(first.lidar, later.lidar);
