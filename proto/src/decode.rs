@@ -25,13 +25,12 @@ pub enum DecodeError {
         limit: usize,
     },
     /// No protobuf of this message.
-    #[error("not a {message}: {source}")]
+    #[error("cannot decode as {message}: {reason}")]
     Malformed {
         /// Name of the message.
         message: &'static str,
         /// What prost says.
-        #[source]
-        source: prost::DecodeError,
+        reason: prost::DecodeError,
     },
     /// A field that this version does not know: what it asks for would silently not happen.
     #[error("{message} has a field with number {number}, which this version does not know; use messages of {PROTOCOL}")]
@@ -52,10 +51,10 @@ pub fn decode<M: Message + Name + Default>(bytes: &[u8], limit: usize) -> Result
     if bytes.len() > limit {
         return Err(DecodeError::Size { message, length: bytes.len(), limit });
     }
-    let malformed = |source| DecodeError::Malformed { message, source };
+    let malformed = |reason| DecodeError::Malformed { message, reason };
     let decoded = M::decode(bytes).map_err(malformed)?;
     check_fields(bytes, &M::full_name()).map_err(|error| match error {
-        FieldError::Malformed(source) => malformed(source),
+        FieldError::Malformed(reason) => malformed(reason),
         FieldError::Unknown { path, number } => {
             DecodeError::UnknownField { message: format!("{message}{path}"), number }
         }
@@ -148,7 +147,7 @@ mod tests {
         let bytes = Action { step: 7, ..Action::default() }.encode_to_vec();
         let error = |bytes: &[u8]| decode::<Action>(bytes, 4).expect_err("refused").to_string();
         assert_eq!(error(&[0; 10]), "Action has 10 bytes; the limit is 4");
-        assert!(error(&[0xff, 0xff, 0xff]).starts_with("not a Action: "));
+        assert!(error(&[0xff, 0xff, 0xff]).starts_with("cannot decode as Action: "));
         // Field 9, a varint.
         let unknown = [&bytes[..], &[0x48, 0x01]].concat();
         assert!(error(&unknown).starts_with("Action has a field with number 9, which this version does not know"));

@@ -18,16 +18,18 @@ pub(crate) const ABORTED: &str = "aborted";
 #[derive(Debug, Error)]
 pub enum HeaderError {
     /// The task.
-    #[error("{0}; the bag may come from another version")]
+    #[error("the header names a task that this scorer does not know; the bag may come from another version")]
     Task(#[from] fiatlux_rules::UnknownTask),
     /// The thresholds.
-    #[error("{0}; the bag may come from another version")]
+    #[error("the header names thresholds that this scorer cannot use; the bag may come from another version")]
     Threshold(#[from] ThresholdError),
     /// The conditions that end it.
-    #[error("{0}; the bag may come from another version")]
+    #[error(
+        "the header names conditions of an end that this scorer does not know; the bag may come from another version"
+    )]
     Cause(#[from] fiatlux_rules::UnknownCause),
     /// The scene's constants.
-    #[error("the scene's constants in the header cannot be read ({0}); the bag may come from another version")]
+    #[error("the scene's constants in the header cannot be read; the bag may come from another version")]
     Geometry(#[from] serde_json::Error),
     /// The start of the digest chain.
     #[error("digest_context in the header is not 64 hexadecimal digits; the bag may come from another version")]

@@ -58,7 +58,7 @@ mod step;
 
 pub use error::{ModelError, check_array};
 pub use model::{
-    Body, BodyId, BodySpec, Drive, Geometry, Hinge, Joint, MAX_DOFS, Material, Model, ModelBuilder, ShapeId, ShapeSpec,
-    State,
+    Body, BodyId, BodySpec, Drive, Geometry, Hinge, Joint, MAX_DOFS, Material, Model, ModelBuilder, STANDARD_GRAVITY,
+    ShapeId, ShapeSpec, State,
 };
 pub use step::{Contact, Dynamics, Input, StepReport, Velocity, Wrench};

@@ -195,8 +195,11 @@ impl Default for ModelBuilder {
 /// A state's `nv` may be at most this: rows of the factor are tracked as bits of one `u128`.
 pub const MAX_DOFS: usize = 128;
 
+/// Acceleration of free fall in a new model, m/s^2, along -z.
+pub const STANDARD_GRAVITY: f64 = 9.81;
+
 impl ModelBuilder {
-    /// An empty world with gravity (0, 0, -9.81) m/s^2.
+    /// An empty world with [`STANDARD_GRAVITY`].
     pub fn new() -> Self {
         let world = Body {
             spec: BodySpec {
@@ -216,7 +219,7 @@ impl ModelBuilder {
             bodies: vec![world],
             shapes: Vec::new(),
             excluded: Vec::new(),
-            gravity: Vector3::new(0.0, 0.0, -9.81),
+            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
             nq: 0,
             nv: 0,
         }
