@@ -11,6 +11,7 @@ const HIPS_AND_KNEES: [usize; 8] = [0, 1, 2, 3, 6, 7, 8, 9];
 /// does not read.
 pub const ANKLE_LIMITS: [(usize, [f64; 2]); 4] =
     [(4, PITCH_LIMITS), (5, ROLL_LIMITS), (10, PITCH_LIMITS), (11, ROLL_LIMITS)];
+#[expect(clippy::approx_constant, reason = "the figure of the robot's file, rounded as it is there")]
 const PITCH_LIMITS: [f64; 2] = [-0.87267, 0.5236];
 const ROLL_LIMITS: [f64; 2] = [-0.2618, 0.2618];
 /// Waist in the public joint order.
