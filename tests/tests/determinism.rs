@@ -10,7 +10,7 @@ use fiatlux_rules::{JOINTS, Row};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{ACTION_SCALE, Random, SceneKind, Stream, World};
 
-const STEPS: u64 = 6000;
+const STEPS: u64 = if cfg!(feature = "slow-tests") { 6000 } else { 1500 };
 /// Tells a copy of this test binary to print its digest and stop.
 const CHILD: &str = "FIATLUX_DIGEST_CHILD";
 
