@@ -2,11 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_wire::{WireError, read_geometry};
 use fiatlux_proto::{ABORTED, v3};
-use fiatlux_rules::{
-    Cause, Causes, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds,
-};
+use fiatlux_rules::{Cause, Causes, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds};
+use fiatlux_wire::{WireError, read_geometry};
 use thiserror::Error;
 
 use crate::Series;

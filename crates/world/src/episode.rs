@@ -235,19 +235,7 @@ impl Episode {
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
         let joint_target = row.joint_target.clone();
         let spec = spec.clone();
-        Ok(Self {
-            spec,
-            start,
-            joint_target,
-            judge,
-            rewards,
-            observer,
-            observation,
-            context,
-            digest,
-            totals,
-            world,
-        })
+        Ok(Self { spec, start, joint_target, judge, rewards, observer, observation, context, digest, totals, world })
     }
 
     /// The action for joint targets in rad: `(target - q0) / ACTION_SCALE`.
