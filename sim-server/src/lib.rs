@@ -6,6 +6,9 @@ mod senses;
 mod server;
 
 pub use mjcf::{MjcfOptions, OptionSet, to_mjcf};
+#[cfg(test)]
+mod rebuild_tests;
+
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
 pub use senses::{SenseError, Senses, Sensor, Sensors};

@@ -30,7 +30,7 @@ fn world() -> World {
 fn advance(world: &mut World) {
     let action = action(world.row().step);
     let q0: Vec<f64> = world.scene().robot.q0().to_vec();
-    let target = std::array::from_fn(|j| q0[j] + ACTION_SCALE * action[j]);
+    let target: [f64; JOINTS] = std::array::from_fn(|j| q0[j] + ACTION_SCALE * action[j]);
     world.step(&action, &target).unwrap();
 }
 

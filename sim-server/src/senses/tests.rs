@@ -4,7 +4,6 @@ use fiatlux_features::Weights;
 use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::packed_element_field::NumericType;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{HAND_BODIES, JOINTS};
 use fiatlux_world::{EpisodeSpec, LIDAR_RANGE, LIDAR_RAYS, SceneConfig, observation_terms};
 
 use super::*;

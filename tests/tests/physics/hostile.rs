@@ -53,8 +53,8 @@ fn absurd_but_finite_states_do_not_panic() {
             &|row| row.robot.pose.translation.vector = Vector3::repeat(size),
             &|row| row.robot.linear_velocity = Vector3::new(0.0, size, -size),
             &|row| row.bulbs[0].angular_velocity = Vector3::new(size, 0.0, size),
-            &|row| row.joint_velocity = [size; JOINTS],
-            &|row| row.joint_position = [-size; JOINTS],
+            &|row| row.joint_velocity.fill(size),
+            &|row| row.joint_position.fill(-size),
         ];
         for edit in edits {
             let mut row = good.clone();

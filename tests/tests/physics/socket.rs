@@ -332,7 +332,7 @@ fn a_trial_is_stepped_like_a_world() {
     let mut trial = Trial::new(&scene, &Isometry3::identity());
     trial.rig = Rig::new(&scene);
     trial.bulb = scene.old_bulb;
-    let target = std::array::from_fn(|joint| scene.robot.q0()[joint]);
+    let target = scene.robot.q0().to_vec();
     for step in 0..50 {
         world.step(&[0.0; JOINTS], &target).unwrap();
         trial.run(SUBSTEPS as f64 * PHYSICS_DT, None);

@@ -115,7 +115,7 @@ fn check_hold(task: Task, row: &Row, at: &str) -> Option<f64> {
     let limits = Thresholds::default();
     let mut largest = None;
     for bulb in Bulb::ALL {
-        let forces = row.hand_force[bulb as usize].map(|force| force.norm());
+        let forces: Vec<f64> = row.hand_force[bulb as usize].iter().map(Vector3::norm).collect();
         let most = forces.iter().fold(0.0, |a: f64, b| a.max(*b));
         if carried(task) == Some(bulb) {
             assert!(most > limits.touch_n && most < limits.fragility_n, "{at}: {most} N");

@@ -6,10 +6,7 @@ use std::sync::Arc;
 
 use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_rules::{Row, Task};
-use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
-
-/// The G1 with Inspire hands.
-const JOINTS: usize = 53;
+use fiatlux_world::{Observer, Proprioception, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
 
 /// The scene that a task plays in, layout seed 0, with all gains multiplied.
 pub fn scene(task: Task, stiffer: f64) -> Arc<Scene> {
@@ -37,8 +34,15 @@ pub fn start_row(task: Task) -> (Arc<Scene>, Row) {
 }
 
 /// Standing posture.
-pub fn q0(scene: &Scene) -> [f64; JOINTS] {
-    scene.robot.q0().try_into().unwrap()
+pub fn q0(scene: &Scene) -> Vec<f64> {
+    scene.robot.q0().to_vec()
+}
+
+/// The next observation.
+pub fn sensed(observer: &mut Observer, row: &Row) -> Proprioception {
+    let mut sensed = Proprioception::zeros(0);
+    observer.observe(row, &mut sensed);
+    sensed
 }
 
 /// Compares a part of `OBSERVATIONS.md`, between the comments `<!-- NAME -->` and `<!-- end of NAME -->`, with what was

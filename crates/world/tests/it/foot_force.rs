@@ -120,7 +120,7 @@ struct Crane {
     /// As a world would report it: pelvis, joints, efforts and forces on the feet.
     row: Row,
     /// Joint angles that were last aimed at.
-    wanted: [f64; JOINTS],
+    wanted: Vec<f64>,
 }
 
 impl Crane {
@@ -138,8 +138,8 @@ impl Crane {
         let (dynamics, targets) = (Dynamics::new(model), vec![0.0; model.drives().len()]);
         let mut crane = Self { scene: Arc::clone(scene), dynamics, state, locked, targets, row, wanted: q0(scene) };
         crane.aim(feet);
-        for (ids, angle) in scene.robot_ids.joints.iter().zip(crane.wanted) {
-            crane.state.qpos[ids.qpos] = angle;
+        for (ids, angle) in scene.robot_ids.joints.iter().zip(&crane.wanted) {
+            crane.state.qpos[ids.qpos] = *angle;
         }
         crane
     }
@@ -154,13 +154,13 @@ impl Crane {
     /// Targets that put the feet into poses.
     fn aim(&mut self, feet: [Isometry3<f64>; 2]) {
         let mut row = self.row.clone();
-        row.joint_position = self.wanted;
+        row.joint_position.clone_from(&self.wanted);
         for (side, pose) in feet.iter().enumerate() {
             reach(&self.scene.robot, &mut row, side, pose);
         }
         self.wanted = row.joint_position;
-        for (ids, angle) in self.scene.robot_ids.joints.iter().zip(self.wanted) {
-            self.targets[ids.drive] = angle;
+        for (ids, angle) in self.scene.robot_ids.joints.iter().zip(&self.wanted) {
+            self.targets[ids.drive] = *angle;
         }
     }
 
@@ -204,7 +204,7 @@ fn tread(scene: &Scene, index: usize) -> (f64, f64) {
 fn standing(task: Task, steps: usize) -> Stats {
     let scene = scene(task, 1.0);
     let mut world = started(&scene, task);
-    let (targets, mut stats) = (world.row().joint_target, Stats::default());
+    let (targets, mut stats) = (world.row().joint_target.clone(), Stats::default());
     for _ in 0..steps {
         let row = world.step(&[0.0; JOINTS], &targets).unwrap();
         stats.add(&scene.robot, row, &[0, 1]);

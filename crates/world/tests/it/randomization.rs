@@ -9,6 +9,9 @@ use fiatlux_world::{
     Scene, SceneConfig, SceneError, SceneSpec, StartError, StartOffset, StartOptions, World, start,
 };
 
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
+
 fn scene_of(spec: &EpisodeSpec) -> Arc<Scene> {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let spec = spec.scene(robot.gains(GainSet::default()));
@@ -22,10 +25,11 @@ fn started(spec: &EpisodeSpec) -> Episode {
 /// Rows and observations of some steps, row 0 included. The joints swing about the staged posture.
 fn played(episode: &mut Episode, steps: u64) -> Vec<(Row, Proprioception)> {
     let mut rows = vec![(episode.row().clone(), episode.observation().clone())];
-    let staged = episode.row().action;
+    let staged = episode.row().action.clone();
     for step in 0..steps {
         let swing = |joint: usize| 0.05 * libm::sin(0.1 * step as f64 + joint as f64);
-        if episode.step(&std::array::from_fn(|joint| staged[joint] + swing(joint))).is_err() {
+        let action: Vec<f64> = staged.iter().enumerate().map(|(joint, staged)| staged + swing(joint)).collect();
+        if episode.step(&action).is_err() {
             break;
         }
         rows.push((episode.row().clone(), episode.observation().clone()));
@@ -47,7 +51,7 @@ fn nothing_drawn_means_nothing_differs() {
             scale: PropScale::default(),
             hand_friction: None,
             light: Light::default(),
-            start: StartOffset::NONE,
+            start: StartOffset::none(JOINTS),
         };
         assert_eq!(drawn, nominal, "{task}");
         let rows = played(&mut first, 30);
@@ -89,7 +93,7 @@ fn each_switch_is_its_own() {
     let tint = |light: &Light| [light.tint_hue, light.tint_saturation, light.tint_value];
     let rest = |light: &Light| [light.dome, light.dome_yaw, light.key, light.key_pitch, light.key_yaw];
     // Row 0 is at rest: what is sensed is the noise.
-    let noise = |episode: &Episode| episode.observation().joint_velocity;
+    let noise = |episode: &Episode| episode.observation().joint_velocity.clone();
     let standard = started(&spec);
     let before = standard.domain_sample();
     for (name, switch) in switches {
@@ -135,7 +139,7 @@ fn the_start_has_the_noise_that_was_drawn() {
                 let expected = (scene.robot.q0()[joint] + offset.joints[joint]).clamp(limits.lower, limits.upper);
                 assert!((row.joint_position[joint] - expected).abs() < 1e-12, "{task}: {}", limits.name);
             }
-            assert_eq!(nominal.domain_sample().start, StartOffset::NONE);
+            assert_eq!(nominal.domain_sample().start, StartOffset::none(JOINTS));
         }
     }
 }
@@ -225,9 +229,10 @@ fn a_recording_plays_again_without_draws() {
         let mut world = World::new(scene);
         world.reset_to(&rows[0]).unwrap();
         for pair in rows.windows(2) {
-            let action = pair[1].action;
-            let target = std::array::from_fn(|joint| original.robot.q0()[joint] + ACTION_SCALE * action[joint]);
-            assert_eq!(world.step(&action, &target).unwrap(), &pair[1], "{task} step {}", pair[1].step);
+            let action = &pair[1].action;
+            let target: [f64; JOINTS] =
+                std::array::from_fn(|joint| original.robot.q0()[joint] + ACTION_SCALE * action[joint]);
+            assert_eq!(world.step(action, &target).unwrap(), &pair[1], "{task} step {}", pair[1].step);
         }
     }
 }
