@@ -5,6 +5,9 @@ mod scene;
 mod server;
 
 pub use mjcf::{MjcfOptions, OptionSet, to_mjcf};
+#[cfg(test)]
+mod rebuild_tests;
+
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
 pub use server::{Server, ServerError, ServerOptions, joints};

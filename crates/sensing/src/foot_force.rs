@@ -15,7 +15,7 @@
 
 use fiatlux_dynamics::Geometry;
 use fiatlux_robot::{Robot, Shape};
-use fiatlux_rules::Row;
+use fiatlux_rules::{GRAVITY, Row};
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 
 use crate::world_from_link;
@@ -23,9 +23,6 @@ use crate::world_from_link;
 /// Least height of the sole's centre above the floor at which a force counts, m: lower, the floor may be what bears the
 /// foot, and only the ladder is asked for.
 pub const FOOT_FORCE_HEIGHT: f64 = 0.10;
-
-/// Earth's, as the engine has it, m/s^2.
-const GRAVITY: f64 = 9.81;
 
 /// Estimated force on the left and the right foot, world axes, N; zero where the sole is near the floor.
 pub fn foot_force_estimate(robot: &Robot, row: &Row) -> [Vector3<f64>; 2] {

@@ -24,5 +24,6 @@ pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};
 pub use start::{ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
 
-// The rulebook's control step is the world's.
+// The rulebook's control step and gravity are the world's.
 const _: () = assert!(PHYSICS_DT * SUBSTEPS as f64 == fiatlux_rules::CONTROL_DT);
+const _: () = assert!(fiatlux_dynamics::STANDARD_GRAVITY == fiatlux_rules::GRAVITY);

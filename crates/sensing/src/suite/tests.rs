@@ -4,10 +4,12 @@ use fiatlux_features::Weights;
 use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::packed_element_field::NumericType;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{HAND_BODIES, JOINTS};
-use fiatlux_world::{EpisodeSpec, LIDAR_RANGE, LIDAR_RAYS, SceneConfig, observation_terms};
+use fiatlux_rules::Task;
+use fiatlux_world::{Episode, EpisodeSpec, SceneConfig};
+use nalgebra::Vector3;
 
 use super::*;
+use crate::{LIDAR_RANGE, LIDAR_RAYS};
 
 /// The G1 with Inspire hands.
 const JOINTS: usize = 53;
@@ -21,13 +23,14 @@ fn episode(task: Task) -> Episode {
     Episode::start(scene, &spec).unwrap()
 }
 
-fn senses(episode: &Episode, sensors: Sensors) -> Senses {
+fn suite(episode: &Episode, sensors: Sensors) -> SensorSuite {
     // A small picture: the network is slow.
     let network = sensors.meets(Sensors::WITH_FEATURES).then(|| ResNet18::new(&Weights::seeded(0)));
-    let mut senses = Senses::new(sensors, [64, 32], network);
+    let setup = Setup { image_size: [64, 32], ..Setup::new(episode.scene(), episode.spec().task) };
+    let mut suite = SensorSuite::new(sensors, setup).with_network(network);
     let visuals = || Arc::new(Visuals::new(episode.scene()));
-    senses.begin(episode.scene(), visuals, Lighting::default()).unwrap();
-    senses
+    suite.begin(episode.scene(), NoiseSeed::of(episode.spec()), visuals, Lighting::default()).unwrap();
+    suite
 }
 
 fn all() -> Sensors {
@@ -39,10 +42,11 @@ fn all() -> Sensors {
 fn each_sensor_fills_its_own_field() {
     for task in [Task::S11, Task::Climb] {
         let episode = episode(task);
-        let mut senses = senses(&episode, all());
+        let mut suite = suite(&episode, all());
         let climb = task == Task::Climb;
+        let setup = Setup::new(episode.scene(), task);
         for sensor in Sensor::ALL {
-            let seen = senses.observe(&episode, Sensors::of(&[sensor])).unwrap();
+            let seen = suite.observe(&View::of(&episode), Sensors::of(&[sensor])).unwrap();
             let length = match sensor {
                 Sensor::Proprioception => seen.proprioception.iter().map(|own| own.joint_velocity.len()).sum(),
                 Sensor::HandContact => seen.hand_contact_force.len(),
@@ -52,7 +56,9 @@ fn each_sensor_fills_its_own_field() {
                 Sensor::Camera => seen.camera.iter().map(|image| image.rgb.len()).sum(),
                 Sensor::Features => seen.features.iter().map(|features| features.values.len()).sum(),
                 Sensor::Flat => seen.flat.iter().map(|flat| flat.values.len()).sum(),
-                Sensor::Privileged => seen.privileged.iter().map(|exact| exact.flat.len()).sum(),
+                Sensor::Privileged => {
+                    Sensor::Privileged.terms(&setup).iter().map(|term| seen.numbers(term.field).len()).sum()
+                }
                 Sensor::Verdict => seen.verdict.iter().map(|verdict| verdict.criteria.len()).sum(),
             };
             let expected = match sensor {
@@ -79,9 +85,9 @@ fn each_sensor_fills_its_own_field() {
                 Sensor::Verdict => task.spec().gate.criteria.len(),
             };
             assert_eq!(length, expected, "{task} {}", sensor.name());
-            let rest = senses.observe(&episode, all().without(Sensors::of(&[sensor]))).unwrap();
+            let rest = suite.observe(&View::of(&episode), all().without(Sensors::of(&[sensor]))).unwrap();
             let both = merge(rest, seen);
-            assert_eq!(both, senses.observe(&episode, all()).unwrap(), "{task} {}", sensor.name());
+            assert_eq!(both, suite.observe(&View::of(&episode), all()).unwrap(), "{task} {}", sensor.name());
         }
     }
 }
@@ -96,12 +102,13 @@ fn merge(mut one: Observation, other: Observation) -> Observation {
 #[test]
 fn flat_is_the_raw_sensors_in_order() {
     let episode = episode(Task::S11);
-    let mut senses = senses(&episode, all());
-    let seen = senses.observe(&episode, all()).unwrap();
+    let mut suite = suite(&episode, all());
+    let seen = suite.observe(&View::of(&episode), all()).unwrap();
     let flat = seen.flat.as_ref().unwrap();
+    let terms = Sensor::Flat.terms(&Setup::new(episode.scene(), Task::S11));
     let part = |name: &str| {
-        let term = observation_terms(Task::S11).iter().find(|term| term.name == name).unwrap();
-        let numbers = flat.values[term.offset..term.offset + term.length].iter();
+        let term = terms.iter().find(|term| term.name == name).unwrap();
+        let numbers = flat.values[term.offset..term.offset + term.length()].iter();
         numbers.map(|number| f64::from(*number) / term.scale).collect::<Vec<_>>()
     };
     let same = |name: &str, raw: &[f32]| {
@@ -130,12 +137,12 @@ fn sensors_do_not_touch_each_other() {
     let body = Sensors::of_body(Task::S07);
     let run = |sensors: Sensors| {
         let mut episode = episode(Task::S07);
-        let mut senses = senses(&episode, sensors);
+        let mut suite = suite(&episode, sensors);
         let mut seen = Vec::new();
         for _ in 0..5 {
-            senses.observe(&episode, sensors).unwrap();
+            suite.observe(&View::of(&episode), sensors).unwrap();
             // Twice: a second look draws no noise.
-            seen.push(senses.observe(&episode, body).unwrap());
+            seen.push(suite.observe(&View::of(&episode), body).unwrap());
             episode.step(&[0.1; JOINTS]).unwrap();
         }
         (seen, episode.digest().hex())
@@ -146,12 +153,12 @@ fn sensors_do_not_touch_each_other() {
 #[test]
 fn a_new_row_is_sensed_afresh() {
     let mut episode = episode(Task::S02);
-    let mut senses = senses(&episode, all());
-    let first = senses.observe(&episode, all()).unwrap();
+    let mut suite = suite(&episode, all());
+    let first = suite.observe(&View::of(&episode), all()).unwrap();
     for _ in 0..20 {
         episode.step(&[0.5; JOINTS]).unwrap();
     }
-    let later = senses.observe(&episode, all()).unwrap();
+    let later = suite.observe(&View::of(&episode), all()).unwrap();
     assert_ne!(first.lidar, later.lidar);
     assert_ne!(first.camera, later.camera);
     assert_ne!(first.features, later.features);
@@ -159,11 +166,11 @@ fn a_new_row_is_sensed_afresh() {
 }
 
 #[test]
-fn what_the_senses_were_not_made_for_is_an_error() {
+fn what_the_suite_was_not_made_for_is_an_error() {
     let episode = episode(Task::S07);
-    let mut senses = senses(&episode, Sensors::of_body(Task::S07));
+    let mut suite = suite(&episode, Sensors::of_body(Task::S07));
     for sensor in Sensors::LARGE.iter() {
-        let error = senses.observe(&episode, Sensors::of(&[sensor])).unwrap_err();
+        let error = suite.observe(&View::of(&episode), Sensors::of(&[sensor])).unwrap_err();
         assert!(matches!(error, SenseError::Absent(_)), "{error}");
     }
 }
@@ -172,16 +179,16 @@ fn what_the_senses_were_not_made_for_is_an_error() {
 #[test]
 fn viewers_get_the_same() {
     let episode = episode(Task::S02);
-    let mut senses = senses(&episode, all());
-    let seen = senses.observe(&episode, all()).unwrap();
-    let image = senses.compressed_image(&episode).unwrap();
+    let mut suite = suite(&episode, all());
+    let seen = suite.observe(&View::of(&episode), all()).unwrap();
+    let image = suite.compressed_image(Sensor::Camera, &View::of(&episode)).unwrap();
     assert_eq!((image.format.as_str(), image.frame_id.as_str()), ("png", "d435_link"));
     let mut reader = png::Decoder::new(std::io::Cursor::new(&image.data)).read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
     reader.next_frame(&mut pixels).unwrap();
     assert_eq!(pixels, seen.camera.unwrap().rgb);
 
-    let cloud = senses.point_cloud(&episode).unwrap();
+    let cloud = suite.point_cloud(&View::of(&episode)).unwrap();
     assert_eq!((cloud.frame_id.as_str(), cloud.point_stride), ("mid360_link", 12));
     assert!(cloud.fields.iter().all(|field| field.r#type() == NumericType::Float32));
     let points = cloud.data.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect::<Vec<_>>();

@@ -1,0 +1,6 @@
+//! The G1 as data and as a model, and what its loader refuses.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod g1;
+mod model;
+mod refused;
