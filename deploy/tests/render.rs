@@ -11,11 +11,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux::render::{Clip, Output, Picture, RenderError, RenderOptions, Span, View};
 use fiatlux_bag::{BagWriter, topic};
-use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, State};
+use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult};
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Row, Task};
-use fiatlux_sim::drawn_message;
+use fiatlux_wire::{domain_sample_message, state_message};
 use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
 use nalgebra::Translation3;
 
@@ -39,7 +39,7 @@ fn episode() -> Episode {
 
 fn header() -> EpisodeHeader {
     EpisodeHeader {
-        drawn: Some(drawn_message(&episode().domain_sample())),
+        domain_sample: Some(domain_sample_message(&episode().domain_sample())),
         protocol: Some(PROTOCOL),
         task: "S05".into(),
         gains: "fiatlux".into(),
@@ -65,7 +65,7 @@ fn rows(count: u64) -> Vec<Row> {
 fn begin(path: &Path, header: &EpisodeHeader, rows: &[Row]) -> BagWriter {
     let mut writer = BagWriter::create(path, header).unwrap();
     for row in rows {
-        writer.message(topic::STATE, row.step, &State::from(row).encode_to_vec()).unwrap();
+        writer.message(topic::STATE, row.step, &state_message(row).encode_to_vec()).unwrap();
     }
     writer
 }

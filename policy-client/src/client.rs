@@ -17,7 +17,7 @@ use fiatlux_proto::v3::{
     CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
     SessionInfo, look_reply, open_reply,
 };
-use fiatlux_proto::{Bytes, PROTOCOL, decode, encoding, is_compatible};
+use fiatlux_proto::{Bytes, ObservationLayout, PROTOCOL, decode, encoding, is_compatible};
 use fiatlux_session::client::{Answer, Input, Output};
 use fiatlux_session::{ClientSession, Machine, SessionFailure};
 use zenoh::liveliness::LivelinessToken;
@@ -179,7 +179,7 @@ impl Client {
             } else {
                 let mut observation = observation.clone();
                 match self.look(&observation, &asked) {
-                    Ok(seen) => add(&mut observation, seen),
+                    Ok(seen) => observation.overlay(&seen),
                     // In real time the step may be over.
                     Err(ClientError::Refused { field, .. }) if self.is_real_time() && field == "step" => continue,
                     Err(error) => return Err(error),
@@ -276,25 +276,6 @@ fn failed(failure: SessionFailure, policy: &dyn Policy) -> ClientError {
     }
 }
 
-/// Adds the terms that were looked at.
-fn add(observation: &mut Observation, seen: Observation) {
-    fn fill<T: Default + PartialEq>(field: &mut T, seen: T) {
-        if seen != T::default() {
-            *field = seen;
-        }
-    }
-    fill(&mut observation.proprioception, seen.proprioception);
-    fill(&mut observation.hand_contact_force, seen.hand_contact_force);
-    fill(&mut observation.limb_contact_force, seen.limb_contact_force);
-    fill(&mut observation.last_action, seen.last_action);
-    fill(&mut observation.lidar, seen.lidar);
-    fill(&mut observation.camera, seen.camera);
-    fill(&mut observation.features, seen.features);
-    fill(&mut observation.flat, seen.flat);
-    fill(&mut observation.privileged, seen.privileged);
-    fill(&mut observation.verdict, seen.verdict);
-}
-
 fn subscribe(
     link: &Session,
     key: String,
@@ -317,6 +298,9 @@ fn check(info: SessionInfo) -> Result<SessionInfo, ClientError> {
     }
     if !is_name(&info.session) {
         return refuse(format!("its id '{}' fits in no key", info.session.escape_debug()));
+    }
+    if let Err(error) = ObservationLayout::new(&info) {
+        return refuse(error.to_string());
     }
     if info.joints.is_empty() {
         return refuse("its robot has no joints".into());

@@ -1,6 +1,9 @@
 //! The balance controller on the simulated robot, with reset noise and observation noise: it stands and keeps its bulb.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+#[path = "balance/bare_hands.rs"]
+mod bare_hands;
+
 use std::fmt;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -10,9 +13,8 @@ use std::time::{Duration, Instant};
 use fiatlux_policy::balance::{Balance, BalanceError, Sensed};
 use fiatlux_robot::{GainSet, JointGains, Robot};
 use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Row, Task, Thresholds};
-use fiatlux_world::{
-    ACTION_SCALE, NoiseSeed, Observer, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start,
-};
+use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
+use fiatlux_world::{ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
 use nalgebra::Vector3;
 
 /// The G1 with Inspire hands.
@@ -93,9 +95,9 @@ impl Episode {
         let world = start(Arc::new(scene), task, episode, &StartOptions::default()).unwrap();
         let q0: [f64; JOINTS] = robot.q0().try_into().unwrap();
         // The staged posture as a policy knows it: the first action.
-        let staged: Vec<f64> = q0.iter().zip(world.row().action).map(|(q0, a)| q0 + ACTION_SCALE * a).collect();
+        let staged: Vec<f64> = q0.iter().zip(&world.row().action).map(|(q0, a)| q0 + ACTION_SCALE * a).collect();
         Self {
-            observer: Observer::new(q0, Some(NoiseSeed { seed, episode })),
+            observer: Observer::new(q0.to_vec(), Some(NoiseSeed { seed, episode })),
             balance: Balance::new(robot, gains, &q0, &staged).unwrap(),
             q0,
             world,
@@ -104,7 +106,8 @@ impl Episode {
     }
 
     fn step(&mut self) -> &Row {
-        let sensed = self.observer.observe(self.world.row());
+        let mut sensed = Proprioception::zeros(JOINTS);
+        self.observer.observe(self.world.row(), &mut sensed);
         let clock = Instant::now();
         let targets = self.balance.step(&Sensed {
             base_angular_velocity: sensed.base_angular_velocity,
@@ -114,7 +117,7 @@ impl Episode {
         });
         let targets: [f64; JOINTS] = targets.unwrap().try_into().unwrap();
         self.thinking += clock.elapsed();
-        let action = std::array::from_fn(|joint| (targets[joint] - self.q0[joint]) / ACTION_SCALE);
+        let action: [f64; JOINTS] = std::array::from_fn(|joint| (targets[joint] - self.q0[joint]) / ACTION_SCALE);
         self.world.step(&action, &targets).unwrap()
     }
 
@@ -184,7 +187,7 @@ fn it_stands_for_20_seconds_and_keeps_its_bulb() {
 #[test]
 fn it_leaves_arms_and_hands_as_staged() {
     let mut run = Episode::new(Task::S05, 0, 0, GainSet::Fiatlux);
-    let staged = run.world.row().joint_target;
+    let staged = run.world.row().joint_target.clone();
     for _ in 0..10 {
         assert_eq!(run.step().joint_target[12..], staged[12..]);
     }

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 use prost::{Message, Name};
-use prost_types::field_descriptor_proto::Type;
+use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FileDescriptorSet};
 use thiserror::Error;
 
@@ -97,14 +97,16 @@ fn check_fields(mut bytes: &[u8], full_name: &str) -> Result<(), FieldError> {
     Ok(())
 }
 
-struct Field {
-    name: String,
+pub(crate) struct Field {
+    pub name: String,
+    pub kind: Type,
+    pub is_repeated: bool,
     /// Full name of the message that it holds.
-    message: Option<String>,
+    pub message: Option<String>,
 }
 
 /// The fields of all messages by number, by the message's full name.
-fn messages() -> &'static BTreeMap<String, BTreeMap<u32, Field>> {
+pub(crate) fn messages() -> &'static BTreeMap<String, BTreeMap<u32, Field>> {
     static MESSAGES: OnceLock<BTreeMap<String, BTreeMap<u32, Field>>> = OnceLock::new();
     MESSAGES.get_or_init(|| {
         let set = FileDescriptorSet::decode(DESCRIPTORS).unwrap_or_default();
@@ -124,8 +126,10 @@ fn describe(scope: &str, message: DescriptorProto, messages: &mut BTreeMap<Strin
         describe(&full_name, nested, messages);
     }
     let fields = message.field.into_iter().map(|field| {
-        let holds = (field.r#type() == Type::Message).then(|| field.type_name().trim_start_matches('.').to_owned());
-        (field.number() as u32, Field { name: field.name().into(), message: holds })
+        let kind = field.r#type();
+        let message = (kind == Type::Message).then(|| field.type_name().trim_start_matches('.').to_owned());
+        let is_repeated = field.label() == Label::Repeated;
+        (field.number() as u32, Field { name: field.name().into(), kind, is_repeated, message })
     });
     messages.insert(full_name, fields.collect());
 }

@@ -21,11 +21,13 @@
 mod decode;
 pub mod keys;
 pub mod limits;
+mod observation;
 mod refusal;
 mod sensor;
 mod version;
 
 pub use decode::{DecodeError, decode};
+pub use observation::{ObservationLayout, TermError, is_of_images};
 pub use prost::Message;
 pub use prost::bytes::Bytes;
 pub use version::{PROTOCOL, is_compatible};

@@ -6,11 +6,13 @@ mod common;
 use std::hint::black_box;
 use std::time::Instant;
 
+use common::room::LAYOUT;
 use common::{Folder, Story, header, result, rows, write};
 use fiatlux_bag::Bag;
 use fiatlux_proto::{Message, v3};
-use fiatlux_rules::{Row, RowDigest, Task};
+use fiatlux_rules::{RowDigest, Task};
 use fiatlux_scorer::{GradeOptions, Grader, grade, report};
+use fiatlux_wire::{read_row, state_message};
 
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|arg| arg.parse().ok()).collect();
@@ -43,7 +45,7 @@ fn main() {
 /// Each part alone, on one bag's rows.
 fn parts(folder: &Folder) {
     let (header, rows) = (header(Task::S03, 0), rows(Task::S03, 0, Story::Waits(2000)));
-    let states: Vec<v3::State> = rows.iter().map(v3::State::from).collect();
+    let states: Vec<v3::State> = rows.iter().map(state_message).collect();
     let bytes: Vec<Vec<u8>> = states.iter().map(Message::encode_to_vec).collect();
     let path = folder.0.join("parts.mcap");
     common::begin(&path, &header, &rows).finish(&result(&header, &rows)).expect("finished");
@@ -59,7 +61,7 @@ fn parts(folder: &Folder) {
     time("bytes to State", &mut || bytes.iter().for_each(|bytes| drop(black_box(v3::State::decode(&bytes[..])))));
     time("State to Row", &mut || {
         states.iter().for_each(|state| {
-            let _ = black_box(Row::try_from(state));
+            let _ = black_box(read_row(state, LAYOUT));
         });
     });
     time("digest", &mut || {

@@ -1,11 +1,15 @@
+//! The scene and the rows of a recorded episode, from nothing but what its bag holds.
 #![allow(clippy::unwrap_used)]
 
+use std::sync::Arc;
+
 use fiatlux_proto::Message;
-use fiatlux_proto::v3::{EpisodeHeader, OpenRequest, PropScale, Randomization, State};
-use fiatlux_rules::{JOINTS, Row};
+use fiatlux_proto::v3::{EpisodeHeader, Layout, OpenRequest, PropScale, Randomization, State};
+use fiatlux_robot::Robot;
+use fiatlux_rules::Row;
+use fiatlux_wire::{layout_of, light_of, read_row, scene_of, state_message};
 use fiatlux_world::{ACTION_SCALE, Episode, Light, SceneConfig, World};
 
-use super::*;
 use crate::server::recorded_header;
 
 /// The G1 with Inspire hands.
@@ -15,12 +19,13 @@ const JOINTS: usize = 53;
 fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8>, Vec<Vec<u8>>) {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let (header, mut episode): (EpisodeHeader, Episode) = recorded_header(&request, config, robot, 5);
-    let mut rows = vec![State::from(episode.row()).encode_to_vec()];
-    let staged = episode.row().action;
+    let mut rows = vec![state_message(episode.row()).encode_to_vec()];
+    let staged = episode.row().action.clone();
     for step in 0..steps {
-        let action = std::array::from_fn(|joint| staged[joint] + 0.1 * libm::sin(0.3 * step as f64 + joint as f64));
+        let action: [f64; JOINTS] =
+            std::array::from_fn(|joint| staged[joint] + 0.1 * libm::sin(0.3 * step as f64 + joint as f64));
         episode.step(&action).unwrap();
-        rows.push(State::from(episode.row()).encode_to_vec());
+        rows.push(state_message(episode.row()).encode_to_vec());
     }
     (header.encode_to_vec(), rows)
 }
@@ -43,7 +48,8 @@ fn an_episode_is_rebuilt_from_what_was_recorded() {
         let request = OpenRequest { task: task.into(), seed: 3, randomization, prop_scale, ..OpenRequest::default() };
         let (header, rows) = recorded(request, &config, 40);
         let header = EpisodeHeader::decode(header.as_slice()).unwrap();
-        let rows = rows.iter().map(|row| Row::try_from(&State::decode(row.as_slice()).unwrap()).unwrap());
+        let layout = layout_of(&header).unwrap();
+        let rows = rows.iter().map(|row| read_row(&State::decode(row.as_slice()).unwrap(), layout).unwrap());
         let rows: Vec<Row> = rows.collect();
         let scene = Arc::new(scene_of(&header, Arc::clone(&robot)).unwrap());
         assert_eq!(scene.config, config, "{task}");
@@ -77,14 +83,14 @@ fn damaged_headers_are_refused() {
     let spoils: [(&str, Spoil); 9] = [
         ("task", |header| header.task = "S99".into()),
         ("gains", |header| header.gains = "soft".into()),
-        ("drawn is missing", |header| header.drawn = None),
-        ("drawn.layout is missing", |header| header.drawn.as_mut().unwrap().layout = None),
-        ("drawn.layout.mount", |header| layout_of(header).mount = "floor".into()),
-        ("drawn.layout.bench", |header| layout_of(header).bench = vec![1.0]),
-        ("drawn.layout.anchor is missing", |header| layout_of(header).anchor = None),
+        ("domain_sample is missing", |header| header.domain_sample = None),
+        ("domain_sample.layout is missing", |header| header.domain_sample.as_mut().unwrap().layout = None),
+        ("domain_sample.layout.mount", |header| drawn_layout(header).mount = "floor".into()),
+        ("domain_sample.layout.bench", |header| drawn_layout(header).bench = vec![1.0]),
+        ("domain_sample.layout.anchor is missing", |header| drawn_layout(header).anchor = None),
         ("socket", |header| {
             let scale = PropScale { socket: 7.0, ..PropScale::default() };
-            header.drawn.as_mut().unwrap().prop_scale = Some(scale);
+            header.domain_sample.as_mut().unwrap().prop_scale = Some(scale);
         }),
         ("line 1", |header| header.scene_config = "crate = 7".into()),
     ];
@@ -96,10 +102,10 @@ fn damaged_headers_are_refused() {
         assert!(text.contains(words), "{words}: {text}");
     }
     let mut far = header.clone();
-    layout_of(&mut far).ladder.as_mut().unwrap().position[0] = f64::NAN;
+    drawn_layout(&mut far).ladder.as_mut().unwrap().position[0] = f64::NAN;
     assert!(scene_of(&far, robot).is_err());
 }
 
-fn layout_of(header: &mut EpisodeHeader) -> &mut v3::Layout {
-    header.drawn.as_mut().unwrap().layout.as_mut().unwrap()
+fn drawn_layout(header: &mut EpisodeHeader) -> &mut Layout {
+    header.domain_sample.as_mut().unwrap().layout.as_mut().unwrap()
 }

@@ -14,8 +14,9 @@ use fiatlux_proto::v3::{
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Row, RowDigest, Task};
+use fiatlux_rules::{RobotLayout, Row, RowDigest, Task};
 use fiatlux_sim::{Server, ServerError, ServerOptions};
+use fiatlux_wire::read_row;
 use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
@@ -23,7 +24,8 @@ use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 /// The G1 with Inspire hands.
-const JOINTS: usize = 53;
+const LAYOUT: RobotLayout = RobotLayout { joints: 53, hand_bodies_per_side: 17 };
+const JOINTS: usize = LAYOUT.joints;
 
 const LONG: Duration = Duration::from_secs(20);
 
@@ -201,7 +203,7 @@ fn an_episode_survives_a_bad_client() {
     assert_eq!((header.task.as_str(), header.seed, header.episode), ("S05", 1, 4));
     for (seq, (truth, row)) in truths.iter().zip(&rows).enumerate() {
         assert_eq!(truth.seq, seq as u64);
-        assert_eq!(Row::try_from(&State::decode(&*truth.state).unwrap()).unwrap(), *row);
+        assert_eq!(read_row(&State::decode(&*truth.state).unwrap(), LAYOUT).unwrap(), *row);
     }
     let events: usize = truths.iter().map(|truth| truth.events.len()).sum();
     assert!(events as u64 >= refused, "refused actions are recorded");
@@ -313,7 +315,7 @@ fn an_episode_over_tcp() {
     }
     let (rows, _) = alone(Task::S05, 1, 0, 40);
     let truth = client.truths(40, 1).remove(0);
-    assert_eq!(Row::try_from(&State::decode(&*truth.state).unwrap()).unwrap(), rows[40]);
+    assert_eq!(read_row(&State::decode(&*truth.state).unwrap(), LAYOUT).unwrap(), rows[40]);
     connects.close().wait().unwrap();
     let until = std::time::Instant::now() + LONG;
     while server.open_sessions() > 0 && std::time::Instant::now() < until {

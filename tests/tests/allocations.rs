@@ -12,9 +12,6 @@ use fiatlux_world::{SceneKind, ShapeOwner, StartOptions, World, start};
 use nalgebra::{Isometry3, Vector3};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
-/// The G1 with Inspire hands.
-const JOINTS: usize = 53;
-
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
@@ -33,7 +30,7 @@ struct Met {
 }
 
 fn steps(mut world: World, name: &str) -> Met {
-    let (target, action) = (world.row().joint_target, world.row().action);
+    let (target, action) = (world.row().joint_target.clone(), world.row().action.clone());
     let mut met = Met::default();
     let region = Region::new(ALLOCATOR);
     for _ in 0..STEPS {
@@ -60,8 +57,8 @@ fn is_on_ladder(world: &World, contact: &Contact) -> bool {
 fn world() -> World {
     let mut world = World::new(scene(SceneKind::FreeLadder, 0, robot().gains(GainSet::Fiatlux)));
     let mut row = world.row().clone();
-    row.joint_target = std::array::from_fn(|j| world.scene().robot.q0()[j]);
-    row.action = [0.0; JOINTS];
+    row.joint_target = world.scene().robot.q0().to_vec();
+    row.action.fill(0.0);
     world.reset_to(&row).unwrap();
     world
 }

@@ -13,7 +13,7 @@ use fiatlux_world::{ACTION_SCALE, Random, SceneKind, Stream, World};
 /// The G1 with Inspire hands.
 const JOINTS: usize = 53;
 
-const STEPS: u64 = 6000;
+const STEPS: u64 = if cfg!(feature = "slow-tests") { 6000 } else { 1500 };
 /// Tells a copy of this test binary to print its digest and stop.
 const CHILD: &str = "FIATLUX_DIGEST_CHILD";
 
@@ -30,7 +30,7 @@ fn world() -> World {
 fn advance(world: &mut World) {
     let action = action(world.row().step);
     let q0: Vec<f64> = world.scene().robot.q0().to_vec();
-    let target = std::array::from_fn(|j| q0[j] + ACTION_SCALE * action[j]);
+    let target: [f64; JOINTS] = std::array::from_fn(|j| q0[j] + ACTION_SCALE * action[j]);
     world.step(&action, &target).unwrap();
 }
 

@@ -20,6 +20,9 @@ pub struct ModelBuilder {
     nv: usize,
 }
 
+/// Acceleration of free fall in a new model, m/s^2, along -z.
+pub const STANDARD_GRAVITY: f64 = 9.81;
+
 impl Default for ModelBuilder {
     fn default() -> Self {
         Self::new()
@@ -27,7 +30,7 @@ impl Default for ModelBuilder {
 }
 
 impl ModelBuilder {
-    /// An empty world with gravity (0, 0, -9.81) m/s^2.
+    /// An empty world with [`STANDARD_GRAVITY`].
     pub fn new() -> Self {
         let world = Body {
             spec: BodySpec {
@@ -47,7 +50,7 @@ impl ModelBuilder {
             bodies: vec![world],
             shapes: Vec::new(),
             excluded: Vec::new(),
-            gravity: Vector3::new(0.0, 0.0, -9.81),
+            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
             nq: 0,
             nv: 0,
         }

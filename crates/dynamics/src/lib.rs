@@ -97,7 +97,7 @@ mod spec;
 mod step;
 mod variation;
 
-pub use builder::ModelBuilder;
+pub use builder::{ModelBuilder, STANDARD_GRAVITY};
 pub use contact::Contact;
 pub use error::{ModelError, check_array};
 pub use input::Input;

@@ -3,6 +3,7 @@
 //! ```text
 //! cargo run --release -p fiatlux-render --example time_frames -- [MESHES]
 //! ```
+#![expect(clippy::disallowed_methods, reason = "it measures time")]
 
 use std::error::Error;
 use std::hint::black_box;

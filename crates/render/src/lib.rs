@@ -44,7 +44,7 @@ mod tone;
 mod view;
 mod visuals;
 
-pub use camera::{Camera, HEAD_PIXELS, head_fov};
+pub use camera::{Camera, HEAD_CAMERA, HEAD_PIXELS};
 pub use error::{MeshError, RenderError};
 pub use image::Image;
 pub use lighting::Lighting;

@@ -48,5 +48,5 @@ pub use build::{BuildOptions, JointIds, LinkIds, PlacedRobot, RobotIds};
 pub use error::RobotError;
 pub use gains::{GainSet, Gains, JointGains};
 pub use hand::HandKind;
-pub use robot::{Joint, Link, Robot};
+pub use robot::{CameraMount, Joint, Link, Robot};
 pub use shape::{Shape, Surface};

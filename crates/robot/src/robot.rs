@@ -39,6 +39,23 @@ pub struct Joint {
     pub gains: JointGains,
 }
 
+/// Where a camera is on a robot, and its lens.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraMount {
+    /// Unique name.
+    pub name: String,
+    /// Index of the link that carries it.
+    pub link: usize,
+    /// Its frame in that link: it looks along +x with +z up, m.
+    pub link_from_camera: Isometry3<f64>,
+    /// From the left to the right edge of its picture, rad.
+    pub horizontal_fov: f64,
+    /// Nothing nearer than this along its axis is in the picture, m.
+    pub near: f64,
+    /// Index of a link that is not in the picture: the head around a camera inside it.
+    pub hidden_link: Option<usize>,
+}
+
 /// A checked robot. Links are indexed in the order of its file, joints in the order of its `joint_order`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
@@ -57,7 +74,7 @@ pub struct Robot {
     pub(crate) feet: Vec<usize>,
     pub(crate) palms: Vec<usize>,
     pub(crate) lidar: Option<usize>,
-    pub(crate) camera: Option<usize>,
+    pub(crate) cameras: Vec<CameraMount>,
 }
 
 impl Robot {
@@ -180,9 +197,14 @@ impl Robot {
         self.lidar
     }
 
-    /// Link whose frame is the camera's, which looks along its +x with +z up, where the robot has one.
-    pub fn camera(&self) -> Option<usize> {
-        self.camera
+    /// All cameras.
+    pub fn cameras(&self) -> &[CameraMount] {
+        &self.cameras
+    }
+
+    /// The camera of that name.
+    pub fn camera(&self, name: &str) -> Option<&CameraMount> {
+        self.cameras.iter().find(|camera| camera.name == name)
     }
 
     /// Index of the link of that name.

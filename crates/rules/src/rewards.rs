@@ -10,6 +10,7 @@ mod training;
 
 use crate::{Context, Judge, Row, Task, Verdict};
 
+pub use motion::ANKLE_LIMITS;
 pub use term::Term;
 use term::{Ledger, TermSpec, View};
 

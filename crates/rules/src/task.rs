@@ -10,6 +10,8 @@ use crate::{Bulb, Causes, Gate};
 
 /// Length of a control step, s.
 pub const CONTROL_DT: f64 = 0.02;
+/// Acceleration of free fall, m/s^2, along -z.
+pub const GRAVITY: f64 = 9.81;
 /// Control steps of half a second: the sustain window of S03 and S08.
 pub(crate) const HALF_SECOND: u32 = 25;
 /// Control steps of a second: the sustain window of S01, S06 and S11.

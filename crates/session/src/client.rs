@@ -1,6 +1,5 @@
 //! A client's side of a session. The rules that it follows are those of `proto/PROTOCOL.md`.
 
-mod check;
 mod failure;
 #[cfg(test)]
 mod tests;
@@ -13,11 +12,10 @@ use fiatlux_proto::v3::notice::Code;
 use fiatlux_proto::v3::{
     EpisodeEnd, Mode, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
 };
-use fiatlux_proto::{Bytes, Message, decode};
+use fiatlux_proto::{Bytes, Message, ObservationLayout, TermError, decode};
 
 use crate::command::Command;
 use crate::machine::Machine;
-use check::Lengths;
 pub use failure::SessionFailure;
 
 /// Longest time between two tries.
@@ -91,7 +89,7 @@ enum Phase {
 #[derive(Debug)]
 pub struct ClientSession {
     info: SessionInfo,
-    lengths: Lengths,
+    layout: Result<ObservationLayout, TermError>,
     resend: Duration,
     /// A server that says nothing for so long is gone.
     silence: Duration,
@@ -159,7 +157,7 @@ impl ClientSession {
         let grace = seconds(info.grace_s).unwrap_or_default().min(Duration::from_secs(3600));
         Self {
             info: info.clone(),
-            lengths: Lengths::new(info),
+            layout: ObservationLayout::new(info),
             resend,
             // A server that waits for its recorder is silent for so long, and is no dead one.
             silence: grace.max(2 * RECORDER_TIMEOUT),
@@ -177,12 +175,14 @@ impl ClientSession {
         }
     }
 
-    /// Passes an observation on whose terms have the session's lengths: one that was looked at.
+    /// Passes an observation on whose parts are as the session describes its terms: one that was looked at.
     ///
     /// # Errors
     /// What is wrong with it.
     pub fn check(&self, observation: Observation) -> Result<Observation, String> {
-        self.lengths.check(observation)
+        let layout = self.layout.as_ref().map_err(ToString::to_string)?;
+        layout.check(&observation).map_err(|error| error.to_string())?;
+        Ok(observation)
     }
 
     fn is_real_time(&self) -> bool {
@@ -214,7 +214,7 @@ impl ClientSession {
 
     fn on_observation(&mut self, bytes: &[u8], now: Duration) {
         let read = decode::<Observation>(bytes, MAX_SERVER_MESSAGE).map_err(|error| error.to_string());
-        match read.and_then(|observation| self.lengths.check(observation)) {
+        match read.and_then(|observation| self.check(observation)) {
             Ok(observation) => self.observed(observation, now),
             Err(reason) => self.unreadable("observation", reason),
         }
@@ -241,7 +241,7 @@ impl ClientSession {
         }
         match reply {
             Some(reset_reply::Reply::Observation(observation)) => {
-                match self.lengths.check(observation) {
+                match self.check(observation) {
                     Ok(first) if first.episode == self.episode && first.step == 0 => self.accept(first, now),
                     // The answer to an earlier reset.
                     Ok(_) => {}

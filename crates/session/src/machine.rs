@@ -2,8 +2,9 @@ use std::time::Duration;
 
 /// A peer of a session as a state machine without I/O, clock or threads. All three peers have this one shape.
 ///
-/// Times are measured from an origin of the caller's choice. A caller gives each message to [`handle`](Machine::handle), then carries out what [`poll`](Machine::poll) returns
-/// until it returns `None`, and sleeps until the next message or [`wake_at`](Machine::wake_at), when it gives a `Tick`.
+/// Times are measured from an origin of the caller's choice. A caller gives each message to [`handle`](Machine::handle),
+/// carries out what [`poll`](Machine::poll) returns until that is `None`, and sleeps until the next message or until
+/// [`wake_at`](Machine::wake_at), when it gives a `Tick`.
 pub trait Machine {
     /// What reaches the peer.
     type Input;

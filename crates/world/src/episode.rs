@@ -1,4 +1,4 @@
-//! One episode of a task: a world in motion, judged, paid, observed and chained into a digest.
+//! One episode of a task: a world in motion, judged, paid and chained into a digest.
 
 use std::sync::Arc;
 
@@ -10,8 +10,8 @@ use thiserror::Error;
 
 use crate::start::check_kind;
 use crate::{
-    ACTION_SCALE, DomainSample, HandFriction, Layout, Light, NoiseSeed, Observer, PropScale, Proprioception, RNG_NAME,
-    Randomization, Scene, SceneKind, SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
+    ACTION_SCALE, DomainSample, HandFriction, Layout, Light, PropScale, RNG_NAME, Randomization, Scene, SceneKind,
+    SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
 };
 
 /// What an episode is. It plays in the scene that [`EpisodeSpec::scene`] describes; gains are the scene's.
@@ -174,8 +174,6 @@ pub struct Step<'a> {
     pub verdict: &'a Verdict,
     /// What each term of the reward paid.
     pub terms: &'a [Term],
-    /// What the robot senses of itself.
-    pub observation: &'a Proprioception,
     /// Some number of the action was outside the box [-1, 1].
     pub outside_box: bool,
 }
@@ -200,15 +198,13 @@ pub struct Episode {
     world: World,
     judge: Judge,
     rewards: Rewards,
-    observer: Observer,
-    observation: Proprioception,
     context: RowDigest,
     digest: RowDigest,
     totals: Totals,
 }
 
 impl Episode {
-    /// Stages an episode: row 0 is judged, observed and in the digest.
+    /// Stages an episode: row 0 is judged and in the digest.
     ///
     /// # Errors
     /// [`StartError`]: the scene is not the one of [`EpisodeSpec::scene`], or the task does not start in it.
@@ -225,17 +221,13 @@ impl Episode {
         judge.start(row);
         let mut rewards = Rewards::new(&judge, spec.variant);
         rewards.start(&judge, row);
-        let seed = NoiseSeed { seed: spec.seed, episode: spec.episode };
-        let mut observer = Observer::new(scene.robot.q0().to_vec(), spec.randomize.sensors.then_some(seed));
-        let mut observation = Proprioception::zeros(scene.robot_layout().joints);
-        observer.observe(row, &mut observation);
         let context = RowDigest::new(&spec.context(&scene));
         let mut digest = context.clone();
         digest.push(row);
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
         let joint_target = row.joint_target.clone();
         let spec = spec.clone();
-        Ok(Self { spec, start, joint_target, judge, rewards, observer, observation, context, digest, totals, world })
+        Ok(Self { spec, start, joint_target, judge, rewards, context, digest, totals, world })
     }
 
     /// The action for joint targets in rad: `(target - q0) / ACTION_SCALE`.
@@ -243,7 +235,7 @@ impl Episode {
         target.iter().zip(self.scene().robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect()
     }
 
-    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest. An action
+    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, digest. An action
     /// has a number for each joint: joint target = q0 + [`ACTION_SCALE`] action. It is all that a row records of a command,
     /// so joint targets become one first ([`Episode::action_for`]).
     ///
@@ -259,19 +251,12 @@ impl Episode {
         let row = self.world.step(action, &self.joint_target)?;
         self.judge.advance(row);
         self.rewards.advance(&self.judge, row);
-        self.observer.observe(row, &mut self.observation);
         self.digest.push(row);
         let outside_box = action.iter().any(|number| number.abs() > 1.0);
         self.totals.unconverged += u64::from(row.unconverged);
         self.totals.steps_outside_box += u64::from(outside_box);
         self.totals.reward += self.rewards.reward();
-        Ok(Step {
-            row: self.world.row(),
-            verdict: self.judge.verdict(),
-            terms: self.rewards.terms(),
-            observation: &self.observation,
-            outside_box,
-        })
+        Ok(Step { row: self.world.row(), verdict: self.judge.verdict(), terms: self.rewards.terms(), outside_box })
     }
 
     /// What it is.
@@ -324,11 +309,6 @@ impl Episode {
     /// What all terms paid in the last step.
     pub fn reward(&self) -> f64 {
         self.rewards.reward()
-    }
-
-    /// What the robot senses of itself in the last row.
-    pub fn observation(&self) -> &Proprioception {
-        &self.observation
     }
 
     /// Digest of the rows so far, row 0 included.

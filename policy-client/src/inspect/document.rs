@@ -26,11 +26,12 @@ pub fn report(state: &State, files: &BTreeMap<&'static str, String>) -> Value {
             "stiffness": joint.stiffness, "damping": joint.damping, "effort_limit": joint.effort_limit,
         })
     };
-    let flat = |term: &fiatlux_proto::v3::FlatTerm| {
+    let flat = |term: &fiatlux_proto::v3::ObservationTerm| {
         json!({
-            "name": term.name, "offset": term.offset, "length": term.length, "scale": term.scale, "noise": term.noise,
+            "name": term.name, "offset": term.offset, "length": term.length(), "scale": term.scale, "noise": term.noise,
         })
     };
+    let image_fov = info.cameras.iter().find(|camera| camera.sensor == "camera").map(|camera| camera.horizontal_fov);
     let notice = |notice: &fiatlux_proto::v3::Notice| {
         json!({
             "step": notice.step, "field": notice.field, "message": notice.message, "remedy": notice.remedy,
@@ -69,8 +70,8 @@ pub fn report(state: &State, files: &BTreeMap<&'static str, String>) -> Value {
             "length": info.joints.len(), "scale": info.action_scale,
             "steps_beyond_limits": state.out_of_limits.steps, "joints": info.joints.iter().map(joint).collect::<Vec<_>>(),
         },
-        "weights": info.weights, "image_fov": info.image_fov, "hand_bodies": info.hand_bodies,
-        "flat_terms": info.flat_terms.iter().map(flat).collect::<Vec<_>>(),
+        "weights": info.weights, "image_fov": image_fov, "hand_bodies": info.hand_bodies,
+        "flat_terms": info.terms_of("flat").map(flat).collect::<Vec<_>>(),
         "notices": state.notices.iter().map(notice).collect::<Vec<_>>(),
         "notice_count": state.notice_count,
         "files": files,

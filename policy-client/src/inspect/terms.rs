@@ -2,7 +2,7 @@
 //! `observation.proto`.
 
 use fiatlux_proto::Message;
-use fiatlux_proto::v3::{Observation, Pose, Privileged, Proprioception, SessionInfo};
+use fiatlux_proto::v3::{Observation, ObservationTerm, Pose, Privileged, Proprioception, SessionInfo};
 
 /// A sensor's part of an observation.
 pub struct Sensor {
@@ -112,7 +112,8 @@ pub static SENSORS: [Sensor; 10] = [
         term("lidar", "m", |_| vec![32, 180], |o| all(&o.lidar)),
     ]),
     sensor!("camera", Some(10.0), large: true, camera, |info| {
-        format!("camera: rows from the top, {:.0}° from the left to the right edge", info.image_fov.to_degrees())
+        let fov = info.cameras.iter().find(|camera| camera.sensor == "camera").map_or(0.0, |camera| camera.horizontal_fov);
+        format!("camera: rows from the top, {:.0}° from the left to the right edge", fov.to_degrees())
     }, [
         term("camera.rgb", "0-255", image, |o| all(&o.camera.as_ref()?.rgb)),
     ]),
@@ -157,7 +158,7 @@ fn image(info: &SessionInfo) -> Vec<usize> {
 }
 
 fn flat(info: &SessionInfo) -> Vec<usize> {
-    vec![info.flat_terms.iter().map(|term| term.length as usize).sum()]
+    vec![info.terms_of("flat").map(ObservationTerm::length).sum()]
 }
 
 fn criteria(info: &SessionInfo) -> Vec<usize> {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fiatlux_policy::Command;
 use fiatlux_proto::v3::{
-    EpisodeEnd, FlatTerm, Joint, Notice, Observation, Proprioception, Sensor, SessionInfo, TaskInfo, Verdict,
+    EpisodeEnd, Joint, Notice, Observation, ObservationTerm, Proprioception, Sensor, SessionInfo, TaskInfo, Verdict,
 };
 
 use super::state::State;
@@ -37,7 +37,13 @@ fn info() -> SessionInfo {
         ],
         control_dt: 0.02,
         action_scale: 0.5,
-        flat_terms: vec![FlatTerm { name: "gravity".into(), length: 3, scale: 0.1, ..FlatTerm::default() }],
+        terms: vec![ObservationTerm {
+            sensor: "flat".into(),
+            name: "gravity".into(),
+            shape: vec![3],
+            scale: 0.1,
+            ..ObservationTerm::default()
+        }],
         ..SessionInfo::default()
     }
 }

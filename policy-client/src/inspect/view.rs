@@ -158,17 +158,17 @@ fn action(state: &State, all: bool, lines: &mut Lines) {
 }
 
 fn flat(state: &State, lines: &mut Lines) {
-    let terms = &state.info.flat_terms;
+    let terms: Vec<_> = state.info.terms_of("flat").collect();
     if terms.is_empty() {
         lines.title("Flat vector: not asked for".into());
         return lines.row("  add flat@look to --sensors".into());
     }
-    let length: u32 = terms.iter().map(|term| term.length).sum();
+    let length: usize = terms.iter().map(|term| term.length()).sum();
     lines.title(format!("Flat vector: {length} numbers, each (measured + noise) x scale"));
     lines.row(format!("  {:<28} {:>6} {:>6} {:>6} {:>8}", "term", "offset", "length", "scale", "noise"));
-    for term in terms {
+    for term in &terms {
         let noise = if term.noise == 0.0 { "exact".into() } else { format!("±{}", term.noise) };
-        lines.row(format!("  {:<28} {:>6} {:>6} {:>6} {noise:>8}", term.name, term.offset, term.length, term.scale));
+        lines.row(format!("  {:<28} {:>6} {:>6} {:>6} {noise:>8}", term.name, term.offset, term.length(), term.scale));
     }
 }
 

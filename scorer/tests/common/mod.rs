@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use fiatlux_bag::BagWriter;
 use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
 use fiatlux_rules::{Geometry, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
+use fiatlux_wire::{geometry_message, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
 /// What happens in an episode.
@@ -42,6 +43,10 @@ impl Drop for Folder {
     }
 }
 
+fn names(what: &str, count: usize) -> Vec<String> {
+    (0..count).map(|k| format!("{what}_{k}")).collect()
+}
+
 pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
     v3::EpisodeHeader {
         protocol: Some(PROTOCOL),
@@ -62,6 +67,9 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         scene_digest: "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08".into(),
         digest_context: RowDigest::new(b"test").hex(),
         control_dt: 0.02,
+        geometry: Some(geometry_message(&Geometry::default())),
+        joint_names: names("joint", room::LAYOUT.joints),
+        hand_bodies: names("body", room::LAYOUT.hand_bodies()),
         ..v3::EpisodeHeader::default()
     }
 }
@@ -139,7 +147,7 @@ pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
 pub fn begin(path: &Path, header: &v3::EpisodeHeader, rows: &[Row]) -> BagWriter {
     let mut writer = BagWriter::create(path, header).expect("a new bag");
     for row in rows {
-        writer.message(fiatlux_bag::topic::STATE, row.step, &v3::State::from(row).encode_to_vec()).expect("a message");
+        writer.message(fiatlux_bag::topic::STATE, row.step, &state_message(row).encode_to_vec()).expect("a message");
     }
     writer
 }

@@ -9,6 +9,7 @@ use fiatlux_proto::Message;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, SessionInfo, StepRecord};
 use fiatlux_render::Lighting;
+use fiatlux_sensing::{NoiseSeed, SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_session::{Command, Host};
 use fiatlux_world::Episode;
 
@@ -16,7 +17,6 @@ use super::info;
 use super::plan::{Plan, SensorPlan};
 use super::record::{self, Record, Seen};
 use super::scenes::Built;
-use crate::senses::{SenseError, Senses, Sensor, Sensors};
 
 /// Episodes of one plan, in one scene.
 #[derive(Debug)]
@@ -25,7 +25,7 @@ pub(super) struct Simulation {
     id: String,
     plan: Plan,
     built: Built,
-    senses: Senses,
+    suite: SensorSuite,
     /// Label of the weights of the camera's features; empty without them.
     weights: String,
     run: Option<Run>,
@@ -44,8 +44,9 @@ struct Run {
 impl Simulation {
     pub fn new(server: &str, id: &str, plan: Plan, built: Built, network: Option<ResNet18>) -> Self {
         let weights = network.as_ref().map(|network| network.label().to_owned()).unwrap_or_default();
-        let senses = Senses::new(plan.sensors.all(), plan.image_size, network);
-        Self { server: server.into(), id: id.into(), plan, built, senses, weights, run: None }
+        let suite = SensorSuite::new(plan.sensors.all(), plan.setup(&built.scene));
+        let suite = suite.with_sight(plan.sensors.sight()).with_network(network);
+        Self { server: server.into(), id: id.into(), plan, built, suite, weights, run: None }
     }
 
     /// What a client is told of the session, its timeouts aside.
@@ -68,10 +69,10 @@ impl Host for Simulation {
         let friction = spec.drawn_hand_friction().map(|friction| friction.dynamic_friction);
         let scene = self.built.with_friction(friction).map_err(|error| start(&error))?;
         let episode = Episode::start(scene, &spec).map_err(|error| start(&error))?;
-        let (senses, built) = (&mut self.senses, &self.built);
-        let observation = senses
-            .begin(episode.scene(), || built.visuals(), Lighting::of(&spec.light()))
-            .and_then(|()| observe(senses, &episode, self.plan.sensors.due(0)))
+        let (suite, built) = (&mut self.suite, &self.built);
+        let observation = suite
+            .begin(episode.scene(), NoiseSeed::of(&spec), || built.visuals(), Lighting::of(&spec.light()))
+            .and_then(|()| observe(suite, &episode, self.plan.sensors.due(0)))
             .map_err(|error| sensors_fail(&error))?;
         let run = Run { episode, record: None, observation, outside_box: false };
         Ok(&self.run.insert(run).observation)
@@ -86,21 +87,21 @@ impl Host for Simulation {
         let step = step.map_err(|error| Refusal::new(Code::Value, "action", in_full(&error)))?;
         run.outside_box = step.outside_box;
         let due = self.plan.sensors.due(run.episode.row().step);
-        run.observation = observe(&mut self.senses, &run.episode, due).map_err(|error| sensors_fail(&error))?;
+        run.observation = observe(&mut self.suite, &run.episode, due).map_err(|error| sensors_fail(&error))?;
         Ok(&run.observation)
     }
 
     fn look(&mut self, names: &[String]) -> Result<Observation, Refusal> {
         let run = self.run.as_ref().ok_or_else(no_episode)?;
         let asked = sensors(names, &self.plan.sensors)?;
-        let seen = self.senses.observe(&run.episode, asked);
+        let seen = self.suite.observe(&View::of(&run.episode), asked);
         seen.map_err(|error| Refusal::new(Code::Value, "sensors", in_full(&error)))
     }
 
     fn record(&mut self, action: Option<ActionRecord>, large: bool) -> Result<StepRecord, Refusal> {
-        let Self { plan, senses, run, .. } = self;
+        let Self { plan, suite, run, .. } = self;
         let run = run.as_mut().ok_or_else(no_episode)?;
-        let seen = recorded(senses, &run.episode, &plan.sensors, large, &run.observation);
+        let seen = recorded(suite, &run.episode, &plan.sensors, large, &run.observation);
         let seen = seen.map_err(|error| sensors_fail(&error))?;
         if let Some((record, action)) = run.record.as_mut().zip(action) {
             let action = ActionRecord { outside_box: run.outside_box, ..action };
@@ -140,13 +141,13 @@ fn sensors(names: &[String], plan: &SensorPlan) -> Result<Sensors, Refusal> {
 }
 
 /// What a policy sees in the last row.
-fn observe(senses: &mut Senses, episode: &Episode, due: Sensors) -> Result<Observation, SenseError> {
-    Ok(Observation { end: record::end(episode), ..senses.observe(episode, due)? })
+fn observe(suite: &mut SensorSuite, episode: &Episode, due: Sensors) -> Result<Observation, SenseError> {
+    Ok(Observation { end: record::end(episode), ..suite.observe(&View::of(episode), due)? })
 }
 
 /// What the bag has of the last row, whose observation has been published.
 fn recorded(
-    senses: &mut Senses,
+    suite: &mut SensorSuite,
     episode: &Episode,
     sensors: &SensorPlan,
     large: bool,
@@ -159,14 +160,14 @@ fn recorded(
     let wanted = if large { wanted } else { wanted.without(Sensors::LARGE) };
     let observation = match wanted.without(APART) {
         same if same == sensors.due(step) => published.encode_to_vec(),
-        others => observe(senses, episode, others)?.encode_to_vec(),
+        others => observe(suite, episode, others)?.encode_to_vec(),
     };
     let mut seen = Seen { observation, ..Seen::default() };
     if wanted.contains(Sensor::Camera) {
-        seen.camera = senses.compressed_image(episode)?.encode_to_vec();
+        seen.camera = suite.compressed_image(Sensor::Camera, &View::of(episode))?.encode_to_vec();
     }
     if wanted.contains(Sensor::Lidar) {
-        seen.lidar = senses.point_cloud(episode)?.encode_to_vec();
+        seen.lidar = suite.point_cloud(&View::of(episode))?.encode_to_vec();
     }
     Ok(seen)
 }

@@ -10,9 +10,9 @@ use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
 use fiatlux_rules::{Cause, Causes, Task, Thresholds, Variant};
 
-use fiatlux_world::{EpisodeSpec, PropScale, Randomization};
+use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
 
-use crate::senses::Sensors;
+use fiatlux_sensing::{Sensors, Setup};
 use fiatlux_wire as wire;
 pub(super) use sensors::SensorPlan;
 
@@ -46,6 +46,11 @@ pub(super) struct Plan {
 impl Plan {
     pub fn mode(&self) -> Mode {
         if self.real_time { Mode::RealTime } else { Mode::Lockstep }
+    }
+
+    /// What the shapes of its terms depend on.
+    pub fn setup(&self, scene: &Scene) -> Setup {
+        Setup { image_size: self.image_size, ..Setup::new(scene, self.task) }
     }
 
     /// An episode of the session.
@@ -213,7 +218,7 @@ mod tests {
     use fiatlux_proto::v3::{self, Version};
 
     use super::*;
-    use crate::senses::Sensor;
+    use fiatlux_sensing::Sensor;
 
     fn named(names: &[&str]) -> Vec<v3::Sensor> {
         names.iter().map(|name| v3::Sensor { name: (*name).into(), ..v3::Sensor::default() }).collect()

@@ -24,7 +24,7 @@ use super::networks::Networks;
 use super::plan;
 use super::pool::{Answer, AnswerKind, Job, Queue, Timer};
 use super::scenes::Scenes;
-use crate::senses::Sensors;
+use fiatlux_sensing::Sensors;
 
 /// Inputs that a worker gives a session before others get their turn, and how long they may take.
 const TURN: usize = 256;

@@ -49,7 +49,7 @@ impl<H: Host, R> ServerSession<H, R> {
         let ack: StepRecordAck = match decode(bytes, limits::MAX_CLIENT_MESSAGE) {
             Ok(ack) => ack,
             Err(error) => {
-                return tracing::debug!(session = self.info.session, %error, "an acknowledgement that cannot be read is dropped");
+                return tracing::debug!(session = self.info.session, %error, "an acknowledgement cannot be read");
             }
         };
         if ack.next_seq > self.window.next_seq() {

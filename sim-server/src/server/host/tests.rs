@@ -18,6 +18,9 @@ use super::*;
 use crate::server::plan;
 use crate::server::scenes::Scenes;
 
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
+
 /// A policy of that name makes its simulation panic.
 pub(in crate::server) const PANICS: &str = "panics";
 

@@ -5,7 +5,7 @@ use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{OpenRequest, Refusal};
 use fiatlux_rules::{CONTROL_DT, Task};
 
-use crate::senses::{Sensor, Sensors};
+use fiatlux_sensing::{Sensor, Sensors, Sight};
 
 /// Observations a second.
 const STEP_HZ: f64 = 1.0 / CONTROL_DT;
@@ -28,6 +28,8 @@ enum Use {
 struct Choice {
     sensor: Sensor,
     use_: Use,
+    /// It sees more than the published one.
+    see_room: bool,
     /// Steps from one record to the next, where it is large and in the bag.
     record_period: Option<u64>,
 }
@@ -58,6 +60,11 @@ impl SensorPlan {
         self.due(step).without(Sensors::LARGE).and(self.of(is_due))
     }
 
+    /// What the LiDAR sees.
+    pub fn sight(&self) -> Sight {
+        if self.0.iter().any(|choice| choice.see_room) { Sight::Room } else { Sight::Published }
+    }
+
     fn of(&self, is_in: impl Fn(&Choice) -> bool) -> Sensors {
         self.0.iter().filter(|choice| is_in(choice)).fold(Sensors::NONE, |set, choice| set.with(choice.sensor))
     }
@@ -72,6 +79,7 @@ impl SensorPlan {
             recorded: choice.record_period.is_some(),
             record_hz: choice.record_period.map_or(0.0, hz),
             bag_only: choice.use_ == Use::BagOnly,
+            see_room: choice.see_room,
         };
         self.0.iter().map(message).collect()
     }
@@ -94,6 +102,9 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
         if u8::from(asked.on_request) + u8::from(asked.bag_only) + u8::from(rated) > 1 {
             return wrong(format!("sensor '{name}' has more than one of rate_hz, on_request and bag_only; choose one"));
         }
+        if asked.see_room && sensor != Sensor::Lidar {
+            return wrong(format!("sensor '{name}' has see_room, which only lidar takes; leave it out"));
+        }
         if !asked.recorded && (asked.record_hz != 0.0 || asked.bag_only) {
             return wrong(format!(
                 "sensor '{name}' is not recorded but has record_hz or bag_only; set recorded, or leave them out"
@@ -110,10 +121,10 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
             _ => Use::Every(period(name, "rate_hz", asked.rate_hz, STEP_HZ)?),
         };
         let record_period = asked.recorded.then(|| period(name, "record_hz", asked.record_hz, RECORD_HZ));
-        choices.push(Choice { sensor, use_, record_period: record_period.transpose()? });
+        choices.push(Choice { sensor, use_, see_room: asked.see_room, record_period: record_period.transpose()? });
     }
     if choices.iter().all(|choice| choice.use_ == Use::BagOnly) {
-        let choice = |sensor| Choice { sensor, use_: Use::Every(1), record_period: None };
+        let choice = |sensor| Choice { sensor, use_: Use::Every(1), see_room: false, record_period: None };
         choices.extend(Sensors::of_body(task).iter().map(choice));
     }
     choices.sort_by_key(|choice| choice.sensor as u16);
@@ -215,6 +226,7 @@ mod tests {
             (vec![v3::Sensor { record_hz: 5.0, ..sensor("lidar") }], "not recorded"),
             (vec![v3::Sensor { bag_only: true, ..sensor("lidar") }], "not recorded"),
             (vec![v3::Sensor { recorded: true, ..sensor("verdict") }], "is small"),
+            (vec![v3::Sensor { see_room: true, ..sensor("camera") }], "only lidar takes"),
         ];
         for (sensors, message) in cases {
             let refusal = plan(sensors).expect_err(message);
