@@ -23,16 +23,11 @@ mod estimate;
 use std::sync::Arc;
 
 use fiatlux_robot::{Gains, JointGains, Robot, RobotError};
+use fiatlux_rules::GRAVITY;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use thiserror::Error;
 
 use estimate::{Estimator, Pendulum};
-
-/// Standard gravity as in the scene, m/s^2.
-const GRAVITY: f64 = 9.81;
-
-/// Seconds between two observations.
-const CONTROL_DT: f64 = 0.02;
 
 /// How far beyond the capture point the pressure goes, per deviation of it from the reference. The poles of the loop are
 /// -w and -k w: with 1 both are those of the pendulum itself. More only sends the estimate's noise (6 mm) to the ankles.

@@ -2,7 +2,7 @@
 
 pub mod inspect;
 pub mod list;
-mod plan;
+pub mod plan;
 mod report;
 pub mod run;
 

@@ -17,17 +17,18 @@ use fiatlux_proto::v3::{
     CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
     SessionInfo, look_reply, open_reply,
 };
-use fiatlux_proto::{PROTOCOL, decode, encoding, is_compatible};
+use fiatlux_proto::{Bytes, ObservationLayout, PROTOCOL, decode, encoding, is_compatible};
+use fiatlux_session::client::{Answer, Input, Output};
+use fiatlux_session::{ClientSession, Machine, SessionFailure};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
-use crate::session::{ClientSession, Output};
-use crate::{Policy, RoundTrips};
+use crate::{Policy, PolicyError, RoundTrips};
 pub use discover::{describe_servers, find_server};
 pub use error::ClientError;
-use mailbox::{Mail, Mailbox};
+use mailbox::Mailbox;
 
 /// The time that a server has to answer `open`; it may build the scene first, s.
 const OPEN_TIMEOUT_S: f64 = 60.0;
@@ -86,8 +87,8 @@ impl Client {
         let token = link.liveliness().declare_token(keys.client()).wait().map_err(ClientError::zenoh)?;
         let mailbox = Arc::new(Mailbox::default());
         let subscribers = [
-            subscribe(link, keys.observation(), &mailbox, Mail::Observation)?,
-            subscribe(link, keys.notice(), &mailbox, Mail::Notice)?,
+            subscribe(link, keys.observation(), &mailbox, Input::Observation)?,
+            subscribe(link, keys.notice(), &mailbox, Input::Notice)?,
         ];
         let actions = link.declare_publisher(keys.action()).encoding(encoding("Action"));
         // The server waits for nothing else: no batching, and ahead of whatever else is on the link.
@@ -135,28 +136,35 @@ impl Client {
         progress: &mut dyn FnMut(u64),
         stop: &AtomicBool,
     ) -> Result<EpisodeEnd, ClientError> {
-        let name = policy.name();
+        let mut present: Option<Box<Observation>> = None;
         let mut is_reset = false;
-        self.state.start(episode, self.now_s());
+        self.state.handle(Input::Start(episode), self.now());
         loop {
             if stop.load(Ordering::Relaxed) {
                 return Err(ClientError::Stopped);
             }
-            let now_s = self.now_s();
-            while let Some(mail) = self.mailbox.take() {
-                self.deliver(mail, now_s);
+            let now = self.now();
+            while let Some(input) = self.mailbox.take() {
+                self.tell_of(&input);
+                self.state.handle(input, now);
             }
-            self.state.tick(now_s);
-            self.round_trips.extend(self.state.take_round_trip_s());
+            self.state.handle(Input::Tick, now);
             while let Some(output) = self.state.poll() {
                 match output {
                     Output::Done(end) => return Ok(end),
-                    Output::Failed(failure) => return Err(failure.into()),
-                    other => self.send(other)?,
+                    Output::Failed(failure) => return Err(failed(failure, policy)),
+                    Output::RoundTrip(time) => self.round_trips.push(time.as_secs_f64()),
+                    Output::Observation(observation) => present = Some(observation),
+                    Output::Action(bytes) => self.actions.put(bytes).wait().map_err(ClientError::zenoh)?,
+                    Output::Reset(bytes) => self.post(&self.keys.reset(), bytes, RESET_TIMEOUT, Input::Reset)?,
+                    Output::AskObservation => {
+                        let (key, timeout) = (self.keys.observation(), LAST_OBSERVATION_TIMEOUT);
+                        self.post(&key, Bytes::new(), timeout, Input::LastObservation)?;
+                    }
                 }
             }
-            let Some(observation) = self.state.to_answer() else {
-                let wake = self.state.wake_s().map_or(STOP_PERIOD, |at_s| seconds(at_s - self.now_s()));
+            let Some(observation) = &present else {
+                let wake = self.state.wake_at().map_or(STOP_PERIOD, |at| at.saturating_sub(self.now()));
                 self.mailbox.wait(wake.min(STOP_PERIOD));
                 continue;
             };
@@ -171,15 +179,15 @@ impl Client {
             } else {
                 let mut observation = observation.clone();
                 match self.look(&observation, &asked) {
-                    Ok(seen) => add(&mut observation, seen),
+                    Ok(seen) => observation.overlay(&seen),
                     // In real time the step may be over.
                     Err(ClientError::Refused { field, .. }) if self.is_real_time() && field == "step" => continue,
                     Err(error) => return Err(error),
                 }
                 policy.act(&observation)?
             };
-            let now_s = self.now_s();
-            self.state.act(&name, command, now_s)?;
+            present = None;
+            self.state.handle(Input::Command(command), self.now());
         }
     }
 
@@ -229,28 +237,21 @@ impl Client {
         self.info.mode() == Mode::RealTime
     }
 
-    fn now_s(&self) -> f64 {
-        self.origin.elapsed().as_secs_f64()
+    fn now(&self) -> Duration {
+        self.origin.elapsed()
     }
 
-    fn deliver(&mut self, mail: Mail, now_s: f64) {
-        match mail {
-            Mail::Observation(bytes) => self.state.observation(&bytes, now_s),
-            Mail::Notice(bytes) => {
-                if let Ok(notice) = decode::<Notice>(&bytes, MAX_SERVER_MESSAGE) {
-                    self.tell(notice);
-                }
-                self.state.notice(&bytes);
-            }
-            Mail::Reset(Some(Ok(bytes))) => self.state.reset_reply(&bytes, now_s),
-            Mail::Reset(Some(Err(_)) | None) => self.state.reset_unanswered(now_s),
-            Mail::LastObservation(Some(Ok(bytes))) => {
-                self.state.observation_answered();
-                self.state.observation(&bytes, now_s);
-            }
-            Mail::LastObservation(Some(Err(bytes))) => self.state.observation_refused(Some(&bytes)),
-            Mail::LastObservation(None) => self.state.observation_refused(None),
+    /// Passes on a notice of the server.
+    fn tell_of(&self, input: &Input) {
+        if let Input::Notice(bytes) = input
+            && let Ok(notice) = decode::<Notice>(bytes, MAX_SERVER_MESSAGE)
+        {
+            self.tell(notice);
         }
+    }
+
+    fn post(&self, key: &str, bytes: Bytes, timeout: Duration, end: fn(Answer) -> Input) -> Result<(), ClientError> {
+        query::post(&self.link, key, bytes, timeout, &self.mailbox, end)
     }
 
     /// A receiver that is gone misses it.
@@ -263,49 +264,27 @@ impl Client {
             }
         }
     }
-
-    fn send(&self, output: Output) -> Result<(), ClientError> {
-        match output {
-            Output::Action(bytes) => self.actions.put(bytes).wait().map_err(ClientError::zenoh),
-            Output::Reset(bytes) => {
-                query::post(&self.link, &self.keys.reset(), bytes, RESET_TIMEOUT, &self.mailbox, Mail::Reset)
-            }
-            Output::AskObservation => {
-                let (key, mail) = (self.keys.observation(), Mail::LastObservation);
-                query::post(&self.link, &key, Vec::new(), LAST_OBSERVATION_TIMEOUT, &self.mailbox, mail)
-            }
-            Output::Done(_) | Output::Failed(_) => Ok(()),
-        }
-    }
 }
 
-/// Adds the terms that were looked at.
-fn add(observation: &mut Observation, seen: Observation) {
-    fn fill<T: Default + PartialEq>(field: &mut T, seen: T) {
-        if seen != T::default() {
-            *field = seen;
+/// A command that no server takes is the policy's error.
+fn failed(failure: SessionFailure, policy: &dyn Policy) -> ClientError {
+    match failure {
+        SessionFailure::Command { field, problem, step } => {
+            PolicyError::Command { policy: policy.name(), field, problem, step }.into()
         }
+        failure => failure.into(),
     }
-    fill(&mut observation.proprioception, seen.proprioception);
-    fill(&mut observation.hand_contact_force, seen.hand_contact_force);
-    fill(&mut observation.limb_contact_force, seen.limb_contact_force);
-    fill(&mut observation.last_action, seen.last_action);
-    fill(&mut observation.lidar, seen.lidar);
-    fill(&mut observation.camera, seen.camera);
-    fill(&mut observation.features, seen.features);
-    fill(&mut observation.flat, seen.flat);
-    fill(&mut observation.privileged, seen.privileged);
-    fill(&mut observation.verdict, seen.verdict);
 }
 
 fn subscribe(
     link: &Session,
     key: String,
     mailbox: &Arc<Mailbox>,
-    mail: fn(Vec<u8>) -> Mail,
+    input: fn(Bytes) -> Input,
 ) -> Result<Subscriber<()>, ClientError> {
     let mailbox = Arc::clone(mailbox);
-    let receive = move |sample: zenoh::sample::Sample| mailbox.put(mail(sample.payload().to_bytes().into_owned()));
+    let receive =
+        move |sample: zenoh::sample::Sample| mailbox.put(input(sample.payload().to_bytes().into_owned().into()));
     link.declare_subscriber(key).callback(receive).wait().map_err(ClientError::zenoh)
 }
 
@@ -320,6 +299,9 @@ fn check(info: SessionInfo) -> Result<SessionInfo, ClientError> {
     if !is_name(&info.session) {
         return refuse(format!("its id '{}' fits in no key", info.session.escape_debug()));
     }
+    if let Err(error) = ObservationLayout::new(&info) {
+        return refuse(error.to_string());
+    }
     if info.joints.is_empty() {
         return refuse("its robot has no joints".into());
     }
@@ -328,8 +310,4 @@ fn check(info: SessionInfo) -> Result<SessionInfo, ClientError> {
         return refuse("a number of its robot is not finite".into());
     }
     Ok(info)
-}
-
-fn seconds(seconds: f64) -> Duration {
-    Duration::try_from_secs_f64(seconds.max(0.0)).unwrap_or(STOP_PERIOD)
 }

@@ -1,12 +1,14 @@
 //! The policy client: runs a policy on a simulation server.
 
 mod cli;
+mod inspect;
 
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser};
 
-use cli::{Failure, inspect, list, run};
+use cli::plan::RunArgs;
+use cli::{Failure, list, run};
 
 /// Runs policies on a simulation server
 #[derive(Debug, Parser)]
@@ -30,9 +32,9 @@ struct Cli {
 #[derive(Debug, clap::Subcommand)]
 enum Subcommand {
     /// Run episodes of a task with a policy
-    Run(Box<run::RunArgs>),
+    Run(Box<RunArgs>),
     /// Show what a policy receives in a session: live, and as pictures
-    Inspect(Box<inspect::InspectArgs>),
+    Inspect(Box<cli::inspect::InspectArgs>),
     /// List the servers that can be reached
     List(list::ListArgs),
 }
@@ -42,7 +44,7 @@ fn main() -> ExitCode {
     fiatlux_link::init_quiet_log();
     let done = match cli.command {
         Subcommand::Run(args) => run::run(&args),
-        Subcommand::Inspect(args) => inspect::inspect(&args),
+        Subcommand::Inspect(args) => cli::inspect::inspect(&args),
         Subcommand::List(args) => list::list(&args),
     };
     match done {

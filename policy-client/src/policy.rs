@@ -1,6 +1,7 @@
 //! What a policy is.
 
 use fiatlux_proto::v3::{Observation, Sensor, SessionInfo};
+use fiatlux_session::Command;
 use thiserror::Error;
 
 use crate::balance::BalanceError;
@@ -34,15 +35,6 @@ pub trait Policy: Send {
     /// # Errors
     /// The policy cannot go on.
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError>;
-}
-
-/// What the robot is told to do for one step: a number for each joint, in the order of `SessionInfo.joints`.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Command {
-    /// In action units: joint target = q0 + action_scale * action.
-    Action(Vec<f64>),
-    /// Joint targets, rad.
-    JointTarget(Vec<f64>),
 }
 
 /// Why a policy cannot be made or go on.

@@ -21,11 +21,6 @@ impl RoundTrips {
         }
     }
 
-    /// Adds some, s.
-    pub fn extend(&mut self, seconds: impl IntoIterator<Item = f64>) {
-        seconds.into_iter().for_each(|seconds| self.push(seconds));
-    }
-
     /// How many are kept.
     pub fn count(&self) -> usize {
         self.seconds.len()

@@ -1,6 +1,9 @@
 //! The balance controller on the simulated robot, with reset noise and observation noise: it stands and keeps its bulb.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+#[path = "balance/bare_hands.rs"]
+mod bare_hands;
+
 use std::fmt;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -10,10 +13,8 @@ use std::time::{Duration, Instant};
 use fiatlux_policy::balance::{Balance, BalanceError, Sensed};
 use fiatlux_robot::{GainSet, JointGains, Robot};
 use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Row, Task, Thresholds};
-use fiatlux_world::{
-    ACTION_SCALE, NoiseSeed, Observer, Proprioception, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World,
-    start,
-};
+use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
+use fiatlux_world::{ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
 use nalgebra::Vector3;
 
 /// The G1 with Inspire hands.

@@ -9,8 +9,9 @@ use fiatlux_link::embedded;
 use fiatlux_policy::{
     Client, ClientError, Command, Policy, PolicyError, SessionFailure, describe_servers, find_server, policies,
 };
+use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::{Observation, OpenRequest, SessionInfo};
-use zenoh::Session;
+use zenoh::{Session, Wait};
 
 use fake::{FakeServer, HORIZON, tcp};
 
@@ -64,6 +65,19 @@ fn servers_are_found_by_name_or_alone() {
     assert_eq!(names.collect::<Vec<_>>(), ["a", "b"]);
     drop(b);
     assert_eq!(find_server(&link, None).expect("is alone"), "a");
+}
+
+/// Only its token is there, below the old root.
+#[test]
+fn a_server_of_an_older_version_is_named() {
+    let link = embedded().expect("opens");
+    let _old = link.liveliness().declare_token(ServerKeys::legacy("old").alive()).wait().expect("declares");
+    for wanted in [None, Some("old")] {
+        let error = find_server(&link, wanted).expect_err("it cannot be used").to_string();
+        assert!(error.contains("server old is of an older version") && error.contains("update it"), "{error}");
+    }
+    let _new = FakeServer::new(&link, "new", 0);
+    assert_eq!(find_server(&link, None).expect("the other one does"), "new");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 use prost::{Message, Name};
-use prost_types::field_descriptor_proto::Type;
+use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FileDescriptorSet};
 use thiserror::Error;
 
@@ -24,14 +24,13 @@ pub enum DecodeError {
         /// Bytes.
         limit: usize,
     },
-    /// No protobuf of this message.
-    #[error("not a {message}: {source}")]
+    /// Not this message in protobuf.
+    #[error("cannot decode as {message}: {reason}")]
     Malformed {
         /// Name of the message.
         message: &'static str,
-        /// What prost says.
-        #[source]
-        source: prost::DecodeError,
+        /// What the decoder says.
+        reason: String,
     },
     /// A field that this version does not know: what it asks for would silently not happen.
     #[error("{message} has a field with number {number}, which this version does not know; use messages of {PROTOCOL}")]
@@ -52,10 +51,10 @@ pub fn decode<M: Message + Name + Default>(bytes: &[u8], limit: usize) -> Result
     if bytes.len() > limit {
         return Err(DecodeError::Size { message, length: bytes.len(), limit });
     }
-    let malformed = |source| DecodeError::Malformed { message, source };
+    let malformed = |error: prost::DecodeError| DecodeError::Malformed { message, reason: error.to_string() };
     let decoded = M::decode(bytes).map_err(malformed)?;
     check_fields(bytes, &M::full_name()).map_err(|error| match error {
-        FieldError::Malformed(source) => malformed(source),
+        FieldError::Malformed(error) => malformed(error),
         FieldError::Unknown { path, number } => {
             DecodeError::UnknownField { message: format!("{message}{path}"), number }
         }
@@ -98,14 +97,16 @@ fn check_fields(mut bytes: &[u8], full_name: &str) -> Result<(), FieldError> {
     Ok(())
 }
 
-struct Field {
-    name: String,
+pub(crate) struct Field {
+    pub name: String,
+    pub kind: Type,
+    pub is_repeated: bool,
     /// Full name of the message that it holds.
-    message: Option<String>,
+    pub message: Option<String>,
 }
 
 /// The fields of all messages by number, by the message's full name.
-fn messages() -> &'static BTreeMap<String, BTreeMap<u32, Field>> {
+pub(crate) fn messages() -> &'static BTreeMap<String, BTreeMap<u32, Field>> {
     static MESSAGES: OnceLock<BTreeMap<String, BTreeMap<u32, Field>>> = OnceLock::new();
     MESSAGES.get_or_init(|| {
         let set = FileDescriptorSet::decode(DESCRIPTORS).unwrap_or_default();
@@ -125,8 +126,10 @@ fn describe(scope: &str, message: DescriptorProto, messages: &mut BTreeMap<Strin
         describe(&full_name, nested, messages);
     }
     let fields = message.field.into_iter().map(|field| {
-        let holds = (field.r#type() == Type::Message).then(|| field.type_name().trim_start_matches('.').to_owned());
-        (field.number() as u32, Field { name: field.name().into(), message: holds })
+        let kind = field.r#type();
+        let message = (kind == Type::Message).then(|| field.type_name().trim_start_matches('.').to_owned());
+        let is_repeated = field.label() == Label::Repeated;
+        (field.number() as u32, Field { name: field.name().into(), kind, is_repeated, message })
     });
     messages.insert(full_name, fields.collect());
 }
@@ -148,7 +151,7 @@ mod tests {
         let bytes = Action { step: 7, ..Action::default() }.encode_to_vec();
         let error = |bytes: &[u8]| decode::<Action>(bytes, 4).expect_err("refused").to_string();
         assert_eq!(error(&[0; 10]), "Action has 10 bytes; the limit is 4");
-        assert!(error(&[0xff, 0xff, 0xff]).starts_with("not a Action: "));
+        assert!(error(&[0xff, 0xff, 0xff]).starts_with("cannot decode as Action: "));
         // Field 9, a varint.
         let unknown = [&bytes[..], &[0x48, 0x01]].concat();
         assert!(error(&unknown).starts_with("Action has a field with number 9, which this version does not know"));

@@ -3,6 +3,9 @@
 /// Root of all servers.
 pub const ROOT: &str = "fiatlux/v3";
 
+/// Root of servers that speak protocol 2 or an older one. A server of today is seen there too, and refuses to open.
+pub const LEGACY_ROOT: &str = "fiatlux/v1";
+
 /// Longest name of a server, bytes.
 pub const MAX_NAME: usize = 64;
 
@@ -17,14 +20,20 @@ pub fn any_alive() -> String {
     format!("{ROOT}/*/alive")
 }
 
+/// Liveliness tokens of all servers below [`LEGACY_ROOT`].
+pub fn any_legacy_alive() -> String {
+    format!("{LEGACY_ROOT}/*/alive")
+}
+
 /// Liveliness tokens of all sessions of all servers, or of one.
 pub fn any_session(server: Option<&str>) -> String {
     format!("{ROOT}/{}/s/*/live", server.unwrap_or("*"))
 }
 
-/// Server named by the key of a liveliness token.
+/// Server named by the key of a liveliness token, whichever root that has.
 pub fn server_of(key: &str) -> Option<&str> {
-    key.strip_prefix(ROOT)?.strip_prefix('/')?.split('/').next().filter(|name| is_name(name))
+    let below = key.strip_prefix(ROOT).or_else(|| key.strip_prefix(LEGACY_ROOT))?;
+    below.strip_prefix('/')?.split('/').next().filter(|name| is_name(name))
 }
 
 /// Keys of a server.
@@ -37,6 +46,11 @@ impl ServerKeys {
     /// Of the server of that name.
     pub fn new(server: &str) -> Self {
         Self { root: format!("{ROOT}/{server}") }
+    }
+
+    /// Of the server of that name below [`LEGACY_ROOT`]: of these keys it has `alive`, `describe` and `open`.
+    pub fn legacy(server: &str) -> Self {
+        Self { root: format!("{LEGACY_ROOT}/{server}") }
     }
 
     /// Liveliness token: the server is there.
@@ -150,7 +164,10 @@ mod tests {
         let keys = ServerKeys::new("lab").session("7");
         assert_eq!(SessionKeys::of(&keys.live()), Some((keys.clone(), "lab", "7")));
         assert_eq!(keys.truth_row(), "fiatlux/v3/lab/s/7/truth/row");
-        assert_eq!(server_of(&ServerKeys::new("lab").alive()), Some("lab"));
+        for keys in [ServerKeys::new("lab"), ServerKeys::legacy("lab")] {
+            assert_eq!(server_of(&keys.alive()), Some("lab"));
+        }
+        assert_eq!(server_of("fiatlux/v2/lab/alive"), None);
         for bad in ["fiatlux/v3/lab", "fiatlux/v2/lab/s/7/live", "fiatlux/v3/lab/s", "fiatlux/v3/l b/s/7", ""] {
             assert_eq!(SessionKeys::of(bad), None, "{bad}");
         }

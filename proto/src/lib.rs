@@ -2,14 +2,34 @@
 //!
 //! Messages are protobuf (`proto/proto/fiatlux/v3/*.proto`, where every field is described); [`v3`] has them as Rust
 //! types. [`foxglove`] has the well-known messages by which a viewer shows a bag. Nothing here does I/O.
+//!
+//! ```
+//! use fiatlux_proto::keys::ServerKeys;
+//! use fiatlux_proto::limits::MAX_CLIENT_MESSAGE;
+//! use fiatlux_proto::v3::Action;
+//! use fiatlux_proto::{Message, decode};
+//!
+//! let action = Action { step: 7, joint_target: vec![0.0; 29], ..Action::default() };
+//! let bytes = action.encode_to_vec();
+//! assert_eq!(decode::<Action>(&bytes, MAX_CLIENT_MESSAGE), Ok(action));
+//!
+//! // Whatever arrives is refused with the reason, never half read.
+//! let error = decode::<Action>(&bytes[..9], MAX_CLIENT_MESSAGE).unwrap_err();
+//! assert!(error.to_string().contains("Action"), "{error}");
+//! assert_eq!(ServerKeys::new("lab").session("42").action(), "fiatlux/v3/lab/s/42/action");
+//! ```
 mod decode;
 pub mod keys;
 pub mod limits;
+mod observation;
+mod refusal;
 mod sensor;
 mod version;
 
 pub use decode::{DecodeError, decode};
+pub use observation::{ObservationLayout, TermError, is_of_images};
 pub use prost::Message;
+pub use prost::bytes::Bytes;
 pub use version::{PROTOCOL, is_compatible};
 
 /// The messages of the service.
@@ -28,6 +48,9 @@ pub use prost_types::{Duration, Timestamp};
 
 /// All messages as a protobuf `FileDescriptorSet` with everything that they import: the schema that bags carry.
 pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
+
+/// The cause in an [`EpisodeEnd`](v3::EpisodeEnd) of an episode that no row ended: its client or its server cut it short.
+pub const ABORTED: &str = "aborted";
 
 /// Encoding of a payload, by the message's name: `application/protobuf;fiatlux.v3.Action`.
 pub fn encoding(message: &str) -> String {

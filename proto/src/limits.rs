@@ -1,5 +1,7 @@
 //! Limits of messages and rates, in one place.
 
+use std::time::Duration;
+
 /// Largest request or action that a server reads, bytes. An action takes about 450.
 pub const MAX_CLIENT_MESSAGE: usize = 16 * 1024;
 
@@ -25,8 +27,8 @@ pub const RECORDING_WINDOW_BYTES: usize = 64 << 20;
 /// StepRecords that one reply to a [`crate::v3::StepRecordRequest`] covers at most.
 pub const MAX_TRUTHS_PER_REQUEST: u64 = 128;
 
-/// A recorder that has not acknowledged anything for so long is gone, s.
-pub const RECORDER_TIMEOUT_S: f64 = 10.0;
+/// A recorder that has not acknowledged anything for so long is gone.
+pub const RECORDER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// A recorder acknowledges at least so often, s.
-pub const ACK_PERIOD_S: f64 = 1.0;
+/// A recorder acknowledges at least so often.
+pub const ACK_PERIOD: Duration = Duration::from_secs(1);

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use fiatlux_proto::is_of_images;
 use fiatlux_proto::v3;
 use fiatlux_rules::{BENCHMARK_VERSION, Thresholds};
 use serde::{Deserialize, Serialize};
@@ -208,7 +209,9 @@ fn sensors(header: &v3::EpisodeHeader) -> Vec<String> {
         v3::Sensor { rate_hz, .. } => format!("{rate_hz}"),
     };
     let sensed = header.sensors.iter().filter(|sensor| !sensor.bag_only);
-    let mut sensors: Vec<String> = sensed.map(|sensor| format!("{}@{}", sensor.name, rate(sensor))).collect();
+    let sight = |sensor: &v3::Sensor| if sensor.see_room { " with room" } else { "" };
+    let named = sensed.map(|sensor| format!("{}@{}{}", sensor.name, rate(sensor), sight(sensor)));
+    let mut sensors: Vec<String> = named.collect();
     if sees(header) {
         sensors.push(format!("image {}x{}", header.image_width, header.image_height));
     }
@@ -217,7 +220,8 @@ fn sensors(header: &v3::EpisodeHeader) -> Vec<String> {
 
 /// The label of the weights, where the policy could sense what they make of an image.
 fn weights(header: &v3::EpisodeHeader) -> &str {
-    if senses(header, &["features", "flat"]) { &header.weights } else { "" }
+    let made_by_network = |sensor: &v3::Sensor| !sensor.bag_only && ["features", "flat"].contains(&&*sensor.name);
+    if header.sensors.iter().any(made_by_network) { &header.weights } else { "" }
 }
 
 /// The label of the meshes, where the session had a sensor that sees them.
@@ -225,13 +229,9 @@ fn meshes(header: &v3::EpisodeHeader) -> &str {
     if sees(header) { &header.meshes } else { "" }
 }
 
-/// Whether the policy could sense what is made of the camera's image.
+/// Whether the policy could sense what is made of a camera's image.
 fn sees(header: &v3::EpisodeHeader) -> bool {
-    senses(header, &["camera", "features", "flat"])
-}
-
-fn senses(header: &v3::EpisodeHeader, any_of: &[&str]) -> bool {
-    header.sensors.iter().any(|sensor| !sensor.bag_only && any_of.contains(&sensor.name.as_str()))
+    header.sensors.iter().any(|sensor| !sensor.bag_only && is_of_images(&sensor.name))
 }
 
 fn listed(names: &[impl AsRef<str>]) -> String {

@@ -2,16 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_proto::{PROTOCOL, is_compatible, v3};
+use fiatlux_proto::{ABORTED, PROTOCOL, is_compatible, v3};
 use fiatlux_rules::{Cause, Causes, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds};
 use fiatlux_wire::{WireError, read_geometry};
 use thiserror::Error;
 
 use crate::Series;
 use crate::series::Recorder;
-
-/// Cause of an episode that ended without its last row.
-pub(crate) const ABORTED: &str = "aborted";
 
 /// Why an episode cannot be graded from its header.
 #[derive(Debug, Error)]
@@ -188,8 +185,8 @@ impl Grader {
             }
             (None, None) => ("cut".to_owned(), Vec::new()),
         };
-        if let (Some(result), false) = (result, self.rejudged) {
-            notes.extend(differences(&summary, result));
+        if let (Some(recorded), false) = (recorded, self.rejudged) {
+            notes.extend(differences(&summary, recorded));
         }
         if summary.reached_working_height && summary.task.spec().special.notes_working_height {
             notes.push("the pelvis reached working height".into());
@@ -237,14 +234,14 @@ impl Grader {
     }
 }
 
-/// Where the recorded result does not say what the rows say; the rows count.
-fn differences(summary: &Summary, result: &v3::EpisodeResult) -> Vec<String> {
+/// Where the recorded end does not say what the rows say; the rows count.
+fn differences(summary: &Summary, end: &v3::EpisodeEnd) -> Vec<String> {
     let yes_no = |value: bool| if value { "yes" } else { "no" }.to_owned();
     let fields = [
-        ("success", yes_no(summary.success), yes_no(result.success)),
-        ("broken", yes_no(summary.broken), yes_no(result.broken)),
-        ("dropped", yes_no(summary.dropped), yes_no(result.dropped)),
-        ("gate progress", summary.gate_progress.to_string(), result.gate_progress.to_string()),
+        ("success", yes_no(summary.success), yes_no(end.success)),
+        ("broken", yes_no(summary.broken), yes_no(end.broken)),
+        ("dropped", yes_no(summary.dropped), yes_no(end.dropped)),
+        ("gate progress", summary.gate_progress.to_string(), end.gate_progress.to_string()),
     ];
     let differing = fields.into_iter().filter(|(_, rows, recorded)| rows != recorded);
     differing

@@ -9,7 +9,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum ScoreError {
     /// A threshold that cannot be set.
-    #[error("--set: {0}")]
+    #[error("--set cannot be used")]
     Threshold(#[from] ThresholdError),
     /// A path cannot be listed or found.
     #[error("cannot look into {path}; check that it exists and may be read", path = path.display())]

@@ -2,14 +2,12 @@
 mod mjcf;
 mod recorder;
 mod scene;
-mod senses;
 mod server;
 
+pub use mjcf::{MjcfOptions, OptionSet, to_mjcf};
 #[cfg(test)]
 mod rebuild_tests;
 
-pub use mjcf::{Laws, MjcfOptions, to_mjcf};
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
-pub use senses::{SenseError, Senses, Sensor, Sensors};
 pub use server::{Server, ServerError, ServerOptions, joints};

@@ -7,8 +7,9 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
+use fiatlux_robot::HandKind;
 use fiatlux_rules::Task;
-use fiatlux_sim::{ExportScene, Laws, MjcfOptions, to_mjcf};
+use fiatlux_sim::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
 
 /// Simulates the errand's scenes for policies.
 ///
@@ -28,6 +29,7 @@ const EXAMPLES: &str = "\
 Examples:
   sim-server                                  for policies on this machine
   sim-server -l tcp/0.0.0.0:7447 --name lab   for policies on the network
+  sim-server --settings lab.toml              with the flags that a file has; deploy/settings/sim-server.toml shows all
   sim-server export --task S01 -o scene.xml   the same scene for MuJoCo";
 
 #[derive(Debug, Subcommand)]
@@ -53,6 +55,9 @@ struct Export {
     /// With --robot-only: a floor under its feet.
     #[arg(long, requires = "robot_only")]
     floor: bool,
+    /// Hands of the robot: inspire or bare.
+    #[arg(long, default_value_t)]
+    hands: HandKind,
     /// Physics step, s.
     #[arg(long, default_value_t = 0.005, value_parser = timestep)]
     timestep: f64,
@@ -79,7 +84,7 @@ fn timestep(text: &str) -> Result<f64, String> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = fiatlux_link::parse_with_settings();
     let done = match &cli.command {
         Some(Command::Export(export)) => run_export(export),
         None => daemon::run(cli.daemon),
@@ -95,14 +100,14 @@ fn main() -> ExitCode {
 
 fn run_export(export: &Export) -> anyhow::Result<()> {
     let scene = match export.task {
-        Some(task) => ExportScene::task(task, export.seed)?,
-        None => ExportScene::robot_only(export.floor)?,
+        Some(task) => ExportScene::task(task, export.seed, export.hands)?,
+        None => ExportScene::robot_only(export.hands, export.floor)?,
     };
     let Format::Mjcf = export.format;
     let options = MjcfOptions {
         name: scene.name,
         timestep: export.timestep,
-        laws: if export.mujoco_defaults { Laws::MujocoDefaults } else { Laws::Ours },
+        option_set: if export.mujoco_defaults { OptionSet::Defaults } else { OptionSet::Nearest },
     };
     let text = to_mjcf(&scene.model, &scene.state, &scene.targets, &options);
     if export.output.as_os_str() == "-" {
@@ -110,4 +115,19 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
         return Ok(());
     }
     std::fs::write(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_example_settings_show_every_flag() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/settings/sim-server.toml");
+        fiatlux_link::check_example::<Cli>(path.as_ref()).unwrap();
+        Cli::command().debug_assert();
+    }
 }

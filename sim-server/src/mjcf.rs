@@ -17,17 +17,17 @@ mod tests;
 /// Stands for an infinite joint limit where the other one is finite, rad: MJCF has no one-sided ranges.
 const NO_LIMIT: f64 = 1e6;
 
-/// Which of MuJoCo's laws the export asks for.
+/// Which of MuJoCo's options for friction and damping the export asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Laws {
+pub enum OptionSet {
     /// The nearest to ours. Friction in true cones. Damping in the drive, so that the effort limit clamps stiffness and
     /// damping together; that needs the integrator `implicitfast`, because an explicit damper would shake links of a few
     /// grams apart.
     #[default]
-    Ours,
+    Nearest,
     /// MuJoCo's defaults: friction in pyramids, and damping passive in the joint, which the default integrator treats
     /// implicitly; the effort limit then clamps the stiffness only.
-    MujocoDefaults,
+    Defaults,
 }
 
 /// What an export needs to know beside the model and its state.
@@ -37,8 +37,8 @@ pub struct MjcfOptions {
     pub name: String,
     /// Physics step, s.
     pub timestep: f64,
-    /// Laws of friction and damping.
-    pub laws: Laws,
+    /// OptionSet of friction and damping.
+    pub option_set: OptionSet,
 }
 
 /// Writes a model, with `state` and `targets` as its keyframe `start`.
@@ -101,7 +101,7 @@ impl Writer<'_> {
         self.xml.leaf("compiler", compiler);
         let gravity = numbers(self.model.gravity().as_slice());
         let mut option: Vec<Attribute> = vec![("timestep", &self.options.timestep), ("gravity", &gravity)];
-        if self.options.laws == Laws::Ours {
+        if self.options.option_set == OptionSet::Nearest {
             option.extend([("integrator", &"implicitfast" as &dyn Display), ("cone", &"elliptic")]);
         }
         self.xml.leaf("option", &option);
@@ -169,7 +169,7 @@ impl Writer<'_> {
         if hinge.armature > 0.0 {
             attributes.push(("armature", &hinge.armature));
         }
-        if self.options.laws == Laws::MujocoDefaults && damping > 0.0 {
+        if self.options.option_set == OptionSet::Defaults && damping > 0.0 {
             attributes.push(("damping", &damping));
         }
         self.xml.leaf("joint", &attributes);
@@ -217,7 +217,7 @@ impl Writer<'_> {
             let name = &self.model.bodies()[body.0].spec.name;
             let range = numbers(&[-drive.effort_limit, drive.effort_limit]);
             let mut attributes: Vec<Attribute> = vec![("name", name), ("joint", name), ("kp", &drive.stiffness)];
-            if self.options.laws == Laws::Ours {
+            if self.options.option_set == OptionSet::Nearest {
                 attributes.push(("kv", &drive.damping));
             }
             if drive.effort_limit.is_finite() {

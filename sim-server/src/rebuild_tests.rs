@@ -8,7 +8,7 @@ use fiatlux_proto::v3::{EpisodeHeader, Layout, OpenRequest, PropScale, Randomiza
 use fiatlux_robot::Robot;
 use fiatlux_rules::Row;
 use fiatlux_wire::{layout_of, light_of, read_row, scene_of, state_message};
-use fiatlux_world::{ACTION_SCALE, Command, Episode, Light, SceneConfig, World};
+use fiatlux_world::{ACTION_SCALE, Episode, Light, SceneConfig, World};
 
 use crate::server::recorded_header;
 
@@ -24,7 +24,7 @@ fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8
     for step in 0..steps {
         let action: [f64; JOINTS] =
             std::array::from_fn(|joint| staged[joint] + 0.1 * libm::sin(0.3 * step as f64 + joint as f64));
-        episode.step(Command::Action(&action)).unwrap();
+        episode.step(&action).unwrap();
         rows.push(state_message(episode.row()).encode_to_vec());
     }
     (header.encode_to_vec(), rows)

@@ -1,13 +1,12 @@
 //! Records sessions into bags, an episode each.
 //!
-//! Zenoh's callbacks put truths into the queue of a worker thread, which alone has its sessions' state; a session stays
-//! with one worker. A row takes some 70 us (poses, compression, file), so one worker keeps up with 14,000 rows/s: more
+//! Zenoh's callbacks put records into the queue of a worker thread, which alone has its sessions' state
+//! (`fiatlux_session::RecorderSession`) and writes their bags; a session stays with one worker. A row takes some 70 us (poses, compression, file), so one worker keeps up with 14,000 rows/s: more
 //! than four cores simulate. There is a worker for each four cores.
 mod bags;
-mod order;
-mod track;
 mod worker;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{self, Sender};
@@ -16,7 +15,7 @@ use std::time::Instant;
 
 use fiatlux_proto::keys::{any_session, is_name};
 use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
-use fiatlux_robot::{Robot, RobotError};
+use fiatlux_robot::{HandKind, Robot, RobotError};
 use thiserror::Error;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::SampleKind;
@@ -94,7 +93,8 @@ struct Shared {
     out: PathBuf,
     name: String,
     naming: Naming,
-    frames: Frames,
+    /// Of the robot with these hands.
+    frames: BTreeMap<HandKind, Frames>,
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
 }
 
@@ -115,7 +115,8 @@ impl Recorder {
         if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
             return Err(RecorderError::Name(server.clone()));
         }
-        let frames = Frames::new(&Robot::g1_inspire()?);
+        let frames_of = |hand| Ok((hand, Frames::new(&Robot::with_hands(hand)?)));
+        let frames = HandKind::ALL.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
         let shared = Arc::new(Shared { out, name, naming, frames, on_bag });
         let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
         let mut recorder = Self { tokens: None, workers: Vec::new() };

@@ -1,21 +1,19 @@
 //! Sessions for policies over Zenoh.
 //!
 //! [`Server`] puts them on a Zenoh session, in one process with its clients or on the network. A session itself is a
-//! state machine without I/O (`session`), which a fixed pool of workers runs (`pool`, `actor`); Zenoh's callbacks only put
-//! messages into inboxes (`shell`). What goes wrong in a session stays in it.
+//! state machine without I/O (`fiatlux_session::ServerSession`) over a simulation (`host`); a fixed pool of workers runs it
+//! (`pool`, `actor`), and Zenoh's callbacks only put messages into inboxes (`shell`). What goes wrong in a session stays in it.
 
 mod actor;
+mod host;
 mod info;
 mod networks;
-mod notices;
 mod plan;
 mod pool;
 mod record;
 mod scenes;
-mod session;
 mod shared;
 mod shell;
-mod window;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

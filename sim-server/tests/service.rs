@@ -8,7 +8,7 @@ use std::time::Duration;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::{
-    Action, CloseReply, CloseRequest, Notice, Observation, OpenReply, OpenRequest, ResetReply, ResetRequest,
+    Action, CloseReply, CloseRequest, Notice, Observation, OpenReply, OpenRequest, Refusal, ResetReply, ResetRequest,
     ServerInfo, SessionInfo, State, StepRecord, StepRecordAck, StepRecordRequest, notice, open_reply, refusal,
     reset_reply,
 };
@@ -17,7 +17,7 @@ use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{RobotLayout, Row, RowDigest, Task};
 use fiatlux_sim::{Server, ServerError, ServerOptions};
 use fiatlux_wire::read_row;
-use fiatlux_world::{Command, Episode, EpisodeSpec, Scene, SceneConfig};
+use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
 use zenoh::sample::Sample;
@@ -138,7 +138,7 @@ fn alone(task: Task, seed: u64, episode: u64, steps: u64) -> (Vec<Row>, String) 
     let mut episode = Episode::start(scene, &spec).unwrap();
     let mut rows = vec![episode.row().clone()];
     for step in 0..steps {
-        if episode.step(Command::Action(&action(step))).is_err() {
+        if episode.step(&action(step)).is_err() {
             break;
         }
         rows.push(episode.row().clone());
@@ -213,9 +213,8 @@ fn an_episode_survives_a_bad_client() {
     assert_eq!(client.reset(5), Err(refusal::Code::Closed));
     if last.end.is_none() {
         let aborted = client.truths(step + 1, 1).remove(0);
-        let result = aborted.result.unwrap();
-        assert_eq!((result.end.as_ref().unwrap().cause.as_str(), result.steps), ("aborted", step));
-        assert_eq!(result.end.unwrap().digest, digest);
+        let end = aborted.result.unwrap().end.unwrap();
+        assert_eq!((end.cause.as_str(), end.steps, end.digest), ("aborted", step, digest));
     }
     let next_seq = client.truths(0, 1)[0].seq + 1000;
     let ack = |next_seq| StepRecordAck { recorder: "r".into(), next_seq }.encode_to_vec();
@@ -362,4 +361,27 @@ fn real_time_goes_on_by_itself() {
     let held = client.truths(2, 1).remove(0).action;
     assert!(fiatlux_proto::v3::ActionRecord::decode(&*held).unwrap().held);
     drop(server);
+}
+
+/// A client of an older version finds the server below the old root and is told what to do, in bytes that it can read.
+#[test]
+fn a_client_of_an_older_version_is_told_to_update() {
+    let (zenoh, _server) = start(options());
+    let keys = ServerKeys::legacy("test");
+    let tokens = zenoh.liveliness().get("fiatlux/v1/*/alive").wait().unwrap();
+    let token = tokens.recv().unwrap();
+    assert_eq!(token.result().unwrap().key_expr().as_str(), "fiatlux/v1/test/alive");
+    // What an older client sends cannot be read by this version, and is not looked at.
+    let ask = |key: String| zenoh.get(key).payload(vec![0xff; 20]).wait().unwrap().recv().unwrap();
+    let opened = ask(keys.open());
+    let bytes = opened.result().unwrap().payload().to_bytes();
+    assert_eq!(bytes[0], 2 << 3 | 2, "field 2 of OpenReply");
+    let open_reply::Reply::Refusal(refused) = OpenReply::decode(&*bytes).unwrap().reply.unwrap() else {
+        panic!("opened")
+    };
+    let described = ask(keys.describe());
+    let bytes = described.result().unwrap_err().payload().to_bytes();
+    assert_eq!(Refusal::decode(&*bytes).unwrap(), refused);
+    assert_eq!((refused.code(), refused.field.as_str()), (refusal::Code::Version, "protocol"));
+    assert!(refused.message.contains("speaks protocol 3.0") && refused.message.contains("update the client"));
 }

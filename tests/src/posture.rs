@@ -4,6 +4,7 @@
 
 use fiatlux_dynamics::Contact;
 use fiatlux_robot::{Gains, Robot};
+use fiatlux_rules::GRAVITY;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{DMatrix, DVector, Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -107,7 +108,7 @@ pub fn held_targets(robot: &Robot, posture: &Posture, gains: &Gains) -> Vec<f64>
     const STEP: f64 = 1e-6;
     let poses = posture.link_poses(robot);
     let com = posture.center_of_mass(robot);
-    let weight = 9.81 * robot.total_mass();
+    let weight = GRAVITY * robot.total_mass();
     let soles: Vec<(usize, Point3<f64>)> = robot
         .feet()
         .iter()

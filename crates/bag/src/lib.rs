@@ -7,6 +7,27 @@
 //!
 //! Metadata `fiatlux` after the file's start is the header, `fiatlux.result` at its end the result. A bag that could not
 //! be completed has `fiatlux.cut` instead. While it is written a bag is named `NAME.mcap.part`.
+//!
+//! ```
+//! use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, topic};
+//! use fiatlux_proto::Message;
+//! use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, State};
+//!
+//! let folder = std::env::temp_dir().join(format!("fiatlux-bag-example-{}", std::process::id()));
+//! std::fs::create_dir_all(&folder).expect("a folder for the bag");
+//! let header = EpisodeHeader { task: "S05".into(), ..EpisodeHeader::default() };
+//! let mut writer = BagWriter::create(&folder.join("S05.mcap"), &header)?;
+//! for step in 0..3 {
+//!     writer.message(topic::STATE, step, &State { step, ..State::default() }.encode_to_vec())?;
+//! }
+//! let path = writer.finish(&EpisodeResult { steps: 2, ..EpisodeResult::default() })?;
+//!
+//! let bag = Bag::open(&path)?;
+//! assert!(matches!(bag.completeness(), Completeness::Whole));
+//! assert_eq!((bag.header().task.as_str(), bag.states().count()), ("S05", 3));
+//! # std::fs::remove_dir_all(&folder).ok();
+//! # Ok::<(), BagError>(())
+//! ```
 mod bag;
 mod error;
 mod metadata;

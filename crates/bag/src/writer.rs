@@ -202,7 +202,7 @@ impl BagWriter {
     /// The file cannot be written or renamed, or a number of the result is not finite.
     pub fn finish(mut self, result: &EpisodeResult) -> Result<PathBuf, BagError> {
         let fields = metadata::fields(result).ok_or(BagError::Values { what: "result" })?;
-        self.message(topic::RESULT, result.steps, &result.encode_to_vec())?;
+        self.message(topic::RESULT, result.end.as_ref().map_or(0, |end| end.steps), &result.encode_to_vec())?;
         self.end(metadata::RESULT, fields)
     }
 

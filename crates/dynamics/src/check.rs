@@ -3,9 +3,9 @@
 use nalgebra::SymmetricEigen;
 
 use crate::error::ModelError;
-use crate::model::{BodySpec, Geometry, Joint, ShapeSpec};
+use crate::spec::{BodySpec, Geometry, Joint, ShapeSpec};
 
-fn check_value(
+pub(crate) fn check_value(
     part: &'static str,
     name: &str,
     field: &'static str,
@@ -93,13 +93,10 @@ pub(crate) fn check_shape(spec: &ShapeSpec) -> Result<(), ModelError> {
             }
         }
     }
-    let friction = spec.material.friction;
-    check_value(
-        "shape",
-        &spec.name,
-        "friction",
-        friction,
-        friction >= 0.0 && friction.is_finite(),
-        "it must not be negative",
-    )
+    check_friction(&spec.name, spec.material.friction)
+}
+
+pub(crate) fn check_friction(shape: &str, friction: f64) -> Result<(), ModelError> {
+    let ok = friction >= 0.0 && friction.is_finite();
+    check_value("shape", shape, "friction", friction, ok, "it must be finite and not negative")
 }

@@ -9,10 +9,12 @@ use rapier3d_f64::parry::query::ContactManifold;
 use rapier3d_f64::parry::query::details::contact_manifold_cuboid_cuboid;
 use rapier3d_f64::parry::shape::Cuboid;
 
-use crate::Contact;
+use crate::contact::Contact;
+use crate::error::{ModelError, check_array};
 use crate::kinematics::Kinematics;
-use crate::model::{Geometry, Model, ShapeId};
+use crate::model::{Model, State};
 use crate::spatial::V3;
+use crate::spec::{Geometry, Material, ShapeId};
 use closed_form::{Placed, Point};
 
 /// Shapes nearer than this are contact candidates even at rest, m.
@@ -45,11 +47,11 @@ impl Aabb {
     }
 }
 
-/// Bounds of shapes and of their clusters, inflated by what may be travelled in a step.
+/// Bounds of shapes and of their cull groups, inflated by what may be travelled in a step.
 #[derive(Debug, Clone)]
 struct Bounds {
     shapes: Vec<Aabb>,
-    clusters: Vec<Aabb>,
+    cull_groups: Vec<Aabb>,
 }
 
 #[derive(Clone)]
@@ -57,7 +59,7 @@ pub(crate) struct Collider {
     placed: Vec<Placed>,
     /// For pairs of different trees: inflated by the shapes' own speed.
     bounds: Bounds,
-    /// For pairs of one tree: inflated by the speed beside that of the root, so that a falling body stays small to itself.
+    /// For pairs of one tree: inflated by the speed relative to the root, so that a falling body stays small to itself.
     kin_bounds: Bounds,
     /// Velocity of each shape's centre, and how much faster another of its points may be.
     velocity: Vec<V3>,
@@ -71,7 +73,7 @@ pub(crate) struct Collider {
 struct Moving {
     shape: usize,
     body: usize,
-    cluster: usize,
+    cull_group: usize,
     rotation: Matrix3<f64>,
     position: V3,
     /// Farthest point from the shape's own origin.
@@ -86,12 +88,12 @@ impl std::fmt::Debug for Collider {
 
 impl Bounds {
     fn new(model: &Model) -> Self {
-        Self { shapes: vec![Aabb::EMPTY; model.shapes.len()], clusters: vec![Aabb::EMPTY; model.clusters.len()] }
+        Self { shapes: vec![Aabb::EMPTY; model.shapes.len()], cull_groups: vec![Aabb::EMPTY; model.cull_groups.len()] }
     }
 
-    fn set(&mut self, shape: usize, cluster: usize, bounds: Aabb) {
+    fn set(&mut self, shape: usize, cull_group: usize, bounds: Aabb) {
         self.shapes[shape] = bounds;
-        grow(&mut self.clusters[cluster], &bounds);
+        grow(&mut self.cull_groups[cull_group], &bounds);
     }
 }
 
@@ -112,13 +114,20 @@ impl Collider {
             let rotation = *shape.body_from_shape.rotation.to_rotation_matrix().matrix();
             let position = shape.body_from_shape.translation.vector;
             collider.placed.push(Placed { rotation, position });
-            let cluster = model.clusters.iter().position(|c| c.contains(&index)).unwrap_or(0);
+            let cull_group = model.cull_groups.iter().position(|c| c.contains(&index)).unwrap_or(0);
             if shape.body.0 == 0 {
                 let bounds = bounds_of(&shape.geometry, &collider.placed[index], 0.5 * REST_MARGIN);
-                collider.bounds.set(index, cluster, bounds);
+                collider.bounds.set(index, cull_group, bounds);
             } else {
                 let extent = extent(&shape.geometry);
-                collider.moving.push(Moving { shape: index, body: shape.body.0, cluster, rotation, position, extent });
+                collider.moving.push(Moving {
+                    shape: index,
+                    body: shape.body.0,
+                    cull_group,
+                    rotation,
+                    position,
+                    extent,
+                });
             }
         }
         collider
@@ -128,8 +137,8 @@ impl Collider {
     /// than that meets a surface in the step in which it would pass it.
     pub fn update(&mut self, model: &Model, kin: &Kinematics, dt: f64) {
         for moving in &self.moving {
-            self.bounds.clusters[moving.cluster] = Aabb::EMPTY;
-            self.kin_bounds.clusters[moving.cluster] = Aabb::EMPTY;
+            self.bounds.cull_groups[moving.cull_group] = Aabb::EMPTY;
+            self.kin_bounds.cull_groups[moving.cull_group] = Aabb::EMPTY;
         }
         for moving in &self.moving {
             let (shape, body) = (moving.shape, moving.body);
@@ -139,23 +148,23 @@ impl Collider {
             let (motion, root) = (&kin.motion[body], &kin.motion[model.bodies[body].root.0]);
             let arm = position - kin.origin[body];
             let velocity = motion.linear + motion.angular.cross(&arm);
-            let beside = velocity - root.linear - root.angular.cross(&arm);
+            let relative = velocity - root.linear - root.angular.cross(&arm);
             let spin = motion.angular.norm() * moving.extent;
-            let spin_beside = (motion.angular - root.angular).norm() * moving.extent;
+            let relative_spin = (motion.angular - root.angular).norm() * moving.extent;
             self.velocity[shape] = velocity;
             self.spin_speed[shape] = spin;
             let margin = |speed: f64| 0.5 * REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
             let bounds = bounds_of(&model.shapes[shape].geometry, &self.placed[shape], 0.0);
-            self.bounds.set(shape, moving.cluster, bounds.inflated(margin(velocity.norm() + spin)));
-            self.kin_bounds.set(shape, moving.cluster, bounds.inflated(margin(beside.norm() + spin_beside)));
+            self.bounds.set(shape, moving.cull_group, bounds.inflated(margin(velocity.norm() + spin)));
+            self.kin_bounds.set(shape, moving.cull_group, bounds.inflated(margin(relative.norm() + relative_spin)));
         }
     }
 
     /// Appends every contact point that two shapes may reach within `dt` s; points of one body pair stand together.
-    pub fn find(&mut self, model: &Model, dt: f64, out: &mut Vec<Contact>) {
+    pub fn find(&mut self, model: &Model, materials: &[Material], dt: f64, out: &mut Vec<Contact>) {
         for pair in &model.pairs {
             let bounds = if pair.one_tree { &self.kin_bounds } else { &self.bounds };
-            if !bounds.clusters[pair.a].overlaps(&bounds.clusters[pair.b]) {
+            if !bounds.cull_groups[pair.a].overlaps(&bounds.cull_groups[pair.b]) {
                 continue;
             }
             for &(a, b) in &pair.shapes {
@@ -163,17 +172,31 @@ impl Collider {
                 if bounds.shapes[a].overlaps(&bounds.shapes[b]) {
                     let speed = (self.velocity[a] - self.velocity[b]).norm() + self.spin_speed[a] + self.spin_speed[b];
                     let margin = REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
-                    collide_pair(model, &self.placed, &mut self.manifold, a, b, margin, out);
+                    collide_pair(model, materials, &self.placed, &mut self.manifold, a, b, margin, out);
                 }
             }
         }
     }
+}
 
-    /// Appends every contact point with a gap of at most `margin` m, of every pair that may touch.
-    pub fn find_all(&mut self, model: &Model, margin: f64, out: &mut Vec<Contact>) {
-        for &(a, b) in model.pairs.iter().flat_map(|pair| &pair.shapes) {
-            collide_pair(model, &self.placed, &mut self.manifold, a.into(), b.into(), margin, out);
+impl Model {
+    /// Every contact of a configuration with a gap of at most `margin` m, shapes unmoved. Allocates; for building and
+    /// checking scenes, not for stepping.
+    ///
+    /// # Errors
+    /// A `qpos` of the wrong length or with an entry that is not finite.
+    pub fn contacts_at(&self, qpos: &[f64], margin: f64) -> Result<Vec<Contact>, ModelError> {
+        check_array("qpos", qpos, self.nq)?;
+        let mut kin = Kinematics::new(self);
+        kin.update(self, &State { qpos: qpos.to_vec(), qvel: vec![0.0; self.nv] });
+        let mut collider = Collider::new(self);
+        collider.update(self, &kin, 0.0);
+        let mut found = Vec::new();
+        for &(a, b) in self.pairs.iter().flat_map(|pair| &pair.shapes) {
+            let (placed, manifold) = (&collider.placed, &mut collider.manifold);
+            collide_pair(self, &self.nominal.materials, placed, manifold, a.into(), b.into(), margin, &mut found);
         }
+        Ok(found)
     }
 }
 
@@ -208,6 +231,7 @@ fn extent(geometry: &Geometry) -> f64 {
 
 fn collide_pair(
     model: &Model,
+    materials: &[Material],
     placed: &[Placed],
     manifold: &mut ContactManifold<(), ()>,
     a: usize,
@@ -216,7 +240,7 @@ fn collide_pair(
     out: &mut Vec<Contact>,
 ) {
     use Geometry::{Capsule, Cuboid as Box, HalfSpace, Sphere};
-    let friction = model.pair_friction(ShapeId(a), ShapeId(b));
+    let friction = materials[a].pair_friction(&materials[b]);
     let push = |out: &mut Vec<Contact>, p: Point| {
         out.push(Contact {
             shape_a: ShapeId(a),

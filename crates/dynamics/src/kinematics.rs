@@ -2,9 +2,9 @@
 
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion};
 
-use crate::model::{Joint, Model, State};
-use crate::spatial::{Motion, V3};
-use crate::step::Velocity;
+use crate::model::{Model, State};
+use crate::spatial::{Motion, V3, Velocity};
+use crate::spec::Joint;
 
 /// Rotation of a hinge as `fixed + sin(q) * sine + cos(q) * cosine`: the parent-from-body rotation without trigonometry
 /// of axes at run time.

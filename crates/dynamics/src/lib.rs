@@ -1,9 +1,43 @@
 //! Trees of rigid bodies with hinges, drives and frictional contact, stepped by one convex solve.
 //!
 //! The crate knows bodies, joints, shapes and wrenches; nothing of robots or lamps. A [`Model`] is built once and is then
-//! constant; a [`State`] is two arrays; a [`Dynamics`] is the scratch memory of one world. A step is a pure function of
-//! model, state and [`Input`]: no cache, clock, thread or hash order reaches the result, so one recorded state restarts a
+//! constant, so that many worlds share it; a [`State`] is two arrays; a [`Dynamics`] is the scratch memory of one world and
+//! its [`Variation`]: masses, gains and frictions of its own. A step is a pure function of these and an [`Input`]: no cache, clock, thread or hash order reaches the result, so one recorded state restarts a
 //! world exactly.
+//!
+//! A pendulum released at a small angle is back after one period:
+//!
+//! ```
+//! use fiatlux_dynamics::*;
+//! use nalgebra::{Isometry3, Matrix3, Vector3};
+//!
+//! # fn main() -> Result<(), ModelError> {
+//! let mut builder = ModelBuilder::new();
+//! let hinge = Hinge { axis: Vector3::y_axis(), lower: -1.0, upper: 1.0, armature: 0.0, drive: None };
+//! builder.add_body(BodySpec {
+//!     name: "pendulum".into(),
+//!     parent: BodyId::WORLD,
+//!     parent_from_body: Isometry3::translation(0.0, 0.0, 2.0),
+//!     joint: Joint::Hinge(hinge),
+//!     mass: 1.5,
+//!     com: Vector3::new(0.0, 0.0, -0.5),
+//!     inertia: Matrix3::identity() * 0.02,
+//! })?;
+//! let model = builder.build()?;
+//! let (mut dynamics, mut state) = (Dynamics::new(&model), model.reference_state());
+//! state.qpos[0] = 0.01;
+//!
+//! // Inertia about the hinge over the restoring torque per radian.
+//! let period = std::f64::consts::TAU * ((0.02 + 1.5 * 0.5_f64.powi(2)) / (1.5 * 9.81 * 0.5)).sqrt();
+//! let steps = 2000;
+//! for _ in 0..steps {
+//!     let report = dynamics.step(&model, &mut state, &Input::default(), period / f64::from(steps));
+//!     assert!(report.converged);
+//! }
+//! assert!((state.qpos[0] - 0.01).abs() < 1e-5 && state.qvel[0].abs() < 1e-4);
+//! # Ok(())
+//! # }
+//! ```
 //!
 //! # Method
 //!
@@ -13,7 +47,7 @@
 //!    root \[1\].
 //! 2. *Dynamics*: bias forces `c` by the recursive Newton-Euler algorithm and the mass matrix `M` by composite rigid bodies
 //!    \[1\], rotor inertias on its diagonal.
-//! 3. *Collision*: bounding boxes of clusters of shapes, then of shapes, then contact points: closed forms for balls,
+//! 3. *Collision*: bounding boxes of cull groups of shapes, then of shapes, then contact points: closed forms for balls,
 //!    capsules, boxes and half-spaces, parry's face clipping for two boxes. Margins grow with speed, up to 0.1 m,
 //!    so that a fast body meets a surface in the step in which it would pass it.
 //! 4. *Solve*: the next velocity minimises one convex function
@@ -43,22 +77,33 @@
 //! SI units, radians. Quaternions are w first. A free joint's `qpos` is position and quaternion, its `qvel` the velocity of
 //! the body's origin and the angular velocity, both in world axes. [`BodyId::WORLD`] is body 0.
 
+mod builder;
 mod check;
 mod collide;
 mod contact;
+mod contact_law;
+mod equation_of_motion;
 mod error;
 mod factor;
-mod inertia;
+mod input;
+mod inverse_weights;
+mod joint_forces;
 mod kinematics;
 mod model;
+mod parameters;
 mod solve;
 mod spatial;
-mod spring;
+mod spec;
 mod step;
+mod variation;
 
+pub use builder::{ModelBuilder, STANDARD_GRAVITY};
+pub use contact::Contact;
 pub use error::{ModelError, check_array};
-pub use model::{
-    Body, BodyId, BodySpec, Drive, Geometry, Hinge, Joint, MAX_DOFS, Material, Model, ModelBuilder, ShapeId, ShapeSpec,
-    State,
-};
-pub use step::{Contact, Dynamics, Input, StepReport, Velocity, Wrench};
+pub use input::Input;
+pub use model::{Body, MAX_DOFS, Model, State};
+pub use solve::StepReport;
+pub use spatial::{Velocity, Wrench};
+pub use spec::{BodyId, BodySpec, Drive, Geometry, Hinge, Joint, Material, ShapeId, ShapeSpec};
+pub use step::Dynamics;
+pub use variation::{BodyVariation, DriveVariation, Variation};

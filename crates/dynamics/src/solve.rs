@@ -1,18 +1,23 @@
 //! The next velocity as the minimum of one convex function, by Newton's method with a line search.
 
+mod body_pair;
+
 use std::ops::Range;
 
-use crate::Contact;
-use crate::contact::Point;
+use crate::contact::Contact;
+use crate::contact_law::Point;
+use crate::equation_of_motion::EquationOfMotion;
 use crate::factor::Factor;
-use crate::inertia::Dynamical;
+use crate::input::Input;
+use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::kinematics::Kinematics;
-use crate::model::{Joint, Model, State};
+use crate::model::{Model, State};
+use crate::parameters::Parameters;
 use crate::spatial::{Force, Motion, V3};
-use crate::spring::{Spring, Stop};
-use crate::step::{Input, StepReport};
+use crate::spec::Joint;
+use body_pair::{BodyPair, force_of, stiffness_of};
 
-/// Residual at which the solve stops, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
+/// Residual at which the solve limits, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
 const TOLERANCE: f64 = 1e-6;
 const ITERATIONS_MAX: u32 = 50;
 /// Stiffness that holds a locked degree of freedom, in units of its inertia.
@@ -30,33 +35,39 @@ const CONTACTS_EXPECTED: usize = 128;
 /// Gap up to which a contact point without load counts as touching in a report, m.
 const TOUCHING: f64 = 5e-4;
 
-/// The contacts between two bodies: they share one relative motion, a sum of columns over degrees of freedom.
-#[derive(Debug, Clone, Copy)]
-struct Group {
-    points: (usize, usize),
-    columns: (usize, usize),
-    /// From relative motion to force; none while no point is loaded.
-    stiffness: Option<[[f64; 6]; 6]>,
+/// What one step minimises.
+#[derive(Clone, Copy)]
+pub(crate) struct Problem<'a> {
+    pub model: &'a Model,
+    pub parameters: &'a Parameters,
+    pub kin: &'a Kinematics,
+    pub equation: &'a EquationOfMotion,
+    pub input: &'a Input<'a>,
+    pub dt: f64,
 }
 
-impl Group {
-    /// Whether it has a column for a degree of freedom from `split` on.
-    fn reaches(&self, column_dof: &[u16], split: usize) -> bool {
-        usize::from(column_dof[self.columns.1 - 1]) >= split
-    }
+/// How the solve of one step went.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct StepReport {
+    /// Newton iterations.
+    pub iterations: u32,
+    /// False when the iteration cap was reached first, or when numbers out of range left no positive definite Hessian.
+    pub converged: bool,
+    /// Contact points that carried load or were closer than 0.5 mm.
+    pub contacts: u32,
 }
 
 #[derive(Debug, Clone)]
 pub(crate) struct Solver {
     factor: Factor,
-    groups: Vec<Group>,
+    pairs: Vec<BodyPair>,
     points: Vec<Point>,
-    /// -1 where the pair of the caller's contact was turned round, so that b moves; otherwise 1.
-    turned: Vec<f64>,
+    /// -1 where the two bodies of the caller's contact are swapped, so that b moves; otherwise 1.
+    normal_sign: Vec<f64>,
     column_dof: Vec<u16>,
     columns: Vec<Motion>,
-    springs: Vec<Spring>,
-    stops: Vec<Stop>,
+    drives: Vec<ImplicitDrive>,
+    limits: Vec<JointLimit>,
     velocity: Vec<f64>,
     /// Inverse of the mass matrix's diagonal.
     weight: Vec<f64>,
@@ -83,13 +94,13 @@ impl Solver {
         let zeros = || vec![0.0; model.nv];
         Self {
             factor: Factor::new(model),
-            groups: Vec::with_capacity(CONTACTS_EXPECTED),
+            pairs: Vec::with_capacity(CONTACTS_EXPECTED),
             points: Vec::with_capacity(CONTACTS_EXPECTED),
-            turned: Vec::with_capacity(CONTACTS_EXPECTED),
+            normal_sign: Vec::with_capacity(CONTACTS_EXPECTED),
             column_dof: Vec::with_capacity(CONTACTS_EXPECTED * 24),
             columns: Vec::with_capacity(CONTACTS_EXPECTED * 24),
-            springs: Vec::with_capacity(model.nv),
-            stops: Vec::with_capacity(model.nv),
+            drives: Vec::with_capacity(model.nv),
+            limits: Vec::with_capacity(model.nv),
             velocity: zeros(),
             weight: zeros(),
             momentum_change: zeros(),
@@ -98,7 +109,7 @@ impl Solver {
             constraint: zeros(),
             direction: zeros(),
             mass_direction: zeros(),
-            efforts: vec![0.0; model.drives.len()],
+            efforts: vec![0.0; model.drives().len()],
             caution: 0.0,
             diagonal: zeros(),
             late: Vec::with_capacity(model.nv + 36 * CONTACTS_EXPECTED),
@@ -111,30 +122,22 @@ impl Solver {
     }
 
     /// Replaces `state.qvel` by the velocity at the end of the step and writes contact forces.
-    pub fn solve(
-        &mut self,
-        model: &Model,
-        kin: &Kinematics,
-        dynamical: &Dynamical,
-        state: &mut State,
-        contacts: &mut [Contact],
-        input: &Input<'_>,
-        dt: f64,
-    ) -> StepReport {
-        self.set_up_springs(model, state, input, dt);
-        self.set_up_contacts(model, kin, contacts, dt);
+    pub fn solve(&mut self, problem: &Problem<'_>, state: &mut State, contacts: &mut [Contact]) -> StepReport {
+        let &Problem { model, equation, input, dt, .. } = problem;
+        self.set_up_joints(problem, state);
+        self.set_up_contacts(problem, contacts);
         self.velocity.copy_from_slice(&state.qvel);
         for (v, _) in self.velocity.iter_mut().zip(input.locked).filter(|(_, locked)| **locked) {
             *v = 0.0;
         }
         for (dof, weight) in self.weight.iter_mut().enumerate() {
-            *weight = 1.0 / dynamical.mass_matrix[dof * model.nv + dof];
+            *weight = 1.0 / equation.mass_matrix[dof * model.nv + dof];
         }
         self.momentum_change.fill(0.0);
-        self.factor.multiply(&dynamical.mass_matrix, &self.velocity, &mut self.momentum);
-        for group in &self.groups {
-            let motion = relative_motion(&self.columns, &self.column_dof, group, &self.velocity);
-            for point in &mut self.points[group.points.0..group.points.1] {
+        self.factor.multiply(&equation.mass_matrix, &self.velocity, &mut self.momentum);
+        for pair in &self.pairs {
+            let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.velocity);
+            for point in &mut self.points[pair.points.0..pair.points.1] {
                 for (k, row) in point.rows.iter().enumerate() {
                     point.velocity[k] = motion.dot(row);
                 }
@@ -145,15 +148,15 @@ impl Solver {
         // Another mass matrix: nothing of the step before may be used again.
         self.late.clear();
         loop {
-            if self.gradient(model, dynamical, input, dt) {
+            if self.gradient(problem) {
                 report.converged = true;
                 break;
             }
-            if report.iterations == ITERATIONS_MAX || !self.newton_direction(model, dynamical, input, dt) {
+            if report.iterations == ITERATIONS_MAX || !self.newton_direction(problem) {
                 break;
             }
             report.iterations += 1;
-            let step = self.line_search(dynamical, dt);
+            let step = self.line_search(problem);
             self.advance(step);
             self.caution = match (step < SHORT, self.caution > CAUTION_MIN) {
                 (true, true) => (self.caution * MORE_CAUTION).min(1.0),
@@ -162,37 +165,39 @@ impl Solver {
                 (false, false) => 0.0,
             };
         }
-        for (contact, (point, turned)) in contacts.iter_mut().zip(self.points.iter().zip(&self.turned)) {
-            contact.force = point.wrench().force * (turned / dt);
+        for (contact, (point, sign)) in contacts.iter_mut().zip(self.points.iter().zip(&self.normal_sign)) {
+            contact.force = point.wrench().force * (sign / dt);
             report.contacts += u32::from(contact.distance <= TOUCHING || point.impulse.z > 0.0);
         }
-        for (effort, spring) in self.efforts.iter_mut().zip(&self.springs) {
-            *effort = spring.effort(self.velocity[spring.dof]).0;
+        for (effort, drive) in self.efforts.iter_mut().zip(&self.drives) {
+            *effort = drive.effort(self.velocity[drive.dof]).0;
         }
         state.qvel.copy_from_slice(&self.velocity);
         report
     }
 
-    fn set_up_springs(&mut self, model: &Model, state: &State, input: &Input<'_>, dt: f64) {
-        self.springs.clear();
-        self.stops.clear();
-        for ((body, drive), &target) in model.drives.iter().zip(input.targets) {
+    fn set_up_joints(&mut self, problem: &Problem<'_>, state: &State) {
+        let &Problem { model, parameters, input, dt, .. } = problem;
+        self.drives.clear();
+        self.limits.clear();
+        for ((body, drive), &target) in parameters.drives.iter().zip(input.targets) {
             let body = &model.bodies[body.0];
-            self.springs.push(Spring::new(body.dof_start, drive, target - state.qpos[body.qpos_start], dt));
+            self.drives.push(ImplicitDrive::new(body.dof_start, drive, target - state.qpos[body.qpos_start], dt));
         }
         for body in &model.bodies[1..] {
             if let Joint::Hinge(hinge) = &body.spec.joint {
-                let inverse_weight = model.dof_inverse_weight[body.dof_start];
-                let stop = Stop::new(body.dof_start, hinge, state.qpos[body.qpos_start], inverse_weight, dt);
-                self.stops.extend(stop);
+                let inverse_weight = parameters.inverse_weights.dofs[body.dof_start];
+                let limit = JointLimit::new(body.dof_start, hinge, state.qpos[body.qpos_start], inverse_weight, dt);
+                self.limits.extend(limit);
             }
         }
     }
 
-    fn set_up_contacts(&mut self, model: &Model, kin: &Kinematics, contacts: &[Contact], dt: f64) {
-        self.groups.clear();
+    fn set_up_contacts(&mut self, problem: &Problem<'_>, contacts: &[Contact]) {
+        let &Problem { model, parameters, kin, dt, .. } = problem;
+        self.pairs.clear();
         self.points.clear();
-        self.turned.clear();
+        self.normal_sign.clear();
         self.columns.clear();
         self.column_dof.clear();
         self.factor.reset_pattern();
@@ -202,18 +207,18 @@ impl Solver {
         while first < contacts.len() {
             let bodies = body_of(&contacts[first]);
             let count = contacts[first..].iter().take_while(|c| body_of(c) == bodies).count();
-            let turned = if bodies.1 == 0 { -1.0 } else { 1.0 };
+            let sign = if bodies.1 == 0 { -1.0 } else { 1.0 };
             let (a, b) = if bodies.1 == 0 { (bodies.1, bodies.0) } else { bodies };
             let origin = kin.origin[b];
-            let inverse_mass = model.inverse_weight[a] + model.inverse_weight[b];
+            let inverse_mass = parameters.inverse_weights.bodies[a] + parameters.inverse_weights.bodies[b];
             for contact in &contacts[first..first + count] {
-                let (arm, normal) = (contact.position - origin, contact.normal * turned);
+                let (arm, normal) = (contact.position - origin, contact.normal * sign);
                 self.points.push(Point::new(&arm, &normal, contact.friction, contact.distance, inverse_mass, dt));
-                self.turned.push(turned);
+                self.normal_sign.push(sign);
             }
             let start = self.columns.len();
             self.push_columns(model, kin, a, b, &origin);
-            self.groups.push(Group {
+            self.pairs.push(BodyPair {
                 points: (first, first + count),
                 columns: (start, self.columns.len()),
                 stiffness: None,
@@ -257,32 +262,33 @@ impl Solver {
     }
 
     /// Gradient of the objective at the current velocity; true when it is small enough.
-    fn gradient(&mut self, model: &Model, dynamical: &Dynamical, input: &Input<'_>, dt: f64) -> bool {
+    fn gradient(&mut self, problem: &Problem<'_>) -> bool {
+        let &Problem { model, equation, input, dt, .. } = problem;
         self.constraint.fill(0.0);
-        for spring in &self.springs {
-            self.constraint[spring.dof] += dt * spring.effort(self.velocity[spring.dof]).0;
+        for drive in &self.drives {
+            self.constraint[drive.dof] += dt * drive.effort(self.velocity[drive.dof]).0;
         }
-        for stop in &self.stops {
-            self.constraint[stop.dof] += stop.impulse(self.velocity[stop.dof]).0;
+        for limit in &self.limits {
+            self.constraint[limit.dof] += limit.impulse(self.velocity[limit.dof]).0;
         }
-        for group in &self.groups {
+        for pair in &self.pairs {
             let mut wrench = Force::ZERO;
             let mut loaded = false;
-            for point in &mut self.points[group.points.0..group.points.1] {
+            for point in &mut self.points[pair.points.0..pair.points.1] {
                 if point.update() {
                     wrench.add(&point.wrench());
                     loaded = true;
                 }
             }
             if loaded {
-                for k in group.columns.0..group.columns.1 {
+                for k in pair.columns.0..pair.columns.1 {
                     self.constraint[usize::from(self.column_dof[k])] += self.columns[k].dot(&wrench);
                 }
             }
         }
         let (mut residual, mut momentum, mut forced, mut constrained) = (0.0, 0.0, 0.0, 0.0);
         for dof in 0..model.nv {
-            let bias = dt * dynamical.bias[dof];
+            let bias = dt * equation.bias[dof];
             let gradient = if input.locked.get(dof) == Some(&true) {
                 0.0
             } else {
@@ -300,18 +306,19 @@ impl Solver {
     }
 
     /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.
-    fn newton_direction(&mut self, model: &Model, dynamical: &Dynamical, input: &Input<'_>, dt: f64) -> bool {
-        if !self.factorise(model, dynamical, input, dt) {
+    fn newton_direction(&mut self, problem: &Problem<'_>) -> bool {
+        let equation = problem.equation;
+        if !self.factorise(problem) {
             return false;
         }
         for (d, g) in self.direction.iter_mut().zip(&self.gradient) {
             *d = -g;
         }
         self.factor.solve(&mut self.direction);
-        self.factor.multiply(&dynamical.mass_matrix, &self.direction, &mut self.mass_direction);
-        for group in &self.groups {
-            let motion = relative_motion(&self.columns, &self.column_dof, group, &self.direction);
-            for point in &mut self.points[group.points.0..group.points.1] {
+        self.factor.multiply(&equation.mass_matrix, &self.direction, &mut self.mass_direction);
+        for pair in &self.pairs {
+            let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.direction);
+            for point in &mut self.points[pair.points.0..pair.points.1] {
                 for (k, row) in point.rows.iter().enumerate() {
                     point.direction[k] = motion.dot(row);
                 }
@@ -322,19 +329,20 @@ impl Solver {
 
     /// Builds and factorises the Hessian. Its late rows (in a humanoid: the fingers, most of the work) are only built
     /// again when a stiffness that reaches them has changed since the iteration before.
-    fn factorise(&mut self, model: &Model, dynamical: &Dynamical, input: &Input<'_>, dt: f64) -> bool {
+    fn factorise(&mut self, problem: &Problem<'_>) -> bool {
+        let &Problem { model, equation, input, dt, .. } = problem;
         let split = self.factor.split();
         std::mem::swap(&mut self.late, &mut self.late_before);
         self.late.clear();
         self.diagonal.fill(0.0);
-        for spring in &self.springs {
-            self.diagonal[spring.dof] += dt * spring.stiffness(self.velocity[spring.dof], self.caution);
+        for drive in &self.drives {
+            self.diagonal[drive.dof] += dt * drive.stiffness(self.velocity[drive.dof], self.caution);
         }
-        for stop in &self.stops {
-            self.diagonal[stop.dof] += stop.impulse(self.velocity[stop.dof]).1;
+        for limit in &self.limits {
+            self.diagonal[limit.dof] += limit.impulse(self.velocity[limit.dof]).1;
         }
         for (dof, _) in input.locked.iter().enumerate().filter(|(_, locked)| **locked) {
-            self.diagonal[dof] += LOCK * dynamical.mass_matrix[dof * model.nv + dof];
+            self.diagonal[dof] += LOCK * equation.mass_matrix[dof * model.nv + dof];
         }
         // A first entry that no cleared list has.
         self.late.push(1.0);
@@ -342,36 +350,36 @@ impl Solver {
         if self.caution > 0.0 {
             self.points.iter_mut().for_each(|point| point.bound_stiffness(self.caution));
         }
-        for group in &mut self.groups {
-            group.stiffness = group_stiffness(&self.points[group.points.0..group.points.1]);
-            if group.reaches(&self.column_dof, split) {
-                self.late.extend(group.stiffness.iter().flatten().flatten());
+        for pair in &mut self.pairs {
+            pair.stiffness = stiffness_of(&self.points[pair.points.0..pair.points.1]);
+            if pair.reaches(&self.column_dof, split) {
+                self.late.extend(pair.stiffness.iter().flatten().flatten());
             }
         }
         if self.late == self.late_before {
             self.factor.restore_early();
         } else {
-            self.factor.load(&dynamical.mass_matrix);
-            self.add_stiffness(split..model.nv, |group, dofs| group.reaches(dofs, split));
+            self.factor.load(&equation.mass_matrix);
+            self.add_stiffness(split..model.nv, |pair, dofs| pair.reaches(dofs, split));
             if !self.factor.eliminate_late() {
                 self.late.clear();
                 return false;
             }
         }
-        self.add_stiffness(0..split, |group, dofs| !group.reaches(dofs, split));
+        self.add_stiffness(0..split, |pair, dofs| !pair.reaches(dofs, split));
         self.factor.eliminate_early()
     }
 
-    fn add_stiffness(&mut self, dofs: Range<usize>, wanted: impl Fn(&Group, &[u16]) -> bool) {
+    fn add_stiffness(&mut self, dofs: Range<usize>, wanted: impl Fn(&BodyPair, &[u16]) -> bool) {
         for dof in dofs {
             self.factor.add(dof, dof, self.diagonal[dof]);
         }
-        for group in self.groups.iter().filter(|group| wanted(group, &self.column_dof)) {
-            let Some(stiffness) = &group.stiffness else { continue };
-            let columns = &self.columns[group.columns.0..group.columns.1];
-            let dofs = &self.column_dof[group.columns.0..group.columns.1];
+        for pair in self.pairs.iter().filter(|pair| wanted(pair, &self.column_dof)) {
+            let Some(stiffness) = &pair.stiffness else { continue };
+            let columns = &self.columns[pair.columns.0..pair.columns.1];
+            let dofs = &self.column_dof[pair.columns.0..pair.columns.1];
             for (r, column) in columns.iter().enumerate() {
-                let force = apply(stiffness, column);
+                let force = force_of(stiffness, column);
                 let row = self.factor.row_mut(usize::from(dofs[r]));
                 for (other, &dof) in columns[..=r].iter().zip(dofs) {
                     row[usize::from(dof)] += other.dot(&force);
@@ -381,24 +389,25 @@ impl Solver {
     }
 
     /// Step length along the direction at which the objective's slope is nearly zero.
-    fn line_search(&self, dynamical: &Dynamical, dt: f64) -> f64 {
+    fn line_search(&self, problem: &Problem<'_>) -> f64 {
+        let &Problem { equation, dt, .. } = problem;
         let mut constant = 0.0;
         let mut linear = 0.0;
         for dof in 0..self.direction.len() {
-            constant += self.direction[dof] * (self.momentum_change[dof] + dt * dynamical.bias[dof]);
+            constant += self.direction[dof] * (self.momentum_change[dof] + dt * equation.bias[dof]);
             linear += self.direction[dof] * self.mass_direction[dof];
         }
         let slope_at = |step: f64| {
             let (mut slope, mut curvature) = (constant + step * linear, linear);
-            for spring in &self.springs {
-                let d = self.direction[spring.dof];
-                let (effort, stiffness) = spring.effort(self.velocity[spring.dof] + step * d);
+            for drive in &self.drives {
+                let d = self.direction[drive.dof];
+                let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + step * d);
                 slope -= dt * effort * d;
                 curvature += dt * stiffness * d * d;
             }
-            for stop in &self.stops {
-                let d = self.direction[stop.dof];
-                let (impulse, stiffness) = stop.impulse(self.velocity[stop.dof] + step * d);
+            for limit in &self.limits {
+                let d = self.direction[limit.dof];
+                let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + step * d);
                 slope -= impulse * d;
                 curvature += stiffness * d * d;
             }
@@ -437,51 +446,4 @@ impl Solver {
             point.velocity += point.direction * step;
         }
     }
-}
-
-fn relative_motion(columns: &[Motion], dofs: &[u16], group: &Group, velocity: &[f64]) -> Motion {
-    let mut motion = Motion::ZERO;
-    for k in group.columns.0..group.columns.1 {
-        motion.add_scaled(&columns[k], velocity[usize::from(dofs[k])]);
-    }
-    motion
-}
-
-/// Sum of the points' stiffnesses as a matrix from relative motion to force; none if no point is loaded.
-fn group_stiffness(points: &[Point]) -> Option<[[f64; 6]; 6]> {
-    let mut sum = [[0.0; 6]; 6];
-    let mut loaded = false;
-    for point in points {
-        let g = &point.stiffness;
-        if g[5] == 0.0 {
-            continue;
-        }
-        loaded = true;
-        let flat = |f: &Force| [f.torque.x, f.torque.y, f.torque.z, f.force.x, f.force.y, f.force.z];
-        let rows = [flat(&point.rows[0]), flat(&point.rows[1]), flat(&point.rows[2])];
-        let mut scaled = [[0.0; 6]; 3];
-        for c in 0..6 {
-            scaled[0][c] = g[0] * rows[0][c] + g[1] * rows[1][c] + g[3] * rows[2][c];
-            scaled[1][c] = g[1] * rows[0][c] + g[2] * rows[1][c] + g[4] * rows[2][c];
-            scaled[2][c] = g[3] * rows[0][c] + g[4] * rows[1][c] + g[5] * rows[2][c];
-        }
-        for r in 0..6 {
-            for c in 0..6 {
-                sum[r][c] += rows[0][r] * scaled[0][c] + rows[1][r] * scaled[1][c] + rows[2][r] * scaled[2][c];
-            }
-        }
-    }
-    loaded.then_some(sum)
-}
-
-fn apply(stiffness: &[[f64; 6]; 6], m: &Motion) -> Force {
-    let v = [m.angular.x, m.angular.y, m.angular.z, m.linear.x, m.linear.y, m.linear.z];
-    let mut out = [0.0; 6];
-    // The matrix is symmetric: columns times scalars vectorise, rows times the vector do not.
-    for (row, value) in stiffness.iter().zip(v) {
-        for c in 0..6 {
-            out[c] += row[c] * value;
-        }
-    }
-    Force { torque: V3::new(out[0], out[1], out[2]), force: V3::new(out[3], out[4], out[5]) }
 }

@@ -1,4 +1,5 @@
-//! Six-dimensional motion and force vectors in world axes, taken about a tree's origin (the position of its root).
+//! Velocities, forces and inertias. [`Motion`], [`Force`] and [`Inertia`] are six-dimensional, in world axes, about a tree's
+//! origin (the position of its root); [`Velocity`] and [`Wrench`] are what callers see of them.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -65,6 +66,25 @@ impl Force {
         self.torque += f.torque;
         self.force += f.force;
     }
+}
+
+/// Velocity of a body's origin and its angular velocity, both in world axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Velocity {
+    /// m/s.
+    pub linear: Vector3<f64>,
+    /// rad/s.
+    pub angular: Vector3<f64>,
+}
+
+/// A force at a body's centre of mass (where it is at the start of the step, the world's variation included) and a torque, in
+/// world axes. A push `f` at another point `p` is `Wrench { force: f, torque: (p - com).cross(&f) }`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wrench {
+    /// N.
+    pub force: Vector3<f64>,
+    /// N m.
+    pub torque: Vector3<f64>,
 }
 
 /// A symmetric 3 x 3 matrix.

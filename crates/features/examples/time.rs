@@ -1,4 +1,5 @@
 //! Milliseconds per frame of 256 x 256 pixels: `cargo run --release -p fiatlux-features --example time`.
+#![expect(clippy::disallowed_methods, reason = "it measures time")]
 
 use std::time::Instant;
 

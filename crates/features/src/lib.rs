@@ -12,6 +12,19 @@
 //! The order of every sum is fixed, so the same build on the same machine gives the same bytes. The loop takes the
 //! widest vector instructions that the CPU has, with or without fused multiplication, so two kinds of CPU differ in the
 //! last digits: features are an observation and stand outside the digest of an episode.
+//!
+//! ```
+//! use fiatlux_features::{FEATURES, FeatureError, ResNet18, Weights};
+//!
+//! // Untrained weights, drawn from a documented seed; a safetensors file of torchvision's network goes the same way.
+//! let mut network = ResNet18::new(&Weights::seeded(0));
+//! let grey = vec![128; 3 * 64 * 64];
+//! let features = network.features(&grey, 64, 64)?.to_vec();
+//! assert_eq!(features.len(), FEATURES);
+//! assert!(features.iter().all(|feature| feature.is_finite()));
+//! assert_eq!(network.features(&grey, 64, 64)?, &features[..]);
+//! # Ok::<(), FeatureError>(())
+//! ```
 mod direct;
 mod error;
 mod folded;

@@ -12,7 +12,7 @@ use crate::config::{self, Role};
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Link (as in Zenoh's tools)")]
 pub struct LinkArgs {
-    /// Zenoh config file (json5); the flags below go before it
+    /// Zenoh config file (json5); the flags below override it
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated [a client's default: tcp/127.0.0.1:7447]

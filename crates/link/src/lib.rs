@@ -3,6 +3,17 @@
 //!
 //! Nothing leaves the loopback interface unless a flag or a config file asks for it: without them a server listens on
 //! [`DEFAULT_ENDPOINT`], a client connects to it, and neither scouts.
+//!
+//! ```
+//! use zenoh::Wait;
+//!
+//! // Two parts of one process; programs open a session with `LinkArgs::open` instead.
+//! let link = fiatlux_link::embedded().expect("Zenoh starts");
+//! let subscriber = link.declare_subscriber("example/greeting").wait().expect("a subscriber");
+//! link.put("example/greeting", "hello").wait().expect("a publication");
+//! let sample = subscriber.recv().expect("a message");
+//! assert_eq!(sample.payload().try_to_string().expect("text"), "hello");
+//! ```
 mod args;
 mod config;
 mod error;
@@ -11,6 +22,7 @@ mod log;
 mod ports;
 mod print;
 mod progress;
+mod settings;
 mod signal;
 
 use zenoh::{Session, Wait};
@@ -23,6 +35,7 @@ pub use log::{init_log, init_quiet_log};
 pub use ports::choose_port;
 pub use print::print;
 pub use progress::ProgressLine;
+pub use settings::{check_example, parse_with_settings, parse_with_settings_from};
 pub use signal::{stop_on_signal, wait_for};
 
 /// Where a server listens and a client looks for it, unless told otherwise.

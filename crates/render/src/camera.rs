@@ -6,18 +6,8 @@ use crate::RenderError;
 
 /// Width and height of the head camera's picture in the published benchmark, pixels.
 pub const HEAD_PIXELS: usize = 256;
-/// Half the head camera's field of view as a slope, both ways: horizontal aperture over twice the focal length of the
-/// published benchmark's camera (69.4 degrees in all).
-const HEAD_SLOPE: f64 = 20.955 / (2.0 * 15.13);
-/// The head camera's near clipping distance in the published benchmark, m.
-const HEAD_NEAR: f64 = 0.05;
-const HEAD_MOUNT: &str = "d435_link";
-const HEAD_LINK: &str = "head_link";
-
-/// The head camera's field of view from left to right, rad.
-pub fn head_fov() -> f64 {
-    2.0 * libm::atan(HEAD_SLOPE)
-}
+/// Name of the head camera in a robot's file.
+pub const HEAD_CAMERA: &str = "head";
 
 /// A pinhole camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,22 +25,28 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The camera in the robot's head, at the mount of its D435: 47.6 degrees downwards, [`HEAD_PIXELS`] square.
+    /// The camera in the robot's head: 47.6 degrees downwards on the G1, for a square picture.
     ///
     /// # Errors
-    /// A robot without that mount, or joint angles that it refuses.
+    /// As [`Camera::mounted`].
     pub fn head(robot: &Robot, row: &Row) -> Result<Self, RenderError> {
-        let Some(mount) = robot.link_index(HEAD_MOUNT) else {
-            return Err(RenderError::NoMount { robot: robot.name().into(), link: HEAD_MOUNT });
-        };
+        Self::mounted(robot, HEAD_CAMERA, row)
+    }
+
+    /// A camera of the robot by its name in the robot's file, for a square picture.
+    ///
+    /// # Errors
+    /// A robot without that camera, or joint angles that it refuses.
+    pub fn mounted(robot: &Robot, name: &str, row: &Row) -> Result<Self, RenderError> {
+        let no_mount = || RenderError::NoMount { robot: robot.name().into(), camera: name.into() };
+        let mount = robot.camera(name).ok_or_else(no_mount)?;
         let poses = robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
-        let fov = head_fov();
         Ok(Self {
-            world_from_camera: poses[mount],
-            horizontal_fov: fov,
-            vertical_fov: fov,
-            near: HEAD_NEAR,
-            hidden_link: robot.link_index(HEAD_LINK),
+            world_from_camera: poses[mount.link] * mount.link_from_camera,
+            horizontal_fov: mount.horizontal_fov,
+            vertical_fov: mount.horizontal_fov,
+            near: mount.near,
+            hidden_link: mount.hidden_link,
         })
     }
 

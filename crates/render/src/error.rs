@@ -7,16 +7,16 @@ use thiserror::Error;
 /// Why there is no camera or no picture file.
 #[derive(Debug, Error)]
 pub enum RenderError {
-    /// The robot has no link that carries the head camera.
-    #[error("robot '{robot}' has no link '{link}' to carry the head camera; add one to its file")]
+    /// The robot has no camera of that name.
+    #[error("robot '{robot}' has no camera '{camera}'; add a [[camera]] of that name to its file")]
     NoMount {
         /// Name of the robot.
         robot: String,
-        /// The link.
-        link: &'static str,
+        /// The camera.
+        camera: String,
     },
     /// The row's joint angles are no posture of the robot.
-    #[error("cannot place the head camera")]
+    #[error("cannot place the camera")]
     Posture(#[from] RobotError),
     /// The image does not fit a PNG file.
     #[error("cannot write the image as PNG")]

@@ -10,6 +10,24 @@
 //! A frame passes through these steps: triangles are clipped, projected and written into a depth buffer beside their
 //! number; the shadow map is fitted to what is visible and drawn; ambient occlusion is found on every other pixel; then
 //! each pixel is lit once.
+//!
+//! ```
+//! use std::sync::Arc;
+//!
+//! use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
+//! use fiatlux_robot::{GainSet, Robot};
+//! use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, World};
+//!
+//! let robot = Arc::new(Robot::by_name("g1_inspire")?);
+//! let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, robot.gains(GainSet::default()));
+//! let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec)?);
+//! let world = World::new(Arc::clone(&scene));
+//! let camera = Camera::head(&scene.robot, world.row())?.fitted(64, 64);
+//! let mut renderer = Renderer::new(64, 64);
+//! let image = renderer.render(&Visuals::new(&scene), world.row(), &camera, &Lighting::default());
+//! assert_eq!((image.width(), image.height(), image.rgb().len()), (64, 64, 3 * 64 * 64));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 mod camera;
 mod error;
 mod image;
@@ -26,7 +44,7 @@ mod tone;
 mod view;
 mod visuals;
 
-pub use camera::{Camera, HEAD_PIXELS, head_fov};
+pub use camera::{Camera, HEAD_CAMERA, HEAD_PIXELS};
 pub use error::{MeshError, RenderError};
 pub use image::Image;
 pub use lighting::Lighting;

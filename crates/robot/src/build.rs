@@ -3,6 +3,7 @@
 use fiatlux_dynamics::{BodyId, BodySpec, Hinge, Joint as EngineJoint, Model, ModelBuilder, ShapeSpec};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
+use crate::robot::HAND_SURFACE;
 use crate::{GainSet, Gains, Robot, RobotError};
 
 /// How a robot is put into a model.
@@ -16,19 +17,19 @@ pub struct BuildOptions {
     pub hand_friction: Option<f64>,
     /// Label of the shapes of link 0; those of link `i` get `first_label + i`.
     pub first_label: u32,
-    /// Cluster of cull group 0; that of group `i` is `first_cluster + i`.
-    pub first_cluster: u16,
+    /// Number in the model of cull group 0; group `i` gets `first_cull_group + i`.
+    pub first_cull_group: u16,
 }
 
 impl BuildOptions {
-    /// The default gains, the robot upright on the floor at the origin, labels and clusters from 0.
+    /// The default gains, the robot upright on the floor at the origin, labels and cull groups from 0.
     pub fn new(robot: &Robot) -> Self {
         Self {
             gains: robot.gains(GainSet::default()),
             world_from_pelvis: Isometry3::translation(0.0, 0.0, robot.standing_height()),
             hand_friction: None,
             first_label: 0,
-            first_cluster: 0,
+            first_cull_group: 0,
         }
     }
 }
@@ -53,8 +54,8 @@ pub struct PlacedRobot {
     pub joint_bodies: Vec<BodyId>,
     /// Label of the shapes of link 0.
     pub first_label: u32,
-    /// First cluster that is still free.
-    pub next_cluster: u16,
+    /// First cull group number that is still free.
+    pub next_cull_group: u16,
 }
 
 /// Where a joint is in a model and in its arrays.
@@ -144,7 +145,7 @@ impl Robot {
             links,
             joint_bodies,
             first_label: options.first_label,
-            next_cluster: options.first_cluster + self.groups.len() as u16,
+            next_cull_group: options.first_cull_group + self.groups.len() as u16,
         })
     }
 
@@ -169,7 +170,7 @@ impl Robot {
         for shape in &self.shapes {
             let surface = &self.surfaces[shape.surface];
             let mut material = surface.material;
-            if surface.name == "hand" {
+            if surface.name == HAND_SURFACE {
                 material.friction = options.hand_friction.unwrap_or(material.friction);
             }
             let LinkIds { body, body_from_link } = links[shape.link];
@@ -179,7 +180,7 @@ impl Robot {
                 body_from_shape: body_from_link * shape.link_from_shape,
                 geometry: shape.geometry,
                 material,
-                cluster: options.first_cluster + shape.group,
+                cull_group: options.first_cull_group + shape.group,
                 label: options.first_label + shape.link as u32,
             })?;
         }

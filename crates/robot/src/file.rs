@@ -17,6 +17,8 @@ pub(crate) struct RobotFile {
     pub exclude: Vec<Vec<String>>,
     #[serde(default)]
     pub sensors: SensorMounts,
+    #[serde(default)]
+    pub camera: Vec<CameraDef>,
     pub checks: Checks,
     pub posture: BTreeMap<String, f64>,
     pub gains: GainSets,
@@ -32,7 +34,21 @@ pub(crate) struct RobotFile {
 #[serde(deny_unknown_fields)]
 pub(crate) struct SensorMounts {
     pub lidar: Option<String>,
-    pub camera: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CameraDef {
+    pub name: String,
+    pub link: String,
+    #[serde(default)]
+    pub xyz: [f64; 3],
+    #[serde(default)]
+    pub rpy: [f64; 3],
+    pub aperture: f64,
+    pub focal_length: f64,
+    pub near: f64,
+    pub hidden_link: Option<String>,
 }
 
 #[derive(Deserialize)]

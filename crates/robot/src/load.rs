@@ -1,14 +1,15 @@
 //! From a robot file to a checked robot.
 
 use fiatlux_dynamics::Material;
-use sha2::{Digest, Sha256};
 
+use crate::digest::sha256_hex;
 use crate::file::RobotFile;
 use crate::gains::Gains;
+use crate::kinematics::pose;
 use crate::locate::{Step, line_at};
 use crate::refuse::Refuse;
 use crate::shape::Surface;
-use crate::{HandKind, Robot, RobotError};
+use crate::{CameraMount, HandKind, Robot, RobotError};
 
 /// kg.
 const MASS_TOLERANCE: f64 = 1e-3;
@@ -21,7 +22,8 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         problem: error.message().trim_end().into(),
     })?;
     let refuse = Refuse { text, robot: &file.name };
-    file.hand.parse::<HandKind>().map_err(|e| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
+    let hand: HandKind =
+        file.hand.parse().map_err(|e: RobotError| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
     let links = crate::tree::links(&file, &refuse)?;
     let (joints, links) = crate::tree::joints(&file, links, &refuse)?;
     let surfaces = surfaces(&file, &refuse)?;
@@ -44,12 +46,13 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         feet: link_list("feet", &file.feet)?,
         palms: link_list("palms", &file.palms)?,
         lidar: mount("lidar", "sensors.lidar", &file.sensors.lidar)?,
-        camera: mount("camera", "sensors.camera", &file.sensors.camera)?,
+        cameras: cameras(&file, &link_names, &refuse)?,
         excluded: excluded(&file, &link_names, &refuse)?,
         q0: vec![0.0; joints.len()],
         sonic: Gains(joints.iter().map(|j| j.gains).collect()),
         name: file.name.clone(),
-        digest: Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect(),
+        hand,
+        digest: sha256_hex(&[text]),
         links,
         joints,
         shapes,
@@ -60,6 +63,35 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
     read_sonic(&file, &mut robot, &refuse)?;
     check_sums(&file, &robot, &refuse)?;
     Ok(robot)
+}
+
+fn cameras(file: &RobotFile, link_names: &[&str], refuse: &Refuse<'_>) -> Result<Vec<CameraMount>, RobotError> {
+    let mut cameras: Vec<CameraMount> = Vec::new();
+    for (index, def) in file.camera.iter().enumerate() {
+        let part = refuse.part("camera", index, &def.name);
+        if cameras.iter().any(|camera| camera.name == def.name) {
+            return Err(part.refuse("name", "is taken; names must be unique"));
+        }
+        part.finite("xyz", &def.xyz)?;
+        part.finite("rpy", &def.rpy)?;
+        part.positive("aperture", def.aperture)?;
+        part.positive("focal_length", def.focal_length)?;
+        part.positive("near", def.near)?;
+        let link = |field: &'static str, name: &str| {
+            let found = link_names.iter().position(|link| *link == name);
+            let problem = || format!("names link '{name}', which the file does not have; correct or remove it");
+            found.ok_or_else(|| part.refuse(field, problem()))
+        };
+        cameras.push(CameraMount {
+            name: def.name.clone(),
+            link: link("link", &def.link)?,
+            link_from_camera: pose(def.xyz, def.rpy),
+            horizontal_fov: 2.0 * libm::atan(def.aperture / (2.0 * def.focal_length)),
+            near: def.near,
+            hidden_link: def.hidden_link.as_ref().map(|name| link("hidden_link", name)).transpose()?,
+        });
+    }
+    Ok(cameras)
 }
 
 fn surfaces(file: &RobotFile, refuse: &Refuse<'_>) -> Result<Vec<Surface>, RobotError> {

@@ -31,6 +31,7 @@ pub use digest::{ROW_LAYOUT, RowDigest};
 pub use gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA, Predicate};
 pub use geometry::{BulbGeometry, Geometry};
 pub use judge::{Judge, JudgeOptions};
+pub use measure::GRAVITY;
 pub use rewards::{Rewards, Variant};
 pub use row::{AttachmentRow, BodyRow, Bulb, CONTROL_DT, LIMBS, Limb, RobotLayout, Row};
 pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summary, wilson_interval};
@@ -39,6 +40,7 @@ pub use spec::{
     ControlMode, Factor, Ladder, Landmark, ResetNoise, SpecialRules, Spot, Stand, StartDistance, StartSpec, TaskSpec,
 };
 pub use task::{Task, UnknownTask};
+pub use terms::motion::ANKLE_LIMITS;
 pub use terms::term::Term;
 pub use thresholds::{ThresholdError, Thresholds};
 pub use verdict::{End, Verdict};

@@ -5,11 +5,8 @@
 use nalgebra::Vector3;
 
 use crate::gate::Context;
-use crate::measure;
+use crate::measure::{self, GRAVITY};
 use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
-
-/// Acceleration of free fall, m/s^2.
-const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 // ---------------------------------------------------------------- Robot
 
@@ -171,6 +168,7 @@ pub fn dropped(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
 
 /// The bulb's velocity changed between two rows by more than free fall explains.
 pub fn impact(before: &BodyRow, after: &BodyRow, cx: &Context<'_>) -> bool {
-    let jump = after.linear_velocity - before.linear_velocity - GRAVITY * CONTROL_DT;
+    let fall = Vector3::new(0.0, 0.0, -GRAVITY) * CONTROL_DT;
+    let jump = after.linear_velocity - before.linear_velocity - fall;
     jump.norm() > cx.thresholds.impact_m_s
 }

@@ -1,4 +1,4 @@
-//! One episode of a task: a world in motion, judged, paid, observed and chained into a digest.
+//! One episode of a task: a world in motion, judged, paid and chained into a digest.
 
 use std::sync::Arc;
 
@@ -10,8 +10,8 @@ use thiserror::Error;
 
 use crate::start::check_kind;
 use crate::{
-    ACTION_SCALE, DomainSample, HandFriction, Layout, Light, NoiseSeed, Observer, PropScale, Proprioception, RNG_NAME,
-    Randomization, Scene, SceneKind, SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
+    ACTION_SCALE, DomainSample, HandFriction, Layout, Light, PropScale, RNG_NAME, Randomization, Scene, SceneKind,
+    SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
 };
 
 /// What an episode is. It plays in the scene that [`EpisodeSpec::scene`] describes; gains are the scene's.
@@ -92,7 +92,7 @@ impl EpisodeSpec {
         } else if needed.scale != found.scale {
             ("prop scale", format!("{:?}", needed.scale), format!("{:?}", found.scale))
         } else if found.layout.is_some()
-            && Layout::of(&scene.config, needed.kind, needed.seed).ok() != Some(scene.layout)
+            && Layout::of(&scene.config, needed.parts, needed.seed).ok() != Some(scene.layout)
         {
             ("layout", "the one of its layout seed".into(), "another one".into())
         } else {
@@ -151,28 +151,6 @@ impl EpisodeSpec {
     }
 }
 
-/// What a policy asks of the robot in a control step, by joint in the public order.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Command<'a> {
-    /// Action units: joint target = q0 + [`ACTION_SCALE`] action.
-    Action(&'a [f64]),
-    /// Joint targets, rad. Recorded and carried out as the action `(target - q0) / ACTION_SCALE`.
-    JointTarget(&'a [f64]),
-}
-
-impl Command<'_> {
-    /// Writes it in action units; `q0` is the standing posture, rad.
-    pub fn write_action(&self, q0: &[f64], action: &mut Vec<f64>) {
-        action.clear();
-        match self {
-            Command::Action(given) => action.extend_from_slice(given),
-            Command::JointTarget(target) => {
-                action.extend(target.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE));
-            }
-        }
-    }
-}
-
 /// Why an episode took no step; it is unchanged then.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EpisodeError {
@@ -182,7 +160,7 @@ pub enum EpisodeError {
         /// Its last row.
         step: u64,
     },
-    /// The world refused the command.
+    /// The world refused the action.
     #[error(transparent)]
     World(#[from] WorldError),
 }
@@ -196,8 +174,6 @@ pub struct Step<'a> {
     pub verdict: &'a Verdict,
     /// What each term of the reward paid.
     pub terms: &'a [Term],
-    /// What the robot senses of itself.
-    pub observation: &'a Proprioception,
     /// Some number of the action was outside the box [-1, 1].
     pub outside_box: bool,
 }
@@ -213,25 +189,22 @@ pub struct Totals {
     pub reward: f64,
 }
 
-/// One episode, from its start state on. No I/O, no threads, no clock: the rows follow from scene, spec and commands.
+/// One episode, from its start state on. No I/O, no threads, no clock: the rows follow from scene, spec and actions.
 #[derive(Debug, Clone)]
 pub struct Episode {
     spec: EpisodeSpec,
     start: StartOffset,
-    action: Vec<f64>,
     joint_target: Vec<f64>,
     world: World,
     judge: Judge,
     rewards: Rewards,
-    observer: Observer,
-    observation: Proprioception,
     context: RowDigest,
     digest: RowDigest,
     totals: Totals,
 }
 
 impl Episode {
-    /// Stages an episode: row 0 is judged, observed and in the digest.
+    /// Stages an episode: row 0 is judged and in the digest.
     ///
     /// # Errors
     /// [`StartError`]: the scene is not the one of [`EpisodeSpec::scene`], or the task does not start in it.
@@ -248,62 +221,42 @@ impl Episode {
         judge.start(row);
         let mut rewards = Rewards::new(&judge, spec.variant);
         rewards.start(&judge, row);
-        let seed = NoiseSeed { seed: spec.seed, episode: spec.episode };
-        let mut observer = Observer::new(scene.robot.q0().to_vec(), spec.randomize.sensors.then_some(seed));
-        let mut observation = Proprioception::zeros(scene.robot_layout().joints);
-        observer.observe(row, &mut observation);
         let context = RowDigest::new(&spec.context(&scene));
         let mut digest = context.clone();
         digest.push(row);
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
-        let action = row.action.clone();
         let joint_target = row.joint_target.clone();
         let spec = spec.clone();
-        Ok(Self {
-            spec,
-            start,
-            action,
-            joint_target,
-            judge,
-            rewards,
-            observer,
-            observation,
-            context,
-            digest,
-            totals,
-            world,
-        })
+        Ok(Self { spec, start, joint_target, judge, rewards, context, digest, totals, world })
     }
 
-    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, observation, digest.
+    /// The action for joint targets in rad: `(target - q0) / ACTION_SCALE`.
+    pub fn action_for(&self, target: &[f64]) -> Vec<f64> {
+        target.iter().zip(self.scene().robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect()
+    }
+
+    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, digest. An action
+    /// has a number for each joint: joint target = q0 + [`ACTION_SCALE`] action. It is all that a row records of a command,
+    /// so joint targets become one first ([`Episode::action_for`]).
     ///
     /// # Errors
     /// [`EpisodeError`]; the episode is unchanged.
-    pub fn step(&mut self, command: Command<'_>) -> Result<Step<'_>, EpisodeError> {
+    pub fn step(&mut self, action: &[f64]) -> Result<Step<'_>, EpisodeError> {
         if let Some(end) = self.judge.verdict().end {
             return Err(EpisodeError::Ended { step: end.step });
         }
-        // A joint target goes through action units too, so that the recorded action alone repeats a step.
-        let q0 = self.world.scene().robot.q0();
-        command.write_action(q0, &mut self.action);
         self.joint_target.clear();
-        self.joint_target.extend(q0.iter().zip(&self.action).map(|(q0, action)| q0 + ACTION_SCALE * action));
-        let row = self.world.step(&self.action, &self.joint_target)?;
+        let q0 = self.world.scene().robot.q0();
+        self.joint_target.extend(q0.iter().zip(action).map(|(q0, action)| q0 + ACTION_SCALE * action));
+        let row = self.world.step(action, &self.joint_target)?;
         self.judge.advance(row);
         self.rewards.advance(&self.judge, row);
-        self.observer.observe(row, &mut self.observation);
         self.digest.push(row);
-        let outside_box = self.action.iter().any(|number| number.abs() > 1.0);
+        let outside_box = action.iter().any(|number| number.abs() > 1.0);
         self.totals.unconverged += u64::from(row.unconverged);
         self.totals.steps_outside_box += u64::from(outside_box);
         self.totals.reward += self.rewards.reward();
-        Ok(Step {
-            row: self.world.row(),
-            verdict: self.judge.verdict(),
-            terms: self.rewards.terms(),
-            observation: &self.observation,
-            outside_box,
-        })
+        Ok(Step { row: self.world.row(), verdict: self.judge.verdict(), terms: self.rewards.terms(), outside_box })
     }
 
     /// What it is.
@@ -356,11 +309,6 @@ impl Episode {
     /// What all terms paid in the last step.
     pub fn reward(&self) -> f64 {
         self.rewards.reward()
-    }
-
-    /// What the robot senses of itself in the last row.
-    pub fn observation(&self) -> &Proprioception {
-        &self.observation
     }
 
     /// Digest of the rows so far, row 0 included.

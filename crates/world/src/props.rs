@@ -21,7 +21,7 @@ pub(crate) use room::room;
 pub use ladder::LadderPoints;
 pub use sizes::PropSizes;
 
-use crate::ShapeOwner;
+use crate::owner::ShapeOwner;
 
 /// A convex part of a prop.
 #[derive(Debug, Clone)]
@@ -96,7 +96,7 @@ fn walls(
     })
 }
 
-/// Adds a prop's parts to a body as one cluster. `prefix` makes the names unique.
+/// Adds a prop's parts to a body as one cull group. `prefix` makes the names unique.
 pub(crate) fn add_parts(
     builder: &mut ModelBuilder,
     parts: Vec<Part>,
@@ -104,7 +104,7 @@ pub(crate) fn add_parts(
     body: BodyId,
     body_from_prop: &Isometry3<f64>,
     owner: ShapeOwner,
-    cluster: u16,
+    cull_group: u16,
 ) -> Result<(), ModelError> {
     for part in parts {
         builder.add_shape(ShapeSpec {
@@ -113,7 +113,7 @@ pub(crate) fn add_parts(
             body_from_shape: body_from_prop * part.prop_from_part,
             geometry: part.geometry,
             material: part.material,
-            cluster,
+            cull_group,
             label: owner.label(),
         })?;
     }

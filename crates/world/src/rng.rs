@@ -73,6 +73,11 @@ impl Random {
         (self.0.next_u64() >> 11) as f64 * SCALE
     }
 
+    /// Leaves out so many numbers.
+    pub fn skip(&mut self, count: u64) {
+        self.0.advance(u128::from(count));
+    }
+
     /// Uniform between two bounds.
     pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()

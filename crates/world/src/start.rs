@@ -19,7 +19,7 @@ use fiatlux_rules::{AttachmentRow, Bulb, Ladder, Row, Spot, Stand, StartSpec, Ta
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
-use crate::{Scene, SceneKind, ShapeOwner, World, WorldError};
+use crate::{Scene, SceneKind, SceneParts, ShapeOwner, World, WorldError};
 
 /// Radians of joint target per unit of action: target = q0 + 0.5 action.
 pub const ACTION_SCALE: f64 = 0.5;
@@ -45,14 +45,14 @@ impl Default for StartOptions {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum StartError {
     /// The task is played in another kind of scene.
-    #[error("{task} starts in a {needed:?} scene and was given a {found:?} scene; build it with SceneKind::of({task})")]
+    #[error("{task} starts in a {needed:?} scene and was given one of {found}; build it with SceneKind::of({task})")]
     Scene {
         /// The task.
         task: Task,
         /// Kind that it needs.
         needed: SceneKind,
-        /// Kind that it was given.
-        found: SceneKind,
+        /// What stands in the one that it was given.
+        found: SceneParts,
     },
     /// The episode is played in another scene of the kind.
     #[error(
@@ -139,8 +139,8 @@ impl SceneKind {
 
 /// Refuses a scene that is not of a task's kind.
 pub(crate) fn check_kind(scene: &Scene, task: Task) -> Result<(), StartError> {
-    let (needed, found) = (SceneKind::of(task), scene.spec.kind);
-    if needed == found { Ok(()) } else { Err(StartError::Scene { task, needed, found }) }
+    let (needed, found) = (SceneKind::of(task), scene.spec.parts);
+    if SceneParts::of(needed) == found { Ok(()) } else { Err(StartError::Scene { task, needed, found }) }
 }
 
 /// How far off its nominal start the robot is, as drawn.

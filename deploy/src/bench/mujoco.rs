@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use fiatlux_sim::{Laws, MjcfOptions, to_mjcf};
+use fiatlux_sim::{MjcfOptions, OptionSet, to_mjcf};
 use fiatlux_world::PHYSICS_DT;
 use serde::Deserialize;
 
@@ -67,7 +67,8 @@ impl Oracle {
     /// Python, MuJoCo or the script is missing or fails.
     pub fn time(&self, case: &Case, repeats: usize) -> Result<MujocoTime, BenchError> {
         let scene = self.folder.join("scene.xml");
-        let options = MjcfOptions { name: case.name.replace(' ', "-"), timestep: PHYSICS_DT, laws: Laws::Ours };
+        let options =
+            MjcfOptions { name: case.name.replace(' ', "-"), timestep: PHYSICS_DT, option_set: OptionSet::Nearest };
         let xml = to_mjcf(&case.model, &case.start, &case.targets, &options);
         fs::write(&scene, xml)
             .map_err(|source| BenchError::Io { what: format!("write '{}'", scene.display()), source })?;

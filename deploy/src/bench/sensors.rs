@@ -10,11 +10,12 @@ use fiatlux_features::{ResNet18, Weights};
 use fiatlux_policy::{Command as PolicyCommand, policies};
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{Observation, SessionInfo};
-use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_render::{Lighting, Visuals};
+use fiatlux_robot::{GainSet, HandKind, Robot};
 use fiatlux_rules::Task;
-use fiatlux_sim::{Senses, Sensor, Sensors, joints};
-use fiatlux_world::{ACTION_SCALE, Command as WorldCommand, Episode, EpisodeSpec, Scene, SceneConfig};
+use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
+use fiatlux_sim::joints;
+use fiatlux_world::{ACTION_SCALE, Episode, EpisodeSpec, Scene, SceneConfig};
 use serde::{Deserialize, Serialize};
 
 use super::machine::machine;
@@ -109,38 +110,39 @@ pub fn run(options: &SensorOptions) -> Result<SensorReport, BenchError> {
     Ok(SensorReport { machine: machine(), cases, sensors })
 }
 
-/// An episode and its senses, as a session has them.
+/// An episode and its sensors, as a session has them.
 struct Stage {
     episode: Episode,
-    senses: Senses,
+    suite: SensorSuite,
 }
 
 impl Stage {
     fn new(task: Task, sensors: Sensors, network: &ResNet18) -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::g1_inspire().map_err(scene)?);
+        let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(scene)?);
         let gains = robot.gains(GainSet::Fiatlux);
         let spec = EpisodeSpec::new(task, 0, 0);
         let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).map_err(scene)?);
         let episode = Episode::start(Arc::clone(&built), &spec).map_err(scene)?;
-        let mut senses = Senses::new(sensors, [HEAD_PIXELS; 2], Some(network.twin()));
-        senses.begin(&built, || Arc::new(Visuals::new(&built)), Lighting::default()).map_err(scene)?;
-        Ok(Self { episode, senses })
+        let mut suite = SensorSuite::new(sensors, Setup::new(&built, task)).with_network(Some(network.twin()));
+        let visuals = || Arc::new(Visuals::new(&built));
+        suite.begin(&built, NoiseSeed::of(&spec), visuals, Lighting::default()).map_err(scene)?;
+        Ok(Self { episode, suite })
     }
 
     fn observe(&mut self, sensors: Sensors) -> Result<Observation, BenchError> {
-        self.senses.observe(&self.episode, sensors).map_err(scene)
+        self.suite.observe(&View::of(&self.episode), sensors).map_err(scene)
     }
 
     fn step(&mut self, command: PolicyCommand) -> Result<(), BenchError> {
-        let command = match &command {
-            PolicyCommand::Action(numbers) => WorldCommand::Action(numbers),
-            PolicyCommand::JointTarget(numbers) => WorldCommand::JointTarget(numbers),
+        let action = match command {
+            PolicyCommand::Action(numbers) => numbers,
+            PolicyCommand::JointTarget(numbers) => self.episode.action_for(&numbers),
         };
-        self.episode.step(command).map(|_| ()).map_err(scene)
+        self.episode.step(&action).map(|_| ()).map_err(scene)
     }
 }
 
-/// Control steps as a session takes them, without the messages' way: policy, physics, rules, senses, encoding.
+/// Control steps as a session takes them, without the messages' way: policy, physics, rules, sensors, encoding.
 fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> Result<StepCase, BenchError> {
     let mut stage = Stage::new(TASK, sensors, network)?;
     let mut policy = policies::by_name(POLICY).map_err(scene)?;

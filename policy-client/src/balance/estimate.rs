@@ -1,9 +1,10 @@
 //! Where the centre of mass is over the feet and how it moves, from noisy senses.
 
 use fiatlux_robot::Robot;
+use fiatlux_rules::{CONTROL_DT, GRAVITY};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector2, Vector3};
 
-use super::{CONTROL_DT, GRAVITY, SMALLEST_HEIGHT, Sensed};
+use super::{SMALLEST_HEIGHT, Sensed};
 
 /// Share of the difference by which the vertical goes, each step, to the one that flat soles show. The gyroscope carries it
 /// on by 0.0023 rad of noise a step; six noisy joints show it within 0.007 rad. A steady Kalman filter would take 0.28; less

@@ -1,11 +1,63 @@
 //! What `run` is asked for, with the bag's word where a bag is replayed.
 
-use fiatlux_policy::Policy;
+use clap::Args;
+use fiatlux_link::LinkArgs;
 use fiatlux_policy::policies::{self, Replay};
+use fiatlux_policy::{Policy, SessionArgs};
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
-use super::run::RunArgs;
 use super::{Failure, policy};
+
+/// Options of `run`.
+#[derive(Debug, Args)]
+#[command(after_help = "Policies:
+  zero        all actions 0; a robot that leans on nothing falls in about a second
+  random      uniform in [-1, 1], drawn from seed and episode
+  hold        keeps the posture of the start
+  stand       keeps the robot upright on level ground
+  replay:BAG  sends a recorded episode's actions once more. Task, seed, episode and everything about the session are
+              the bag's unless given. It runs in lockstep unless --real-time is given, also when the bag was
+              recorded in real time. At the end the digest is compared with the bag's.
+
+Examples:
+  policy-client run --policy zero --task S08 --seed 0
+  policy-client run --policy random --task S01 --seed 3 --episodes 10 --json
+  policy-client run --policy hold --task S06 --set fragility_n=30 --end-on fall,time-out
+  policy-client run --policy stand --task S05 --recorded --record camera,lidar
+  policy-client run --policy replay:bags/S08-s0-e0.mcap -e tcp/192.168.1.7:7447")]
+pub struct RunArgs {
+    /// Name of the policy, see below
+    #[arg(short, long, value_name = "NAME")]
+    pub policy: String,
+    /// Task: S01 to S12, replace, climb
+    #[arg(short, long)]
+    pub task: Option<String>,
+    /// Seed of the layout [default: 0]
+    #[arg(short, long)]
+    pub seed: Option<u64>,
+    /// Index of the first episode; with the seed it draws start and noise [default: 0]
+    #[arg(long, value_name = "INDEX")]
+    pub episode: Option<u64>,
+    /// Number of episodes, one after the other [default: 1]
+    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub episodes: Option<u64>,
+    /// Name of the server; not needed where there is only one
+    #[arg(long, value_name = "NAME")]
+    pub server: Option<String>,
+    /// Step at 50 Hz by the wall clock, whether an action has come or not; without it the server waits
+    #[arg(long)]
+    pub real_time: bool,
+    /// Wait for a recorder: the episode goes no further than it has recorded
+    #[arg(long)]
+    pub recorded: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub session: SessionArgs,
+    #[command(flatten)]
+    pub link: LinkArgs,
+}
 
 /// What is to be run.
 pub struct Plan {
@@ -52,7 +104,7 @@ fn replay(args: &RunArgs, policy: Replay) -> Result<Plan, Failure> {
     Ok(Plan { policy: Box::new(policy), request, first, count: 1, digest })
 }
 
-/// The flags go before what is there.
+/// The flags override what is there.
 fn request(args: &RunArgs, mut request: OpenRequest) -> OpenRequest {
     request.task = args.task.clone().unwrap_or(request.task);
     request.seed = args.seed.unwrap_or(request.seed);

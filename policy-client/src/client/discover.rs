@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use fiatlux_proto::keys::{ServerKeys, any_alive, is_name, server_of};
+use fiatlux_proto::keys::{ServerKeys, any_alive, any_legacy_alive, is_name, server_of};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::ServerInfo;
 use fiatlux_proto::{PROTOCOL, decode, is_compatible};
@@ -21,11 +21,11 @@ const LOOK: Duration = Duration::from_millis(500);
 /// Name of the server to use: the one that is asked for, if it is there, or the only one there is.
 ///
 /// # Errors
-/// No server, several of them, or another one; the error lists them.
+/// No server, several of them, another one, or one of an older version; the error lists them.
 pub fn find_server(link: &Session, wanted: Option<&str>) -> Result<String, ClientError> {
     let start = Instant::now();
     loop {
-        let found: Vec<String> = look(link)?.into_iter().collect();
+        let found: Vec<String> = look(link, &any_alive())?.into_iter().collect();
         match (wanted, found.as_slice()) {
             (Some(name), _) if found.iter().any(|other| other == name) => return Ok(name.into()),
             (None, [only]) => return Ok(only.clone()),
@@ -33,6 +33,11 @@ pub fn find_server(link: &Session, wanted: Option<&str>) -> Result<String, Clien
             _ => {}
         }
         if start.elapsed().as_secs_f64() >= DISCOVERY_S {
+            let is_old = |name: &String| !found.contains(name) && wanted.is_none_or(|wanted| wanted == name);
+            let old: Vec<String> = look(link, &any_legacy_alive())?.into_iter().filter(is_old).collect();
+            if !old.is_empty() {
+                return Err(ClientError::OldServer { found: old });
+            }
             return Err(match wanted {
                 Some(name) => ClientError::NotThere { name: name.into(), found, waited_s: DISCOVERY_S },
                 None => ClientError::NoServer { waited_s: DISCOVERY_S },
@@ -74,8 +79,8 @@ pub fn describe_servers(link: &Session) -> Result<Vec<ServerInfo>, ClientError> 
     Ok(servers.into_values().collect())
 }
 
-fn look(link: &Session) -> Result<BTreeSet<String>, ClientError> {
-    let replies = link.liveliness().get(any_alive()).timeout(LOOK).wait().map_err(ClientError::zenoh)?;
+fn look(link: &Session, tokens: &str) -> Result<BTreeSet<String>, ClientError> {
+    let replies = link.liveliness().get(tokens).timeout(LOOK).wait().map_err(ClientError::zenoh)?;
     let name = |reply: zenoh::query::Reply| {
         let sample = reply.result().ok()?;
         server_of(sample.key_expr().as_str()).map(str::to_owned)

@@ -2,9 +2,10 @@
 
 use fiatlux_proto::v3::{Refusal, Version};
 use fiatlux_proto::{DecodeError, PROTOCOL};
+use fiatlux_session::SessionFailure;
 use thiserror::Error;
 
-use crate::{PolicyError, SessionFailure};
+use crate::PolicyError;
 
 /// Why a client cannot go on.
 #[derive(Debug, Error)]
@@ -30,6 +31,15 @@ pub enum ClientError {
         found: Vec<String>,
         /// How long was looked, s.
         waited_s: f64,
+    },
+    /// Servers of an older version are there, and no other.
+    #[error(
+        "server {} is of an older version, which does not speak protocol {PROTOCOL}; update it to this client's version",
+        found.join(", ")
+    )]
+    OldServer {
+        /// Their names.
+        found: Vec<String>,
     },
     /// The server refuses a request.
     #[error("server {server} refuses{}: {message}", if field.is_empty() { String::new() } else { format!(" '{field}'") })]

@@ -4,42 +4,32 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use fiatlux_session::client::Input;
+
 /// Messages that wait at most; the oldest go first, for the newest matter.
 const CAPACITY: usize = 64;
-
-/// How a query ended: with a reply, an error reply, or none.
-pub type Answer = Option<Result<Vec<u8>, Vec<u8>>>;
-
-/// A message.
-#[derive(Debug)]
-pub enum Mail {
-    Observation(Vec<u8>),
-    Notice(Vec<u8>),
-    Reset(Answer),
-    LastObservation(Answer),
-}
 
 /// A bounded queue between threads.
 #[derive(Debug, Default)]
 pub struct Mailbox {
-    queue: Mutex<VecDeque<Mail>>,
+    queue: Mutex<VecDeque<Input>>,
     filled: Condvar,
 }
 
 impl Mailbox {
-    pub fn put(&self, mail: Mail) {
+    pub fn put(&self, input: Input) {
         let mut queue = self.lock();
         if queue.len() >= CAPACITY {
             // How a query ended is said only once.
-            let old = queue.iter().position(|mail| matches!(mail, Mail::Observation(_) | Mail::Notice(_)));
+            let old = queue.iter().position(|input| matches!(input, Input::Observation(_) | Input::Notice(_)));
             queue.remove(old.unwrap_or(0));
         }
-        queue.push_back(mail);
+        queue.push_back(input);
         drop(queue);
         self.filled.notify_one();
     }
 
-    pub fn take(&self) -> Option<Mail> {
+    pub fn take(&self) -> Option<Input> {
         self.lock().pop_front()
     }
 
@@ -50,7 +40,7 @@ impl Mailbox {
         drop(self.filled.wait_timeout_while(queue, longest, |queue| queue.is_empty()));
     }
 
-    fn lock(&self) -> MutexGuard<'_, VecDeque<Mail>> {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Input>> {
         // The queue is whole whatever a thread that held it did.
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -63,11 +53,11 @@ mod tests {
     #[test]
     fn the_newest_stay_and_answers_are_never_lost() {
         let mailbox = Mailbox::default();
-        mailbox.put(Mail::Reset(None));
-        (0..=255).for_each(|i| mailbox.put(Mail::Observation(vec![i])));
-        assert!(matches!(mailbox.take(), Some(Mail::Reset(None))));
+        mailbox.put(Input::Reset(None));
+        (0..=255).for_each(|i| mailbox.put(Input::Observation(vec![i].into())));
+        assert!(matches!(mailbox.take(), Some(Input::Reset(None))));
         let rest: Vec<u8> = std::iter::from_fn(|| mailbox.take())
-            .flat_map(|mail| if let Mail::Observation(bytes) = mail { bytes } else { vec![] })
+            .flat_map(|input| if let Input::Observation(bytes) = input { bytes.to_vec() } else { vec![] })
             .collect();
         assert_eq!(rest, (193..=255).collect::<Vec<_>>());
     }

@@ -6,13 +6,14 @@ use std::time::{Duration, Instant};
 use fiatlux_proto::keys::server_of;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::Refusal;
-use fiatlux_proto::{Message, decode, encoding};
+use fiatlux_proto::{Bytes, Message, decode, encoding};
+use fiatlux_session::client::{Answer, Input};
 use zenoh::qos::Priority;
 use zenoh::query::Reply;
 use zenoh::{Session, Wait};
 
 use super::ClientError;
-use super::mailbox::{Answer, Mail, Mailbox};
+use super::mailbox::Mailbox;
 
 /// Just after a connection, queries find nobody for a moment. For so long they are sent again, s.
 const PATIENCE_S: f64 = 3.0;
@@ -24,7 +25,7 @@ pub fn ask(
     name: &str,
     request: &impl Message,
     timeout_s: f64,
-) -> Result<Vec<u8>, ClientError> {
+) -> Result<Bytes, ClientError> {
     let start = Instant::now();
     loop {
         let query = link.get(key).payload(request.encode_to_vec()).encoding(encoding(name));
@@ -49,12 +50,12 @@ pub fn ask(
 pub fn post(
     link: &Session,
     key: &str,
-    request: Vec<u8>,
+    request: Bytes,
     timeout: Duration,
     mailbox: &Arc<Mailbox>,
-    mail: fn(Answer) -> Mail,
+    input: fn(Answer) -> Input,
 ) -> Result<(), ClientError> {
-    let mut end = End { mailbox: Arc::clone(mailbox), mail, answered: false };
+    let mut end = End { mailbox: Arc::clone(mailbox), input, answered: false };
     let receive = move |reply: Reply| end.answer(Some(answer(&reply)));
     let query = link.get(key).payload(request).timeout(timeout);
     // As actions: what is sent first arrives first.
@@ -64,14 +65,14 @@ pub fn post(
 /// Zenoh drops it when the query has ended.
 struct End {
     mailbox: Arc<Mailbox>,
-    mail: fn(Answer) -> Mail,
+    input: fn(Answer) -> Input,
     answered: bool,
 }
 
 impl End {
     fn answer(&mut self, answer: Answer) {
         if !std::mem::replace(&mut self.answered, true) {
-            self.mailbox.put((self.mail)(answer));
+            self.mailbox.put((self.input)(answer));
         }
     }
 }
@@ -82,9 +83,9 @@ impl Drop for End {
     }
 }
 
-fn answer(reply: &Reply) -> Result<Vec<u8>, Vec<u8>> {
+fn answer(reply: &Reply) -> Result<Bytes, Bytes> {
     match reply.result() {
-        Ok(sample) => Ok(sample.payload().to_bytes().into_owned()),
-        Err(error) => Err(error.payload().to_bytes().into_owned()),
+        Ok(sample) => Ok(sample.payload().to_bytes().into_owned().into()),
+        Err(error) => Err(error.payload().to_bytes().into_owned().into()),
     }
 }

@@ -7,7 +7,7 @@ pub mod room;
 use std::path::{Path, PathBuf};
 
 use fiatlux_bag::BagWriter;
-use fiatlux_proto::{Message, PROTOCOL, v3};
+use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
 use fiatlux_rules::{BENCHMARK_VERSION, Geometry, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
 use fiatlux_wire::{geometry_message, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
@@ -127,7 +127,7 @@ pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
     }
     let summary = judge.summary();
     let end = v3::EpisodeEnd {
-        cause: summary.end.map_or("aborted", |end| end.cause().name()).into(),
+        cause: summary.end.map_or(ABORTED, |end| end.cause().name()).into(),
         causes: summary.end.map_or(vec![], |end| end.causes.iter().map(|cause| cause.name().into()).collect()),
         steps: rows.len() as u64 - 1,
         success: summary.success,
@@ -138,13 +138,8 @@ pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
     };
     v3::EpisodeResult {
         end: Some(end),
-        success: summary.success,
-        broken: summary.broken,
-        dropped: summary.dropped,
-        gate_progress: summary.gate_progress,
         peak_hand_force_n: summary.peak_hand_force_n,
         control_effort: summary.control_effort,
-        steps: summary.steps,
         ..v3::EpisodeResult::default()
     }
 }

@@ -8,13 +8,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 use clap::Parser;
 use fiatlux_link::{LinkArgs, Role};
+use fiatlux_proto::v3::EpisodeEnd;
 use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions};
 
 /// Records the sessions of simulation servers, an episode in an MCAP file each.
 ///
 /// Prints a line for each bag that ended. Exit codes: 0 all whole, 1 failed, 2 usage, 3 some bags are cut.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version, after_help = EXAMPLES)]
 struct Cli {
     /// Folder of the bags
     #[arg(long, value_name = "DIR")]
@@ -32,11 +33,16 @@ struct Cli {
     link: LinkArgs,
 }
 
+const EXAMPLES: &str = "\
+Examples:
+  recorder --out bags                     sessions of the server on this machine
+  recorder --settings recorder.toml       with the flags that a file has; deploy/settings/recorder.toml shows all";
+
 /// Finished with data loss.
 const CUT: u8 = 3;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = fiatlux_link::parse_with_settings();
     fiatlux_link::init_log();
     match run(cli) {
         Ok(false) => ExitCode::SUCCESS,
@@ -81,9 +87,21 @@ fn line(BagReport { path, end, .. }: &BagReport) -> String {
     let path = path.display();
     match end {
         BagEnd::Whole(result) => {
-            let cause = result.end.as_ref().map_or("", |end| end.cause.as_str());
-            format!("{path}: {cause} after {} steps, progress {:.3}", result.steps, result.gate_progress)
+            let EpisodeEnd { cause, steps, gate_progress, .. } = result.end.clone().unwrap_or_default();
+            format!("{path}: {cause} after {steps} steps, progress {gate_progress:.3}")
         }
         BagEnd::Cut(reason) => format!("{path}: cut: {reason}"),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_example_settings_show_every_flag() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/settings/recorder.toml");
+        fiatlux_link::check_example::<Cli>(path.as_ref()).unwrap();
     }
 }

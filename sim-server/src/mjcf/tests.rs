@@ -34,10 +34,10 @@ fn small_model() -> Model {
         (trunk, "ball", Geometry::Sphere { radius: 0.05 }, material),
         (hand, "pin", Geometry::Capsule { radius: 0.01, half_length: 0.02 }, Material { friction: 1.2, priority: 1 }),
     ];
-    for (cluster, (body, name, geometry, material)) in geometries.into_iter().enumerate() {
-        let (name, body_from_shape, cluster) = (name.into(), Isometry3::identity(), cluster as u16);
+    for (cull_group, (body, name, geometry, material)) in geometries.into_iter().enumerate() {
+        let (name, body_from_shape, cull_group) = (name.into(), Isometry3::identity(), cull_group as u16);
         builder
-            .add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cluster, label: 0 })
+            .add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 })
             .expect("a valid model");
     }
     builder.exclude(right, hand);
@@ -45,7 +45,7 @@ fn small_model() -> Model {
     builder.build().expect("a valid model")
 }
 
-fn export(laws: Laws) -> String {
+fn export(option_set: OptionSet) -> String {
     let model = small_model();
     let mut state = model.reference_state();
     // Quarter turn about x: the world's y is then the body's z reversed.
@@ -56,7 +56,7 @@ fn export(laws: Laws) -> String {
     state.set_pose(&model, BodyId(1), &pose);
     state.qpos[7..].copy_from_slice(&[0.1, 0.2, 0.3]);
     state.qvel.copy_from_slice(&[1.0, 2.0, 3.0, 0.0, 4.0, 0.0, 0.4, 0.5, 0.6]);
-    to_mjcf(&model, &state, &[0.7, -0.7], &MjcfOptions { name: "small".into(), timestep: 0.005, laws })
+    to_mjcf(&model, &state, &[0.7, -0.7], &MjcfOptions { name: "small".into(), timestep: 0.005, option_set })
 }
 
 #[track_caller]
@@ -68,7 +68,7 @@ fn check_contains(xml: &str, expected: &[&str]) {
 
 #[test]
 fn every_tag_is_closed_in_order_and_every_attribute_quoted() {
-    let xml = export(Laws::Ours);
+    let xml = export(OptionSet::Nearest);
     let mut open = Vec::new();
     for line in xml.lines().map(str::trim) {
         let inner = line.strip_prefix('<').and_then(|l| l.strip_suffix('>')).expect("one tag a line");
@@ -88,7 +88,7 @@ fn every_tag_is_closed_in_order_and_every_attribute_quoted() {
 fn bodies_and_joints() {
     let inertial = r#"<inertial pos="0 0 0.1" mass="1.5" diaginertia="0.1 0.2 0.25"/>"#;
     check_contains(
-        &export(Laws::Ours),
+        &export(OptionSet::Nearest),
         &[
             r#"<body name="trunk" pos="0 0 0.25" quat="1 0 0 0">"#,
             r#"<freejoint name="trunk"/>"#,
@@ -115,7 +115,7 @@ fn a_tilted_inertia_is_written_in_full() {
     };
     builder.add_body(spec).expect("a valid model");
     let model = builder.build().expect("a valid model");
-    let options = MjcfOptions { name: "block".into(), timestep: 1e-3, laws: Laws::Ours };
+    let options = MjcfOptions { name: "block".into(), timestep: 1e-3, option_set: OptionSet::Nearest };
     let xml = to_mjcf(&model, &model.reference_state(), &[], &options);
     let inertial = r#"<inertial pos="0 0 0" mass="1" fullinertia="0.3 0.2 0.25 0.01 0.02 0.03"/>"#;
     check_contains(
@@ -128,7 +128,7 @@ fn a_tilted_inertia_is_written_in_full() {
 #[test]
 fn shapes() {
     check_contains(
-        &export(Laws::Ours),
+        &export(OptionSet::Nearest),
         &[
             r#"<geom name="floor" type="plane" size="0 0 1" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="floor"/>"#,
             r#"<geom name="bench" type="box" size="0.1 0.2 0.3" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="wood"/>"#,
@@ -144,7 +144,7 @@ fn names_are_escaped_and_damping_is_where_the_laws_want_it() {
     let joint = format!(r#"<joint name="{escaped}" type="hinge" axis="0 1 0" range="-0.5 1000000" armature="0.01""#);
     let position = format!(r#"<position name="{escaped}" joint="{escaped}" kp="40""#);
     check_contains(
-        &export(Laws::Ours),
+        &export(OptionSet::Nearest),
         &[
             &format!("{joint}/>"),
             &format!(r#"{position} kv="2.5" forcerange="-35 35"/>"#),
@@ -152,7 +152,7 @@ fn names_are_escaped_and_damping_is_where_the_laws_want_it() {
         ],
     );
     check_contains(
-        &export(Laws::MujocoDefaults),
+        &export(OptionSet::Defaults),
         &[
             &format!(r#"{joint} damping="2.5"/>"#),
             &format!(r#"{position} forcerange="-35 35"/>"#),
@@ -164,7 +164,7 @@ fn names_are_escaped_and_damping_is_where_the_laws_want_it() {
 /// Depth first, the hand comes before the right arm; the spin is in the trunk's axes.
 #[test]
 fn the_keyframe_is_in_the_order_and_terms_of_mujoco() {
-    let xml = export(Laws::Ours);
+    let xml = export(OptionSet::Nearest);
     let key = xml.lines().find(|l| l.contains("<key ")).expect("a keyframe");
     let field = |name: &str| -> Vec<f64> {
         let text = key.split(&format!(" {name}=\"")).nth(1).expect("the field").split('"').next().expect("a value");

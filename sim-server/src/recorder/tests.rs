@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fiatlux_bag::{Bag, Completeness, part_of};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
-use fiatlux_proto::v3::{Observation, State, StepRecord, StepRecordAck, StepRecordRequest};
+use fiatlux_proto::v3::{EpisodeEnd, Observation, State, StepRecord, StepRecordAck, StepRecordRequest};
 use fiatlux_proto::{Message, PROTOCOL};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::Queryable;
@@ -72,6 +72,10 @@ impl FakeSession {
     }
 }
 
+fn end(steps: u64) -> EpisodeEnd {
+    EpisodeEnd { steps, ..EpisodeEnd::default() }
+}
+
 /// StepRecords of one episode of S01, the last with its result.
 fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<StepRecord> {
     let header = |step| EpisodeHeader {
@@ -90,7 +94,7 @@ fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<StepRecord> {
         state: State { step, joint_position: vec![0.5; 53], ..State::default() }.encode_to_vec(),
         observation: Observation { episode, step, last_action: vec![1.0; 53], ..Observation::default() }
             .encode_to_vec(),
-        result: (step + 1 == rows).then(|| EpisodeResult { steps: rows - 1, ..EpisodeResult::default() }),
+        result: (step + 1 == rows).then(|| EpisodeResult { end: Some(end(rows - 1)), ..EpisodeResult::default() }),
         ..StepRecord::default()
     };
     (0..rows).map(truth).collect()

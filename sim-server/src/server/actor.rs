@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use fiatlux_proto::keys::SessionKeys;
 use fiatlux_proto::{encoding, limits};
+use fiatlux_session::ServerSession;
+use fiatlux_session::server::Input;
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
@@ -13,13 +15,16 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Query;
 use zenoh::{Session as Zenoh, Wait};
 
+use super::host::Simulation;
 use super::lock;
-use super::session::{Input, Session};
+
+/// A session whose replies go to Zenoh's queries.
+pub(super) type Session = ServerSession<Simulation, Query>;
 
 /// A session with its inbox. One worker at a time has it.
 pub(super) struct Actor {
     pub id: String,
-    pub session: Mutex<Session<Query>>,
+    pub session: Mutex<Session>,
     inbox: Mutex<Inbox>,
     /// Gone once the session is done.
     pub wire: Mutex<Option<Wire>>,
@@ -30,7 +35,7 @@ struct Inbox {
     inputs: VecDeque<(Side, Input<Query>)>,
     /// How many of each side wait.
     waiting: [usize; 3],
-    passed_over: u64,
+    dropped: u64,
     tick: bool,
     /// It stands in the run queue, or a worker has it.
     scheduled: bool,
@@ -48,17 +53,17 @@ pub(super) enum Side {
 }
 
 impl Actor {
-    pub fn new(id: String, session: Session<Query>, wire: Wire) -> Self {
+    pub fn new(id: String, session: Session, wire: Wire) -> Self {
         Self { id, session: Mutex::new(session), inbox: Mutex::default(), wire: Mutex::new(Some(wire)) }
     }
 
-    /// Takes a message in; returns whether the session has to be scheduled. One too many is counted and dropped.
+    /// Takes a message in; returns whether the session has to be scheduled. Messages over the limit are counted and dropped.
     #[must_use]
     pub fn push(&self, side: Side, input: Input<Query>) -> bool {
         let mut inbox = lock(&self.inbox);
         let waiting = &mut inbox.waiting[side as usize];
         if side != Side::Server && *waiting >= limits::MAX_WAITING_MESSAGES {
-            inbox.passed_over += u64::from(side == Side::Client);
+            inbox.dropped += u64::from(side == Side::Client);
         } else {
             *waiting += 1;
             inbox.inputs.push_back((side, input));
@@ -85,14 +90,14 @@ impl Actor {
             inbox.waiting[side as usize] -= 1;
             return Some(input);
         }
-        let count = std::mem::take(&mut inbox.passed_over);
-        (count > 0).then_some(Input::PassedOver(count))
+        let count = std::mem::take(&mut inbox.dropped);
+        (count > 0).then_some(Input::Dropped(count))
     }
 
     /// Whether the worker may leave it: nothing has come meanwhile.
     pub fn park(&self) -> bool {
         let mut inbox = lock(&self.inbox);
-        inbox.scheduled = inbox.tick || inbox.passed_over > 0 || !inbox.inputs.is_empty();
+        inbox.scheduled = inbox.tick || inbox.dropped > 0 || !inbox.inputs.is_empty();
         !inbox.scheduled
     }
 

@@ -1,16 +1,14 @@
 //! What a server says of itself, of its tasks, and of a session.
 
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v3::{EpisodeHeader, FlatTerm, Joint, ServerInfo, SessionInfo, TaskInfo};
-use fiatlux_render::head_fov;
-use fiatlux_robot::{JointGains, Robot};
+use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
+use fiatlux_robot::{HandKind, JointGains, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Task};
-use fiatlux_world::{ACTION_SCALE, Episode, ObservationTerm, RNG_NAME, Scene, SceneConfig, observation_terms};
+use fiatlux_sensing::{Sensor, camera_messages, term_messages};
+use fiatlux_world::{ACTION_SCALE, Episode, RNG_NAME, Scene, SceneConfig};
 
 use super::plan::{GAINS, Plan};
-use super::session::Times;
-use crate::senses::Sensor;
-use fiatlux_wire::{domain_sample_message, geometry_message};
+use fiatlux_wire::{domain_sample_message, footprint_messages, geometry_message};
 
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -28,6 +26,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
         open_sessions: 0,
         model_digest: robot.digest().into(),
         scene_digest: scene.digest(),
+        hands: HandKind::ALL.map(|hand| hand.to_string()).into(),
     }
 }
 
@@ -74,15 +73,8 @@ pub(super) struct Labels<'a> {
     pub meshes: &'a str,
 }
 
-/// Of a session.
-pub(super) fn session(
-    server: &str,
-    id: &str,
-    plan: &Plan,
-    labels: Labels<'_>,
-    scene: &Scene,
-    times: &Times,
-) -> SessionInfo {
+/// Of a session, its timeouts aside.
+pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, scene: &Scene) -> SessionInfo {
     SessionInfo {
         protocol: Some(PROTOCOL),
         server: server.into(),
@@ -91,34 +83,22 @@ pub(super) fn session(
         mode: plan.mode().into(),
         seed: plan.seed,
         joints: joints(scene),
+        footprints: footprint_messages(scene),
         hand_bodies: hand_bodies(&scene.robot),
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
         action_scale: ACTION_SCALE,
-        action_timeout_s: times.action_timeout.as_secs_f64(),
-        grace_s: times.grace.as_secs_f64(),
-        resend_s: times.resend.as_secs_f64(),
         gains: plan.gains.to_string(),
         image_width: plan.image_size[0] as u32,
         image_height: plan.image_size[1] as u32,
-        image_fov: head_fov(),
+        cameras: camera_messages(plan.sensors.sensed(), &scene.robot),
         weights: labels.weights.into(),
         meshes: labels.meshes.into(),
         randomization: Some(plan.request.randomization.unwrap_or_default()),
         reward: plan.reward_name().into(),
-        flat_terms: if plan.sensors.all().contains(Sensor::Flat) { flat_terms(plan.task) } else { Vec::new() },
+        terms: term_messages(plan.sensors.sensed(), &plan.setup(scene)),
+        ..SessionInfo::default()
     }
-}
-
-fn flat_terms(task: Task) -> Vec<FlatTerm> {
-    let term = |term: &ObservationTerm| FlatTerm {
-        name: term.name.into(),
-        offset: term.offset as u32,
-        length: term.length as u32,
-        scale: term.scale,
-        noise: term.noise,
-    };
-    observation_terms(task).iter().map(term).collect()
 }
 
 /// Of an episode.

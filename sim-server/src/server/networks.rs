@@ -10,7 +10,6 @@ use fiatlux_proto::v3::Refusal;
 use fiatlux_proto::v3::refusal::Code;
 
 use super::lock;
-use super::plan::refusal;
 
 /// Networks that are kept; each takes 95 MB.
 const KEPT: usize = 3;
@@ -58,7 +57,7 @@ impl Networks {
         if file.is_empty() {
             return Ok(Weights::seeded(SEED));
         }
-        let wrong = |message: String| refusal(Code::Value, "weights", message);
+        let wrong = |message: String| Refusal::new(Code::Value, "weights", message);
         let Some(folder) = &self.folder else {
             return Err(wrong(format!(
                 "'{file}' cannot be read: this server has no folder of weights; start it with --weights DIR, or leave \

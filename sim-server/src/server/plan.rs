@@ -5,14 +5,14 @@ mod sensors;
 use fiatlux_features::SIDE_STEP;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Mode, OpenRequest, Refusal};
-use fiatlux_proto::{DecodeError, PROTOCOL, decode, is_compatible, limits};
+use fiatlux_proto::{PROTOCOL, decode, is_compatible, limits};
 use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
 use fiatlux_rules::{Cause, Causes, Task, Thresholds, Variant};
 
-use fiatlux_world::{EpisodeSpec, PropScale, Randomization};
+use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
 
-use crate::senses::Sensors;
+use fiatlux_sensing::{Sensors, Setup};
 use fiatlux_wire as wire;
 pub(super) use sensors::SensorPlan;
 
@@ -48,6 +48,11 @@ impl Plan {
         if self.real_time { Mode::RealTime } else { Mode::Lockstep }
     }
 
+    /// What the shapes of its terms depend on.
+    pub fn setup(&self, scene: &Scene) -> Setup {
+        Setup { image_size: self.image_size, ..Setup::new(scene, self.task) }
+    }
+
     /// An episode of the session.
     pub fn episode(&self, index: u64) -> EpisodeSpec {
         EpisodeSpec {
@@ -65,34 +70,25 @@ impl Plan {
     }
 }
 
-pub(super) fn refusal(code: Code, field: &str, message: impl Into<String>) -> Refusal {
-    Refusal { code: code.into(), message: message.into(), field: field.into() }
-}
-
-/// What cannot be read.
-pub(super) fn malformed(error: &DecodeError) -> Refusal {
-    refusal(Code::Malformed, "", error.to_string())
-}
-
 /// Reads and checks a request.
 pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
-    let request: OpenRequest = decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| malformed(&error))?;
+    let request: OpenRequest = decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
     check(&request)
 }
 
 fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
     let Some(version) = &request.protocol else {
         let message = format!("the request names no version; this server speaks {PROTOCOL}; name that one");
-        return Err(refusal(Code::Version, "protocol", message));
+        return Err(Refusal::new(Code::Version, "protocol", message));
     };
     if !is_compatible(version) {
         let message = format!(
             "the client speaks {version}, this server {PROTOCOL}; use a client of major version {}",
             PROTOCOL.major
         );
-        return Err(refusal(Code::Version, "protocol", message));
+        return Err(Refusal::new(Code::Version, "protocol", message));
     }
-    let unknown = |field: &str, error: String| refusal(Code::Unknown, field, error);
+    let unknown = |field: &str, error: String| Refusal::new(Code::Unknown, field, error);
     let real_time = match Mode::try_from(request.mode) {
         Ok(Mode::Unspecified | Mode::Lockstep) => false,
         Ok(Mode::RealTime) => true,
@@ -124,7 +120,7 @@ fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
 }
 
 fn prop_scale(request: &OpenRequest, randomize: &Randomization) -> Result<PropScale, Refusal> {
-    let wrong = |message: String| Err(refusal(Code::Value, "prop_scale", message));
+    let wrong = |message: String| Err(Refusal::new(Code::Value, "prop_scale", message));
     let scale = wire::prop_scale(&request.prop_scale.unwrap_or_default());
     if randomize.prop_scale && scale != PropScale::default() {
         return wrong("sizes are both given and to be drawn; choose one of the two".into());
@@ -144,7 +140,7 @@ fn reward(name: &str) -> Result<Variant, Refusal> {
     let found = known.into_iter().find(|reward| name == reward_name(*reward) || name.is_empty());
     found.ok_or_else(|| {
         let message = format!("there is no reward '{name}'; use one of {}", known.map(reward_name).join(", "));
-        refusal(Code::Unknown, "reward", message)
+        Refusal::new(Code::Unknown, "reward", message)
     })
 }
 
@@ -155,11 +151,11 @@ fn image_size(request: &OpenRequest, sensors: &SensorPlan) -> Result<[usize; 2],
         let side = if side == 0 { IMAGE_SIDE } else { side };
         if !(least..=most).contains(&side) {
             let message = format!("{field} is {side} pixels; it must be within {least} and {most}");
-            return Err(refusal(Code::Value, field, message));
+            return Err(Refusal::new(Code::Value, field, message));
         }
         if with_features && !(side as usize).is_multiple_of(SIDE_STEP) {
             let message = format!("{field} is {side} pixels; features need a multiple of {SIDE_STEP}");
-            return Err(refusal(Code::Value, field, message));
+            return Err(Refusal::new(Code::Value, field, message));
         }
         Ok(side as usize)
     };
@@ -169,7 +165,7 @@ fn image_size(request: &OpenRequest, sensors: &SensorPlan) -> Result<[usize; 2],
 fn check_weights(request: &OpenRequest, sensors: &SensorPlan) -> Result<(), Refusal> {
     if !request.weights.is_empty() && !sensors.all().meets(Sensors::WITH_FEATURES) {
         let message = "weights are named, but no sensor needs them; ask for features or flat, or leave them out";
-        return Err(refusal(Code::Value, "weights", message));
+        return Err(Refusal::new(Code::Value, "weights", message));
     }
     Ok(())
 }
@@ -180,20 +176,18 @@ fn gains(name: &str) -> Result<GainSet, Refusal> {
     }
     let unknown = |_| {
         let message = format!("there are no gains '{name}'; use one of {}", GAINS.join(", "));
-        refusal(Code::Unknown, "gains", message)
+        Refusal::new(Code::Unknown, "gains", message)
     };
     name.parse().map_err(unknown)
 }
 
 fn hands(name: &str) -> Result<HandKind, Refusal> {
-    if name.is_empty() {
-        return Ok(HandKind::Inspire);
-    }
     let unknown = |_| {
+        let names = HandKind::ALL.map(|hand| hand.to_string());
         let what = if name.eq_ignore_ascii_case("dex3") { "are not supported yet" } else { "do not exist" };
-        refusal(Code::Unknown, "hands", format!("hands '{name}' {what}; use 'inspire'"))
+        Refusal::new(Code::Unknown, "hands", format!("hands '{name}' {what}; use one of {}", names.join(", ")))
     };
-    name.parse().map_err(unknown)
+    wire::hands_named(name).map_err(unknown)
 }
 
 fn end_on(names: &[String]) -> Result<Option<Causes>, Refusal> {
@@ -201,7 +195,7 @@ fn end_on(names: &[String]) -> Result<Option<Causes>, Refusal> {
         return Ok(None);
     }
     let parsed: Result<Causes, _> = names.iter().map(|name| name.parse::<Cause>()).collect();
-    parsed.map(Some).map_err(|error| refusal(Code::Unknown, "end_on", error.to_string()))
+    parsed.map(Some).map_err(|error| Refusal::new(Code::Unknown, "end_on", error.to_string()))
 }
 
 fn thresholds(request: &OpenRequest) -> Result<Thresholds, Refusal> {
@@ -212,7 +206,7 @@ fn thresholds(request: &OpenRequest) -> Result<Thresholds, Refusal> {
                 fiatlux_rules::ThresholdError::Key { .. } => Code::Unknown,
                 _ => Code::Value,
             };
-            refusal(code, "thresholds", error.to_string())
+            Refusal::new(code, "thresholds", error.to_string())
         })?;
     }
     Ok(thresholds)
@@ -224,7 +218,7 @@ mod tests {
     use fiatlux_proto::v3::{self, Version};
 
     use super::*;
-    use crate::senses::Sensor;
+    use fiatlux_sensing::Sensor;
 
     fn named(names: &[&str]) -> Vec<v3::Sensor> {
         names.iter().map(|name| v3::Sensor { name: (*name).into(), ..v3::Sensor::default() }).collect()
@@ -321,7 +315,7 @@ mod tests {
             (OpenRequest { reward: "more".into(), ..request() }, Code::Unknown, "reward", "benchmark, training"),
             (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
             (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),
-            (OpenRequest { hands: "claw".into(), ..request() }, Code::Unknown, "hands", "use 'inspire'"),
+            (OpenRequest { hands: "claw".into(), ..request() }, Code::Unknown, "hands", "use one of inspire, bare"),
             (OpenRequest { end_on: list("falls"), ..request() }, Code::Unknown, "end_on", "known ones are success"),
             (
                 OpenRequest { thresholds: [("fragility".into(), 1.0)].into(), ..request() },

@@ -5,7 +5,7 @@ use std::collections::{BinaryHeap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
-use zenoh::bytes::ZBytes;
+use fiatlux_proto::Bytes;
 use zenoh::query::Query;
 
 use super::actor::Actor;
@@ -27,7 +27,7 @@ pub(super) struct Answer {
 impl Answer {
     pub fn bytes(&self) -> usize {
         match &self.kind {
-            AnswerKind::Replies(_, replies) => replies.iter().map(ZBytes::len).sum(),
+            AnswerKind::Replies(_, replies) => replies.iter().map(Bytes::len).sum(),
             AnswerKind::Refusal(bytes) => bytes.len(),
         }
     }
@@ -35,9 +35,9 @@ impl Answer {
 
 pub(super) enum AnswerKind {
     /// Messages of that name.
-    Replies(&'static str, Vec<ZBytes>),
+    Replies(&'static str, Vec<Bytes>),
     /// A refusal where there is no other form for it.
-    Refusal(ZBytes),
+    Refusal(Bytes),
 }
 
 /// Work for threads, in the order in which it came.

@@ -1,22 +1,12 @@
 //! What is recorded of an episode: its header, its rows with their events, and its result.
 
-use fiatlux_proto::Message;
 use fiatlux_proto::v3::{
     ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, StepRecord,
 };
+use fiatlux_proto::{ABORTED, Message};
 use fiatlux_rules::{Bulb, Criteria};
 use fiatlux_wire::state_message;
 use fiatlux_world::Episode;
-
-/// Cause of an end that no row brought.
-pub(super) const ABORTED: &str = "aborted";
-
-/// What an episode ends with that its rows do not say.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Missed {
-    /// Real time: steps in which the last action held.
-    pub steps: u64,
-}
 
 /// What was sensed of a row, encoded; empty where the bag is not to have it.
 #[derive(Debug, Default)]
@@ -26,7 +16,7 @@ pub(super) struct Seen {
     pub lidar: Vec<u8>,
 }
 
-/// Turns the rows of one episode into truths.
+/// Turns the rows of one episode into records.
 #[derive(Debug)]
 pub(super) struct Record {
     criteria: Criteria,
@@ -53,7 +43,7 @@ impl Record {
         let held: Vec<&str> = held.filter(|(_, holds)| *holds).map(|(name, _)| name).collect();
         let start = event(row.step, "start", &header.task, "", format!("holds: {}", held.join(", ")));
         let record = Self { criteria, seated: row.attachments.map(|attachment| attachment.seated) };
-        let truth = StepRecord {
+        let first = StepRecord {
             episode: header.episode,
             step: row.step,
             header: Some(header),
@@ -65,26 +55,19 @@ impl Record {
             scene,
             ..StepRecord::default()
         };
-        (record, truth)
+        (record, first)
     }
 
-    /// The row after a step, and the result where it is the last one. `events` happened before it.
-    pub fn row(
-        &mut self,
-        episode: &Episode,
-        action: &ActionRecord,
-        seen: Seen,
-        events: impl Iterator<Item = Event>,
-        missed: Missed,
-    ) -> StepRecord {
+    /// The row after a step, and the result where it is the last one.
+    pub fn row(&mut self, episode: &Episode, action: &ActionRecord, seen: Seen) -> StepRecord {
         let row = episode.row();
-        let mut encoded: Vec<Vec<u8>> = events.map(|event| event.encode_to_vec()).collect();
+        let mut encoded = Vec::new();
         self.note_changes(episode, |event| encoded.push(event.encode_to_vec()));
         let result = end(episode).map(|end| {
             let (cause, detail) = (&end.cause, end.causes.join(", "));
             let change = if episode.end().is_some_and(|end| end.is_truncated()) { "truncated" } else { "terminated" };
             encoded.push(event(row.step, "end", cause, change, detail).encode_to_vec());
-            result(episode, end, missed)
+            result(episode, end)
         });
         StepRecord {
             episode: episode.spec().episode,
@@ -126,18 +109,9 @@ impl Record {
     }
 }
 
-/// What ends an episode that no row ended.
-pub(super) fn aborted(episode: &Episode, why: &str, events: impl Iterator<Item = Event>, missed: Missed) -> StepRecord {
-    let step = episode.row().step;
-    let end = ended(episode, ABORTED, Vec::new());
-    let ending = event(step, "end", ABORTED, ABORTED, why.into());
-    StepRecord {
-        episode: episode.spec().episode,
-        step,
-        events: events.chain([ending]).map(|event| event.encode_to_vec()).collect(),
-        result: Some(result(episode, end, missed)),
-        ..StepRecord::default()
-    }
+/// The result of an episode that no row ended.
+pub(super) fn aborted(episode: &Episode) -> EpisodeResult {
+    result(episode, ended(episode, ABORTED, Vec::new()))
 }
 
 /// How an episode ended, once it has.
@@ -182,20 +156,15 @@ fn reward(episode: &Episode) -> Reward {
     }
 }
 
-fn result(episode: &Episode, end: EpisodeEnd, missed: Missed) -> EpisodeResult {
+fn result(episode: &Episode, end: EpisodeEnd) -> EpisodeResult {
     let (summary, totals) = (episode.summary(), episode.totals());
     EpisodeResult {
         end: Some(end),
-        success: summary.success,
-        broken: summary.broken,
-        dropped: summary.dropped,
-        gate_progress: summary.gate_progress,
         peak_hand_force_n: summary.peak_hand_force_n,
         control_effort: summary.control_effort,
-        steps: summary.steps,
         unconverged: totals.unconverged,
         steps_outside_box: totals.steps_outside_box,
-        missed_steps: missed.steps,
+        missed_steps: 0,
         total_reward: totals.reward,
         start_count: episode.judge().start_count().unwrap_or_default(),
         best_count: episode.verdict().best_count,

@@ -10,19 +10,21 @@ use fiatlux_link::in_full;
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{OpenReply, Refusal, ServerInfo, SessionInfo, open_reply};
-use fiatlux_proto::{Message, encoding};
+use fiatlux_proto::{Bytes, Message, encoding};
+use fiatlux_session::Machine;
+use fiatlux_session::server::{Input, Output, Timeouts};
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::query::Query;
 use zenoh::{Session as Zenoh, Wait};
 
-use super::actor::{Actor, Side, Wire};
+use super::actor::{Actor, Session, Side, Wire};
+use super::host::Simulation;
 use super::lock;
 use super::networks::Networks;
-use super::plan::{self, refusal};
+use super::plan;
 use super::pool::{Answer, AnswerKind, Job, Queue, Timer};
 use super::scenes::Scenes;
-use super::session::{Input, Output, Session, Times};
-use crate::senses::Sensors;
+use fiatlux_sensing::Sensors;
 
 /// Inputs that a worker gives a session before others get their turn, and how long they may take.
 const TURN: usize = 256;
@@ -37,7 +39,7 @@ pub(super) struct Shared {
     pub name: String,
     pub keys: ServerKeys,
     pub zenoh: Zenoh,
-    pub times: Times,
+    pub timeouts: Timeouts,
     pub capacity: usize,
     pub scenes: Scenes,
     pub networks: Networks,
@@ -118,7 +120,10 @@ impl Shared {
                 }
                 continue;
             };
-            session.handle(input, self.now(), &mut |output| done |= self.emit(wire.as_ref(), output));
+            session.handle(input, self.now());
+            while let Some(output) = session.poll() {
+                done |= self.emit(wire.as_ref(), output);
+            }
         }
         drop((session, wire));
         if done {
@@ -130,7 +135,7 @@ impl Shared {
 
     /// Sends what a session has to say; returns whether that was the last of it.
     fn emit(&self, wire: Option<&Wire>, output: Output<Query>) -> bool {
-        let put = |publish: fn(&Wire) -> &zenoh::pubsub::Publisher<'static>, bytes: ZBytes| {
+        let put = |publish: fn(&Wire) -> &zenoh::pubsub::Publisher<'static>, bytes: Bytes| {
             if let Some(Err(error)) = wire.map(|wire| publish(wire).put(bytes).wait()) {
                 tracing::debug!(%error, "a message is lost");
             }
@@ -149,7 +154,7 @@ impl Shared {
         false
     }
 
-    /// One too many is not sent: its client asks again.
+    /// Replies over the limit are dropped: their client asks again.
     fn answer(&self, query: Query, kind: AnswerKind) {
         let (waiting, bytes) = self.answers.fold((0, 0), |(count, bytes), answer| (count + 1, bytes + answer.bytes()));
         if waiting < MAX_ANSWERS && bytes < MAX_ANSWER_BYTES {
@@ -184,11 +189,11 @@ impl Shared {
         let mut closed = false;
         let told = catch_unwind(AssertUnwindSafe(|| {
             let (mut session, wire) = (lock(&actor.session), lock(&actor.wire));
-            let mut out = |output| {
+            session.handle(Input::Terminate("the server failed in this session"), self.now());
+            while let Some(output) = session.poll() {
                 closed |= matches!(output, Output::Closed);
                 self.emit(wire.as_ref(), output);
-            };
-            session.close("the server failed in this session", self.now(), &mut out);
+            }
         }));
         // Closing fails only where the session was open; its slot is free again.
         if told.is_err() && !closed {
@@ -219,7 +224,7 @@ impl Shared {
     fn try_open(&self, bytes: &[u8]) -> Result<SessionInfo, Refusal> {
         let plan = plan::read(bytes)?;
         if self.closing.load(Ordering::Relaxed) {
-            return Err(refusal(Code::Closed, "", "the server shuts down; open a session on another one"));
+            return Err(Refusal::new(Code::Closed, "", "the server shuts down; open a session on another one"));
         }
         let capacity = self.capacity;
         let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner).len();
@@ -233,7 +238,7 @@ impl Shared {
                      later, or start it with a larger --capacity"
                 )
             };
-            return Err(refusal(Code::Busy, "", message));
+            return Err(Refusal::new(Code::Busy, "", message));
         }
         let opened = self.open_reserved(plan);
         if opened.is_err() {
@@ -243,20 +248,23 @@ impl Shared {
     }
 
     fn open_reserved(&self, plan: plan::Plan) -> Result<SessionInfo, Refusal> {
-        let gains = self.scenes.robot().gains(plan.gains);
-        let built = self.scenes.get(plan.episode(0).scene(gains));
-        let built = built.map_err(|error| refusal(Code::Start, "seed", in_full(&error)))?;
+        let gains = self.scenes.robot(plan.hands).gains(plan.gains);
+        let built = self.scenes.get(plan.hands, plan.episode(0).scene(gains));
+        let built = built.map_err(|error| Refusal::new(Code::Start, "seed", in_full(&error)))?;
         let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
         let keys = self.keys.session(&id);
         let network =
             plan.sensors.all().meets(Sensors::WITH_FEATURES).then(|| self.networks.get(&plan.request.weights));
         let network = network.transpose()?;
         let wire = Wire::declare(&self.zenoh, &keys)
-            .map_err(|error| refusal(Code::Busy, "", format!("Zenoh refuses the session's keys: {error}")))?;
+            .map_err(|error| Refusal::new(Code::Busy, "", format!("Zenoh refuses the session's keys: {error}")))?;
         let (task, seed, policy) = (plan.task, plan.seed, plan.request.policy.clone());
         let now = self.now();
-        let session = Session::new(&self.name, &id, plan, self.times, built, network, now);
-        let info = session.info();
+        let recorded = plan.recorded;
+        let simulation = Simulation::new(&self.name, &id, plan, built, network);
+        let info = simulation.info();
+        let session = Session::new(simulation, info, recorded, self.timeouts, now);
+        let info = session.info().clone();
         let wake_at = session.wake_at();
         let actor = Arc::new(Actor::new(id.clone(), session, wire));
         let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
@@ -273,7 +281,7 @@ impl Shared {
 }
 
 /// Answers a query.
-pub(super) fn reply(query: &Query, message: &str, bytes: ZBytes) {
+pub(super) fn reply(query: &Query, message: &str, bytes: Bytes) {
     let sent = query.reply(query.key_expr().clone(), bytes).encoding(Encoding::from(encoding(message))).wait();
     if let Err(error) = sent {
         tracing::debug!(%error, key = %query.key_expr(), "a reply is lost");
@@ -281,7 +289,7 @@ pub(super) fn reply(query: &Query, message: &str, bytes: ZBytes) {
 }
 
 /// Answers a query with a [`Refusal`] as an error.
-pub(super) fn refuse(query: &Query, bytes: ZBytes) {
+pub(super) fn refuse(query: &Query, bytes: Bytes) {
     if let Err(error) = query.reply_err(bytes).encoding(Encoding::from(encoding("Refusal"))).wait() {
         tracing::debug!(%error, key = %query.key_expr(), "a refusal is lost");
     }

@@ -9,10 +9,11 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use fiatlux_proto::keys::{self, ServerKeys};
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{CloseReply, LookReply, OpenReply, ResetReply, look_reply, open_reply, reset_reply};
-use fiatlux_proto::{Message, limits};
+use fiatlux_proto::v3::{CloseReply, LookReply, OpenReply, Refusal, ResetReply, look_reply, open_reply, reset_reply};
+use fiatlux_proto::{Bytes, Message, PROTOCOL, limits};
 use fiatlux_render::{MeshError, RobotMeshes};
-use fiatlux_robot::{Robot, RobotError};
+use fiatlux_robot::{HandKind, RobotError};
+use fiatlux_session::server::{Input, Timeouts};
 use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
 use zenoh::bytes::ZBytes;
@@ -26,10 +27,8 @@ use super::actor::{Actor, Side};
 use super::info;
 use super::lock;
 use super::networks::Networks;
-use super::plan::refusal;
 use super::pool::{Job, Queue, Timer};
-use super::scenes::Scenes;
-use super::session::{Input, Times};
+use super::scenes::{Robots, Scenes};
 use super::shared::{Shared, refuse, reply};
 
 /// Requests to open or describe that wait for a worker; more are refused.
@@ -64,14 +63,15 @@ pub struct ServerOptions {
 
 impl Default for ServerOptions {
     fn default() -> Self {
+        let Timeouts { grace, action, resend, recorder } = Timeouts::default();
         Self {
             name: "local".into(),
             workers: std::thread::available_parallelism().map_or(1, usize::from),
             capacity: 64,
-            grace: Duration::from_secs(10),
-            action_timeout: Duration::from_secs(60),
-            resend: Duration::from_millis(100),
-            recorder_timeout: Duration::from_secs_f64(limits::RECORDER_TIMEOUT_S),
+            grace,
+            action_timeout: action,
+            resend,
+            recorder_timeout: recorder,
             scene: SceneConfig::default(),
             weights: None,
             meshes: None,
@@ -120,13 +120,14 @@ pub enum ServerError {
 pub struct Server {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
-    /// What hears messages; the first to go at the end.
-    declared: Vec<Declared>,
-    alive: Option<LivelinessToken>,
+    /// What receives messages; the first to go at the end.
+    endpoints: Vec<Endpoint>,
+    /// Its own, and the one that clients of older versions look for.
+    alive: Vec<LivelinessToken>,
 }
 
 #[expect(dead_code, reason = "held, not read: a declaration ends with its handle")]
-enum Declared {
+enum Endpoint {
     Subscriber(Subscriber<()>),
     Queryable(Queryable<()>),
 }
@@ -147,8 +148,9 @@ impl Server {
             }
         }
         options.scene.check()?;
-        let robot = Arc::new(Robot::g1_inspire()?);
-        let meshes = options.meshes.map(|folder| RobotMeshes::open(folder, &robot)).transpose()?.map(Arc::new);
+        let robots = Robots::load()?;
+        let robot = robots.get(HandKind::default());
+        let meshes = options.meshes.map(|folder| RobotMeshes::open(folder, robot)).transpose()?.map(Arc::new);
         let server_keys = ServerKeys::new(&options.name);
         if is_taken(&zenoh, &server_keys.alive())? {
             return Err(ServerError::Taken(options.name));
@@ -156,18 +158,18 @@ impl Server {
         // Milliseconds since 1970: no earlier server of this name had it.
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let shared = Arc::new(Shared {
-            info: info::server(&options.name, options.capacity, &robot, &options.scene),
+            info: info::server(&options.name, options.capacity, robot, &options.scene),
             name: options.name,
             keys: server_keys,
             zenoh,
-            times: Times {
+            timeouts: Timeouts {
                 grace: options.grace,
-                action_timeout: options.action_timeout,
+                action: options.action_timeout,
                 resend: options.resend,
-                recorder_timeout: options.recorder_timeout,
+                recorder: options.recorder_timeout,
             },
             capacity: options.capacity,
-            scenes: Scenes::new(options.scene, robot, meshes),
+            scenes: Scenes::new(options.scene, robots, meshes),
             networks: Networks::new(options.weights),
             queue: Queue::default(),
             answers: Queue::default(),
@@ -179,12 +181,13 @@ impl Server {
             next_id: AtomicU64::new(1),
             start: Instant::now(),
         });
-        let mut server = Self { shared, threads: Vec::new(), declared: Vec::new(), alive: None };
+        let mut server = Self { shared, threads: Vec::new(), endpoints: Vec::new(), alive: Vec::new() };
         server.start_threads(options.workers).map_err(ServerError::Thread)?;
         server.listen()?;
-        let key = server.shared.keys.alive();
-        let token = server.shared.zenoh.liveliness().declare_token(key.clone()).wait();
-        server.alive = Some(token.map_err(|error| refused(&key, error.as_ref()))?);
+        for key in [server.shared.keys.alive(), ServerKeys::legacy(&server.shared.name).alive()] {
+            let token = server.shared.zenoh.liveliness().declare_token(key.clone()).wait();
+            server.alive.push(token.map_err(|error| refused(&key, error.as_ref()))?);
+        }
         Ok(server)
     }
 
@@ -201,10 +204,10 @@ impl Server {
     /// Aborts what runs, then waits until recorders have everything, at most for `deadline`. Returns whether they do.
     pub fn shutdown(mut self, deadline: Duration) -> bool {
         self.shared.closing.store(true, Ordering::Relaxed);
-        self.alive = None;
+        self.alive.clear();
         let until = Instant::now() + deadline;
         for actor in self.shared.all() {
-            self.shared.send(&actor, Side::Server, Input::Shutdown);
+            self.shared.send(&actor, Side::Server, Input::Terminate("the server shuts down"));
         }
         let settled = |actor: &Arc<Actor>| lock(&actor.session).is_settled();
         loop {
@@ -242,67 +245,76 @@ impl Server {
         let keys = &self.shared.keys;
         let any = keys.session("*");
         let (describe, open) = (keys.describe(), keys.open());
-        self.answer(describe, Job::Describe)?;
-        self.answer(open, Job::Open)?;
-        self.hear(any.action(), Side::Client, Input::Action)?;
-        self.hear(any.truth_ack(), Side::Recorder, Input::Ack)?;
-        self.answer_session(any.reset(), Side::Client, Input::Reset)?;
-        self.answer_session(any.close(), Side::Client, Input::Close)?;
-        self.answer_session(any.observation(), Side::Client, |_, query| Input::Observation(query))?;
-        self.answer_session(any.look(), Side::Client, Input::Look)?;
-        self.answer_session(any.truth_rows(), Side::Recorder, Input::StepRecords)?;
-        self.watch_clients(any.client())
+        self.serve(describe, Job::Describe)?;
+        self.serve(open, Job::Open)?;
+        self.subscribe(any.action(), Side::Client, Input::Action)?;
+        self.subscribe(any.truth_ack(), Side::Recorder, Input::Ack)?;
+        self.serve_session(any.reset(), Side::Client, Input::Reset)?;
+        self.serve_session(any.close(), Side::Client, Input::Close)?;
+        self.serve_session(any.observation(), Side::Client, |_, query| Input::Observation(query))?;
+        self.serve_session(any.look(), Side::Client, Input::Look)?;
+        self.serve_session(any.truth_rows(), Side::Recorder, Input::StepRecords)?;
+        self.watch_clients(any.client())?;
+        let legacy = ServerKeys::legacy(&self.shared.name);
+        self.refuse_legacy(legacy.open())?;
+        self.refuse_legacy(legacy.describe())
+    }
+
+    /// Queries of clients of older versions, which would wait in vain otherwise.
+    fn refuse_legacy(&mut self, key: String) -> Result<(), ServerError> {
+        let message = format!("this server speaks protocol {PROTOCOL} alone; update the client to that version");
+        self.declare_queryable(key, move |query| reject(&query, Code::Version, "protocol", &message))
     }
 
     /// Messages to any session.
-    fn hear(&mut self, key: String, side: Side, input: fn(ZBytes) -> Input<Query>) -> Result<(), ServerError> {
+    fn subscribe(&mut self, key: String, side: Side, input: fn(Bytes) -> Input<Query>) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |sample: Sample| {
             let Some(actor) = session_of(&shared, sample.key_expr().as_str()) else { return };
             let bytes = sample.payload();
             match bytes.len() {
-                length if length <= limits::MAX_CLIENT_MESSAGE => shared.send(&actor, side, input(bytes.clone())),
+                length if length <= limits::MAX_CLIENT_MESSAGE => shared.send(&actor, side, input(own(bytes))),
                 length if side == Side::Client => shared.send(&actor, side, Input::TooLarge(length)),
                 length => tracing::debug!(length, "a recorder's message is too large"),
             }
         };
         let subscriber = self.shared.zenoh.declare_subscriber(key.clone()).callback(callback).wait();
-        self.declared.push(Declared::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
+        self.endpoints.push(Endpoint::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
 
     /// Queries to any session.
-    fn answer_session(
+    fn serve_session(
         &mut self,
         key: String,
         side: Side,
-        input: fn(ZBytes, Query) -> Input<Query>,
+        input: fn(Bytes, Query) -> Input<Query>,
     ) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |query: Query| {
             let Some(actor) = session_of(&shared, query.key_expr().as_str()) else {
-                return answer_for_nobody(&query, Code::Closed, "there is no such session; open one");
+                return reject(&query, Code::Closed, "", "there is no such session; open one");
             };
-            let bytes = query.payload().cloned().unwrap_or_default();
-            if bytes.len() > limits::MAX_CLIENT_MESSAGE {
-                return answer_for_nobody(&query, Code::Malformed, "the request is too large");
+            if query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE) {
+                return reject(&query, Code::Malformed, "", "the request is too large");
             }
+            let bytes = query.payload().map(own).unwrap_or_default();
             shared.send(&actor, side, input(bytes, query));
         };
         self.declare_queryable(key, callback)
     }
 
     /// Queries to the server.
-    fn answer(&mut self, key: String, job: fn(Query) -> Job) -> Result<(), ServerError> {
+    fn serve(&mut self, key: String, job: fn(Query) -> Job) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |query: Query| {
             let too_large = query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE);
             if too_large {
-                answer_for_nobody(&query, Code::Malformed, "the request is too large");
+                reject(&query, Code::Malformed, "", "the request is too large");
             } else if shared.queue.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))))
                 >= MAX_REQUESTS
             {
-                answer_for_nobody(&query, Code::Busy, "too many requests wait; try again later");
+                reject(&query, Code::Busy, "", "too many requests wait; try again later");
             } else {
                 shared.queue.push(job(query));
             }
@@ -316,7 +328,7 @@ impl Server {
         callback: impl Fn(Query) + Send + Sync + 'static,
     ) -> Result<(), ServerError> {
         let queryable = self.shared.zenoh.declare_queryable(key.clone()).callback(callback).wait();
-        self.declared.push(Declared::Queryable(queryable.map_err(|error| refused(&key, error.as_ref()))?));
+        self.endpoints.push(Endpoint::Queryable(queryable.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
 
@@ -331,15 +343,15 @@ impl Server {
         };
         let subscriber = self.shared.zenoh.liveliness().declare_subscriber(key.clone()).history(true);
         let subscriber = subscriber.callback(callback).wait();
-        self.declared.push(Declared::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
+        self.endpoints.push(Endpoint::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
 }
 
 impl Drop for Server {
     fn drop(&mut self) {
-        self.alive = None;
-        self.declared.clear();
+        self.alive.clear();
+        self.endpoints.clear();
         self.shared.queue.stop();
         self.shared.answers.stop();
         self.shared.timer.stop();
@@ -364,14 +376,19 @@ fn refused(key: &str, error: &(dyn std::error::Error + Send + Sync)) -> ServerEr
     ServerError::Zenoh { key: key.into(), reason: error.to_string() }
 }
 
+/// A message of Zenoh's, as the session takes it.
+fn own(bytes: &ZBytes) -> Bytes {
+    bytes.to_bytes().into_owned().into()
+}
+
 fn session_of(shared: &Shared, key: &str) -> Option<Arc<Actor>> {
     let (_, _, id) = keys::SessionKeys::of(key)?;
     shared.find(id)
 }
 
 /// A refusal that needs no session, in the form that the query's key asks for.
-fn answer_for_nobody(query: &Query, code: Code, message: &str) {
-    let refused = refusal(code, "", message);
+fn reject(query: &Query, code: Code, field: &str, message: &str) {
+    let refused = Refusal::new(code, field, message);
     let key = query.key_expr().as_str();
     match key.rsplit('/').next() {
         Some("open") => {
@@ -400,6 +417,7 @@ mod tests {
     use fiatlux_proto::v3::OpenRequest;
 
     use super::*;
+    use crate::server::host::tests::PANICS;
 
     /// A fault of ours closes the session that met it; the worker goes on with the others.
     #[test]
@@ -408,13 +426,15 @@ mod tests {
         let zenoh = fiatlux_link::embedded().unwrap();
         let options = ServerOptions { name: "panics".into(), workers: 1, capacity: 2, ..ServerOptions::default() };
         let server = Server::start(zenoh.clone(), options).unwrap();
-        let request = OpenRequest { protocol: Some(PROTOCOL), task: "S07".into(), ..OpenRequest::default() };
-        for _ in 0..2 {
+        for policy in [PANICS, "sound"] {
+            let (task, policy) = ("S07".into(), policy.into());
+            let request = OpenRequest { protocol: Some(PROTOCOL), task, policy, ..OpenRequest::default() };
             let replies = zenoh.get(server.shared.keys.open()).payload(request.encode_to_vec()).wait().unwrap();
             assert!(replies.recv().unwrap().result().is_ok());
         }
         let [faulty, other] = <[_; 2]>::try_from(server.shared.all()).unwrap_or_else(|_| panic!("two sessions"));
-        server.shared.send(&faulty, Side::Server, Input::Panic);
+        let key = server.shared.keys.session(&faulty.id).reset();
+        let _unanswered = zenoh.get(key).wait().unwrap();
         let until = Instant::now() + Duration::from_secs(10);
         while server.shared.find(&faulty.id).is_some() && Instant::now() < until {
             std::thread::sleep(Duration::from_millis(1));

@@ -33,7 +33,7 @@ fn bad_actions() -> Vec<(&'static str, Vec<u8>, Code, &'static str, &'static str
         ("the last step there is", action(0, u64::MAX).encode_to_vec(), Code::Step, "step", "step 3 is present"),
         ("another episode", action(1, 3).encode_to_vec(), Code::Step, "episode", "episode 1; episode 0 runs"),
         ("an unknown field", unknown, Code::Malformed, "", "field with number 15"),
-        ("random bytes", noise(1, 300), Code::Malformed, "", "not a Action"),
+        ("random bytes", noise(1, 300), Code::Malformed, "", "cannot decode as Action"),
         ("a large message", noise(2, 1 << 20), Code::Size, "", "a message of 1048576 bytes; the limit is 16384"),
     ]
 }

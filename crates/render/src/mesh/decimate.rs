@@ -1,6 +1,6 @@
 //! Coarser versions of a surface.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
@@ -33,7 +33,7 @@ impl Surface {
     }
 
     fn clustered(&self, cell: f64) -> Self {
-        let mut cells = HashMap::new();
+        let mut cells = BTreeMap::new();
         let mut points: Vec<(Vector3<f64>, f64)> = Vec::new();
         let index_of: Vec<u32> = self
             .points

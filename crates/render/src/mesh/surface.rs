@@ -1,6 +1,6 @@
 //! Triangles from elsewhere: joined at their corners, turned outwards, and with normals.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -31,7 +31,7 @@ impl Surface {
     /// From the corners of triangles, m. What has no area is left out. A surface that is inside out is turned.
     pub(crate) fn new(triangles: &[[[f32; 3]; 3]]) -> Self {
         let mut points = Vec::new();
-        let mut index_of = HashMap::new();
+        let mut index_of = BTreeMap::new();
         let mut faces: Vec<[u32; 3]> = Vec::with_capacity(triangles.len());
         for triangle in triangles {
             let [a, b, c] = triangle.map(|p| {
@@ -78,7 +78,7 @@ impl Surface {
     }
 
     fn has_no_rim(&self) -> bool {
-        let mut edges: HashMap<[u32; 2], i32> = HashMap::new();
+        let mut edges: BTreeMap<[u32; 2], i32> = BTreeMap::new();
         for [a, b, c] in &self.faces {
             for [from, to] in [[a, b], [b, c], [c, a]] {
                 let (edge, way) = if from < to { ([*from, *to], 1) } else { ([*to, *from], -1) };
@@ -102,7 +102,7 @@ impl Surface {
     /// Adds the triangles to a mesh, both sides of them where the surface is not closed.
     pub(crate) fn add_to(&self, mesh: &mut Mesh, paint: Paint) {
         let normals = self.normals();
-        let mut index_of = HashMap::new();
+        let mut index_of = BTreeMap::new();
         let here = Isometry3::identity();
         let sides: &[f64] = if self.is_closed { &[1.0] } else { &[1.0, -1.0] };
         for side in sides {

@@ -1,7 +1,5 @@
 //! Terms on how the robot moves, shared by all rewards.
 
-use std::f64::consts::FRAC_PI_6;
-
 use nalgebra::Vector3;
 
 use super::term::{Kind, TermSpec, View};
@@ -9,9 +7,12 @@ use crate::row::{Bulb, CONTROL_DT, LIMBS, Limb, Row};
 
 /// Hips and knees in the public joint order.
 const HIPS_AND_KNEES: [usize; 8] = [0, 1, 2, 3, 6, 7, 8, 9];
-/// Ankle pitch and roll in the public joint order, with their limits, rad (G1 description).
-const ANKLES: [(usize, [f64; 2]); 4] = [(4, PITCH_LIMITS), (5, ROLL_LIMITS), (10, PITCH_LIMITS), (11, ROLL_LIMITS)];
-const PITCH_LIMITS: [f64; 2] = [-0.87267, FRAC_PI_6];
+/// Ankle pitch and roll in the public joint order, with their limits, rad: those of the robot's file, which the rulebook
+/// does not read.
+pub const ANKLE_LIMITS: [(usize, [f64; 2]); 4] =
+    [(4, PITCH_LIMITS), (5, ROLL_LIMITS), (10, PITCH_LIMITS), (11, ROLL_LIMITS)];
+#[expect(clippy::approx_constant, reason = "the figure of the robot's file, rounded as it is there")]
+const PITCH_LIMITS: [f64; 2] = [-0.87267, 0.5236];
 const ROLL_LIMITS: [f64; 2] = [-0.2618, 0.2618];
 /// Waist in the public joint order.
 const WAIST: std::ops::Range<usize> = 12..15;
@@ -63,7 +64,7 @@ fn ankle_limits(view: &View<'_>) -> f64 {
         let (middle, soft_half) = ((lower + upper) / 2.0, SOFT_RANGE * (upper - lower) / 2.0);
         ((of_joint(&view.row.joint_position, *joint) - middle).abs() - soft_half).max(0.0)
     };
-    ANKLES.iter().map(excess).sum()
+    ANKLE_LIMITS.iter().map(excess).sum()
 }
 
 /// Sum of the waist joints' deviations from the standing posture, which has them at 0, rad.

@@ -23,7 +23,7 @@ fn action(step: u64) -> [f64; JOINTS] {
 fn run(episode: &mut Episode, steps: u64) -> Vec<String> {
     let mut digests = vec![episode.digest().hex()];
     for step in 0..steps {
-        if episode.step(Command::Action(&action(step))).is_err() {
+        if episode.step(&action(step)).is_err() {
             break;
         }
         digests.push(episode.digest().hex());
@@ -53,15 +53,15 @@ fn joint_targets_are_the_same_as_the_action_they_stand_for() {
     let [mut by_target, mut by_action] = [(), ()].map(|()| Episode::start(Arc::clone(&scene), &spec).unwrap());
     for step in 0..30 {
         let target: [f64; JOINTS] = std::array::from_fn(|joint| scene.robot.q0()[joint] + 0.5 * action(step)[joint]);
-        by_target.step(Command::JointTarget(&target)).unwrap();
+        by_target.step(&by_target.action_for(&target)).unwrap();
         let recorded = by_target.row().action.clone();
-        by_action.step(Command::Action(&recorded)).unwrap();
+        by_action.step(&recorded).unwrap();
         for joint in 0..JOINTS {
             assert!((recorded[joint] - action(step)[joint]).abs() < 1e-15, "{joint}");
         }
     }
     assert_eq!(by_target.digest().hex(), by_action.digest().hex());
-    assert_eq!(by_target.observation(), by_action.observation());
+    assert_eq!(by_target.row(), by_action.row());
 }
 
 #[test]
@@ -71,12 +71,12 @@ fn a_refused_command_changes_nothing() {
     let before = episode.digest().hex();
     let mut bad = [0.0; JOINTS];
     bad[7] = f64::NAN;
-    assert!(matches!(episode.step(Command::Action(&bad)), Err(EpisodeError::World(WorldError::Joint { .. }))));
+    assert!(matches!(episode.step(&bad), Err(EpisodeError::World(WorldError::Joint { .. }))));
     // Finite as a target, but not as an action.
     bad[7] = f64::MAX;
-    assert!(matches!(episode.step(Command::JointTarget(&bad)), Err(EpisodeError::World(WorldError::Joint { .. }))));
+    assert!(matches!(episode.step(&episode.action_for(&bad)), Err(EpisodeError::World(WorldError::Joint { .. }))));
     assert_eq!((episode.row().step, episode.digest().hex()), (0, before));
-    assert_eq!(episode.observation().joint_position.len(), JOINTS);
+    assert_eq!(episode.row().joint_position.len(), JOINTS);
 }
 
 /// Zero action falls within seconds; the fall is the end, and nothing follows it.
@@ -86,7 +86,7 @@ fn an_episode_ends_once() {
     let mut episode = Episode::start(scene(&spec), &spec).unwrap();
     let mut steps = 0;
     while episode.end().is_none() {
-        let step = episode.step(Command::Action(&[0.0; JOINTS])).unwrap();
+        let step = episode.step(&[0.0; JOINTS]).unwrap();
         assert!(!step.outside_box);
         steps += 1;
         assert!(steps < 600, "zero action must fall");
@@ -94,7 +94,7 @@ fn an_episode_ends_once() {
     assert_eq!(episode.end().unwrap().cause(), Cause::Fall);
     assert_eq!(episode.newly_met().collect::<Vec<_>>(), [Cause::Fall]);
     assert_eq!(episode.summary().steps, steps);
-    let error = episode.step(Command::Action(&[0.0; JOINTS])).unwrap_err();
+    let error = episode.step(&[0.0; JOINTS]).unwrap_err();
     assert_eq!(error, EpisodeError::Ended { step: steps });
 }
 

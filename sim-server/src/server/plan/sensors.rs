@@ -5,8 +5,7 @@ use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{OpenRequest, Refusal};
 use fiatlux_rules::{CONTROL_DT, Task};
 
-use super::refusal;
-use crate::senses::{Sensor, Sensors};
+use fiatlux_sensing::{Sensor, Sensors, Sight};
 
 /// Observations a second.
 const STEP_HZ: f64 = 1.0 / CONTROL_DT;
@@ -29,6 +28,8 @@ enum Use {
 struct Choice {
     sensor: Sensor,
     use_: Use,
+    /// It sees more than the published one.
+    see_room: bool,
     /// Steps from one record to the next, where it is large and in the bag.
     record_period: Option<u64>,
 }
@@ -59,6 +60,11 @@ impl SensorPlan {
         self.due(step).without(Sensors::LARGE).and(self.of(is_due))
     }
 
+    /// What the LiDAR sees.
+    pub fn sight(&self) -> Sight {
+        if self.0.iter().any(|choice| choice.see_room) { Sight::Room } else { Sight::Published }
+    }
+
     fn of(&self, is_in: impl Fn(&Choice) -> bool) -> Sensors {
         self.0.iter().filter(|choice| is_in(choice)).fold(Sensors::NONE, |set, choice| set.with(choice.sensor))
     }
@@ -73,6 +79,7 @@ impl SensorPlan {
             recorded: choice.record_period.is_some(),
             record_hz: choice.record_period.map_or(0.0, hz),
             bag_only: choice.use_ == Use::BagOnly,
+            see_room: choice.see_room,
         };
         self.0.iter().map(message).collect()
     }
@@ -85,15 +92,18 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
         let name = &asked.name;
         let Some(sensor) = Sensor::by_name(name) else {
             let message = format!("sensor '{name}' does not exist; ask for some of {}", Sensor::names());
-            return Err(refusal(Code::Unknown, "sensors", message));
+            return Err(Refusal::new(Code::Unknown, "sensors", message));
         };
-        let wrong = |message: String| Err(refusal(Code::Value, "sensors", message));
+        let wrong = |message: String| Err(Refusal::new(Code::Value, "sensors", message));
         if choices.iter().any(|choice| choice.sensor == sensor) {
             return wrong(format!("sensor '{name}' is listed twice; list it once, with one rate"));
         }
         let rated = asked.rate_hz != 0.0;
         if u8::from(asked.on_request) + u8::from(asked.bag_only) + u8::from(rated) > 1 {
             return wrong(format!("sensor '{name}' has more than one of rate_hz, on_request and bag_only; choose one"));
+        }
+        if asked.see_room && sensor != Sensor::Lidar {
+            return wrong(format!("sensor '{name}' has see_room, which only lidar takes; leave it out"));
         }
         if !asked.recorded && (asked.record_hz != 0.0 || asked.bag_only) {
             return wrong(format!(
@@ -111,10 +121,10 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
             _ => Use::Every(period(name, "rate_hz", asked.rate_hz, STEP_HZ)?),
         };
         let record_period = asked.recorded.then(|| period(name, "record_hz", asked.record_hz, RECORD_HZ));
-        choices.push(Choice { sensor, use_, record_period: record_period.transpose()? });
+        choices.push(Choice { sensor, use_, see_room: asked.see_room, record_period: record_period.transpose()? });
     }
     if choices.iter().all(|choice| choice.use_ == Use::BagOnly) {
-        let choice = |sensor| Choice { sensor, use_: Use::Every(1), record_period: None };
+        let choice = |sensor| Choice { sensor, use_: Use::Every(1), see_room: false, record_period: None };
         choices.extend(Sensors::of_body(task).iter().map(choice));
     }
     choices.sort_by_key(|choice| choice.sensor as u16);
@@ -139,10 +149,10 @@ fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refus
             "{field} of sensor '{name}' is {hz}; it must be {STEP_HZ} divided by a whole number: \
              the nearest ones are {slower:.4} and {faster:.4}"
         );
-        return Err(refusal(Code::Value, "sensors", message));
+        return Err(Refusal::new(Code::Value, "sensors", message));
     }
     let message = format!("{field} of sensor '{name}' is {hz}; it must be within {LEAST_HZ} and {STEP_HZ}, in Hz");
-    Err(refusal(Code::Value, "sensors", message))
+    Err(Refusal::new(Code::Value, "sensors", message))
 }
 
 #[cfg(test)]
@@ -216,6 +226,7 @@ mod tests {
             (vec![v3::Sensor { record_hz: 5.0, ..sensor("lidar") }], "not recorded"),
             (vec![v3::Sensor { bag_only: true, ..sensor("lidar") }], "not recorded"),
             (vec![v3::Sensor { recorded: true, ..sensor("verdict") }], "is small"),
+            (vec![v3::Sensor { see_room: true, ..sensor("camera") }], "only lidar takes"),
         ];
         for (sensors, message) in cases {
             let refusal = plan(sensors).expect_err(message);

@@ -1,0 +1,153 @@
+//! Bags that are cut, damaged or made up.
+
+use std::path::Path;
+
+use crate::common::{Random, folder, header, push, result, state, write};
+use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, ROWS_PER_CHUNK};
+
+const ROWS: u64 = 4 * ROWS_PER_CHUNK + 40;
+
+/// Steps after which a state chunk ends, with the byte after the chunk.
+fn state_chunks(bytes: &[u8]) -> Vec<(u64, u64)> {
+    let summary = mcap::Summary::read(bytes).expect("a summary").expect("a summary");
+    let channel = summary.channels.values().find(|channel| channel.topic == "/state").expect("states").id;
+    let with_states = summary.chunk_indexes.iter().filter(|c| c.message_index_offsets.contains_key(&channel));
+    with_states.map(|c| (c.message_end_time / 20_000_000 + 1, c.chunk_start_offset + c.chunk_length)).collect()
+}
+
+#[test]
+fn a_cut_file_gives_its_whole_chunks_and_says_that_it_is_cut() {
+    let folder = folder("cut_anywhere");
+    let bytes = std::fs::read(write(&folder.join("whole.mcap"), ROWS)).expect("bytes");
+    let chunks = state_chunks(&bytes);
+    let mut random = Random(3);
+    let mut at: Vec<usize> = (0..20).map(|_| random.below(bytes.len())).collect();
+    // And where a chunk has all its bytes but not its indexes.
+    at.extend(chunks.iter().flat_map(|(_, end)| [*end as usize, *end as usize + 40]));
+    at.extend([0, 3, 8, 100, bytes.len() - 1, bytes.len() - 40]);
+    for cut in at {
+        let path = folder.join(format!("{cut}.mcap"));
+        std::fs::write(&path, &bytes[..cut]).expect("a cut file");
+        let whole = chunks.iter().filter(|(_, end)| *end <= cut as u64).map(|(steps, _)| *steps).max().unwrap_or(0);
+        match Bag::open(&path) {
+            Ok(bag) => {
+                let Completeness::Cut { next_step, reason } = bag.completeness() else { panic!("{cut} is not whole") };
+                assert!(reason.contains(&format!("the file ends at byte {cut}")), "{reason}");
+                assert_eq!(*next_step, whole, "cut at {cut}");
+                let states: Result<Vec<_>, _> = bag.states().collect();
+                assert_eq!(states.expect("states"), (0..whole).map(state).collect::<Vec<_>>(), "cut at {cut}");
+                let observations = bag.observations().map(|read| read.expect("an observation"));
+                assert!(observations.count() as u64 >= whole);
+            }
+            Err(error) => {
+                assert!(cut < 3000, "{error}");
+                assert!(matches!(error, BagError::NotABag { .. }), "{error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_cut_file_is_taken_up_again() {
+    let folder = folder("cut_again");
+    let bytes = std::fs::read(write(&folder.join("whole.mcap"), ROWS)).expect("bytes");
+    let mut random = Random(5);
+    for _ in 0..10 {
+        let cut = 20_000 + random.below(bytes.len() - 20_000);
+        let path = folder.join(format!("{cut}.mcap"));
+        std::fs::write(fiatlux_bag::part_of(&path), &bytes[..cut]).expect("a cut file");
+        let mut writer = BagWriter::resume(&path).expect("taken up again").writer;
+        let next_step = writer.next_step();
+        push(&mut writer, next_step..ROWS);
+        let path = writer.finish(&result(ROWS)).expect("a finished bag");
+        assert!(std::fs::read(path).expect("bytes") == bytes, "{cut}");
+    }
+}
+
+/// Reads all there is and counts messages; what is wrong must be an error.
+fn read_all(path: &Path) -> Result<usize, BagError> {
+    let bag = Bag::open(path)?;
+    let mut count = 0;
+    for read in [
+        bag.states().try_fold(0, |n, read| read.map(|_| n + 1)),
+        bag.actions().try_fold(0, |n, read| read.map(|_| n + 1)),
+        bag.observations().try_fold(0, |n, read| read.map(|_| n + 1)),
+        bag.rewards().try_fold(0, |n, read| read.map(|_| n + 1)),
+        bag.events().try_fold(0, |n, read| read.map(|_| n + 1)),
+    ] {
+        count += read?;
+    }
+    Ok(count)
+}
+
+#[test]
+fn damage_never_panics() {
+    let folder = folder("flips");
+    let whole = folder.join("whole.mcap");
+    let bytes = std::fs::read(write(&whole, ROWS)).expect("bytes");
+    let count = read_all(&whole).expect("a whole bag");
+    let (mut random, mut told) = (Random(11), 0);
+    let path = folder.join("flipped.mcap");
+    // Anywhere, and among the lengths and names at the start.
+    for (round, limit) in [(0, bytes.len()), (1, 20_000)].into_iter().flat_map(|range| vec![range; 200]) {
+        let (at, bit) = (random.below(limit), random.below(8));
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 1 << bit;
+        std::fs::write(&path, &flipped).expect("a flipped file");
+        match read_all(&path) {
+            Err(error) => {
+                assert!(error.to_string().contains("flipped.mcap"), "{error}");
+                told += 1;
+            }
+            Ok(read) => {
+                // What is not noticed is in no message: it may only be fewer where the bag says that it is cut.
+                let bag = Bag::open(&path).expect("a bag");
+                let cut = bag.completeness() != &Completeness::Whole;
+                assert!(cut || read == count, "round {round}, bit {bit} of byte {at}: {read} of {count} messages");
+                told += usize::from(cut);
+            }
+        }
+    }
+    assert!(told > 200, "only {told} of 400 flips were noticed");
+}
+
+#[test]
+fn made_up_bytes_never_panic() {
+    let folder = folder("made_up");
+    let bytes = std::fs::read(write(&folder.join("whole.mcap"), 40)).expect("bytes");
+    let mut random = Random(17);
+    let path = folder.join("made_up.mcap");
+    for round in 0..200 {
+        let mut made_up: Vec<u8> = (0..random.below(4000)).map(|_| random.below(256) as u8).collect();
+        if round % 2 == 0 {
+            made_up = [&bytes[..8 + random.below(bytes.len() - 8)], &made_up].concat();
+        }
+        std::fs::write(&path, &made_up).expect("a made-up file");
+        let _ = read_all(&path);
+    }
+}
+
+/// A chunk that says it is larger than any of ours is not unpacked, whatever it unpacks to.
+#[test]
+fn a_bomb_is_refused() {
+    let path = folder("bomb").join("a.mcap");
+    let options = mcap::WriteOptions::new().chunk_size(None).compression_threads(0);
+    let mut writer = options.create(std::fs::File::create(&path).expect("a file")).expect("a writer");
+    let small = BagWriter::create(&path.with_extension("small"), &header()).expect("a bag");
+    let small = std::fs::read(small.finish(&result(1)).expect("a finished bag")).expect("bytes");
+    let summary = mcap::Summary::read(&small).expect("a summary").expect("a summary");
+    let index = &summary.metadata_indexes[0];
+    let record = &small[index.offset as usize + 9..(index.offset + index.length) as usize];
+    let Ok(mcap::records::Record::Metadata(metadata)) = mcap::parse_record(0x0c, record) else { panic!("metadata") };
+    writer.write_metadata(&metadata).expect("metadata");
+    let schema = writer.add_schema("fiatlux.v3.State", "protobuf", &[]).expect("a schema");
+    let channel = writer.add_channel(schema, "/state", "protobuf", &Default::default()).expect("a channel");
+    let header = mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: 0, publish_time: 0 };
+    writer.write_to_known_channel(&header, &vec![0; 100 << 20]).expect("a bomb");
+    writer.finish().expect("a finished file");
+    drop(writer);
+    assert!(std::fs::metadata(&path).expect("a file").len() < 1 << 20);
+    let bag = Bag::open(&path).expect("the header is fine");
+    assert!(matches!(bag.completeness(), Completeness::Cut { .. }));
+    assert_eq!(bag.states().count(), 0);
+}

@@ -1,0 +1,6 @@
+//! Bags written, read, cut and damaged.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod common;
+mod hostile;
+mod round_trip;

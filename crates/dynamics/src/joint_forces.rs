@@ -1,0 +1,87 @@
+//! What acts on one degree of freedom alone: drives and joint limits.
+
+use crate::spec::{Drive, Hinge};
+
+/// Compliance of a joint limit, in units of the joint's inverse inertia.
+const COMPLIANCE: f64 = 1e-2;
+/// Part of a violated limit that one step takes back, and the fastest return, rad/s.
+const BAUMGARTE: f64 = 0.2;
+const RETURN_MAX: f64 = 1.0;
+
+/// A drive over one step: its effort falls linearly with the velocity at the end of the step, within its limits.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ImplicitDrive {
+    pub dof: usize,
+    /// Effort is `offset - slope * v`, clamped at `limit`.
+    offset: f64,
+    slope: f64,
+    limit: f64,
+}
+
+/// The limits of a joint over one step.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct JointLimit {
+    pub dof: usize,
+    /// Velocity bounds and the inverse compliance beyond them.
+    low: f64,
+    high: f64,
+    inverse_compliance: f64,
+}
+
+impl ImplicitDrive {
+    /// The drive of a joint that is `error` rad short of its target.
+    pub fn new(dof: usize, drive: &Drive, error: f64, dt: f64) -> Self {
+        let slope = drive.stiffness * dt + drive.damping;
+        Self { dof, offset: drive.stiffness * error, slope, limit: drive.effort_limit }
+    }
+
+    /// Stiffness for the Hessian: the derivative, or with caution the secant of a saturated drive to where its effort is
+    /// zero, which bounds the potential from above (as for Huber's function).
+    pub fn stiffness(&self, velocity: f64, caution: f64) -> f64 {
+        let (effort, slope) = self.effort(velocity);
+        if caution > 0.0 && slope == 0.0 && self.slope > 0.0 {
+            caution * effort / (self.offset / self.slope - velocity)
+        } else {
+            slope
+        }
+    }
+
+    /// Effort at a velocity, and its decrease per velocity (0 when saturated).
+    #[inline(always)]
+    pub fn effort(&self, velocity: f64) -> (f64, f64) {
+        let effort = self.offset - self.slope * velocity;
+        if effort > self.limit {
+            (self.limit, 0.0)
+        } else if effort < -self.limit {
+            (-self.limit, 0.0)
+        } else {
+            (effort, self.slope)
+        }
+    }
+}
+
+impl JointLimit {
+    /// The limits of a joint at `q`; none if it has no limits.
+    pub fn new(dof: usize, hinge: &Hinge, q: f64, inverse_weight: f64, dt: f64) -> Option<Self> {
+        let bound = |gap: f64| {
+            // Up to the limit if it is ahead, back at a limited rate if it was passed.
+            if gap >= 0.0 { gap / dt } else { (BAUMGARTE * gap / dt).max(-RETURN_MAX) }
+        };
+        let (low, high) = (-bound(q - hinge.lower), bound(hinge.upper - q));
+        let limited = low > f64::NEG_INFINITY || high < f64::INFINITY;
+        limited.then_some(Self { dof, low, high, inverse_compliance: 1.0 / (COMPLIANCE * inverse_weight) })
+    }
+
+    /// Impulse at a velocity, and its decrease per velocity.
+    #[inline(always)]
+    pub fn impulse(&self, velocity: f64) -> (f64, f64) {
+        let c = self.inverse_compliance;
+        if velocity < self.low {
+            ((self.low - velocity) * c, c)
+        } else if velocity > self.high {
+            ((self.high - velocity) * c, c)
+        } else {
+            (0.0, 0.0)
+        }
+    }
+}

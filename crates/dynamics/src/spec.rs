@@ -1,0 +1,136 @@
+//! What a model is asked to contain: bodies, joints, drives and collision shapes, as the caller describes them.
+
+use std::cmp::Ordering;
+
+use nalgebra::{Isometry3, Matrix3, UnitVector3, Vector3};
+
+/// Index of a body; 0 is the world, which never moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct BodyId(pub usize);
+
+impl BodyId {
+    /// The world.
+    pub const WORLD: BodyId = BodyId(0);
+}
+
+/// Index of a collision shape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ShapeId(pub usize);
+
+/// A position drive: effort `stiffness (target - q) - damping qd`, clamped at `effort_limit`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drive {
+    /// N m/rad, at least 0.
+    pub stiffness: f64,
+    /// N m s/rad, at least 0.
+    pub damping: f64,
+    /// N m, above 0; may be infinite.
+    pub effort_limit: f64,
+}
+
+/// A one-axis rotary joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hinge {
+    /// Axis in the body's frame.
+    pub axis: UnitVector3<f64>,
+    /// Lower limit, rad; may be minus infinity.
+    pub lower: f64,
+    /// Upper limit, rad; may be infinite.
+    pub upper: f64,
+    /// Inertia of the motor's rotor seen at the joint, kg m^2.
+    pub armature: f64,
+    /// The drive, if the joint has one.
+    pub drive: Option<Drive>,
+}
+
+/// How a body is joined to its parent.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Joint {
+    /// Six free coordinates; only below the world. The coordinates are absolute: `parent_from_body` is the reference pose.
+    Free,
+    /// One rotary coordinate about an axis through the body's origin.
+    Hinge(Hinge),
+}
+
+/// A rigid body as given to [`ModelBuilder::add_body`](crate::ModelBuilder::add_body).
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodySpec {
+    /// Unique name; also the name of its joint in exports.
+    pub name: String,
+    /// An earlier body, or [`BodyId::WORLD`].
+    pub parent: BodyId,
+    /// Pose in the parent at joint coordinate zero.
+    pub parent_from_body: Isometry3<f64>,
+    /// Joint to the parent.
+    pub joint: Joint,
+    /// kg, above 0.
+    pub mass: f64,
+    /// Centre of mass in the body's frame, m.
+    pub com: Vector3<f64>,
+    /// Inertia about the centre of mass, body axes, kg m^2.
+    pub inertia: Matrix3<f64>,
+}
+
+/// A collision shape's geometry, about its own frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Geometry {
+    /// All points with z below 0; only on the world.
+    HalfSpace,
+    /// A ball.
+    Sphere {
+        /// m.
+        radius: f64,
+    },
+    /// A segment of length `2 half_length` along z, thickened by `radius`.
+    Capsule {
+        /// m.
+        radius: f64,
+        /// Half the length of the segment between the two cap centres, m.
+        half_length: f64,
+    },
+    /// A box.
+    Cuboid {
+        /// m.
+        half_extents: Vector3<f64>,
+    },
+}
+
+/// Coulomb friction of a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Material {
+    /// Coefficient, at least 0.
+    pub friction: f64,
+    /// The surface with the higher priority decides a pair's coefficient; at equal priority the larger coefficient does.
+    pub priority: i32,
+}
+
+impl Material {
+    /// The coefficient that holds between two surfaces.
+    pub fn pair_friction(&self, other: &Material) -> f64 {
+        match self.priority.cmp(&other.priority) {
+            Ordering::Greater => self.friction,
+            Ordering::Less => other.friction,
+            Ordering::Equal => self.friction.max(other.friction),
+        }
+    }
+}
+
+/// A collision shape as given to [`ModelBuilder::add_shape`](crate::ModelBuilder::add_shape).
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShapeSpec {
+    /// Unique name.
+    pub name: String,
+    /// Body that carries it.
+    pub body: BodyId,
+    /// Pose in that body.
+    pub body_from_shape: Isometry3<f64>,
+    /// Geometry about the shape's own frame.
+    pub geometry: Geometry,
+    /// Surface.
+    pub material: Material,
+    /// Shapes of one cull group lie near each other (a limb, a piece of furniture): they are culled together. A cull group belongs
+    /// to the world or to moving bodies, not to both.
+    pub cull_group: u16,
+    /// What the caller wants contact forces summed by, such as a link's index; the engine only passes it on.
+    pub label: u32,
+}

@@ -1,0 +1,54 @@
+//! A step allocates nothing in a varied world either, contacts and drives included.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::alloc::System;
+
+use fiatlux_dynamics::*;
+use nalgebra::{Isometry3, Matrix3, Vector3};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+#[test]
+fn a_step_of_a_varied_world_allocates_nothing() {
+    let mut builder = ModelBuilder::new();
+    let body = |name: &str, parent, joint| BodySpec {
+        name: name.into(),
+        parent,
+        parent_from_body: Isometry3::translation(0.0, 0.0, 0.12),
+        joint,
+        mass: 2.0,
+        com: Vector3::zeros(),
+        inertia: Matrix3::identity() * 0.01,
+    };
+    let base = builder.add_body(body("base", BodyId::WORLD, Joint::Free)).unwrap();
+    let drive = Some(Drive { stiffness: 50.0, damping: 1.0, effort_limit: 10.0 });
+    let hinge = Hinge { axis: Vector3::y_axis(), lower: -1.0, upper: 1.0, armature: 0.01, drive };
+    let arm = builder.add_body(body("arm", base, Joint::Hinge(hinge))).unwrap();
+    for (body, geometry) in
+        [(BodyId::WORLD, Geometry::HalfSpace), (base, Geometry::Cuboid { half_extents: Vector3::repeat(0.1) })]
+    {
+        let (name, body_from_shape) = (format!("shape {}", body.0), Isometry3::identity());
+        let (material, cull_group) = (Material { friction: 0.5, priority: 0 }, body.0 as u16);
+        builder.add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 }).unwrap();
+    }
+    let model = builder.build().unwrap();
+    let variation = Variation {
+        bodies: vec![(base, BodyVariation { mass: 1.2, com_offset: Vector3::new(0.01, 0.0, 0.0) })],
+        drives: vec![(arm, DriveVariation { stiffness: 0.8, damping: 1.1, effort_limit: 0.5 })],
+        frictions: vec![(ShapeId(1), 0.9)],
+    };
+    let mut dynamics = Dynamics::new(&model);
+    dynamics.set_variation(&model, &variation).unwrap();
+    let mut state = model.reference_state();
+    let region = Region::new(ALLOCATOR);
+    let mut most_contacts = 0;
+    for _ in 0..200 {
+        dynamics.step(&model, &mut state, &Input { targets: &[0.9], ..Input::default() }, 0.005);
+        most_contacts = most_contacts.max(dynamics.contacts().len());
+    }
+    let change = region.change();
+    assert!(most_contacts >= 4, "the base must rest on the floor: {most_contacts} contacts");
+    assert_eq!(change.allocations + change.reallocations, 0, "{change:?}");
+}

@@ -1,0 +1,5 @@
+//! What pictures show, and the meshes that a user brings.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod frames;
+mod robot_meshes;

@@ -1,0 +1,7 @@
+//! The G1 as data and as a model, and what its loader refuses.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod g1;
+mod g1_bare;
+mod model;
+mod refused;

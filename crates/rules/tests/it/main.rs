@@ -1,0 +1,11 @@
+//! The rulebook in episodes made by hand.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod ends;
+mod gates;
+mod limits;
+mod progress;
+mod rewards;
+mod scores;

@@ -1,0 +1,168 @@
+//! What sensors share: each is computed at most once a row.
+
+use std::sync::Arc;
+
+use fiatlux_features::{FeatureError, ResNet18};
+use fiatlux_render::{Camera, Image, Lighting, RenderError, Renderer, Visuals};
+use fiatlux_world::{Scene, SceneError};
+use thiserror::Error;
+
+use crate::{Lidar, NoiseSeed, Observer, Proprioception, Sensors, Sight, View};
+
+/// Why a sensor has nothing to say.
+#[derive(Debug, Error)]
+pub enum SenseError {
+    /// The robot lacks the sensor's mount.
+    #[error("the scene's robot has no such sensor")]
+    Mount(#[from] SceneError),
+    /// No camera, or no picture.
+    #[error("the camera gives no image")]
+    Camera(#[from] RenderError),
+    /// The network refuses, or its numbers overflow.
+    #[error("the image has no features")]
+    Features(#[from] FeatureError),
+    /// It was not among those that the suite was made for, or no episode has begun.
+    #[error("the sensors were made without {0}")]
+    Absent(&'static str),
+    /// The caller's buffer has another length than the sensor.
+    #[error("sensor '{sensor}' has {expected} numbers; the buffer has room for {found}")]
+    Buffer {
+        /// The sensor.
+        sensor: &'static str,
+        /// Numbers of the sensor.
+        expected: usize,
+        /// Length of the buffer.
+        found: usize,
+    },
+}
+
+/// Something and the step of the row that it was last made for.
+#[derive(Debug)]
+struct Made<T> {
+    by: T,
+    step: Option<u64>,
+}
+
+impl<T> Made<T> {
+    fn new(by: T) -> Self {
+        Self { by, step: None }
+    }
+
+    /// Whether it has to be made for a row; from then on it counts as made.
+    fn is_due(&mut self, step: u64) -> bool {
+        self.step.replace(step) != Some(step)
+    }
+}
+
+#[derive(Debug)]
+struct Studio {
+    visuals: Arc<Visuals>,
+    lighting: Lighting,
+    /// By the camera's name.
+    cameras: Vec<(&'static str, Made<Renderer>)>,
+}
+
+#[derive(Debug)]
+pub(crate) struct Devices {
+    /// What the LiDAR sees where a sensor does not ask for the published sight.
+    pub sight: Sight,
+    image_size: [usize; 2],
+    body: Option<Made<(Observer, Proprioception)>>,
+    lidars: Vec<(Sight, Made<Lidar>)>,
+    studio: Option<Studio>,
+    network: Option<Made<ResNet18>>,
+}
+
+impl Devices {
+    pub fn new(sight: Sight, image_size: [usize; 2], network: Option<ResNet18>) -> Self {
+        let network = network.map(Made::new);
+        Self { sight, image_size, body: None, lidars: Vec::new(), studio: None, network }
+    }
+
+    pub fn begin(
+        &mut self,
+        sensors: Sensors,
+        scene: &Scene,
+        noise: Option<NoiseSeed>,
+        visuals: impl FnOnce() -> Arc<Visuals>,
+        lighting: Lighting,
+    ) -> Result<(), SenseError> {
+        let observer = Observer::new(scene.robot.q0().to_vec(), noise);
+        self.body = Some(Made::new((observer, Proprioception::zeros(scene.robot_layout().joints))));
+        self.lidars.clear();
+        if sensors.meets(Sensors::WITH_SCAN) {
+            self.lidars.push((Sight::Published, Made::new(Lidar::new(scene, Sight::Published)?)));
+            if self.sight != Sight::Published {
+                self.lidars.push((self.sight, Made::new(Lidar::new(scene, self.sight)?)));
+            }
+        }
+        if sensors.meets(Sensors::WITH_IMAGE) {
+            let [width, height] = self.image_size;
+            let mut old = self.studio.take().map(|studio| studio.cameras).unwrap_or_default();
+            let mut cameras: Vec<(_, Made<Renderer>)> = Vec::new();
+            for name in sensors.iter().filter_map(|sensor| sensor.camera()) {
+                if !cameras.iter().any(|(other, _)| *other == name) {
+                    let renderer = old.pop().map_or_else(|| Renderer::new(width, height), |(_, made)| made.by);
+                    cameras.push((name, Made::new(renderer)));
+                }
+            }
+            self.studio = Some(Studio { visuals: visuals(), lighting, cameras });
+        }
+        if let Some(network) = &mut self.network {
+            network.step = None;
+        }
+        Ok(())
+    }
+
+    /// What the robot senses of its own body.
+    pub fn body(&mut self, view: &View<'_>) -> Result<&Proprioception, SenseError> {
+        let body = self.body.as_mut().ok_or(SenseError::Absent("an episode"))?;
+        let due = body.is_due(view.row.step);
+        let (observer, sensed) = &mut body.by;
+        if due {
+            observer.observe(view.row, sensed);
+        }
+        Ok(sensed)
+    }
+
+    /// A scan.
+    pub fn scan(&mut self, view: &View<'_>, sight: Sight) -> Result<&Lidar, SenseError> {
+        let found = self.lidars.iter_mut().find(|(of, _)| *of == sight);
+        let (_, lidar) = found.ok_or(SenseError::Absent("LiDAR"))?;
+        if lidar.is_due(view.row.step) {
+            lidar.by.scan(view.row);
+        }
+        Ok(&lidar.by)
+    }
+
+    /// A camera's image.
+    pub fn picture(&mut self, view: &View<'_>, camera: &'static str) -> Result<&Image, SenseError> {
+        let Studio { visuals, lighting, cameras } = self.studio.as_mut().ok_or(SenseError::Absent("camera"))?;
+        let found = cameras.iter_mut().find(|(name, _)| *name == camera);
+        let (_, renderer) = found.ok_or(SenseError::Absent("camera"))?;
+        if renderer.step != Some(view.row.step) {
+            let [width, height] = self.image_size;
+            let camera = Camera::mounted(&view.scene.robot, camera, view.row)?.fitted(width, height);
+            renderer.by.render(visuals, view.row, &camera, lighting);
+            renderer.step = Some(view.row.step);
+        }
+        Ok(renderer.by.image())
+    }
+
+    /// The network, with the features of a camera's image.
+    pub fn recognise(&mut self, view: &View<'_>, camera: &'static str) -> Result<&ResNet18, SenseError> {
+        let mut network = self.network.take().ok_or(SenseError::Absent("features"))?;
+        let recognised = self.run(view, camera, &mut network);
+        let network = self.network.insert(network);
+        recognised.map(|()| &network.by)
+    }
+
+    fn run(&mut self, view: &View<'_>, camera: &'static str, network: &mut Made<ResNet18>) -> Result<(), SenseError> {
+        if network.step != Some(view.row.step) {
+            let image = self.picture(view, camera)?;
+            network.by.features(image.rgb(), image.width(), image.height())?;
+            network.step = Some(view.row.step);
+        }
+        Ok(())
+    }
+}

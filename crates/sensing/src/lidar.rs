@@ -1,0 +1,179 @@
+//! The LiDAR in the robot's head: ranges by our own closed forms. The published one sees the floor and the ladder and
+//! nothing else.
+//!
+//! Rows are elevations from -25 to 25 degrees, columns azimuths from -180 degrees in steps of 2, both in the frame of the
+//! link that carries it, with whose whole orientation it turns; the index is 180 row + column. That frame is mounted
+//! upside down: row 0 looks up. The pattern and its range are those of the published benchmark (its lidar pattern and
+//! sensor config).
+
+mod cast;
+
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+use fiatlux_robot::Robot;
+use fiatlux_rules::Row;
+use fiatlux_world::{Scene, SceneError, ShapeOwner};
+use nalgebra::{Isometry3, Vector3};
+
+use crate::world_from_link;
+use cast::{Placed, Target};
+
+/// Elevations.
+pub const LIDAR_ROWS: usize = 32;
+/// Azimuths.
+pub const LIDAR_COLUMNS: usize = 180;
+/// Rays of a scan.
+pub const LIDAR_RAYS: usize = LIDAR_ROWS * LIDAR_COLUMNS;
+/// Range, m; also what a ray reads that hits nothing.
+pub const LIDAR_RANGE: f64 = 10.0;
+
+/// Greatest elevation, rad; the least is its negative.
+const ELEVATION: f64 = 25.0 * PI / 180.0;
+
+/// What a LiDAR sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Sight {
+    /// Floor and ladder, as the published benchmark has it.
+    #[default]
+    Published,
+    /// Walls, ceiling, bench, crate and fixture too.
+    Room,
+}
+
+/// The robot's LiDAR. A scan allocates nothing.
+#[derive(Debug, Clone)]
+pub struct Lidar {
+    robot: Arc<Robot>,
+    link: usize,
+    /// Where the ladder stands, where it cannot move.
+    world_from_fixed_ladder: Option<Isometry3<f64>>,
+    ladder: Vec<Target>,
+    /// What stands fast beside the ladder, in the world.
+    room: Vec<Target>,
+    /// In the sensor's frame, by index.
+    directions: Vec<Vector3<f64>>,
+    ranges: Box<[f32; LIDAR_RAYS]>,
+}
+
+impl Lidar {
+    /// The LiDAR of a scene's robot, which has scanned nothing yet.
+    ///
+    /// # Errors
+    /// [`SceneError::RobotParts`] for a robot that has none.
+    pub fn new(scene: &Scene, sight: Sight) -> Result<Self, SceneError> {
+        let link = scene.robot.lidar().ok_or_else(|| SceneError::RobotParts {
+            robot: scene.robot.name().into(),
+            part: "LiDAR mounts",
+            found: 0,
+            needed: 1,
+        })?;
+        let world_from_fixed_ladder = scene.ladder.is_none().then_some(scene.world_from_ladder);
+        let ladder_from_body = world_from_fixed_ladder.map_or_else(Isometry3::identity, |pose| pose.inverse());
+        let targets = |owner: ShapeOwner, prop_from_body: Isometry3<f64>| {
+            let shapes = scene.model.shapes().iter();
+            shapes
+                .filter(move |shape| ShapeOwner::from_label(shape.label) == owner)
+                .filter_map(move |shape| Target::new(&shape.geometry, prop_from_body * shape.body_from_shape))
+        };
+        let room: &[ShapeOwner] = match sight {
+            Sight::Published => &[],
+            Sight::Room => &[ShapeOwner::Room, ShapeOwner::Bench, ShapeOwner::Crate, ShapeOwner::Fixture],
+        };
+        Ok(Self {
+            robot: Arc::clone(&scene.robot),
+            link,
+            world_from_fixed_ladder,
+            ladder: targets(ShapeOwner::Ladder, ladder_from_body).collect(),
+            room: room.iter().flat_map(|owner| targets(*owner, Isometry3::identity())).collect(),
+            directions: (0..LIDAR_RAYS).map(direction).collect(),
+            ranges: Box::new([LIDAR_RANGE as f32; LIDAR_RAYS]),
+        })
+    }
+
+    /// Scans a row: range of each ray, m.
+    pub fn scan(&mut self, row: &Row) -> &[f32; LIDAR_RAYS] {
+        let world_from_sensor = world_from_link(&self.robot, self.link, row);
+        self.scan_floor(&world_from_sensor);
+        let world_from_ladder = self.world_from_fixed_ladder.unwrap_or(row.ladder.pose);
+        let sensor_from_world = world_from_sensor.inverse();
+        let sensor_from_ladder = sensor_from_world * world_from_ladder;
+        let ladder = self.ladder.iter().map(|target| target.place(&sensor_from_ladder));
+        let room = self.room.iter().map(|target| target.place(&sensor_from_world));
+        for placed in ladder.chain(room) {
+            if placed.gap() > LIDAR_RANGE {
+                continue;
+            }
+            let (first, count) = columns(&placed);
+            for column in (first..first + count).map(|column| column % LIDAR_COLUMNS) {
+                for ray in (0..LIDAR_ROWS).map(|row| row * LIDAR_COLUMNS + column) {
+                    if let Some(range) = placed.cast(&self.directions[ray]) {
+                        self.ranges[ray] = self.ranges[ray].min(range as f32);
+                    }
+                }
+            }
+        }
+        &self.ranges
+    }
+
+    /// Ranges of the last scan, m.
+    pub fn ranges(&self) -> &[f32; LIDAR_RAYS] {
+        &self.ranges
+    }
+
+    /// What the last scan hit, in the sensor's frame, m, in the order of the rays. A ray without a hit gives no point.
+    pub fn points(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
+        let hit = |(range, direction): (&f32, &Vector3<f64>)| {
+            (*range < LIDAR_RANGE as f32)
+                .then(|| <[f64; 3]>::from(direction * f64::from(*range)).map(|coordinate| coordinate as f32))
+        };
+        self.ranges.iter().zip(&self.directions).filter_map(hit)
+    }
+
+    /// Pose of the sensor in a row, world.
+    pub fn world_from_sensor(&self, row: &Row) -> Isometry3<f64> {
+        world_from_link(&self.robot, self.link, row)
+    }
+
+    /// Ranges to the plane z = 0.
+    fn scan_floor(&mut self, world_from_sensor: &Isometry3<f64>) {
+        let height = world_from_sensor.translation.z;
+        let down = world_from_sensor.inverse_transform_vector(&-Vector3::z());
+        for (range, direction) in self.ranges.iter_mut().zip(&self.directions) {
+            let distance = height / direction.dot(&down);
+            let hit = (0.0..LIDAR_RANGE).contains(&distance);
+            *range = if hit { distance } else { LIDAR_RANGE } as f32;
+        }
+    }
+}
+
+/// Unit vector along a ray in the sensor's frame.
+fn direction(ray: usize) -> Vector3<f64> {
+    let (row, column) = ((ray / LIDAR_COLUMNS) as f64, (ray % LIDAR_COLUMNS) as f64);
+    let elevation = ELEVATION * (2.0 * row / (LIDAR_ROWS - 1) as f64 - 1.0);
+    let azimuth = TAU * column / LIDAR_COLUMNS as f64 - PI;
+    let level = libm::cos(elevation);
+    Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
+}
+
+/// First column of those whose rays can hit a shape, and their count: all where the sensor's z axis may pass through its
+/// bounding box, which else spans less than half a turn.
+fn columns(placed: &Placed) -> (usize, usize) {
+    /// Far more than rounding, far less than a column.
+    const SLACK: f64 = 1e-6;
+    let middle = libm::atan2(placed.center.y, placed.center.x);
+    let (mut low, mut high) = (0.0_f64, 0.0_f64);
+    for corner in placed.corners() {
+        let turn = libm::atan2(corner.y, corner.x) - middle;
+        let turn = turn - TAU * libm::floor((turn + PI) / TAU);
+        (low, high) = (low.min(turn), high.max(turn));
+    }
+    if high - low >= PI - SLACK {
+        return (0, LIDAR_COLUMNS);
+    }
+    let column = |azimuth: f64| (azimuth + PI) / TAU * LIDAR_COLUMNS as f64;
+    let first = libm::ceil(column(middle + low) - SLACK) as i64;
+    let last = libm::floor(column(middle + high) + SLACK) as i64;
+    let first_column = first.rem_euclid(LIDAR_COLUMNS as i64) as usize;
+    (first_column, (last - first + 1).clamp(0, LIDAR_COLUMNS as i64) as usize)
+}

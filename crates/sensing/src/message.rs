@@ -1,0 +1,44 @@
+//! What a client is told of a session's sensors.
+
+use fiatlux_proto::v3;
+use fiatlux_robot::Robot;
+use fiatlux_wire::pose_message;
+
+use crate::{Sensor, Sensors, Setup, Term};
+
+/// The terms of these sensors.
+pub fn term_messages(sensors: Sensors, setup: &Setup) -> Vec<v3::ObservationTerm> {
+    let of = |sensor: Sensor| sensor.terms(setup).into_iter().map(move |term| message(sensor, &term));
+    sensors.iter().flat_map(of).collect()
+}
+
+fn message(sensor: Sensor, term: &Term) -> v3::ObservationTerm {
+    v3::ObservationTerm {
+        sensor: sensor.name().into(),
+        name: term.name.into(),
+        field: term.field.into(),
+        offset: term.offset as u32,
+        shape: term.shape.iter().map(|extent| *extent as u32).collect(),
+        unit: term.unit.into(),
+        low: term.range[0],
+        high: term.range[1],
+        scale: term.scale,
+        noise: term.noise,
+        meaning: term.meaning.into(),
+    }
+}
+
+/// The cameras behind these sensors, as far as the robot has them.
+pub fn camera_messages(sensors: Sensors, robot: &Robot) -> Vec<v3::Camera> {
+    let of = |sensor: Sensor| {
+        let mount = robot.camera(sensor.camera()?)?;
+        Some(v3::Camera {
+            sensor: sensor.name().into(),
+            link: robot.links()[mount.link].name.clone(),
+            pose: Some(pose_message(&mount.link_from_camera)),
+            horizontal_fov: mount.horizontal_fov,
+            near: mount.near,
+        })
+    };
+    sensors.iter().filter_map(of).collect()
+}

@@ -1,0 +1,183 @@
+//! What a sensor's file says of it.
+
+use fiatlux_proto::v3::Observation;
+use fiatlux_render::HEAD_PIXELS;
+use fiatlux_rules::{RobotLayout, Task};
+use fiatlux_world::Scene;
+
+use crate::devices::Devices;
+use crate::{SenseError, View};
+
+/// An entry of the registry.
+pub(crate) struct Entry {
+    /// As sessions ask for it.
+    pub name: &'static str,
+    /// Large in a message: a bag has it only where the session asks for it.
+    pub is_large: bool,
+    /// What it is computed from beside the row.
+    pub needs: Needs,
+    /// Its terms in order; their offsets are filled in later.
+    pub terms: fn(&Setup) -> Vec<Term>,
+    /// Writes the numbers of all its terms.
+    pub compute: fn(&View<'_>, &mut Devices, &mut Out<'_>) -> Result<(), SenseError>,
+    /// Fills its field of the message.
+    pub encode: fn(&View<'_>, &mut Devices, &mut Observation) -> Result<(), SenseError>,
+}
+
+/// What is computed once a row for all sensors that need it.
+pub(crate) struct Needs {
+    pub scan: bool,
+    /// Name of a camera in the robot's file.
+    pub camera: Option<&'static str>,
+    pub network: bool,
+}
+
+impl Entry {
+    /// The numbers of all its terms in a list of their own.
+    pub fn numbers(&self, view: &View<'_>, devices: &mut Devices) -> Result<Vec<f32>, SenseError> {
+        let mut numbers = Vec::new();
+        (self.compute)(view, devices, &mut Out::list(&mut numbers))?;
+        Ok(numbers)
+    }
+}
+
+impl Needs {
+    pub const ROW: Self = Self { scan: false, camera: None, network: false };
+}
+
+/// How much work a sensor is: by the costliest thing that it needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Cost {
+    /// Read off the row: a few microseconds.
+    Body,
+    /// A scan of the LiDAR.
+    Scan,
+    /// A camera's image.
+    Image,
+    /// A network's answer to an image.
+    Network,
+}
+
+/// What the shapes of terms depend on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Setup {
+    /// The task.
+    pub task: Task,
+    /// The robot's sizes.
+    pub layout: RobotLayout,
+    /// Width and height of the cameras' images, pixels.
+    pub image_size: [usize; 2],
+}
+
+impl Setup {
+    /// Of a scene's robot in a task, with images of the published size.
+    pub fn new(scene: &Scene, task: Task) -> Self {
+        Self { task, layout: scene.robot_layout(), image_size: [HEAD_PIXELS; 2] }
+    }
+}
+
+/// A run of numbers of a sensor. Each is (measured + noise) x scale.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Term {
+    /// Name, also of its stream of noise.
+    pub name: &'static str,
+    /// Path of its field in an observation.
+    pub field: &'static str,
+    /// Its first number in that field.
+    pub offset: usize,
+    /// Extents, the slowest first; none for a single number.
+    pub shape: Vec<usize>,
+    /// Unit before scaling; empty for pure numbers.
+    pub unit: &'static str,
+    /// Least and greatest value, before scaling.
+    pub range: [f64; 2],
+    /// Factor, after noise.
+    pub scale: f64,
+    /// Half-width of its uniform noise, in its unit; 0 for none.
+    pub noise: f64,
+    /// What the numbers are, in their order.
+    pub meaning: &'static str,
+}
+
+impl Term {
+    /// A term of any size of number, without scaling and noise.
+    pub(crate) fn new(
+        name: &'static str,
+        field: &'static str,
+        shape: &[usize],
+        unit: &'static str,
+        meaning: &'static str,
+    ) -> Self {
+        Self {
+            name,
+            field,
+            offset: 0,
+            shape: shape.into(),
+            unit,
+            range: [f64::NEG_INFINITY, f64::INFINITY],
+            scale: 1.0,
+            noise: 0.0,
+            meaning,
+        }
+    }
+
+    /// The same with all numbers between two bounds.
+    pub(crate) fn within(mut self, low: f64, high: f64) -> Self {
+        self.range = [low, high];
+        self
+    }
+
+    /// How many numbers it has.
+    pub fn length(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+/// Where a sensor's numbers go.
+pub(crate) struct Out<'a> {
+    places: Places<'a>,
+    scale: f64,
+}
+
+enum Places<'a> {
+    /// A buffer of the caller's.
+    Slice(std::slice::IterMut<'a, f32>),
+    /// A message's own list.
+    List(&'a mut Vec<f32>),
+}
+
+impl<'a> Out<'a> {
+    /// What does not fit is left out.
+    pub fn slice(numbers: &'a mut [f32]) -> Self {
+        Self { places: Places::Slice(numbers.iter_mut()), scale: 1.0 }
+    }
+
+    pub fn list(numbers: &'a mut Vec<f32>) -> Self {
+        Self { places: Places::List(numbers), scale: 1.0 }
+    }
+
+    /// Multiplies the numbers to come.
+    pub fn set_scale(&mut self, scale: f64) {
+        self.scale = scale;
+    }
+
+    pub fn put(&mut self, number: f64) {
+        let number = (number * self.scale) as f32;
+        match &mut self.places {
+            Places::Slice(places) => {
+                if let Some(place) = places.next() {
+                    *place = number;
+                }
+            }
+            Places::List(list) => list.push(number),
+        }
+    }
+
+    pub fn extend<'n>(&mut self, numbers: impl IntoIterator<Item = &'n f64>) {
+        numbers.into_iter().for_each(|number| self.put(*number));
+    }
+
+    pub fn extend_singles(&mut self, numbers: &[f32]) {
+        numbers.iter().for_each(|number| self.put(f64::from(*number)));
+    }
+}

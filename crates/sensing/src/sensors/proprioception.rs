@@ -1,0 +1,69 @@
+//! The robot's own body, with noise.
+
+use fiatlux_proto::v3;
+
+use crate::Setup;
+use crate::observer::NOISE;
+use crate::sensor::{Entry, Needs, Term};
+
+pub(crate) const ENTRY: Entry = Entry {
+    name: "proprioception",
+    is_large: false,
+    needs: Needs::ROW,
+    terms,
+    compute: |view, devices, out| {
+        let sensed = devices.body(view)?;
+        out.extend(&sensed.base_angular_velocity);
+        out.extend(&sensed.projected_gravity);
+        out.extend(&sensed.base_linear_velocity);
+        out.put(sensed.base_height);
+        out.extend(&sensed.joint_position);
+        out.extend(&sensed.joint_velocity);
+        Ok(())
+    },
+    encode: |view, devices, observation| {
+        let sensed = devices.body(view)?;
+        observation.proprioception = Some(v3::Proprioception {
+            base_angular_velocity: singles(&sensed.base_angular_velocity),
+            projected_gravity: singles(&sensed.projected_gravity),
+            base_linear_velocity: singles(&sensed.base_linear_velocity),
+            base_height: sensed.base_height as f32,
+            joint_position: singles(&sensed.joint_position),
+            joint_velocity: singles(&sensed.joint_velocity),
+        });
+        Ok(())
+    },
+};
+
+fn terms(setup: &Setup) -> Vec<Term> {
+    let joints = setup.layout.joints;
+    let term = |name, field, shape: &[usize], unit, meaning| {
+        let half_width = NOISE.iter().find(|(of, _)| *of == name).map(|(_, half_width)| *half_width);
+        Term { noise: half_width.unwrap_or_default(), ..Term::new(name, field, shape, unit, meaning) }
+    };
+    vec![
+        term(
+            "base_angular_velocity",
+            "proprioception.base_angular_velocity",
+            &[3],
+            "rad/s",
+            "angular velocity of the pelvis, pelvis frame",
+        ),
+        term("projected_gravity", "proprioception.projected_gravity", &[3], "", "direction of gravity, pelvis frame")
+            .within(-1.0, 1.0),
+        term(
+            "base_linear_velocity",
+            "proprioception.base_linear_velocity",
+            &[3],
+            "m/s",
+            "velocity of the pelvis link's origin, pelvis frame",
+        ),
+        term("base_height", "proprioception.base_height", &[], "m", "height of the pelvis link's origin in the world"),
+        term("joint_position", "proprioception.joint_position", &[joints], "rad", "joint angles less those of q0"),
+        term("joint_velocity", "proprioception.joint_velocity", &[joints], "rad/s", "joint velocities"),
+    ]
+}
+
+fn singles(numbers: &[f64]) -> Vec<f32> {
+    numbers.iter().map(|number| *number as f32).collect()
+}

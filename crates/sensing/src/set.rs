@@ -1,0 +1,113 @@
+//! Sets of sensors.
+
+use fiatlux_rules::Task;
+
+use crate::Sensor;
+use crate::sensor::Needs;
+
+/// A set of sensors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Sensors(u32);
+
+const _: () = assert!(Sensor::ALL.len() <= u32::BITS as usize);
+
+/// The sensors for which a condition on their entry holds.
+macro_rules! sensors_with {
+    (|$sensor:ident, $needs:ident| $condition:expr) => {{
+        let (mut set, mut index) = (Sensors::NONE, 0);
+        while index < Sensor::ALL.len() {
+            let $sensor = Sensor::ALL[index];
+            let $needs: &Needs = &$sensor.entry().needs;
+            if $condition {
+                set = set.with($sensor);
+            }
+            index += 1;
+        }
+        set
+    }};
+}
+
+impl Sensors {
+    /// None.
+    pub const NONE: Self = Self(0);
+    /// Those that are large in a message.
+    pub const LARGE: Self = sensors_with!(|sensor, _needs| sensor.is_large());
+    /// Those that need a camera's image.
+    pub const WITH_IMAGE: Self = sensors_with!(|_sensor, needs| needs.camera.is_some());
+    /// Those that need the features of the head camera's image.
+    pub const WITH_FEATURES: Self = sensors_with!(|_sensor, needs| needs.network);
+    /// Those that need a scan.
+    pub const WITH_SCAN: Self = sensors_with!(|_sensor, needs| needs.scan);
+
+    /// A set of these.
+    pub const fn of(sensors: &[Sensor]) -> Self {
+        let (mut set, mut index) = (Self::NONE, 0);
+        while index < sensors.len() {
+            set = set.with(sensors[index]);
+            index += 1;
+        }
+        set
+    }
+
+    /// What a session has that names none: the robot's own body, as the published vector of the task has it.
+    pub fn of_body(task: Task) -> Self {
+        let contact = if task == Task::Climb { Sensor::LimbContact } else { Sensor::HandContact };
+        Self::of(&[Sensor::Proprioception, contact, Sensor::LastAction])
+    }
+
+    /// Whether it has a sensor.
+    pub const fn contains(self, sensor: Sensor) -> bool {
+        self.0 & 1 << sensor as u32 != 0
+    }
+
+    /// With another one.
+    #[must_use]
+    pub const fn with(self, sensor: Sensor) -> Self {
+        Self(self.0 | 1 << sensor as u32)
+    }
+
+    /// Those of both.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Those that the other set does not have.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// Whether some sensor is in both.
+    pub const fn meets(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// In the order of [`Sensor::ALL`].
+    pub fn iter(self) -> impl Iterator<Item = Sensor> {
+        Sensor::ALL.into_iter().filter(move |sensor| self.contains(*sensor))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sets() {
+        let set = Sensors::of(&[Sensor::Verdict, Sensor::Camera]);
+        assert_eq!(set.iter().collect::<Vec<_>>(), [Sensor::Camera, Sensor::Verdict]);
+        assert!(set.meets(Sensors::WITH_IMAGE) && !set.meets(Sensors::WITH_SCAN));
+        assert_eq!(set.without(Sensors::LARGE), Sensors::NONE.with(Sensor::Verdict));
+        assert_eq!(set.and(Sensors::of(&[Sensor::Lidar])).iter().count(), 3);
+        assert!(Sensors::of_body(Task::Climb).contains(Sensor::LimbContact));
+    }
+
+    #[test]
+    fn names_read_back() {
+        for sensor in Sensor::ALL {
+            assert_eq!(Sensor::by_name(sensor.name()), Some(sensor));
+        }
+        assert_eq!(Sensor::by_name("smell"), None);
+    }
+}

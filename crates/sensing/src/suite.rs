@@ -1,0 +1,118 @@
+//! The sensors of one robot.
+
+use std::sync::Arc;
+
+use fiatlux_features::ResNet18;
+use fiatlux_proto::foxglove::{CompressedImage, PointCloud};
+use fiatlux_proto::v3::Observation;
+use fiatlux_render::{Lighting, Visuals};
+use fiatlux_wire::{frame_of, point_cloud, time_of};
+use fiatlux_world::Scene;
+
+use crate::devices::Devices;
+use crate::sensor::Out;
+use crate::{NoiseSeed, SenseError, Sensor, Sensors, Setup, Sight, View};
+
+/// The sensors of one robot, episode after episode. What is computed in a row is kept until the next one.
+#[derive(Debug)]
+pub struct SensorSuite {
+    sensors: Sensors,
+    lengths: [usize; Sensor::ALL.len()],
+    image_size: [usize; 2],
+    devices: Devices,
+}
+
+impl SensorSuite {
+    /// A suite that can be asked for these sensors.
+    pub fn new(sensors: Sensors, setup: Setup) -> Self {
+        Self {
+            sensors,
+            lengths: Sensor::ALL.map(|sensor| sensor.length(&setup)),
+            image_size: setup.image_size,
+            devices: Devices::new(Sight::Published, setup.image_size, None),
+        }
+    }
+
+    /// With a network, which features and the flat vector need, and which needs images of sides that
+    /// [`ResNet18::features`] takes.
+    #[must_use]
+    pub fn with_network(self, network: Option<ResNet18>) -> Self {
+        Self { devices: Devices::new(self.devices.sight, self.image_size, network), ..self }
+    }
+
+    /// With a LiDAR that sees more than the published one. The flat vector keeps the published one's ranges.
+    #[must_use]
+    pub fn with_sight(mut self, sight: Sight) -> Self {
+        self.devices.sight = sight;
+        self
+    }
+
+    /// An episode begins in a scene. `visuals` are asked for where a camera needs them.
+    ///
+    /// # Errors
+    /// [`SenseError::Mount`] for a robot without LiDAR where that is among the sensors.
+    pub fn begin(
+        &mut self,
+        scene: &Scene,
+        noise: Option<NoiseSeed>,
+        visuals: impl FnOnce() -> Arc<Visuals>,
+        lighting: Lighting,
+    ) -> Result<(), SenseError> {
+        self.devices.begin(self.sensors, scene, noise, visuals, lighting)
+    }
+
+    /// How many numbers a sensor has.
+    pub fn length(&self, sensor: Sensor) -> usize {
+        self.lengths[sensor as usize]
+    }
+
+    /// Writes a sensor's numbers of a row, in the order of its terms. Sensors of cost [`crate::Cost::Body`] and
+    /// [`crate::Cost::Scan`] allocate nothing.
+    ///
+    /// # Errors
+    /// [`SenseError`]; a buffer of another length than [`SensorSuite::length`] among them.
+    pub fn compute(&mut self, sensor: Sensor, view: &View<'_>, out: &mut [f32]) -> Result<(), SenseError> {
+        let expected = self.length(sensor);
+        if out.len() != expected {
+            return Err(SenseError::Buffer { sensor: sensor.name(), expected, found: out.len() });
+        }
+        (sensor.entry().compute)(view, &mut self.devices, &mut Out::slice(out))
+    }
+
+    /// A message with these sensors of a row and no others.
+    ///
+    /// # Errors
+    /// [`SenseError`]; sensors that it was not made for among them.
+    pub fn observe(&mut self, view: &View<'_>, asked: Sensors) -> Result<Observation, SenseError> {
+        let mut observation = Observation { episode: view.episode, step: view.row.step, ..Observation::default() };
+        for sensor in asked.iter() {
+            (sensor.entry().encode)(view, &mut self.devices, &mut observation)?;
+        }
+        Ok(observation)
+    }
+
+    /// A camera's image of a row, for a viewer.
+    ///
+    /// # Errors
+    /// [`SenseError`]: a sensor that has no camera, or that the suite was not made for.
+    pub fn compressed_image(&mut self, sensor: Sensor, view: &View<'_>) -> Result<CompressedImage, SenseError> {
+        let camera = sensor.camera().ok_or(SenseError::Absent("camera"))?;
+        let robot = &view.scene.robot;
+        let frame_id = frame_of(robot, robot.camera(camera).map(|mount| mount.link));
+        let data = self.devices.picture(view, camera)?.to_png_fast()?;
+        Ok(CompressedImage { timestamp: Some(time_of(view.row.step)), frame_id, data, format: "png".into() })
+    }
+
+    /// What the LiDAR hits in a row, in its own frame, for a viewer.
+    ///
+    /// # Errors
+    /// [`SenseError`]: no LiDAR.
+    pub fn point_cloud(&mut self, view: &View<'_>) -> Result<PointCloud, SenseError> {
+        let robot = &view.scene.robot;
+        let points = self.devices.scan(view, self.devices.sight)?.points();
+        Ok(point_cloud(time_of(view.row.step), frame_of(robot, robot.lidar()), points))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,33 @@
+use fiatlux_rules::{Judge, Row, Task};
+use fiatlux_world::{Episode, Scene};
+
+/// What there is to be sensed: a row, and what the rules say of it.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Index of the episode.
+    pub episode: u64,
+    /// The row.
+    pub row: &'a Row,
+    /// The task.
+    pub task: Task,
+    /// The judge, who has seen the row.
+    pub judge: &'a Judge,
+    /// What the step to this row paid.
+    pub reward: f64,
+}
+
+impl<'a> View<'a> {
+    /// The last row of an episode.
+    pub fn of(episode: &'a Episode) -> Self {
+        Self {
+            scene: episode.scene(),
+            episode: episode.spec().episode,
+            row: episode.row(),
+            task: episode.spec().task,
+            judge: episode.judge(),
+            reward: episode.reward(),
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! What a policy senses, and what varies between episodes.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod common;
+mod foot_force;
+mod lidar;
+mod observations;
+mod randomization;
+mod registry;

@@ -1,0 +1,104 @@
+//! The registry: every file is in it, and what a sensor says of itself is what it does.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use fiatlux_proto::ObservationLayout;
+use fiatlux_proto::v3::SessionInfo;
+use fiatlux_robot::Robot;
+use fiatlux_rules::Task;
+use fiatlux_sensing::{Cost, Sensor, Sensors, Term, camera_messages, term_messages};
+
+use crate::common::{Rig, start_row};
+
+fn all() -> Sensors {
+    Sensors::of(&Sensor::ALL)
+}
+
+/// A sensor's file has its name.
+#[test]
+fn every_file_is_registered() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sensors");
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| {
+        let path = entry.unwrap().path();
+        path.file_stem().unwrap().to_str().unwrap().to_owned()
+    });
+    let names = Sensor::ALL.map(|sensor| sensor.name().to_owned());
+    assert_eq!(files.collect::<BTreeSet<_>>(), names.iter().cloned().collect());
+    assert_eq!(names.iter().collect::<BTreeSet<_>>().len(), names.len(), "two sensors of one name");
+}
+
+#[test]
+fn costs_follow_from_needs() {
+    let cost = |sensors: Sensors| sensors.iter().map(Sensor::cost).collect::<Vec<_>>();
+    assert_eq!(cost(Sensors::of_body(Task::Climb)), [Cost::Body; 3]);
+    assert_eq!(Sensor::Lidar.cost(), Cost::Scan);
+    assert_eq!(Sensor::Camera.cost(), Cost::Image);
+    assert_eq!(cost(Sensors::WITH_FEATURES), [Cost::Network; 2]);
+    assert!(all().iter().all(|sensor| !sensor.is_large() || sensor.cost() > Cost::Body));
+}
+
+/// Computed, encoded and described are the same numbers, within their range; and a client that knows the description
+/// alone takes the message, and refuses one number more or less.
+#[test]
+fn terms_describe_what_is_computed_and_sent() {
+    for task in [Task::S03, Task::S11, Task::Climb] {
+        let (scene, row) = start_row(task);
+        let mut rig = Rig::new(&scene, &row, task, all(), None);
+        let info = SessionInfo { terms: term_messages(all(), &rig.setup), ..SessionInfo::default() };
+        let layout = ObservationLayout::new(&info).unwrap();
+        for sensor in Sensor::ALL {
+            let computed = rig.compute(sensor, &row);
+            let sent = rig.observe(Sensors::of(&[sensor]), &row);
+            layout.check(&sent).unwrap();
+            let mut at = 0;
+            for (term, told) in sensor.terms(&rig.setup).iter().zip(info.terms_of(sensor.name())) {
+                let own = &computed[at..at + term.length()];
+                at += term.length();
+                assert_eq!((told.length(), told.offset as usize), (term.length(), term.offset), "{task} {}", term.name);
+                let bound = |number: f32, [low, high]: [f64; 2]| {
+                    let number = f64::from(number) / term.scale;
+                    number >= low - 1e-6 && number <= high + 1e-6
+                };
+                assert!(own.iter().all(|number| bound(*number, term.range)), "{task} {}", term.name);
+                let field = sent.numbers(term.field);
+                // A single zero is not sent.
+                if !field.is_empty() || !term.shape.is_empty() {
+                    let part = &field[term.offset..term.offset + term.length()];
+                    assert!(own.iter().zip(part).all(|(own, sent)| *own == *sent as f32), "{task} {}", term.name);
+                }
+            }
+            assert_eq!(at, computed.len(), "{task} {}", sensor.name());
+        }
+        let mut wrong = rig.observe(all(), &row);
+        wrong.lidar.pop();
+        assert_eq!(layout.check(&wrong).unwrap_err().to_string(), "lidar has 5759 numbers, not 5760");
+        let mut wrong = rig.observe(all(), &row);
+        wrong.camera.as_mut().unwrap().width = 16;
+        assert_eq!(layout.check(&wrong).unwrap_err().to_string(), "camera is 16 x 32, not 64 x 32 pixels");
+        let body = SessionInfo { terms: term_messages(Sensors::of_body(task), &rig.setup), ..SessionInfo::default() };
+        let error = ObservationLayout::new(&body).unwrap().check(&rig.observe(all(), &row)).unwrap_err();
+        assert!(error.to_string().contains("is no term of the session"), "{error}");
+    }
+}
+
+/// Sizes come from the robot: with other joints and hands the terms follow.
+#[test]
+fn terms_are_sized_by_the_robot() {
+    let (scene, row) = start_row(Task::S03);
+    let mut setup = Rig::new(&scene, &row, Task::S03, Sensors::NONE, None).setup;
+    setup.layout.joints = 29;
+    setup.layout.hand_bodies_per_side = 5;
+    let published = 6543 - 3 * 24 - 2 * 3 * 12;
+    assert_eq!(Sensor::Flat.terms(&setup).iter().map(Term::length).sum::<usize>(), published);
+}
+
+/// The G1's cameras are told with their mounts.
+#[test]
+fn cameras_are_described() {
+    let robot = Robot::g1_inspire().unwrap();
+    let cameras = camera_messages(Sensors::of(&[Sensor::Camera, Sensor::Lidar]), &robot);
+    assert_eq!(cameras.len(), 1);
+    assert_eq!((cameras[0].sensor.as_str(), cameras[0].link.as_str()), ("camera", "d435_link"));
+    assert!((cameras[0].horizontal_fov.to_degrees() - 69.4).abs() < 0.05);
+}

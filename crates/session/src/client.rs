@@ -1,0 +1,414 @@
+//! A client's side of a session. The rules that it follows are those of `proto/PROTOCOL.md`.
+
+mod failure;
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use fiatlux_proto::limits::{MAX_SERVER_MESSAGE, RECORDER_TIMEOUT};
+use fiatlux_proto::v3::notice::Code;
+use fiatlux_proto::v3::{
+    EpisodeEnd, Mode, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
+};
+use fiatlux_proto::{Bytes, Message, ObservationLayout, TermError, decode};
+
+use crate::command::Command;
+use crate::machine::Machine;
+pub use failure::SessionFailure;
+
+/// Longest time between two tries.
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
+
+/// A query that nobody has answered for so long is asked again. No two are under way at once: a reset that came late
+/// would abort the episode that the earlier one started.
+const QUERY_TIMEOUT: Duration = Duration::from_secs(16);
+
+/// So many refusals of one action, or messages that cannot be read, without an observation between them are no accident.
+const MAX_REFUSALS: u32 = 3;
+
+/// Each so many tries the last observation is asked for too.
+const ASK_EVERY: u32 = 4;
+
+/// How a query ended: with a reply, an error reply, or none.
+pub type Answer = Option<Result<Bytes, Bytes>>;
+
+/// What reaches a client.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Input {
+    /// Start this episode; one that runs is given up.
+    Start(u64),
+    /// The policy's answer to the last [`Output::Observation`].
+    Command(Command),
+    /// A message on `observation`.
+    Observation(Bytes),
+    /// A message on `notice`.
+    Notice(Bytes),
+    /// The query `reset` has ended.
+    Reset(Answer),
+    /// The query `observation` has ended.
+    LastObservation(Answer),
+    /// Nothing but the time.
+    Tick,
+}
+
+/// What a client wants done.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Output {
+    /// Query `reset` with this [`ResetRequest`].
+    Reset(Bytes),
+    /// Publish this [`Action`](fiatlux_proto::v3::Action).
+    Action(Bytes),
+    /// Query `observation`.
+    AskObservation,
+    /// Time between an action and its observation, which follows.
+    RoundTrip(Duration),
+    /// The policy has to answer this.
+    Observation(Box<Observation>),
+    /// The episode has ended; nothing follows.
+    Done(EpisodeEnd),
+    /// The session cannot go on; nothing follows.
+    Failed(SessionFailure),
+}
+
+#[derive(Debug, Default)]
+enum Phase {
+    /// No episode runs.
+    #[default]
+    Idle,
+    /// `reset` is asked; the query is out until then, or the next one waits for then.
+    Resetting { out: bool, until: Duration },
+    /// The policy has to answer the observation of that step.
+    Acting { step: u64 },
+    /// The action of that step is out.
+    Waiting { step: u64, action: Bytes, again: Duration },
+}
+
+/// One client's session.
+#[derive(Debug)]
+pub struct ClientSession {
+    info: SessionInfo,
+    layout: Result<ObservationLayout, TermError>,
+    resend: Duration,
+    /// A server that says nothing for so long is gone.
+    silence: Duration,
+    episode: u64,
+    phase: Phase,
+    outputs: VecDeque<Output>,
+    /// Since when nothing has come forward.
+    since: Duration,
+    /// Wait before the next try.
+    wait: Duration,
+    tries: u32,
+    refusals: u32,
+    /// Query `observation` is out.
+    asking: bool,
+    /// The server's words that the session, or its recording, is lost.
+    lost: Option<SessionFailure>,
+    /// The last thing that went wrong, to explain a silence with.
+    problem: Option<String>,
+    /// When the action went out first.
+    sent_at: Duration,
+}
+
+impl Machine for ClientSession {
+    type Input = Input;
+    type Output = Output;
+
+    fn handle(&mut self, input: Input, now: Duration) {
+        match input {
+            Input::Start(episode) => self.start(episode, now),
+            Input::Command(command) => self.act(command, now),
+            Input::Observation(bytes) => self.on_observation(&bytes, now),
+            Input::Notice(bytes) => self.on_notice(&bytes),
+            Input::Reset(Some(Ok(bytes))) => self.on_reset_reply(&bytes, now),
+            Input::Reset(Some(Err(_)) | None) => self.on_reset_unanswered(now),
+            Input::LastObservation(answer) => {
+                self.asking = false;
+                match answer {
+                    Some(Ok(bytes)) => self.on_observation(&bytes, now),
+                    Some(Err(bytes)) => self.on_observation_refused(Some(&bytes)),
+                    None => self.on_observation_refused(None),
+                }
+            }
+            Input::Tick => {}
+        }
+        self.pass_time(now);
+    }
+
+    fn poll(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    fn wake_at(&self) -> Option<Duration> {
+        match self.phase {
+            Phase::Idle | Phase::Acting { .. } => None,
+            Phase::Resetting { until: at, .. } | Phase::Waiting { again: at, .. } => Some(at),
+        }
+    }
+}
+
+impl ClientSession {
+    /// Of a session as the server described it.
+    pub fn new(info: &SessionInfo) -> Self {
+        let resend = seconds(info.resend_s)
+            .map_or(LONGEST_WAIT, |resend| resend.clamp(Duration::from_millis(10), Duration::from_secs(10)));
+        let grace = seconds(info.grace_s).unwrap_or_default().min(Duration::from_secs(3600));
+        Self {
+            info: info.clone(),
+            layout: ObservationLayout::new(info),
+            resend,
+            // A server that waits for its recorder is silent for so long, and is no dead one.
+            silence: grace.max(2 * RECORDER_TIMEOUT),
+            episode: 0,
+            phase: Phase::Idle,
+            outputs: VecDeque::new(),
+            since: Duration::ZERO,
+            wait: resend,
+            tries: 0,
+            refusals: 0,
+            asking: false,
+            lost: None,
+            problem: None,
+            sent_at: Duration::ZERO,
+        }
+    }
+
+    /// Passes an observation on whose parts are as the session describes its terms: one that was looked at.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check(&self, observation: Observation) -> Result<Observation, String> {
+        let layout = self.layout.as_ref().map_err(ToString::to_string)?;
+        layout.check(&observation).map_err(|error| error.to_string())?;
+        Ok(observation)
+    }
+
+    fn is_real_time(&self) -> bool {
+        self.info.mode() == Mode::RealTime
+    }
+
+    fn start(&mut self, episode: u64, now: Duration) {
+        self.episode = episode;
+        self.outputs.clear();
+        (self.asking, self.lost, self.problem) = (false, None, None);
+        self.came_forward(now);
+        self.ask_reset(now);
+    }
+
+    fn act(&mut self, command: Command, now: Duration) {
+        let Phase::Acting { step } = self.phase else { return };
+        if let Err(error) = command.check(&self.info) {
+            return self.fail(SessionFailure::command(step, &error));
+        }
+        let action = Bytes::from(command.into_action(self.episode, step).encode_to_vec());
+        self.outputs.push_back(Output::Action(action.clone()));
+        self.came_forward(now);
+        self.sent_at = now;
+        self.phase = Phase::Waiting { step, action, again: now + self.wait };
+        if self.lost.is_some() {
+            self.ask_observation();
+        }
+    }
+
+    fn on_observation(&mut self, bytes: &[u8], now: Duration) {
+        let read = decode::<Observation>(bytes, MAX_SERVER_MESSAGE).map_err(|error| error.to_string());
+        match read.and_then(|observation| self.check(observation)) {
+            Ok(observation) => self.observed(observation, now),
+            Err(reason) => self.unreadable("observation", reason),
+        }
+    }
+
+    fn on_observation_refused(&mut self, error: Option<&[u8]>) {
+        if !matches!(self.phase, Phase::Waiting { .. }) {
+            return;
+        }
+        if let Some(lost) = self.lost.take() {
+            self.fail(lost);
+        } else if let Some(refusal) = error.and_then(|bytes| decode::<Refusal>(bytes, MAX_SERVER_MESSAGE).ok()) {
+            self.fail(SessionFailure::Lost { message: refusal.message, remedy: "start the episode again".into() });
+        }
+    }
+
+    fn on_reset_reply(&mut self, bytes: &[u8], now: Duration) {
+        let reply = match decode::<ResetReply>(bytes, MAX_SERVER_MESSAGE) {
+            Ok(reply) => reply.reply,
+            Err(error) => return self.unreadable("reply to reset", error.to_string()),
+        };
+        if !matches!(self.phase, Phase::Resetting { .. }) {
+            return;
+        }
+        match reply {
+            Some(reset_reply::Reply::Observation(observation)) => {
+                match self.check(observation) {
+                    Ok(first) if first.episode == self.episode && first.step == 0 => self.accept(first, now),
+                    // The answer to an earlier reset.
+                    Ok(_) => {}
+                    Err(reason) => self.unreadable("reply to reset", reason),
+                }
+            }
+            Some(reset_reply::Reply::Refusal(refusal)) => {
+                self.fail(SessionFailure::Reset { episode: self.episode, message: refusal.message });
+            }
+            None => self.unreadable("reply to reset", "it is empty".into()),
+        }
+    }
+
+    fn on_reset_unanswered(&mut self, now: Duration) {
+        if let Phase::Resetting { out: out @ true, until } = &mut self.phase {
+            *out = false;
+            *until = now + self.wait;
+            self.wait = (2 * self.wait).min(LONGEST_WAIT);
+        }
+    }
+
+    fn on_notice(&mut self, bytes: &[u8]) {
+        let notice = match decode::<Notice>(bytes, MAX_SERVER_MESSAGE) {
+            Ok(notice) => notice,
+            Err(error) => return self.unreadable("notice", error.to_string()),
+        };
+        match notice.code() {
+            Code::Lost => {
+                // The recording alone may be lost. Asking tells.
+                self.problem = Some(notice.message.clone());
+                self.lost = Some(SessionFailure::Lost { message: notice.message, remedy: notice.remedy });
+                if matches!(self.phase, Phase::Waiting { .. }) {
+                    self.ask_observation();
+                }
+            }
+            Code::Malformed | Code::Size | Code::Value | Code::Step => self.refused(notice),
+            Code::Rate | Code::Unspecified => self.problem = Some(notice.message),
+        }
+    }
+
+    fn pass_time(&mut self, now: Duration) {
+        if self.wake_at().is_none_or(|at| now < at) {
+            return;
+        }
+        if now.saturating_sub(self.since) >= self.silence {
+            return self.fail(self.silent());
+        }
+        self.tries += 1;
+        self.wait = (2 * self.wait).min(LONGEST_WAIT.max(self.resend));
+        let real_time = self.is_real_time();
+        match &mut self.phase {
+            Phase::Resetting { .. } => self.ask_reset(now),
+            Phase::Waiting { step, action, again } => {
+                *again = now + self.wait;
+                // Once the clock runs, an action that comes again only comes late.
+                let send = !real_time || *step == 0;
+                if send {
+                    self.outputs.push_back(Output::Action(action.clone()));
+                }
+                if !send || self.tries.is_multiple_of(ASK_EVERY) {
+                    self.ask_observation();
+                }
+            }
+            Phase::Idle | Phase::Acting { .. } => {}
+        }
+    }
+
+    fn observed(&mut self, observation: Observation, now: Duration) {
+        if observation.episode != self.episode {
+            return;
+        }
+        match &self.phase {
+            // Others are old or come twice.
+            Phase::Waiting { step, .. } if observation.step > *step => {
+                if !self.is_real_time() && observation.step != step + 1 {
+                    let (expected, found) = (step + 1, observation.step);
+                    return self.fail(SessionFailure::Order { expected, found });
+                }
+                self.outputs.push_back(Output::RoundTrip(now.saturating_sub(self.sent_at)));
+                self.accept(observation, now);
+            }
+            // In real time the newest one counts.
+            Phase::Acting { step } if self.is_real_time() && observation.step > *step => {
+                self.accept(observation, now);
+            }
+            // The server answers: it is there, and its session too.
+            Phase::Waiting { .. } => self.lost = None,
+            _ => {}
+        }
+    }
+
+    fn accept(&mut self, mut observation: Observation, now: Duration) {
+        self.came_forward(now);
+        self.lost = None;
+        match observation.end.take() {
+            Some(end) => {
+                self.phase = Phase::Idle;
+                self.outputs.push_back(Output::Done(end));
+            }
+            None => {
+                self.phase = Phase::Acting { step: observation.step };
+                self.outputs.push_back(Output::Observation(Box::new(observation)));
+            }
+        }
+    }
+
+    fn ask_reset(&mut self, now: Duration) {
+        self.outputs.push_back(Output::Reset(ResetRequest { episode: self.episode }.encode_to_vec().into()));
+        self.phase = Phase::Resetting { out: true, until: now + QUERY_TIMEOUT };
+    }
+
+    fn ask_observation(&mut self) {
+        if !std::mem::replace(&mut self.asking, true) {
+            self.outputs.push_back(Output::AskObservation);
+        }
+    }
+
+    /// The server refused an action, its present step being the notice's. One refusal may be of an old copy, or of what
+    /// someone else sent; the same action refused again and again is ours.
+    fn refused(&mut self, notice: Notice) {
+        let Phase::Waiting { step, .. } = self.phase else { return };
+        if notice.episode != self.episode {
+            return;
+        }
+        self.refusals += 1;
+        self.problem = Some(notice.message.clone());
+        if self.refusals >= MAX_REFUSALS {
+            let Notice { field, message, remedy, .. } = notice;
+            self.fail(SessionFailure::Action { step, field, message, remedy });
+        }
+    }
+
+    fn unreadable(&mut self, what: &'static str, reason: String) {
+        self.refusals += 1;
+        self.problem = Some(format!("a message could not be read: {reason}"));
+        if self.refusals >= MAX_REFUSALS && !matches!(self.phase, Phase::Idle) {
+            self.fail(SessionFailure::Unreadable { what, reason });
+        }
+    }
+
+    fn silent(&self) -> SessionFailure {
+        let waited_for = match &self.phase {
+            Phase::Waiting { step, .. } => format!("action {step} of episode {}", self.episode),
+            _ => format!("the reset to episode {}", self.episode),
+        };
+        SessionFailure::Silent {
+            server: self.info.server.clone(),
+            waited_for,
+            silence_s: self.silence.as_secs_f64(),
+            tries: self.tries + 1,
+            problem: self.problem.as_ref().map_or_else(String::new, |problem| format!("; last: {problem}")),
+        }
+    }
+
+    fn fail(&mut self, failure: SessionFailure) {
+        self.phase = Phase::Idle;
+        self.outputs.push_back(Output::Failed(failure));
+    }
+
+    fn came_forward(&mut self, now: Duration) {
+        self.since = now;
+        self.wait = self.resend;
+        (self.tries, self.refusals) = (0, 0);
+    }
+}
+
+/// A time in a message; none where it cannot be one.
+fn seconds(secs: f64) -> Option<Duration> {
+    secs.is_finite().then(|| Duration::try_from_secs_f64(secs.max(0.0)).unwrap_or(Duration::MAX))
+}

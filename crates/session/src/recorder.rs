@@ -1,0 +1,257 @@
+//! A recorder's side of a session: which record goes into which bag, which bags are cut, and what is acknowledged. The
+//! rules that it follows are those of `proto/PROTOCOL.md`.
+
+mod order;
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use fiatlux_proto::limits::{ACK_PERIOD, MAX_SERVER_MESSAGE, RECORDER_TIMEOUT};
+use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, StepRecord, StepRecordAck};
+use fiatlux_proto::{Bytes, Message, decode};
+
+use crate::machine::Machine;
+pub use order::MAX_WAITING;
+use order::{Next, Order};
+
+/// An acknowledgement that can wait does so until it covers so many records, or half of the longest time allowed.
+const RECORDS_PER_ACK: u64 = 64;
+
+/// A server that is gone for so long does not come back to finish its episode.
+const SERVER_TIMEOUT: Duration = RECORDER_TIMEOUT;
+
+/// What reaches a recorder of one session.
+#[derive(Debug)]
+pub enum Input {
+    /// A [`StepRecord`], published or in answer to a request, in whatever order.
+    StepRecord(Bytes),
+    /// The query of a request has ended.
+    Answered,
+    /// The session's liveliness token is there.
+    ServerSeen,
+    /// The session's liveliness token is gone.
+    ServerGone,
+    /// The open bag has all rows before this step on disk; 0 where no bag is open.
+    OnDisk(u64),
+    /// The open bag cannot be written; what follows of its episode is dropped.
+    WriteFailed,
+    /// Nothing but the time.
+    Tick,
+}
+
+/// What a recorder wants done.
+#[derive(Debug, PartialEq)]
+pub enum Output {
+    /// Write this, then say what is on disk.
+    Write(Write),
+    /// Query `truth/rows` with this [`StepRecordRequest`](fiatlux_proto::v3::StepRecordRequest). All replies have one key:
+    /// ask with Zenoh's consolidation off.
+    Request(Bytes),
+    /// Publish this [`StepRecordAck`] on `truth/ack`.
+    Ack(Bytes),
+    /// Nothing more comes, and no bag is open.
+    Done,
+}
+
+/// What goes into bags.
+#[derive(Debug, PartialEq)]
+pub enum Write {
+    /// A new bag.
+    Open(Box<EpisodeHeader>),
+    /// A row, or the events that end an episode without one.
+    Row(Box<StepRecord>),
+    /// The bag is whole.
+    Finish(Box<EpisodeResult>),
+    /// The bag ends before its episode, for this reason.
+    Cut(String),
+}
+
+/// A bag that is open.
+#[derive(Debug, Clone, Copy)]
+struct OpenBag {
+    episode: u64,
+    /// The row that comes next.
+    next_step: u64,
+}
+
+/// One session's records on their way into bags.
+#[derive(Debug)]
+pub struct RecorderSession {
+    /// Name of the recorder.
+    name: String,
+    order: Order,
+    open: Option<OpenBag>,
+    /// Header of a bag that is resumed, until its first record.
+    resumed: Option<EpisodeHeader>,
+    /// Number that row 0 of the open bag's episode has or would have.
+    first_seq: Option<u64>,
+    /// The step after the last row on disk of the open bag.
+    on_disk: u64,
+    writes: VecDeque<Write>,
+    /// Since when the session's token is gone.
+    gone_at: Option<Duration>,
+    is_done: bool,
+    acked: u64,
+    ack_at: Duration,
+    /// A bag has ended since the last acknowledgement.
+    bag_ended: bool,
+    now: Duration,
+}
+
+impl Machine for RecorderSession {
+    type Input = Input;
+    type Output = Output;
+
+    fn handle(&mut self, input: Input, now: Duration) {
+        self.now = now;
+        match input {
+            Input::StepRecord(bytes) => match decode::<StepRecord>(&bytes, MAX_SERVER_MESSAGE) {
+                Ok(record) => self.order.take(record, now),
+                Err(error) => tracing::warn!(%error, "a record is dropped; does the server speak this version?"),
+            },
+            Input::Answered => self.order.answered(now),
+            Input::ServerSeen => self.gone_at = None,
+            Input::ServerGone => self.gone_at = self.gone_at.or(Some(now)),
+            Input::OnDisk(next_step) => self.on_disk = next_step,
+            Input::WriteFailed => {
+                self.open = None;
+                self.writes.clear();
+            }
+            Input::Tick => {}
+        }
+    }
+
+    /// Writes come first, so that requests and acknowledgements know of what they brought to disk.
+    fn poll(&mut self) -> Option<Output> {
+        while self.writes.is_empty() {
+            match self.order.next() {
+                Some(Next::StepRecord(record)) => self.write(record),
+                Some(Next::Lost { from, to }) => {
+                    let lost = to - from;
+                    self.cut(&format!("{lost} rows were lost: the recorder was away, or too slow, for too long"));
+                }
+                None => return self.poll_server(),
+            }
+        }
+        self.writes.pop_front().map(Output::Write)
+    }
+
+    fn wake_at(&self) -> Option<Duration> {
+        if self.is_done {
+            return None;
+        }
+        let gone = self.gone_at.map(|at| at + if self.open.is_some() { SERVER_TIMEOUT } else { ACK_PERIOD });
+        [self.order.wake_at(), Some(self.ack_at), gone].into_iter().flatten().min()
+    }
+}
+
+impl RecorderSession {
+    /// A session of which nothing is on disk, for the recorder of that name.
+    pub fn new(name: &str, now: Duration) -> Self {
+        Self {
+            name: name.into(),
+            order: Order::new(false, now),
+            open: None,
+            resumed: None,
+            first_seq: None,
+            on_disk: 0,
+            writes: VecDeque::new(),
+            gone_at: None,
+            is_done: false,
+            acked: 0,
+            ack_at: now,
+            bag_ended: false,
+            now,
+        }
+    }
+
+    /// A session with an open bag of that header that has the rows before `next_step` on disk.
+    pub fn resume(name: &str, header: EpisodeHeader, next_step: u64, now: Duration) -> Self {
+        Self {
+            order: Order::new(true, now),
+            open: Some(OpenBag { episode: header.episode, next_step }),
+            resumed: Some(header),
+            on_disk: next_step,
+            ..Self::new(name, now)
+        }
+    }
+
+    /// What the server is to be asked or told, once all is written.
+    fn poll_server(&mut self) -> Option<Output> {
+        if let Some(request) = self.order.request(self.now) {
+            return Some(Output::Request(request.encode_to_vec().into()));
+        }
+        let next_seq = self.next_seq();
+        let is_due = std::mem::take(&mut self.bag_ended) || next_seq >= self.acked + RECORDS_PER_ACK;
+        if is_due && next_seq != self.acked || self.now >= self.ack_at {
+            self.acked = next_seq;
+            self.ack_at = self.now + ACK_PERIOD / 2;
+            let ack = StepRecordAck { recorder: self.name.clone(), next_seq };
+            return Some(Output::Ack(ack.encode_to_vec().into()));
+        }
+        let gone_for = self.now.saturating_sub(self.gone_at?);
+        if self.open.is_some() && gone_for >= SERVER_TIMEOUT {
+            self.cut("the server went away before the episode ended");
+            return self.writes.pop_front().map(Output::Write);
+        }
+        // What was sent before the token went may still be on its way.
+        let is_done = self.open.is_none() && gone_for >= ACK_PERIOD;
+        (is_done && !std::mem::replace(&mut self.is_done, true)).then_some(Output::Done)
+    }
+
+    /// Number of the first record that is not on disk.
+    fn next_seq(&self) -> u64 {
+        match (self.open, self.first_seq) {
+            (None, _) => self.order.next_seq(),
+            (Some(_), Some(first)) => first.saturating_add(self.on_disk).min(self.order.next_seq()),
+            // Resumed, and nothing came yet.
+            (Some(_), None) => 0,
+        }
+    }
+
+    fn cut(&mut self, reason: &str) {
+        if self.open.take().is_some() {
+            self.bag_ended = true;
+            self.writes.push_back(Write::Cut(reason.into()));
+        }
+    }
+
+    fn write(&mut self, mut record: Box<StepRecord>) {
+        let begins = record.step == 0 && record.header.is_some();
+        let goes_on = self.open.is_some_and(|open| open.episode == record.episode);
+        // A first row belongs to an open bag only where that was left before the server knew that it was on disk.
+        if !goes_on || begins && record.header != self.resumed {
+            self.cut("the session went on to another episode");
+            // Only its first row opens a bag; what follows a cut is dropped.
+            let (true, Some(header)) = (begins, record.header.take()) else { return };
+            self.open = Some(OpenBag { episode: record.episode, next_step: 0 });
+            self.on_disk = 0;
+            self.writes.push_back(Write::Open(Box::new(header)));
+        }
+        self.resumed = None;
+        let Some(open) = &mut self.open else { return };
+        let is_row = !record.state.is_empty();
+        // A record without a row follows the last one of its episode.
+        let place = if is_row { record.step } else { record.step.saturating_add(1) };
+        self.first_seq = Some(record.seq.saturating_sub(place));
+        if place > open.next_step {
+            let (next, step) = (open.next_step, record.step);
+            return self.cut(&format!("row {step} came after row {}", next.saturating_sub(1)));
+        }
+        if is_row && place < open.next_step {
+            // On disk already.
+            return;
+        }
+        open.next_step += u64::from(is_row);
+        let result = record.result.take();
+        self.writes.push_back(Write::Row(record));
+        if let Some(result) = result {
+            self.open = None;
+            self.first_seq = None;
+            self.bag_ended = true;
+            self.writes.push_back(Write::Finish(Box::new(result)));
+        }
+    }
+}

@@ -1,0 +1,294 @@
+//! Puts a session's records into the order of their numbers and asks for those that are missing.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW};
+use fiatlux_proto::v3::{StepRecord, StepRecordRequest};
+
+/// Records of a session that wait for an earlier one. More are dropped, and asked for again when their turn comes.
+pub const MAX_WAITING: usize = 1024;
+
+/// A session from which nothing came for so long is asked whether there is more.
+const QUIET: Duration = Duration::from_secs(1);
+
+/// Between two questions for the same record.
+const AGAIN: Duration = Duration::from_millis(200);
+
+/// A record that was not in so many answers is lost, where the server has had to forget it.
+const TRIES: u32 = 3;
+
+/// And where the server should still have it: the question, or its answer, may be what was lost.
+const TRIES_IN_WINDOW: u32 = 15;
+
+/// How far a recorder that takes up a bag looks for the first record that the server has, in requests.
+const MAX_PROBES: u64 = 4096;
+
+/// What came next.
+#[derive(Debug, PartialEq)]
+pub(super) enum Next {
+    /// The next record.
+    StepRecord(Box<StepRecord>),
+    /// Records that cannot be had any more.
+    Lost {
+        /// Number of the first one.
+        from: u64,
+        /// Number of the first one that may still be had.
+        to: u64,
+    },
+}
+
+/// The records of one session.
+#[derive(Debug)]
+pub(super) struct Order {
+    next: u64,
+    /// The number of the next record is not known yet: it is looked for in steps of a request.
+    searching: Option<u64>,
+    waiting: BTreeMap<u64, StepRecord>,
+    /// First number of the request that is being answered.
+    asked: Option<u64>,
+    /// Not before this.
+    ask_at: Duration,
+    heard_at: Duration,
+    tries: u32,
+    lost: Option<(u64, u64)>,
+}
+
+impl Order {
+    /// From the first record on; or, for a bag that is taken up, from the first one that the server still has.
+    pub fn new(takes_up: bool, now: Duration) -> Self {
+        Self {
+            next: 0,
+            searching: takes_up.then_some(0),
+            waiting: BTreeMap::new(),
+            asked: None,
+            ask_at: now,
+            heard_at: now,
+            tries: 0,
+            lost: None,
+        }
+    }
+
+    /// Number of the record that comes next.
+    pub fn next_seq(&self) -> u64 {
+        self.next
+    }
+
+    /// Takes a record in, in whatever order, however often.
+    pub fn take(&mut self, record: StepRecord, now: Duration) {
+        self.heard_at = now;
+        let seq = record.seq;
+        let is_old = seq < self.next && self.searching.is_none();
+        if is_old || self.waiting.contains_key(&seq) {
+            return;
+        }
+        if self.waiting.len() >= MAX_WAITING {
+            // The earlier ones are worth more.
+            match self.waiting.last_key_value() {
+                Some((last, _)) if *last > seq => self.waiting.pop_last(),
+                _ => return,
+            };
+        }
+        self.waiting.insert(seq, record);
+    }
+
+    /// The next record, when it is there.
+    pub fn next(&mut self) -> Option<Next> {
+        if self.searching.is_some() {
+            return None;
+        }
+        if let Some((from, to)) = self.lost.take() {
+            self.next = to;
+            self.waiting = self.waiting.split_off(&to);
+            return Some(Next::Lost { from, to });
+        }
+        let record = self.waiting.remove(&self.next)?;
+        self.next += 1;
+        self.tries = 0;
+        Some(Next::StepRecord(Box::new(record)))
+    }
+
+    /// What to ask for now. [`Order::answered`] must follow before there is another request.
+    pub fn request(&mut self, now: Duration) -> Option<StepRecordRequest> {
+        if self.asked.is_some() || now < self.ask_at {
+            return None;
+        }
+        let request = match (self.searching, self.waiting.keys().next()) {
+            (Some(from_seq), _) => StepRecordRequest { from_seq, count: MAX_TRUTHS_PER_REQUEST },
+            (None, Some(first)) if *first > self.next => {
+                StepRecordRequest { from_seq: self.next, count: (first - self.next).min(MAX_TRUTHS_PER_REQUEST) }
+            }
+            (None, None) if now >= self.heard_at + QUIET => {
+                StepRecordRequest { from_seq: self.next, count: MAX_TRUTHS_PER_REQUEST }
+            }
+            (None, _) => return None,
+        };
+        self.asked = Some(request.from_seq);
+        Some(request)
+    }
+
+    /// When there may be something to ask for, if nothing comes before.
+    pub fn wake_at(&self) -> Option<Duration> {
+        let quiet =
+            if self.searching.is_none() && self.waiting.is_empty() { self.heard_at + QUIET } else { self.ask_at };
+        self.asked.is_none().then(|| quiet.max(self.ask_at))
+    }
+
+    /// The answer to the request is complete; its records were taken in.
+    pub fn answered(&mut self, now: Duration) {
+        let Some(from) = self.asked.take() else { return };
+        let first = self.waiting.keys().next().copied();
+        if self.searching.is_some() {
+            return self.search_on(from, first, now);
+        }
+        // What is not there may be under way, or the server has not made it yet.
+        self.ask_at = now + AGAIN;
+        self.heard_at = now;
+        let (Some(first), Some((newest, _))) = (first, self.waiting.last_key_value()) else { return };
+        if from != self.next || first <= self.next {
+            self.ask_at = now;
+            return;
+        }
+        self.tries += 1;
+        // The server has no more than its window before what it sends.
+        let window = newest.saturating_sub(RECORDING_WINDOW);
+        let is_in_window = window <= self.next;
+        if self.tries >= if is_in_window { TRIES_IN_WINDOW } else { TRIES } {
+            self.tries = 0;
+            self.lost = Some((self.next, if is_in_window { first } else { window.min(first) }));
+        }
+    }
+
+    /// Requests of one length one after the other meet the first record that the server has before any other.
+    fn search_on(&mut self, from: u64, first: Option<u64>, now: Duration) {
+        let after = from.saturating_add(MAX_TRUTHS_PER_REQUEST);
+        match first {
+            Some(first) if first < after => {
+                self.next = first;
+                self.searching = None;
+            }
+            // One that was sent just now: the window is before it.
+            Some(first) => self.searching = Some(after.max(first.saturating_sub(RECORDING_WINDOW))),
+            None if after < MAX_PROBES * MAX_TRUTHS_PER_REQUEST => self.searching = Some(after),
+            None => {
+                self.searching = Some(0);
+                self.ask_at = now + QUIET;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW: Duration = Duration::from_secs(100);
+
+    fn record(seq: u64) -> StepRecord {
+        StepRecord { seq, ..StepRecord::default() }
+    }
+
+    fn seqs(order: &mut Order) -> Vec<u64> {
+        std::iter::from_fn(|| match order.next() {
+            Some(Next::StepRecord(record)) => Some(record.seq),
+            _ => None,
+        })
+        .collect()
+    }
+
+    #[test]
+    fn any_order_and_any_number_of_times() {
+        let mut order = Order::new(false, NOW);
+        for seq in [2, 0, 0, 2] {
+            order.take(record(seq), NOW);
+        }
+        assert_eq!(seqs(&mut order), [0]);
+        for seq in [0, 1, 3, 1] {
+            order.take(record(seq), NOW);
+        }
+        assert_eq!(seqs(&mut order), [1, 2, 3]);
+        assert_eq!(order.next_seq(), 4);
+        assert_eq!(order.request(NOW), None, "nothing is missing");
+    }
+
+    #[test]
+    fn gaps_are_asked_for_one_request_at_a_time() {
+        let mut order = Order::new(false, NOW);
+        order.take(record(5), NOW);
+        assert_eq!(order.request(NOW), Some(StepRecordRequest { from_seq: 0, count: 5 }));
+        assert_eq!(order.request(NOW), None, "one is under way");
+        (0..5).for_each(|seq| order.take(record(seq), NOW));
+        order.answered(NOW);
+        assert_eq!(seqs(&mut order), [0, 1, 2, 3, 4, 5]);
+        order.take(record(1000), NOW);
+        let later = NOW + AGAIN;
+        assert_eq!(order.request(later), Some(StepRecordRequest { from_seq: 6, count: MAX_TRUTHS_PER_REQUEST }));
+    }
+
+    #[test]
+    fn silence_is_asked_about() {
+        let mut order = Order::new(false, NOW);
+        assert_eq!(order.request(NOW), None);
+        let later = NOW + QUIET;
+        assert_eq!(order.request(later), Some(StepRecordRequest { from_seq: 0, count: MAX_TRUTHS_PER_REQUEST }));
+        order.answered(later);
+        assert_eq!(order.request(later + AGAIN), None, "and then not again at once");
+        assert!(order.request(later + QUIET).is_some());
+    }
+
+    #[test]
+    fn what_nobody_has_is_lost() {
+        let mut order = Order::new(false, NOW);
+        order.take(record(0), NOW);
+        assert_eq!(seqs(&mut order), [0]);
+        order.take(record(2000), NOW);
+        let mut now = NOW;
+        for _ in 0..TRIES {
+            assert_eq!(order.next(), None);
+            assert!(order.request(now).is_some());
+            order.answered(now);
+            now += AGAIN;
+        }
+        // What the window may still have is asked for.
+        assert_eq!(order.next(), Some(Next::Lost { from: 1, to: 2000 - RECORDING_WINDOW }));
+        assert_eq!(order.request(now).map(|request| request.from_seq), Some(2000 - RECORDING_WINDOW));
+        (1990..2000).for_each(|seq| order.take(record(seq), now));
+        order.answered(now);
+        for _ in 1..TRIES_IN_WINDOW {
+            assert_eq!(order.next(), None, "the server should have it");
+            now += AGAIN;
+            assert!(order.request(now).is_some());
+            order.answered(now);
+        }
+        assert_eq!(order.next(), Some(Next::Lost { from: 1488, to: 1990 }));
+    }
+
+    #[test]
+    fn memory_is_bounded_and_the_earlier_stay() {
+        let mut order = Order::new(false, NOW);
+        (1..5000).rev().for_each(|seq| order.take(record(seq), NOW));
+        assert_eq!(order.waiting.len(), MAX_WAITING);
+        order.take(record(0), NOW);
+        assert_eq!(seqs(&mut order).len(), MAX_WAITING);
+    }
+
+    /// A recorder that comes back finds the window wherever it is, even when nothing new is sent.
+    #[test]
+    fn a_search_finds_the_first_record() {
+        for window in [0..1, 100..612, 4000..4512, 10_000..10_001] {
+            for is_heard in [false, true] {
+                let mut order = Order::new(true, NOW);
+                if is_heard {
+                    order.take(record(window.end - 1), NOW);
+                }
+                while let Some(request) = order.request(NOW) {
+                    // As the server answers.
+                    let asked = request.from_seq..request.from_seq + request.count;
+                    window.clone().filter(|seq| asked.contains(seq)).for_each(|seq| order.take(record(seq), NOW));
+                    order.answered(NOW);
+                }
+                assert_eq!(seqs(&mut order).first(), Some(&window.start), "{window:?}");
+            }
+        }
+    }
+}

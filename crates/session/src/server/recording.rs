@@ -1,0 +1,117 @@
+//! What a session does for its recorder: it keeps records, and in lockstep it waits.
+
+use std::time::Duration;
+
+use fiatlux_proto::v3::notice::Code as NoticeCode;
+use fiatlux_proto::v3::{Refusal, StepRecord, StepRecordAck, StepRecordRequest};
+use fiatlux_proto::{decode, limits};
+
+use super::{Deferred, Host, Output, Phase, ServerSession};
+
+/// How the recording stands.
+#[derive(Debug, Default)]
+pub(super) struct Recording {
+    /// Some recorder has acknowledged something.
+    pub registered: bool,
+    /// Since when the session waits for room in the window.
+    pub waiting_since: Option<Duration>,
+    /// The recorder is gone: the session goes on without, until one is heard of.
+    lost: bool,
+    /// When an acknowledgement last freed something.
+    last_progress: Duration,
+}
+
+impl<H: Host, R> ServerSession<H, R> {
+    /// Whether the next row has to wait for the recorder; if so, the wait begins.
+    pub(super) fn must_wait(&mut self, now: Duration) -> bool {
+        let waits = self.recorded && !self.is_real_time() && !self.recording.lost && self.window.is_full();
+        if waits {
+            self.recording.waiting_since.get_or_insert(now);
+        }
+        waits
+    }
+
+    /// Whether somebody takes its records, or is waited for.
+    pub(super) fn has_recorder(&self) -> bool {
+        self.recorded || self.recording.registered
+    }
+
+    pub(super) fn publish_record(&mut self, mut record: StepRecord, now: Duration) {
+        let waits = self.recorded && !self.is_real_time() && !self.recording.lost;
+        if self.recorded && self.is_real_time() && self.window.is_full() && !self.recording.lost {
+            self.lose_recorder("the recorder is too slow for real time", now);
+        }
+        let bytes = self.window.push(&mut record, !waits);
+        self.outputs.push_back(Output::StepRecord(bytes));
+    }
+
+    pub(super) fn on_ack(&mut self, bytes: &[u8], now: Duration) {
+        let ack: StepRecordAck = match decode(bytes, limits::MAX_CLIENT_MESSAGE) {
+            Ok(ack) => ack,
+            Err(error) => {
+                return tracing::debug!(session = self.info.session, %error, "an acknowledgement cannot be read");
+            }
+        };
+        if ack.next_seq > self.window.next_seq() {
+            let next = self.window.next_seq();
+            return tracing::debug!(
+                session = self.info.session,
+                ack.next_seq,
+                next,
+                "acknowledgement of what does not exist"
+            );
+        }
+        self.recording.registered = true;
+        self.recording.lost = false;
+        if self.window.acknowledge(&ack) > 0 {
+            self.recording.last_progress = now;
+        }
+        if !self.window.is_full() {
+            self.go_on(now);
+        }
+    }
+
+    pub(super) fn on_records(&mut self, bytes: &[u8], to: R) {
+        match decode::<StepRecordRequest>(bytes, limits::MAX_CLIENT_MESSAGE) {
+            Ok(request) => {
+                let records = self.window.get(&request);
+                self.outputs.push_back(Output::Reply(to, "StepRecord", records));
+            }
+            Err(error) => self.refuse(to, &Refusal::from(&error)),
+        }
+    }
+
+    /// Gives up on a recorder that has not made room in time.
+    pub(super) fn stop_waiting_for_recorder(&mut self, now: Duration) {
+        if self.recording.waiting_since.is_some_and(|since| now >= since + self.timeouts.recorder) {
+            let secs = self.timeouts.recorder.as_secs_f64();
+            let what = if self.recording.registered { "has acknowledged nothing" } else { "has shown up" };
+            let who = if self.recording.registered { "the recorder" } else { "no recorder" };
+            self.lose_recorder(&format!("{who} {what} for {secs} s"), now);
+            self.go_on(now);
+        }
+    }
+
+    /// When a session that is closed stops waiting for its recorder; none when all is acknowledged.
+    pub(super) fn drained_at(&self) -> Option<Duration> {
+        let Phase::Draining(since) = self.phase else { return None };
+        (!self.window.is_empty()).then(|| since.max(self.recording.last_progress) + self.timeouts.recorder)
+    }
+
+    fn lose_recorder(&mut self, why: &str, now: Duration) {
+        self.recording.lost = true;
+        self.note("lost", "recorder", why.into());
+        let message = format!("{why}: the episode goes on, its recording is cut");
+        self.notify(NoticeCode::Lost, 1, "recorded", message, "start a recorder for this server", now);
+    }
+
+    /// Does what waited for room.
+    fn go_on(&mut self, now: Duration) {
+        self.recording.waiting_since = None;
+        match self.deferred.take() {
+            Some(Deferred::Action(received)) => self.advance_deferred(*received, now),
+            Some(Deferred::Reset(episode, to)) => self.reset(episode, to, now),
+            None => {}
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! What the machine adds to its host; each rule of the protocol is tested over real episodes, where the host is.
+
+use std::cell::Cell;
+use std::rc::Rc;
+
+use fiatlux_proto::v3::{Action, ActionRecord, EpisodeResult, Joint};
+
+use super::*;
+use crate::command::Command;
+
+const NOW: Duration = Duration::from_secs(100);
+
+/// Counts instead of simulating.
+#[derive(Debug, Default)]
+struct Counter {
+    present: Observation,
+    records: Rc<Cell<u64>>,
+    fails_to_step: bool,
+    fails_to_record: bool,
+}
+
+fn failure(what: &str) -> Refusal {
+    Refusal::new(RefusalCode::Start, "", what)
+}
+
+impl Host for Counter {
+    fn stage(&mut self, episode: u64) -> Result<&Observation, Refusal> {
+        self.present = Observation { episode, ..Observation::default() };
+        Ok(&self.present)
+    }
+
+    fn step(&mut self, command: &Command) -> Result<&Observation, Refusal> {
+        assert_eq!(*command, Command::JointTarget(vec![0.5, -0.5]));
+        if self.fails_to_step {
+            return Err(failure("the ladder is gone"));
+        }
+        self.present.step += 1;
+        Ok(&self.present)
+    }
+
+    fn look(&mut self, _sensors: &[String]) -> Result<Observation, Refusal> {
+        Ok(self.present.clone())
+    }
+
+    fn record(&mut self, action: Option<ActionRecord>, large: bool) -> Result<StepRecord, Refusal> {
+        assert!(!large, "nobody records");
+        if self.fails_to_record && action.is_some() {
+            return Err(failure("the camera is blind"));
+        }
+        self.records.set(self.records.get() + 1);
+        Ok(StepRecord { step: self.present.step, events: vec![b"the host's".into()], ..StepRecord::default() })
+    }
+
+    fn aborted(&self) -> EpisodeResult {
+        EpisodeResult { total_reward: 2.5, ..EpisodeResult::default() }
+    }
+}
+
+/// A session whose episode 0 was reset.
+fn running(host: Counter) -> ServerSession<Counter, ()> {
+    let info = SessionInfo {
+        joints: vec![Joint::default(); 2],
+        action_scale: 0.5,
+        control_dt: 0.02,
+        ..SessionInfo::default()
+    };
+    let mut session = ServerSession::new(host, info, false, Timeouts::default(), NOW);
+    session.handle(Input::ClientSeen, NOW);
+    session.handle(Input::Reset(Bytes::new(), ()), NOW);
+    let staged = outputs(&mut session);
+    assert!(matches!(staged[..], [Output::Reply((), "ResetReply", _), Output::StepRecord(_)]), "{staged:?}");
+    session
+}
+
+fn outputs(session: &mut ServerSession<Counter, ()>) -> Vec<Output<()>> {
+    std::iter::from_fn(|| session.poll()).collect()
+}
+
+fn act(session: &mut ServerSession<Counter, ()>, step: u64, target: Vec<f64>) {
+    let action = Action { step, joint_target: target, ..Action::default() };
+    session.handle(Input::Action(action.encode_to_vec().into()), NOW);
+}
+
+#[test]
+fn a_row_is_recorded_after_its_observation_is_out() {
+    let host = Counter::default();
+    let records = Rc::clone(&host.records);
+    let mut session = running(host);
+    act(&mut session, 7, vec![0.5, -0.5]);
+    assert!(matches!(outputs(&mut session)[..], [Output::Notice(_)]));
+    act(&mut session, 0, vec![0.5, -0.5]);
+    assert!(matches!(session.poll(), Some(Output::Observation(_))));
+    assert_eq!(records.get(), 1, "row 0 alone");
+    let Some(Output::StepRecord(bytes)) = session.poll() else { panic!("no record") };
+    let record = StepRecord::decode(bytes).expect("a record");
+    assert_eq!((records.get(), record.seq, record.step, record.events.len()), (2, 1, 1, 2));
+    assert_eq!(Event::decode(record.events[0].as_slice()).map(|event| event.kind), Ok("refused".into()));
+    assert_eq!(record.events[1], b"the host's");
+    // Nor is it lost where nobody polls in between.
+    act(&mut session, 1, vec![0.5, -0.5]);
+    session.handle(Input::Terminate("the test ends"), NOW);
+    let found = outputs(&mut session);
+    let [Output::Observation(_), Output::StepRecord(row), Output::Notice(_), Output::StepRecord(end), Output::Closed] =
+        &found[..]
+    else {
+        panic!("{found:?}")
+    };
+    let seq = |bytes: &Bytes| StepRecord::decode(bytes.clone()).expect("a record").seq;
+    assert_eq!((seq(row), seq(end)), (2, 3));
+    let result = StepRecord::decode(end.clone()).expect("a record").result.expect("a result");
+    assert_eq!(result.total_reward, 2.5);
+}
+
+#[test]
+fn a_host_that_fails_closes_its_session() {
+    let mut session = running(Counter { fails_to_step: true, ..Counter::default() });
+    act(&mut session, 0, vec![0.5, -0.5]);
+    let found = outputs(&mut session);
+    assert!(matches!(found[..], [Output::Notice(_), Output::StepRecord(_), Output::Closed]), "{found:?}");
+
+    let mut session = running(Counter { fails_to_record: true, ..Counter::default() });
+    act(&mut session, 0, vec![0.5, -0.5]);
+    let found = outputs(&mut session);
+    let [Output::Observation(_), Output::Notice(notice), Output::StepRecord(_), Output::Closed] = &found[..] else {
+        panic!("{found:?}")
+    };
+    let message = Notice::decode(notice.clone()).expect("a notice").message;
+    assert_eq!(message, "the session is closed: the camera is blind");
+    assert!(session.wake_at().is_some(), "it waits for a recorder");
+}
+
+/// Finite as a target, but not as an action.
+#[test]
+fn a_target_that_is_no_action_does_not_reach_the_host() {
+    let mut session = running(Counter::default());
+    act(&mut session, 0, vec![f64::MAX, 0.0]);
+    assert!(matches!(outputs(&mut session)[..], [Output::Notice(_)]));
+}

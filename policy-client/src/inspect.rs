@@ -1,0 +1,114 @@
+//! A session as its policy meets it: live on a terminal, then as text or JSON, pictures and numbers.
+//!
+//! What an observation can have stands in `terms` alone; everything else here goes by that list.
+
+mod document;
+mod files;
+mod inspector;
+mod picture;
+mod pictures;
+mod scan;
+mod screen;
+mod state;
+mod table;
+mod terms;
+#[cfg(test)]
+mod tests;
+mod text;
+mod view;
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::sync::mpsc;
+
+use fiatlux_link::{print, stop_on_signal};
+use fiatlux_policy::{Client, ClientError, Policy};
+use fiatlux_proto::v3::{OpenRequest, Sensor};
+use thiserror::Error;
+
+pub use files::{FilesError, check};
+use inspector::Inspector;
+use screen::Screen;
+use state::State;
+use view::{Part, Style};
+
+/// What to look at, and how to show it.
+pub struct Inspection {
+    pub policy: Box<dyn Policy>,
+    pub request: OpenRequest,
+    pub episode: u64,
+    pub server: Option<String>,
+    /// Simulated time at most, s.
+    pub seconds: f64,
+    /// Where the pictures and the observation go.
+    pub folder: PathBuf,
+    pub joints: bool,
+    pub json: bool,
+}
+
+/// Why there is nothing to show, or not all of it.
+#[derive(Debug, Error)]
+pub enum InspectError {
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    #[error("stopped before the first observation; the session is closed")]
+    Stopped,
+    #[error("cannot listen for signals")]
+    Signals(#[from] std::io::Error),
+    #[error(transparent)]
+    Files(#[from] FilesError),
+}
+
+/// The sensors that a session is shown with by default. Features and flat take a network's time, so they are on request.
+pub fn default_sensors() -> impl Iterator<Item = Sensor> {
+    terms::SENSORS.iter().map(|sensor| Sensor {
+        rate_hz: sensor.rate_hz.unwrap_or(0.0),
+        on_request: sensor.rate_hz.is_none(),
+        ..Sensor::from(sensor.name)
+    })
+}
+
+/// Runs the episode, prints what came of it, and writes the files.
+pub fn inspect(inspection: Inspection, link: &zenoh::Session) -> Result<(), InspectError> {
+    let Inspection { policy, request, episode, server, seconds, folder, joints, json } = inspection;
+    let stop = stop_on_signal()?;
+    let mut client = Client::open(link, server.as_deref(), request)?;
+    let (sender, notices) = mpsc::channel();
+    client.send_notices(sender);
+    let mut state = State::new(client.info().clone(), policy.name(), episode);
+    let color = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+    let screen = if json { None } else { Screen::on_terminal(color) };
+    let last = (seconds / state.info.control_dt.max(1e-6)).round().max(1.0) as u64;
+    let mut inspector = Inspector::new(policy, &mut state, screen, notices, last, stop.clone());
+    let run = client.run_episode(episode, &mut inspector, &mut |_| {}, &stop);
+    inspector.finish();
+    // The server misses a client that does not say goodbye, so a failure here costs no more than the grace time.
+    if let Err(error) = client.close() {
+        tracing::debug!("the session was not closed: {error}");
+    }
+    let mut failure = None;
+    match run {
+        Ok(end) => state.end = Some(end),
+        Err(ClientError::Stopped) if state.observations > 0 => {}
+        Err(ClientError::Stopped) => return Err(InspectError::Stopped),
+        Err(error) if state.observations == 0 => return Err(error.into()),
+        Err(error) => failure = Some(error),
+    }
+    let files = files::write(&folder, &state);
+    if json {
+        print(format!("{:#}\n", document::report(&state, &files?)));
+    } else {
+        let style = Style { width: screen::width(), color: color && std::io::stdout().is_terminal() };
+        print(view::draw(&state, Part::Summary { joints }, style));
+        // A robot that lies on the floor shows little.
+        if state.end.as_ref().is_some_and(|end| end.causes.iter().any(|cause| cause == "fall"))
+            && state.policy != "stand"
+        {
+            eprintln!(
+                "the robot fell; with --policy stand it stays upright, and --end-on time-out goes on after a fall"
+            );
+        }
+        print(files?.values().fold("\n".to_owned(), |text, path| text + path + "\n"));
+    }
+    failure.map_or(Ok(()), |error| Err(error.into()))
+}

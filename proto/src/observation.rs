@@ -1,0 +1,287 @@
+//! Observations by their fields, whatever sensors there are: what a client needs to handle a sensor that it was not
+//! written for.
+
+use std::collections::BTreeMap;
+
+use prost::Message;
+use prost::encoding::{WireType, decode_key, decode_varint};
+use prost_types::field_descriptor_proto::Type;
+use thiserror::Error;
+
+use crate::decode::{Field, messages};
+use crate::v3::{Observation, ObservationTerm, SessionInfo};
+
+const OBSERVATION: &str = "fiatlux.v3.Observation";
+const IMAGE: &str = "fiatlux.v3.Image";
+/// Fields of an observation that no sensor fills.
+const NO_SENSORS: [&str; 3] = ["episode", "step", "end"];
+/// What is made of a camera's image.
+const MADE_OF_IMAGES: [&str; 3] = [IMAGE, "fiatlux.v3.Features", "fiatlux.v3.FlatObservation"];
+
+/// Why an observation, or a session's description of its own, was refused.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum TermError {
+    /// The server names a field that these messages do not have.
+    #[error(
+        "sensor '{sensor}' fills field '{field}', which this client does not know; use one of the server's version"
+    )]
+    UnknownField {
+        /// The sensor.
+        sensor: String,
+        /// The field.
+        field: String,
+    },
+    /// An observation has what the session does not.
+    #[error("{field} is no term of the session; ask for its sensor, or use a client of the server's version")]
+    NoTerm {
+        /// The field.
+        field: String,
+    },
+    /// A field has another count of numbers than its terms.
+    #[error("{field} has {found} numbers, not {expected}")]
+    Count {
+        /// The field.
+        field: String,
+        /// Numbers that came.
+        found: usize,
+        /// Numbers of its terms.
+        expected: usize,
+    },
+    /// An image has another size than its term.
+    #[error("{field} is {} x {}, not {} x {} pixels", found[0], found[1], expected[0], expected[1])]
+    Image {
+        /// The field.
+        field: String,
+        /// Width and height that came.
+        found: [u64; 2],
+        /// Width and height of its term.
+        expected: [u64; 2],
+    },
+}
+
+impl ObservationTerm {
+    /// How many numbers it has.
+    pub fn length(&self) -> usize {
+        self.shape.iter().fold(1, |length, extent| length.saturating_mul(*extent as usize))
+    }
+}
+
+impl SessionInfo {
+    /// The terms of one sensor, in their order.
+    pub fn terms_of<'a>(&'a self, sensor: &'a str) -> impl Iterator<Item = &'a ObservationTerm> {
+        self.terms.iter().filter(move |term| term.sensor == sensor)
+    }
+}
+
+/// What the observations of a session hold, as the server described it.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ObservationLayout {
+    /// Numbers by field.
+    counts: BTreeMap<String, usize>,
+    /// Width and height by the field of the image.
+    images: BTreeMap<String, [u64; 2]>,
+}
+
+impl ObservationLayout {
+    /// Of a session.
+    ///
+    /// # Errors
+    /// [`TermError`]: a sensor of the session fills a field that these messages do not have.
+    pub fn new(info: &SessionInfo) -> Result<Self, TermError> {
+        let mut layout = Self::default();
+        for term in &info.terms {
+            let unknown = || TermError::UnknownField { sensor: term.sensor.clone(), field: term.field.clone() };
+            let field = find(&term.field).ok_or_else(unknown)?;
+            *layout.counts.entry(term.field.clone()).or_default() += term.length();
+            if let (Type::Bytes, Some((image, _)), [height, width, _]) =
+                (field.kind, term.field.rsplit_once('.'), term.shape.as_slice())
+            {
+                layout.images.insert(image.into(), [u64::from(*width), u64::from(*height)]);
+            }
+        }
+        Ok(layout)
+    }
+
+    /// Refuses an observation in which a sensor's part is not as described. A sensor that is not due has none.
+    ///
+    /// # Errors
+    /// [`TermError`] with the field.
+    pub fn check(&self, observation: &Observation) -> Result<(), TermError> {
+        let bytes = observation.encode_to_vec();
+        let mut found: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut images: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
+        let parts = parts(&bytes);
+        for part in &parts {
+            match (part.field.kind, part.path.rsplit_once('.')) {
+                // Words that go with the numbers, such as the label of weights.
+                (Type::String, Some(_)) => {}
+                (Type::Message, None) if !self.counts.keys().any(|field| within(field, &part.path)) => {
+                    return Err(TermError::NoTerm { field: part.path.clone() });
+                }
+                (Type::Message, _) => {
+                    if part.field.message.as_deref() == Some(IMAGE) {
+                        images.entry(&part.path).or_default();
+                    }
+                }
+                (_, Some((image, side))) if images.contains_key(image) && matches!(side, "width" | "height") => {
+                    let sides = images.entry(image).or_default();
+                    sides[usize::from(side == "height")] = part.value();
+                }
+                _ => *found.entry(&part.path).or_default() += part.count(),
+            }
+        }
+        for (image, sides) in images {
+            if let Some(expected) = self.images.get(image).filter(|expected| **expected != sides) {
+                return Err(TermError::Image { field: image.into(), found: sides, expected: *expected });
+            }
+        }
+        if let Some((field, _)) = found.iter().find(|(field, _)| !self.counts.contains_key(**field)) {
+            return Err(TermError::NoTerm { field: (*field).into() });
+        }
+        for (field, expected) in &self.counts {
+            let is_here = parts.iter().any(|part| within(field, &part.path) || *field == part.path);
+            let count = found.get(field.as_str()).copied().unwrap_or_default();
+            // A single number that is zero is not sent.
+            if is_here && count != *expected && !(count == 0 && is_single(field)) {
+                return Err(TermError::Count { field: field.clone(), found: count, expected: *expected });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Observation {
+    /// Takes over what another one has of its sensors, in place of what is here of the same ones.
+    pub fn overlay(&mut self, seen: &Observation) {
+        let (base, over) = (self.encode_to_vec(), seen.encode_to_vec());
+        let taken: Vec<u32> = Fields(&over).map(|field| field.number).collect();
+        let kept = Fields(&base).filter(|field| !taken.contains(&field.number));
+        let both = kept.flat_map(|field| field.whole.iter().copied()).chain(over.iter().copied()).collect::<Vec<u8>>();
+        // Whole fields of two observations are an observation.
+        if let Ok(both) = Observation::decode(both.as_slice()) {
+            *self = both;
+        }
+    }
+
+    /// The numbers of a field by its path, as [`ObservationTerm`] has it; none where the observation lacks it.
+    pub fn numbers(&self, field: &str) -> Vec<f64> {
+        let bytes = self.encode_to_vec();
+        parts(&bytes).iter().filter(|part| part.path == field).flat_map(Part::numbers).collect()
+    }
+}
+
+/// Whether a sensor of that name shows a camera's image, or what is made of one.
+pub fn is_of_images(sensor: &str) -> bool {
+    find(sensor).and_then(|field| field.message.as_deref()).is_some_and(|made| MADE_OF_IMAGES.contains(&made))
+}
+
+/// A field by its path from an observation on.
+fn find(path: &str) -> Option<&'static Field> {
+    let (mut message, mut found) = (OBSERVATION, None);
+    for name in path.split('.') {
+        let field = messages().get(message)?.values().find(|field| field.name == name)?;
+        message = field.message.as_deref().unwrap_or_default();
+        found = Some(field);
+    }
+    found
+}
+
+fn is_single(path: &str) -> bool {
+    find(path).is_some_and(|field| !field.is_repeated && field.kind != Type::Bytes)
+}
+
+/// Whether a field is within the message at that path.
+fn within(field: &str, path: &str) -> bool {
+    field.strip_prefix(path).is_some_and(|rest| rest.starts_with('.'))
+}
+
+/// A field that an observation has, and what it holds.
+struct Part<'a> {
+    path: String,
+    field: &'static Field,
+    contents: &'a [u8],
+}
+
+impl Part<'_> {
+    /// How many numbers it holds.
+    fn count(&self) -> usize {
+        match self.field.kind {
+            Type::Float => self.contents.len() / 4,
+            Type::Double => self.contents.len() / 8,
+            Type::Bytes => self.contents.len(),
+            // The last byte of a whole number has its first bit clear.
+            _ => self.contents.iter().filter(|byte| **byte < 0x80).count(),
+        }
+    }
+
+    fn numbers(&self) -> Vec<f64> {
+        match self.field.kind {
+            Type::Float => {
+                self.contents.as_chunks().0.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect()
+            }
+            Type::Double => self.contents.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect(),
+            Type::Bytes => self.contents.iter().map(|byte| f64::from(*byte)).collect(),
+            Type::String | Type::Message => Vec::new(),
+            _ => {
+                let mut rest = self.contents;
+                std::iter::from_fn(|| decode_varint(&mut rest).ok()).map(|value| value as f64).collect()
+            }
+        }
+    }
+
+    fn value(&self) -> u64 {
+        decode_varint(&mut &*self.contents).unwrap_or_default()
+    }
+}
+
+/// All fields of an observation that sensors have filled, each message before what is in it.
+fn parts(observation: &[u8]) -> Vec<Part<'_>> {
+    let mut all = Vec::new();
+    add_parts(observation, OBSERVATION, "", &mut all);
+    all.retain(|part| !NO_SENSORS.iter().any(|name| part.path == *name || within(&part.path, name)));
+    all
+}
+
+fn add_parts<'a>(bytes: &'a [u8], message: &str, prefix: &str, all: &mut Vec<Part<'a>>) {
+    let Some(fields) = messages().get(message) else { return };
+    for raw in Fields(bytes) {
+        // What the messages do not have was refused when it was decoded.
+        let Some(field) = fields.get(&raw.number) else { continue };
+        let path = format!("{prefix}{}", field.name);
+        let inner = field.message.as_deref().map(|inner| (inner, format!("{path}.")));
+        all.push(Part { path, field, contents: raw.contents });
+        if let Some((inner, prefix)) = inner {
+            add_parts(raw.contents, inner, &prefix, all);
+        }
+    }
+}
+
+/// The fields of an encoded message, one after another.
+struct Fields<'a>(&'a [u8]);
+
+struct RawField<'a> {
+    number: u32,
+    /// With its key.
+    whole: &'a [u8],
+    /// Without key and length.
+    contents: &'a [u8],
+}
+
+impl<'a> Iterator for Fields<'a> {
+    type Item = RawField<'a>;
+
+    fn next(&mut self) -> Option<RawField<'a>> {
+        let start = self.0;
+        let (number, wire_type) = decode_key(&mut self.0).ok()?;
+        let length = match wire_type {
+            WireType::LengthDelimited => usize::try_from(decode_varint(&mut self.0).ok()?).ok()?,
+            WireType::Varint => self.0.iter().position(|byte| *byte < 0x80)? + 1,
+            WireType::SixtyFourBit => 8,
+            WireType::ThirtyTwoBit => 4,
+            WireType::StartGroup | WireType::EndGroup => return None,
+        };
+        let (contents, rest) = self.0.split_at_checked(length)?;
+        self.0 = rest;
+        Some(RawField { number, whole: &start[..start.len() - rest.len()], contents })
+    }
+}

@@ -1,0 +1,173 @@
+//! The simulation of a session: its episodes, and what its client senses and its bag has of them, as messages.
+
+#[cfg(test)]
+pub(super) mod tests;
+
+use fiatlux_features::ResNet18;
+use fiatlux_link::in_full;
+use fiatlux_proto::Message;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, SessionInfo, StepRecord};
+use fiatlux_render::Lighting;
+use fiatlux_sensing::{NoiseSeed, SenseError, Sensor, SensorSuite, Sensors, View};
+use fiatlux_session::{Command, Host};
+use fiatlux_world::Episode;
+
+use super::info;
+use super::plan::{Plan, SensorPlan};
+use super::record::{self, Record, Seen};
+use super::scenes::Built;
+
+/// Episodes of one plan, in one scene.
+#[derive(Debug)]
+pub(super) struct Simulation {
+    server: String,
+    id: String,
+    plan: Plan,
+    built: Built,
+    suite: SensorSuite,
+    /// Label of the weights of the camera's features; empty without them.
+    weights: String,
+    run: Option<Run>,
+}
+
+#[derive(Debug)]
+struct Run {
+    episode: Episode,
+    /// None before row 0 is recorded.
+    record: Option<Record>,
+    observation: Observation,
+    /// Some number of the last action was outside the box [-1, 1].
+    outside_box: bool,
+}
+
+impl Simulation {
+    pub fn new(server: &str, id: &str, plan: Plan, built: Built, network: Option<ResNet18>) -> Self {
+        let weights = network.as_ref().map(|network| network.label().to_owned()).unwrap_or_default();
+        let suite = SensorSuite::new(plan.sensors.all(), plan.setup(&built.scene));
+        let suite = suite.with_sight(plan.sensors.sight()).with_network(network);
+        Self { server: server.into(), id: id.into(), plan, built, suite, weights, run: None }
+    }
+
+    /// What a client is told of the session, its timeouts aside.
+    pub fn info(&self) -> SessionInfo {
+        info::session(&self.server, &self.id, &self.plan, self.labels(), &self.built.scene)
+    }
+
+    fn labels(&self) -> info::Labels<'_> {
+        info::Labels { weights: &self.weights, meshes: self.built.meshes() }
+    }
+}
+
+impl Host for Simulation {
+    fn stage(&mut self, episode: u64) -> Result<&Observation, Refusal> {
+        #[cfg(test)]
+        assert_ne!(self.plan.request.policy, tests::PANICS, "a test asked for it");
+        self.run = None;
+        let spec = self.plan.episode(episode);
+        let start = |error: &dyn std::error::Error| Refusal::new(Code::Start, "", in_full(error));
+        let friction = spec.drawn_hand_friction().map(|friction| friction.dynamic_friction);
+        let scene = self.built.with_friction(friction).map_err(|error| start(&error))?;
+        let episode = Episode::start(scene, &spec).map_err(|error| start(&error))?;
+        let (suite, built) = (&mut self.suite, &self.built);
+        let observation = suite
+            .begin(episode.scene(), NoiseSeed::of(&spec), || built.visuals(), Lighting::of(&spec.light()))
+            .and_then(|()| observe(suite, &episode, self.plan.sensors.due(0)))
+            .map_err(|error| sensors_fail(&error))?;
+        let run = Run { episode, record: None, observation, outside_box: false };
+        Ok(&self.run.insert(run).observation)
+    }
+
+    fn step(&mut self, command: &Command) -> Result<&Observation, Refusal> {
+        let run = self.run.as_mut().ok_or_else(no_episode)?;
+        let step = match command {
+            Command::Action(action) => run.episode.step(action),
+            Command::JointTarget(target) => run.episode.step(&run.episode.action_for(target)),
+        };
+        let step = step.map_err(|error| Refusal::new(Code::Value, "action", in_full(&error)))?;
+        run.outside_box = step.outside_box;
+        let due = self.plan.sensors.due(run.episode.row().step);
+        run.observation = observe(&mut self.suite, &run.episode, due).map_err(|error| sensors_fail(&error))?;
+        Ok(&run.observation)
+    }
+
+    fn look(&mut self, names: &[String]) -> Result<Observation, Refusal> {
+        let run = self.run.as_ref().ok_or_else(no_episode)?;
+        let asked = sensors(names, &self.plan.sensors)?;
+        let seen = self.suite.observe(&View::of(&run.episode), asked);
+        seen.map_err(|error| Refusal::new(Code::Value, "sensors", in_full(&error)))
+    }
+
+    fn record(&mut self, action: Option<ActionRecord>, large: bool) -> Result<StepRecord, Refusal> {
+        let Self { plan, suite, run, .. } = self;
+        let run = run.as_mut().ok_or_else(no_episode)?;
+        let seen = recorded(suite, &run.episode, &plan.sensors, large, &run.observation);
+        let seen = seen.map_err(|error| sensors_fail(&error))?;
+        if let Some((record, action)) = run.record.as_mut().zip(action) {
+            let action = ActionRecord { outside_box: run.outside_box, ..action };
+            return Ok(record.row(&run.episode, &action, seen));
+        }
+        let labels = info::Labels { weights: &self.weights, meshes: self.built.meshes() };
+        let header = info::header(&self.server, &self.id, plan, labels, &run.episode);
+        let (record, first) = Record::start(&run.episode, header, self.built.shapes.to_vec(), seen);
+        run.record = Some(record);
+        Ok(first)
+    }
+
+    fn aborted(&self) -> EpisodeResult {
+        self.run.as_ref().map(|run| record::aborted(&run.episode)).unwrap_or_default()
+    }
+}
+
+fn no_episode() -> Refusal {
+    Refusal::new(Code::Value, "", "no episode runs; send reset")
+}
+
+fn sensors_fail(error: &SenseError) -> Refusal {
+    Refusal::new(Code::Start, "sensors", in_full(error))
+}
+
+fn sensors(names: &[String], plan: &SensorPlan) -> Result<Sensors, Refusal> {
+    let mut asked = Sensors::NONE;
+    for name in names {
+        let sensor = Sensor::by_name(name).filter(|sensor| plan.sensed().contains(*sensor)).ok_or_else(|| {
+            let known: Vec<_> = plan.sensed().iter().map(Sensor::name).collect();
+            let message = format!("the session has no sensor '{name}' but {}; name it in open", known.join(", "));
+            Refusal::new(Code::Unknown, "sensors", message)
+        })?;
+        asked = asked.with(sensor);
+    }
+    Ok(asked)
+}
+
+/// What a policy sees in the last row.
+fn observe(suite: &mut SensorSuite, episode: &Episode, due: Sensors) -> Result<Observation, SenseError> {
+    Ok(Observation { end: record::end(episode), ..suite.observe(&View::of(episode), due)? })
+}
+
+/// What the bag has of the last row, whose observation has been published.
+fn recorded(
+    suite: &mut SensorSuite,
+    episode: &Episode,
+    sensors: &SensorPlan,
+    large: bool,
+    published: &Observation,
+) -> Result<Seen, SenseError> {
+    /// Those that have topics of their own.
+    const APART: Sensors = Sensors::of(&[Sensor::Camera, Sensor::Lidar]);
+    let step = episode.row().step;
+    let wanted = sensors.recorded(step);
+    let wanted = if large { wanted } else { wanted.without(Sensors::LARGE) };
+    let observation = match wanted.without(APART) {
+        same if same == sensors.due(step) => published.encode_to_vec(),
+        others => observe(suite, episode, others)?.encode_to_vec(),
+    };
+    let mut seen = Seen { observation, ..Seen::default() };
+    if wanted.contains(Sensor::Camera) {
+        seen.camera = suite.compressed_image(Sensor::Camera, &View::of(episode))?.encode_to_vec();
+    }
+    if wanted.contains(Sensor::Lidar) {
+        seen.lidar = suite.point_cloud(&View::of(episode))?.encode_to_vec();
+    }
+    Ok(seen)
+}

@@ -1,0 +1,12 @@
+//! The world against closed forms, MuJoCo and its own laws.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod drops;
+mod hand;
+mod hostile;
+mod on_ladder;
+mod oracle;
+mod props;
+mod socket;
+mod standing;
+mod starts;

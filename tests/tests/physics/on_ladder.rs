@@ -1,0 +1,205 @@
+//! The robot standing on every tread and on the platform of the free ladder, its palms on the rails, on the guard bar
+//! where it is within reach, with and without a bulb in the right hand. All gains are times 8.
+//!
+//! A posture is solved for, its targets press the palms on by a little, and the robot is left alone.
+
+mod places;
+
+use fiatlux_dynamics::BodyId;
+use fiatlux_robot::{GainSet, Gains, JointGains, Robot};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, GRAVITY, LIMBS, Row};
+use fiatlux_tests::grasp::close_hand;
+use fiatlux_tests::posture::held_targets;
+use fiatlux_tests::{Rig, robot, scaled_gains, scene};
+use fiatlux_world::{PHYSICS_DT, SceneConfig, SceneKind, ShapeOwner, World};
+use nalgebra::{Point3, Vector3};
+
+use places::{Place, find_posture, places};
+
+/// The G1 with Inspire hands.
+const JOINTS: usize = 53;
+const SETTLE_SECONDS: f64 = 3.0;
+const STATIC_SECONDS: f64 = 10.0;
+/// How far the targets press a palm into its bar, m.
+const PRESS: f64 = 0.010;
+
+/// All gains times 8; a hand that holds a bulb keeps its own.
+fn gains(robot: &Robot, with_bulb: bool) -> Gains {
+    let stiff = scaled_gains(robot, &[""], 8.0);
+    let own = robot.gains(GainSet::Fiatlux);
+    let hand = |index: usize| with_bulb && robot.joints()[index].name.starts_with("R_");
+    let pick = |index: usize| -> JointGains { if hand(index) { own.0[index] } else { stiff.0[index] } };
+    Gains((0..robot.joints().len()).map(pick).collect())
+}
+
+/// Corners of both soles in the ladder's frame.
+fn soles(rig: &Rig) -> Vec<Point3<f64>> {
+    let ladder_from_world = rig.pose(rig.scene.ladder.unwrap()).inverse();
+    let robot = &rig.scene.robot;
+    let corners = [[-0.063, -0.033], [-0.063, 0.033], [0.139, -0.033], [0.139, 0.033]];
+    robot
+        .feet()
+        .iter()
+        .flat_map(|&foot| {
+            let pose = ladder_from_world * rig.link_pose(&robot.links()[foot].name);
+            corners.map(|[x, y]| pose * Point3::new(x, y, -0.035))
+        })
+        .collect()
+}
+
+/// Upward force on the robot by all of the ladder, N.
+fn carried(rig: &Rig) -> f64 {
+    let on_robot = rig.contacts_between(|o| matches!(o, ShapeOwner::Robot(_)), |by| by == ShapeOwner::Ladder);
+    on_robot.iter().map(|(_, contact)| contact.force.z).sum()
+}
+
+/// Upward force on the ladder by the floor, N.
+fn floor_load(rig: &Rig) -> f64 {
+    let on_ladder = rig.contacts_between(|o| o == ShapeOwner::Ladder, |by| by == ShapeOwner::Floor);
+    on_ladder.iter().map(|(_, contact)| contact.force.z).sum()
+}
+
+/// What a world that starts from this state reports one control step on.
+fn reported(rig: &Rig) -> Row {
+    let scene = &rig.scene;
+    let mut world = World::new(scene.clone());
+    let mut row = world.row().clone();
+    let body = |id: BodyId| {
+        let velocity = rig.dynamics.velocity(id);
+        BodyRow { pose: rig.pose(id), linear_velocity: velocity.linear, angular_velocity: velocity.angular }
+    };
+    row.robot = body(scene.robot_ids.root);
+    row.ladder = body(scene.ladder.unwrap());
+    row.bulbs = [body(scene.old_bulb.unwrap()), body(scene.fresh_bulb.unwrap())];
+    let mut targets = [0.0; JOINTS];
+    for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
+        row.joint_position[joint] = rig.state.qpos[ids.qpos];
+        row.joint_velocity[joint] = rig.state.qvel[ids.dof];
+        targets[joint] = rig.targets[ids.drive];
+    }
+    row.attachments = [AttachmentRow { seated: false, steps_beyond: 0 }; 2];
+    world.reset_to(&row).unwrap();
+    world.step(&[0.0; JOINTS], &targets).unwrap().clone()
+}
+
+/// What 10 s of standing showed.
+struct Stand {
+    /// Farthest that a corner of a sole moved on the ladder, and that the ladder moved, m.
+    slip: f64,
+    ladder_drift: f64,
+    /// Fastest link, m/s, and deepest overlap of any two shapes, m.
+    speed: f64,
+    depth: f64,
+    /// Weight of the robot with what it holds, and with the ladder, N.
+    weight: f64,
+    weight_with_ladder: f64,
+    carried: f64,
+    floor_load: f64,
+    /// Forces that a world reports on feet and palms (left, right), and the old bulb's largest one on a hand body, N.
+    reported: [Vector3<f64>; LIMBS],
+    grip: f64,
+    unconverged: u32,
+}
+
+fn stand(place: &Place, with_bulb: bool) -> Stand {
+    let robot = robot();
+    let scene = scene(SceneKind::CoupledLadder, 0, gains(&robot, with_bulb));
+    let ladder = scene.ladder.unwrap();
+    let mut rig = Rig::new(&scene);
+    // A rig has no socket that would hold the bulb.
+    rig.lock_body(scene.old_bulb.unwrap(), true);
+    let hands: &[usize] = if with_bulb { &[0] } else { &[0, 1] };
+    let start = find_posture(&mut rig, place, hands, 0.0, None);
+    let pressed = find_posture(&mut rig, place, hands, PRESS, Some(&start));
+    let held = held_targets(&robot, &start, &scene.spec.gains);
+    start.apply(&mut rig);
+    if with_bulb {
+        close_hand(&mut rig);
+        rig.lock_robot(false);
+    }
+    let holds = |joint: usize| with_bulb && robot.joints()[joint].name.starts_with("R_");
+    for joint in (0..JOINTS).filter(|&joint| !holds(joint)) {
+        rig.targets[scene.robot_ids.joints[joint].drive] = held[joint] + pressed.joints[joint] - start.joints[joint];
+    }
+    rig.run(SETTLE_SECONDS);
+
+    let (soles_before, ladder_before) = (soles(&rig), rig.pose(ladder).translation.vector);
+    let (mut slip, mut speed, mut depth) = (0.0_f64, 0.0_f64, 0.0_f64);
+    for _ in 0..(STATIC_SECONDS / 0.1).round() as usize {
+        for _ in 0..(0.1 / PHYSICS_DT).round() as usize {
+            rig.step();
+            depth = depth.max(rig.penetration());
+        }
+        rig.update();
+        slip = soles(&rig).iter().zip(&soles_before).map(|(now, before)| (now - before).norm()).fold(slip, f64::max);
+        let links = &scene.robot_ids.links;
+        speed = links.iter().map(|link| rig.dynamics.velocity(link.body).linear.norm()).fold(speed, f64::max);
+    }
+    let bulb_mass = if with_bulb { scene.config.bulb.mass } else { 0.0 };
+    let weight = (robot.total_mass() + bulb_mass) * GRAVITY;
+    let row = reported(&rig);
+    Stand {
+        slip,
+        ladder_drift: (rig.pose(ladder).translation.vector - ladder_before).norm(),
+        speed,
+        depth,
+        weight,
+        weight_with_ladder: weight + scene.config.ladder.mass * GRAVITY,
+        carried: carried(&rig),
+        floor_load: floor_load(&rig),
+        reported: row.ladder_force,
+        grip: row.hand_force[Bulb::Old as usize].iter().map(Vector3::norm).fold(0.0, f64::max),
+        unconverged: rig.unconverged,
+    }
+}
+
+fn check(with_bulb: bool) {
+    let mut failed = Vec::new();
+    for place in places(&SceneConfig::default().ladder) {
+        let s = stand(&place, with_bulb);
+        let reported: f64 = s.reported.iter().map(|force| force.z).sum();
+        println!(
+            "{}: slip {:.3} mm, ladder {:.3} mm, speed {:.2} mm/s, depth {:.2} mm; of {:.1} N the ladder carries {:.1}, \
+             reported {reported:.1}, of {:.1} N the floor {:.1}; feet and palms {:.1?} N, \
+             grip {:.1} N, unconverged {}",
+            place.name,
+            1e3 * s.slip,
+            1e3 * s.ladder_drift,
+            1e3 * s.speed,
+            1e3 * s.depth,
+            s.weight,
+            s.carried,
+            s.weight_with_ladder,
+            s.floor_load,
+            s.reported.map(|force| force.norm()),
+            s.grip,
+            s.unconverged,
+        );
+        let near = |load: f64, weight: f64| (load - weight).abs() < 0.05 * weight;
+        let palms = &s.reported[2..if with_bulb { 3 } else { 4 }];
+        let bars = [
+            ("slip", s.slip < 1e-3),
+            ("ladder drift", s.ladder_drift < 1e-3),
+            ("speed", s.speed < 0.01),
+            ("depth", s.depth < 2e-3),
+            ("carried", near(s.carried, s.weight)),
+            ("reported", near(reported, s.weight)),
+            ("floor load", near(s.floor_load, s.weight_with_ladder)),
+            ("palms touch", palms.iter().all(|force| force.norm() > 1.0)),
+            ("bulb held", !with_bulb || s.grip > 1.0),
+            ("converged", s.unconverged == 0),
+        ];
+        failed.extend(bars.iter().filter(|(_, met)| !met).map(|(bar, _)| format!("{}: {bar}", place.name)));
+    }
+    assert!(failed.is_empty(), "{failed:?}");
+}
+
+#[test]
+fn with_both_palms() {
+    check(false);
+}
+
+#[test]
+fn with_a_bulb_in_the_right_hand() {
+    check(true);
+}
