@@ -22,7 +22,7 @@ pub enum ShapeOwner {
 }
 
 impl ShapeOwner {
-    const PROPS: [ShapeOwner; 8] = [
+    pub(crate) const PROPS: [ShapeOwner; 8] = [
         ShapeOwner::Floor,
         ShapeOwner::Room,
         ShapeOwner::Bench,
