@@ -79,6 +79,11 @@ fn robots_that_do_not_fit_a_row_are_refused() {
         let error = Scene::build(&SceneConfig::default(), robot, spec).unwrap_err();
         assert!(error.to_string().contains(refusal), "{error}");
     }
+    // Rows take the number of joints from the robot.
+    let robot = Arc::new(Robot::from_toml(&fixed).unwrap());
+    let spec = SceneSpec::new(SceneKind::Climb, 0, robot.gains(GainSet::Fiatlux));
+    let layout = Scene::build(&SceneConfig::default(), robot, spec).unwrap().robot_layout();
+    assert_eq!((layout.joints, layout.hand_bodies()), (52, 34));
 }
 
 #[test]
