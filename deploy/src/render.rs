@@ -18,9 +18,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use fiatlux_bag::{Bag, BagError, Completeness};
 use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
-use fiatlux_robot::{Robot, RobotError};
+use fiatlux_robot::{HandKind, Robot, RobotError};
 use fiatlux_rules::{CONTROL_DT, Row};
-use fiatlux_wire::{RebuildError, light_of, scene_of};
+use fiatlux_wire::{RebuildError, light_of, robot_of, scene_of};
 use fiatlux_world::Scene;
 use thiserror::Error;
 
@@ -180,12 +180,13 @@ impl Clip {
     /// has no row in the span.
     pub fn open(options: RenderOptions) -> Result<Self, RenderError> {
         options.output.check(options.force)?;
-        let robot = Arc::new(Robot::g1_inspire()?);
+        // The robots differ in joints, not in links.
+        let robot = Robot::with_hands(HandKind::default())?;
         let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
         let mut warnings = Vec::new();
         let mut episodes = Vec::new();
         for path in &options.bags {
-            let episode = Episode::open(path, &robot, &options, &mut warnings)?;
+            let episode = Episode::open(path, &options, &mut warnings)?;
             let drawn_with = meshes.as_ref().map_or("", RobotMeshes::label);
             if !["", drawn_with].contains(&episode.bag.header().meshes.as_str()) {
                 let path = path.display();
@@ -248,15 +249,10 @@ impl Clip {
 
 impl Episode {
     /// Reads through a bag.
-    fn open(
-        path: &Path,
-        robot: &Arc<Robot>,
-        options: &RenderOptions,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self, RenderError> {
+    fn open(path: &Path, options: &RenderOptions, warnings: &mut Vec<String>) -> Result<Self, RenderError> {
         let bag = Bag::open(path)?;
-        let scene = scene_of(bag.header(), Arc::clone(robot))
-            .map_err(|source| RenderError::Header { bag: path.into(), source })?;
+        let scene = robot_of(bag.header()).and_then(|robot| scene_of(bag.header(), Arc::new(robot)));
+        let scene = scene.map_err(|source| RenderError::Header { bag: path.into(), source })?;
         let mut rows = Rows::new(&bag, scene.robot_layout());
         let mut spots = Vec::new();
         let mut beyond = false;

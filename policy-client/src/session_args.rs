@@ -12,6 +12,9 @@ pub struct SessionArgs {
     /// Named set of gains of the joints' drives: fiatlux or sonic
     #[arg(long, value_name = "NAME")]
     gains: Option<String>,
+    /// Hands: inspire, or bare for welded fingers and a robot of 29 joints
+    #[arg(long, value_name = "NAME")]
+    hands: Option<String>,
     /// Sensors, such as proprioception,lidar@10,camera@look: at a rate in Hz, or only when the policy looks; without a rate
     /// in every observation. proprioception, hand_contact, limb_contact, last_action, lidar, camera, features, flat,
     /// privileged, verdict
@@ -78,6 +81,7 @@ impl SessionArgs {
             }
         };
         set(&mut request.gains, &self.gains);
+        set(&mut request.hands, &self.hands);
         set(&mut request.weights, &self.weights);
         set(&mut request.reward, &self.reward);
         if !self.sensors.is_empty() {

@@ -1,6 +1,9 @@
 //! The balance controller on the simulated robot, with reset noise and observation noise: it stands and keeps its bulb.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+#[path = "balance/bare_hands.rs"]
+mod bare_hands;
+
 use std::fmt;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};

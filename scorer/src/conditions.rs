@@ -4,12 +4,15 @@ use std::collections::BTreeMap;
 
 use fiatlux_proto::is_of_images;
 use fiatlux_proto::v3;
-use fiatlux_rules::Thresholds;
+use fiatlux_rules::{BENCHMARK_VERSION, Thresholds};
 use serde::{Deserialize, Serialize};
 
 /// Conditions that all episodes of a table share.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Conditions {
+    /// Version of the benchmark that the episodes were played in: its rooms, its physics and its rules.
+    #[serde(default)]
+    pub benchmark_version: u32,
     /// `lockstep` or `real time`.
     pub mode: String,
     /// Named set of gains.
@@ -57,6 +60,7 @@ pub struct Conditions {
 pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
     let end_on = if header.end_on_overridden { listed(&header.end_on) } else { "the task's own".into() };
     let mut fields: Vec<(String, String)> = [
+        ("benchmark_version", header.benchmark_version.to_string()),
         ("policy", quoted(&header.policy)),
         ("mode", mode(header).into()),
         ("gains", gains(header).into()),
@@ -84,6 +88,12 @@ impl Conditions {
         let thresholds_set: Vec<String> =
             set.iter().filter_map(|set| set.split_once('=')).map(|(k, _)| k.trim().into()).collect();
         let mut deviations = Vec::new();
+        if header.benchmark_version != BENCHMARK_VERSION {
+            let played = header.benchmark_version;
+            deviations.push(format!(
+                "the rules are those of benchmark version {BENCHMARK_VERSION}, the episodes of {played}"
+            ));
+        }
         if mode(header) != "lockstep" {
             deviations.push(format!("mode is {}", mode(header)));
         }
@@ -122,6 +132,7 @@ impl Conditions {
             deviations.push("criteria are counted as in the published numbers".into());
         }
         Self {
+            benchmark_version: header.benchmark_version,
             mode: mode(header).into(),
             gains: gains(header).into(),
             hands: hands(header).into(),
@@ -242,7 +253,11 @@ mod tests {
     /// What varies, what props are like and what is sensed are conditions; what the bag alone has is none.
     #[test]
     fn sessions_that_differ_are_told_apart() {
-        let header = || v3::EpisodeHeader { sensors: vec!["proprioception".into()], ..v3::EpisodeHeader::default() };
+        let header = || v3::EpisodeHeader {
+            benchmark_version: BENCHMARK_VERSION,
+            sensors: vec!["proprioception".into()],
+            ..v3::EpisodeHeader::default()
+        };
         let standard = new(header());
         assert!(standard.standard, "{:?}", standard.deviations);
         let random = |random: v3::Randomization| v3::EpisodeHeader { randomization: Some(random), ..header() };
@@ -258,6 +273,10 @@ mod tests {
             (v3::EpisodeHeader { request: Some(request), ..header() }, "sizes of props are ladder_z 1.05"),
             (v3::EpisodeHeader { scene_config: "[bench]".into(), ..header() }, "the scene is not the published one"),
             (sensing("verdict".into()), "the policy could sense verdict"),
+            (
+                v3::EpisodeHeader { benchmark_version: 7, ..header() },
+                "the rules are those of benchmark version 1, the episodes of 7",
+            ),
         ];
         for (other, deviation) in cases {
             let conditions = new(other);
@@ -278,6 +297,7 @@ mod tests {
     #[test]
     fn meshes_count_where_they_are_seen() {
         let header = |sensor: &str, meshes: &str| v3::EpisodeHeader {
+            benchmark_version: BENCHMARK_VERSION,
             sensors: vec!["proprioception".into(), sensor.into()],
             meshes: meshes.into(),
             ..v3::EpisodeHeader::default()

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_proto::{ABORTED, v3};
+use fiatlux_proto::{ABORTED, PROTOCOL, is_compatible, v3};
 use fiatlux_rules::{Cause, Causes, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds};
 use fiatlux_wire::{WireError, read_geometry};
 use thiserror::Error;
@@ -13,6 +13,15 @@ use crate::series::Recorder;
 /// Why an episode cannot be graded from its header.
 #[derive(Debug, Error)]
 pub enum HeaderError {
+    /// Another major version of the protocol.
+    #[error(
+        "the bag is of protocol {found}, this scorer reads {PROTOCOL}; grade it with the scorer of its own version, or \
+         record the episode again"
+    )]
+    Protocol {
+        /// Version of the bag.
+        found: v3::Version,
+    },
     /// The task.
     #[error("the header's task is unknown; the bag may come from another version")]
     Task(#[from] fiatlux_rules::UnknownTask),
@@ -110,6 +119,10 @@ impl Grader {
     /// # Errors
     /// [`HeaderError`] where the header names what this version does not know.
     pub fn new(header: &v3::EpisodeHeader, set: &[String], published_counting: bool) -> Result<Self, HeaderError> {
+        let protocol = header.protocol.unwrap_or_default();
+        if !is_compatible(&protocol) {
+            return Err(HeaderError::Protocol { found: protocol });
+        }
         let task: Task = header.task.parse()?;
         if !header.digest_layout.is_empty() && header.digest_layout != fiatlux_rules::ROW_LAYOUT {
             return Err(HeaderError::Layout(header.digest_layout.clone()));
@@ -175,7 +188,7 @@ impl Grader {
         if let (Some(recorded), false) = (recorded, self.rejudged) {
             notes.extend(differences(&summary, recorded));
         }
-        if summary.reached_working_height && matches!(summary.task, Task::S02 | Task::S10) {
+        if summary.reached_working_height && summary.task.spec().special.notes_working_height {
             notes.push("the pelvis reached working height".into());
         }
         if let Some(result) = result {

@@ -33,7 +33,7 @@ enum Command {
 /// Grade bags from their rows alone, and write a table
 ///
 /// Every number comes from the recorded rows, so thresholds can be changed without a new run. All bags of one call share
-/// their conditions (policy, mode, gains, sensors, what varies, thresholds, ends, model and scene). Bags that are cut, aborted or altered
+/// their conditions (benchmark version, policy, mode, gains, sensors, what varies, thresholds, ends, model and scene). Bags that are cut, aborted or altered
 /// are listed with the reason and not scored; the exit code is then 3. A second copy of an episode with the same rows is
 /// listed and passed over; two different recordings of one episode are an error.
 #[derive(Debug, Args)]

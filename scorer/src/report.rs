@@ -52,7 +52,7 @@ fn headline(out: &mut String, results: &Results) {
         escape(&results.policy),
         count(results.episodes.len(), "episode"),
         escape(&seed_count(results)),
-        escape(&if results.conditions.standard { "Standard protocol".into() } else { protocol(&results.conditions) }),
+        escape(&protocol(&results.conditions).replacen('b', "B", 1)),
     );
     warnings(out, results);
     out.push_str("<div class=\"cards\">\n");

@@ -38,9 +38,12 @@ pub(crate) fn seed_count(results: &Results) -> String {
 
 /// The protocol in a line.
 pub(crate) fn protocol(conditions: &Conditions) -> String {
+    let version = conditions.benchmark_version;
     match conditions.standard {
-        true => "standard protocol".into(),
-        false => format!("NOT the standard protocol: {}", conditions.deviations.join("; ")),
+        true => format!("benchmark version {version}, standard protocol"),
+        false => {
+            format!("benchmark version {version}, NOT the standard protocol: {}", conditions.deviations.join("; "))
+        }
     }
 }
 

@@ -4,8 +4,9 @@ mod common;
 
 use common::room::{OLD, take};
 use common::{Folder, Story, begin, header, result, rows, write};
+use fiatlux_proto::v3;
 use fiatlux_rules::Task;
-use fiatlux_scorer::{Fault, GradeOptions, Results, ScoreError, grade, report, tables};
+use fiatlux_scorer::{Fault, GradeOptions, Grader, Results, ScoreError, grade, report, tables};
 
 fn grade_in(folder: &Folder, options: GradeOptions) -> Result<Results, ScoreError> {
     grade(std::slice::from_ref(&folder.0), &GradeOptions { relative_to: folder.0.clone(), ..options }, &|_| {})
@@ -110,6 +111,49 @@ fn what_does_not_go_together_is_an_error() {
 
     let options = GradeOptions { set: vec!["fragility=3".into()], ..GradeOptions::default() };
     assert!(matches!(grade_in(&folder, options), Err(ScoreError::Threshold(_))));
+}
+
+/// Rooms, physics or rules of another version make another benchmark.
+#[test]
+fn benchmark_versions_do_not_share_a_table() {
+    let folder = Folder::new("benchmarks");
+    write(&bag(&folder, "a"), Task::S03, 0, Story::Falls(30));
+    let all = rows(Task::S03, 1, Story::Falls(30));
+    let head = v3::EpisodeHeader { benchmark_version: 2, ..header(Task::S03, 1) };
+    begin(&bag(&folder, "b"), &head, &all).finish(&result(&head, &all)).expect("finished");
+    let error = grade_in(&folder, GradeOptions::default()).expect_err("mixed").to_string();
+    assert!(error.contains("benchmark_version is 1 in a.mcap and 2 in b.mcap; grade them apart"), "{error}");
+
+    std::fs::remove_file(bag(&folder, "a")).expect("removed");
+    let other = graded(&folder);
+    assert_eq!((other.conditions.benchmark_version, other.conditions.standard), (2, false));
+    let written = [tables::text(&other), tables::latex(&other), other.to_json().expect("JSON")];
+    for text in &written {
+        assert!(text.contains("the rules are those of benchmark version 1, the episodes of 2"), "{text}");
+    }
+    assert!(report::html(&other).contains("Benchmark version 2, NOT the standard protocol"));
+    assert!(tables::csv(&other).lines().nth(1).is_some_and(|line| line.ends_with(".mcap,2")));
+}
+
+/// A bag of a version before is refused by that version, not by what its fields lack.
+#[test]
+fn bags_of_older_protocols_are_refused_with_the_remedy() {
+    let folder = Folder::new("protocols");
+    let all = rows(Task::S03, 0, Story::Falls(30));
+    for protocol in [Some(v3::Version { major: 2, minor: 7 }), None] {
+        let head = v3::EpisodeHeader { protocol, geometry: None, ..header(Task::S03, 0) };
+        let error = Grader::new(&head, &[], false).expect_err("refused").to_string();
+        let found = protocol.unwrap_or_default();
+        assert!(error.contains(&format!("protocol {found}, this scorer reads 3.0; grade it with")), "{error}");
+        let path = bag(&folder, &found.to_string());
+        begin(&path, &head, &all).finish(&result(&head, &all)).expect("finished");
+    }
+    let results = graded(&folder);
+    assert!(results.episodes.is_empty() && results.has_data_loss());
+    for (bag, found) in results.excluded.iter().zip(["0.0", "2.7"]) {
+        assert_eq!(bag.reason, Fault::Unreadable);
+        assert!(bag.detail.contains(&format!("of protocol {found}, this program reads 3.0; use")), "{}", bag.detail);
+    }
 }
 
 /// A crush at 30 N that was none at 50 N ends the episode; what comes after it does not count.

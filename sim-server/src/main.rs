@@ -7,6 +7,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
+use fiatlux_robot::HandKind;
 use fiatlux_rules::Task;
 use fiatlux_sim::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
 
@@ -54,6 +55,9 @@ struct Export {
     /// With --robot-only: a floor under its feet.
     #[arg(long, requires = "robot_only")]
     floor: bool,
+    /// Hands of the robot: inspire or bare.
+    #[arg(long, default_value_t)]
+    hands: HandKind,
     /// Physics step, s.
     #[arg(long, default_value_t = 0.005, value_parser = timestep)]
     timestep: f64,
@@ -96,8 +100,8 @@ fn main() -> ExitCode {
 
 fn run_export(export: &Export) -> anyhow::Result<()> {
     let scene = match export.task {
-        Some(task) => ExportScene::task(task, export.seed)?,
-        None => ExportScene::robot_only(export.floor)?,
+        Some(task) => ExportScene::task(task, export.seed, export.hands)?,
+        None => ExportScene::robot_only(export.hands, export.floor)?,
     };
     let Format::Mjcf = export.format;
     let options = MjcfOptions {

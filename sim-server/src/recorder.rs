@@ -6,6 +6,7 @@
 mod bags;
 mod worker;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{self, Sender};
@@ -14,7 +15,7 @@ use std::time::Instant;
 
 use fiatlux_proto::keys::{any_session, is_name};
 use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
-use fiatlux_robot::{Robot, RobotError};
+use fiatlux_robot::{HandKind, Robot, RobotError};
 use thiserror::Error;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::SampleKind;
@@ -92,7 +93,8 @@ struct Shared {
     out: PathBuf,
     name: String,
     naming: Naming,
-    frames: Frames,
+    /// Of the robot with these hands.
+    frames: BTreeMap<HandKind, Frames>,
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
 }
 
@@ -113,7 +115,8 @@ impl Recorder {
         if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
             return Err(RecorderError::Name(server.clone()));
         }
-        let frames = Frames::new(&Robot::g1_inspire()?);
+        let frames_of = |hand| Ok((hand, Frames::new(&Robot::with_hands(hand)?)));
+        let frames = HandKind::ALL.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
         let shared = Arc::new(Shared { out, name, naming, frames, on_bag });
         let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
         let mut recorder = Self { tokens: None, workers: Vec::new() };

@@ -14,7 +14,15 @@ def random_rotation(rng):
 
 def dynamics(path=None):
     """Mass matrix (armature included) and bias force (gravity, Coriolis, centrifugal) of 20 random states."""
-    scene = Scene.export(path, "--robot-only")
+    return dynamics_of(Scene.export(path, "--robot-only"))
+
+
+def dynamics_bare(path=None):
+    """The same of the G1 with welded fingers."""
+    return dynamics_of(Scene.export(path, "--robot-only", "--hands", "bare"))
+
+
+def dynamics_of(scene):
     m, nv = scene.m, scene.m.nv
     rng = np.random.default_rng(20)
     probes = np.round(rng.uniform(-1, 1, (4, nv)), 3)

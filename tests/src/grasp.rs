@@ -30,8 +30,8 @@ pub fn world_from_held_bulb(rig: &Rig) -> Isometry3<f64> {
 pub fn close_hand(rig: &mut Rig) {
     let scene = rig.scene.clone();
     let bulb = world_from_held_bulb(rig);
-    rig.place(scene.old_bulb, &bulb);
-    rig.lock_body(scene.old_bulb, true);
+    rig.place(scene.old_bulb.unwrap(), &bulb);
+    rig.lock_body(scene.old_bulb.unwrap(), true);
     rig.lock_robot(true);
     for (joint, target) in grip_targets(&scene) {
         let ids = &scene.robot_ids.joints[joint];
@@ -39,5 +39,5 @@ pub fn close_hand(rig: &mut Rig) {
         rig.targets[ids.drive] = target;
     }
     rig.run(scene.config.start.carry.closing_time);
-    rig.lock_body(scene.old_bulb, false);
+    rig.lock_body(scene.old_bulb.unwrap(), false);
 }

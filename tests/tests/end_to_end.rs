@@ -52,6 +52,17 @@ fn joint_targets_go_all_the_way() {
     goes_all_the_way("targets", &["--policy", "stand", "--task", "S05", "--set", "fall_tilt_rad=0.05"]);
 }
 
+/// Guards the whole way for a robot of another size: the hands that were asked for are in the bag, and all that reads it
+/// takes its sizes from there.
+#[test]
+fn welded_fingers_go_all_the_way() {
+    let args = ["--policy", "stand", "--task", "S01", "--seed", "2", "--hands", "bare"];
+    let service = goes_all_the_way("bare", &[&args[..], &["--set", "fall_tilt_rad=0.05"]].concat());
+    let bag = Bag::open(&service.folder.files(".mcap")[0]).unwrap();
+    let header = bag.header();
+    assert_eq!((header.hands.as_str(), header.joint_names.len(), header.hand_bodies.len()), ("bare", 29, 10));
+}
+
 /// Guards the whole way with every sensor and with props of other sizes: the bag has each large sensor as often as was
 /// asked, its weights are named, and the second run finds the same rows without the sensors.
 #[test]

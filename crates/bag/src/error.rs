@@ -58,7 +58,10 @@ pub enum BagError {
         reason: String,
     },
     /// A bag of another major version.
-    #[error("{path} is of protocol {found}, this program reads {PROTOCOL}; use the program that belongs to it")]
+    #[error(
+        "{path} is of protocol {found}, this program reads {PROTOCOL}; use the programs of its own version, or \
+         record the episode again"
+    )]
     Version {
         /// The file.
         path: PathBuf,

@@ -92,6 +92,14 @@ impl Dynamics {
         self.kin.velocity(body.0)
     }
 
+    /// Centre of mass of a body in its frame, m, this world's variation included.
+    ///
+    /// # Panics
+    /// If the model has no such body.
+    pub fn center_of_mass(&self, model: &Model, body: BodyId) -> Vector3<f64> {
+        self.varied.as_deref().unwrap_or(&model.nominal).bodies[body.0].com
+    }
+
     /// Velocity of the centre of mass of all bodies of one tree at the state last given to [`Dynamics::update`], m/s.
     pub fn com_velocity(&self, model: &Model, root: BodyId) -> Vector3<f64> {
         let (mut momentum, mut mass) = (Vector3::zeros(), 0.0);

@@ -3,6 +3,7 @@
 use fiatlux_dynamics::{BodyId, BodySpec, Hinge, Joint as EngineJoint, Model, ModelBuilder, ShapeSpec};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
+use crate::robot::HAND_SURFACE;
 use crate::{GainSet, Gains, Robot, RobotError};
 
 /// How a robot is put into a model.
@@ -169,7 +170,7 @@ impl Robot {
         for shape in &self.shapes {
             let surface = &self.surfaces[shape.surface];
             let mut material = surface.material;
-            if surface.name == "hand" {
+            if surface.name == HAND_SURFACE {
                 material.friction = options.hand_friction.unwrap_or(material.friction);
             }
             let LinkIds { body, body_from_link } = links[shape.link];

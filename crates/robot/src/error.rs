@@ -1,7 +1,7 @@
 use fiatlux_dynamics::ModelError;
 use thiserror::Error;
 
-use crate::HandKind;
+use crate::{HandKind, Robot};
 
 /// Why a robot file or a request about a robot was refused.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -29,8 +29,17 @@ pub enum RobotError {
         problem: String,
     },
     /// A hand that this version has no figures for.
-    #[error("hand '{0}' is not supported yet; use '{hand}'", hand = HandKind::Inspire)]
+    #[error("hand '{0}' is not supported yet; use one of {known}", known = HandKind::ALL.map(|hand| format!("'{hand}'")).join(", "))]
     Hand(String),
+    /// A robot that does not exist.
+    #[error("robot '{0}' is unknown; use one of {known}", known = Robot::NAMES.map(|name| format!("'{name}'")).join(", "))]
+    Name(String),
+    /// Joints that are no known robot's.
+    #[error("no known robot has these {found} joints in this order; the known ones are {known}", known = Robot::NAMES.join(", "))]
+    Joints {
+        /// How many joints were named.
+        found: usize,
+    },
     /// A gain set that does not exist.
     #[error("gain set '{0}' is unknown; use 'fiatlux' or 'sonic'")]
     GainSet(String),

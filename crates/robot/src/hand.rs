@@ -4,17 +4,30 @@ use std::str::FromStr;
 use crate::RobotError;
 
 /// The hands that a robot carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub enum HandKind {
     /// Inspire DFQ: 12 joints, all driven.
+    #[default]
     Inspire,
+    /// The same hands with their fingers welded: no joint.
+    Bare,
+}
+
+impl HandKind {
+    /// Every kind of hands.
+    pub const ALL: [HandKind; 2] = [HandKind::Inspire, HandKind::Bare];
+
+    fn name(self) -> &'static str {
+        match self {
+            HandKind::Inspire => "inspire",
+            HandKind::Bare => "bare",
+        }
+    }
 }
 
 impl fmt::Display for HandKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            HandKind::Inspire => "inspire",
-        })
+        f.write_str(self.name())
     }
 }
 
@@ -24,9 +37,7 @@ impl FromStr for HandKind {
     /// # Errors
     /// [`RobotError::Hand`] for every other hand, `dex3` among them.
     fn from_str(name: &str) -> Result<Self, RobotError> {
-        match name {
-            "inspire" => Ok(HandKind::Inspire),
-            _ => Err(RobotError::Hand(name.into())),
-        }
+        let found = Self::ALL.into_iter().find(|hand| hand.name() == name);
+        found.ok_or_else(|| RobotError::Hand(name.into()))
     }
 }

@@ -3,7 +3,7 @@
 use fiatlux_dynamics::check_array;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use crate::{Robot, RobotError};
+use crate::{Joint, Link, Robot, RobotError};
 
 impl Robot {
     /// Pose of every link, world, by link index, for joint angles `q` (rad, by joint index).
@@ -30,11 +30,37 @@ impl Robot {
         Ok(moment / self.total_mass())
     }
 
+    /// Height of the pelvis above a level floor that the lowest point of the soles touches, m, for joint angles `q` (rad, by
+    /// joint index) and the pelvis turned so. Only the legs are computed, and nothing is allocated: a reset can afford it.
+    ///
+    /// # Errors
+    /// As [`Robot::forward_kinematics`].
+    pub fn height_on_soles(&self, q: &[f64], world_from_pelvis: &UnitQuaternion<f64>) -> Result<f64, RobotError> {
+        check_array("joint positions", q, self.joints.len())?;
+        Ok(self.sole_height(q, world_from_pelvis))
+    }
+
     /// Height of the pelvis above the floor when the robot stands upright in posture q0, m.
     pub fn standing_height(&self) -> f64 {
-        let poses = self.link_poses(&self.q0, &Isometry3::identity());
-        let soles = self.shapes.iter().filter(|s| self.feet.contains(&s.link));
-        -soles.map(|s| s.lowest_point(&poses[s.link])).fold(f64::INFINITY, f64::min)
+        self.sole_height(&self.q0, &UnitQuaternion::identity())
+    }
+
+    fn sole_height(&self, q: &[f64], rotation: &UnitQuaternion<f64>) -> f64 {
+        let world_from_pelvis = Isometry3::from_parts(Translation3::identity(), *rotation);
+        let lowest = |&foot: &usize| {
+            let world_from_foot = self.link_pose(foot, q, &world_from_pelvis);
+            let soles = self.shapes.iter().filter(move |shape| shape.link == foot);
+            soles.map(move |shape| shape.lowest_point(&world_from_foot)).fold(f64::INFINITY, f64::min)
+        };
+        -self.feet.iter().map(lowest).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Pose of one link, by the joints above it.
+    fn link_pose(&self, link: usize, q: &[f64], world_from_pelvis: &Isometry3<f64>) -> Isometry3<f64> {
+        match self.links[link].parent {
+            Some(parent) => self.links[link].below(&self.link_pose(parent, q, world_from_pelvis), q, &self.joints),
+            None => *world_from_pelvis,
+        }
     }
 
     pub(crate) fn link_poses(&self, q: &[f64], world_from_pelvis: &Isometry3<f64>) -> Vec<Isometry3<f64>> {
@@ -44,13 +70,20 @@ impl Robot {
                 poses.push(*world_from_pelvis);
                 continue;
             };
-            let at_zero = poses[parent] * link.parent_from_link;
-            poses.push(match link.joint {
-                Some(joint) => at_zero * UnitQuaternion::from_axis_angle(&self.joints[joint].axis, q[joint]),
-                None => at_zero,
-            });
+            poses.push(link.below(&poses[parent], q, &self.joints));
         }
         poses
+    }
+}
+
+impl Link {
+    /// Its pose, from that of its parent.
+    fn below(&self, world_from_parent: &Isometry3<f64>, q: &[f64], joints: &[Joint]) -> Isometry3<f64> {
+        let at_zero = world_from_parent * self.parent_from_link;
+        match self.joint {
+            Some(joint) => at_zero * UnitQuaternion::from_axis_angle(&joints[joint].axis, q[joint]),
+            None => at_zero,
+        }
     }
 }
 

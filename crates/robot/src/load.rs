@@ -1,8 +1,8 @@
 //! From a robot file to a checked robot.
 
 use fiatlux_dynamics::Material;
-use sha2::{Digest, Sha256};
 
+use crate::digest::sha256_hex;
 use crate::file::RobotFile;
 use crate::gains::Gains;
 use crate::kinematics::pose;
@@ -22,7 +22,8 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         problem: error.message().trim_end().into(),
     })?;
     let refuse = Refuse { text, robot: &file.name };
-    file.hand.parse::<HandKind>().map_err(|e| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
+    let hand: HandKind =
+        file.hand.parse().map_err(|e: RobotError| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
     let links = crate::tree::links(&file, &refuse)?;
     let (joints, links) = crate::tree::joints(&file, links, &refuse)?;
     let surfaces = surfaces(&file, &refuse)?;
@@ -50,7 +51,8 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         q0: vec![0.0; joints.len()],
         sonic: Gains(joints.iter().map(|j| j.gains).collect()),
         name: file.name.clone(),
-        digest: Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect(),
+        hand,
+        digest: sha256_hex(&[text]),
         links,
         joints,
         shapes,

@@ -1,7 +1,7 @@
 use fiatlux_dynamics::Drive;
 use nalgebra::{Isometry3, Matrix3, UnitVector3, Vector3};
 
-use crate::{GainSet, Gains, JointGains, RobotError, Shape, Surface};
+use crate::{GainSet, Gains, HandKind, JointGains, RobotError, Shape, Surface};
 
 /// A rigid part of a robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +60,7 @@ pub struct CameraMount {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     pub(crate) name: String,
+    pub(crate) hand: HandKind,
     pub(crate) digest: String,
     pub(crate) links: Vec<Link>,
     pub(crate) joints: Vec<Joint>,
@@ -77,12 +78,49 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Reads and checks a robot file; its header describes the format.
+    /// Names of the robots that [`Robot::by_name`] knows.
+    pub const NAMES: [&str; 2] = ["g1_inspire", "g1_bare"];
+
+    /// Reads and checks a robot file: a whole robot, as `g1_inspire.toml`, or one made from a known robot, as `g1_bare.toml`.
+    /// The headers of these files describe the formats.
     ///
     /// # Errors
     /// [`RobotError::Syntax`] and [`RobotError::Value`], with the line at fault.
     pub fn from_toml(text: &str) -> Result<Self, RobotError> {
-        crate::load::load(text)
+        if names_base(text) { crate::variant::load(text, text_of) } else { crate::load::load(text) }
+    }
+
+    /// A robot that comes with the library.
+    ///
+    /// # Errors
+    /// [`RobotError::Name`] for any other name, with those that there are.
+    pub fn by_name(name: &str) -> Result<Self, RobotError> {
+        Self::from_toml(text_of(name)?)
+    }
+
+    /// The G1 with these hands.
+    ///
+    /// # Errors
+    /// None that a test would not have found: the files come with the library.
+    pub fn with_hands(hand: HandKind) -> Result<Self, RobotError> {
+        Self::by_name(match hand {
+            HandKind::Inspire => "g1_inspire",
+            HandKind::Bare => "g1_bare",
+        })
+    }
+
+    /// The robot that has these joints in this order, for peers that are told of joints alone.
+    ///
+    /// # Errors
+    /// [`RobotError::Joints`] when no known robot has them.
+    pub fn with_joints<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Result<Self, RobotError> {
+        for known in Self::NAMES {
+            let robot = Self::by_name(known)?;
+            if robot.joints.iter().map(|joint| joint.name.as_str()).eq(names.clone()) {
+                return Ok(robot);
+            }
+        }
+        Err(RobotError::Joints { found: names.count() })
     }
 
     /// The Unitree G1 with 29 body joints and two Inspire hands of 12 joints each.
@@ -90,7 +128,7 @@ impl Robot {
     /// # Errors
     /// As [`Robot::from_toml`].
     pub fn g1_inspire() -> Result<Self, RobotError> {
-        Self::from_toml(include_str!("../g1_inspire.toml"))
+        Self::by_name("g1_inspire")
     }
 
     /// Name of the robot.
@@ -98,7 +136,13 @@ impl Robot {
         &self.name
     }
 
-    /// SHA-256 of the text that the robot was read from, hexadecimal.
+    /// The hands that it carries.
+    pub fn hand(&self) -> HandKind {
+        self.hand
+    }
+
+    /// SHA-256 of the text that the robot was read from, hexadecimal; of one made from another robot, its text and then the
+    /// other's.
     pub fn digest(&self) -> &str {
         &self.digest
     }
@@ -173,6 +217,11 @@ impl Robot {
         self.joints.iter().position(|j| j.name == name)
     }
 
+    /// Whether the shapes of a link have the surface named `hand`.
+    pub fn is_hand_surface(&self, link: usize) -> bool {
+        self.shapes.iter().any(|shape| shape.link == link && self.surfaces[shape.surface].name == HAND_SURFACE)
+    }
+
     /// kg.
     pub fn total_mass(&self) -> f64 {
         self.links.iter().map(|l| l.mass).sum()
@@ -192,4 +241,21 @@ impl JointGains {
     pub fn drive(&self) -> Drive {
         Drive { stiffness: self.stiffness, damping: self.damping, effort_limit: self.effort_limit }
     }
+}
+
+/// Surface of the hands, whose friction a scene may set.
+pub(crate) const HAND_SURFACE: &str = "hand";
+
+/// The embedded file of a known robot.
+fn text_of(name: &str) -> Result<&'static str, RobotError> {
+    match name {
+        "g1_inspire" => Ok(include_str!("../g1_inspire.toml")),
+        "g1_bare" => Ok(include_str!("../g1_bare.toml")),
+        _ => Err(RobotError::Name(name.into())),
+    }
+}
+
+/// Whether a text says that it is made from another robot. One that is not TOML says nothing; its reader will complain.
+fn names_base(text: &str) -> bool {
+    toml::de::DeTable::parse(text).is_ok_and(|table| table.get_ref().contains_key("base"))
 }

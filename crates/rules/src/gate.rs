@@ -1,7 +1,9 @@
 //! A gate: conditions that must hold together.
 
+use crate::geometry::Geometry;
+use crate::row::{Bulb, Row};
 use crate::settle::PoseSpeed;
-use crate::{Bulb, Geometry, Row, Thresholds};
+use crate::thresholds::Thresholds;
 
 /// What a predicate reads beside the row.
 #[derive(Debug, Clone, Copy)]

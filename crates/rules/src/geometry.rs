@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::measure::{self, Extent};
-use crate::{Bulb, Row};
+use crate::row::{Bulb, Row};
 
 /// Sizes and points of the things in the room, in their own frames. The defaults are the published scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,9 +1,15 @@
 //! The fold that judges an episode: its state follows from the rows alone.
 
+use crate::cause::{Cause, Causes};
+use crate::gate::{Context, Criteria, Gate};
+use crate::geometry::Geometry;
 use crate::predicates::{at_working_height, crushed, dropped, fallen, impact, ladder_tipped, seated};
+use crate::row::{BodyRow, Bulb, Row};
 use crate::scores::Summary;
 use crate::settle::PoseSpeed;
-use crate::{BodyRow, Bulb, Cause, Causes, Context, Criteria, Gate, Geometry, Row, Task, Thresholds};
+use crate::task::Task;
+use crate::thresholds::Thresholds;
+use crate::verdict::{End, Verdict};
 
 /// Choices of a session or of a grading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -13,65 +19,6 @@ pub struct JudgeOptions {
     /// Counts criteria as the published numbers do: `c0` in row 1, and in place of an episode's last row the reset
     /// state with that row's contact forces, which is what a simulator shows that resets within the step.
     pub published_counting: bool,
-}
-
-/// How an episode ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct End {
-    /// The row that ended it.
-    pub step: u64,
-    /// All conditions in force that this row met.
-    pub causes: Causes,
-}
-
-impl End {
-    /// The cause to name: success where it is among them, the time-out only where it is alone.
-    pub fn cause(&self) -> Cause {
-        self.causes.iter().next().unwrap_or(Cause::TimeOut)
-    }
-
-    /// Ended by a success or a failure.
-    pub fn is_terminated(&self) -> bool {
-        !self.is_truncated()
-    }
-
-    /// Ended by the time-out alone.
-    pub fn is_truncated(&self) -> bool {
-        self.cause() == Cause::TimeOut
-    }
-}
-
-/// What the rows up to one say.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Verdict {
-    /// The row.
-    pub step: u64,
-    /// Criteria of the gate in this row.
-    pub criteria: Criteria,
-    /// How many hold in this row.
-    pub count: u32,
-    /// The most that held in any row.
-    pub best_count: u32,
-    /// `clamp((best - c0) / (n - c0), 0, 1)`, and 1 where c0 is n.
-    pub progress: f64,
-    /// Consecutive rows, up to this one, in which all held.
-    pub sustained: u32,
-    /// The gate has held for its window, in this row or before.
-    pub success: bool,
-    /// Conditions that this row meets, in force or not; success only in the row that completes its window.
-    pub conditions: Causes,
-    /// A bulb pressed harder on a hand body than it can bear, in this row or before.
-    pub broken: bool,
-    /// A bulb was dropped, in this row or before.
-    pub dropped: bool,
-    /// The pelvis was at working height, in this row or before; a diagnostic.
-    pub reached_working_height: bool,
-    /// Largest contact force of a bulb on a hand body so far, N.
-    pub peak_hand_force_n: f64,
-    /// The same over all physics steps; a diagnostic.
-    pub peak_substep_force_n: f64,
-    /// How the episode ended, once it has.
-    pub end: Option<End>,
 }
 
 /// Judges the rows of one episode, one at a time. Rows after the end change nothing.
@@ -170,12 +117,11 @@ impl Judge {
 
     /// Context in which predicates read the row last shown.
     pub fn context(&self) -> Context<'_> {
-        let fresh = if self.task == Task::S08 { self.thresholds.grab_drop_m } else { self.thresholds.fresh_drop_m };
         Context {
             thresholds: &self.thresholds,
             geometry: &self.geometry,
             bulb_speeds: self.bulb_speeds,
-            drop_heights: [self.thresholds.old_drop_m, fresh],
+            drop_heights: [self.thresholds.old_drop_m, (self.task.spec().special.fresh_drop_m)(&self.thresholds)],
         }
     }
 
@@ -292,8 +238,8 @@ impl Judge {
         let peak = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm()));
         let substep = row.hand_force_peak.iter().flatten().fold(0.0, |peak: f64, force| peak.max(*force));
         let context = self.context();
-        // `climb` parks its bulbs on the floor.
-        let drops = self.task != Task::Climb && Bulb::ALL.iter().any(|bulb| dropped(row, &context, *bulb));
+        let parked = self.task.spec().special.bulbs_parked;
+        let drops = !parked && Bulb::ALL.iter().any(|bulb| dropped(row, &context, *bulb));
         let high = at_working_height(row, &context);
         let v = &mut self.verdict;
         v.peak_hand_force_n = v.peak_hand_force_n.max(peak);
@@ -322,7 +268,7 @@ impl Judge {
                     && spec.bulbs.iter().any(|bulb| crushed(row, &context, *bulb))
             }
             Cause::Drop => spec.bulbs.iter().any(|bulb| dropped(row, &context, *bulb)),
-            Cause::Unseated => self.task == Task::S12 && !seated(row, Bulb::Fresh),
+            Cause::Unseated => spec.special.keeps_seated.is_some_and(|bulb| !seated(row, bulb)),
             Cause::Impact => steps > u64::from(self.thresholds.impact_exempt_rows) && had_impact,
             Cause::TimeOut => steps >= spec.horizon_steps,
         };

@@ -19,18 +19,28 @@ mod rewards;
 mod row;
 mod scores;
 mod settle;
+mod spec;
 mod task;
 mod tasks;
+mod terms;
 mod thresholds;
+mod verdict;
 
 pub use cause::{Cause, Causes, UnknownCause};
 pub use digest::{ROW_LAYOUT, RowDigest};
 pub use gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA, Predicate};
 pub use geometry::{BulbGeometry, Geometry};
-pub use judge::{End, Judge, JudgeOptions, Verdict};
-pub use rewards::{ANKLE_LIMITS, Rewards, Term, Variant};
-pub use row::{AttachmentRow, BodyRow, Bulb, LIMBS, Limb, RobotLayout, Row};
+pub use judge::{Judge, JudgeOptions};
+pub use measure::GRAVITY;
+pub use rewards::{Rewards, Variant};
+pub use row::{AttachmentRow, BodyRow, Bulb, CONTROL_DT, LIMBS, Limb, RobotLayout, Row};
 pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summary, wilson_interval};
 pub use settle::PoseSpeed;
-pub use task::{CONTROL_DT, ControlMode, Factor, GRAVITY, Task, TaskSpec, UnknownTask};
+pub use spec::{
+    ControlMode, Factor, Ladder, Landmark, ResetNoise, SpecialRules, Spot, Stand, StartDistance, StartSpec, TaskSpec,
+};
+pub use task::{Task, UnknownTask};
+pub use terms::motion::ANKLE_LIMITS;
+pub use terms::term::Term;
 pub use thresholds::{ThresholdError, Thresholds};
+pub use verdict::{End, Verdict};

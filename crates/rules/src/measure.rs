@@ -4,6 +4,9 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector2, Vector3};
 
+/// Acceleration of free fall, m/s^2, along -z.
+pub const GRAVITY: f64 = 9.81;
+
 /// Angle between a body's z axis and the vertical, rad.
 pub fn tilt(world_from_body: &Isometry3<f64>) -> f64 {
     let z = world_from_body.rotation * Vector3::z();

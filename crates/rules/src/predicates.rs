@@ -4,7 +4,9 @@
 
 use nalgebra::Vector3;
 
-use crate::{BodyRow, Bulb, CONTROL_DT, Context, GRAVITY, Row, measure};
+use crate::gate::Context;
+use crate::measure::{self, GRAVITY};
+use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
 
 // ---------------------------------------------------------------- Robot
 

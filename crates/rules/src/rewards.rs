@@ -2,17 +2,21 @@
 //!
 //! A term pays value x weight x 0.02 s in each control step. Gate progress is paid unscaled.
 
-mod climb;
-mod motion;
-mod replace;
-mod term;
-mod training;
+use crate::cause::{Cause, Causes};
+use crate::gate::Context;
+use crate::judge::Judge;
+use crate::row::Row;
+use crate::spec::RewardSpec;
+use crate::terms::motion;
+use crate::terms::term::{Kind, Ledger, Term, TermSpec, View};
+use crate::verdict::Verdict;
 
-use crate::{Context, Judge, Row, Task, Verdict};
-
-pub use motion::ANKLE_LIMITS;
-pub use term::Term;
-use term::{Ledger, TermSpec, View};
+/// Weight of a success in training.
+const SUCCESS: f64 = 500.0;
+/// Weight of a failure in training.
+const FAILURE: f64 = -200.0;
+/// Weight of the sway in training on a subtask.
+const COM_SWAY: f64 = -0.5;
 
 /// Which reward a subtask pays; `replace` and `climb` have one only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,11 +40,10 @@ pub struct Rewards {
 impl Rewards {
     /// The reward of the judge's task.
     pub fn new(judge: &Judge, variant: Variant) -> Self {
-        let specs = match (judge.task(), variant) {
-            (Task::Replace, _) => replace::terms(),
-            (Task::Climb, _) => climb::terms(),
-            (_, Variant::Benchmark) => vec![TermSpec::GATE_PROGRESS],
-            (task, Variant::Training) => training::terms(task, judge.ends_on()),
+        let specs = match (judge.task().spec().reward, variant) {
+            (RewardSpec::Own { terms, com_sway }, _) => [terms, &motion::terms(com_sway)].concat(),
+            (RewardSpec::Subtask { .. }, Variant::Benchmark) => vec![TermSpec::GATE_PROGRESS],
+            (RewardSpec::Subtask { hints }, Variant::Training) => training(hints, judge.ends_on()),
         };
         let terms = specs.iter().map(Term::unpaid).collect();
         Self { ledgers: specs.into_iter().map(Ledger::new).collect(), terms, before: None }
@@ -77,5 +80,29 @@ impl Rewards {
     /// Sum of what the last row paid.
     pub fn reward(&self) -> f64 {
         self.terms.iter().map(|term| term.reward).sum()
+    }
+}
+
+/// Gate progress, success, failures that end the episode, the task's hints and motion.
+fn training(hints: &[TermSpec], ends_on: Causes) -> Vec<TermSpec> {
+    let mut terms = vec![TermSpec::GATE_PROGRESS];
+    terms.push(TermSpec::new("success_bonus", SUCCESS, Kind::Condition(Cause::Success)));
+    let failures = ends_on.iter().filter_map(|cause| Some((cause, failure_name(cause)?)));
+    terms.extend(failures.map(|(cause, name)| TermSpec::new(name, FAILURE, Kind::Condition(cause))));
+    terms.extend(hints);
+    terms.extend(motion::terms(COM_SWAY));
+    terms
+}
+
+/// Name of the term that charges a failure; `None` for what is none.
+fn failure_name(cause: Cause) -> Option<&'static str> {
+    match cause {
+        Cause::Fall => Some("robot_fall"),
+        Cause::Tip => Some("ladder_tipped"),
+        Cause::Crush => Some("bulb_crushed"),
+        Cause::Drop => Some("bulb_dropped"),
+        Cause::Unseated => Some("bulb_unseated"),
+        Cause::Impact => Some("bulb_impact"),
+        Cause::Success | Cause::TimeOut => None,
     }
 }

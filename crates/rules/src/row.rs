@@ -2,6 +2,9 @@
 
 use nalgebra::{Isometry3, Vector3};
 
+/// Length of a control step, s: the time from one row to the next.
+pub const CONTROL_DT: f64 = 0.02;
+
 /// Limbs whose load on floor and ladder is sensed.
 pub const LIMBS: usize = 4;
 

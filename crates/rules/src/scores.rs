@@ -3,7 +3,8 @@
 mod benchmark;
 mod rate;
 
-use crate::{End, Task};
+use crate::task::Task;
+use crate::verdict::End;
 
 pub use benchmark::{Benchmark, SeedScore, Spread, SubtaskScore};
 pub use rate::{Rate, wilson_interval};

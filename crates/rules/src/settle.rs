@@ -5,7 +5,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion};
 
-use crate::CONTROL_DT;
+use crate::row::CONTROL_DT;
 
 /// Low-passed speeds.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

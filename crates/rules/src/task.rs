@@ -5,19 +5,9 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
+use crate::row::Bulb;
+use crate::spec::TaskSpec;
 use crate::tasks;
-use crate::{Bulb, Causes, Gate};
-
-/// Length of a control step, s.
-pub const CONTROL_DT: f64 = 0.02;
-/// Acceleration of free fall, m/s^2, along -z.
-pub const GRAVITY: f64 = 9.81;
-/// Control steps of half a second: the sustain window of S03 and S08.
-pub(crate) const HALF_SECOND: u32 = 25;
-/// Control steps of a second: the sustain window of S01, S06 and S11.
-pub(crate) const ONE_SECOND: u32 = 50;
-/// Horizon of a subtask and of `climb`: 120 s.
-pub(crate) const SUBTASK_HORIZON: u64 = 6_000;
 
 /// A task of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -39,88 +29,6 @@ pub enum Task {
     Replace,
     /// Climbing alone, in a scene of its own.
     Climb,
-}
-
-/// How a robot is controlled in a task.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ControlMode {
-    /// Walking on the floor.
-    FlatNavigation,
-    /// Hands at work.
-    Manipulation,
-    /// Feet, and hands, on the ladder.
-    Climbing,
-}
-
-impl ControlMode {
-    /// As in the paper's table.
-    pub fn name(self) -> &'static str {
-        match self {
-            ControlMode::FlatNavigation => "Flat Navigation",
-            ControlMode::Manipulation => "Manipulation",
-            ControlMode::Climbing => "Climbing",
-        }
-    }
-}
-
-/// What makes a subtask hard. Its weight is the product of its factors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Factor {
-    /// Work from the ladder.
-    Balance,
-    /// Letting go so that the thing stays where it was put.
-    Release,
-    /// Taking hold of a thing at rest.
-    Grasp,
-    /// Carrying a load.
-    Carry,
-    /// Up or down the ladder.
-    Traverse,
-    /// Bulb and socket.
-    Mate,
-    /// Several control modes in one episode.
-    Span,
-}
-
-impl Factor {
-    /// Its multiplier (paper, table of weights).
-    pub fn multiplier(self) -> f64 {
-        match self {
-            Factor::Balance => 2.0,
-            Factor::Release => 1.8,
-            Factor::Grasp => 1.4,
-            Factor::Carry | Factor::Traverse | Factor::Mate | Factor::Span => 1.5,
-        }
-    }
-}
-
-/// All that defines a task but its reward.
-#[derive(Debug, Clone, Copy)]
-pub struct TaskSpec {
-    /// `S01`, `replace`.
-    pub short_id: &'static str,
-    /// `Fiatlux-S01-MoveLadder-v1`.
-    pub id: &'static str,
-    /// `Move Ladder`.
-    pub name: &'static str,
-    /// What the robot is told.
-    pub instruction: &'static str,
-    /// Why it weighs what it weighs; empty where it has no weight.
-    pub factors: &'static [Factor],
-    /// Weight in the benchmark score; 0 outside it.
-    pub weight: f64,
-    /// How the robot is controlled.
-    pub modes: &'static [ControlMode],
-    /// Control steps until time-out.
-    pub horizon_steps: u64,
-    /// The bulbs that the robot handles; dropping or crushing them concerns the task.
-    pub bulbs: &'static [Bulb],
-    /// When it succeeds.
-    pub gate: Gate,
-    /// Criteria that hold in its start state.
-    pub start_count: u32,
-    /// What ends it beside success, fall and time-out.
-    pub also_ends_on: Causes,
 }
 
 /// No task has this name.

@@ -1,7 +1,7 @@
-//! The tasks, a page each: what it is, its start, its gate, its ends.
+//! The tasks, a page each: what it is, its start, its gate, its ends, its special rules and its reward.
 //!
-//! Every task also ends on success, on a fall of the robot and at its horizon. Starts are described for the reader;
-//! the simulator makes them.
+//! Every task also ends on success, on a fall of the robot and at its horizon. Starts are data, which the world carries
+//! out; figures of places and noise stand in its scene config. The hints are what training pays in addition.
 
 pub(crate) mod climb;
 pub(crate) mod replace;
@@ -20,11 +20,15 @@ pub(crate) mod s12_climb_down;
 
 /// What every task file uses.
 mod page {
+    pub(super) use crate::cause::{Cause, Causes};
+    pub(super) use crate::gate::{Context, Criterion, Gate};
+    pub(super) use crate::measure;
     pub(super) use crate::predicates::*;
-    pub(super) use crate::task::{HALF_SECOND, ONE_SECOND, SUBTASK_HORIZON};
-    pub(super) use crate::{
-        Bulb, Cause, Causes, Context, ControlMode, Criterion, Factor, Gate, Row, TaskSpec, measure,
-    };
+    pub(super) use crate::row::{Bulb, Row};
+    pub(super) use crate::spec::*;
+    pub(super) use crate::terms::hints::*;
+    pub(super) use crate::terms::motion::right_hand_force;
+    pub(super) use crate::terms::term::{Kind, TermSpec};
 }
 
 /// Criteria on one of the bulbs that several gates share.

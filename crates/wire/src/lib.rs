@@ -27,6 +27,8 @@ mod row;
 #[cfg(feature = "world")]
 mod domain_sample;
 #[cfg(feature = "world")]
+mod footprint;
+#[cfg(feature = "world")]
 mod scene;
 #[cfg(feature = "world")]
 mod viewer;
@@ -40,6 +42,8 @@ pub use row::{read_row, state_message};
 #[cfg(feature = "world")]
 pub use domain_sample::{domain_sample_message, light_of, prop_scale, randomization};
 #[cfg(feature = "world")]
-pub use scene::{RebuildError, scene_of};
+pub use footprint::footprint_messages;
+#[cfg(feature = "world")]
+pub use scene::{RebuildError, hands_named, robot_of, scene_of};
 #[cfg(feature = "world")]
 pub use viewer::{Frames, frame_of, point_cloud, scene_update, time_of};

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_proto::v3;
-use fiatlux_robot::{GainSet, HandKind, Robot};
+use fiatlux_robot::{GainSet, HandKind, Robot, RobotError};
 use fiatlux_rules::Task;
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec};
 use thiserror::Error;
@@ -28,14 +28,37 @@ impl RebuildError {
     }
 }
 
+/// The hands of that name; the Inspire hands where a message leaves them empty.
+///
+/// # Errors
+/// [`RobotError::Hand`] for hands that are not known here.
+pub fn hands_named(name: &str) -> Result<HandKind, RobotError> {
+    if name.is_empty() { Ok(HandKind::default()) } else { name.parse() }
+}
+
+fn header_hands(header: &v3::EpisodeHeader) -> Result<HandKind, RebuildError> {
+    hands_named(&header.hands).map_err(|error| RebuildError::header("hands", error))
+}
+
+/// The robot of a recorded episode.
+///
+/// # Errors
+/// [`RebuildError::Header`] for hands that are not known here.
+pub fn robot_of(header: &v3::EpisodeHeader) -> Result<Robot, RebuildError> {
+    Robot::with_hands(header_hands(header)?).map_err(|error| RebuildError::header("hands", error))
+}
+
 /// The scene of a recorded episode, from what was drawn for it: nothing is drawn again.
 ///
 /// # Errors
-/// [`RebuildError`]: a header that lacks a part, or one that makes no scene.
+/// [`RebuildError`]: a header that lacks a part, that is of another robot, or that makes no scene.
 pub fn scene_of(header: &v3::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, RebuildError> {
     let task: Task = header.task.parse().map_err(|error| RebuildError::header("task", error))?;
     let gains: GainSet = header.gains.parse().map_err(|error| RebuildError::header("gains", error))?;
-    header.hands.parse::<HandKind>().map_err(|error| RebuildError::header("hands", error))?;
+    if header_hands(header)? != robot.hand() {
+        let problem = format!("they are {}, the robot {} has {}", header.hands, robot.name(), robot.hand());
+        return Err(RebuildError::header("hands", problem));
+    }
     let sample = header.domain_sample.as_ref().ok_or(WireError::Missing { field: "domain_sample" })?;
     let config = match header.scene_config.as_str() {
         "" => SceneConfig::default(),
@@ -43,7 +66,7 @@ pub fn scene_of(header: &v3::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, 
     };
     let fixed_layout = header.randomization.is_some_and(|random| random.fixed_layout);
     let spec = SceneSpec {
-        kind: SceneKind::of(task),
+        parts: SceneKind::of(task).into(),
         seed: if fixed_layout { 0 } else { header.seed },
         gains: robot.gains(gains),
         hand_friction: sample.hand_friction.as_ref().map(|friction| friction.dynamic_friction),

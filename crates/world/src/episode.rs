@@ -92,7 +92,7 @@ impl EpisodeSpec {
         } else if needed.scale != found.scale {
             ("prop scale", format!("{:?}", needed.scale), format!("{:?}", found.scale))
         } else if found.layout.is_some()
-            && Layout::of(&scene.config, needed.kind, needed.seed).ok() != Some(scene.layout)
+            && Layout::of(&scene.config, needed.parts, needed.seed).ok() != Some(scene.layout)
         {
             ("layout", "the one of its layout seed".into(), "another one".into())
         } else {

@@ -97,6 +97,20 @@ pub enum WorldError {
         /// Joints of the robot.
         expected: usize,
     },
+    /// An external wrench makes no sense.
+    #[error("wrench {index} {problem}")]
+    Wrench {
+        /// Its place in the list.
+        index: usize,
+        /// What is wrong and what to do.
+        problem: &'static str,
+    },
+    /// A push is NaN or infinite.
+    #[error("the push has a number that is not finite; give finite ones")]
+    Push,
+    /// The engine refused a variation.
+    #[error("cannot vary the world")]
+    Variation(#[from] ModelError),
     /// A row is of another robot.
     #[error("row to start from: it has {found:?}, the scene's robot has {expected:?}; take a row of the same robot")]
     Layout {

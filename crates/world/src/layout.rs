@@ -5,7 +5,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, TAU};
 use fiatlux_rules::measure;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
 
-use crate::{Random, SceneConfig, SceneError, SceneKind, Stream};
+use crate::parts::{LadderPart, SceneParts, absent_fixture};
+use crate::{Random, SceneConfig, SceneError, Stream};
 
 /// Farthest that anything in a recorded layout may be, m or rad.
 const FAR: f64 = 100.0;
@@ -89,26 +90,44 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// The layout of a kind of scene and a seed.
+    /// Where the parts of a scene stand; [`SceneParts`] says which places the seed draws.
     ///
     /// # Errors
     /// As [`Layout::draw`].
-    pub fn of(config: &SceneConfig, kind: SceneKind, seed: u64) -> Result<Self, SceneError> {
-        match kind {
-            SceneKind::FreeLadder => Self::draw(config, seed, LadderStart::Free),
-            SceneKind::CoupledLadder => Self::draw(config, seed, LadderStart::Coupled),
-            SceneKind::Climb => Ok(Self::climb(config)),
+    pub fn of(config: &SceneConfig, parts: impl Into<SceneParts>, seed: u64) -> Result<Self, SceneError> {
+        let parts = parts.into();
+        match parts.ladder {
+            Some(LadderPart::Coupled | LadderPart::Fixed) if parts.furniture => {
+                Self::draw(config, seed, LadderStart::Coupled)
+            }
+            _ if parts.furniture => Self::draw(config, seed, LadderStart::Free),
+            None if !parts.fixture && !parts.bulbs => Ok(Self::at_origin()),
+            _ => Ok(Self::climb(config)),
+        }
+    }
+
+    /// The robot at the origin, facing along +x.
+    fn at_origin() -> Self {
+        let origin = Place { position: Vector2::zeros(), yaw: 0.0 };
+        Self {
+            mount: Mount::Ceiling,
+            world_from_fixture: absent_fixture(),
+            anchor: origin,
+            ladder: origin,
+            robot: origin,
+            bench: None,
+            crate_: None,
         }
     }
 
     /// Checks a layout that was recorded.
     ///
     /// # Errors
-    /// [`SceneError::Recorded`] for numbers or parts that make no scene of that kind.
-    pub(crate) fn check(&self, config: &SceneConfig, kind: SceneKind) -> Result<(), SceneError> {
+    /// [`SceneError::Recorded`] for numbers or parts that make no scene of these parts.
+    pub(crate) fn check(&self, config: &SceneConfig, parts: &SceneParts) -> Result<(), SceneError> {
         let ensure = |ok: bool, field, rule| if ok { Ok(()) } else { Err(SceneError::Recorded { field, rule }) };
         let reach = |numbers: &[f64]| numbers.iter().all(|number| number.abs() <= FAR);
-        let furnished = kind != SceneKind::Climb;
+        let furnished = parts.furniture;
         let rule = if furnished { "is missing" } else { "is in a scene that has none" };
         ensure(self.bench.is_some() == furnished, "bench", rule)?;
         ensure(self.crate_.is_some() == furnished, "crate", rule)?;
@@ -121,6 +140,9 @@ impl Layout {
             ("crate", center(self.crate_), 0.0),
         ] {
             ensure(reach(position.as_slice()) && reach(&[yaw]), field, "is not within 100 m and 100 rad")?;
+        }
+        if !parts.fixture {
+            return Ok(());
         }
         let fixture = &self.world_from_fixture;
         ensure(reach(fixture.translation.vector.as_slice()), "fixture", "is not within 100 m")?;

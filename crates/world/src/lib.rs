@@ -1,10 +1,42 @@
 //! The benchmark's scene as data and as a model of the dynamics engine: room, bench, crate, fixture, bulbs, ladder and
 //! robot, their draw by seed, the socket's hold on a bulb, the tasks' start states, and episodes.
+//!
+//! A [`Scene`] is built once and shared; a [`World`] is a scene in motion, measured as rows; an [`Episode`] joins a world with
+//! a task's start, judge and digest.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use fiatlux_robot::{GainSet, Robot};
+//! use fiatlux_world::{ControlInput, Push, Scene, SceneConfig, SceneSpec, World};
+//! use nalgebra::Vector3;
+//!
+//! // A robot on a floor; the tasks' scenes come from `EpisodeSpec::scene`.
+//! let robot = Arc::new(Robot::by_name("g1_bare")?);
+//! let spec = SceneSpec::floor(robot.gains(GainSet::default()));
+//! let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
+//!
+//! let mut world = World::new(scene);
+//! let start = world.row().clone();
+//! let action = vec![0.0; robot.joints().len()];
+//! world.step(&action, robot.q0())?;
+//!
+//! // From any row a world goes on as the one that measured it.
+//! world.reset_to(&start)?;
+//! let push = Some(Push { linear: Vector3::new(0.3, 0.0, 0.0), angular: Vector3::zeros() });
+//! let row = world.step_with(&ControlInput { push, ..ControlInput::new(&action, robot.q0()) })?;
+//! assert!(row.step == 1 && row.com_velocity.x > 0.1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 mod attach;
 pub mod config;
+mod domain_sample;
 mod episode;
 mod error;
+mod footprint;
+mod input;
 mod layout;
+mod owner;
+mod parts;
 mod props;
 mod randomize;
 mod rng;
@@ -14,13 +46,18 @@ mod world;
 
 pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
 pub use config::SceneConfig;
+pub use domain_sample::DomainSample;
 pub use episode::{Episode, EpisodeError, EpisodeSpec, Step, Totals};
 pub use error::{SceneError, WorldError};
+pub use footprint::Footprint;
+pub use input::{AppliedWrench, ControlInput, Push, Target};
 pub use layout::{LadderStart, Layout, Mount, Place};
+pub use owner::ShapeOwner;
+pub use parts::{FAR, LadderPart, SceneKind, SceneParts};
 pub use props::{LadderPoints, PropSizes};
-pub use randomize::{DomainSample, HandFriction, Light, PropScale, Randomization};
+pub use randomize::{HandFriction, Light, PropScale, Randomization};
 pub use rng::{RNG_NAME, Random, Stream};
-pub use scene::{Scene, SceneKind, SceneSpec, ShapeOwner};
+pub use scene::{Scene, SceneSpec};
 pub use start::{ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
 

@@ -21,7 +21,7 @@ pub(crate) use room::room;
 pub use ladder::LadderPoints;
 pub use sizes::PropSizes;
 
-use crate::ShapeOwner;
+use crate::owner::ShapeOwner;
 
 /// A convex part of a prop.
 #[derive(Debug, Clone)]

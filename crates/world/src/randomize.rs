@@ -17,7 +17,7 @@ pub use hand_friction::HandFriction;
 pub use light::Light;
 pub use prop_scale::PropScale;
 
-use crate::{Layout, Random, StartOffset};
+use crate::Random;
 
 /// Which draws an episode makes. What is not drawn is nominal. The default is the standard protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -63,21 +63,6 @@ impl Default for Randomization {
             prop_scale: false,
         }
     }
-}
-
-/// What was drawn for an episode, or is nominal. The noise of the sensors is not kept.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DomainSample {
-    /// The room.
-    pub layout: Layout,
-    /// Sizes of the props.
-    pub scale: PropScale,
-    /// Friction of the hands; none for the robot file's own.
-    pub hand_friction: Option<HandFriction>,
-    /// Light and tint.
-    pub light: Light,
-    /// How far off its nominal start the robot is.
-    pub start: StartOffset,
 }
 
 /// Uniform within a range.

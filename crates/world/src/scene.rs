@@ -2,33 +2,24 @@
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId};
+use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId, Variation};
 use fiatlux_robot::{BuildOptions, Gains, Robot, RobotError, RobotIds};
 use fiatlux_rules::{Bulb, BulbGeometry, Geometry, RobotLayout};
 use nalgebra::{Isometry3, Vector2, Vector3};
 
 use crate::config::BulbConfig;
 use crate::layout::{Layout, Mount};
+use crate::owner::ShapeOwner;
+use crate::parts::{LadderPart, SceneParts, absent_fixture, absent_ladder};
 use crate::props::{self, LadderPoints, PropSizes, add_parts};
 use crate::{PropScale, SceneConfig, SceneError};
-
-/// Which scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SceneKind {
-    /// The ladder stands anywhere: S01 and the full errand.
-    FreeLadder,
-    /// The ladder stands ready below the fixture: S02 to S12.
-    CoupledLadder,
-    /// The fixed scene of `climb`, whose ladder cannot move.
-    Climb,
-}
 
 /// What to build.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneSpec {
-    /// Which scene.
-    pub kind: SceneKind,
-    /// Layout seed; `climb` does not use it.
+    /// What stands in it.
+    pub parts: SceneParts,
+    /// Layout seed; a scene without furniture does not use it.
     pub seed: u64,
     /// Drives of the robot.
     pub gains: Gains,
@@ -42,59 +33,13 @@ pub struct SceneSpec {
 
 impl SceneSpec {
     /// The scene of a layout seed, with the robot's own friction, props of nominal size and a layout that is drawn.
-    pub fn new(kind: SceneKind, seed: u64, gains: Gains) -> Self {
-        Self { kind, seed, gains, hand_friction: None, scale: PropScale::default(), layout: None }
-    }
-}
-
-/// Whose a collision shape is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum ShapeOwner {
-    /// Floor.
-    Floor,
-    /// Walls and ceiling.
-    Room,
-    /// Bench and tray.
-    Bench,
-    /// Crate.
-    Crate,
-    /// Socket and rod.
-    Fixture,
-    /// Ladder, movable or not.
-    Ladder,
-    /// Old bulb.
-    OldBulb,
-    /// Fresh bulb.
-    FreshBulb,
-    /// A link of the robot, by link index.
-    Robot(usize),
-}
-
-impl ShapeOwner {
-    const PROPS: [ShapeOwner; 8] = [
-        ShapeOwner::Floor,
-        ShapeOwner::Room,
-        ShapeOwner::Bench,
-        ShapeOwner::Crate,
-        ShapeOwner::Fixture,
-        ShapeOwner::Ladder,
-        ShapeOwner::OldBulb,
-        ShapeOwner::FreshBulb,
-    ];
-
-    /// The label of the owner's shapes in the model.
-    pub fn label(self) -> u32 {
-        let label = match self {
-            ShapeOwner::Robot(link) => Self::PROPS.len() + link,
-            prop => Self::PROPS.iter().position(|p| *p == prop).unwrap_or_default(),
-        };
-        label as u32
+    pub fn new(parts: impl Into<SceneParts>, seed: u64, gains: Gains) -> Self {
+        Self { parts: parts.into(), seed, gains, hand_friction: None, scale: PropScale::default(), layout: None }
     }
 
-    /// The owner of the shapes with a label.
-    pub fn from_label(label: u32) -> Self {
-        let index = label as usize;
-        Self::PROPS.get(index).copied().unwrap_or(ShapeOwner::Robot(index.saturating_sub(Self::PROPS.len())))
+    /// The robot on a floor, at the origin, and nothing else.
+    pub fn floor(gains: Gains) -> Self {
+        Self::new(SceneParts::FLOOR, 0, gains)
     }
 }
 
@@ -117,19 +62,19 @@ pub struct Scene {
     pub model: Model,
     /// Where the robot is in the model.
     pub robot_ids: RobotIds,
-    /// The ladder's body; none in `climb`.
+    /// The ladder's body; none where it cannot move.
     pub ladder: Option<BodyId>,
     /// The old bulb's body.
-    pub old_bulb: BodyId,
+    pub old_bulb: Option<BodyId>,
     /// The fresh bulb's body.
-    pub fresh_bulb: BodyId,
-    /// Where the ladder is laid out; in `climb` it stays there.
+    pub fresh_bulb: Option<BodyId>,
+    /// Where the ladder is laid out; a fixed one stays there.
     pub world_from_ladder: Isometry3<f64>,
-    /// The socket.
+    /// The socket; far away where there is none.
     pub world_from_fixture: Isometry3<f64>,
-    /// The bench; none in `climb`.
+    /// The bench, where there is one.
     pub world_from_bench: Option<Isometry3<f64>>,
-    /// The crate; none in `climb`.
+    /// The crate, where there is one.
     pub world_from_crate: Option<Isometry3<f64>>,
     /// Points of the ladder, in its frame.
     pub ladder_points: LadderPoints,
@@ -137,7 +82,8 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Builds a scene. Bodies come in the order ladder (where it can move), old bulb, fresh bulb, robot.
+    /// Builds a scene. Bodies come in the order ladder (where it can move), old bulb, fresh bulb, robot, each where there is
+    /// one.
     ///
     /// # Errors
     /// A config that [`SceneConfig::check`] refuses, sizes out of their range, a recorded layout that is none of the kind,
@@ -148,11 +94,11 @@ impl Scene {
         check_robot(&robot)?;
         let sizes = PropSizes::new(config, &spec.scale)?;
         let layout = match spec.layout {
-            Some(recorded) => recorded.check(config, spec.kind).map(|()| recorded)?,
-            None => Layout::of(config, spec.kind, spec.seed)?,
+            Some(recorded) => recorded.check(config, &spec.parts).map(|()| recorded)?,
+            None => Layout::of(config, spec.parts, spec.seed)?,
         };
         let mut builder = ModelBuilder::new();
-        let props = Props::add(&mut builder, config, &sizes, &layout, spec.kind)?;
+        let props = Props::add(&mut builder, config, &sizes, &layout, &spec.parts)?;
         let placed = robot.add_to(
             &mut builder,
             &BuildOptions {
@@ -166,12 +112,13 @@ impl Scene {
         let placed = placed.map_err(robot_error)?;
         let model = builder.build()?;
         let owners = model.shapes().iter().map(|shape| ShapeOwner::from_label(shape.label)).collect();
+        let parts = spec.parts;
         Ok(Self {
             robot_ids: placed.ids(&model).map_err(robot_error)?,
             spec,
             config: config.clone(),
-            world_from_fixture: layout.world_from_fixture,
-            world_from_ladder: layout.ladder.world_from_place(0.0),
+            world_from_fixture: if parts.fixture { layout.world_from_fixture } else { absent_fixture() },
+            world_from_ladder: parts.ladder.map_or_else(absent_ladder, |_| layout.ladder.world_from_place(0.0)),
             world_from_bench: layout.bench.map(on_floor),
             world_from_crate: layout.crate_.map(on_floor),
             ladder_points: LadderPoints::new(&sizes.ladder),
@@ -180,8 +127,8 @@ impl Scene {
             robot,
             model,
             ladder: props.ladder,
-            old_bulb: props.old_bulb,
-            fresh_bulb: props.fresh_bulb,
+            old_bulb: props.bulbs.map(|[old, _]| old),
+            fresh_bulb: props.bulbs.map(|[_, fresh]| fresh),
             owners,
         })
     }
@@ -192,6 +139,17 @@ impl Scene {
     /// If the shape is not this model's.
     pub fn owner(&self, shape: ShapeId) -> ShapeOwner {
         self.owners[shape.0]
+    }
+
+    /// Writes a friction coefficient of the hands into a variation, for [`World::set_variation`](crate::World::set_variation).
+    pub fn set_hand_friction(&self, friction: f64, variation: &mut Variation) {
+        let is_hand = |label| match ShapeOwner::from_label(label) {
+            ShapeOwner::Robot(link) => self.robot.is_hand_surface(link),
+            _ => false,
+        };
+        let shapes = self.model.shapes().iter().enumerate();
+        let hands = shapes.filter(|(_, shape)| is_hand(shape.label)).map(|(index, _)| ShapeId(index));
+        variation.frictions.extend(hands.map(|shape| (shape, friction)));
     }
 
     /// The sizes of the scene's rows.
@@ -232,17 +190,22 @@ impl Scene {
 
 /// Refuses a robot that does not fit a [`fiatlux_rules::Row`].
 fn check_robot(robot: &Robot) -> Result<(), SceneError> {
-    let counts = [
-        ("hand links", robot.hand_links().len(), 2 * (robot.hand_links().len() / 2)),
-        ("feet", robot.feet().len(), 2),
-        ("palms", robot.palms().len(), 2),
-    ];
+    // The right hand's come first, from the wrist down: all of them are below the first.
+    let hands = robot.hand_links();
+    let right = hands.iter().take_while(|link| is_below(robot, **link, hands[0])).count();
+    let counts =
+        [("hand links", hands.len(), 2 * right), ("feet", robot.feet().len(), 2), ("palms", robot.palms().len(), 2)];
     for (part, found, needed) in counts {
         if found != needed {
             return Err(SceneError::RobotParts { robot: robot.name().into(), part, found, needed });
         }
     }
     Ok(())
+}
+
+/// Whether a link is `above` or hangs from it.
+fn is_below(robot: &Robot, link: usize, above: usize) -> bool {
+    std::iter::successors(Some(link), |at| robot.links()[*at].parent).any(|at| at == above)
 }
 
 fn robot_error(error: RobotError) -> SceneError {
@@ -268,8 +231,7 @@ fn standing_pose(bulb: &BulbConfig, point: Vector3<f64>) -> Isometry3<f64> {
 /// Everything but the robot, as added to a builder.
 pub(crate) struct Props {
     pub ladder: Option<BodyId>,
-    pub old_bulb: BodyId,
-    pub fresh_bulb: BodyId,
+    pub bulbs: Option<[BodyId; 2]>,
     pub next_cull_group: u16,
 }
 
@@ -279,7 +241,7 @@ impl Props {
         config: &SceneConfig,
         sizes: &PropSizes,
         layout: &Layout,
-        kind: SceneKind,
+        with: &SceneParts,
     ) -> Result<Self, SceneError> {
         let surfaces = &config.surfaces;
         let mut next_cull_group = 0;
@@ -289,43 +251,55 @@ impl Props {
         };
         let at_origin = Isometry3::identity();
 
-        let world_from_ladder = layout.ladder.world_from_place(0.0);
-        let ladder_body = props::ladder_body(&sizes.ladder, surfaces, world_from_ladder)?;
-        let ladder_parts = props::ladder(&sizes.ladder, surfaces);
-        let ladder = if kind == SceneKind::Climb { None } else { Some(builder.add_body(ladder_body)?) };
-        let (body, body_from_ladder) = match ladder {
-            Some(body) => (body, at_origin),
-            None => (BodyId::WORLD, world_from_ladder),
-        };
-        add_parts(builder, ladder_parts, "ladder_", body, &body_from_ladder, ShapeOwner::Ladder, cull_group())?;
+        let mut ladder = None;
+        if let Some(stands) = with.ladder {
+            let world_from_ladder = layout.ladder.world_from_place(0.0);
+            let (body, body_from_ladder) = match stands {
+                LadderPart::Fixed => (BodyId::WORLD, world_from_ladder),
+                LadderPart::Free | LadderPart::Coupled => {
+                    let body = builder.add_body(props::ladder_body(&sizes.ladder, surfaces, world_from_ladder)?)?;
+                    ladder = Some(body);
+                    (body, at_origin)
+                }
+            };
+            let parts = props::ladder(&sizes.ladder, surfaces);
+            add_parts(builder, parts, "ladder_", body, &body_from_ladder, ShapeOwner::Ladder, cull_group())?;
+        }
 
-        let (world_from_old, world_from_fresh) = bulb_poses(config, sizes, layout);
-        let [old, fresh] = &sizes.bulbs;
-        let mut add_bulb = |builder: &mut ModelBuilder, bulb, name: &str, pose, owner| -> Result<BodyId, SceneError> {
-            let body = builder.add_body(props::bulb_body(bulb, name, pose))?;
-            let parts = props::bulb(bulb, surfaces);
-            add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cull_group())?;
-            Ok(body)
-        };
-        let old_bulb = add_bulb(builder, old, "old_bulb", world_from_old, ShapeOwner::OldBulb)?;
-        let fresh_bulb = add_bulb(builder, fresh, "fresh_bulb", world_from_fresh, ShapeOwner::FreshBulb)?;
+        let mut bulbs = None;
+        if with.bulbs {
+            let mut add_bulb = |bulb, name: &str, pose, owner| -> Result<BodyId, SceneError> {
+                let body = builder.add_body(props::bulb_body(bulb, name, pose))?;
+                let parts = props::bulb(bulb, surfaces);
+                add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cull_group())?;
+                Ok(body)
+            };
+            let (world_from_old, world_from_fresh) = bulb_poses(config, sizes, layout, with);
+            let [old, fresh] = &sizes.bulbs;
+            bulbs = Some([
+                add_bulb(old, "old_bulb", world_from_old, ShapeOwner::OldBulb)?,
+                add_bulb(fresh, "fresh_bulb", world_from_fresh, ShapeOwner::FreshBulb)?,
+            ]);
+        }
 
         let mut add_fixed = |parts, prefix: &str, pose: &Isometry3<f64>, owner| {
             add_parts(builder, parts, prefix, BodyId::WORLD, pose, owner, cull_group())
         };
         let (floor, walls) = props::room(&config.room, surfaces);
         add_fixed(vec![floor], "room_", &at_origin, ShapeOwner::Floor)?;
-        for wall in walls {
+        for wall in walls.into_iter().filter(|_| with.room) {
             add_fixed(vec![wall], "room_", &at_origin, ShapeOwner::Room)?;
         }
-        let rod_length = config.room.ceiling_height - layout.world_from_fixture.translation.z;
-        let rod_length = (layout.mount == Mount::Ceiling).then_some(rod_length);
-        let mut fixture = props::fixture(&sizes.fixture, sizes.seat_z, surfaces, rod_length);
-        // The rod is long: culled on its own, it does not keep the socket's parts awake.
-        let rod = rod_length.and_then(|_| fixture.pop());
-        add_fixed(fixture, "fixture_", &layout.world_from_fixture, ShapeOwner::Fixture)?;
-        if let Some(rod) = rod {
-            add_fixed(vec![rod], "fixture_", &layout.world_from_fixture, ShapeOwner::Fixture)?;
+        if with.fixture {
+            let rod_length = config.room.ceiling_height - layout.world_from_fixture.translation.z;
+            let rod_length = (layout.mount == Mount::Ceiling).then_some(rod_length);
+            let mut fixture = props::fixture(&sizes.fixture, sizes.seat_z, surfaces, rod_length);
+            // The rod is long: culled on its own, it does not keep the socket's parts awake.
+            let rod = rod_length.and_then(|_| fixture.pop());
+            add_fixed(fixture, "fixture_", &layout.world_from_fixture, ShapeOwner::Fixture)?;
+            if let Some(rod) = rod {
+                add_fixed(vec![rod], "fixture_", &layout.world_from_fixture, ShapeOwner::Fixture)?;
+            }
         }
         if let Some(center) = layout.bench {
             add_fixed(props::bench(&config.bench, surfaces), "bench_", &on_floor(center), ShapeOwner::Bench)?;
@@ -333,25 +307,26 @@ impl Props {
         if let Some(center) = layout.crate_ {
             add_fixed(props::crate_(&config.crate_, surfaces), "crate_", &on_floor(center), ShapeOwner::Crate)?;
         }
-        Ok(Self { ladder, old_bulb, fresh_bulb, next_cull_group })
+        Ok(Self { ladder, bulbs, next_cull_group })
     }
 }
 
-/// The old bulb in the fixture and the fresh one on the bench, or both parked on the floor in `climb`.
-fn bulb_poses(config: &SceneConfig, sizes: &PropSizes, layout: &Layout) -> (Isometry3<f64>, Isometry3<f64>) {
+/// The old bulb in the fixture and the fresh one on the bench; on the floor where there is no furniture, and the old one
+/// where there is no fixture.
+fn bulb_poses(
+    config: &SceneConfig,
+    sizes: &PropSizes,
+    layout: &Layout,
+    with: &SceneParts,
+) -> (Isometry3<f64>, Isometry3<f64>) {
     let [old_bulb, fresh_bulb] = &sizes.bulbs;
-    match layout.bench {
-        Some(bench) => {
-            let spot = bench + Vector2::from(config.bench.bulb_spot);
-            let fresh = standing_pose(fresh_bulb, Vector3::new(spot.x, spot.y, config.bench.surface_height));
-            (seated_pose(sizes, Bulb::Old, layout), fresh)
-        }
-        None => {
-            let [old, fresh] = config.climb.bulb_parking;
-            let parked = |bulb, [x, y]: [f64; 2]| standing_pose(bulb, Vector3::new(x, y, 0.0));
-            (parked(old_bulb, old), parked(fresh_bulb, fresh))
-        }
-    }
+    let [old, fresh] = config.climb.bulb_parking;
+    let parked = |bulb, [x, y]: [f64; 2]| standing_pose(bulb, Vector3::new(x, y, 0.0));
+    let Some(bench) = layout.bench else { return (parked(old_bulb, old), parked(fresh_bulb, fresh)) };
+    let spot = bench + Vector2::from(config.bench.bulb_spot);
+    let on_bench = standing_pose(fresh_bulb, Vector3::new(spot.x, spot.y, config.bench.surface_height));
+    let old = if with.fixture { seated_pose(sizes, Bulb::Old, layout) } else { parked(old_bulb, old) };
+    (old, on_bench)
 }
 
 #[cfg(test)]

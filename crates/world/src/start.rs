@@ -1,23 +1,5 @@
-//! The start states of the tasks.
-//!
-//! | task | robot | old bulb | fresh bulb | c0 |
-//! |---|---|---|---|---|
-//! | S01 | in its own zone, turned to the ladder | socket | bench | 3 of 4 |
-//! | S02 | 0.85 m in front of the ladder's steps, turned to it | socket | bench | 2 of 3 |
-//! | S03 | on the platform, turned to the fixture | socket | bench | 3 of 5 |
-//! | S04 | as S03 | right hand | bench | 4 of 5 |
-//! | S05 | 0.85 m from the ladder towards its own zone, turned to the crate | right hand | bench | 3 of 4 |
-//! | S06 | 0.5 m from the crate towards its own zone, turned to the crate | right hand | bench | 2 of 4 |
-//! | S07 | 0.75 m from the crate towards its own zone, turned to the fresh bulb | crate | bench | 2 of 3 |
-//! | S08 | at the bench, 0.63 m from the fresh bulb, turned to it | crate | bench | 2 of 4 |
-//! | S09 | at the bench, clear of it, turned to the ladder | crate | right hand | 4 of 5 |
-//! | S10 | as S02 | crate | right hand | 4 of 5 |
-//! | S11 | as S03 | crate | right hand | 3 of 5 |
-//! | S12 | as S03 | crate | socket | 3 of 4 |
-//! | `replace` | in its own zone, turned roughly to the bench | socket | bench | 0 of 2 |
-//! | `climb` | in front of the ladder | floor | floor | 1 of 3 |
-//!
-//! c0 is the number of the gate's criteria that hold at the start, the same for every seed and episode.
+//! The start states of the tasks, from the data of their pages in `fiatlux-rules`: where the robot stands, where the
+//! bulbs are, how large the noise is.
 //!
 //! Reset noise moves the robot and its joints (kept within their limits) off that; then the pelvis is set so high that
 //! the lowest point of the soles is on what the robot stands on. A place is taken where something is nearer to the robot
@@ -33,11 +15,11 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::ModelError;
 use fiatlux_robot::RobotError;
-use fiatlux_rules::{AttachmentRow, Bulb, Row, Task, Thresholds};
+use fiatlux_rules::{AttachmentRow, Bulb, Ladder, Row, Spot, Stand, StartSpec, Task, Thresholds};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
-use crate::{Scene, SceneKind, ShapeOwner, World, WorldError};
+use crate::{Scene, SceneKind, SceneParts, ShapeOwner, World, WorldError};
 
 /// Radians of joint target per unit of action: target = q0 + 0.5 action.
 pub const ACTION_SCALE: f64 = 0.5;
@@ -63,14 +45,14 @@ impl Default for StartOptions {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum StartError {
     /// The task is played in another kind of scene.
-    #[error("{task} starts in a {needed:?} scene and was given a {found:?} scene; build it with SceneKind::of({task})")]
+    #[error("{task} starts in a {needed:?} scene and was given one of {found}; build it with SceneKind::of({task})")]
     Scene {
         /// The task.
         task: Task,
         /// Kind that it needs.
         needed: SceneKind,
-        /// Kind that it was given.
-        found: SceneKind,
+        /// What stands in the one that it was given.
+        found: SceneParts,
     },
     /// The episode is played in another scene of the kind.
     #[error(
@@ -147,18 +129,18 @@ pub enum StartError {
 impl SceneKind {
     /// The scene that a task is played in.
     pub fn of(task: Task) -> Self {
-        match task {
-            Task::S01 | Task::Replace => SceneKind::FreeLadder,
-            Task::Climb => SceneKind::Climb,
-            _ => SceneKind::CoupledLadder,
+        match task.spec().start.ladder {
+            Ladder::Free => SceneKind::FreeLadder,
+            Ladder::Coupled => SceneKind::CoupledLadder,
+            Ladder::Fixed => SceneKind::Climb,
         }
     }
 }
 
 /// Refuses a scene that is not of a task's kind.
 pub(crate) fn check_kind(scene: &Scene, task: Task) -> Result<(), StartError> {
-    let (needed, found) = (SceneKind::of(task), scene.spec.kind);
-    if needed == found { Ok(()) } else { Err(StartError::Scene { task, needed, found }) }
+    let (needed, found) = (SceneKind::of(task), scene.spec.parts);
+    if SceneParts::of(needed) == found { Ok(()) } else { Err(StartError::Scene { task, needed, found }) }
 }
 
 /// How far off its nominal start the robot is, as drawn.
@@ -176,31 +158,6 @@ impl StartOffset {
     /// The nominal start of a robot of so many joints.
     pub fn none(joints: usize) -> Self {
         Self { shift: [0.0; 2], turn: 0.0, joints: vec![0.0; joints] }
-    }
-}
-
-/// Where a bulb is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Spot {
-    /// In the socket's hold.
-    Socket,
-    /// Where the scene puts it: the fresh one on the bench; in `climb` both on the floor.
-    Scene,
-    /// Upright in the crate.
-    Crate,
-    /// In the robot's right hand.
-    Hand,
-}
-
-/// Where the old and the fresh bulb are.
-fn spots(task: Task) -> [Spot; 2] {
-    match task {
-        Task::S01 | Task::S02 | Task::S03 | Task::Replace => [Spot::Socket, Spot::Scene],
-        Task::S04 | Task::S05 | Task::S06 => [Spot::Hand, Spot::Scene],
-        Task::S07 | Task::S08 => [Spot::Crate, Spot::Scene],
-        Task::S09 | Task::S10 | Task::S11 => [Spot::Crate, Spot::Hand],
-        Task::S12 => [Spot::Crate, Spot::Socket],
-        Task::Climb => [Spot::Scene, Spot::Scene],
     }
 }
 
@@ -242,26 +199,26 @@ pub fn start_drawn(
 ) -> Result<(World, StartOffset), StartError> {
     check_kind(&scene, task)?;
     let seed = options.seed.unwrap_or(scene.spec.seed);
-    let spots = spots(task);
-    let carried = Bulb::ALL.into_iter().find(|bulb| spots[*bulb as usize] == Spot::Hand);
+    let spec = &task.spec().start;
+    let carried = spec.in_hand();
     let q0 = scene.robot.q0();
     let mut posture = q0.to_vec();
     let mut targets = q0.to_vec();
     if carried.is_some() {
         let carry = &scene.config.start.carry;
         hold::set_joints(&scene, "start.carry.arm", &carry.arm, &mut posture)?;
-        if place::is_on_platform(task) {
+        if spec.robot == Stand::Platform {
             hold::set_joints(&scene, "start.carry.platform_arm", &carry.platform_arm, &mut posture)?;
         }
         targets.clone_from(&posture);
         hold::set_joints(&scene, "start.carry.grip", &carry.grip, &mut targets)?;
     }
-    let noise = if options.reset_noise { place::noise(&scene, task) } else { place::NO_NOISE };
+    let noise = if options.reset_noise { place::noise(&scene, spec) } else { place::NO_NOISE };
 
     let mut world = World::new(Arc::clone(&scene));
     let mut row = world.row().clone();
     row.joint_target.clone_from(&targets);
-    put_bulbs(&scene, &spots, &mut row);
+    put_bulbs(&scene, spec, &mut row);
     let start = Start { scene: &scene, task, seed, episode, thresholds: &options.thresholds, carried, posture };
     let offset = start.put_robot(&mut world, &mut row, &noise)?;
     let unconverged = match carried {
@@ -274,8 +231,9 @@ pub fn start_drawn(
 }
 
 /// Puts the bulbs where they start, those for the hand anywhere, and sets the socket's hold.
-fn put_bulbs(scene: &Scene, spots: &[Spot; 2], row: &mut Row) {
-    for (bulb, spot) in Bulb::ALL.into_iter().zip(spots) {
+fn put_bulbs(scene: &Scene, spec: &StartSpec, row: &mut Row) {
+    for bulb in Bulb::ALL {
+        let spot = spec.spot(bulb);
         let pose = match spot {
             Spot::Socket => scene.world_from_seated_bulb(bulb),
             Spot::Crate => {
@@ -283,9 +241,9 @@ fn put_bulbs(scene: &Scene, spots: &[Spot; 2], row: &mut Row) {
                 let crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
                 scene.world_from_standing_bulb(bulb, crate_.translation.vector + height)
             }
-            Spot::Scene | Spot::Hand => row.bulbs[bulb as usize].pose,
+            Spot::Bench | Spot::Parked | Spot::Hand => row.bulbs[bulb as usize].pose,
         };
         row.bulbs[bulb as usize].pose = pose;
-        row.attachments[bulb as usize] = AttachmentRow { seated: *spot == Spot::Socket, steps_beyond: 0 };
+        row.attachments[bulb as usize] = AttachmentRow { seated: spot == Spot::Socket, steps_beyond: 0 };
     }
 }

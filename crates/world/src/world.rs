@@ -2,17 +2,24 @@
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Dynamics, Input, State, Wrench};
+use fiatlux_dynamics::{BodyId, Dynamics, Input, State, Variation, Wrench};
 use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row};
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::attach::{Attachment, AttachmentState, PlugState};
-use crate::{Scene, ShapeOwner, WorldError};
+use crate::error::WorldError;
+use crate::input::{AppliedWrench, ControlInput, Push, Target};
+use crate::owner::ShapeOwner;
+use crate::parts::absent_bulbs;
+use crate::scene::Scene;
 
 /// Length of a physics step, s.
 pub const PHYSICS_DT: f64 = 0.005;
 /// Physics steps in a control step.
 pub const SUBSTEPS: usize = 4;
+
+/// Wrenches that a world has room for: those of the socket's hold, and what a learner applies.
+const WRENCHES: usize = 2 + 8;
 
 /// A scene in motion. Knows no task: it starts from a row and measures rows. No I/O, no threads, no clock.
 #[derive(Debug, Clone)]
@@ -60,9 +67,12 @@ impl World {
             row: Box::new(blank_row(&scene)),
             sensors,
             dynamics,
-            attachments: [Attachment::SEATED, Attachment::FREE],
+            attachments: [
+                if scene.spec.parts.has_hold() { Attachment::SEATED } else { Attachment::FREE },
+                Attachment::FREE,
+            ],
             targets,
-            wrenches: Vec::with_capacity(2),
+            wrenches: Vec::with_capacity(WRENCHES),
             state,
             scene,
         };
@@ -85,12 +95,36 @@ impl World {
         &self.state
     }
 
-    /// The engine's view of the last physics step.
+    /// The engine's view: poses and velocities of the present state; contacts and efforts of the last physics step, which a
+    /// reset does not change.
     pub fn dynamics(&self) -> &Dynamics {
         &self.dynamics
     }
 
-    /// Goes to the state of a row. From there the world runs exactly as the one that measured it.
+    /// Pose of a link of the robot in the present state.
+    ///
+    /// # Panics
+    /// If the robot has no such link.
+    pub fn world_from_link(&self, link: usize) -> Isometry3<f64> {
+        let link = &self.scene.robot_ids.links[link];
+        self.dynamics.world_from_body(link.body) * link.body_from_link
+    }
+
+    /// Lets this world differ from its scene in masses, gains and friction from the next step on, until the next call; an empty
+    /// variation makes it nominal again. [`Scene::set_hand_friction`] writes the hands' into one. Rows do not record it.
+    ///
+    /// # Errors
+    /// [`WorldError::Variation`]: a part that the model lacks, or a number out of range. The world keeps what it had.
+    pub fn set_variation(&mut self, variation: &Variation) -> Result<(), WorldError> {
+        self.dynamics.set_variation(&self.scene.model, variation)?;
+        // The centre of mass may be elsewhere now.
+        self.row.com_velocity = self.dynamics.com_velocity(&self.scene.model, self.scene.robot_ids.root);
+        Ok(())
+    }
+
+    /// Goes to the state of a row. From there the world runs exactly as the one that measured it. What follows from the state
+    /// is measured anew, so that a row whose joints or pelvis were changed by hand is whole again: positions of the palms,
+    /// velocity of the centre of mass, poses of links. Forces, efforts and the action stay as the row has them.
     ///
     /// # Errors
     /// [`WorldError::Row`] for a number that is not finite or a rotation that is not a unit quaternion.
@@ -105,8 +139,8 @@ impl World {
         let bodies = [
             (Some(scene.robot_ids.root), &row.robot),
             (scene.ladder, &row.ladder),
-            (Some(scene.old_bulb), &row.bulbs[0]),
-            (Some(scene.fresh_bulb), &row.bulbs[1]),
+            (scene.old_bulb, &row.bulbs[0]),
+            (scene.fresh_bulb, &row.bulbs[1]),
         ];
         for (body, values) in bodies {
             let Some(body) = body else { continue };
@@ -124,6 +158,9 @@ impl World {
             let state = if values.seated { AttachmentState::Seated } else { AttachmentState::Free };
             *attachment = Attachment { state, steps_beyond: values.steps_beyond };
         }
+        if !scene.spec.parts.has_hold() {
+            self.attachments = [Attachment::FREE; 2];
+        }
         (*self.row).clone_from(row);
         // A row of another scene does not move what stands still in this one.
         self.row.fixture = scene.world_from_fixture;
@@ -131,6 +168,10 @@ impl World {
         if scene.ladder.is_none() {
             self.row.ladder = BodyRow::at_rest(scene.world_from_ladder);
         }
+        if !scene.spec.parts.bulbs {
+            self.row.bulbs = absent_bulbs().map(BodyRow::at_rest);
+        }
+        self.read_state();
         Ok(())
     }
 
@@ -138,30 +179,86 @@ impl World {
     /// beyond a joint's limits are clamped to them. `action` is what was received, for the record.
     ///
     /// # Errors
-    /// [`WorldError::Joint`] for a number that is not finite; the world is unchanged.
+    /// [`WorldError`]: an array of another length, or a number that is not finite; the world is unchanged.
     pub fn step(&mut self, action: &[f64], joint_target: &[f64]) -> Result<&Row, WorldError> {
-        let joints = self.scene.robot_layout().joints;
-        for (field, values) in [("action", action), ("target", joint_target)] {
-            if values.len() != joints {
-                return Err(WorldError::Length { field, found: values.len(), expected: joints });
-            }
-            if let Some(joint) = values.iter().position(|value| !value.is_finite()) {
-                let joint = self.scene.robot.joints()[joint].name.clone();
-                return Err(WorldError::Joint { field, joint });
-            }
-        }
+        self.step_with(&ControlInput::new(action, joint_target))
+    }
+
+    /// Advances by one control step under external wrenches and after a push.
+    ///
+    /// # Errors
+    /// [`WorldError`]: an array of another length, a number that is not finite, or a wrench on what the scene lacks; the world
+    /// is unchanged.
+    pub fn step_with(&mut self, input: &ControlInput<'_>) -> Result<&Row, WorldError> {
+        self.check_input(input)?;
         let scene = Arc::clone(&self.scene);
         for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
             let limits = &scene.robot.joints()[joint];
-            let target = joint_target[joint].clamp(limits.lower, limits.upper);
+            let target = input.joint_target[joint].clamp(limits.lower, limits.upper);
             self.targets[ids.drive] = target;
             self.row.joint_target[joint] = target;
         }
-        self.row.action.copy_from_slice(action);
+        self.row.action.copy_from_slice(input.action);
         self.hold_bulbs(&scene);
+        for applied in input.wrenches {
+            let wrench = self.at_center_of_mass(&scene, applied);
+            self.wrenches.push(wrench);
+        }
+        if let Some(Push { linear, angular }) = &input.push {
+            let root = &mut self.state.qvel[scene.robot_ids.root_dof..];
+            let change = linear.iter().chain(angular.iter());
+            root.iter_mut().zip(change).for_each(|(velocity, change)| *velocity += change);
+        }
         let unconverged = self.physics(&scene, &[], SUBSTEPS);
         self.measure(self.row.step + 1, unconverged);
         Ok(&self.row)
+    }
+
+    fn check_input(&self, input: &ControlInput<'_>) -> Result<(), WorldError> {
+        let (robot, model) = (&self.scene.robot, &self.scene.model);
+        let expected = robot.joints().len();
+        for (field, values) in [("action", input.action), ("target", input.joint_target)] {
+            if values.len() != expected {
+                return Err(WorldError::Length { field, found: values.len(), expected });
+            }
+            if let Some(joint) = values.iter().position(|value| !value.is_finite()) {
+                return Err(WorldError::Joint { field, joint: robot.joints()[joint].name.clone() });
+            }
+        }
+        let finite = |vectors: &[&Vector3<f64>]| vectors.iter().all(|vector| vector.iter().all(|x| x.is_finite()));
+        for (index, AppliedWrench { target, point, wrench }) in input.wrenches.iter().enumerate() {
+            let problem = |problem| Err(WorldError::Wrench { index, problem });
+            let exists = match *target {
+                Target::Link(link) => link < robot.links().len(),
+                Target::Body(body) => body != BodyId::WORLD && body.0 < model.bodies().len(),
+            };
+            if !exists {
+                return problem("acts on a part that the scene lacks; name a link of its robot or a body of its model");
+            }
+            if !finite(&[&wrench.force, &wrench.torque, &point.unwrap_or_default()]) {
+                return problem("has a number that is not finite; give finite ones");
+            }
+        }
+        match &input.push {
+            Some(push) if !finite(&[&push.linear, &push.angular]) => Err(WorldError::Push),
+            _ => Ok(()),
+        }
+    }
+
+    /// The wrench as the engine takes it: the force through the body's centre of mass, the torque about it.
+    fn at_center_of_mass(&self, scene: &Scene, applied: &AppliedWrench) -> (BodyId, Wrench) {
+        let (body, point) = match applied.target {
+            Target::Body(body) => (body, applied.point),
+            Target::Link(link) => {
+                let ids = &scene.robot_ids.links[link];
+                let point = applied.point.unwrap_or(scene.robot.links()[link].com);
+                (ids.body, Some((ids.body_from_link * Point3::from(point)).coords))
+            }
+        };
+        let com = self.dynamics.center_of_mass(&scene.model, body);
+        let arm = self.dynamics.world_from_body(body).rotation * (point.unwrap_or(com) - com);
+        let Wrench { force, torque } = applied.wrench;
+        (body, Wrench { force, torque: torque + arm.cross(&force) })
     }
 
     /// Advances another world of the same scene by one control step: `row` is its state, before and after. A batch of many
@@ -207,11 +304,12 @@ impl World {
         let law = &scene.config.attachment;
         self.wrenches.clear();
         for (bulb, body) in [scene.old_bulb, scene.fresh_bulb].into_iter().enumerate() {
+            let Some(body) = body else { continue };
             let row = &self.row.bulbs[bulb];
             let plug_z = scene.sizes.bulbs[bulb].seat_z;
             let plug = PlugState::measure(&scene.world_from_fixture, scene.sizes.seat_z, &row.pose, plug_z);
             let socket_free = !self.attachments[1 - bulb].is_seated();
-            let com = row.pose.rotation * scene.model.bodies()[body.0].spec.com;
+            let com = row.pose.rotation * self.dynamics.center_of_mass(&scene.model, body);
             let velocity = row.linear_velocity + row.angular_velocity.cross(&com);
             let wrench = self.attachments[bulb].hold(law, &plug, socket_free, &velocity, &row.angular_velocity);
             self.wrenches.extend(wrench.map(|wrench| (body, wrench)));
@@ -266,16 +364,29 @@ impl World {
         }
     }
 
-    /// Writes the present state into the row.
+    /// Writes the present state and what the last physics step left into the row.
     fn measure(&mut self, step: u64, unconverged: u32) {
-        let scene = &self.scene;
-        self.dynamics.update(&scene.model, &self.state);
+        self.read_state();
         let row = &mut *self.row;
         row.step = step;
         row.unconverged = unconverged;
+        for (joint, ids) in self.scene.robot_ids.joints.iter().enumerate() {
+            row.joint_effort[joint] = self.dynamics.efforts()[ids.drive];
+        }
+    }
+
+    /// Writes into the row what follows from the present state, targets and attachments.
+    fn read_state(&mut self) {
+        let scene = &self.scene;
+        self.dynamics.update(&scene.model, &self.state);
+        let row = &mut *self.row;
         let read = |body: BodyId| read_body(scene, &self.state, body);
         row.robot = read(scene.robot_ids.root);
-        row.bulbs = [read(scene.old_bulb), read(scene.fresh_bulb)];
+        for (values, body) in row.bulbs.iter_mut().zip([scene.old_bulb, scene.fresh_bulb]) {
+            if let Some(body) = body {
+                *values = read(body);
+            }
+        }
         if let Some(ladder) = scene.ladder {
             row.ladder = read(ladder);
         }
@@ -283,7 +394,6 @@ impl World {
             row.joint_position[joint] = self.state.qpos[ids.qpos];
             row.joint_velocity[joint] = self.state.qvel[ids.dof];
             row.joint_target[joint] = self.targets[ids.drive];
-            row.joint_effort[joint] = self.dynamics.efforts()[ids.drive];
         }
         row.com_velocity = self.dynamics.com_velocity(&scene.model, scene.robot_ids.root);
         for (position, &palm) in row.palm_position.iter_mut().zip(scene.robot.palms()) {
@@ -336,6 +446,7 @@ fn blank_row(scene: &Scene) -> Row {
         ladder: BodyRow::at_rest(scene.world_from_ladder),
         fixture: scene.world_from_fixture,
         crate_: scene.world_from_crate.unwrap_or_else(Isometry3::identity),
+        bulbs: absent_bulbs().map(BodyRow::at_rest),
         ..Row::zeros(scene.robot_layout())
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_robot::{GainSet, HandKind, Robot};
 use fiatlux_rules::Bulb;
 use fiatlux_world::{PHYSICS_DT, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
 use nalgebra::{Isometry3, Vector3};
@@ -165,7 +165,7 @@ struct Stage {
 
 impl Stage {
     fn new(ankle_factor: f64) -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::g1_inspire().map_err(|e| BenchError::Scene(e.into()))?);
+        let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(|e| BenchError::Scene(e.into()))?);
         let mut gains = robot.gains(GainSet::Fiatlux);
         let ankles = (0..robot.joints().len()).filter(|&i| robot.joints()[i].name.contains("ankle"));
         gains.scale(ankles, ankle_factor);
@@ -183,10 +183,10 @@ impl Stage {
         let world_from_pelvis = scene.layout.robot.world_from_place(standing_height);
         start.set_pose(&scene.model, scene.robot_ids.root, &world_from_pelvis);
         // The socket's hold is no part of the physics: without it the old bulb would fall out, so it stands on the bench.
-        if let Some(bench) = scene.world_from_bench {
+        if let (Some(bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) {
             let [x, y] = config.bench.bulb_spot;
             let spot = bench.translation.vector + Vector3::new(x - 0.4, y, config.bench.surface_height);
-            start.set_pose(&scene.model, scene.old_bulb, &scene.world_from_standing_bulb(Bulb::Old, spot));
+            start.set_pose(&scene.model, old_bulb, &scene.world_from_standing_bulb(Bulb::Old, spot));
         }
         Ok(Self { model: Arc::new(scene.model.clone()), scene: Arc::new(scene), start, q0, standing_height })
     }

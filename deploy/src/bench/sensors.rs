@@ -11,7 +11,7 @@ use fiatlux_policy::{Command as PolicyCommand, policies};
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_render::{Lighting, Visuals};
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_robot::{GainSet, HandKind, Robot};
 use fiatlux_rules::Task;
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_sim::joints;
@@ -118,7 +118,7 @@ struct Stage {
 
 impl Stage {
     fn new(task: Task, sensors: Sensors, network: &ResNet18) -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::g1_inspire().map_err(scene)?);
+        let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(scene)?);
         let gains = robot.gains(GainSet::Fiatlux);
         let spec = EpisodeSpec::new(task, 0, 0);
         let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).map_err(scene)?);

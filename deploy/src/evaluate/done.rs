@@ -6,7 +6,8 @@ use fiatlux_bag::{Bag, BagError, Completeness, part_of};
 use fiatlux_proto::ABORTED;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest};
 use fiatlux_render::RobotMeshes;
-use fiatlux_robot::Robot;
+use fiatlux_robot::{HandKind, Robot};
+use fiatlux_wire::hands_named;
 use fiatlux_world::SceneConfig;
 
 use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
@@ -18,9 +19,11 @@ use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
 /// A bag of another policy, another session or another version of the protocol, or with other meshes: its place is not
 /// taken. Meshes that cannot be used.
 pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Vec<Job>, EvaluateError> {
-    let robot = Robot::g1_inspire()?;
-    let world = Digests { model: robot.digest().into(), scene: SceneConfig::default().digest() };
-    let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
+    let robots = HandKind::ALL.map(Robot::with_hands).into_iter().collect::<Result<Vec<_>, _>>()?;
+    // The robots differ in joints, not in links: the meshes of one are those of all.
+    let robot = &robots[0];
+    let scene = SceneConfig::default().digest();
+    let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, robot)).transpose()?;
     let meshes = meshes.as_ref().map_or("", RobotMeshes::label);
     let remove = |path: &Path| std::fs::remove_file(path).map_err(|error| folder(path, error));
     let mut kept = Vec::new();
@@ -32,8 +35,11 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
         }
         match Bag::open(&path) {
             Ok(bag) => {
-                check_same(bag.header(), &path, &options.request(job)?, meshes)?;
-                if is_current(&bag, &world) { kept.push(job) } else { remove(&path)? }
+                let wanted = options.request(job)?;
+                check_same(bag.header(), &path, &wanted, meshes)?;
+                let hands = hands_named(&wanted.hands)?;
+                let model = robots.iter().find(|robot| robot.hand() == hands).map_or("", Robot::digest);
+                if is_current(&bag, model, &scene) { kept.push(job) } else { remove(&path)? }
             }
             Err(error @ BagError::Version { .. }) => {
                 return Err(folder(&path, format!("{error}; name another folder with --out")));
@@ -72,15 +78,9 @@ fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest, meshes:
 }
 
 /// Whole, played to its end, and in the world that this build simulates.
-fn is_current(bag: &Bag, world: &Digests) -> bool {
+fn is_current(bag: &Bag, model: &str, scene: &str) -> bool {
     let header = bag.header();
     let ended = bag.result().and_then(|result| result.end.as_ref()).is_some_and(|end| end.cause != ABORTED);
-    let same_world = header.model_digest == world.model && header.scene_digest == world.scene;
+    let same_world = header.model_digest == model && header.scene_digest == scene;
     ended && same_world && header.version == env!("CARGO_PKG_VERSION") && *bag.completeness() == Completeness::Whole
-}
-
-/// Of the robot and of the scene config.
-struct Digests {
-    model: String,
-    scene: String,
 }

@@ -26,9 +26,8 @@ impl Scan {
     pub fn of(info: &SessionInfo, observation: &Observation) -> Option<Self> {
         let own = observation.proprioception.as_ref()?;
         let exact = observation.privileged.as_ref();
-        let robot = Robot::g1_inspire().ok()?;
-        let known = robot.joints().iter().map(|joint| &joint.name).eq(info.joints.iter().map(|joint| &joint.name));
-        let lidar = robot.lidar().filter(|_| known)?;
+        let robot = Robot::with_joints(info.joints.iter().map(|joint| joint.name.as_str())).ok()?;
+        let lidar = robot.lidar()?;
         let angles = own.joint_position.iter().zip(&info.joints).map(|(angle, joint)| f64::from(*angle) + joint.q0);
         let angles: Vec<f64> = angles.collect();
         let world_from_pelvis = exact.and_then(|exact| pose(exact.robot.as_ref()?));

@@ -25,10 +25,8 @@ impl Policy for Stand {
             return Err(PolicyError::Sensor { policy: "stand", sensor: "last_action" });
         }
         let unfit = |reason: String| PolicyError::Unfit { policy: "stand", reason };
-        let robot = Robot::g1_inspire().map_err(|error| unfit(error.to_string()))?;
-        if !robot.joints().iter().map(|joint| &joint.name).eq(info.joints.iter().map(|joint| &joint.name)) {
-            return Err(unfit("it knows the joints of a G1 with Inspire hands only; use another policy".into()));
-        }
+        let joints = info.joints.iter().map(|joint| joint.name.as_str());
+        let robot = Robot::with_joints(joints).map_err(|error| unfit(format!("{error}; use another policy")))?;
         let gain = |(joint, own): (&fiatlux_proto::v3::Joint, &JointGains)| JointGains {
             stiffness: joint.stiffness,
             damping: joint.damping,

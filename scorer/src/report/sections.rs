@@ -105,6 +105,7 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
     definitions(
         out,
         &[
+            ("Benchmark version", c.benchmark_version.to_string()),
             ("Policy", results.policy.clone()),
             ("Layout seeds", seeds(&results.seeds)),
             ("Mode", c.mode.clone()),

@@ -3,7 +3,7 @@
 use crate::Results;
 
 const HEAD: &str = "policy,task,seed,episode,success,clean,broken,dropped,gate_progress,peak_hand_force_n,control_effort,\
-                    steps,end,steps_in_gate,state_digest,bag";
+                    steps,end,steps_in_gate,state_digest,bag,benchmark_version";
 
 /// One line an episode, under a line with the names of the fields in `results.json`.
 pub fn csv(results: &Results) -> String {
@@ -26,6 +26,7 @@ pub fn csv(results: &Results) -> String {
             e.steps_in_gate.to_string(),
             e.state_digest.clone(),
             quoted(&e.bag),
+            results.conditions.benchmark_version.to_string(),
         ];
         lines.push(fields.join(","));
     }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use fiatlux_bag::BagWriter;
 use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
-use fiatlux_rules::{Geometry, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
+use fiatlux_rules::{BENCHMARK_VERSION, Geometry, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
 use fiatlux_wire::{geometry_message, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
@@ -67,6 +67,7 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         scene_digest: "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08".into(),
         digest_context: RowDigest::new(b"test").hex(),
         control_dt: 0.02,
+        benchmark_version: BENCHMARK_VERSION,
         geometry: Some(geometry_message(&Geometry::default())),
         joint_names: names("joint", room::LAYOUT.joints),
         hand_bodies: names("body", room::LAYOUT.hand_bodies()),

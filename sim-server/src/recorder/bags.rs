@@ -1,5 +1,6 @@
 //! The bags of one session on disk.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,12 +10,13 @@ use fiatlux_link::in_full;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{EpisodeHeader, State, StepRecord};
 use fiatlux_proto::{Message, decode};
+use fiatlux_robot::HandKind;
 use fiatlux_rules::Task;
 use fiatlux_session::recorder::Write;
 use tracing::warn;
 
 use super::{BagEnd, BagReport, Naming, Shared};
-use fiatlux_wire::{Frames, layout_of, read_row};
+use fiatlux_wire::{Frames, hands_named, layout_of, read_row};
 
 /// Rows from one set of poses to the next: 25 Hz.
 const ROWS_PER_FRAMES: u64 = 2;
@@ -159,12 +161,13 @@ impl Bags {
     }
 }
 
-/// Encoded poses of a row; none where the record has none, or no readable one.
-fn frames(frames: &Frames, header: &EpisodeHeader, state: &[u8]) -> Option<Vec<u8>> {
+/// Encoded poses of a row; none where the record has none, or no readable one, or the robot is not known here.
+fn frames(known: &BTreeMap<HandKind, Frames>, header: &EpisodeHeader, state: &[u8]) -> Option<Vec<u8>> {
     if state.is_empty() {
         return None;
     }
     let state: State = decode(state, MAX_SERVER_MESSAGE).ok()?;
     let row = read_row(&state, layout_of(header).ok()?).ok()?;
+    let frames = known.get(&hands_named(&header.hands).ok()?)?;
     Some(frames.transforms(&row).encode_to_vec())
 }

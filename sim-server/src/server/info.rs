@@ -2,13 +2,13 @@
 
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
-use fiatlux_robot::{JointGains, Robot};
+use fiatlux_robot::{HandKind, JointGains, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Task};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
 use fiatlux_world::{ACTION_SCALE, Episode, RNG_NAME, Scene, SceneConfig};
 
 use super::plan::{GAINS, Plan};
-use fiatlux_wire::{domain_sample_message, geometry_message};
+use fiatlux_wire::{domain_sample_message, footprint_messages, geometry_message};
 
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -26,6 +26,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
         open_sessions: 0,
         model_digest: robot.digest().into(),
         scene_digest: scene.digest(),
+        hands: HandKind::ALL.map(|hand| hand.to_string()).into(),
     }
 }
 
@@ -82,6 +83,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         mode: plan.mode().into(),
         seed: plan.seed,
         joints: joints(scene),
+        footprints: footprint_messages(scene),
         hand_bodies: hand_bodies(&scene.robot),
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,

@@ -182,14 +182,12 @@ fn gains(name: &str) -> Result<GainSet, Refusal> {
 }
 
 fn hands(name: &str) -> Result<HandKind, Refusal> {
-    if name.is_empty() {
-        return Ok(HandKind::Inspire);
-    }
     let unknown = |_| {
+        let names = HandKind::ALL.map(|hand| hand.to_string());
         let what = if name.eq_ignore_ascii_case("dex3") { "are not supported yet" } else { "do not exist" };
-        Refusal::new(Code::Unknown, "hands", format!("hands '{name}' {what}; use 'inspire'"))
+        Refusal::new(Code::Unknown, "hands", format!("hands '{name}' {what}; use one of {}", names.join(", ")))
     };
-    name.parse().map_err(unknown)
+    wire::hands_named(name).map_err(unknown)
 }
 
 fn end_on(names: &[String]) -> Result<Option<Causes>, Refusal> {
@@ -317,7 +315,7 @@ mod tests {
             (OpenRequest { reward: "more".into(), ..request() }, Code::Unknown, "reward", "benchmark, training"),
             (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
             (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),
-            (OpenRequest { hands: "claw".into(), ..request() }, Code::Unknown, "hands", "use 'inspire'"),
+            (OpenRequest { hands: "claw".into(), ..request() }, Code::Unknown, "hands", "use one of inspire, bare"),
             (OpenRequest { end_on: list("falls"), ..request() }, Code::Unknown, "end_on", "known ones are success"),
             (
                 OpenRequest { thresholds: [("fragility".into(), 1.0)].into(), ..request() },

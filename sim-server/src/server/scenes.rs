@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use fiatlux_proto::Message;
 use fiatlux_render::{RobotMeshes, Visuals};
-use fiatlux_robot::Robot;
+use fiatlux_robot::{HandKind, Robot, RobotError};
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneSpec};
 
 use super::lock;
@@ -53,33 +53,54 @@ impl Built {
     }
 }
 
+/// The G1 with every kind of hands.
+#[derive(Debug)]
+pub(super) struct Robots {
+    inspire: Arc<Robot>,
+    bare: Arc<Robot>,
+}
+
+impl Robots {
+    pub fn load() -> Result<Self, RobotError> {
+        let with = |hand| Robot::with_hands(hand).map(Arc::new);
+        Ok(Self { inspire: with(HandKind::Inspire)?, bare: with(HandKind::Bare)? })
+    }
+
+    pub fn get(&self, hands: HandKind) -> &Arc<Robot> {
+        match hands {
+            HandKind::Inspire => &self.inspire,
+            HandKind::Bare => &self.bare,
+        }
+    }
+}
+
 /// Builds scenes of one config and keeps those last used.
 #[derive(Debug)]
 pub(super) struct Scenes {
     config: SceneConfig,
-    robot: Arc<Robot>,
+    robots: Robots,
     meshes: Option<Arc<RobotMeshes>>,
     /// The last used is the last.
     kept: Mutex<VecDeque<Built>>,
 }
 
 impl Scenes {
-    pub fn new(config: SceneConfig, robot: Arc<Robot>, meshes: Option<Arc<RobotMeshes>>) -> Self {
-        Self { config, robot, meshes, kept: Mutex::default() }
+    pub fn new(config: SceneConfig, robots: Robots, meshes: Option<Arc<RobotMeshes>>) -> Self {
+        Self { config, robots, meshes, kept: Mutex::default() }
     }
 
-    pub fn robot(&self) -> &Robot {
-        &self.robot
+    pub fn robot(&self, hands: HandKind) -> &Arc<Robot> {
+        self.robots.get(hands)
     }
 
     /// A scene with the hands' own friction.
-    pub fn get(&self, spec: SceneSpec) -> Result<Built, SceneError> {
+    pub fn get(&self, hands: HandKind, spec: SceneSpec) -> Result<Built, SceneError> {
         let spec = SceneSpec { hand_friction: None, ..spec };
-        if let Some(built) = self.find(&spec) {
+        if let Some(built) = self.find(hands, &spec) {
             return Ok(built);
         }
         // Two sessions may build the same scene at once; that costs time only.
-        let scene = Arc::new(Scene::build(&self.config, Arc::clone(&self.robot), spec)?);
+        let scene = Arc::new(Scene::build(&self.config, Arc::clone(self.robot(hands)), spec)?);
         let built = Built::new(scene, self.meshes.clone());
         let mut kept = lock(&self.kept);
         if kept.len() >= KEPT {
@@ -89,9 +110,10 @@ impl Scenes {
         Ok(built)
     }
 
-    fn find(&self, spec: &SceneSpec) -> Option<Built> {
+    fn find(&self, hands: HandKind, spec: &SceneSpec) -> Option<Built> {
         let mut kept = lock(&self.kept);
-        let found = kept.iter().position(|built| built.scene.spec == *spec)?;
+        let is_same = |scene: &Scene| scene.robot.hand() == hands && scene.spec == *spec;
+        let found = kept.iter().position(|built| is_same(&built.scene))?;
         let built = kept.remove(found)?;
         kept.push_back(built.clone());
         Some(built)

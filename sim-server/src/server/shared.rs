@@ -248,8 +248,8 @@ impl Shared {
     }
 
     fn open_reserved(&self, plan: plan::Plan) -> Result<SessionInfo, Refusal> {
-        let gains = self.scenes.robot().gains(plan.gains);
-        let built = self.scenes.get(plan.episode(0).scene(gains));
+        let gains = self.scenes.robot(plan.hands).gains(plan.gains);
+        let built = self.scenes.get(plan.hands, plan.episode(0).scene(gains));
         let built = built.map_err(|error| Refusal::new(Code::Start, "seed", in_full(&error)))?;
         let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
         let keys = self.keys.session(&id);

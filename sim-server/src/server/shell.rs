@@ -12,7 +12,7 @@ use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{CloseReply, LookReply, OpenReply, Refusal, ResetReply, look_reply, open_reply, reset_reply};
 use fiatlux_proto::{Bytes, Message, PROTOCOL, limits};
 use fiatlux_render::{MeshError, RobotMeshes};
-use fiatlux_robot::{Robot, RobotError};
+use fiatlux_robot::{HandKind, RobotError};
 use fiatlux_session::server::{Input, Timeouts};
 use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
@@ -28,7 +28,7 @@ use super::info;
 use super::lock;
 use super::networks::Networks;
 use super::pool::{Job, Queue, Timer};
-use super::scenes::Scenes;
+use super::scenes::{Robots, Scenes};
 use super::shared::{Shared, refuse, reply};
 
 /// Requests to open or describe that wait for a worker; more are refused.
@@ -148,8 +148,9 @@ impl Server {
             }
         }
         options.scene.check()?;
-        let robot = Arc::new(Robot::g1_inspire()?);
-        let meshes = options.meshes.map(|folder| RobotMeshes::open(folder, &robot)).transpose()?.map(Arc::new);
+        let robots = Robots::load()?;
+        let robot = robots.get(HandKind::default());
+        let meshes = options.meshes.map(|folder| RobotMeshes::open(folder, robot)).transpose()?.map(Arc::new);
         let server_keys = ServerKeys::new(&options.name);
         if is_taken(&zenoh, &server_keys.alive())? {
             return Err(ServerError::Taken(options.name));
@@ -157,7 +158,7 @@ impl Server {
         // Milliseconds since 1970: no earlier server of this name had it.
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let shared = Arc::new(Shared {
-            info: info::server(&options.name, options.capacity, &robot, &options.scene),
+            info: info::server(&options.name, options.capacity, robot, &options.scene),
             name: options.name,
             keys: server_keys,
             zenoh,
@@ -168,7 +169,7 @@ impl Server {
                 recorder: options.recorder_timeout,
             },
             capacity: options.capacity,
-            scenes: Scenes::new(options.scene, robot, meshes),
+            scenes: Scenes::new(options.scene, robots, meshes),
             networks: Networks::new(options.weights),
             queue: Queue::default(),
             answers: Queue::default(),

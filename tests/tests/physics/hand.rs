@@ -71,7 +71,7 @@ impl Grip {
     /// The bulb in the hand's frame.
     fn hand_from_bulb(&self) -> Isometry3<f64> {
         let hand = self.rig.link_pose(&self.rig.scene.config.start.carry.hand_link);
-        hand.inverse() * self.rig.pose(self.rig.scene.old_bulb)
+        hand.inverse() * self.rig.pose(self.rig.scene.old_bulb.unwrap())
     }
 }
 

@@ -70,7 +70,7 @@ fn reported(rig: &Rig) -> Row {
     };
     row.robot = body(scene.robot_ids.root);
     row.ladder = body(scene.ladder.unwrap());
-    row.bulbs = [body(scene.old_bulb), body(scene.fresh_bulb)];
+    row.bulbs = [body(scene.old_bulb.unwrap()), body(scene.fresh_bulb.unwrap())];
     let mut targets = [0.0; JOINTS];
     for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
         row.joint_position[joint] = rig.state.qpos[ids.qpos];
@@ -107,7 +107,7 @@ fn stand(place: &Place, with_bulb: bool) -> Stand {
     let ladder = scene.ladder.unwrap();
     let mut rig = Rig::new(&scene);
     // A rig has no socket that would hold the bulb.
-    rig.lock_body(scene.old_bulb, true);
+    rig.lock_body(scene.old_bulb.unwrap(), true);
     let hands: &[usize] = if with_bulb { &[0] } else { &[0, 1] };
     let start = find_posture(&mut rig, place, hands, 0.0, None);
     let pressed = find_posture(&mut rig, place, hands, PRESS, Some(&start));

@@ -57,7 +57,7 @@ fn a_ladder_alone_stays() {
 #[test]
 fn a_bulb_standing_on_the_bench_stays() {
     let mut rig = rig();
-    let bulb = rig.scene.fresh_bulb;
+    let bulb = rig.scene.fresh_bulb.unwrap();
     stays(&mut rig, bulb, 0.0);
 }
 
@@ -66,7 +66,7 @@ fn a_bulb_standing_on_the_bench_stays() {
 fn a_bulb_lying_in_the_crate_stays() {
     for yaw in [0.0, 1.0, 2.5] {
         let mut rig = rig();
-        let bulb = rig.scene.fresh_bulb;
+        let bulb = rig.scene.fresh_bulb.unwrap();
         let (world_from_crate, config) = (rig.scene.world_from_crate.unwrap(), &rig.scene.config);
         let lying = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw)
             * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);

@@ -50,11 +50,11 @@ impl Trial {
     fn new(scene: &Arc<Scene>, socket_from_bulb: &Isometry3<f64>) -> Self {
         let mut rig = Rig::new(scene);
         rig.lock_robot(true);
-        rig.place(scene.old_bulb, &Isometry3::translation(0.0, 0.0, 20.0));
-        rig.lock_body(scene.old_bulb, true);
-        rig.place(scene.fresh_bulb, &(scene.world_from_fixture * socket_from_bulb));
+        rig.place(scene.old_bulb.unwrap(), &Isometry3::translation(0.0, 0.0, 20.0));
+        rig.lock_body(scene.old_bulb.unwrap(), true);
+        rig.place(scene.fresh_bulb.unwrap(), &(scene.world_from_fixture * socket_from_bulb));
         Self {
-            bulb: scene.fresh_bulb,
+            bulb: scene.fresh_bulb.unwrap(),
             law: scene.config.attachment.clone(),
             rig,
             attachment: Attachment::FREE,
@@ -331,7 +331,7 @@ fn a_trial_is_stepped_like_a_world() {
     let mut world = World::new(Arc::clone(&scene));
     let mut trial = Trial::new(&scene, &Isometry3::identity());
     trial.rig = Rig::new(&scene);
-    trial.bulb = scene.old_bulb;
+    trial.bulb = scene.old_bulb.unwrap();
     let target = scene.robot.q0().to_vec();
     for step in 0..50 {
         world.step(&[0.0; JOINTS], &target).unwrap();

@@ -2,5 +2,6 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod g1;
+mod g1_bare;
 mod model;
 mod refused;

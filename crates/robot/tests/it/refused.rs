@@ -171,7 +171,7 @@ fn names_and_tree() {
     check_refused("[[link]]\nname = \"logo_link\"", "logo_link", "pelvis", "pelvis", &["link 'pelvis': name is taken"]);
     check_refused("name = \"logo_joint\"", "logo_joint", "head_joint", "head_joint", &["name is taken"]);
     check_refused(
-        "name = \"head\"",
+        "[[shape]]\nname = \"head\"",
         "name = \"head\"",
         "name = \"pelvis\"",
         "pelvis",
@@ -216,7 +216,7 @@ fn names_and_tree() {
     );
     check_refused("[gains.sonic]", "\"waist_yaw_joint\"", "\"waist\"", "waist", &["gains.sonic names joint 'waist'"]);
     check_refused(
-        "name = \"head\"",
+        "[[shape]]\nname = \"head\"",
         "link = \"head_link\"",
         "link = \"skull\"",
         "skull",

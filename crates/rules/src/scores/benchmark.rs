@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::{Episode, Rate, Summary};
-use crate::Task;
+use crate::task::Task;
 
 /// Mean and sample standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -16,6 +16,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Climbing],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[],
+    start: StartSpec {
+        ladder: Ladder::Fixed,
+        robot: Stand::OwnZone,
+        noise: ResetNoise::Usual,
+        old_bulb: Spot::Parked,
+        fresh_bulb: Spot::Parked,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "at_working_height", holds: at_working_height },
@@ -26,6 +34,16 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 1,
     also_ends_on: Causes::NONE,
+    special: SpecialRules { bulbs_parked: true, ..SpecialRules::NONE },
+    reward: RewardSpec::Own {
+        terms: &[
+            HEIGHT_GAIN,
+            TermSpec::new("limb_contact", 0.25, Kind::Rate(limb_contact)),
+            TermSpec::new("success_bonus", 500.0, Kind::Condition(Cause::Success)),
+            TermSpec::new("robot_fall", -200.0, Kind::Condition(Cause::Fall)),
+        ],
+        com_sway: -0.5,
+    },
 };
 
 fn near_ladder(row: &Row, cx: &Context<'_>) -> bool {

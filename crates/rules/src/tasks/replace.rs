@@ -18,6 +18,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::FlatNavigation, ControlMode::Manipulation, ControlMode::Climbing],
     horizon_steps: 72_000,
     bulbs: &[Bulb::Old, Bulb::Fresh],
+    start: StartSpec {
+        ladder: Ladder::Free,
+        robot: Stand::OwnZone,
+        noise: ResetNoise::Usual,
+        old_bulb: Spot::Socket,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "fresh_bulb_seated", holds: fresh_seated },
@@ -27,9 +35,38 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 0,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Drop]),
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Own {
+        terms: &[
+            // Progress: at most 5, 10, 5 and 10. All in all a perfect run earns at most 55.
+            TermSpec::new("ladder_progress", 250.0, Kind::Approach(ladder_to_fixture)),
+            TermSpec::new("fresh_bulb_progress", 500.0, Kind::Approach(fresh_bulb_to_seat)),
+            TermSpec::new("old_bulb_removal", 250.0, Kind::Potential(old_bulb_clearance)),
+            TermSpec::new("old_bulb_disposal_progress", 500.0, Kind::Approach(old_bulb_to_crate)),
+            // Completion: 2, 5, 3, 5 and 10.
+            TermSpec::new("ladder_ready", 100.0, Kind::Once(ladder_placed)),
+            TermSpec::new("fresh_bulb_inserted", 250.0, Kind::Once(fresh_seated)),
+            TermSpec::new("old_bulb_removed", 150.0, Kind::Once(|row, cx| removed(row, cx, Bulb::Old))),
+            TermSpec::new("old_bulb_disposed", 250.0, Kind::Once(old_disposed)),
+            TermSpec::new("success_bonus", 500.0, Kind::Condition(Cause::Success)),
+            // Failures.
+            TermSpec::new("robot_fall", -200.0, Kind::Condition(Cause::Fall)),
+            TermSpec::new("ladder_tipped", -200.0, Kind::Condition(Cause::Tip)),
+            TermSpec::new("fresh_bulb_dropped", -100.0, Kind::Once(|row, cx| dropped(row, cx, Bulb::Fresh))),
+            TermSpec::new("old_bulb_dropped", -100.0, Kind::Once(|row, cx| dropped(row, cx, Bulb::Old))),
+            TermSpec::new("contact_penalty", -1e-3, Kind::Rate(right_hand_force)),
+        ],
+        com_sway: -0.1,
+    },
 };
 
 /// Out of the socket and in the crate.
-pub(crate) fn old_disposed(row: &Row, cx: &Context<'_>) -> bool {
+fn old_disposed(row: &Row, cx: &Context<'_>) -> bool {
     !seated(row, Bulb::Old) && in_crate(row, cx, Bulb::Old)
+}
+
+/// From the old bulb to the crate, m; while it is seated, from where a seated bulb's root is.
+fn old_bulb_to_crate(row: &Row, _cx: &Context<'_>) -> f64 {
+    let root = if seated(row, Bulb::Old) { &row.fixture } else { &row.bulbs[Bulb::Old as usize].pose };
+    (root.translation.vector - row.crate_.translation.vector).norm()
 }

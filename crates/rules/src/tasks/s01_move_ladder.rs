@@ -18,6 +18,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::FlatNavigation],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[],
+    start: StartSpec {
+        ladder: Ladder::Free,
+        robot: Stand::OwnZoneFacing(Landmark::Ladder),
+        noise: ResetNoise::Usual,
+        old_bulb: Spot::Socket,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "ladder_placed", holds: ladder_placed },
@@ -29,4 +37,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip]),
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Subtask {
+        hints: &[ROBOT_TO_LADDER, TermSpec::new("ladder_to_fixture", TOWARDS, Kind::Approach(ladder_to_fixture))],
+    },
 };

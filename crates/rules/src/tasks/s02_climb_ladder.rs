@@ -18,6 +18,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Climbing],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::LadderSteps,
+        noise: ResetNoise::AtLadder,
+        old_bulb: Spot::Socket,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "at_ladder_top", holds: at_ladder_top },
@@ -28,4 +36,6 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 2,
     also_ends_on: Causes::of(&[Cause::Tip]),
+    special: SpecialRules { notes_working_height: true, ..SpecialRules::NONE },
+    reward: RewardSpec::Subtask { hints: &[HEIGHT_GAIN, LIMBS] },
 };

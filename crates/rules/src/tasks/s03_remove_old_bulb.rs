@@ -16,6 +16,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Manipulation, ControlMode::Climbing],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[Bulb::Old],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::Platform,
+        noise: ResetNoise::AtLadder,
+        old_bulb: Spot::Socket,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "old_bulb_removed", holds: old_removed },
@@ -28,6 +36,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Subtask {
+        hints: &[
+            TermSpec::new("hand_to_bulb", TOWARDS, Kind::Approach(|row, _| palm_to_bulb(row, Bulb::Old))),
+            TermSpec::new("old_bulb_removal", TOWARDS, Kind::Potential(old_bulb_clearance)),
+            OLD_FORCE,
+        ],
+    },
 };
 
 fn old_removed(row: &Row, cx: &Context<'_>) -> bool {

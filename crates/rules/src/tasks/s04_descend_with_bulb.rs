@@ -19,6 +19,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Climbing, ControlMode::Manipulation],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[Bulb::Old],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::Platform,
+        noise: ResetNoise::AtLadder,
+        old_bulb: Spot::Hand,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "at_ladder_foot", holds: at_ladder_foot },
@@ -31,4 +39,6 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 4,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Subtask { hints: &[DESCENT, FREE_LIMBS, OLD_FORCE] },
 };

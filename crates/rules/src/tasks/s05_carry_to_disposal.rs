@@ -16,6 +16,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::FlatNavigation],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[Bulb::Old],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::Beside { landmark: Landmark::Ladder, distance: StartDistance::Mounting, facing: Landmark::Crate },
+        noise: ResetNoise::None,
+        old_bulb: Spot::Hand,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: true,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "near_crate", holds: near_crate },
@@ -27,6 +35,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Crush]),
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Subtask { hints: &[TermSpec::new("robot_to_crate", TOWARDS, Kind::Approach(robot_to_crate))] },
 };
 
 fn near_crate(row: &Row, cx: &Context<'_>) -> bool {
@@ -36,4 +46,8 @@ fn near_crate(row: &Row, cx: &Context<'_>) -> bool {
 
 fn facing_crate(row: &Row, cx: &Context<'_>) -> bool {
     faces(row, cx, &row.crate_.translation.vector)
+}
+
+fn robot_to_crate(row: &Row, _cx: &Context<'_>) -> f64 {
+    robot_distance(row, &row.crate_.translation.vector)
 }

@@ -16,6 +16,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Manipulation],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[Bulb::Old],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::Beside { landmark: Landmark::Crate, distance: StartDistance::Dispose, facing: Landmark::Crate },
+        noise: ResetNoise::Usual,
+        old_bulb: Spot::Hand,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "old_bulb_in_crate", holds: old_in_crate },
@@ -27,6 +35,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 2,
     also_ends_on: Causes::of(&[Cause::Crush]),
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Subtask { hints: &[TermSpec::new("bulb_to_crate", TOWARDS, Kind::Approach(bulb_to_crate))] },
 };
 
 fn old_in_crate(row: &Row, cx: &Context<'_>) -> bool {
@@ -35,4 +45,8 @@ fn old_in_crate(row: &Row, cx: &Context<'_>) -> bool {
 
 fn old_at_rest(row: &Row, cx: &Context<'_>) -> bool {
     row.bulbs[Bulb::Old as usize].linear_velocity.norm() < cx.thresholds.rest_speed_m_s
+}
+
+fn bulb_to_crate(row: &Row, _cx: &Context<'_>) -> f64 {
+    (row.bulbs[Bulb::Old as usize].pose.translation.vector - row.crate_.translation.vector).norm()
 }

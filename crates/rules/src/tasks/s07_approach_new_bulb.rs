@@ -17,6 +17,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::FlatNavigation],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::Beside { landmark: Landmark::Crate, distance: StartDistance::Leave, facing: Landmark::FreshBulb },
+        noise: ResetNoise::Usual,
+        old_bulb: Spot::Crate,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "near_fresh_bulb", holds: near_fresh },
@@ -27,6 +35,10 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 2,
     also_ends_on: Causes::NONE,
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Subtask {
+        hints: &[TermSpec::new("robot_to_bulb", TOWARDS, Kind::Approach(robot_to_fresh_bulb))],
+    },
 };
 
 fn near_fresh(row: &Row, cx: &Context<'_>) -> bool {
@@ -35,4 +47,8 @@ fn near_fresh(row: &Row, cx: &Context<'_>) -> bool {
 
 fn facing_fresh(row: &Row, cx: &Context<'_>) -> bool {
     faces(row, cx, &row.bulbs[Bulb::Fresh as usize].pose.translation.vector)
+}
+
+fn robot_to_fresh_bulb(row: &Row, _cx: &Context<'_>) -> f64 {
+    robot_distance(row, &row.bulbs[Bulb::Fresh as usize].pose.translation.vector)
 }

@@ -3,6 +3,8 @@
 //! Start: the robot stands 0.63 m from the fresh bulb and faces it, hands free. The old bulb is in the crate, the
 //! socket empty.
 
+use nalgebra::Vector3;
+
 use super::page::*;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
@@ -15,6 +17,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Manipulation],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[Bulb::Fresh],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::BenchAtBulb,
+        noise: ResetNoise::Usual,
+        old_bulb: Spot::Crate,
+        fresh_bulb: Spot::Bench,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "fresh_bulb_lifted", holds: fresh_lifted },
@@ -26,6 +36,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 2,
     also_ends_on: Causes::of(&[Cause::Drop]),
+    special: SpecialRules { fresh_drop_m: |thresholds| thresholds.grab_drop_m, ..SpecialRules::NONE },
+    reward: RewardSpec::Subtask {
+        hints: &[
+            TermSpec::new("hand_to_bulb", TOWARDS, Kind::Approach(|row, _| palm_to_bulb(row, Bulb::Fresh))),
+            TermSpec::new("grip", HINT, Kind::Potential(fresh_bulb_grip)),
+            FRESH_FORCE,
+        ],
+    },
 };
 
 fn fresh_lifted(row: &Row, cx: &Context<'_>) -> bool {
@@ -38,4 +56,10 @@ fn fresh_gripped(row: &Row, cx: &Context<'_>) -> bool {
 
 fn fresh_handled_gently(row: &Row, cx: &Context<'_>) -> bool {
     handled_gently(row, cx, Bulb::Fresh)
+}
+
+/// Grows with the largest contact force on a hand body, over tens of newtons.
+fn fresh_bulb_grip(row: &Row, _cx: &Context<'_>) -> f64 {
+    let forces = row.hand_force[Bulb::Fresh as usize].iter().map(Vector3::norm);
+    libm::tanh(forces.filter(|force| force.is_finite()).fold(0.0, f64::max) / 10.0)
 }

@@ -16,6 +16,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::FlatNavigation],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[Bulb::Fresh],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::BenchFacing(Landmark::Ladder),
+        noise: ResetNoise::None,
+        old_bulb: Spot::Crate,
+        fresh_bulb: Spot::Hand,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "near_ladder", holds: near_ladder },
@@ -28,6 +36,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 4,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush]),
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Subtask { hints: &[ROBOT_TO_LADDER] },
 };
 
 fn near_ladder(row: &Row, cx: &Context<'_>) -> bool {

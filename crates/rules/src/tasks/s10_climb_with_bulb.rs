@@ -18,6 +18,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Climbing, ControlMode::Manipulation],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[Bulb::Fresh],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::LadderSteps,
+        noise: ResetNoise::AtLadder,
+        old_bulb: Spot::Crate,
+        fresh_bulb: Spot::Hand,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "at_ladder_top", holds: at_ladder_top },
@@ -30,4 +38,6 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 4,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),
+    special: SpecialRules { notes_working_height: true, ..SpecialRules::NONE },
+    reward: RewardSpec::Subtask { hints: &[HEIGHT_GAIN, FREE_LIMBS, FRESH_FORCE] },
 };

@@ -3,6 +3,8 @@
 //! Start: the robot stands on the platform, facing the fixture, the fresh bulb in its right hand. The old bulb is in
 //! the crate, the socket empty.
 
+use nalgebra::Vector3;
+
 use super::bulb_criteria::{fresh_released, fresh_seated};
 use super::page::*;
 
@@ -16,6 +18,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Manipulation, ControlMode::Climbing],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[Bulb::Fresh],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::Platform,
+        noise: ResetNoise::AtLadder,
+        old_bulb: Spot::Crate,
+        fresh_bulb: Spot::Hand,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "fresh_bulb_seated", holds: fresh_seated },
@@ -28,8 +38,22 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),
+    special: SpecialRules::NONE,
+    reward: RewardSpec::Subtask {
+        hints: &[
+            TermSpec::new("fresh_bulb_to_seat", TOWARDS, Kind::Approach(fresh_bulb_to_seat)),
+            TermSpec::new("axis_alignment", HINT, Kind::Potential(axis_alignment)),
+            FRESH_FORCE,
+        ],
+    },
 };
 
 fn fresh_settled(_row: &Row, cx: &Context<'_>) -> bool {
     settled(cx, Bulb::Fresh)
+}
+
+/// 1 where the bulb's axis is that of the socket, falling off over tenths of a radian.
+fn axis_alignment(row: &Row, _cx: &Context<'_>) -> f64 {
+    let [bulb, socket] = [row.bulbs[Bulb::Fresh as usize].pose, row.fixture].map(|pose| pose.rotation * Vector3::z());
+    1.0 - libm::tanh(measure::angle_between(&bulb, &socket) / 0.3)
 }

@@ -18,6 +18,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     modes: &[ControlMode::Climbing],
     horizon_steps: SUBTASK_HORIZON,
     bulbs: &[],
+    start: StartSpec {
+        ladder: Ladder::Coupled,
+        robot: Stand::Platform,
+        noise: ResetNoise::AtLadder,
+        old_bulb: Spot::Crate,
+        fresh_bulb: Spot::Socket,
+        away_from_crate: false,
+    },
     gate: Gate {
         criteria: &[
             Criterion { name: "at_ladder_foot", holds: at_ladder_foot },
@@ -29,4 +37,6 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Unseated]),
+    special: SpecialRules { keeps_seated: Some(Bulb::Fresh), ..SpecialRules::NONE },
+    reward: RewardSpec::Subtask { hints: &[DESCENT, LIMBS] },
 };

@@ -6,6 +6,7 @@ use fiatlux_robot::GainSet;
 use fiatlux_rules::measure;
 
 use super::*;
+use crate::SceneKind;
 use crate::layout::LadderStart;
 
 fn scene_of(kind: SceneKind, seed: u64) -> Scene {
@@ -45,7 +46,7 @@ fn geometry_is_the_rulebooks() {
     assert_eq!(found, expected);
 }
 
-/// A robot with other numbers of parts than a row's is refused, with both numbers.
+/// A robot with other joints has rows of its own size; one with other parts than a row's is refused, with both numbers.
 #[test]
 fn robots_that_do_not_fit_a_row_are_refused() {
     let published = include_str!("../../../robot/g1_inspire.toml");
@@ -60,9 +61,15 @@ fn robots_that_do_not_fit_a_row_are_refused() {
         assert_eq!(published.matches(old).count(), 1, "{old}");
         published.replace(old, new)
     };
+    let robot = Arc::new(Robot::from_toml(&fixed).unwrap());
+    let spec = SceneSpec::new(SceneKind::Climb, 0, robot.gains(GainSet::Fiatlux));
+    let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();
+    assert_eq!(scene.robot_layout(), RobotLayout { joints: 52, hand_bodies_per_side: 17 });
     for (text, refusal) in [
-        (fixed, "has 52 joints, a row of the benchmark holds 53"),
-        (without("    \"R_pinky_proximal\", \"R_pinky_intermediate\",\n", ""), "has 32 hand links"),
+        (
+            without("    \"R_pinky_proximal\", \"R_pinky_intermediate\",\n", ""),
+            "has 32 hand links, a row of the benchmark holds 30",
+        ),
         (without("\"left_ankle_roll_link\", \"right_ankle_roll_link\"]", "\"left_ankle_roll_link\"]"), "has 1 feet"),
         (without("palms = [", "palms = [\"left_palm\", "), "has 3 palms, a row of the benchmark holds 2"),
     ] {
@@ -72,6 +79,11 @@ fn robots_that_do_not_fit_a_row_are_refused() {
         let error = Scene::build(&SceneConfig::default(), robot, spec).unwrap_err();
         assert!(error.to_string().contains(refusal), "{error}");
     }
+    // Rows take the number of joints from the robot.
+    let robot = Arc::new(Robot::from_toml(&fixed).unwrap());
+    let spec = SceneSpec::new(SceneKind::Climb, 0, robot.gains(GainSet::Fiatlux));
+    let layout = Scene::build(&SceneConfig::default(), robot, spec).unwrap().robot_layout();
+    assert_eq!((layout.joints, layout.hand_bodies()), (52, 34));
 }
 
 #[test]
@@ -121,7 +133,7 @@ fn a_bulb_enters_the_socket() {
             let seat = Isometry3::translation(0.0, 0.0, scene.config.bulb.seat_z);
             let turned = Isometry3::new(offset, Vector3::new(0.0, tilt, 0.0));
             let pose = scene.world_from_fixture * seat * turned * seat.inverse();
-            state.set_pose(&scene.model, scene.old_bulb, &pose);
+            state.set_pose(&scene.model, scene.old_bulb.unwrap(), &pose);
             let contacts = scene.model.contacts_at(&state.qpos, 0.01).unwrap();
             let gaps = contacts_between(&scene, &contacts, ShapeOwner::OldBulb, ShapeOwner::Fixture);
             gaps.into_iter().fold(f64::INFINITY, f64::min)
@@ -169,7 +181,7 @@ impl<'a> Run<'a> {
     }
 
     fn body(&self) -> BodyId {
-        [self.scene.old_bulb, self.scene.fresh_bulb][self.bulb as usize]
+        [self.scene.old_bulb.unwrap(), self.scene.fresh_bulb.unwrap()][self.bulb as usize]
     }
 
     fn plug(&self) -> crate::PlugState {
@@ -210,7 +222,7 @@ mod scaled;
 fn untouched_things_stay_in_place() {
     for scene in mounted_scenes() {
         let mut run = Run::new(&scene);
-        let bodies = [scene.ladder.unwrap(), scene.old_bulb, scene.fresh_bulb];
+        let bodies = [scene.ladder.unwrap(), scene.old_bulb.unwrap(), scene.fresh_bulb.unwrap()];
         let start = bodies.map(|body| run.pose(body));
         let mut attachment = crate::Attachment::SEATED;
         for _ in 0..200 {
@@ -222,7 +234,7 @@ fn untouched_things_stay_in_place() {
             let moved = (now.translation.vector - start.translation.vector).norm();
             let tilted = measure::angle_between(&(now.rotation * Vector3::z()), &(start.rotation * Vector3::z()));
             let mount = scene.layout.mount;
-            let sags = body == scene.old_bulb && mount != Mount::Ceiling;
+            let sags = body == scene.old_bulb.unwrap() && mount != Mount::Ceiling;
             let (most_moved, most_tilted) = if sags { (4e-3, 0.13) } else { (1e-3, 0.01) };
             assert!(
                 moved < most_moved && tilted < most_tilted,
@@ -238,13 +250,13 @@ fn a_free_bulb_falls() {
     let [ceiling, _] = mounted_scenes();
     let mut run = Run::new(&ceiling);
     let out = ceiling.world_from_fixture * Isometry3::translation(0.0, 0.0, 0.010);
-    run.place(ceiling.old_bulb, &out);
+    run.place(ceiling.old_bulb.unwrap(), &out);
     let mut attachment = crate::Attachment::FREE;
     for _ in 0..100 {
         run.control_step(&mut attachment, Vector3::zeros());
     }
     assert!(!attachment.is_seated());
-    assert!(run.pose(ceiling.old_bulb).translation.z < 2.0);
+    assert!(run.pose(ceiling.old_bulb.unwrap()).translation.z < 2.0);
 }
 
 /// A free bulb that is pushed gently into either socket snaps in and stays.
@@ -253,12 +265,12 @@ fn a_pushed_bulb_seats() {
     for scene in mounted_scenes() {
         let mut run = Run::new(&scene);
         let start = scene.world_from_fixture * Isometry3::translation(0.001, 0.0, 0.040);
-        run.place(scene.old_bulb, &start);
+        run.place(scene.old_bulb.unwrap(), &start);
         let axis = scene.world_from_fixture.rotation * Vector3::z();
         let mut attachment = crate::Attachment::FREE;
         for _ in 0..60 {
             // A hand that carries its weight and moves it inwards at 0.1 m/s.
-            let speed = run.dynamics.velocity(scene.old_bulb).linear;
+            let speed = run.dynamics.velocity(scene.old_bulb.unwrap()).linear;
             let hand = Vector3::new(0.0, 0.0, 0.035 * 9.81) + (-0.1 * axis - speed) * 0.8;
             run.control_step(&mut attachment, hand);
         }
@@ -292,14 +304,14 @@ fn a_dropped_bulb_rests_in_the_crate() {
     for turn in [Vector3::zeros(), Vector3::x() * 1.2, Vector3::new(0.4, 2.0, 0.3)] {
         let mut run = Run::new(&scene);
         let start = world_from_crate * Isometry3::new(Vector3::new(0.05, 0.02, 0.35), turn);
-        run.place(scene.old_bulb, &start);
+        run.place(scene.old_bulb.unwrap(), &start);
         for _ in 0..250 {
             run.physics_steps(&[]);
         }
-        let bulb = run.pose(scene.old_bulb);
+        let bulb = run.pose(scene.old_bulb.unwrap());
         let extents = measure::extents_in(&config.bulb.outline, &bulb, &world_from_crate);
         let inside = (0..2).all(|axis| extents[axis].reach() < config.crate_.interior_half[axis] + 2e-3);
-        let speed = run.dynamics.velocity(scene.old_bulb).linear.norm();
+        let speed = run.dynamics.velocity(scene.old_bulb.unwrap()).linear.norm();
         // Lying on its side it rests on the shrunk plug, 3 mm inside the outline.
         let floor = config.crate_.floor_height;
         assert!(inside && extents[2].max < config.crate_.rim_height, "{turn}: {extents:?}");
@@ -317,7 +329,7 @@ fn stances_are_clear() {
     let facing = scene.layout.ladder.yaw + std::f64::consts::FRAC_PI_2;
     let platform = measure::world_point(&ladder, &(scene.ladder_points.top + Vector3::z() * 0.787));
     let below = measure::world_point(&ladder, &Vector3::new(0.0, -0.85, 0.79));
-    let bulb = scene.model.bodies()[scene.fresh_bulb.0].spec.parent_from_body.translation.vector;
+    let bulb = scene.model.bodies()[scene.fresh_bulb.unwrap().0].spec.parent_from_body.translation.vector;
     let bench = Vector3::new(bulb.x + 0.30, bulb.y + 0.55, 0.79);
     let to_bulb = measure::bearing(&bench.xy(), &bulb.xy());
     for (name, pose) in
@@ -365,7 +377,7 @@ fn no_config_panics() {
                 let Ok(layout) = Layout::of(&config, kind, 1) else { continue };
                 let Ok(sizes) = PropSizes::new(&config, &PropScale::default()) else { continue };
                 let mut builder = ModelBuilder::new();
-                let props = Props::add(&mut builder, &config, &sizes, &layout, kind);
+                let props = Props::add(&mut builder, &config, &sizes, &layout, &kind.into());
                 built += i32::from(props.is_ok_and(|_| builder.build().is_ok()));
             }
         }

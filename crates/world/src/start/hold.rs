@@ -53,8 +53,11 @@ impl Start<'_> {
         let steps = |time: f64| libm::round(time / PHYSICS_DT) as usize;
         let mut unconverged = world.stage(&row.joint_target, &locked, steps(carry.closing_time));
         let body = if bulb == Bulb::Old { scene.old_bulb } else { scene.fresh_bulb };
-        let dof = scene.model.bodies()[body.0].dof_start;
-        locked[dof..dof + 6].fill(false);
+        // A task's scene has its bulbs.
+        if let Some(body) = body {
+            let dof = scene.model.bodies()[body.0].dof_start;
+            locked[dof..dof + 6].fill(false);
+        }
         unconverged += world.stage(&row.joint_target, &locked, steps(carry.holding_time));
 
         let (least_n, most_n) = (self.thresholds.touch_n, self.thresholds.fragility_n);

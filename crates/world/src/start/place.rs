@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_dynamics::Contact;
-use fiatlux_rules::{Bulb, Row, Task, measure};
+use fiatlux_rules::{Bulb, Landmark, ResetNoise, Row, Stand as StandSpec, StartDistance, StartSpec, measure};
 use nalgebra::Vector2;
 
 use super::{Start, StartError, StartOffset};
@@ -34,58 +34,60 @@ enum Stand {
 }
 
 /// The task's reset noise.
-pub(super) fn noise(scene: &Scene, task: Task) -> StartNoise {
-    let config = &scene.config.start;
-    match task {
-        Task::S05 | Task::S09 => NO_NOISE,
-        Task::S02 | Task::S10 => config.ladder_noise,
-        _ if is_on_platform(task) => config.ladder_noise,
-        _ => config.noise,
+pub(super) fn noise(scene: &Scene, spec: &StartSpec) -> StartNoise {
+    match spec.noise {
+        ResetNoise::None => NO_NOISE,
+        ResetNoise::Usual => scene.config.start.noise,
+        ResetNoise::AtLadder => scene.config.start.ladder_noise,
     }
-}
-
-/// Whether the robot starts on the ladder.
-pub(super) fn is_on_platform(task: Task) -> bool {
-    matches!(task, Task::S03 | Task::S04 | Task::S11 | Task::S12)
 }
 
 fn facing(position: Vector2<f64>, target: Vector2<f64>) -> Place {
     Place { position, yaw: measure::bearing(&position, &target) }
 }
 
-fn stand(scene: &Scene, task: Task, row: &Row) -> Stand {
+fn stand(scene: &Scene, spec: StandSpec, row: &Row) -> Stand {
     let (config, layout) = (&scene.config.start, &scene.layout);
     let zone = layout.robot.position;
     let ladder = layout.ladder.position;
-    let crate_ = layout.crate_.unwrap_or(zone);
     let fresh = row.bulbs[Bulb::Fresh as usize].pose.translation.vector.xy();
-    // Towards the robot's own zone, never beyond it.
-    let around = |center: Vector2<f64>, distance: f64, facing| Stand::Around {
-        center,
-        distance: distance.min((zone - center).norm()),
-        bearing: measure::bearing(&center, &zone),
-        facing,
+    let place_of = |landmark| match landmark {
+        Landmark::Ladder => ladder,
+        Landmark::Crate => layout.crate_.unwrap_or(zone),
+        Landmark::FreshBulb => fresh,
     };
-    match task {
-        Task::Replace | Task::Climb => Stand::Floor(layout.robot),
-        Task::S01 => Stand::Floor(facing(zone, ladder)),
-        Task::S02 | Task::S10 => Stand::Around {
+    match spec {
+        StandSpec::OwnZone => Stand::Floor(layout.robot),
+        StandSpec::OwnZoneFacing(landmark) => Stand::Floor(facing(zone, place_of(landmark))),
+        StandSpec::LadderSteps => Stand::Around {
             center: ladder,
             distance: config.mounting_distance,
             bearing: layout.ladder.yaw - FRAC_PI_2,
             facing: ladder,
         },
-        Task::S03 | Task::S04 | Task::S11 | Task::S12 => {
+        StandSpec::Platform => {
             let top = measure::world_point(&scene.world_from_ladder, &scene.ladder_points.top);
             Stand::Platform(Place { position: top.xy(), yaw: layout.ladder.yaw + FRAC_PI_2 })
         }
-        Task::S05 => around(ladder, config.mounting_distance, crate_),
-        Task::S06 => around(crate_, config.dispose_distance, crate_),
-        Task::S07 => around(crate_, config.leave_distance, fresh),
-        Task::S08 => Stand::Floor(facing(fresh + Vector2::from(config.grab_place), fresh)),
-        Task::S09 => {
+        StandSpec::Beside { landmark, distance, facing } => {
+            let center = place_of(landmark);
+            let distance = match distance {
+                StartDistance::Mounting => config.mounting_distance,
+                StartDistance::Dispose => config.dispose_distance,
+                StartDistance::Leave => config.leave_distance,
+            };
+            // Towards the robot's own zone, never beyond it.
+            Stand::Around {
+                center,
+                distance: distance.min((zone - center).norm()),
+                bearing: measure::bearing(&center, &zone),
+                facing: place_of(facing),
+            }
+        }
+        StandSpec::BenchAtBulb => Stand::Floor(facing(fresh + Vector2::from(config.grab_place), fresh)),
+        StandSpec::BenchFacing(landmark) => {
             let bench = layout.bench.unwrap_or(zone);
-            Stand::Floor(facing(bench + Vector2::from(config.carry_place), ladder))
+            Stand::Floor(facing(bench + Vector2::from(config.carry_place), place_of(landmark)))
         }
     }
 }
@@ -133,7 +135,7 @@ impl Start<'_> {
     ) -> Result<StartOffset, StartError> {
         let scene = self.scene;
         let config = &scene.config.start;
-        let stand = stand(scene, self.task, row);
+        let stand = stand(scene, self.task.spec().start.robot, row);
         let places = stand.places(config);
         let mut random = Random::new(Stream::Reset, self.seed, self.episode);
         let mut first_obstacle = None;
@@ -180,12 +182,15 @@ impl Start<'_> {
         Ok(world.reset_to(row)?)
     }
 
-    /// What is nearer to the robot or its bulb than the clearance. In S05 also the crate, where it is nearly reached.
+    /// What is nearer to the robot or its bulb than the clearance. Where the gate asks to come near the crate, also the
+    /// crate that is nearly reached.
     fn obstacle(&self, world: &World, stand: &Stand) -> Result<Option<ShapeOwner>, StartError> {
         let (scene, row) = (self.scene, world.row());
         let pelvis = &row.robot.pose.translation.vector;
         let crate_gap = measure::footprint_distance(&row.crate_, &scene.config.crate_.outer_half, pelvis);
-        if self.task == Task::S05 && crate_gap < self.thresholds.crate_near_m + scene.config.start.head_start {
+        if self.task.spec().start.away_from_crate
+            && crate_gap < self.thresholds.crate_near_m + scene.config.start.head_start
+        {
             return Ok(Some(ShapeOwner::Crate));
         }
         let in_hand =

@@ -1,4 +1,5 @@
-//! What the rulebook takes from the world.
+//! What the rulebook takes from the world, and what a learner needs of it.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod learner;
 mod rulebook;

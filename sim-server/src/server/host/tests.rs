@@ -1,7 +1,6 @@
 //! A session over real episodes: each rule of the protocol as inputs and what comes out, at times that the test chooses.
 #![allow(clippy::unwrap_used)]
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use fiatlux_proto::v3::{
@@ -9,14 +8,13 @@ use fiatlux_proto::v3::{
     ResetRequest, Sensor, State, StepRecord, StepRecordAck, StepRecordRequest, look_reply, notice, reset_reply,
 };
 use fiatlux_proto::{Bytes, PROTOCOL, limits};
-use fiatlux_robot::Robot;
 use fiatlux_session::server::{Input, MAX_EVENTS, Output, Timeouts};
 use fiatlux_session::{Machine, ServerSession};
 use fiatlux_world::SceneConfig;
 
 use super::*;
 use crate::server::plan;
-use crate::server::scenes::Scenes;
+use crate::server::scenes::{Robots, Scenes};
 
 /// The G1 with Inspire hands.
 const JOINTS: usize = 53;
@@ -59,10 +57,9 @@ fn harness(request: OpenRequest) -> Harness {
 fn without_client(request: OpenRequest) -> Harness {
     let bytes = OpenRequest { protocol: Some(PROTOCOL), task: "S07".into(), ..request }.encode_to_vec();
     let plan = plan::read(&bytes).unwrap();
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
-    let scenes = Scenes::new(SceneConfig::default(), robot, None);
-    let gains = scenes.robot().gains(plan.gains);
-    let built = scenes.get(plan.episode(0).scene(gains)).unwrap();
+    let scenes = Scenes::new(SceneConfig::default(), Robots::load().unwrap(), None);
+    let gains = scenes.robot(plan.hands).gains(plan.gains);
+    let built = scenes.get(plan.hands, plan.episode(0).scene(gains)).unwrap();
     let now = Duration::from_secs(100);
     let recorded = plan.recorded;
     let simulation = Simulation::new("lab", "1", plan, built, None);
@@ -522,5 +519,22 @@ fn bags_have_large_sensors_at_their_own_rate() {
         let recorded = Observation::decode(row.observation.as_slice()).unwrap();
         assert_eq!(recorded, Observation { camera: None, lidar: Vec::new(), ..published });
         harness.act(0, step);
+    }
+}
+
+/// The robot of a session follows from the hands that were asked for; what stands still is told with it.
+#[test]
+fn a_session_says_which_robot_and_room_it_has() {
+    for (hands, joints, bodies) in [("", 53, 34), ("inspire", 53, 34), ("bare", 29, 10)] {
+        let harness = without_client(OpenRequest { hands: hands.into(), ..OpenRequest::default() });
+        let info = harness.session.info();
+        assert_eq!((info.joints.len(), info.hand_bodies.len()), (joints, bodies), "hands '{hands}'");
+        let names: Vec<&str> = info.footprints.iter().map(|footprint| footprint.name.as_str()).collect();
+        for name in ["bench", "crate", "fixture", "wall_west"] {
+            assert!(names.contains(&name), "{name} in {names:?}");
+        }
+        for footprint in &info.footprints {
+            assert!(footprint.outline.len() == 8 && footprint.bottom < footprint.top, "{footprint:?}");
+        }
     }
 }

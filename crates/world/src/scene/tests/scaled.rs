@@ -17,10 +17,10 @@ fn scaled(socket: f64, fresh_bulb: f64, mount: Mount) -> Scene {
 fn fresh_at_socket<'a>(scene: &'a Scene, seated_from_bulb: &Isometry3<f64>) -> Run<'a> {
     let mut run = Run::new(scene);
     run.bulb = Bulb::Fresh;
-    let dof = scene.model.bodies()[scene.old_bulb.0].dof_start;
+    let dof = scene.model.bodies()[scene.old_bulb.unwrap().0].dof_start;
     run.locked[dof..dof + 6].fill(true);
-    run.place(scene.old_bulb, &Isometry3::translation(0.0, 0.0, 20.0));
-    run.place(scene.fresh_bulb, &(scene.world_from_seated_bulb(Bulb::Fresh) * seated_from_bulb));
+    run.place(scene.old_bulb.unwrap(), &Isometry3::translation(0.0, 0.0, 20.0));
+    run.place(scene.fresh_bulb.unwrap(), &(scene.world_from_seated_bulb(Bulb::Fresh) * seated_from_bulb));
     run
 }
 
@@ -37,7 +37,7 @@ fn a_pushed_bulb_seats_where_its_plug_fits() {
             let axis = scene.world_from_fixture.rotation * Vector3::z();
             let mut attachment = crate::Attachment::FREE;
             for step in 0..100 {
-                let speed = run.dynamics.velocity(scene.fresh_bulb).linear;
+                let speed = run.dynamics.velocity(scene.fresh_bulb.unwrap()).linear;
                 let along = speed.dot(&axis);
                 let push = ((-0.1 - along) * (0.8 + 0.1 * f64::from(step))).clamp(-5.0, 5.0);
                 let hand = Vector3::z() * (0.035 * 9.81) + push * axis - (speed - along * axis) * 0.8;

@@ -1,12 +1,15 @@
-//! The kinds of terms.
+//! What a term of a reward is, and how it keeps its account.
 
-use crate::{CONTROL_DT, Cause, Context, Row, Verdict};
+use crate::cause::Cause;
+use crate::gate::Context;
+use crate::row::{CONTROL_DT, Row};
+use crate::verdict::Verdict;
 
 /// Shortest start distance that an approach is measured against, m (paper).
 const MIN_START_DISTANCE: f64 = 1e-3;
 
 /// What a step shows to a term.
-pub(super) struct View<'a> {
+pub(crate) struct View<'a> {
     pub before: &'a Row,
     pub row: &'a Row,
     pub context: &'a Context<'a>,
@@ -14,11 +17,11 @@ pub(super) struct View<'a> {
 }
 
 /// A measure of one row.
-pub(super) type Measure = fn(&Row, &Context<'_>) -> f64;
+pub(crate) type Measure = fn(&Row, &Context<'_>) -> f64;
 
 /// How a term's value comes about.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     /// A value of each step.
     Rate(fn(&View<'_>) -> f64),
     /// Difference of the potential `clamp((d0 - d) / d0, 0, 1)` of a distance d that was d0 in row 0.
@@ -37,7 +40,7 @@ pub(super) enum Kind {
 
 /// A term of a reward.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TermSpec {
+pub(crate) struct TermSpec {
     pub name: &'static str,
     pub weight: f64,
     pub kind: Kind,
@@ -65,14 +68,14 @@ pub struct Term {
 }
 
 impl Term {
-    pub(super) fn unpaid(spec: &TermSpec) -> Self {
+    pub(crate) fn unpaid(spec: &TermSpec) -> Self {
         Self { name: spec.name, value: 0.0, weight: spec.weight, reward: 0.0 }
     }
 }
 
 /// A term and what it remembers.
 #[derive(Debug, Clone)]
-pub(super) struct Ledger {
+pub(crate) struct Ledger {
     spec: TermSpec,
     /// Start distance of an approach, m.
     start: f64,
@@ -82,15 +85,15 @@ pub(super) struct Ledger {
 }
 
 impl Ledger {
-    pub(super) fn new(spec: TermSpec) -> Self {
+    pub(crate) fn new(spec: TermSpec) -> Self {
         Self { spec, start: 0.0, level: 0.0, paid: false }
     }
 
-    pub(super) fn spec(&self) -> &TermSpec {
+    pub(crate) fn spec(&self) -> &TermSpec {
         &self.spec
     }
 
-    pub(super) fn start(&mut self, row: &Row, context: &Context<'_>) {
+    pub(crate) fn start(&mut self, row: &Row, context: &Context<'_>) {
         *self = Self::new(self.spec);
         match self.spec.kind {
             Kind::Approach(distance) => {
@@ -103,7 +106,7 @@ impl Ledger {
         }
     }
 
-    pub(super) fn advance(&mut self, view: &View<'_>, term: &mut Term) {
+    pub(crate) fn advance(&mut self, view: &View<'_>, term: &mut Term) {
         let (row, context) = (view.row, view.context);
         let value = match self.spec.kind {
             Kind::Rate(rate) => rate(view),

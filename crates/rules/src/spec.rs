@@ -1,0 +1,260 @@
+//! What a page of `tasks/` fills in: all that defines a task.
+
+use crate::cause::Causes;
+use crate::gate::Gate;
+use crate::row::Bulb;
+use crate::terms::term::TermSpec;
+use crate::thresholds::Thresholds;
+
+/// Control steps of half a second: the sustain window of S03 and S08.
+pub(crate) const HALF_SECOND: u32 = 25;
+/// Control steps of a second: the sustain window of S01, S06 and S11.
+pub(crate) const ONE_SECOND: u32 = 50;
+/// Horizon of a subtask and of `climb`: 120 s.
+pub(crate) const SUBTASK_HORIZON: u64 = 6_000;
+
+/// How a robot is controlled in a task.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ControlMode {
+    /// Walking on the floor.
+    FlatNavigation,
+    /// Hands at work.
+    Manipulation,
+    /// Feet, and hands, on the ladder.
+    Climbing,
+}
+
+impl ControlMode {
+    /// As in the paper's table.
+    pub fn name(self) -> &'static str {
+        match self {
+            ControlMode::FlatNavigation => "Flat Navigation",
+            ControlMode::Manipulation => "Manipulation",
+            ControlMode::Climbing => "Climbing",
+        }
+    }
+}
+
+/// What makes a subtask hard. Its weight is the product of its factors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Factor {
+    /// Work from the ladder.
+    Balance,
+    /// Letting go so that the thing stays where it was put.
+    Release,
+    /// Taking hold of a thing at rest.
+    Grasp,
+    /// Carrying a load.
+    Carry,
+    /// Up or down the ladder.
+    Traverse,
+    /// Bulb and socket.
+    Mate,
+    /// Several control modes in one episode.
+    Span,
+}
+
+impl Factor {
+    /// Its multiplier (paper, table of weights).
+    pub fn multiplier(self) -> f64 {
+        match self {
+            Factor::Balance => 2.0,
+            Factor::Release => 1.8,
+            Factor::Grasp => 1.4,
+            Factor::Carry | Factor::Traverse | Factor::Mate | Factor::Span => 1.5,
+        }
+    }
+}
+
+/// Which ladder a task is played with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ladder {
+    /// It stands anywhere in the room and can be carried.
+    Free,
+    /// It stands ready below the fixture. It is free to move there too.
+    Coupled,
+    /// It is fixed to the floor, in the scene of `climb`.
+    Fixed,
+}
+
+/// Where a bulb is at the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Spot {
+    /// In the socket's hold.
+    Socket,
+    /// On the bench.
+    Bench,
+    /// Upright in the crate.
+    Crate,
+    /// In the robot's right hand.
+    Hand,
+    /// On the floor, out of the way, where the scene of `climb` parks it.
+    Parked,
+}
+
+/// A thing that a start is measured from, or that the robot faces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Landmark {
+    /// The ladder's origin.
+    Ladder,
+    /// The crate's origin.
+    Crate,
+    /// The fresh bulb.
+    FreshBulb,
+}
+
+/// How far from a landmark the robot starts. The scene config has the figures, as `start.<name>_distance`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StartDistance {
+    /// Before the lowest tread.
+    Mounting,
+    /// Where an arm reaches into the crate.
+    Dispose,
+    /// A step back from the crate.
+    Leave,
+}
+
+/// Where the robot stands at the start, before noise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stand {
+    /// In its own zone, turned as the room's layout has it.
+    OwnZone,
+    /// In its own zone, turned to a landmark.
+    OwnZoneFacing(Landmark),
+    /// On the side of the ladder's steps at the mounting distance, turned to the ladder.
+    LadderSteps,
+    /// On the ladder's platform, turned to the fixture.
+    Platform,
+    /// Off a landmark in the direction of its own zone, never beyond it, turned to a landmark.
+    Beside {
+        /// Which landmark it stands beside.
+        landmark: Landmark,
+        /// How far from it.
+        distance: StartDistance,
+        /// What it is turned to.
+        facing: Landmark,
+    },
+    /// At the bench, within reach of the fresh bulb and turned to it (`start.grab_place`).
+    BenchAtBulb,
+    /// At the bench and clear of it (`start.carry_place`), turned to a landmark.
+    BenchFacing(Landmark),
+}
+
+/// Reset noise. The scene config has the figures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ResetNoise {
+    /// The robot is exactly in its place and posture.
+    None,
+    /// That of a robot in the open, `start.noise`.
+    Usual,
+    /// That of a robot at or on the ladder, `start.ladder_noise`.
+    AtLadder,
+}
+
+/// The state in which a task starts, as data: the world carries it out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StartSpec {
+    /// Which ladder it is played with.
+    pub ladder: Ladder,
+    /// Where the robot stands.
+    pub robot: Stand,
+    /// How far off that a reset may put it.
+    pub noise: ResetNoise,
+    /// Where the old bulb is.
+    pub old_bulb: Spot,
+    /// Where the fresh bulb is.
+    pub fresh_bulb: Spot,
+    /// A place nearly as near to the crate as [`Thresholds::crate_near_m`] is not taken: the gate asks to come nearer.
+    pub away_from_crate: bool,
+}
+
+impl StartSpec {
+    /// Where a bulb is.
+    pub fn spot(&self, bulb: Bulb) -> Spot {
+        match bulb {
+            Bulb::Old => self.old_bulb,
+            Bulb::Fresh => self.fresh_bulb,
+        }
+    }
+
+    /// The bulb in the robot's right hand.
+    pub fn in_hand(&self) -> Option<Bulb> {
+        Bulb::ALL.into_iter().find(|bulb| self.spot(*bulb) == Spot::Hand)
+    }
+}
+
+/// What a task pays for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum RewardSpec {
+    /// Gate progress; in training also these hints, success, failures and motion.
+    Subtask {
+        /// What a learner is led by, task by task.
+        hints: &'static [TermSpec],
+    },
+    /// These terms and motion, whether in training or not.
+    Own {
+        /// The task's own terms.
+        terms: &'static [TermSpec],
+        /// Weight of the sway of the centre of mass.
+        com_sway: f64,
+    },
+}
+
+/// Rules that differ in one task or two; [`SpecialRules::NONE`] has what the others go by.
+#[derive(Debug, Clone, Copy)]
+pub struct SpecialRules {
+    /// Height below which the fresh bulb counts as dropped, m.
+    pub fresh_drop_m: fn(&Thresholds) -> f64,
+    /// The bulbs lie on the floor from the start: no bulb counts as dropped.
+    pub bulbs_parked: bool,
+    /// The bulb that has to stay in the socket: without it the condition [`Cause::Unseated`](crate::Cause::Unseated) is
+    /// met.
+    pub keeps_seated: Option<Bulb>,
+    /// A grade mentions whether the pelvis was at working height, for which the gate does not ask.
+    pub notes_working_height: bool,
+}
+
+impl SpecialRules {
+    /// None of them.
+    pub const NONE: Self = Self {
+        fresh_drop_m: |thresholds| thresholds.fresh_drop_m,
+        bulbs_parked: false,
+        keeps_seated: None,
+        notes_working_height: false,
+    };
+}
+
+/// All that defines a task.
+#[derive(Debug, Clone, Copy)]
+pub struct TaskSpec {
+    /// `S01`, `replace`.
+    pub short_id: &'static str,
+    /// `Fiatlux-S01-MoveLadder-v1`.
+    pub id: &'static str,
+    /// `Move Ladder`.
+    pub name: &'static str,
+    /// What the robot is told.
+    pub instruction: &'static str,
+    /// Why it weighs what it weighs; empty where it has no weight.
+    pub factors: &'static [Factor],
+    /// Weight in the benchmark score; 0 outside it.
+    pub weight: f64,
+    /// How the robot is controlled.
+    pub modes: &'static [ControlMode],
+    /// Control steps until time-out.
+    pub horizon_steps: u64,
+    /// The bulbs that the robot handles; dropping or crushing them concerns the task.
+    pub bulbs: &'static [Bulb],
+    /// How it starts.
+    pub start: StartSpec,
+    /// When it succeeds.
+    pub gate: Gate,
+    /// Criteria that hold in its start state.
+    pub start_count: u32,
+    /// What ends it beside success, fall and time-out.
+    pub also_ends_on: Causes,
+    /// What differs from the other tasks.
+    pub special: SpecialRules,
+    /// What it pays for.
+    pub(crate) reward: RewardSpec,
+}

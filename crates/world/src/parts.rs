@@ -1,0 +1,109 @@
+//! What a scene is composed of.
+//!
+//! What a scene lacks still has its place in a row, for a row has one form. It stands there upright, at rest, free and
+//! untouched, [`FAR`] from the robot and from each other: near nothing, held by nothing, neither tipped nor dropped, so
+//! that no criterion which asks for it holds and no condition ends an episode. A missing crate is at the origin, as in
+//! `climb`: it matters only to a bulb between its walls.
+
+use std::fmt;
+
+use nalgebra::Isometry3;
+
+/// How far away a row has what its scene lacks, m.
+pub const FAR: f64 = 1000.0;
+
+/// How a ladder stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum LadderPart {
+    /// Free to move, in a place of its own.
+    Free,
+    /// Free to move, ready below the fixture.
+    Coupled,
+    /// Part of the floor, below the fixture.
+    Fixed,
+}
+
+/// What stands on the floor beside the robot. Floor and robot are in every scene.
+///
+/// Places are drawn by the layout seed where there is furniture. Without it they are those of the config's `climb`; and the
+/// robot is at the origin where there is neither ladder nor fixture nor bulb to stand before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct SceneParts {
+    /// The step ladder.
+    pub ladder: Option<LadderPart>,
+    /// Both bulbs: the old one in the fixture and the fresh one on the bench where there is furniture, else on the floor.
+    pub bulbs: bool,
+    /// Walls and ceiling.
+    pub room: bool,
+    /// The lamp's socket, which holds a bulb.
+    pub fixture: bool,
+    /// Bench and crate.
+    pub furniture: bool,
+}
+
+/// The scenes of the tasks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SceneKind {
+    /// The ladder stands anywhere: S01 and the full errand.
+    FreeLadder,
+    /// The ladder stands ready below the fixture: S02 to S12.
+    CoupledLadder,
+    /// The fixed scene of `climb`, whose ladder cannot move.
+    Climb,
+}
+
+impl SceneParts {
+    /// Robot and floor, nothing else.
+    pub const FLOOR: Self = Self { ladder: None, bulbs: false, room: false, fixture: false, furniture: false };
+
+    /// What stands in a scene of a task.
+    pub const fn of(kind: SceneKind) -> Self {
+        let (ladder, furniture) = match kind {
+            SceneKind::FreeLadder => (LadderPart::Free, true),
+            SceneKind::CoupledLadder => (LadderPart::Coupled, true),
+            SceneKind::Climb => (LadderPart::Fixed, false),
+        };
+        Self { ladder: Some(ladder), bulbs: true, room: true, fixture: true, furniture }
+    }
+
+    /// Whether a bulb can be in a socket.
+    pub(crate) fn has_hold(&self) -> bool {
+        self.bulbs && self.fixture
+    }
+}
+
+impl From<SceneKind> for SceneParts {
+    fn from(kind: SceneKind) -> Self {
+        Self::of(kind)
+    }
+}
+
+impl fmt::Display for SceneParts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ladder = self.ladder.map(|ladder| match ladder {
+            LadderPart::Free => "free ladder",
+            LadderPart::Coupled => "coupled ladder",
+            LadderPart::Fixed => "fixed ladder",
+        });
+        let others =
+            [(self.bulbs, "bulbs"), (self.room, "room"), (self.fixture, "fixture"), (self.furniture, "furniture")];
+        let others = others.into_iter().filter_map(|(has, name)| has.then_some(name));
+        let names: Vec<&str> = ["floor"].into_iter().chain(ladder).chain(others).collect();
+        f.write_str(&names.join(", "))
+    }
+}
+
+/// Where a row has the ladder of a scene without one.
+pub(crate) fn absent_ladder() -> Isometry3<f64> {
+    Isometry3::translation(-FAR, 0.0, 0.0)
+}
+
+/// Where a row has the fixture of a scene without one.
+pub(crate) fn absent_fixture() -> Isometry3<f64> {
+    Isometry3::translation(FAR, 0.0, FAR)
+}
+
+/// Where a row has the old and the fresh bulb of a scene without them.
+pub(crate) fn absent_bulbs() -> [Isometry3<f64>; 2] {
+    [-FAR, FAR].map(|y| Isometry3::translation(0.0, y, FAR))
+}
