@@ -95,10 +95,16 @@ fn numbers() {
 fn sensors_name_links() {
     check_refused("[sensors]", "mid360_link", "mid36_link", "lidar = ", &["sensors.lidar", "'mid36_link'"]);
     let camera = "[[camera]]";
-    check_refused(camera, "\"d435_link", "\"d43_link", "link = ", &["camera 'head': link", "'d43_link'"]);
-    check_refused(camera, "\"head_link\"", "\"hat\"", "hidden_link", &["camera 'head': hidden_link", "'hat'"]);
-    check_refused(camera, "focal_length = 15.13", "focal_length = 0", "focal_length", &["camera 'head'", "positive"]);
-    check_refused(camera, "near = 0.05", "near = -1", "near", &["camera 'head': near is -1"]);
+    check_refused(camera, "\"d435_link", "\"d43_link", "link = ", &["camera 'head_camera': link", "'d43_link'"]);
+    check_refused(camera, "\"head_link\"", "\"hat\"", "hidden_link", &["camera 'head_camera': hidden_link", "'hat'"]);
+    check_refused(
+        camera,
+        "focal_length = 15.13",
+        "focal_length = 0",
+        "focal_length",
+        &["camera 'head_camera'", "positive"],
+    );
+    check_refused(camera, "near = 0.05", "near = -1", "near", &["camera 'head_camera': near is -1"]);
     check_refused("[sensors]", "lidar = ", "microphone = ", "microphone", &["unknown field `microphone`"]);
 }
 
