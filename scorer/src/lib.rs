@@ -7,6 +7,27 @@
 //!
 //! [`tables`] and [`report`] write results down. The same bags give the same bytes in all of them.
 //! [`verify()`] runs an episode again on a server. The scorer never links the simulator.
+//!
+//! ```
+//! use fiatlux_scorer::{GradeOptions, grade, tables};
+//!
+//! # fn bags() -> std::path::PathBuf {
+//! #     let folder = std::env::temp_dir().join(format!("fiatlux-scorer-example-{}", std::process::id()));
+//! #     std::fs::create_dir_all(&folder).unwrap();
+//! #     std::fs::write(folder.join("notes.mcap"), "no bag").unwrap();
+//! #     folder
+//! # }
+//! let folder = bags();
+//! let results = grade(&[folder.clone()], &GradeOptions::default(), &|progress| {
+//!     eprintln!("{} of {} bags", progress.bags_done, progress.bags);
+//! })?;
+//! println!("{}", tables::text(&results));
+//! // This folder holds a file that is no bag: it is listed with the reason, not scored.
+//! assert_eq!((results.episodes.len(), results.excluded.len()), (0, 1));
+//! assert!(results.has_data_loss());
+//! # std::fs::remove_dir_all(folder).unwrap();
+//! # Ok::<(), fiatlux_scorer::ScoreError>(())
+//! ```
 mod assemble;
 mod bag;
 mod conditions;
@@ -28,4 +49,4 @@ pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions,
 };
 pub use series::{Held, MAX_BUCKETS, Series};
-pub use verify::{Played, Verification, VerifyError, verify};
+pub use verify::{Verification, VerifyError, verify};

@@ -154,16 +154,8 @@ fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
     );
     line.clear();
     let verified = verified?;
-    if verified.is_equal() {
-        print(&format!("equal: {}\n", verified.recorded))?;
-        return Ok(ExitCode::SUCCESS);
-    }
-    print(&format!(
-        "different\n  recorded   {}\n  simulated  {}\n\
-         The same build gives the same bytes: compare the server's version and model digest with the bag's header.\n",
-        verified.recorded, verified.simulated
-    ))?;
-    Ok(ExitCode::from(FAILED))
+    print(&verified.to_string())?;
+    Ok(if verified.is_equal() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
 }
 
 fn make(folder: &Path) -> Result<()> {

@@ -7,7 +7,8 @@ use std::sync::atomic::AtomicBool;
 use fiatlux_link::{LinkArgs, LinkError, Role};
 use fiatlux_policy::policies::Replay;
 use fiatlux_policy::{Client, ClientError, PolicyError};
-use fiatlux_proto::v3::OpenRequest;
+use fiatlux_proto::v3::{EpisodeEnd, OpenRequest};
+use fiatlux_wire::end_message;
 use thiserror::Error;
 use tracing::warn;
 
@@ -35,54 +36,45 @@ pub enum VerifyError {
     Client(#[from] ClientError),
 }
 
-/// How an episode came out.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Played {
-    /// Digest of the rows, hexadecimal.
-    pub digest: String,
-    /// Its length in steps.
-    pub steps: u64,
-    /// Why it ended.
-    pub cause: String,
-    /// It succeeded.
-    pub success: bool,
-    /// From 0 to 1.
-    pub gate_progress: f64,
-    /// A bulb was pressed too hard.
-    pub broken: bool,
-    /// A bulb was dropped.
-    pub dropped: bool,
-}
-
 /// What a second run says of a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
     /// The recorded rows, as they are graded by what the bag says of the scene.
-    pub recorded: Played,
+    pub recorded: EpisodeEnd,
     /// The second run, as the server judges it.
-    pub simulated: Played,
+    pub simulated: EpisodeEnd,
 }
 
 impl Verification {
     /// Whether all numbers of all rows are equal to the last bit, and what they are judged to be.
     pub fn is_equal(&self) -> bool {
-        let Played { digest, .. } = &self.recorded;
+        let digest = &self.recorded.digest;
         let same_rows = digest.eq_ignore_ascii_case(&self.simulated.digest);
-        same_rows && self.recorded == Played { digest: digest.clone(), ..self.simulated.clone() }
+        same_rows && self.recorded == EpisodeEnd { digest: digest.clone(), ..self.simulated.clone() }
     }
 }
 
-impl fmt::Display for Played {
+impl fmt::Display for Verification {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { digest, steps, cause, success, gate_progress, broken, dropped } = self;
-        write!(f, "{steps} steps, {cause}, progress {gate_progress:.2}")?;
-        for (what, is) in [("success", success), ("broken", broken), ("dropped", dropped)] {
-            if *is {
-                write!(f, ", {what}")?;
-            }
+        if self.is_equal() {
+            return writeln!(f, "equal: {}", in_words(&self.recorded));
         }
-        write!(f, ", digest {digest}")
+        writeln!(
+            f,
+            "different\n  recorded   {}\n  simulated  {}",
+            in_words(&self.recorded),
+            in_words(&self.simulated)
+        )?;
+        let remedy = "compare the server's version and model digest with the bag's header";
+        writeln!(f, "The same build gives the same bytes: {remedy}.")
     }
+}
+
+fn in_words(end: &EpisodeEnd) -> String {
+    let EpisodeEnd { digest, steps, cause, gate_progress, .. } = end;
+    let flags = [("success", end.success), ("broken", end.broken), ("dropped", end.dropped)];
+    let flags: String = flags.into_iter().filter(|(_, is)| *is).map(|(what, _)| format!(", {what}")).collect();
+    format!("{steps} steps, {cause}, progress {gate_progress:.2}{flags}, digest {digest}")
 }
 
 /// Opens a session with a bag's conditions, sends its actions once more and compares the digests of the rows
@@ -116,23 +108,7 @@ pub fn verify(
     }
     let graded = content.graded;
     Ok(Verification {
-        recorded: Played {
-            digest: graded.digest,
-            steps,
-            cause: graded.end,
-            success: graded.summary.success,
-            gate_progress: graded.summary.gate_progress,
-            broken: graded.summary.broken,
-            dropped: graded.summary.dropped,
-        },
-        simulated: Played {
-            digest: end.digest,
-            steps: end.steps,
-            cause: end.cause,
-            success: end.success,
-            gate_progress: end.gate_progress,
-            broken: end.broken,
-            dropped: end.dropped,
-        },
+        recorded: end_message(&graded.summary, &graded.end, graded.causes, graded.digest),
+        simulated: end,
     })
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::measure::{self, Extent};
 use crate::row::{Bulb, Row};
 
-/// Sizes and points of the things in the room, in their own frames. The defaults are the published scene.
+/// Sizes and points of the things in the room, in their own frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Geometry {
@@ -38,47 +38,6 @@ pub struct BulbGeometry {
     pub plug_z: f64,
     /// Outline as (z, radius), m.
     pub outline: Vec<[f64; 2]>,
-}
-
-impl Default for BulbGeometry {
-    fn default() -> Self {
-        Self {
-            plug_z: 0.036259,
-            outline: vec![
-                [0.036259, 0.00759],
-                [0.04583, 0.02026],
-                [0.07436, 0.02196],
-                [0.08479, 0.02440],
-                [0.09706, 0.02442],
-                [0.11086, 0.02558],
-                [0.12366, 0.03025],
-                [0.13688, 0.03652],
-                [0.15224, 0.03956],
-                [0.15748, 0.03922],
-                [0.16764, 0.03653],
-                [0.18181, 0.02640],
-                [0.19267, 0.0],
-            ],
-        }
-    }
-}
-
-impl Default for Geometry {
-    fn default() -> Self {
-        // Half the footprint of 0.608 x 0.979, less the radius of the rails.
-        let [x, y] = [0.288, 0.4735];
-        Self {
-            ladder_top: [0.0, 0.10, 1.18],
-            ladder_feet: [[-x, -y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [x, y, 0.0]],
-            seat_z: 0.036259,
-            bulbs: Default::default(),
-            crate_outer_half: [0.3007, 0.2009],
-            crate_interior_half: [0.2873, 0.1876],
-            crate_rim: 0.17,
-            crate_floor: 0.004,
-            bench_surface: 0.9941,
-        }
-    }
 }
 
 impl Geometry {

@@ -3,6 +3,37 @@
 //! A [`Judge`] folds the [`Row`]s of an episode into a [`Verdict`]; the same code ends an episode online and grades it
 //! offline. [`Rewards`] pays for the same rows, term by term. [`Benchmark`] rolls [`Episode`]s up into scores.
 //!
+//! ```
+//! # use fiatlux_rules::{BulbGeometry, Geometry};
+//! use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, RobotLayout, Row, Task, Thresholds};
+//!
+//! # let bulb = BulbGeometry { plug_z: 0.036, outline: vec![[0.036, 0.008], [0.193, 0.0]] };
+//! # let geometry = Geometry {
+//! #     ladder_top: [0.0, 0.1, 1.18],
+//! #     ladder_feet: [[0.0; 3]; 4],
+//! #     seat_z: 0.036,
+//! #     bulbs: [bulb.clone(), bulb],
+//! #     crate_outer_half: [0.3, 0.2],
+//! #     crate_interior_half: [0.29, 0.19],
+//! #     crate_rim: 0.17,
+//! #     crate_floor: 0.004,
+//! #     bench_surface: 0.9941,
+//! # };
+//! // The geometry is a scene's; rows come from a world or a bag.
+//! let mut judge = Judge::new(Task::S07, Thresholds::default(), geometry, JudgeOptions::default());
+//! let mut row = Row::zeros(RobotLayout { joints: 29, hand_bodies_per_side: 0 });
+//! row.robot.pose.translation.z = 0.79;
+//! row.bulbs[Bulb::Fresh as usize].pose.translation.x = 2.0;
+//! // Facing the bulb and standing still, but not near it: two criteria of three.
+//! assert_eq!(judge.start(&row).count, 2);
+//!
+//! row.step = 1;
+//! row.robot.pose.translation.z = 0.3;
+//! let end = judge.advance(&row).end.expect("the robot fell");
+//! assert_eq!((end.step, end.cause()), (1, Cause::Fall));
+//! assert_eq!(judge.summary().gate_progress, 0.0);
+//! ```
+//!
 //! Nothing here reads a file, a clock or a simulator. Figures that rules compare with are data: [`Thresholds`] and
 //! [`Geometry`].
 /// Version of the benchmark: of its rooms, its physics and its rules. Scores of different versions never share a ranking.

@@ -18,6 +18,7 @@
 //! assert_eq!(error.to_string(), "joint_velocity has 28 numbers instead of 29");
 //! # Ok::<(), WireError>(())
 //! ```
+mod end;
 mod error;
 mod geometry;
 mod header;
@@ -33,6 +34,7 @@ mod scene;
 #[cfg(feature = "world")]
 mod viewer;
 
+pub use end::end_message;
 pub use error::WireError;
 pub use geometry::{geometry_message, read_geometry};
 pub use header::layout_of;

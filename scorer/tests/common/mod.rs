@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use fiatlux_bag::BagWriter;
 use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
-use fiatlux_rules::{BENCHMARK_VERSION, Geometry, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
+use fiatlux_rules::{BENCHMARK_VERSION, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
 use fiatlux_wire::{geometry_message, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
@@ -68,7 +68,7 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         digest_context: RowDigest::new(b"test").hex(),
         control_dt: 0.02,
         benchmark_version: BENCHMARK_VERSION,
-        geometry: Some(geometry_message(&Geometry::default())),
+        geometry: Some(geometry_message(&room::geometry())),
         joint_names: names("joint", room::LAYOUT.joints),
         hand_bodies: names("body", room::LAYOUT.hand_bodies()),
         ..v3::EpisodeHeader::default()
@@ -81,7 +81,7 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
     let (Story::Waits(at) | Story::Falls(at) | Story::Succeeds(at) | Story::Crushes(at)) = story;
     let until = at + u64::from(task.spec().gate.sustain_steps);
     let mut rows = Vec::new();
-    let mut judge = Judge::new(task, Thresholds::default(), Geometry::default(), JudgeOptions::default());
+    let mut judge = Judge::new(task, Thresholds::default(), room::geometry(), JudgeOptions::default());
     for step in 0..=until {
         let succeeds = matches!(story, Story::Succeeds(_) | Story::Crushes(_)) && step >= at;
         let mut row = row_at(step, &if succeeds { goal_of(task) } else { start_of(task) });
@@ -115,7 +115,7 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
 /// The result that a server gives.
 pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
     let task: Task = header.task.parse().expect("a task");
-    let mut judge = Judge::new(task, Thresholds::default(), Geometry::default(), JudgeOptions::default());
+    let mut judge = Judge::new(task, Thresholds::default(), room::geometry(), JudgeOptions::default());
     let mut digest = RowDigest::new(b"test");
     for row in rows {
         if row.step == 0 {

@@ -5,7 +5,7 @@ use fiatlux_proto::v3::{
 };
 use fiatlux_proto::{ABORTED, Message};
 use fiatlux_rules::{Bulb, Criteria};
-use fiatlux_wire::state_message;
+use fiatlux_wire::{end_message, state_message};
 use fiatlux_world::Episode;
 
 /// What was sensed of a row, encoded; empty where the bag is not to have it.
@@ -121,17 +121,7 @@ pub(super) fn end(episode: &Episode) -> Option<EpisodeEnd> {
 }
 
 fn ended(episode: &Episode, cause: &str, causes: Vec<String>) -> EpisodeEnd {
-    let summary = episode.summary();
-    EpisodeEnd {
-        cause: cause.into(),
-        causes,
-        steps: summary.steps,
-        success: summary.success,
-        digest: episode.digest().hex(),
-        gate_progress: summary.gate_progress,
-        broken: summary.broken,
-        dropped: summary.dropped,
-    }
+    end_message(&episode.summary(), cause, causes, episode.digest().hex())
 }
 
 fn named<'a>(episode: &Episode, criteria: &'a Criteria) -> impl Iterator<Item = (&'static str, bool)> + use<'a> {

@@ -7,12 +7,17 @@ use std::time::{Duration, Instant};
 
 use fiatlux_dynamics::Contact;
 use fiatlux_robot::GainSet;
-use fiatlux_rules::{Bulb, Geometry, Judge, JudgeOptions, Row, RowDigest, Task, Thresholds, measure};
+use fiatlux_rules::{Bulb, Judge, JudgeOptions, Row, RowDigest, Task, Thresholds, measure};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{
     ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartError, StartOptions, World, start,
 };
 use nalgebra::Vector3;
+
+#[path = "../../../crates/rules/tests/common/geometry.rs"]
+mod published;
+
+use published::geometry;
 
 /// The G1 with Inspire hands.
 const JOINTS: usize = 53;
@@ -42,7 +47,7 @@ fn started(task: Task, seed: u64, episode: u64, options: &StartOptions) -> World
 }
 
 fn judge(task: Task) -> Judge {
-    Judge::new(task, Thresholds::default(), Geometry::default(), JudgeOptions::default())
+    Judge::new(task, Thresholds::default(), geometry(), JudgeOptions::default())
 }
 
 fn digest(row: &Row) -> [u8; 32] {

@@ -3,9 +3,10 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use fiatlux_rules::{
-    AttachmentRow, BodyRow, Bulb, Geometry, Judge, JudgeOptions, LIMBS, RobotLayout, Row, Task, Thresholds,
-};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Judge, JudgeOptions, LIMBS, RobotLayout, Row, Task, Thresholds};
+mod geometry;
+
+pub use geometry::geometry;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// The G1 with Inspire hands.
@@ -218,7 +219,7 @@ pub fn judge(task: Task) -> Judge {
 }
 
 pub fn judge_with(task: Task, options: JudgeOptions) -> Judge {
-    Judge::new(task, Thresholds::default(), Geometry::default(), options)
+    Judge::new(task, Thresholds::default(), geometry(), options)
 }
 
 /// The same state as another row.

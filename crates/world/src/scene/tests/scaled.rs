@@ -81,7 +81,7 @@ fn geometry_is_that_of_the_scaled_props() {
     let scale = PropScale { ladder: [1.05, 0.95, 1.1], socket: 0.9, fresh_bulb: 1.08 };
     let spec = SceneSpec { scale, ..SceneSpec::new(SceneKind::FreeLadder, 0, robot.gains(GainSet::Fiatlux)) };
     let scene = Scene::build(&config, robot, spec).unwrap();
-    let (found, nominal) = (scene.geometry(), Geometry::default());
+    let (found, nominal) = (scene.geometry(), geometry());
     let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{found}, not {expected}");
     near(found.seat_z, 0.036259 * 0.9);
     assert_eq!(found.bulbs[0], nominal.bulbs[0]);
