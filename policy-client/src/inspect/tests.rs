@@ -120,7 +120,7 @@ fn an_unknown_sensor_is_shown() {
     assert!(draw(&state, SUMMARY, PLAIN).contains("not seen yet"));
     state.observed(&Observation { limb_contact_force: vec![1.0, 2.0, 4.0], ..observation(0) }, 0.0);
     let text = draw(&state, SUMMARY, PLAIN);
-    assert!(text.contains("limb_contact_force     3          hPa                    1 2 4\n"), "{text}");
+    assert!(text.contains("limb_contact_force     3          hPa                     1 2 4\n"), "{text}");
 }
 
 #[test]
