@@ -16,8 +16,8 @@ pub struct SessionArgs {
     #[arg(long, value_name = "NAME")]
     hands: Option<String>,
     /// Sensors, such as proprioception,lidar@10,camera@look: at a rate in Hz, or only when the policy looks; without a rate
-    /// in every observation. proprioception, hand_contact, limb_contact, last_action, lidar, camera, features, flat,
-    /// privileged, verdict
+    /// in every observation. proprioception, hand_contact, limb_contact, last_action, lidar (lidar+room also sees bench,
+    /// crate and walls), camera, chest_camera, features, flat, privileged, verdict
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = sensor)]
     sensors: Vec<Sensor>,
     /// Large sensors that the bag is to have, such as camera,lidar@5, at a rate in Hz; without one at 10
@@ -131,7 +131,8 @@ impl SessionArgs {
 
 fn sensor(text: &str) -> Result<Sensor, String> {
     let (name, rate) = text.split_once('@').map_or((text, None), |(name, rate)| (name, Some(rate)));
-    let mut sensor = Sensor::from(name.trim());
+    let (name, see_room) = name.strip_suffix("+room").map_or((name, false), |name| (name, true));
+    let mut sensor = Sensor { see_room, ..Sensor::from(name.trim()) };
     match rate {
         None => {}
         Some("look") => sensor.on_request = true,
@@ -207,12 +208,13 @@ mod tests {
 
     #[test]
     fn flags_go_first() {
-        let flags = "--sensors lidar@12.5,camera@look --record camera@5,features --image 64x32 --fix start,noise \
+        let flags = "--sensors lidar+room@12.5,camera@look --record camera@5,features --image 64x32 --fix start,noise \
                      --prop-scale ladder_z=1.05,socket=0.95 --set fragility_n=30 --gains sonic";
         let request =
             applied(&flags.replace('\\', ""), OpenRequest { reward: "training".into(), ..OpenRequest::default() });
         let [lidar, camera, features] = request.sensors.as_slice() else { panic!("{:?}", request.sensors) };
         assert_eq!((lidar.rate_hz, lidar.on_request, lidar.recorded), (12.5, false, false));
+        assert_eq!((lidar.name.as_str(), lidar.see_room, camera.see_room), ("lidar", true, false));
         assert_eq!((camera.on_request, camera.recorded, camera.record_hz), (true, true, 5.0));
         assert_eq!((features.bag_only, features.recorded, features.record_hz), (true, true, 0.0));
         assert_eq!((request.image_width, request.image_height), (64, 32));

@@ -285,3 +285,78 @@ impl<'a> Iterator for Fields<'a> {
         Some(RawField { number, whole: &start[..start.len() - rest.len()], contents })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::v3::{Image, Proprioception, Verdict};
+
+    fn info(terms: &[(&str, &str, &[u32])]) -> SessionInfo {
+        let term = |(sensor, field, shape): &(&str, &str, &[u32])| ObservationTerm {
+            sensor: (*sensor).into(),
+            field: (*field).into(),
+            shape: (*shape).into(),
+            ..ObservationTerm::default()
+        };
+        SessionInfo { terms: terms.iter().map(term).collect(), ..SessionInfo::default() }
+    }
+
+    fn seen() -> Observation {
+        Observation {
+            step: 7,
+            lidar: vec![1.0, 2.5],
+            camera: Some(Image { width: 2, height: 1, rgb: vec![9; 6] }),
+            verdict: Some(Verdict { criteria: vec![true, false], gate_progress: 0.5, reward: 0.0 }),
+            ..Observation::default()
+        }
+    }
+
+    #[test]
+    fn what_was_looked_at_takes_the_place_of_what_was_there() {
+        let mut observation = Observation { lidar: vec![5.0; 4], last_action: vec![1.0], ..seen() };
+        observation.overlay(&Observation { step: 7, lidar: vec![3.0], ..Observation::default() });
+        assert_eq!(observation, Observation { lidar: vec![3.0], last_action: vec![1.0], ..seen() });
+    }
+
+    #[test]
+    fn numbers_are_read_by_their_path() {
+        assert_eq!(seen().numbers("lidar"), [1.0, 2.5]);
+        assert_eq!(seen().numbers("camera.rgb"), [9.0; 6]);
+        assert_eq!(seen().numbers("verdict.criteria"), [1.0, 0.0]);
+        assert_eq!(seen().numbers("verdict.gate_progress"), [0.5]);
+        assert!(seen().numbers("features.values").is_empty() && seen().numbers("smell").is_empty());
+        assert!(is_of_images("camera") && is_of_images("flat") && !is_of_images("lidar") && !is_of_images("smell"));
+    }
+
+    /// Each refusal names the field.
+    #[test]
+    fn parts_that_are_not_as_described_are_refused() {
+        let verdict: [(&str, &str, &[u32]); 3] = [
+            ("verdict", "verdict.criteria", &[2]),
+            ("verdict", "verdict.gate_progress", &[]),
+            ("verdict", "verdict.reward", &[]),
+        ];
+        let all = [("lidar", "lidar", &[2][..]), ("camera", "camera.rgb", &[1, 2, 3])].into_iter().chain(verdict);
+        let layout = ObservationLayout::new(&info(&all.collect::<Vec<_>>())).expect("known fields");
+        assert_eq!(layout.check(&seen()), Ok(()));
+        assert_eq!(layout.check(&Observation::default()), Ok(()), "nothing is due");
+        let own = Some(Proprioception { joint_position: vec![0.0], ..Proprioception::default() });
+        let bare = Some(Verdict { reward: 1.0, ..Verdict::default() });
+        let wide = Some(Image { width: 6, height: 1, rgb: vec![9; 6] });
+        let short = Some(Image { width: 2, height: 1, rgb: vec![9; 5] });
+        let cases = [
+            (Observation { lidar: vec![1.0], ..seen() }, "lidar has 1 numbers, not 2"),
+            (Observation { last_action: vec![1.0], ..seen() }, "last_action is no term of the session"),
+            (Observation { proprioception: own, ..seen() }, "proprioception is no term of the session"),
+            (Observation { verdict: bare, ..seen() }, "verdict.criteria has 0 numbers, not 2"),
+            (Observation { camera: wide, ..seen() }, "camera is 6 x 1, not 2 x 1 pixels"),
+            (Observation { camera: short, ..seen() }, "camera.rgb has 5 numbers, not 6"),
+        ];
+        for (observation, message) in cases {
+            let error = layout.check(&observation).expect_err(message).to_string();
+            assert!(error.contains(message), "{error}");
+        }
+        let error = ObservationLayout::new(&info(&[("nose", "smell", &[3])])).expect_err("unknown").to_string();
+        assert!(error.contains("sensor 'nose' fills field 'smell'"), "{error}");
+    }
+}

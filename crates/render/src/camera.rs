@@ -7,7 +7,7 @@ use crate::RenderError;
 /// Width and height of the head camera's picture in the published benchmark, pixels.
 pub const HEAD_PIXELS: usize = 256;
 /// Name of the head camera in a robot's file.
-pub const HEAD_CAMERA: &str = "head";
+pub const HEAD_CAMERA: &str = "head_camera";
 
 /// A pinhole camera.
 #[derive(Debug, Clone, PartialEq)]

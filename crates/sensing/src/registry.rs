@@ -3,7 +3,8 @@
 use crate::Setup;
 use crate::sensor::{Cost, Entry, Term};
 use crate::sensors::{
-    camera, features, flat, hand_contact, last_action, lidar, limb_contact, privileged, proprioception, verdict,
+    camera, chest_camera, features, flat, hand_contact, last_action, lidar, limb_contact, privileged, proprioception,
+    verdict,
 };
 
 /// Makes the list of sensors from the entry in each one's file.
@@ -49,6 +50,8 @@ sensors! {
     Privileged: privileged::ENTRY,
     /// Gate and reward.
     Verdict: verdict::ENTRY,
+    /// Image of the camera on the chest, which looks down at treads and hands.
+    ChestCamera: chest_camera::ENTRY,
 }
 
 impl Sensor {

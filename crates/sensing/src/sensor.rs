@@ -177,6 +177,10 @@ impl<'a> Out<'a> {
         numbers.into_iter().for_each(|number| self.put(*number));
     }
 
+    pub fn extend_bytes(&mut self, numbers: &[u8]) {
+        numbers.iter().for_each(|number| self.put(f64::from(*number)));
+    }
+
     pub fn extend_singles(&mut self, numbers: &[f32]) {
         numbers.iter().for_each(|number| self.put(f64::from(*number)));
     }

@@ -1,6 +1,7 @@
 //! One sensor a file.
 
 pub(crate) mod camera;
+pub(crate) mod chest_camera;
 pub(crate) mod features;
 pub(crate) mod flat;
 pub(crate) mod hand_contact;

@@ -1,5 +1,32 @@
 //! The benchmark's scene as data and as a model of the dynamics engine: room, bench, crate, fixture, bulbs, ladder and
 //! robot, their draw by seed, the socket's hold on a bulb, the tasks' start states, and episodes.
+//!
+//! A [`Scene`] is built once and shared; a [`World`] is a scene in motion, measured as rows; an [`Episode`] joins a world with
+//! a task's start, judge and digest.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use fiatlux_robot::{GainSet, Robot};
+//! use fiatlux_world::{ControlInput, Push, Scene, SceneConfig, SceneSpec, World};
+//! use nalgebra::Vector3;
+//!
+//! // A robot on a floor; the tasks' scenes come from `EpisodeSpec::scene`.
+//! let robot = Arc::new(Robot::by_name("g1_bare")?);
+//! let spec = SceneSpec::floor(robot.gains(GainSet::default()));
+//! let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
+//!
+//! let mut world = World::new(scene);
+//! let start = world.row().clone();
+//! let action = vec![0.0; robot.joints().len()];
+//! world.step(&action, robot.q0())?;
+//!
+//! // From any row a world goes on as the one that measured it.
+//! world.reset_to(&start)?;
+//! let push = Some(Push { linear: Vector3::new(0.3, 0.0, 0.0), angular: Vector3::zeros() });
+//! let row = world.step_with(&ControlInput { push, ..ControlInput::new(&action, robot.q0()) })?;
+//! assert!(row.step == 1 && row.com_velocity.x > 0.1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 mod attach;
 pub mod config;
 mod domain_sample;

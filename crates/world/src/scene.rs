@@ -190,23 +190,22 @@ impl Scene {
 
 /// Refuses a robot that does not fit a [`fiatlux_rules::Row`].
 fn check_robot(robot: &Robot) -> Result<(), SceneError> {
-    let (links, hands) = (robot.links(), robot.hand_links());
-    let is_below = |link: usize, root: usize| {
-        std::iter::successors(Some(link), |&link| links[link].parent).any(|link| link == root)
-    };
-    // The first hand's links hang from its first one. The other hand has as many.
-    let first_hand = hands.iter().take_while(|&&link| is_below(link, hands[0])).count();
-    let counts = [
-        ("hand links", hands.len(), 2 * first_hand),
-        ("feet", robot.feet().len(), 2),
-        ("palms", robot.palms().len(), 2),
-    ];
+    // The right hand's come first, from the wrist down: all of them are below the first.
+    let hands = robot.hand_links();
+    let right = hands.iter().take_while(|link| is_below(robot, **link, hands[0])).count();
+    let counts =
+        [("hand links", hands.len(), 2 * right), ("feet", robot.feet().len(), 2), ("palms", robot.palms().len(), 2)];
     for (part, found, needed) in counts {
         if found != needed {
             return Err(SceneError::RobotParts { robot: robot.name().into(), part, found, needed });
         }
     }
     Ok(())
+}
+
+/// Whether a link is `above` or hangs from it.
+fn is_below(robot: &Robot, link: usize, above: usize) -> bool {
+    std::iter::successors(Some(link), |at| robot.links()[*at].parent).any(|at| at == above)
 }
 
 fn robot_error(error: RobotError) -> SceneError {

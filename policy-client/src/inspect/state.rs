@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fiatlux_policy::{Command, RoundTrips};
 use fiatlux_proto::Message;
-use fiatlux_proto::v3::{EpisodeEnd, Mode, Notice, Observation, SessionInfo};
+use fiatlux_proto::v3::{EpisodeEnd, Mode, Notice, Observation, ObservationTerm, SessionInfo};
 
 use super::terms::{SENSORS, Sensor};
 
@@ -25,6 +25,8 @@ pub struct State {
     pub latest: Observation,
     /// The newest scan with the body's sensors at its step.
     pub scanned: Observation,
+    /// Terms of sensors that are not in the list here, as the session describes them, and their newest numbers.
+    pub others: Vec<(ObservationTerm, Vec<f64>)>,
     /// By name of the sensor.
     pub seen: BTreeMap<&'static str, Seen>,
     pub observations: u64,
@@ -79,7 +81,9 @@ impl State {
     pub fn new(info: SessionInfo, policy: String, episode: u64) -> Self {
         let out_of_limits = OutOfLimits { joints: vec![0; info.joints.len()], ..OutOfLimits::default() };
         let held = vec![0; info.task.as_ref().map_or(0, |task| task.criteria.len())];
-        Self { info, policy, episode, held, out_of_limits, ..Self::default() }
+        let others = info.terms.iter().filter(|term| Sensor::by_name(&term.sensor).is_none());
+        let others = others.map(|term| (term.clone(), Vec::new())).collect();
+        Self { info, policy, episode, held, out_of_limits, others, ..Self::default() }
     }
 
     /// An observation has come; false if it is the one that was there. In real time one is shown again where the step of
@@ -98,6 +102,7 @@ impl State {
                 large.extend(sensor.is_large.then_some(sensor.name));
             }
         }
+        self.keep_others(observation);
         if let Some(acted_s) = self.acted_s.take() {
             self.steps.push(now_s - acted_s);
             self.steps_with.entry(large).or_default().push(now_s - acted_s);
@@ -137,6 +142,7 @@ impl State {
         for sensor in sensors.iter().filter_map(|name| Sensor::by_name(name)) {
             self.keep(sensor, observation);
         }
+        self.keep_others(observation);
         self.look_s += took_s;
         if let [only] = sensors {
             self.seen.entry(only).or_default().looks.push(took_s);
@@ -202,6 +208,15 @@ impl State {
 
     fn passed(&mut self, now_s: f64) {
         self.wall_s = now_s - *self.first_s.get_or_insert(now_s);
+    }
+
+    fn keep_others(&mut self, observation: &Observation) {
+        for (term, newest) in &mut self.others {
+            let (numbers, offset) = (observation.numbers(&term.field), term.offset as usize);
+            if let Some(own) = numbers.get(offset..offset.saturating_add(term.length())) {
+                *newest = own.to_vec();
+            }
+        }
     }
 
     fn keep(&mut self, sensor: &'static Sensor, observation: &Observation) -> bool {

@@ -14,7 +14,7 @@ pub fn draw(state: &State, lines: &mut Lines) {
     let wide = lines.width() >= WIDE;
     lines.title(line(wide, ["Sensor, term", "shape", "unit", "rate", "bytes", "last, min/mean/max"]));
     for sensor in SENSORS.iter().filter(|sensor| state.is_asked(sensor.name)) {
-        let (rate, size) = (rate(state, sensor), size(state, sensor));
+        let (rate, size) = (rate(state, sensor.name), size(state, sensor));
         if let [only] = sensor.terms {
             let [shape, values] = shape_and_values(state, sensor, only);
             lines.row(line(wide, [sensor.name, &shape, only.unit, &rate, &size, &values]));
@@ -27,6 +27,20 @@ pub fn draw(state: &State, lines: &mut Lines) {
             lines.row(line(wide, [&format!(" {}", term.name), &shape, term.unit, "", "", &values]));
         }
     }
+    for (term, newest) in &state.others {
+        let shape = term.shape.iter().map(ToString::to_string).collect::<Vec<_>>().join("x");
+        let values = match newest.as_slice() {
+            [] => "not seen yet".into(),
+            few if few.len() <= FEW => joined(few),
+            many => joined(&spread(many)),
+        };
+        let rate = rate(state, &term.sensor);
+        lines.row(line(wide, [&term.field, &shape, &term.unit, &rate, "", &values]));
+    }
+}
+
+fn joined(numbers: &[f64]) -> String {
+    numbers.iter().map(|x| number(*x)).collect::<Vec<_>>().join(" ")
 }
 
 fn line(wide: bool, [name, shape, unit, rate, size, values]: [&str; 6]) -> String {
@@ -49,8 +63,8 @@ fn shape_and_values(state: &State, sensor: &Sensor, term: &Term) -> [String; 2] 
 }
 
 /// `10 Hz`, or `look` where it comes on request.
-fn rate(state: &State, sensor: &Sensor) -> String {
-    let asked = state.info.sensors.iter().find(|asked| asked.name == sensor.name);
+fn rate(state: &State, sensor: &str) -> String {
+    let asked = state.info.sensors.iter().find(|asked| asked.name == sensor);
     match asked {
         Some(asked) if asked.on_request => "look".into(),
         Some(asked) => format!("{} Hz", number(asked.rate_hz)),

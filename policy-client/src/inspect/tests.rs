@@ -106,6 +106,23 @@ fn looks_take_turns() {
     assert_eq!((state.seen["lidar"].looks.count(), state.seen["lidar"].count), (1, 0));
 }
 
+/// A sensor that this program was not written for is shown as the session describes it.
+#[test]
+fn an_unknown_sensor_is_shown() {
+    let term = ObservationTerm {
+        sensor: "weather".into(),
+        field: "limb_contact_force".into(),
+        shape: vec![3],
+        unit: "hPa".into(),
+        ..ObservationTerm::default()
+    };
+    let mut state = State::new(SessionInfo { terms: vec![term], ..info() }, "hold".into(), 0);
+    assert!(draw(&state, SUMMARY, PLAIN).contains("not seen yet"));
+    state.observed(&Observation { limb_contact_force: vec![1.0, 2.0, 4.0], ..observation(0) }, 0.0);
+    let text = draw(&state, SUMMARY, PLAIN);
+    assert!(text.contains("limb_contact_force     3          hPa                     1 2 4\n"), "{text}");
+}
+
 #[test]
 fn the_view_says_what_a_policy_receives() {
     let text = draw(&state(), SUMMARY, PLAIN);

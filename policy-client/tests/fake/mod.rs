@@ -8,8 +8,9 @@ use std::time::Duration;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::{
-    Action, CloseReply, EpisodeEnd, Image, Joint, LookReply, LookRequest, Mode, Observation, OpenReply, OpenRequest,
-    Refusal, ResetReply, ResetRequest, ServerInfo, SessionInfo, TaskInfo, Verdict, look_reply, open_reply, reset_reply,
+    Action, CloseReply, EpisodeEnd, Image, Joint, LookReply, LookRequest, Mode, Observation, ObservationTerm,
+    OpenReply, OpenRequest, Refusal, ResetReply, ResetRequest, ServerInfo, SessionInfo, TaskInfo, Verdict, look_reply,
+    open_reply, reset_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL, decode};
 use zenoh::liveliness::LivelinessToken;
@@ -144,6 +145,11 @@ fn session_info(server: &str) -> SessionInfo {
             criteria: vec!["standing".into()],
             ..TaskInfo::default()
         }),
+        terms: vec![
+            term("camera", "camera.rgb", &[16, 16, 3]),
+            term("lidar", "lidar", &[32, 180]),
+            term("verdict", "verdict.criteria", &[1]),
+        ],
         image_width: 16,
         image_height: 16,
         joints: vec![Joint::default(); 2],
@@ -153,6 +159,10 @@ fn session_info(server: &str) -> SessionInfo {
         action_scale: 0.5,
         ..SessionInfo::default()
     }
+}
+
+fn term(sensor: &str, field: &str, shape: &[u32]) -> ObservationTerm {
+    ObservationTerm { sensor: sensor.into(), field: field.into(), shape: shape.into(), ..ObservationTerm::default() }
 }
 
 fn observation(episode: u64, step: u64) -> Observation {

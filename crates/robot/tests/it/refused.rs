@@ -95,10 +95,16 @@ fn numbers() {
 fn sensors_name_links() {
     check_refused("[sensors]", "mid360_link", "mid36_link", "lidar = ", &["sensors.lidar", "'mid36_link'"]);
     let camera = "[[camera]]";
-    check_refused(camera, "\"d435_link", "\"d43_link", "link = ", &["camera 'head': link", "'d43_link'"]);
-    check_refused(camera, "\"head_link\"", "\"hat\"", "hidden_link", &["camera 'head': hidden_link", "'hat'"]);
-    check_refused(camera, "focal_length = 15.13", "focal_length = 0", "focal_length", &["camera 'head'", "positive"]);
-    check_refused(camera, "near = 0.05", "near = -1", "near", &["camera 'head': near is -1"]);
+    check_refused(camera, "\"d435_link", "\"d43_link", "link = ", &["camera 'head_camera': link", "'d43_link'"]);
+    check_refused(camera, "\"head_link\"", "\"hat\"", "hidden_link", &["camera 'head_camera': hidden_link", "'hat'"]);
+    check_refused(
+        camera,
+        "focal_length = 15.13",
+        "focal_length = 0",
+        "focal_length",
+        &["camera 'head_camera'", "positive"],
+    );
+    check_refused(camera, "near = 0.05", "near = -1", "near", &["camera 'head_camera': near is -1"]);
     check_refused("[sensors]", "lidar = ", "microphone = ", "microphone", &["unknown field `microphone`"]);
 }
 
@@ -165,7 +171,7 @@ fn names_and_tree() {
     check_refused("[[link]]\nname = \"logo_link\"", "logo_link", "pelvis", "pelvis", &["link 'pelvis': name is taken"]);
     check_refused("name = \"logo_joint\"", "logo_joint", "head_joint", "head_joint", &["name is taken"]);
     check_refused(
-        "name = \"head\"",
+        "[[shape]]\nname = \"head\"",
         "name = \"head\"",
         "name = \"pelvis\"",
         "pelvis",
@@ -210,7 +216,7 @@ fn names_and_tree() {
     );
     check_refused("[gains.sonic]", "\"waist_yaw_joint\"", "\"waist\"", "waist", &["gains.sonic names joint 'waist'"]);
     check_refused(
-        "name = \"head\"",
+        "[[shape]]\nname = \"head\"",
         "link = \"head_link\"",
         "link = \"skull\"",
         "skull",

@@ -12,8 +12,7 @@ pub(crate) const ENTRY: Entry = Entry {
     needs: Needs { camera: Some(HEAD_CAMERA), ..Needs::ROW },
     terms: |setup| image_terms("camera", "camera.rgb", setup),
     compute: |view, devices, out| {
-        let image = devices.picture(view, HEAD_CAMERA)?;
-        image.rgb().iter().for_each(|byte| out.put(f64::from(*byte)));
+        out.extend_bytes(devices.picture(view, HEAD_CAMERA)?.rgb());
         Ok(())
     },
     encode: |view, devices, observation| {

@@ -1,6 +1,7 @@
 //! What a policy senses, and what varies between episodes.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod chest_camera;
 mod common;
 mod foot_force;
 mod lidar;

@@ -51,7 +51,7 @@ fn geometry_is_the_rulebooks() {
     assert_eq!(found, expected);
 }
 
-/// A robot with other numbers of parts than a row's is refused, with both numbers.
+/// A robot with other joints has rows of its own size; one with other parts than a row's is refused, with both numbers.
 #[test]
 fn robots_that_do_not_fit_a_row_are_refused() {
     let published = include_str!("../../../robot/g1_inspire.toml");
@@ -66,8 +66,15 @@ fn robots_that_do_not_fit_a_row_are_refused() {
         assert_eq!(published.matches(old).count(), 1, "{old}");
         published.replace(old, new)
     };
+    let robot = Arc::new(Robot::from_toml(&fixed).unwrap());
+    let spec = SceneSpec::new(SceneKind::Climb, 0, robot.gains(GainSet::Fiatlux));
+    let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();
+    assert_eq!(scene.robot_layout(), RobotLayout { joints: 52, hand_bodies_per_side: 17 });
     for (text, refusal) in [
-        (without("    \"R_pinky_proximal\", \"R_pinky_intermediate\",\n", ""), "has 32 hand links"),
+        (
+            without("    \"R_pinky_proximal\", \"R_pinky_intermediate\",\n", ""),
+            "has 32 hand links, a row of the benchmark holds 30",
+        ),
         (without("\"left_ankle_roll_link\", \"right_ankle_roll_link\"]", "\"left_ankle_roll_link\"]"), "has 1 feet"),
         (without("palms = [", "palms = [\"left_palm\", "), "has 3 palms, a row of the benchmark holds 2"),
     ] {

@@ -1,7 +1,7 @@
 //! The other side: a server that counts instead of simulating.
 
 use fiatlux_proto::v3::{
-    Action, EpisodeEnd, Joint, Mode, Observation, ResetReply, ResetRequest, SessionInfo, reset_reply,
+    Action, EpisodeEnd, Joint, Mode, Observation, ObservationTerm, ResetReply, ResetRequest, SessionInfo, reset_reply,
 };
 use fiatlux_proto::{Message, decode};
 use rand_pcg::Pcg64Mcg;
@@ -13,6 +13,12 @@ pub fn info(joints: usize, real_time: bool) -> SessionInfo {
         server: "lab".into(),
         mode: mode.into(),
         joints: vec![Joint::default(); joints],
+        terms: vec![ObservationTerm {
+            sensor: "last_action".into(),
+            field: "last_action".into(),
+            shape: vec![joints as u32],
+            ..ObservationTerm::default()
+        }],
         grace_s: 10.0,
         resend_s: 0.2,
         action_scale: 0.5,
