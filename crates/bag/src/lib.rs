@@ -10,17 +10,17 @@
 //!
 //! ```
 //! use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, topic};
-//! use fiatlux_proto::Message;
 //! use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, State};
+//! use fiatlux_proto::{Message, PROTOCOL};
 //!
 //! let folder = std::env::temp_dir().join(format!("fiatlux-bag-example-{}", std::process::id()));
 //! std::fs::create_dir_all(&folder).expect("a folder for the bag");
-//! let header = EpisodeHeader { task: "S05".into(), ..EpisodeHeader::default() };
+//! let header = EpisodeHeader { protocol: Some(PROTOCOL), task: "S05".into(), ..EpisodeHeader::default() };
 //! let mut writer = BagWriter::create(&folder.join("S05.mcap"), &header)?;
 //! for step in 0..3 {
 //!     writer.message(topic::STATE, step, &State { step, ..State::default() }.encode_to_vec())?;
 //! }
-//! let path = writer.finish(&EpisodeResult { steps: 2, ..EpisodeResult::default() })?;
+//! let path = writer.finish(&EpisodeResult { control_effort: 0.5, ..EpisodeResult::default() })?;
 //!
 //! let bag = Bag::open(&path)?;
 //! assert!(matches!(bag.completeness(), Completeness::Whole));
