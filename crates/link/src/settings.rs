@@ -37,7 +37,7 @@ pub fn parse_with_settings<C: Parser>() -> C {
     parse_with_settings_from(std::env::args_os()).unwrap_or_else(|error: clap::Error| error.exit())
 }
 
-/// As [`parse_with_settings`], for given arguments, of which the first one is the program's name.
+/// As [`parse_with_settings`], for given arguments; the first one is the program's name.
 ///
 /// # Errors
 /// A wrong command line, or a settings file that cannot be read or has an unknown key or a wrong value; the message names

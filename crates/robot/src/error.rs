@@ -34,7 +34,7 @@ pub enum RobotError {
     /// A robot that does not exist.
     #[error("robot '{0}' is unknown; use one of {known}", known = Robot::NAMES.map(|name| format!("'{name}'")).join(", "))]
     Name(String),
-    /// Joints that are no known robot's.
+    /// Joints that belong to none of the known robots.
     #[error("no known robot has these {found} joints in this order; the known ones are {known}", known = Robot::NAMES.join(", "))]
     Joints {
         /// How many joints were named.

@@ -127,7 +127,7 @@ pub enum Stand {
     Platform,
     /// Off a landmark in the direction of its own zone, never beyond it, turned to a landmark.
     Beside {
-        /// Which landmark it stands beside.
+        /// The landmark that it stands next to.
         landmark: Landmark,
         /// How far from it.
         distance: StartDistance,
@@ -251,7 +251,7 @@ pub struct TaskSpec {
     pub gate: Gate,
     /// Criteria that hold in its start state.
     pub start_count: u32,
-    /// What ends it beside success, fall and time-out.
+    /// What ends it besides success, fall and time-out.
     pub also_ends_on: Causes,
     /// What differs from the other tasks.
     pub special: SpecialRules,

@@ -49,7 +49,7 @@ pub struct Lidar {
     /// Where the ladder stands, where it cannot move.
     world_from_fixed_ladder: Option<Isometry3<f64>>,
     ladder: Vec<Target>,
-    /// What stands fast beside the ladder, in the world.
+    /// Everything but the ladder that cannot move, in the world.
     room: Vec<Target>,
     /// In the sensor's frame, by index.
     directions: Vec<Vector3<f64>>,

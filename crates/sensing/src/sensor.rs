@@ -14,7 +14,7 @@ pub(crate) struct Entry {
     pub name: &'static str,
     /// Large in a message: a bag has it only where the session asks for it.
     pub is_large: bool,
-    /// What it is computed from beside the row.
+    /// What it is computed from besides the row.
     pub needs: Needs,
     /// Its terms in order; their offsets are filled in later.
     pub terms: fn(&Setup) -> Vec<Term>,

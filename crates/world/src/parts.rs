@@ -23,7 +23,7 @@ pub enum LadderPart {
     Fixed,
 }
 
-/// What stands on the floor beside the robot. Floor and robot are in every scene.
+/// What stands on the floor besides the robot. Floor and robot are in every scene.
 ///
 /// Places are drawn by the layout seed where there is furniture. Without it they are those of the config's `climb`; and the
 /// robot is at the origin where there is neither ladder nor fixture nor bulb to stand before.

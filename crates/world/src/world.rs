@@ -129,6 +129,13 @@ impl World {
     /// # Errors
     /// [`WorldError::Row`] for a number that is not finite or a rotation that is not a unit quaternion.
     pub fn reset_to(&mut self, row: &Row) -> Result<(), WorldError> {
+        self.set_state(row)?;
+        self.read_state();
+        Ok(())
+    }
+
+    /// Takes over a row's state. What follows from it is as the row says until [`World::read_state`].
+    fn set_state(&mut self, row: &Row) -> Result<(), WorldError> {
         check_row(row)?;
         let (found, expected) = (row.layout(), self.scene.robot_layout());
         if !row.fits(expected) {
@@ -171,7 +178,6 @@ impl World {
         if !scene.spec.parts.bulbs {
             self.row.bulbs = absent_bulbs().map(BodyRow::at_rest);
         }
-        self.read_state();
         Ok(())
     }
 
@@ -267,7 +273,8 @@ impl World {
     /// # Errors
     /// As [`World::reset_to`] and [`World::step`]; `row` is unchanged.
     pub fn step_row(&mut self, row: &mut Row, action: &[f64], joint_target: &[f64]) -> Result<(), WorldError> {
-        self.reset_to(row)?;
+        // The step measures all that follows from the state; once is enough.
+        self.set_state(row)?;
         self.step(action, joint_target)?;
         row.clone_from(&self.row);
         Ok(())

@@ -104,7 +104,7 @@ fn replay(args: &RunArgs, policy: Replay) -> Result<Plan, Failure> {
     Ok(Plan { policy: Box::new(policy), request, first, count: 1, digest })
 }
 
-/// The flags override what is there.
+/// The request with what the flags ask for in place of its own.
 fn request(args: &RunArgs, mut request: OpenRequest) -> OpenRequest {
     request.task = args.task.clone().unwrap_or(request.task);
     request.seed = args.seed.unwrap_or(request.seed);

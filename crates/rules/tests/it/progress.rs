@@ -57,7 +57,7 @@ fn published_counting_starts_a_row_later_and_ends_on_the_next_start() {
 fn effort_is_the_mean_sum_of_squared_actions() {
     let mut judge = judge(Task::S01);
     let mut row = start_of(Task::S01);
-    row.action.fill(5.0); // The staged posture is no action.
+    row.action.fill(5.0); // The staged posture does not count as an action.
     judge.start(&row);
     for step in 1..=4 {
         let mut row = row_at(step, &start_of(Task::S01));

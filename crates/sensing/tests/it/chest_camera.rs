@@ -35,7 +35,7 @@ fn treads_and_hands_are_in_the_picture() {
     }
 }
 
-/// Off unless a session asks for it, alone or beside the head camera, each with its own picture.
+/// Off unless a session asks for it, alone or together with the head camera, each with its own picture.
 #[test]
 fn two_cameras_have_their_own_pictures() {
     let (scene, row) = start_row(Task::S11);

@@ -51,6 +51,24 @@ fn a_robot_on_a_floor_is_a_scene() {
     }
 }
 
+/// Two worlds that take turns on one `World`, a row each, have the rows that each has alone.
+#[test]
+fn worlds_that_take_turns_run_as_alone() {
+    let scene = scene_of("g1_inspire", SceneKind::CoupledLadder);
+    let mut alone = [(), ()].map(|()| World::new(Arc::clone(&scene)));
+    let q0 = scene.robot.q0().to_vec();
+    let actions = [0.0, 0.3].map(|size| vec![size; q0.len()]);
+    let targets = actions.each_ref().map(|action| q0.iter().zip(action).map(|(q, a)| q + 0.5 * a).collect::<Vec<_>>());
+    let mut stage = World::new(Arc::clone(&scene));
+    let mut rows = [stage.row().clone(), stage.row().clone()];
+    for _ in 0..25 {
+        for world in 0..2 {
+            stage.step_row(&mut rows[world], &actions[world], &targets[world]).unwrap();
+            assert_eq!(rows[world], *alone[world].step(&actions[world], &targets[world]).unwrap());
+        }
+    }
+}
+
 /// No rule takes what the scene lacks for something: no gate holds, nothing is held, dropped or tipped.
 #[test]
 fn what_a_scene_lacks_is_neutral_in_its_rows() {
@@ -137,7 +155,7 @@ fn footprints_hold_the_shapes_of_what_stands_still() {
 
 #[test]
 fn a_push_is_a_change_of_the_roots_velocity() {
-    // In the air, so that nothing but gravity acts beside it.
+    // In the air, so that only gravity acts besides it.
     let mut world = on_floor("g1_bare");
     let mut row = world.row().clone();
     row.robot.pose.translation.z += 2.0;
