@@ -62,6 +62,7 @@ pub(crate) fn check_body(spec: &BodySpec) -> Result<(), ModelError> {
             check("stiffness", drive.stiffness, gain(drive.stiffness), "it must not be negative")?;
             check("damping", drive.damping, gain(drive.damping), "it must not be negative")?;
             check("effort_limit", drive.effort_limit, drive.effort_limit > 0.0, "it must be positive")?;
+            check("speed_limit", drive.speed_limit, drive.speed_limit > 0.0, "it must be positive")?;
         }
     }
     Ok(())

@@ -8,14 +8,16 @@ const COMPLIANCE: f64 = 1e-2;
 const BAUMGARTE: f64 = 0.2;
 const RETURN_MAX: f64 = 1.0;
 
-/// A drive over one step: its effort falls linearly with the velocity at the end of the step, within its limits.
+/// A drive over one step: its effort never rises with the velocity at the end of the step, so that its potential is convex.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ImplicitDrive {
     pub dof: usize,
-    /// Effort is `offset - slope * v`, clamped at `limit`.
+    /// Effort is `offset - slope * v`, clamped at `limit`, and along the motion at `fade * (speed_limit - |v|)`.
     offset: f64,
     slope: f64,
     limit: f64,
+    speed_limit: f64,
+    fade: f64,
 }
 
 /// The limits of a joint over one step.
@@ -32,7 +34,9 @@ impl ImplicitDrive {
     /// The drive of a joint that is `error` rad short of its target.
     pub fn new(dof: usize, drive: &Drive, error: f64, dt: f64) -> Self {
         let slope = drive.stiffness * dt + drive.damping;
-        Self { dof, offset: drive.stiffness * error, slope, limit: drive.effort_limit }
+        let (limit, speed_limit) = (drive.effort_limit, drive.speed_limit);
+        let fade = limit / ((1.0 - Drive::CORNER) * speed_limit);
+        Self { dof, offset: drive.stiffness * error, slope, limit, speed_limit, fade }
     }
 
     /// Stiffness for the Hessian: the derivative, or with caution the secant of a saturated drive to where its effort is
@@ -50,13 +54,27 @@ impl ImplicitDrive {
     #[inline(always)]
     pub fn effort(&self, velocity: f64) -> (f64, f64) {
         let effort = self.offset - self.slope * velocity;
-        if effort > self.limit {
-            (self.limit, 0.0)
-        } else if effort < -self.limit {
-            (-self.limit, 0.0)
+        if effort > 0.0 {
+            self.accelerating(effort, velocity)
         } else {
-            (effort, self.slope)
+            let (effort, slope) = self.accelerating(-effort, -velocity);
+            (-effort, slope)
         }
+    }
+}
+
+impl ImplicitDrive {
+    /// A positive effort within what the motor has left at a velocity.
+    #[inline(always)]
+    fn accelerating(&self, effort: f64, velocity: f64) -> (f64, f64) {
+        let (most, slope) = if velocity <= Drive::CORNER * self.speed_limit {
+            (self.limit, 0.0)
+        } else if velocity < self.speed_limit {
+            (self.fade * (self.speed_limit - velocity), self.fade)
+        } else {
+            (0.0, 0.0)
+        };
+        if effort > most { (most, slope) } else { (effort, self.slope) }
     }
 }
 

@@ -114,6 +114,12 @@ pub struct State {
 }
 
 impl State {
+    /// Takes over another state of the same model without allocation.
+    pub(crate) fn copy_from(&mut self, other: &State) {
+        self.qpos.copy_from_slice(&other.qpos);
+        self.qvel.copy_from_slice(&other.qvel);
+    }
+
     /// Places a free body; its velocity stays.
     ///
     /// # Panics

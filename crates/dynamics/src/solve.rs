@@ -18,7 +18,7 @@ use crate::spec::Joint;
 use body_pair::{BodyPair, force_of, stiffness_of};
 
 /// Residual at which the solve limits, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
-const TOLERANCE: f64 = 1e-6;
+pub(crate) const TOLERANCE: f64 = 1e-6;
 const ITERATIONS_MAX: u32 = 50;
 /// Stiffness that holds a locked degree of freedom, in units of its inertia.
 const LOCK: f64 = 1e12;
@@ -49,12 +49,19 @@ pub(crate) struct Problem<'a> {
 /// How the solve of one step went.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct StepReport {
-    /// Newton iterations.
+    /// Newton iterations, of both tries.
     pub iterations: u32,
-    /// False when the iteration cap was reached first, or when numbers out of range left no positive definite Hessian.
+    /// False when the iteration cap was reached first in some substep of the last try, or when numbers out of range left no
+    /// positive definite Hessian.
     pub converged: bool,
-    /// Contact points that carried load or were closer than 0.5 mm.
+    /// Whether the first try did not converge.
+    pub retried: bool,
+    /// Substeps taken.
+    pub substeps: u32,
+    /// Contact points that carried load or were closer than 0.5 mm, in the substep that had most.
     pub contacts: u32,
+    /// Depth of the deepest contact point, m; 0 if no shapes overlap.
+    pub penetration: f64,
 }
 
 #[derive(Debug, Clone)]
@@ -78,7 +85,6 @@ pub(crate) struct Solver {
     constraint: Vec<f64>,
     direction: Vec<f64>,
     mass_direction: Vec<f64>,
-    efforts: Vec<f64>,
     /// How far the Hessian goes from the objective's own (0) to one that bounds the objective from above (1). Short steps
     /// of the line search raise it: Newton runs across the kinks of friction and saturation then.
     caution: f64,
@@ -109,7 +115,6 @@ impl Solver {
             constraint: zeros(),
             direction: zeros(),
             mass_direction: zeros(),
-            efforts: vec![0.0; model.drives().len()],
             caution: 0.0,
             diagonal: zeros(),
             late: Vec::with_capacity(model.nv + 36 * CONTACTS_EXPECTED),
@@ -117,13 +122,9 @@ impl Solver {
         }
     }
 
-    pub fn efforts(&self) -> &[f64] {
-        &self.efforts
-    }
-
-    /// Replaces `state.qvel` by the velocity at the end of the step and writes contact forces.
-    pub fn solve(&mut self, problem: &Problem<'_>, state: &mut State, contacts: &mut [Contact]) -> StepReport {
-        let &Problem { model, equation, input, dt, .. } = problem;
+    /// Sets up the problem; the velocity of the state is the first guess.
+    pub fn start(&mut self, problem: &Problem<'_>, state: &State, contacts: &[Contact]) {
+        let &Problem { model, equation, input, .. } = problem;
         self.set_up_joints(problem, state);
         self.set_up_contacts(problem, contacts);
         self.velocity.copy_from_slice(&state.qvel);
@@ -143,17 +144,20 @@ impl Solver {
                 }
             }
         }
-        let mut report = StepReport::default();
-        self.caution = 0.0;
         // Another mass matrix: nothing of the step before may be used again.
         self.late.clear();
+    }
+
+    /// Goes on from the velocity at hand to the minimum; false if it is not reached.
+    pub fn minimise(&mut self, problem: &Problem<'_>, tolerance: f64, report: &mut StepReport) -> bool {
+        self.caution = 0.0;
+        let most = report.iterations + ITERATIONS_MAX;
         loop {
-            if self.gradient(problem) {
-                report.converged = true;
-                break;
+            if self.gradient(problem, tolerance) {
+                return true;
             }
-            if report.iterations == ITERATIONS_MAX || !self.newton_direction(problem) {
-                break;
+            if report.iterations == most || !self.newton_direction(problem) {
+                return false;
             }
             report.iterations += 1;
             let step = self.line_search(problem);
@@ -165,15 +169,35 @@ impl Solver {
                 (false, false) => 0.0,
             };
         }
+    }
+
+    /// The velocity at hand.
+    pub fn velocity(&self) -> &[f64] {
+        &self.velocity
+    }
+
+    /// Replaces `state.qvel` by the velocity at the end of the substep; writes contact forces and adds efforts, both as a
+    /// `part` of their means over it.
+    pub fn finish(
+        &mut self,
+        dt: f64,
+        part: f64,
+        state: &mut State,
+        contacts: &mut [Contact],
+        efforts: &mut [f64],
+        report: &mut StepReport,
+    ) {
+        let mut touching = 0;
         for (contact, (point, sign)) in contacts.iter_mut().zip(self.points.iter().zip(&self.normal_sign)) {
-            contact.force = point.wrench().force * (sign / dt);
-            report.contacts += u32::from(contact.distance <= TOUCHING || point.impulse.z > 0.0);
+            contact.force = point.wrench().force * (part * sign / dt);
+            touching += u32::from(contact.distance <= TOUCHING || point.impulse.z > 0.0);
+            report.penetration = report.penetration.max(-contact.distance);
         }
-        for (effort, drive) in self.efforts.iter_mut().zip(&self.drives) {
-            *effort = drive.effort(self.velocity[drive.dof]).0;
+        report.contacts = report.contacts.max(touching);
+        for (effort, drive) in efforts.iter_mut().zip(&self.drives) {
+            *effort += part * drive.effort(self.velocity[drive.dof]).0;
         }
         state.qvel.copy_from_slice(&self.velocity);
-        report
     }
 
     fn set_up_joints(&mut self, problem: &Problem<'_>, state: &State) {
@@ -262,7 +286,7 @@ impl Solver {
     }
 
     /// Gradient of the objective at the current velocity; true when it is small enough.
-    fn gradient(&mut self, problem: &Problem<'_>) -> bool {
+    fn gradient(&mut self, problem: &Problem<'_>, tolerance: f64) -> bool {
         let &Problem { model, equation, input, dt, .. } = problem;
         self.constraint.fill(0.0);
         for drive in &self.drives {
@@ -302,7 +326,7 @@ impl Solver {
             forced += weight * bias * bias;
             constrained += weight * self.constraint[dof] * self.constraint[dof];
         }
-        residual <= TOLERANCE * TOLERANCE * momentum.max(forced).max(constrained)
+        residual <= tolerance * tolerance * momentum.max(forced).max(constrained)
     }
 
     /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.

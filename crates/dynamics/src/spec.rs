@@ -17,7 +17,8 @@ impl BodyId {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ShapeId(pub usize);
 
-/// A position drive: effort `stiffness (target - q) - damping qd`, clamped at `effort_limit`.
+/// A position drive: effort `stiffness (target - q) - damping qd`, clamped at `effort_limit`, and with no effort along the
+/// motion beyond `speed_limit`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drive {
     /// N m/rad, at least 0.
@@ -26,6 +27,14 @@ pub struct Drive {
     pub damping: f64,
     /// N m, above 0; may be infinite.
     pub effort_limit: f64,
+    /// Rated speed, rad/s, above 0; may be infinite. From [`Drive::CORNER`] of it on, the most effort along the motion falls
+    /// linearly to 0 at the limit, as the torque of a motor does that runs out of voltage. Braking is not limited.
+    pub speed_limit: f64,
+}
+
+impl Drive {
+    /// Part of the speed limit up to which the whole effort is there.
+    pub const CORNER: f64 = 0.9;
 }
 
 /// A one-axis rotary joint.

@@ -10,10 +10,21 @@ use crate::input::Input;
 use crate::kinematics::{Kinematics, integrate};
 use crate::model::{Model, State};
 use crate::parameters::Parameters;
-use crate::solve::{Problem, Solver, StepReport};
+use crate::solve::{Problem, Solver, StepReport, TOLERANCE};
 use crate::spatial::Velocity;
-use crate::spec::BodyId;
+use crate::spec::{BodyId, Joint};
 use crate::variation::Variation;
+
+/// Farthest that a body may turn in one substep, rad: of the error of a step grows by the square of it. Energy is kept
+/// within 0.5 % in 0.1 s of free flight with every joint at 15 rad/s, and within 1 % at 30 rad/s.
+const SUBSTEP_ANGLE: f64 = 0.1;
+/// Most substeps of a step, with which a body at 640 rad/s keeps to the angle.
+const SUBSTEPS_MAX: u32 = 32;
+/// Angle in a step from which the bias force is taken at the mean velocity of the step, rad. Below, what it changes is lost
+/// in the damping of the drives.
+const MEAN_BIAS_ANGLE: f64 = 0.02;
+/// Residual at which the first solve gives the velocity that the bias force is taken at.
+const FIRST_TOLERANCE: f64 = 1e-2;
 
 /// Scratch memory and results of stepping one world, and how that world differs from the model. Results never depend on what
 /// was stepped before.
@@ -24,6 +35,12 @@ pub struct Dynamics {
     collider: Collider,
     solver: Solver,
     contacts: Vec<Contact>,
+    efforts: Vec<f64>,
+    mean_velocity: Vec<f64>,
+    /// Square of each body's turning rate.
+    turning: Vec<f64>,
+    /// The state at the start of the step, for a second try.
+    before: State,
     /// In place of the model's nominal parameters.
     varied: Option<Box<Parameters>>,
 }
@@ -36,7 +53,11 @@ impl Dynamics {
             equation: EquationOfMotion::new(model),
             collider: Collider::new(model),
             solver: Solver::new(model),
-            contacts: Vec::with_capacity(256),
+            contacts: Vec::with_capacity(512),
+            efforts: vec![0.0; model.drives().len()],
+            mean_velocity: vec![0.0; model.nv],
+            turning: vec![0.0; model.bodies.len()],
+            before: model.reference_state(),
             varied: None,
         }
     }
@@ -59,8 +80,11 @@ impl Dynamics {
         self.kin.update(model, state);
     }
 
-    /// Advances `state` by `dt` s and leaves contact forces and efforts to read: contact points where they were at the start
-    /// of the step, forces as their mean over it. Poses and velocities of the end need an [`Dynamics::update`].
+    /// Advances `state` by `dt` s and leaves contact forces and efforts to read, both as their mean over the step. Poses and
+    /// velocities of the end need an [`Dynamics::update`].
+    ///
+    /// A fast state takes several substeps, as many as follow from its speeds. A solve that does not converge is tried once
+    /// more from the start of the step with twice as many.
     ///
     /// The caller has checked that targets and wrenches are finite ([`check_array`](crate::check_array)).
     ///
@@ -70,16 +94,91 @@ impl Dynamics {
     pub fn step(&mut self, model: &Model, state: &mut State, input: &Input<'_>, dt: f64) -> StepReport {
         assert_eq!(input.targets.len(), model.drives().len(), "one target for each drive");
         assert!(input.locked.is_empty() || input.locked.len() == model.nv, "one flag for each degree of freedom");
+        for (velocity, _) in state.qvel.iter_mut().zip(input.locked).filter(|(_, locked)| **locked) {
+            *velocity = 0.0;
+        }
+        let angle = dt * self.turning_rate(model, &state.qvel);
+        // A rate that is not finite takes one substep.
+        let substeps = ((angle / SUBSTEP_ANGLE).ceil() as u32).clamp(1, SUBSTEPS_MAX);
+        let mean_bias = angle > MEAN_BIAS_ANGLE;
+        self.before.copy_from(state);
+        let first = self.advance(model, state, input, dt, substeps, mean_bias);
+        if first.converged {
+            return first;
+        }
+        state.copy_from(&self.before);
+        let second = self.advance(model, state, input, dt, 2 * substeps, mean_bias);
+        StepReport { iterations: first.iterations + second.iterations, retried: true, ..second }
+    }
+
+    /// How fast the fastest body turns, rad/s, as if the axes above it were at right angles.
+    fn turning_rate(&mut self, model: &Model, qvel: &[f64]) -> f64 {
+        let mut fastest = 0.0;
+        for (index, body) in model.bodies.iter().enumerate().skip(1) {
+            let dof = body.dof_start;
+            let own: f64 = match body.spec.joint {
+                Joint::Free => qvel[dof + 3..dof + 6].iter().map(|rate| rate * rate).sum(),
+                Joint::Hinge(_) => qvel[dof] * qvel[dof],
+            };
+            self.turning[index] = self.turning[body.spec.parent.0] + own;
+            fastest = self.turning[index].max(fastest);
+        }
+        fastest.sqrt()
+    }
+
+    /// Leapfrog: half a substep's drift, the substeps' kicks with a whole drift between two of them, half a drift.
+    fn advance(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        input: &Input<'_>,
+        dt: f64,
+        substeps: u32,
+        mean_bias: bool,
+    ) -> StepReport {
+        let (part, length) = (1.0 / f64::from(substeps), dt / f64::from(substeps));
+        let mut report = StepReport { substeps, converged: true, ..StepReport::default() };
+        self.contacts.clear();
+        self.efforts.fill(0.0);
+        integrate(model, state, 0.5 * length);
+        for substep in 1..=substeps {
+            self.kick(model, state, input, length, part, mean_bias, &mut report);
+            integrate(model, state, if substep < substeps { length } else { 0.5 * length });
+        }
+        report
+    }
+
+    /// The velocity after `dt` s of all forces at the configuration at hand.
+    fn kick(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        input: &Input<'_>,
+        dt: f64,
+        part: f64,
+        mean_bias: bool,
+        report: &mut StepReport,
+    ) {
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
         self.kin.update(model, state);
         self.equation.update(model, parameters, &self.kin, input.wrenches);
-        self.contacts.clear();
+        let first_contact = self.contacts.len();
         self.collider.update(model, &self.kin, dt);
         self.collider.find(model, &parameters.materials, dt, &mut self.contacts);
-        let problem = Problem { model, parameters, kin: &self.kin, equation: &self.equation, input, dt };
-        let report = self.solver.solve(&problem, state, &mut self.contacts);
-        integrate(model, state, dt);
-        report
+        let contacts = &mut self.contacts[first_contact..];
+        let (equation, kin) = (&self.equation, &self.kin);
+        let mut problem = Problem { model, parameters, kin, equation, input, dt };
+        self.solver.start(&problem, state, contacts);
+        if mean_bias {
+            self.solver.minimise(&problem, FIRST_TOLERANCE, report);
+            for (mean, (before, after)) in self.mean_velocity.iter_mut().zip(state.qvel.iter().zip(self.solver.velocity())) {
+                *mean = 0.5 * (before + after);
+            }
+            self.equation.update_bias(model, parameters, &self.kin, input.wrenches, &self.mean_velocity);
+            problem = Problem { model, parameters, kin: &self.kin, equation: &self.equation, input, dt };
+        }
+        report.converged &= self.solver.minimise(&problem, TOLERANCE, report);
+        self.solver.finish(dt, part, state, contacts, &mut self.efforts, report);
     }
 
     /// Pose of a body at the state last given to [`Dynamics::update`].
@@ -112,14 +211,15 @@ impl Dynamics {
         if mass > 0.0 { momentum / mass } else { momentum }
     }
 
-    /// Contacts of the last step, with forces.
+    /// Contacts of all substeps of the last step: points where they were in the middle of the substep, each with its part of
+    /// the step's mean force.
     pub fn contacts(&self) -> &[Contact] {
         &self.contacts
     }
 
-    /// Efforts that the drives applied in the last step, N m, in the order of [`Model::drives`].
+    /// Mean efforts of the drives over the last step, N m, in the order of [`Model::drives`].
     pub fn efforts(&self) -> &[f64] {
-        self.solver.efforts()
+        &self.efforts
     }
 
     /// Mass matrix of a state, `nv * nv` numbers, row-major, armature included.

@@ -23,7 +23,7 @@ fn a_step_of_a_varied_world_allocates_nothing() {
         inertia: Matrix3::identity() * 0.01,
     };
     let base = builder.add_body(body("base", BodyId::WORLD, Joint::Free)).unwrap();
-    let drive = Some(Drive { stiffness: 50.0, damping: 1.0, effort_limit: 10.0 });
+    let drive = Some(Drive { stiffness: 50.0, damping: 1.0, effort_limit: 10.0, speed_limit: f64::INFINITY });
     let hinge = Hinge { axis: Vector3::y_axis(), lower: -1.0, upper: 1.0, armature: 0.01, drive };
     let arm = builder.add_body(body("arm", base, Joint::Hinge(hinge))).unwrap();
     for (body, geometry) in

@@ -38,6 +38,7 @@ fn model(variation: &Variation) -> Model {
             stiffness: 60.0 * gains.stiffness,
             damping: 2.0 * gains.damping,
             effort_limit: 20.0 * gains.effort_limit,
+            speed_limit: f64::INFINITY,
         }),
     };
     builder.add_body(body(LEG, "leg", TORSO, -0.2, Joint::Hinge(hip), 1.0)).unwrap();

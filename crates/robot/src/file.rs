@@ -107,6 +107,7 @@ pub(crate) struct JointDef {
     pub lower: f64,
     pub upper: f64,
     pub effort_limit: f64,
+    pub speed_limit: Option<f64>,
     pub stiffness: f64,
     pub damping: f64,
     pub armature: f64,

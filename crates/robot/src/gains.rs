@@ -45,6 +45,8 @@ pub struct JointGains {
     pub damping: f64,
     /// N m.
     pub effort_limit: f64,
+    /// Rated speed of the motor seen at the joint, rad/s, beyond which it does not accelerate it further; may be infinite.
+    pub speed_limit: f64,
     /// Inertia of the motor's rotor seen at the joint, kg m^2.
     pub armature: f64,
 }
@@ -66,7 +68,7 @@ impl JointGains {
 pub struct Gains(pub Vec<JointGains>);
 
 impl Gains {
-    /// Multiplies stiffness and damping of the given joints; effort limit and armature stay.
+    /// Multiplies stiffness and damping of the given joints; limits and armature stay.
     pub fn scale(&mut self, joints: impl IntoIterator<Item = usize>, factor: f64) {
         for index in joints {
             if let Some(gains) = self.0.get_mut(index) {

@@ -239,7 +239,8 @@ impl Robot {
 impl JointGains {
     /// The drive as the engine takes it.
     pub fn drive(&self) -> Drive {
-        Drive { stiffness: self.stiffness, damping: self.damping, effort_limit: self.effort_limit }
+        let Self { stiffness, damping, effort_limit, speed_limit, .. } = *self;
+        Drive { stiffness, damping, effort_limit, speed_limit }
     }
 }
 

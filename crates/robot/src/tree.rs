@@ -189,6 +189,9 @@ pub(crate) fn joints(
             return Err(part.refuse("lower", format!("is {}, it must be below upper, {}", def.lower, def.upper)));
         }
         part.positive("effort_limit", def.effort_limit)?;
+        if let Some(speed_limit) = def.speed_limit {
+            part.positive("speed_limit", speed_limit)?;
+        }
         part.not_negative("stiffness", def.stiffness)?;
         part.not_negative("damping", def.damping)?;
         part.not_negative("armature", def.armature)?;
@@ -202,6 +205,7 @@ pub(crate) fn joints(
                 stiffness: def.stiffness,
                 damping: def.damping,
                 effort_limit: def.effort_limit,
+                speed_limit: def.speed_limit.unwrap_or(f64::INFINITY),
                 armature: def.armature,
             },
         });

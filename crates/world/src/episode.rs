@@ -105,7 +105,7 @@ impl EpisodeSpec {
     /// What must be equal beside the rows for two digests to be comparable, as bytes.
     ///
     /// Texts are followed by a zero byte; numbers are little-endian, whole ones of 8 bytes. In this order: id of the task;
-    /// seed; episode; layout seed in force; for each joint stiffness, damping, effort limit and armature (f64); friction
+    /// seed; episode; layout seed in force; for each joint stiffness, damping, effort limit, speed limit and armature (f64); friction
     /// of the hands in force (f64, NaN for the robot's own); factors of the props' sizes in force (f64: ladder x, y and z,
     /// socket, fresh bulb); a byte that says whether the start has noise; each threshold's name and value (f64); names of
     /// the conditions that end the episode, then an empty text; digest of the robot's file; digest of the scene config,
@@ -122,7 +122,7 @@ impl EpisodeSpec {
             bytes.extend_from_slice(&whole.to_le_bytes());
         }
         for drive in &scene.spec.gains.0 {
-            for value in [drive.stiffness, drive.damping, drive.effort_limit, drive.armature] {
+            for value in [drive.stiffness, drive.damping, drive.effort_limit, drive.speed_limit, drive.armature] {
                 number(&mut bytes, value);
             }
         }

@@ -270,7 +270,7 @@ mod tests {
             inertia: Matrix3::from_diagonal(&Vector3::new(0.02, 0.03, 0.025)),
         };
         let hinge = |axis: Vector3<f64>| {
-            let drive = Drive { stiffness: 30.0, damping: 1.0, effort_limit: 20.0 };
+            let drive = Drive { stiffness: 30.0, damping: 1.0, effort_limit: 20.0, speed_limit: f64::INFINITY };
             let axis = nalgebra::Unit::new_normalize(axis);
             Joint::Hinge(Hinge { axis, lower: -2.0, upper: 2.0, armature: 0.01, drive: Some(drive) })
         };

@@ -24,6 +24,7 @@ pub fn report(state: &State, files: &BTreeMap<&'static str, String>) -> Value {
         json!({
             "name": joint.name, "q0": joint.q0, "lower": joint.lower, "upper": joint.upper,
             "stiffness": joint.stiffness, "damping": joint.damping, "effort_limit": joint.effort_limit,
+            "speed_limit": joint.speed_limit,
         })
     };
     let flat = |term: &fiatlux_proto::v3::ObservationTerm| {

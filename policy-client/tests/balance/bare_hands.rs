@@ -27,6 +27,7 @@ fn stand_stands_for_120_seconds() {
         stiffness: gains.stiffness,
         damping: gains.damping,
         effort_limit: gains.effort_limit,
+        speed_limit: None,
     };
     let joints = robot.joints().iter().zip(robot.q0().iter().zip(&gains.0)).map(joint).collect();
     let info = SessionInfo { joints, action_scale: ACTION_SCALE, ..SessionInfo::default() };

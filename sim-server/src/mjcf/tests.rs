@@ -9,7 +9,7 @@ fn small_model() -> Model {
     let hinge = |drive| {
         Joint::Hinge(Hinge { axis: Vector3::y_axis(), lower: -0.5, upper: f64::INFINITY, armature: 0.01, drive })
     };
-    let drive = Drive { stiffness: 40.0, damping: 2.5, effort_limit: 35.0 };
+    let drive = Drive { stiffness: 40.0, damping: 2.5, effort_limit: 35.0, speed_limit: f64::INFINITY };
     let free_drive = Drive { effort_limit: f64::INFINITY, ..drive };
     let mut add = |name: &str, parent, joint, x| {
         let spec = BodySpec {

@@ -62,6 +62,7 @@ pub fn joints(scene: &Scene) -> Vec<Joint> {
         stiffness: drive.stiffness,
         damping: drive.damping,
         effort_limit: drive.effort_limit,
+        speed_limit: drive.speed_limit.is_finite().then_some(drive.speed_limit),
     };
     joints.map(joint).collect()
 }

@@ -81,7 +81,7 @@ fn a_saturated_drive_accelerates_at_its_limit_over_inertia() {
     let mut builder = ModelBuilder::new();
     builder.set_gravity(Vector3::zeros());
     let mut arm = body("arm", 1.0, [0.02, 0.03, 0.04]);
-    let drive = Drive { stiffness: 1000.0, damping: 1.0, effort_limit: 0.5 };
+    let drive = Drive { stiffness: 1000.0, damping: 1.0, effort_limit: 0.5, speed_limit: f64::INFINITY };
     arm.joint = Joint::Hinge(Hinge {
         axis: Vector3::z_axis(),
         lower: f64::NEG_INFINITY,

@@ -13,7 +13,7 @@ fn body() -> BodySpec {
             lower: -1.0,
             upper: 1.0,
             armature: 0.0,
-            drive: Some(Drive { stiffness: 1.0, damping: 1.0, effort_limit: 1.0 }),
+            drive: Some(Drive { stiffness: 1.0, damping: 1.0, effort_limit: 1.0, speed_limit: f64::INFINITY }),
         }),
         mass: 1.0,
         com: Vector3::zeros(),
@@ -65,7 +65,7 @@ fn bodies() {
     let nowhere = nalgebra::UnitVector3::new_unchecked(Vector3::new(f64::NAN, 0.0, 1.0));
     refused(add(hinge(|h| h.axis = nowhere)), &["arm", "axis", "finite"]);
     refused(add(hinge(|h| h.armature = -1.0)), &["arm", "armature", "negative"]);
-    let drive = Drive { stiffness: 1.0, damping: 1.0, effort_limit: 1.0 };
+    let drive = Drive { stiffness: 1.0, damping: 1.0, effort_limit: 1.0, speed_limit: f64::INFINITY };
     refused(add(hinge(|h| h.drive = Some(Drive { stiffness: -1.0, ..drive }))), &["arm", "stiffness"]);
     refused(add(hinge(|h| h.drive = Some(Drive { damping: f64::NAN, ..drive }))), &["arm", "damping"]);
     refused(add(hinge(|h| h.drive = Some(Drive { effort_limit: 0.0, ..drive }))), &["arm", "effort_limit"]);
