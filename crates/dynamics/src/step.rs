@@ -20,9 +20,9 @@ use crate::variation::Variation;
 const SUBSTEP_ANGLE: f64 = 0.1;
 /// Most substeps of a step, with which a body at 640 rad/s keeps to the angle.
 const SUBSTEPS_MAX: u32 = 32;
-/// Angle in a step from which the bias force is taken at the mean velocity of the step, rad. Below, what it changes is lost
-/// in the damping of the drives.
-const MEAN_BIAS_ANGLE: f64 = 0.02;
+/// Turning rate from which the bias force is taken at the mean velocity of the substep, rad/s. Below, what that changes is
+/// lost in the damping of the drives.
+const MEAN_BIAS_RATE: f64 = 4.0;
 /// Residual at which the first solve gives the velocity that the bias force is taken at.
 const FIRST_TOLERANCE: f64 = 1e-2;
 
@@ -97,10 +97,10 @@ impl Dynamics {
         for (velocity, _) in state.qvel.iter_mut().zip(input.locked).filter(|(_, locked)| **locked) {
             *velocity = 0.0;
         }
-        let angle = dt * self.turning_rate(model, &state.qvel);
+        let rate = self.turning_rate(model, &state.qvel);
         // A rate that is not finite takes one substep.
-        let substeps = ((angle / SUBSTEP_ANGLE).ceil() as u32).clamp(1, SUBSTEPS_MAX);
-        let mean_bias = angle > MEAN_BIAS_ANGLE;
+        let substeps = ((dt * rate / SUBSTEP_ANGLE).ceil() as u32).clamp(1, SUBSTEPS_MAX);
+        let mean_bias = rate > MEAN_BIAS_RATE;
         self.before.copy_from(state);
         let first = self.advance(model, state, input, dt, substeps, mean_bias);
         if first.converged {
