@@ -1,8 +1,6 @@
 //! `L^T D L` factor of a symmetric positive definite matrix whose rows follow the trees: eliminated from the leaves to the
 //! roots it fills in only where contact couples two branches.
 
-use std::ops::Range;
-
 use crate::model::Model;
 
 /// Lower triangle, row-major with `n` columns. A row's nonzero columns are a bit set and, for speed, runs of columns.
@@ -123,9 +121,9 @@ impl Factor {
     }
 
     /// Starts from a matrix that is zero outside the trees' pattern.
-    pub fn load(&mut self, matrix: &[f64]) {
+    pub fn load(&mut self, matrix: &[f64], rows: impl Iterator<Item = usize>) {
         let n = self.n;
-        for row in 0..n {
+        for row in rows {
             let (target, source) = (&mut self.values[row * n..row * n + row + 1], &matrix[row * n..row * n + row + 1]);
             target.copy_from_slice(source);
         }
@@ -154,27 +152,37 @@ impl Factor {
 
     /// Eliminates the rows from the split on and keeps what that leaves of those before it. False if a pivot is not
     /// positive: the matrix was not positive definite.
-    pub fn eliminate_late(&mut self) -> bool {
-        let positive = self.eliminate(self.split..self.n);
-        self.early_rows.copy_from_slice(&self.values[..self.split * self.n]);
+    pub fn eliminate_late(&mut self, rows: impl DoubleEndedIterator<Item = usize> + Clone) -> bool {
+        let (n, split) = (self.n, self.split);
+        let positive = self.eliminate(rows.clone().rev().take_while(|&row| row >= split));
+        for row in rows.take_while(|&row| row < split) {
+            let entries = row * n..row * n + row + 1;
+            self.early_rows[entries.clone()].copy_from_slice(&self.values[entries]);
+        }
         positive
     }
 
     /// Goes back to the rows that [`Factor::eliminate_late`] left.
-    pub fn restore_early(&mut self) {
-        self.values[..self.split * self.n].copy_from_slice(&self.early_rows);
+    pub fn restore_early(&mut self, rows: impl Iterator<Item = usize>) {
+        let (n, split) = (self.n, self.split);
+        for row in rows.take_while(|&row| row < split) {
+            let entries = row * n..row * n + row + 1;
+            self.values[entries.clone()].copy_from_slice(&self.early_rows[entries]);
+        }
     }
 
     /// Eliminates the rows before the split; the factor is complete then.
-    pub fn eliminate_early(&mut self) -> bool {
-        self.eliminate(0..self.split)
+    pub fn eliminate_early(&mut self, rows: impl DoubleEndedIterator<Item = usize>) -> bool {
+        let split = self.split;
+        self.eliminate(rows.rev().skip_while(|&row| row >= split))
     }
 
-    fn eliminate(&mut self, rows: Range<usize>) -> bool {
+    /// Rows descending.
+    fn eliminate(&mut self, rows: impl Iterator<Item = usize>) -> bool {
         let n = self.n;
         let mut positive = true;
         let runs = if self.coupled { &self.runs } else { &self.tree_runs };
-        for k in rows.rev() {
+        for k in rows {
             let (above, row) = self.values.split_at_mut(k * n);
             let row = &mut row[..=k];
             let pivot = row[k];
@@ -203,11 +211,11 @@ impl Factor {
         positive
     }
 
-    /// Solves for `x` in place.
-    pub fn solve(&self, x: &mut [f64]) {
+    /// Solves for the rows of `x` in place; no other row is coupled with them.
+    pub fn solve(&self, x: &mut [f64], rows: impl DoubleEndedIterator<Item = usize> + Clone) {
         let n = self.n;
         let runs = self.runs();
-        for k in (0..n).rev() {
+        for k in rows.clone().rev() {
             let (head, tail) = x.split_at_mut(k);
             let value = tail[0];
             for &(start, end) in runs.of(k) {
@@ -216,7 +224,7 @@ impl Factor {
             }
             tail[0] *= self.inverse_diagonal[k];
         }
-        for k in 0..n {
+        for k in rows {
             let mut value = x[k];
             for &(start, end) in runs.of(k) {
                 for j in usize::from(start)..usize::from(end) {
@@ -227,10 +235,10 @@ impl Factor {
         }
     }
 
-    /// `y = M x` for a matrix in the trees' pattern (not this factor).
-    pub fn multiply(&self, matrix: &[f64], x: &[f64], y: &mut [f64]) {
+    /// Rows of `y = M x` for a matrix in the trees' pattern (not this factor).
+    pub fn multiply(&self, matrix: &[f64], x: &[f64], y: &mut [f64], rows: impl Iterator<Item = usize>) {
         let n = self.n;
-        for k in 0..n {
+        for k in rows {
             let row = &matrix[k * n..k * n + k + 1];
             let value = x[k];
             let mut sum = row[k] * value;

@@ -19,16 +19,16 @@ pub(crate) fn inverse_weights(model: &Model, parameters: &Parameters) -> Inverse
     let mut equation = EquationOfMotion::new(model);
     equation.update(model, parameters, &kin, &[]);
     let mut factor = Factor::new(model);
-    factor.load(&equation.mass_matrix);
+    factor.load(&equation.mass_matrix, 0..model.nv);
     for (body, drive) in &parameters.drives {
         let dof = model.bodies[body.0].dof_start;
         factor.add(dof, dof, NOMINAL_DT * (drive.damping + NOMINAL_DT * drive.stiffness));
     }
-    factor.eliminate_late();
-    factor.eliminate_early();
+    factor.eliminate_late(0..model.nv);
+    factor.eliminate_early(0..model.nv);
     let solve = |rhs: Vec<f64>| {
         let mut x = rhs;
-        factor.solve(&mut x);
+        factor.solve(&mut x, 0..model.nv);
         x
     };
     let dofs = (0..model.nv)

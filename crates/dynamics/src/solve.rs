@@ -1,8 +1,7 @@
 //! The next velocity as the minimum of one convex function, by Newton's method with a line search.
 
 mod body_pair;
-
-use std::ops::Range;
+mod island;
 
 use crate::contact::Contact;
 use crate::contact_law::Point;
@@ -16,6 +15,7 @@ use crate::parameters::Parameters;
 use crate::spatial::{Force, Motion, V3};
 use crate::spec::Joint;
 use body_pair::{BodyPair, force_of, stiffness_of};
+use island::{Island, Islands};
 
 /// Residual at which the solve limits, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
 pub(crate) const TOLERANCE: f64 = 1e-6;
@@ -67,6 +67,7 @@ pub struct StepReport {
 #[derive(Debug, Clone)]
 pub(crate) struct Solver {
     factor: Factor,
+    islands: Islands,
     pairs: Vec<BodyPair>,
     points: Vec<Point>,
     /// -1 where the two bodies of the caller's contact are swapped, so that b moves; otherwise 1.
@@ -100,6 +101,7 @@ impl Solver {
         let zeros = || vec![0.0; model.nv];
         Self {
             factor: Factor::new(model),
+            islands: Islands::new(model, CONTACTS_EXPECTED),
             pairs: Vec::with_capacity(CONTACTS_EXPECTED),
             points: Vec::with_capacity(CONTACTS_EXPECTED),
             normal_sign: Vec::with_capacity(CONTACTS_EXPECTED),
@@ -135,7 +137,7 @@ impl Solver {
             *weight = 1.0 / equation.mass_matrix[dof * model.nv + dof];
         }
         self.momentum_change.fill(0.0);
-        self.factor.multiply(&equation.mass_matrix, &self.velocity, &mut self.momentum);
+        self.factor.multiply(&equation.mass_matrix, &self.velocity, &mut self.momentum, 0..model.nv);
         for pair in &self.pairs {
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.velocity);
             for point in &mut self.points[pair.points.0..pair.points.1] {
@@ -144,24 +146,40 @@ impl Solver {
                 }
             }
         }
-        // Another mass matrix: nothing of the step before may be used again.
-        self.late.clear();
     }
 
     /// Goes on from the velocity at hand to the minimum; false if it is not reached.
     pub fn minimise(&mut self, problem: &Problem<'_>, tolerance: f64, report: &mut StepReport) -> bool {
+        let (mut converged, mut most_iterations) = (true, 0);
+        for slot in 0..self.islands.count {
+            let island = self.islands.take(slot);
+            if !island.dofs.is_empty() {
+                let (done, iterations) = self.minimise_island(problem, &island, tolerance);
+                converged &= done;
+                most_iterations = iterations.max(most_iterations);
+            }
+            self.islands.put_back(slot, island);
+        }
+        report.iterations += most_iterations;
+        converged
+    }
+
+    /// Whether the minimum is reached, and the iterations that it took.
+    fn minimise_island(&mut self, problem: &Problem<'_>, island: &Island, tolerance: f64) -> (bool, u32) {
+        let mut iterations = 0;
         self.caution = 0.0;
-        let most = report.iterations + ITERATIONS_MAX;
+        // Another matrix: nothing of what was factorised before may be used again.
+        self.late.clear();
         loop {
-            if self.gradient(problem, tolerance) {
-                return true;
+            if self.gradient(problem, island, tolerance) {
+                return (true, iterations);
             }
-            if report.iterations == most || !self.newton_direction(problem) {
-                return false;
+            if iterations == ITERATIONS_MAX || !self.newton_direction(problem, island) {
+                return (false, iterations);
             }
-            report.iterations += 1;
-            let step = self.line_search(problem);
-            self.advance(step);
+            iterations += 1;
+            let step = self.line_search(problem, island);
+            self.advance(island, step);
             self.caution = match (step < SHORT, self.caution > CAUTION_MIN) {
                 (true, true) => (self.caution * MORE_CAUTION).min(1.0),
                 (true, false) => 1.0,
@@ -225,6 +243,7 @@ impl Solver {
         self.columns.clear();
         self.column_dof.clear();
         self.factor.reset_pattern();
+        self.islands.reset();
         let body_of =
             |contact: &Contact| (model.shapes[contact.shape_a.0].body.0, model.shapes[contact.shape_b.0].body.0);
         let mut first = 0;
@@ -242,7 +261,11 @@ impl Solver {
             }
             let start = self.columns.len();
             self.push_columns(model, kin, a, b, &origin);
+            if a != 0 {
+                self.islands.join(a, b);
+            }
             self.pairs.push(BodyPair {
+                body: b,
                 points: (first, first + count),
                 columns: (start, self.columns.len()),
                 stiffness: None,
@@ -250,6 +273,7 @@ impl Solver {
             first += count;
         }
         self.factor.finish_pattern();
+        self.islands.gather(self.pairs.iter().map(|pair| pair.body));
     }
 
     /// Columns of the motion of `b` relative to `a`, by ascending degree of freedom.
@@ -286,16 +310,17 @@ impl Solver {
     }
 
     /// Gradient of the objective at the current velocity; true when it is small enough.
-    fn gradient(&mut self, problem: &Problem<'_>, tolerance: f64) -> bool {
-        let &Problem { model, equation, input, dt, .. } = problem;
-        self.constraint.fill(0.0);
-        for drive in &self.drives {
+    fn gradient(&mut self, problem: &Problem<'_>, island: &Island, tolerance: f64) -> bool {
+        let &Problem { equation, input, dt, .. } = problem;
+        island.dofs().for_each(|dof| self.constraint[dof] = 0.0);
+        for drive in drives_of(&self.drives, island) {
             self.constraint[drive.dof] += dt * drive.effort(self.velocity[drive.dof]).0;
         }
-        for limit in &self.limits {
+        for limit in limits_of(&self.limits, island) {
             self.constraint[limit.dof] += limit.impulse(self.velocity[limit.dof]).0;
         }
-        for pair in &self.pairs {
+        for &pair in &island.pairs {
+            let pair = &self.pairs[pair];
             let mut wrench = Force::ZERO;
             let mut loaded = false;
             for point in &mut self.points[pair.points.0..pair.points.1] {
@@ -311,7 +336,7 @@ impl Solver {
             }
         }
         let (mut residual, mut momentum, mut forced, mut constrained) = (0.0, 0.0, 0.0, 0.0);
-        for dof in 0..model.nv {
+        for dof in island.dofs() {
             let bias = dt * equation.bias[dof];
             let gradient = if input.locked.get(dof) == Some(&true) {
                 0.0
@@ -330,17 +355,18 @@ impl Solver {
     }
 
     /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.
-    fn newton_direction(&mut self, problem: &Problem<'_>) -> bool {
+    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
         let equation = problem.equation;
-        if !self.factorise(problem) {
+        if !self.factorise(problem, island) {
             return false;
         }
-        for (d, g) in self.direction.iter_mut().zip(&self.gradient) {
-            *d = -g;
+        for dof in island.dofs() {
+            self.direction[dof] = -self.gradient[dof];
         }
-        self.factor.solve(&mut self.direction);
-        self.factor.multiply(&equation.mass_matrix, &self.direction, &mut self.mass_direction);
-        for pair in &self.pairs {
+        self.factor.solve(&mut self.direction, island.dofs());
+        self.factor.multiply(&equation.mass_matrix, &self.direction, &mut self.mass_direction, island.dofs());
+        for &pair in &island.pairs {
+            let pair = &self.pairs[pair];
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.direction);
             for point in &mut self.points[pair.points.0..pair.points.1] {
                 for (k, row) in point.rows.iter().enumerate() {
@@ -353,53 +379,64 @@ impl Solver {
 
     /// Builds and factorises the Hessian. Its late rows (in a humanoid: the fingers, most of the work) are only built
     /// again when a stiffness that reaches them has changed since the iteration before.
-    fn factorise(&mut self, problem: &Problem<'_>) -> bool {
+    fn factorise(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
         let &Problem { model, equation, input, dt, .. } = problem;
         let split = self.factor.split();
+        let is_late = |dof: &usize| *dof >= split;
         std::mem::swap(&mut self.late, &mut self.late_before);
         self.late.clear();
-        self.diagonal.fill(0.0);
-        for drive in &self.drives {
+        island.dofs().for_each(|dof| self.diagonal[dof] = 0.0);
+        for drive in drives_of(&self.drives, island) {
             self.diagonal[drive.dof] += dt * drive.stiffness(self.velocity[drive.dof], self.caution);
         }
-        for limit in &self.limits {
+        for limit in limits_of(&self.limits, island) {
             self.diagonal[limit.dof] += limit.impulse(self.velocity[limit.dof]).1;
         }
-        for (dof, _) in input.locked.iter().enumerate().filter(|(_, locked)| **locked) {
-            self.diagonal[dof] += LOCK * equation.mass_matrix[dof * model.nv + dof];
+        if !input.locked.is_empty() {
+            for dof in island.dofs().filter(|&dof| input.locked[dof]) {
+                self.diagonal[dof] += LOCK * equation.mass_matrix[dof * model.nv + dof];
+            }
         }
         // A first entry that no cleared list has.
         self.late.push(1.0);
-        self.late.extend_from_slice(&self.diagonal[split..]);
-        if self.caution > 0.0 {
-            self.points.iter_mut().for_each(|point| point.bound_stiffness(self.caution));
-        }
-        for pair in &mut self.pairs {
-            pair.stiffness = stiffness_of(&self.points[pair.points.0..pair.points.1]);
+        self.late.extend(island.dofs().filter(is_late).map(|dof| self.diagonal[dof]));
+        for &pair in &island.pairs {
+            let pair = &mut self.pairs[pair];
+            let points = &mut self.points[pair.points.0..pair.points.1];
+            if self.caution > 0.0 {
+                points.iter_mut().for_each(|point| point.bound_stiffness(self.caution));
+            }
+            pair.stiffness = stiffness_of(points);
             if pair.reaches(&self.column_dof, split) {
                 self.late.extend(pair.stiffness.iter().flatten().flatten());
             }
         }
         if self.late == self.late_before {
-            self.factor.restore_early();
+            self.factor.restore_early(island.dofs());
         } else {
-            self.factor.load(&equation.mass_matrix);
-            self.add_stiffness(split..model.nv, |pair, dofs| pair.reaches(dofs, split));
-            if !self.factor.eliminate_late() {
+            self.factor.load(&equation.mass_matrix, island.dofs());
+            self.add_stiffness(island, true);
+            if !self.factor.eliminate_late(island.dofs()) {
                 self.late.clear();
                 return false;
             }
         }
-        self.add_stiffness(0..split, |pair, dofs| !pair.reaches(dofs, split));
-        self.factor.eliminate_early()
+        self.add_stiffness(island, false);
+        self.factor.eliminate_early(island.dofs())
     }
 
-    fn add_stiffness(&mut self, dofs: Range<usize>, wanted: impl Fn(&BodyPair, &[u16]) -> bool) {
-        for dof in dofs {
+    /// Adds drives, limits and contacts, either of the factor's late rows or of the others.
+    fn add_stiffness(&mut self, island: &Island, late: bool) {
+        let split = self.factor.split();
+        for dof in island.dofs().filter(|&dof| (dof >= split) == late) {
             self.factor.add(dof, dof, self.diagonal[dof]);
         }
-        for pair in self.pairs.iter().filter(|pair| wanted(pair, &self.column_dof)) {
+        for &pair in &island.pairs {
+            let pair = &self.pairs[pair];
             let Some(stiffness) = &pair.stiffness else { continue };
+            if pair.reaches(&self.column_dof, split) != late {
+                continue;
+            }
             let columns = &self.columns[pair.columns.0..pair.columns.1];
             let dofs = &self.column_dof[pair.columns.0..pair.columns.1];
             for (r, column) in columns.iter().enumerate() {
@@ -413,36 +450,37 @@ impl Solver {
     }
 
     /// Step length along the direction at which the objective's slope is nearly zero.
-    fn line_search(&self, problem: &Problem<'_>) -> f64 {
+    fn line_search(&self, problem: &Problem<'_>, island: &Island) -> f64 {
         let &Problem { equation, dt, .. } = problem;
-        let mut constant = 0.0;
-        let mut linear = 0.0;
-        for dof in 0..self.direction.len() {
+        let (mut constant, mut linear, mut start) = (0.0, 0.0, 0.0);
+        for dof in island.dofs() {
+            start += self.direction[dof] * self.gradient[dof];
             constant += self.direction[dof] * (self.momentum_change[dof] + dt * equation.bias[dof]);
             linear += self.direction[dof] * self.mass_direction[dof];
         }
         let slope_at = |step: f64| {
             let (mut slope, mut curvature) = (constant + step * linear, linear);
-            for drive in &self.drives {
+            for drive in drives_of(&self.drives, island) {
                 let d = self.direction[drive.dof];
                 let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + step * d);
                 slope -= dt * effort * d;
                 curvature += dt * stiffness * d * d;
             }
-            for limit in &self.limits {
+            for limit in limits_of(&self.limits, island) {
                 let d = self.direction[limit.dof];
                 let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + step * d);
                 slope -= impulse * d;
                 curvature += stiffness * d * d;
             }
-            for point in &self.points {
-                let (s, c) = point.slope(step);
-                slope += s;
-                curvature += c;
+            for &pair in &island.pairs {
+                for point in &self.points[self.pairs[pair].points.0..self.pairs[pair].points.1] {
+                    let (s, c) = point.slope(step);
+                    slope += s;
+                    curvature += c;
+                }
             }
             (slope, curvature)
         };
-        let start: f64 = self.direction.iter().zip(&self.gradient).map(|(d, g)| d * g).sum();
         let (mut slope, mut curvature) = slope_at(1.0);
         // Still descending at the full step, or flat there: Newton's own step is the one that converges quadratically.
         if slope <= 1e-3 * start.abs() {
@@ -461,13 +499,31 @@ impl Solver {
         step
     }
 
-    fn advance(&mut self, step: f64) {
-        for dof in 0..self.velocity.len() {
+    fn advance(&mut self, island: &Island, step: f64) {
+        for dof in island.dofs() {
             self.velocity[dof] += step * self.direction[dof];
             self.momentum_change[dof] += step * self.mass_direction[dof];
         }
-        for point in &mut self.points {
-            point.velocity += point.direction * step;
+        for &pair in &island.pairs {
+            for point in &mut self.points[self.pairs[pair].points.0..self.pairs[pair].points.1] {
+                point.velocity += point.direction * step;
+            }
         }
     }
+}
+
+/// Drives of an island; they stand in the order of their degrees of freedom.
+fn drives_of<'a>(drives: &'a [ImplicitDrive], island: &'a Island) -> impl Iterator<Item = &'a ImplicitDrive> + 'a {
+    island.dofs.iter().flat_map(|run| {
+        let first = drives.partition_point(|drive| drive.dof < run.start);
+        drives[first..].iter().take_while(|drive| drive.dof < run.end)
+    })
+}
+
+/// Joint limits of an island; they stand in the order of their degrees of freedom.
+fn limits_of<'a>(limits: &'a [JointLimit], island: &'a Island) -> impl Iterator<Item = &'a JointLimit> + 'a {
+    island.dofs.iter().flat_map(|run| {
+        let first = limits.partition_point(|limit| limit.dof < run.start);
+        limits[first..].iter().take_while(|limit| limit.dof < run.end)
+    })
 }

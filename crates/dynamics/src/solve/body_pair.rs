@@ -6,6 +6,8 @@ use crate::spatial::{Force, Motion, V3};
 /// The contacts between two bodies: they share one relative motion, a sum of columns over degrees of freedom.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct BodyPair {
+    /// The second body, which moves.
+    pub body: usize,
     /// Ranges of the solver's points and columns.
     pub points: (usize, usize),
     pub columns: (usize, usize),
