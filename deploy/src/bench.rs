@@ -8,6 +8,7 @@ mod report;
 pub mod sensors;
 pub mod service;
 mod stats;
+pub mod violence;
 pub mod world;
 mod worlds;
 

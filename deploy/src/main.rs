@@ -11,6 +11,7 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand};
 use fiatlux::bench::sensors::{self, SensorOptions};
 use fiatlux::bench::service::{self, ServiceOptions};
+use fiatlux::bench::violence::{self, ViolenceOptions};
 use fiatlux::bench::world::{self, Options};
 use serde::Serialize;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
@@ -53,6 +54,9 @@ enum Bench {
     World(WorldArgs),
     /// Control steps per second of one core by what the policy senses, and microseconds of each sensor.
     Sensors(SensorArgs),
+    /// What the engine does under violent targets: energy in free flight, speeds, penetration, solves that do not converge,
+    /// and its error against itself at a step of 0.25 ms.
+    Violence(ViolenceArgs),
     /// Control steps per second of sessions: in one process, over TCP, and with many client processes.
     Service(ServiceArgs),
 }
@@ -71,6 +75,22 @@ struct WorldArgs {
     /// Script that times MuJoCo.
     #[arg(long, default_value = "tests/oracle/oracle.py")]
     oracle: PathBuf,
+}
+
+#[derive(Debug, Args)]
+struct ViolenceArgs {
+    /// Runs of 10 s under violent targets, spread over all tasks and patterns.
+    #[arg(long, default_value_t = 1000)]
+    runs: u64,
+    /// Random starts of 1 s each in the room.
+    #[arg(long, default_value_t = 20_000)]
+    starts: u64,
+    /// Threads; results do not depend on it [default: all cores]
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Prints JSON in place of the tables.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Debug, Args)]
@@ -118,6 +138,7 @@ fn main() -> ExitCode {
         Command::Render(args) => render_command::run(&args),
         Command::Bench(Bench::World(args)) => bench_world(args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::Sensors(args)) => bench_sensors(args).map(|()| ExitCode::SUCCESS),
+        Command::Bench(Bench::Violence(args)) => bench_violence(&args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::Service(args)) => bench_service(args).map(|()| ExitCode::SUCCESS),
     };
     match done {
@@ -142,6 +163,12 @@ fn bench_sensors(args: SensorArgs) -> anyhow::Result<()> {
     let options = SensorOptions { seconds: args.seconds, oracle: args.pytorch.then_some(args.oracle) };
     let report = sensors::run(&options)?;
     show(&report, args.json)
+}
+
+fn bench_violence(args: &ViolenceArgs) -> anyhow::Result<()> {
+    let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let threads = args.threads.unwrap_or_else(cores).max(1);
+    show(&violence::run(&ViolenceOptions { runs: args.runs, starts: args.starts, threads })?, args.json)
 }
 
 fn bench_world(args: WorldArgs) -> anyhow::Result<()> {

@@ -24,6 +24,8 @@ pub enum Stream {
     Tint,
     /// Sizes of the props; drawn by seed alone.
     Props,
+    /// Trials of benchmarks and tests; no episode draws from it.
+    Trial,
 }
 
 impl Stream {
@@ -36,6 +38,7 @@ impl Stream {
             Stream::Light => "light",
             Stream::Tint => "tint",
             Stream::Props => "props",
+            Stream::Trial => "trial",
         }
     }
 }

@@ -1,0 +1,76 @@
+//! The engine at its step of 5 ms against itself at 0.25 ms.
+
+use fiatlux_dynamics::{Dynamics, Input, State};
+use fiatlux_world::{PHYSICS_DT, Random, SUBSTEPS, Scene, Stream};
+
+use super::AccuracyReport;
+use super::trial::{Pattern, Trials};
+use crate::bench::BenchError;
+
+/// Parts of a step of 5 ms in the fine run.
+const FINE: usize = 20;
+/// Control steps after which both are compared: 0.1, 0.2, 0.5 and 1 s.
+const AT: [usize; 4] = [5, 10, 25, 50];
+/// Runs of each pattern, over the tasks in turn.
+const RUNS: u64 = 28;
+
+/// From the tasks' start states; the socket's hold is no part of the engine and takes no part.
+pub(super) fn measure(trials: &Trials) -> Result<Vec<AccuracyReport>, BenchError> {
+    let patterns = [Pattern::Boxes(0.2), Pattern::Boxes(1.0), Pattern::Limits];
+    patterns.into_iter().map(|pattern| measure_pattern(trials, pattern)).collect()
+}
+
+fn measure_pattern(trials: &Trials, pattern: Pattern) -> Result<AccuracyReport, BenchError> {
+    let name = pattern.name();
+    eprintln!("bench: {name}, against a step of {} ms", 1e3 * PHYSICS_DT / FINE as f64);
+    let mut distances: [Vec<(f64, f64)>; 4] = Default::default();
+    for run in 0..RUNS {
+        let world = trials.start(run)?;
+        let scene = world.scene();
+        let roll = |parts: usize| roll(scene, world.state(), pattern, run, parts);
+        for (all, (coarse, fine)) in distances.iter_mut().zip(roll(1).iter().zip(&roll(FINE))) {
+            all.push(distance(scene, coarse, fine));
+        }
+    }
+    let errors = distances.map(|mut all| {
+        let mut median = |of: fn(&(f64, f64)) -> f64| {
+            all.sort_by(|a, b| of(a).total_cmp(&of(b)));
+            of(&all[all.len() / 2])
+        };
+        (median(|distance| distance.0), median(|distance| distance.1))
+    });
+    Ok(AccuracyReport { name, errors })
+}
+
+/// States at the times of [`AT`] of a run by steps of a part of 5 ms.
+fn roll(scene: &Scene, start: &State, pattern: Pattern, run: u64, parts: usize) -> Vec<State> {
+    let mut random = Random::of_term(Stream::Trial, "accuracy", run, 0);
+    let (mut state, mut dynamics) = (start.clone(), Dynamics::new(&scene.model));
+    let mut targets = vec![0.0; scene.robot.joints().len()];
+    let mut driven = targets.clone();
+    let mut states = Vec::new();
+    for step in 0..AT[3] {
+        pattern.draw(&scene.robot, step, &mut random, &mut targets);
+        for ((ids, joint), target) in scene.robot_ids.joints.iter().zip(scene.robot.joints()).zip(&targets) {
+            driven[ids.drive] = target.clamp(joint.lower, joint.upper);
+        }
+        let input = Input { targets: &driven, ..Input::default() };
+        for _ in 0..SUBSTEPS * parts {
+            dynamics.step(&scene.model, &mut state, &input, PHYSICS_DT / parts as f64);
+        }
+        if AT.contains(&(step + 1)) {
+            states.push(state.clone());
+        }
+    }
+    states
+}
+
+/// Of the pelvis, m, and of the joints, root mean square, rad.
+fn distance(scene: &Scene, a: &State, b: &State) -> (f64, f64) {
+    let square = |index: usize| (a.qpos[index] - b.qpos[index]).powi(2);
+    let root = scene.robot_ids.root_qpos;
+    let joints = &scene.robot_ids.joints;
+    let pelvis = (root..root + 3).map(square).sum::<f64>();
+    let mean = joints.iter().map(|ids| square(ids.qpos)).sum::<f64>() / joints.len() as f64;
+    (libm::sqrt(pelvis), libm::sqrt(mean))
+}

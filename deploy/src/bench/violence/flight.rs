@@ -1,0 +1,66 @@
+//! A robot that tumbles in empty space: nothing takes energy or gives any.
+
+use std::sync::Arc;
+
+use fiatlux_dynamics::{Dynamics, Input, Joint, Model, ModelBuilder, ModelError, State};
+use fiatlux_robot::{GainSet, HandKind, Robot};
+use fiatlux_world::{PHYSICS_DT, Random, Scene, SceneConfig, SceneSpec, Stream};
+use nalgebra::Vector3;
+
+use super::FlightReport;
+use crate::bench::BenchError;
+
+/// Starts, and steps of 5 ms from each.
+const STARTS: u64 = 16;
+const STEPS: usize = 20;
+/// Farthest that a joint starts from zero, rad.
+const POSTURE: f64 = 0.5;
+
+/// Every joint starts at the same speed, of a random sign.
+pub(super) fn measure(joint_speed: f64) -> Result<FlightReport, BenchError> {
+    let model = robot_in_space()?;
+    let (mut worst, mut mean) = (0.0_f64, 0.0);
+    for start in 0..STARTS {
+        let mut random = Random::of_term(Stream::Trial, "flight", 0, start);
+        let mut state = model.reference_state();
+        state.qpos[7..].fill_with(|| random.uniform(-POSTURE, POSTURE));
+        state.qvel[6..].fill_with(|| if random.unit() < 0.5 { -joint_speed } else { joint_speed });
+        let mut dynamics = Dynamics::new(&model);
+        let before = kinetic_energy(&mut dynamics, &model, &state);
+        let mut change = 0.0;
+        for _ in 0..STEPS {
+            dynamics.step(&model, &mut state, &Input::default(), PHYSICS_DT);
+            change = kinetic_energy(&mut dynamics, &model, &state) / before - 1.0;
+            // A change that is not a number is the worst.
+            worst = if change.abs() <= worst { worst } else { change.abs() };
+        }
+        mean += change / STARTS as f64;
+    }
+    Ok(FlightReport { joint_speed, worst, mean })
+}
+
+/// The robot without drives, joint limits, shapes and gravity.
+fn robot_in_space() -> Result<Model, BenchError> {
+    let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(|e| BenchError::Scene(e.into()))?);
+    let spec = SceneSpec::floor(robot.gains(GainSet::Fiatlux));
+    let scene = Scene::build(&SceneConfig::default(), robot, spec).map_err(|e| BenchError::Scene(e.into()))?;
+    let build = || -> Result<Model, ModelError> {
+        let mut builder = ModelBuilder::new();
+        builder.set_gravity(Vector3::zeros());
+        for body in &scene.model.bodies()[1..] {
+            let mut spec = body.spec.clone();
+            if let Joint::Hinge(hinge) = &mut spec.joint {
+                (hinge.drive, hinge.lower, hinge.upper) = (None, f64::NEG_INFINITY, f64::INFINITY);
+            }
+            builder.add_body(spec)?;
+        }
+        builder.build()
+    };
+    build().map_err(|e| BenchError::Scene(e.into()))
+}
+
+fn kinetic_energy(dynamics: &mut Dynamics, model: &Model, state: &State) -> f64 {
+    let mass_matrix = dynamics.mass_matrix(model, state);
+    let momentum = mass_matrix.chunks(model.nv()).map(|row| row.iter().zip(&state.qvel).map(|(m, v)| m * v).sum::<f64>());
+    0.5 * momentum.zip(&state.qvel).map(|(p, v)| p * v).sum::<f64>()
+}
