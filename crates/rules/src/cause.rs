@@ -11,6 +11,9 @@ use thiserror::Error;
 pub enum Cause {
     /// The gate held for its whole window.
     Success,
+    /// The state left what is physically plausible. Ends every episode, whatever its task or session says, and never goes
+    /// with success.
+    Diverged,
     /// The robot fell.
     Fall,
     /// The ladder tipped.
@@ -34,8 +37,9 @@ pub struct UnknownCause(String);
 
 impl Cause {
     /// All, success first: the order in which they are named as the cause of an end.
-    pub const ALL: [Cause; 8] = [
+    pub const ALL: [Cause; 9] = [
         Cause::Success,
+        Cause::Diverged,
         Cause::Fall,
         Cause::Tip,
         Cause::Crush,
@@ -49,6 +53,7 @@ impl Cause {
     pub fn name(self) -> &'static str {
         match self {
             Cause::Success => "success",
+            Cause::Diverged => "diverged",
             Cause::Fall => "fall",
             Cause::Tip => "tip",
             Cause::Crush => "crush",
@@ -76,7 +81,7 @@ impl FromStr for Cause {
 
 /// A set of causes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Causes(u8);
+pub struct Causes(u16);
 
 impl Causes {
     /// None.
@@ -149,7 +154,7 @@ mod tests {
             assert_eq!(cause.name().parse(), Ok(cause));
         }
         let error = "falls".parse::<Cause>().expect_err("unknown").to_string();
-        assert!(error.starts_with("there is no condition 'falls'; known ones are success, fall, "), "{error}");
+        assert!(error.starts_with("there is no condition 'falls'; known ones are success, diverged, "), "{error}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use crate::row::{BodyRow, Row};
 
 /// Name and version of the layout below; it is hashed first, so that digests of different layouts never meet.
-pub const ROW_LAYOUT: &str = "fiatlux-row/2";
+pub const ROW_LAYOUT: &str = "fiatlux-row/3";
 
 /// A SHA-256 chain: `digest(k) = SHA-256(digest(k - 1), row k)`, started by `SHA-256(ROW_LAYOUT, 0, context)`.
 ///
@@ -14,7 +14,7 @@ pub const ROW_LAYOUT: &str = "fiatlux-row/2";
 /// of hand bodies; root pose and velocity; joint positions, velocities, targets, efforts; action; ladder; old bulb; fresh bulb (each pose and velocity); poses of fixture
 /// and crate; forces of the old bulb, then of the fresh one, on the hand bodies; their peaks in the same order; forces of
 /// the floor, then of the ladder, on the four limbs; per bulb seated and steps beyond; unconverged steps; velocity of the centre of mass;
-/// positions of both palms. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
+/// positions of both palms; retried steps; peak joint speed; penetration. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
 #[derive(Debug, Clone)]
 pub struct RowDigest {
     link: [u8; 32],
@@ -85,6 +85,7 @@ fn visit(row: &Row, out: &mut impl FnMut(f64)) {
     out(f64::from(row.unconverged));
     visit_vector(&row.com_velocity, out);
     row.palm_position.iter().for_each(|position| visit_vector(position, out));
+    [f64::from(row.retried), row.joint_speed_peak, row.penetration].into_iter().for_each(out);
 }
 
 fn visit_body(body: &BodyRow, out: &mut impl FnMut(f64)) {

@@ -1,6 +1,7 @@
 //! The fold that judges an episode: its state follows from the rows alone.
 
 use crate::cause::{Cause, Causes};
+use crate::divergence::diverged;
 use crate::gate::{Context, Criteria, Gate};
 use crate::geometry::Geometry;
 use crate::predicates::{at_working_height, crushed, dropped, fallen, impact, ladder_tipped, seated};
@@ -14,7 +15,8 @@ use crate::verdict::{End, Verdict};
 /// Choices of a session or of a grading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct JudgeOptions {
-    /// What ends an episode instead of the task's own conditions. Cleared conditions are still noted.
+    /// What ends an episode instead of the task's own conditions, besides [`Cause::Diverged`], which always does. Cleared
+    /// conditions are still noted.
     pub end_on: Option<Causes>,
     /// Counts criteria as the published numbers do: `c0` in row 1, and in place of an episode's last row the reset
     /// state with that row's contact forces, which is what a simulator shows that resets within the step.
@@ -27,7 +29,9 @@ pub struct JudgeOptions {
 /// in which the gate must hold begins anew with this row, the bulbs' low-passed speeds start again from rest, and no
 /// bulb was struck.
 ///
-/// Rows have finite numbers: those of a world do, and no other is read from a message. Whatever they hold, nothing panics.
+/// A row that diverged ends the episode as a failure. Nothing else of it counts: no criterion, no force, no drop.
+///
+/// Whatever numbers rows hold, nothing panics.
 #[derive(Debug, Clone)]
 pub struct Judge {
     task: Task,
@@ -97,7 +101,8 @@ impl Judge {
     /// What ends an episode.
     pub fn ends_on(&self) -> Causes {
         let usual = Causes::of(&[Cause::Success, Cause::Fall, Cause::TimeOut]);
-        self.options.end_on.unwrap_or_else(|| usual.union(self.task.spec().also_ends_on))
+        let chosen = self.options.end_on.unwrap_or_else(|| usual.union(self.task.spec().also_ends_on));
+        chosen.union(Causes::of(&[Cause::Diverged]))
     }
 
     /// What the rows so far say.
@@ -159,10 +164,18 @@ impl Judge {
         v.step = row.step;
         v.criteria = criteria;
         v.count = criteria.count();
-        v.sustained = if criteria.all() { v.sustained + 1 } else { 0 };
-        self.note_hands_and_bulbs(row);
-        self.note_conditions(row);
+        let diverged = diverged(row);
+        if diverged {
+            (v.sustained, v.success) = (0, false);
+        } else {
+            v.sustained = if criteria.all() { v.sustained + 1 } else { 0 };
+            self.note_hands_and_bulbs(row);
+        }
+        self.note_conditions(row, diverged);
         self.last_bulbs = Some(row.bulbs);
+        if diverged {
+            return &self.verdict;
+        }
         let counted = match (&self.first_row, self.verdict.end) {
             (Some(first), Some(_)) => self.count_after_reset(first, row),
             _ => criteria.count(),
@@ -250,7 +263,7 @@ impl Judge {
     }
 
     /// Conditions that a row meets, and the end that follows from those in force.
-    fn note_conditions(&mut self, row: &Row) {
+    fn note_conditions(&mut self, row: &Row, diverged: bool) {
         let context = self.context();
         let spec = self.task.spec();
         let steps = self.steps_at(row.step);
@@ -258,9 +271,10 @@ impl Judge {
             let mut pairs = last.iter().zip(&row.bulbs);
             pairs.any(|(before, after)| impact(before, after, &context))
         });
-        let fires = !self.verdict.success && self.verdict.sustained >= spec.gate.sustain_steps;
+        let fires = !diverged && !self.verdict.success && self.verdict.sustained >= spec.gate.sustain_steps;
         let met = |cause| match cause {
             Cause::Success => fires,
+            Cause::Diverged => diverged,
             Cause::Fall => fallen(row, &context),
             Cause::Tip => ladder_tipped(row, &context),
             Cause::Crush => {

@@ -17,6 +17,8 @@ const SUCCESS: f64 = 500.0;
 const FAILURE: f64 = -200.0;
 /// Weight of the sway in training on a subtask.
 const COM_SWAY: f64 = -0.5;
+/// Charged wherever failures are.
+const DIVERGED: TermSpec = TermSpec::new("diverged", FAILURE, Kind::Condition(Cause::Diverged));
 
 /// Which reward a subtask pays; `replace` and `climb` have one only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,7 +31,8 @@ pub enum Variant {
 
 /// Pays for the rows of one episode. Runs beside a [`Judge`], whose verdict it reads.
 ///
-/// What is not finite pays nothing: a potential counts it as 0, a record passes over it, and a value drops out.
+/// What is not finite pays nothing: a potential counts it as 0, a record passes over it, and a value drops out. A row that
+/// diverged pays its failures alone.
 #[derive(Debug, Clone)]
 pub struct Rewards {
     ledgers: Vec<Ledger>,
@@ -41,7 +44,7 @@ impl Rewards {
     /// The reward of the judge's task.
     pub fn new(judge: &Judge, variant: Variant) -> Self {
         let specs = match (judge.task().spec().reward, variant) {
-            (RewardSpec::Own { terms, com_sway }, _) => [terms, &motion::terms(com_sway)].concat(),
+            (RewardSpec::Own { terms, com_sway }, _) => [terms, &[DIVERGED], &motion::terms(com_sway)].concat(),
             (RewardSpec::Subtask { .. }, Variant::Benchmark) => vec![TermSpec::GATE_PROGRESS],
             (RewardSpec::Subtask { hints }, Variant::Training) => training(hints, judge.ends_on()),
         };
@@ -64,8 +67,13 @@ impl Rewards {
         let (context, verdict): (Context<'_>, &Verdict) = (judge.context(), judge.verdict());
         if let Some(before) = &mut self.before {
             let view = View { before, row, context: &context, verdict };
+            let diverged = verdict.conditions.contains(Cause::Diverged);
             for (ledger, term) in self.ledgers.iter_mut().zip(&mut self.terms) {
-                ledger.advance(&view, term);
+                if diverged && !matches!(ledger.spec().kind, Kind::Condition(_)) {
+                    *term = Term::unpaid(ledger.spec());
+                } else {
+                    ledger.advance(&view, term);
+                }
             }
             before.as_mut().clone_from(row);
         }
@@ -97,6 +105,7 @@ fn training(hints: &[TermSpec], ends_on: Causes) -> Vec<TermSpec> {
 /// Name of the term that charges a failure; `None` for what is none.
 fn failure_name(cause: Cause) -> Option<&'static str> {
     match cause {
+        Cause::Diverged => Some(DIVERGED.name),
         Cause::Fall => Some("robot_fall"),
         Cause::Tip => Some("ladder_tipped"),
         Cause::Crush => Some("bulb_crushed"),

@@ -122,8 +122,17 @@ pub struct Row {
     pub ladder_force: [Vector3<f64>; LIMBS],
     /// The socket's hold on each bulb.
     pub attachments: [AttachmentRow; 2],
-    /// Physics steps of this control step whose solve did not converge.
+    /// Physics steps of this control step whose solve did not converge, on the second try either. In row 0, as `retried`, those
+    /// of the staging.
     pub unconverged: u32,
+    /// Physics steps of this control step whose first solve did not converge.
+    pub retried: u32,
+    /// Largest speed of a joint with a rated speed (the body's; fingers have none) at the end of a physics step of this
+    /// control step, rad/s; 0 in row 0. Infinite where a physics step led to a state that is not finite: the row then has the
+    /// state before it.
+    pub joint_speed_peak: f64,
+    /// Depth of the deepest contact point in the physics steps of this control step, m; 0 in row 0.
+    pub penetration: f64,
 }
 
 impl Row {
@@ -152,6 +161,9 @@ impl Row {
             ladder_force: [Vector3::zeros(); LIMBS],
             attachments: [AttachmentRow::FREE; 2],
             unconverged: 0,
+            retried: 0,
+            joint_speed_peak: 0.0,
+            penetration: 0.0,
         }
     }
 
@@ -206,6 +218,9 @@ impl Clone for Row {
             ladder_force,
             attachments,
             unconverged,
+            retried,
+            joint_speed_peak,
+            penetration,
         } = self;
         *step = source.step;
         *robot = source.robot;
@@ -226,5 +241,8 @@ impl Clone for Row {
         *ladder_force = source.ladder_force;
         *attachments = source.attachments;
         *unconverged = source.unconverged;
+        *retried = source.retried;
+        *joint_speed_peak = source.joint_speed_peak;
+        *penetration = source.penetration;
     }
 }

@@ -13,7 +13,7 @@ pub struct End {
 }
 
 impl End {
-    /// The cause to name: success where it is among them, the time-out only where it is alone.
+    /// The cause to name: success or a divergence where it is among them, the time-out only where it is alone.
     pub fn cause(&self) -> Cause {
         self.causes.iter().next().unwrap_or(Cause::TimeOut)
     }
@@ -44,7 +44,7 @@ pub struct Verdict {
     pub progress: f64,
     /// Consecutive rows, up to this one, in which all held.
     pub sustained: u32,
-    /// The gate has held for its window, in this row or before.
+    /// The gate has held for its window, in this row or before, and no row has diverged.
     pub success: bool,
     /// Conditions that this row meets, in force or not; success only in the row that completes its window.
     pub conditions: Causes,

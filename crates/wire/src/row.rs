@@ -39,10 +39,14 @@ pub fn state_message(row: &Row) -> v3::State {
         floor_force: flat(&row.floor_force),
         ladder_force: flat(&row.ladder_force),
         unconverged: row.unconverged,
+        retried: row.retried,
+        joint_speed_peak: row.joint_speed_peak,
+        penetration: row.penetration,
     }
 }
 
-/// A row from a message, whose lists must have the lengths of `layout` and whose numbers must be finite.
+/// A row from a message, whose lists must have the lengths of `layout` and whose numbers must be finite. The peak speed of
+/// the joints alone may be infinite: that is how a row says that its world went no further.
 ///
 /// # Errors
 /// [`WireError`], with the field.
@@ -51,6 +55,8 @@ pub fn read_row(state: &v3::State, layout: RobotLayout) -> Result<Row, WireError
         .map(|(field, bulb)| bulb.as_ref().ok_or(WireError::Missing { field }));
     let (old, fresh) = (old?, fresh?);
     let (joints, hands) = (layout.joints, layout.hand_bodies());
+    let penetration = size("penetration", state.penetration)?;
+    check_finite("penetration", &[penetration])?;
     let attachment = |bulb: &v3::Bulb| AttachmentRow { seated: bulb.seated, steps_beyond: bulb.steps_beyond };
     Ok(Row {
         step: state.step,
@@ -81,6 +87,9 @@ pub fn read_row(state: &v3::State, layout: RobotLayout) -> Result<Row, WireError
         ladder_force: limbs("ladder_force", &state.ladder_force)?,
         attachments: [attachment(old), attachment(fresh)],
         unconverged: state.unconverged,
+        retried: state.retried,
+        joint_speed_peak: size("joint_speed_peak", state.joint_speed_peak)?,
+        penetration,
     })
 }
 
@@ -100,6 +109,14 @@ fn read_body(field: &'static str, body: &Option<v3::Body>) -> Result<BodyRow, Wi
         linear_velocity: vector(field, &body.linear_velocity)?,
         angular_velocity: vector(field, &body.angular_velocity)?,
     })
+}
+
+/// Zero or above; it may be infinite.
+fn size(field: &'static str, number: f64) -> Result<f64, WireError> {
+    if number >= 0.0 {
+        return Ok(number);
+    }
+    Err(WireError::Value { field, problem: format!("is {number}; it must be zero or above") })
 }
 
 fn flat(vectors: &[Vector3<f64>]) -> Vec<f64> {

@@ -3,6 +3,8 @@ use fiatlux_robot::RobotError;
 use fiatlux_rules::RobotLayout;
 use thiserror::Error;
 
+use crate::ACTION_LIMIT;
+
 /// Why a scene cannot be built.
 #[derive(Debug, Error)]
 pub enum SceneError {
@@ -86,6 +88,14 @@ pub enum WorldError {
         field: &'static str,
         /// Name of the joint.
         joint: String,
+    },
+    /// An action is too large to be recorded.
+    #[error("action of joint '{joint}' is {value}; send numbers from -{ACTION_LIMIT} to {ACTION_LIMIT}")]
+    Action {
+        /// Name of the joint.
+        joint: String,
+        /// The number found.
+        value: f64,
     },
     /// An action or a list of joint targets is not as long as the robot has joints.
     #[error("{field} has {found} numbers instead of {expected}; send one a joint")]

@@ -58,7 +58,7 @@ pub use props::{LadderPoints, PropSizes};
 pub use randomize::{HandFriction, Light, PropScale, Randomization};
 pub use rng::{RNG_NAME, Random, Stream};
 pub use scene::{Scene, SceneSpec};
-pub use start::{ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
+pub use start::{ACTION_LIMIT, ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
 
 // The rulebook's control step and gravity are the world's.

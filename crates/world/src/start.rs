@@ -24,6 +24,10 @@ use crate::{Scene, SceneKind, SceneParts, ShapeOwner, World, WorldError};
 /// Radians of joint target per unit of action: target = q0 + 0.5 action.
 pub const ACTION_SCALE: f64 = 0.5;
 
+/// Largest size of a number of an action, in action units: far beyond any joint's range, and small enough that the control
+/// effort and every reward stay finite.
+pub const ACTION_LIMIT: f64 = 1e3;
+
 /// How an episode starts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StartOptions {
@@ -221,12 +225,11 @@ pub fn start_drawn(
     put_bulbs(&scene, spec, &mut row);
     let start = Start { scene: &scene, task, seed, episode, thresholds: &options.thresholds, carried, posture };
     let offset = start.put_robot(&mut world, &mut row, &noise)?;
-    let unconverged = match carried {
-        Some(bulb) => start.close_hand(&mut world, &row, bulb)?,
-        None => 0,
-    };
+    if let Some(bulb) = carried {
+        start.close_hand(&mut world, &row, bulb)?;
+    }
     let action: Vec<f64> = targets.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
-    world.begin(&action, unconverged);
+    world.begin(&action);
     Ok((world, offset))
 }
 

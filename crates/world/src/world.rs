@@ -1,22 +1,30 @@
 //! One world: a scene in motion, advanced by control steps and measured as rows.
 
+mod check;
+
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, State, Variation, Wrench};
 use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
+use self::check::check_row;
 use crate::attach::{Attachment, AttachmentState, PlugState};
 use crate::error::WorldError;
 use crate::input::{AppliedWrench, ControlInput, Push, Target};
 use crate::owner::ShapeOwner;
 use crate::parts::absent_bulbs;
 use crate::scene::Scene;
+use crate::start::ACTION_LIMIT;
 
 /// Length of a physics step, s.
 pub const PHYSICS_DT: f64 = 0.005;
 /// Physics steps in a control step.
 pub const SUBSTEPS: usize = 4;
+
+/// Numbers of a state beyond this size count as not finite: below it, squares and forces of a row, and observations in single
+/// precision, are finite.
+const STATE_LIMIT: f64 = 1e9;
 
 /// Wrenches that a world has room for: those of the socket's hold, and what a learner applies.
 const WRENCHES: usize = 2 + 8;
@@ -27,6 +35,8 @@ pub struct World {
     scene: Arc<Scene>,
     sensors: Arc<Sensors>,
     state: State,
+    /// The state before the physics step, to go back to.
+    before: State,
     dynamics: Dynamics,
     attachments: [Attachment; 2],
     targets: Vec<f64>,
@@ -34,10 +44,13 @@ pub struct World {
     row: Box<Row>,
 }
 
-/// Which sensed part each shape is, by shape index.
+/// What physics steps are watched for.
 #[derive(Debug)]
 struct Sensors {
+    /// Which sensed part each shape is, by shape index.
     parts: Vec<Part>,
+    /// Degrees of freedom of the joints with a rated speed.
+    rated: Vec<usize>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,10 +86,11 @@ impl World {
             ],
             targets,
             wrenches: Vec::with_capacity(WRENCHES),
+            before: state.clone(),
             state,
             scene,
         };
-        world.measure(0, 0);
+        world.measure(0);
         world
     }
 
@@ -184,8 +198,12 @@ impl World {
     /// Advances by one control step of four physics steps towards joint targets, rad in the public joint order; targets
     /// beyond a joint's limits are clamped to them. `action` is what was received, for the record.
     ///
+    /// A physics step that leads to numbers which are not finite is undone, the control step takes no further one, and the
+    /// row says so by an infinite `joint_speed_peak`.
+    ///
     /// # Errors
-    /// [`WorldError`]: an array of another length, or a number that is not finite; the world is unchanged.
+    /// [`WorldError`]: an array of another length, a number that is not finite, or an action beyond [`ACTION_LIMIT`]; the
+    /// world is unchanged.
     pub fn step(&mut self, action: &[f64], joint_target: &[f64]) -> Result<&Row, WorldError> {
         self.step_with(&ControlInput::new(action, joint_target))
     }
@@ -193,8 +211,7 @@ impl World {
     /// Advances by one control step under external wrenches and after a push.
     ///
     /// # Errors
-    /// [`WorldError`]: an array of another length, a number that is not finite, or a wrench on what the scene lacks; the world
-    /// is unchanged.
+    /// [`WorldError`], as of [`World::step`], or a wrench on what the scene lacks; the world is unchanged.
     pub fn step_with(&mut self, input: &ControlInput<'_>) -> Result<&Row, WorldError> {
         self.check_input(input)?;
         let scene = Arc::clone(&self.scene);
@@ -210,13 +227,15 @@ impl World {
             let wrench = self.at_center_of_mass(&scene, applied);
             self.wrenches.push(wrench);
         }
+        self.keep_state();
         if let Some(Push { linear, angular }) = &input.push {
             let root = &mut self.state.qvel[scene.robot_ids.root_dof..];
             let change = linear.iter().chain(angular.iter());
             root.iter_mut().zip(change).for_each(|(velocity, change)| *velocity += change);
         }
-        let unconverged = self.physics(&scene, &[], SUBSTEPS);
-        self.measure(self.row.step + 1, unconverged);
+        (self.row.unconverged, self.row.retried) = (0, 0);
+        self.physics(&scene, &[], SUBSTEPS);
+        self.measure(self.row.step + 1);
         Ok(&self.row)
     }
 
@@ -230,6 +249,9 @@ impl World {
             if let Some(joint) = values.iter().position(|value| !value.is_finite()) {
                 return Err(WorldError::Joint { field, joint: robot.joints()[joint].name.clone() });
             }
+        }
+        if let Some(joint) = input.action.iter().position(|number| number.abs() > ACTION_LIMIT) {
+            return Err(WorldError::Action { joint: robot.joints()[joint].name.clone(), value: input.action[joint] });
         }
         let finite = |vectors: &[&Vector3<f64>]| vectors.iter().all(|vector| vector.iter().all(|x| x.is_finite()));
         for (index, AppliedWrench { target, point, wrench }) in input.wrenches.iter().enumerate() {
@@ -280,23 +302,27 @@ impl World {
         Ok(())
     }
 
-    /// Runs physics steps towards joint targets, some degrees of freedom held at rest and no bulb in the socket's hold;
-    /// returns how many did not converge. To stage a start state.
-    pub(crate) fn stage(&mut self, joint_target: &[f64], locked: &[bool], steps: usize) -> u32 {
+    /// Runs physics steps towards joint targets, some degrees of freedom held at rest and no bulb in the socket's hold. To
+    /// stage a start state. False if the state did not stay finite.
+    #[must_use]
+    pub(crate) fn stage(&mut self, joint_target: &[f64], locked: &[bool], steps: usize) -> bool {
         let scene = Arc::clone(&self.scene);
         for (ids, target) in scene.robot_ids.joints.iter().zip(joint_target) {
             self.targets[ids.drive] = *target;
         }
         self.wrenches.clear();
-        self.physics(&scene, locked, steps)
+        self.keep_state();
+        self.physics(&scene, locked, steps);
+        self.row.joint_speed_peak.is_finite()
     }
 
     /// Makes the present configuration, at rest, row 0. The contact forces between hands and bulbs stay; no other force
     /// has acted yet.
-    pub(crate) fn begin(&mut self, action: &[f64], unconverged: u32) {
+    pub(crate) fn begin(&mut self, action: &[f64]) {
         self.state.qvel.fill(0.0);
-        self.measure(0, unconverged);
+        self.measure(0);
         let row = &mut *self.row;
+        (row.joint_speed_peak, row.penetration) = (0.0, 0.0);
         row.action.copy_from_slice(action);
         row.joint_effort.fill(0.0);
         row.floor_force = Default::default();
@@ -323,22 +349,41 @@ impl World {
         }
     }
 
-    /// Runs physics steps and notes contact forces; returns how many did not converge.
-    fn physics(&mut self, scene: &Scene, locked: &[bool], steps: usize) -> u32 {
-        let mut unconverged = 0;
-        self.row.hand_force_peak.iter_mut().for_each(|peaks| peaks.fill(0.0));
+    fn keep_state(&mut self) {
+        self.before.qpos.copy_from_slice(&self.state.qpos);
+        self.before.qvel.copy_from_slice(&self.state.qvel);
+    }
+
+    /// Runs physics steps from the state kept and notes forces, efforts and peaks. Counts of solves go on.
+    fn physics(&mut self, scene: &Scene, locked: &[bool], steps: usize) {
+        let row = &mut *self.row;
+        row.hand_force_peak.iter_mut().for_each(|peaks| peaks.fill(0.0));
+        (row.joint_speed_peak, row.penetration) = (0.0, 0.0);
         for _ in 0..steps {
             let input = Input { targets: &self.targets, wrenches: &self.wrenches, locked };
             let report = self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
-            unconverged += u32::from(!report.converged);
+            self.row.unconverged += u32::from(!report.converged);
+            self.row.retried += u32::from(report.retried);
+            // NaN is within no bound.
+            if !self.state.qpos.iter().chain(&self.state.qvel).all(|number| number.abs() <= STATE_LIMIT) {
+                std::mem::swap(&mut self.state, &mut self.before);
+                self.row.joint_speed_peak = f64::INFINITY;
+                return;
+            }
+            self.keep_state();
+            self.row.penetration = self.row.penetration.max(report.penetration);
             self.sense();
         }
-        unconverged
     }
 
-    /// Sums the last physics step's contact forces per sensed part.
+    /// Notes what the last physics step left: speeds, efforts, and contact forces summed per sensed part.
     fn sense(&mut self) {
         let row = &mut *self.row;
+        let speeds = self.sensors.rated.iter().map(|&dof| self.state.qvel[dof].abs());
+        row.joint_speed_peak = speeds.fold(row.joint_speed_peak, f64::max);
+        for (effort, ids) in row.joint_effort.iter_mut().zip(&self.scene.robot_ids.joints) {
+            *effort = self.dynamics.efforts()[ids.drive];
+        }
         row.hand_force.iter_mut().for_each(|forces| forces.fill(Vector3::zeros()));
         row.floor_force = Default::default();
         row.ladder_force = Default::default();
@@ -371,15 +416,10 @@ impl World {
         }
     }
 
-    /// Writes the present state and what the last physics step left into the row.
-    fn measure(&mut self, step: u64, unconverged: u32) {
+    /// Writes the present state into the row of a step.
+    fn measure(&mut self, step: u64) {
         self.read_state();
-        let row = &mut *self.row;
-        row.step = step;
-        row.unconverged = unconverged;
-        for (joint, ids) in self.scene.robot_ids.joints.iter().enumerate() {
-            row.joint_effort[joint] = self.dynamics.efforts()[ids.drive];
-        }
+        self.row.step = step;
     }
 
     /// Writes into the row what follows from the present state, targets and attachments.
@@ -431,7 +471,9 @@ impl Sensors {
             },
             _ => Part::Other,
         });
-        Self { parts: parts.collect() }
+        let rated = scene.robot_ids.joints.iter();
+        let rated = rated.filter(|ids| scene.model.drives()[ids.drive].1.speed_limit.is_finite()).map(|ids| ids.dof);
+        Self { parts: parts.collect(), rated: rated.collect() }
     }
 }
 
@@ -456,39 +498,4 @@ fn blank_row(scene: &Scene) -> Row {
         bulbs: absent_bulbs().map(BodyRow::at_rest),
         ..Row::zeros(scene.robot_layout())
     }
-}
-
-fn check_row(row: &Row) -> Result<(), WorldError> {
-    let finite = |field: &'static str, values: &[f64]| match values.iter().find(|v| !v.is_finite()) {
-        Some(&value) => Err(WorldError::Row { field, value, rule: "it must be finite" }),
-        None => Ok(()),
-    };
-    let bodies =
-        [("robot", &row.robot), ("ladder", &row.ladder), ("old bulb", &row.bulbs[0]), ("fresh bulb", &row.bulbs[1])];
-    for (field, body) in bodies {
-        finite(field, body.pose.translation.vector.as_slice())?;
-        finite(field, body.pose.rotation.coords.as_slice())?;
-        finite(field, body.linear_velocity.as_slice())?;
-        finite(field, body.angular_velocity.as_slice())?;
-        let norm = body.pose.rotation.coords.norm();
-        if (norm - 1.0).abs() > 1e-6 {
-            return Err(WorldError::Row { field, value: norm, rule: "its quaternion must have length 1" });
-        }
-    }
-    // Rows may come from a file: counters stay where another step cannot overflow them.
-    let limit = |field, value: u64, most: u64| {
-        let rule = "it is more than an episode can reach";
-        if value <= most { Ok(()) } else { Err(WorldError::Row { field, value: value as f64, rule }) }
-    };
-    limit("step", row.step, 1 << 52)?;
-    for attachment in &row.attachments {
-        limit("attachments", attachment.steps_beyond.into(), u64::from(u32::MAX / 2))?;
-    }
-    if row.attachments.iter().all(|attachment| attachment.seated) {
-        let rule = "bulbs are seated; the socket holds one";
-        return Err(WorldError::Row { field: "attachments", value: 2.0, rule });
-    }
-    finite("joint_position", &row.joint_position)?;
-    finite("joint_velocity", &row.joint_velocity)?;
-    finite("joint_target", &row.joint_target)
 }

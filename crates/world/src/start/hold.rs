@@ -41,9 +41,8 @@ impl Start<'_> {
             * Translation3::new(0.0, 0.0, -carry.glass_height * self.scene.spec.scale.bulb(bulb)))
     }
 
-    /// Closes the hand, first around the bulb held still, then around the free bulb. Returns how many physics steps did
-    /// not converge.
-    pub(super) fn close_hand(&self, world: &mut World, row: &Row, bulb: Bulb) -> Result<u32, StartError> {
+    /// Closes the hand, first around the bulb held still, then around the free bulb.
+    pub(super) fn close_hand(&self, world: &mut World, row: &Row, bulb: Bulb) -> Result<(), StartError> {
         let scene = self.scene;
         let carry = &scene.config.start.carry;
         let mut locked = vec![true; scene.model.nv()];
@@ -51,20 +50,21 @@ impl Start<'_> {
             locked[scene.robot_ids.joints[joint].dof] = false;
         }
         let steps = |time: f64| libm::round(time / PHYSICS_DT) as usize;
-        let mut unconverged = world.stage(&row.joint_target, &locked, steps(carry.closing_time));
+        let closed = world.stage(&row.joint_target, &locked, steps(carry.closing_time));
         let body = if bulb == Bulb::Old { scene.old_bulb } else { scene.fresh_bulb };
         // A task's scene has its bulbs.
         if let Some(body) = body {
             let dof = scene.model.bodies()[body.0].dof_start;
             locked[dof..dof + 6].fill(false);
         }
-        unconverged += world.stage(&row.joint_target, &locked, steps(carry.holding_time));
+        let held = world.stage(&row.joint_target, &locked, steps(carry.holding_time));
 
         let (least_n, most_n) = (self.thresholds.touch_n, self.thresholds.fragility_n);
         let forces = &world.row().hand_force[bulb as usize];
-        let force_n = forces.iter().fold(0.0, |largest: f64, force| largest.max(force.norm()));
+        let largest = forces.iter().fold(0.0, |largest: f64, force| largest.max(force.norm()));
+        let force_n = if closed && held { largest } else { f64::INFINITY };
         if force_n > least_n && force_n <= most_n {
-            return Ok(unconverged);
+            return Ok(());
         }
         let Start { task, seed, episode, .. } = *self;
         Err(StartError::Hold { task, seed, episode, force_n, least_n, most_n })

@@ -1,0 +1,36 @@
+//! When a state has left what a robot in a room can reach: the simulation has failed, and nothing in the row can be judged.
+//!
+//! The bounds are no thresholds of a session: an episode that diverges can neither be asked for nor scored.
+
+use crate::row::{BodyRow, Bulb, Row};
+
+/// Speed of a joint with a rated speed, rad/s. Motors are rated at 20 to 37 rad/s; impacts drive joints to a few times that.
+const RATED_JOINT_SPEED: f64 = 200.0;
+/// Speed of any joint, rad/s. Fingers have no rated speed: a sole at 10 m/s drives a phalanx of 3 cm at 330 rad/s.
+const JOINT_SPEED: f64 = 1000.0;
+/// Speed of pelvis and ladder, m/s; a fall from the ceiling ends at 7 m/s.
+const BODY_SPEED: f64 = 20.0;
+/// Speed of a bulb, m/s: it has 35 g, and a foot may strike it at 14 m/s.
+const BULB_SPEED: f64 = 100.0;
+
+/// Whether a row has diverged: a speed beyond the plausible, or a number of its state that is not finite.
+pub(crate) fn diverged(row: &Row) -> bool {
+    let bodies = [
+        (&row.robot, BODY_SPEED),
+        (&row.ladder, BODY_SPEED),
+        (&row.bulbs[Bulb::Old as usize], BULB_SPEED),
+        (&row.bulbs[Bulb::Fresh as usize], BULB_SPEED),
+    ];
+    // NaN is within no bound.
+    let plausible = row.joint_speed_peak <= RATED_JOINT_SPEED
+        && row.joint_velocity.iter().all(|speed| speed.abs() <= JOINT_SPEED)
+        && row.joint_position.iter().all(|position| position.is_finite())
+        && bodies.iter().all(|(body, most)| body.linear_velocity.norm() <= *most && is_finite(body));
+    !plausible
+}
+
+fn is_finite(body: &BodyRow) -> bool {
+    let pose = &body.pose;
+    let mut numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter()).chain(&body.angular_velocity);
+    numbers.all(|number| number.is_finite())
+}
