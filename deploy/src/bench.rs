@@ -5,6 +5,7 @@ mod machine;
 mod mujoco;
 mod multibody;
 mod report;
+mod room;
 pub mod sensors;
 pub mod service;
 mod stats;
@@ -15,7 +16,7 @@ mod worlds;
 pub use case::{Case, cases};
 pub use mujoco::{MujocoTime, Oracle};
 pub use multibody::MultibodyWorld;
-pub use report::{CaseReport, Report, WorldsReport};
+pub use report::{CaseReport, Report, RoomReport, WorldsReport};
 pub use stats::Times;
 
 /// Why a benchmark could not be run.

@@ -122,11 +122,8 @@ impl Factor {
 
     /// Starts from a matrix that is zero outside the trees' pattern.
     pub fn load(&mut self, matrix: &[f64], rows: impl Iterator<Item = usize>) {
-        let n = self.n;
-        for row in rows {
-            let (target, source) = (&mut self.values[row * n..row * n + row + 1], &matrix[row * n..row * n + row + 1]);
-            target.copy_from_slice(source);
-        }
+        let runs = if self.coupled { &self.runs } else { &self.tree_runs };
+        copy_rows(self.n, runs, rows, matrix, &mut self.values);
     }
 
     /// Adds to an entry of the lower triangle that the pattern holds.
@@ -153,22 +150,18 @@ impl Factor {
     /// Eliminates the rows from the split on and keeps what that leaves of those before it. False if a pivot is not
     /// positive: the matrix was not positive definite.
     pub fn eliminate_late(&mut self, rows: impl DoubleEndedIterator<Item = usize> + Clone) -> bool {
-        let (n, split) = (self.n, self.split);
+        let split = self.split;
         let positive = self.eliminate(rows.clone().rev().take_while(|&row| row >= split));
-        for row in rows.take_while(|&row| row < split) {
-            let entries = row * n..row * n + row + 1;
-            self.early_rows[entries.clone()].copy_from_slice(&self.values[entries]);
-        }
+        let runs = if self.coupled { &self.runs } else { &self.tree_runs };
+        copy_rows(self.n, runs, rows.take_while(|&row| row < split), &self.values, &mut self.early_rows);
         positive
     }
 
     /// Goes back to the rows that [`Factor::eliminate_late`] left.
     pub fn restore_early(&mut self, rows: impl Iterator<Item = usize>) {
-        let (n, split) = (self.n, self.split);
-        for row in rows.take_while(|&row| row < split) {
-            let entries = row * n..row * n + row + 1;
-            self.values[entries.clone()].copy_from_slice(&self.early_rows[entries]);
-        }
+        let split = self.split;
+        let runs = if self.coupled { &self.runs } else { &self.tree_runs };
+        copy_rows(self.n, runs, rows.take_while(|&row| row < split), &self.early_rows, &mut self.values);
     }
 
     /// Eliminates the rows before the split; the factor is complete then.
@@ -250,6 +243,18 @@ impl Factor {
             }
             y[k] = sum;
         }
+    }
+}
+
+/// Copies the entries of rows that the pattern has.
+fn copy_rows(n: usize, runs: &Runs, rows: impl Iterator<Item = usize>, from: &[f64], to: &mut [f64]) {
+    for row in rows {
+        let start = row * n;
+        for &(first, end) in runs.of(row) {
+            let entries = start + usize::from(first)..start + usize::from(end);
+            to[entries.clone()].copy_from_slice(&from[entries]);
+        }
+        to[start + row] = from[start + row];
     }
 }
 

@@ -41,7 +41,10 @@
 //!
 //! # Method
 //!
-//! All bodies, of all trees, share one vector of generalised velocities `v`. One step of length `dt` does:
+//! All bodies, of all trees, share one vector of generalised velocities `v`. A step is one substep, or several where bodies
+//! turn fast: as many as keep the fastest below 0.1 rad each, worked out from the state alone. One substep of length `dt`
+//! moves positions along the velocity by half of it (the exponential map for rotations), changes the velocity there, and
+//! moves positions by the other half (leapfrog, of second order where nothing is stiff). The change of the velocity is:
 //!
 //! 1. *Kinematics*: poses and joint axes as six-dimensional motion vectors in world axes about the position of each tree's
 //!    root \[1\].
@@ -56,16 +59,18 @@
 //!    1/2 (v - v0)' M (v - v0) + dt c' v + sum drives(v) + sum limits(v) + sum contacts(J v)
 //!    ```
 //!
-//!    Drives are implicit in position and velocity and saturate inside the solve: the potential of `clamp(k (target - q -
-//!    dt v) - d v, limit)`. Contacts are regularised Coulomb cones, their impulse the projection of a linear law on the
+//!    The bias force `c` is that of the mean of `v0` and `v`: a first solve gives a `v` for it. At `v0` alone it would feed
+//!    a fast body with energy. Drives are implicit in position and velocity and saturate inside the solve: the potential of
+//!    `clamp(k (target - q - dt v) - d v, limit)`, the limit along the motion falling to 0 at the motor's rated speed. Contacts are regularised Coulomb cones, their impulse the projection of a linear law on the
 //!    cone, which makes their potential convex \[2\]. Compliance is a small part of each pair's inverse mass (0.01 along the
 //!    normal, 0.001 along the tangents): near-rigid, no creep to speak of. A penetration is taken back by a fifth per step,
 //!    at 1 m/s at most \[3\]. The price of convexity: a body that slides at speed `s` floats at `mu s dt`.
 //! 5. Newton's method with a line search on the slope \[2\]. The Hessian keeps the trees' sparsity: it is factorised as
 //!    `L' D L` from the leaves to the roots, which fills in nothing along a branch \[1\]; where contact couples two branches
 //!    the extra columns are worked out from bit sets, as a sparse Cholesky's symbolic phase does \[4\]. The start is the
-//!    current velocity, so contact points need no memory.
-//! 6. Positions move along the new velocity (semi-implicit Euler, the exponential map for rotations).
+//!    current velocity, so contact points need no memory. Trees that no contact joins are minimised apart.
+//!
+//! A step whose solve does not converge is taken again with twice as many substeps.
 //!
 //! \[1\] R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 2, 5, 6 and section 8.
 //! \[2\] A. Castro, F. Permenter, X. Han, An Unconstrained Convex Formulation of Compliant Contact, IEEE T-RO 2023.

@@ -171,7 +171,9 @@ impl Dynamics {
         self.solver.start(&problem, state, contacts);
         if mean_bias {
             self.solver.minimise(&problem, FIRST_TOLERANCE, report);
-            for (mean, (before, after)) in self.mean_velocity.iter_mut().zip(state.qvel.iter().zip(self.solver.velocity())) {
+            for (mean, (before, after)) in
+                self.mean_velocity.iter_mut().zip(state.qvel.iter().zip(self.solver.velocity()))
+            {
                 *mean = 0.5 * (before + after);
             }
             self.equation.update_bias(model, parameters, &self.kin, input.wrenches, &self.mean_velocity);

@@ -14,7 +14,7 @@ const BODY_SPEED: f64 = 20.0;
 const BULB_SPEED: f64 = 100.0;
 
 /// Whether a row has diverged: a speed beyond the plausible, or a number of its state that is not finite.
-pub(crate) fn diverged(row: &Row) -> bool {
+pub fn diverged(row: &Row) -> bool {
     let bodies = [
         (&row.robot, BODY_SPEED),
         (&row.ladder, BODY_SPEED),

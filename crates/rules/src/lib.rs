@@ -60,6 +60,7 @@ mod verdict;
 
 pub use cause::{Cause, Causes, UnknownCause};
 pub use digest::{ROW_LAYOUT, RowDigest};
+pub use divergence::diverged;
 pub use gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA, Predicate};
 pub use geometry::{BulbGeometry, Geometry};
 pub use judge::{Judge, JudgeOptions};

@@ -11,10 +11,10 @@ use nalgebra::{Isometry3, Vector3};
 use super::BenchError;
 
 /// Stiffness and damping of the ankles, in units of their own, with which the robot stands without a controller.
-const FIRM_ANKLES: f64 = 8.0;
+pub(super) const FIRM_ANKLES: f64 = 8.0;
 /// How far their pitch targets are from q0, rad: the lever of the weight before the ankles needs as much. Without it even
 /// firm ankles let the robot tip over its toes, in MuJoCo too.
-const ANKLE_LEAN: f64 = 0.06;
+pub(super) const ANKLE_LEAN: f64 = 0.06;
 /// Where the robot stands before it falls onto the ladder, in the ladder's frame: before the treads, m.
 const BEFORE_LADDER: [f64; 2] = [0.0, -0.85];
 /// Speed towards the ladder with which that fall begins, m/s.

@@ -11,8 +11,21 @@ pub struct Report {
     pub machine: String,
     /// One entry a case.
     pub cases: Vec<CaseReport>,
+    /// What a whole room adds.
+    pub room: RoomReport,
     /// Many worlds in one process.
     pub worlds: WorldsReport,
+}
+
+/// Time of a physics step of a robot that stands and waves its arms; the best of many measurements.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct RoomReport {
+    /// Without fingers, on a floor, us.
+    pub bare_us: f64,
+    /// With fingers, in the whole room, us.
+    pub room_us: f64,
+    /// `room_us / bare_us`.
+    pub ratio: f64,
 }
 
 /// Time of one physics step.
@@ -76,6 +89,8 @@ impl fmt::Display for Report {
                 writeln!(f, "{}: the bodies fly apart after {steps} steps; only those are timed", case.name)?;
             }
         }
+        let RoomReport { bare_us, room_us, ratio } = self.room;
+        writeln!(f, "waving, bare on a floor: {bare_us:.1} us; in the whole room: {room_us:.1} us, {ratio:.2} of it")?;
         writeln!(f, "{}", self.worlds)
     }
 }
@@ -171,6 +186,7 @@ mod tests {
                 mujoco_contacts: Some(8.0),
                 ratio: Some(0.5),
             }],
+            room: RoomReport { bare_us: 10.0, room_us: 15.0, ratio: 1.5 },
             worlds: WorldsReport {
                 worlds: 256,
                 threads: 2,

@@ -194,14 +194,19 @@ impl fmt::Display for ViolenceReport {
         writeln!(f, "Kinetic energy after 0.1 s of free flight, no drives, limits or contact:")?;
         for FlightReport { joint_speed, worst, mean } in &self.flight {
             let (worst, mean) = (100.0 * worst, 100.0 * mean);
-            writeln!(f, "every joint at {joint_speed} rad/s: within {worst:.3} % at every step, {mean:+.3} % in the mean")?;
+            writeln!(
+                f,
+                "every joint at {joint_speed} rad/s: within {worst:.3} % at every step, {mean:+.3} % in the mean"
+            )?;
         }
         writeln!(f, "\nViolent targets for 10 s, and 1 s from random starts:\n")?;
         let header = |texts: &[&str]| texts.iter().map(|text| (*text).to_owned()).collect::<Vec<_>>();
         let mut rows = vec![header(&TRIALS)];
         rows.extend(self.trials.iter().map(TrialReport::cells));
         write_table(f, &rows)?;
-        for (report, (pair, (count, depth))) in self.trials.iter().flat_map(|r| r.deep_pairs.iter().map(move |p| (r, p))) {
+        for (report, (pair, (count, depth))) in
+            self.trials.iter().flat_map(|r| r.deep_pairs.iter().map(move |p| (r, p)))
+        {
             writeln!(f, "{}: {pair} deep in {count} runs, {:.1} mm at most", report.name, depth * 1e3)?;
         }
         writeln!(f, "\nFrom the same at 0.25 ms: median distance of the pelvis, mm, and of the joints, mrad:\n")?;

@@ -7,7 +7,7 @@ use fiatlux_dynamics::Dynamics;
 use fiatlux_world::PHYSICS_DT;
 
 use super::machine::machine;
-use super::{BenchError, Case, CaseReport, MultibodyWorld, Oracle, Report, Times, cases, worlds};
+use super::{BenchError, Case, CaseReport, MultibodyWorld, Oracle, Report, Times, cases, room, worlds};
 
 /// Rapier's multibody is slow: it is measured over this part of the time.
 const MULTIBODY_SHARE: f64 = 0.05;
@@ -56,7 +56,7 @@ pub fn run(options: &Options) -> Result<Report, BenchError> {
             reports.push(time_multibody(case, name, substeps, repeats(case, options.seconds * MULTIBODY_SHARE))?);
         }
     }
-    Ok(Report { machine: machine(), cases: reports, worlds: worlds::run()? })
+    Ok(Report { machine: machine(), cases: reports, room: room::run()?, worlds: worlds::run()? })
 }
 
 fn repeats(case: &Case, seconds: f64) -> usize {

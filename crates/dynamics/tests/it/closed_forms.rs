@@ -180,3 +180,88 @@ fn a_wrench_acts_at_the_centre_of_mass_in_world_axes() {
     let com_velocity = linear + angular.cross(&(turn * Vector3::new(0.3, -0.1, 0.2)));
     assert!((angular - expected).norm() < 1e-12 && com_velocity.norm() < 1e-12, "{angular} {com_velocity}");
 }
+
+/// A motor that is asked for all it has reaches its rated speed and no more; faster than that it only brakes, with all it
+/// has.
+#[test]
+fn a_motor_drives_no_joint_beyond_its_rated_speed() {
+    let (limit, rated, inertia) = (0.5, 20.0, 0.05);
+    let mut builder = ModelBuilder::new();
+    builder.set_gravity(Vector3::zeros());
+    let mut arm = body("arm", 1.0, [0.02, 0.03, 0.04]);
+    arm.joint = Joint::Hinge(Hinge {
+        axis: Vector3::z_axis(),
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        armature: 0.01,
+        drive: Some(Drive { stiffness: 1000.0, damping: 1.0, effort_limit: limit, speed_limit: rated }),
+    });
+    builder.add_body(arm).unwrap();
+    let model = builder.build().unwrap();
+    let (mut dynamics, mut state) = (Dynamics::new(&model), model.reference_state());
+    let mut step = |state: &mut State, target: f64| {
+        dynamics.step(&model, state, &Input { targets: &[target], ..Input::default() }, DT);
+        dynamics.efforts()[0]
+    };
+    // 2 s to the speed, from where the effort fades.
+    for _ in 0..1000 {
+        let (before, effort) = (state.qvel[0], step(&mut state, 1e6));
+        assert!(state.qvel[0] <= rated && effort >= 0.0);
+        assert!(
+            before > Drive::CORNER * rated || (effort - limit).abs() < 1e-9 || state.qvel[0] > Drive::CORNER * rated
+        );
+    }
+    assert!(state.qvel[0] > 0.999 * rated, "{}", state.qvel[0]);
+
+    for (sign, target) in [(1.0, 1e6), (-1.0, -1e6)] {
+        state.qvel[0] = sign * 2.0 * rated;
+        assert_eq!(step(&mut state, target), 0.0, "it pushes a joint on that is too fast");
+        assert_eq!(state.qvel[0], sign * 2.0 * rated);
+        let effort = step(&mut state, -target);
+        assert!((effort + sign * limit).abs() < 1e-9, "it brakes with {effort} N m");
+        assert!((state.qvel[0] - sign * (2.0 * rated - limit / inertia * DT)).abs() < 1e-9);
+    }
+}
+
+/// A chain that whirls in empty space, at speeds that take several substeps.
+#[test]
+fn a_whirling_chain_keeps_its_energy() {
+    let mut builder = ModelBuilder::new();
+    builder.set_gravity(Vector3::zeros());
+    let mut parent = builder.add_body(body("base", 3.0, [0.02, 0.03, 0.04])).unwrap();
+    for (index, axis) in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis(), Vector3::x_axis()].iter().enumerate()
+    {
+        let mut link = body(&format!("link {index}"), 0.8, [0.004, 0.003, 0.001]);
+        link.parent = parent;
+        link.parent_from_body = Isometry3::translation(0.05, 0.02, -0.2);
+        link.com = Vector3::new(0.0, 0.01, -0.1);
+        link.joint = Joint::Hinge(Hinge {
+            axis: *axis,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            armature: 0.002,
+            drive: None,
+        });
+        parent = builder.add_body(link).unwrap();
+    }
+    let model = builder.build().unwrap();
+    let energy = |state: &State| {
+        let matrix = Dynamics::new(&model).mass_matrix(&model, state);
+        let nv = model.nv();
+        (0..nv * nv).map(|k| 0.5 * state.qvel[k / nv] * matrix[k] * state.qvel[k % nv]).sum::<f64>()
+    };
+    for speed in [15.0, 30.0, 60.0] {
+        let mut state = model.reference_state();
+        for (index, velocity) in state.qvel[6..].iter_mut().enumerate() {
+            *velocity = if index % 2 == 0 { speed } else { -speed };
+        }
+        let before = energy(&state);
+        let mut dynamics = Dynamics::new(&model);
+        for _ in 0..100 {
+            let report = dynamics.step(&model, &mut state, &Input::default(), DT);
+            assert!(report.converged);
+            let change = energy(&state) / before - 1.0;
+            assert!(change.abs() < 0.01, "{speed} rad/s: {change:+.4}");
+        }
+    }
+}

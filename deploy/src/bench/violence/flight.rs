@@ -61,6 +61,7 @@ fn robot_in_space() -> Result<Model, BenchError> {
 
 fn kinetic_energy(dynamics: &mut Dynamics, model: &Model, state: &State) -> f64 {
     let mass_matrix = dynamics.mass_matrix(model, state);
-    let momentum = mass_matrix.chunks(model.nv()).map(|row| row.iter().zip(&state.qvel).map(|(m, v)| m * v).sum::<f64>());
+    let momentum =
+        mass_matrix.chunks(model.nv()).map(|row| row.iter().zip(&state.qvel).map(|(m, v)| m * v).sum::<f64>());
     0.5 * momentum.zip(&state.qvel).map(|(p, v)| p * v).sum::<f64>()
 }

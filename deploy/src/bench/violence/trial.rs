@@ -97,7 +97,8 @@ impl Trials {
         let tasks = Task::ALL.len() as u64;
         let (task, seed) = (Task::ALL[(run % tasks) as usize], run / tasks);
         let spec = SceneSpec::new(SceneKind::of(task), seed % 64, self.robot.gains(GainSet::Fiatlux));
-        let scene = Scene::build(&self.config, Arc::clone(&self.robot), spec).map_err(|e| BenchError::Scene(e.into()))?;
+        let scene =
+            Scene::build(&self.config, Arc::clone(&self.robot), spec).map_err(|e| BenchError::Scene(e.into()))?;
         start(Arc::new(scene), task, seed, &StartOptions::default()).map_err(|e| BenchError::Scene(e.into()))
     }
 
@@ -153,11 +154,7 @@ impl Trials {
 }
 
 /// Plays so many control steps, or until the state has left the plausible.
-fn play(
-    world: &mut World,
-    steps: usize,
-    mut draw: impl FnMut(usize, &mut [f64]),
-) -> Result<TrialReport, BenchError> {
+fn play(world: &mut World, steps: usize, mut draw: impl FnMut(usize, &mut [f64])) -> Result<TrialReport, BenchError> {
     let scene = Arc::clone(world.scene());
     let mut report = TrialReport { runs: 1, ..TrialReport::default() };
     let mut targets = world.row().joint_target.clone();

@@ -1,0 +1,91 @@
+//! What fingers, ladder, furniture and bulbs add to a step of a robot that has nothing to do with them.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use fiatlux_dynamics::{Dynamics, Input, State};
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::Bulb;
+use fiatlux_world::{PHYSICS_DT, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec};
+use nalgebra::Vector3;
+
+use super::case::{ANKLE_LEAN, FIRM_ANKLES};
+use super::{BenchError, RoomReport};
+
+/// The arms wave by so much, rad, so often, Hz.
+const WAVE: f64 = 0.3;
+const WAVE_RATE: f64 = 1.0;
+/// Physics steps before the first measurement, and in each; measurements of each scene, of which the best counts.
+const SETTLE: usize = 400;
+const STEPS: usize = 400;
+const ROUNDS: usize = 20;
+
+/// A robot that stands and waves its arms: the bare one on a floor, and the one with fingers in the whole room.
+pub(crate) fn run() -> Result<RoomReport, BenchError> {
+    eprintln!("bench: the whole room against a bare robot on a floor");
+    let mut bare = Waver::new("g1_bare", SceneParts::FLOOR)?;
+    let mut room = Waver::new("g1_inspire", SceneKind::CoupledLadder.into())?;
+    let (mut bare_us, mut room_us) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..ROUNDS {
+        bare_us = bare_us.min(bare.measure());
+        room_us = room_us.min(room.measure());
+    }
+    Ok(RoomReport { bare_us, room_us, ratio: room_us / bare_us })
+}
+
+struct Waver {
+    scene: Scene,
+    dynamics: Dynamics,
+    state: State,
+    targets: Vec<f64>,
+    step: usize,
+}
+
+impl Waver {
+    fn new(robot: &str, parts: SceneParts) -> Result<Self, BenchError> {
+        let robot = Arc::new(Robot::by_name(robot).map_err(|e| BenchError::Scene(e.into()))?);
+        let mut gains = robot.gains(GainSet::Fiatlux);
+        let ankles = (0..robot.joints().len()).filter(|&i| robot.joints()[i].name.contains("ankle"));
+        gains.scale(ankles, FIRM_ANKLES);
+        let spec = SceneSpec::new(parts, 0, gains);
+        let scene = Scene::build(&SceneConfig::default(), robot, spec).map_err(|e| BenchError::Scene(e.into()))?;
+        let mut state = scene.model.reference_state();
+        let world_from_pelvis = scene.layout.robot.world_from_place(scene.robot.standing_height());
+        state.set_pose(&scene.model, scene.robot_ids.root, &world_from_pelvis);
+        for (ids, &angle) in scene.robot_ids.joints.iter().zip(scene.robot.q0()) {
+            state.qpos[ids.qpos] = angle;
+        }
+        // Without the socket's hold the old bulb would fall, so it stands on the bench.
+        if let (Some(bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) {
+            let spot = bench.translation.vector + Vector3::new(-0.2, 0.0, scene.config.bench.surface_height);
+            state.set_pose(&scene.model, old_bulb, &scene.world_from_standing_bulb(Bulb::Old, spot));
+        }
+        let (dynamics, targets) = (Dynamics::new(&scene.model), vec![0.0; scene.robot.joints().len()]);
+        let mut waver = Self { scene, dynamics, state, targets, step: 0 };
+        waver.play(SETTLE);
+        Ok(waver)
+    }
+
+    /// Mean time of a step, us.
+    fn measure(&mut self) -> f64 {
+        let start = Instant::now();
+        self.play(STEPS);
+        start.elapsed().as_secs_f64() * 1e6 / STEPS as f64
+    }
+
+    fn play(&mut self, steps: usize) {
+        let (scene, robot) = (&self.scene, &self.scene.robot);
+        for _ in 0..steps {
+            let phase = std::f64::consts::TAU * WAVE_RATE * PHYSICS_DT * self.step as f64;
+            let wave = WAVE * libm::sin(phase);
+            for ((ids, joint), q0) in scene.robot_ids.joints.iter().zip(robot.joints()).zip(robot.q0()) {
+                let arm = ["shoulder", "elbow", "wrist"].iter().any(|part| joint.name.contains(part));
+                let lean = if joint.name.ends_with("ankle_pitch_joint") { ANKLE_LEAN } else { 0.0 };
+                self.targets[ids.drive] = q0 + lean + if arm { wave } else { 0.0 };
+            }
+            let input = Input { targets: &self.targets, ..Input::default() };
+            self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
+            self.step += 1;
+        }
+    }
+}
