@@ -306,7 +306,7 @@ fn check(info: SessionInfo) -> Result<SessionInfo, ClientError> {
         return refuse("its robot has no joints".into());
     }
     let numbers = info.joints.iter().flat_map(|j| [j.lower, j.upper, j.q0, j.stiffness, j.damping, j.effort_limit]);
-    if !numbers.chain([info.control_dt, info.action_scale]).all(f64::is_finite) {
+    if !numbers.chain([info.control_dt, info.action_scale, info.action_limit]).all(f64::is_finite) {
         return refuse("a number of its robot is not finite".into());
     }
     Ok(info)

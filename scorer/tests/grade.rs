@@ -5,7 +5,7 @@ mod common;
 use common::room::{OLD, take};
 use common::{Folder, Story, begin, header, result, rows, write};
 use fiatlux_proto::v3;
-use fiatlux_rules::Task;
+use fiatlux_rules::{BENCHMARK_VERSION, Task};
 use fiatlux_scorer::{Fault, GradeOptions, Grader, Results, ScoreError, grade, report, tables};
 
 fn grade_in(folder: &Folder, options: GradeOptions) -> Result<Results, ScoreError> {
@@ -119,23 +119,61 @@ fn benchmark_versions_do_not_share_a_table() {
     let folder = Folder::new("benchmarks");
     write(&bag(&folder, "a"), Task::S03, 0, Story::Falls(30));
     let all = rows(Task::S03, 1, Story::Falls(30));
-    let head = v3::EpisodeHeader { benchmark_version: 2, ..header(Task::S03, 1) };
+    let (this, another) = (BENCHMARK_VERSION, BENCHMARK_VERSION + 1);
+    let head = v3::EpisodeHeader { benchmark_version: another, ..header(Task::S03, 1) };
     begin(&bag(&folder, "b"), &head, &all).finish(&result(&head, &all)).expect("finished");
     let error = grade_in(&folder, GradeOptions::default()).expect_err("mixed").to_string();
-    assert!(error.contains("benchmark_version is 1 in a.mcap and 2 in b.mcap; grade them apart"), "{error}");
+    let expected = format!("benchmark_version is {this} in a.mcap and {another} in b.mcap; grade them apart");
+    assert!(error.contains(&expected), "{error}");
 
     std::fs::remove_file(bag(&folder, "a")).expect("removed");
     let other = graded(&folder);
-    assert_eq!((other.conditions.benchmark_version, other.conditions.standard), (2, false));
+    assert_eq!((other.conditions.benchmark_version, other.conditions.standard), (another, false));
     let written = [tables::text(&other), tables::latex(&other), other.to_json().expect("JSON")];
     for text in &written {
         // The text table wraps its lines.
         let words: Vec<&str> = text.split_whitespace().collect();
-        let said = "the rules are those of benchmark version 1, the episodes of 2";
-        assert!(words.join(" ").contains(said), "{text}");
+        let said = format!("the rules are those of benchmark version {this}, the episodes of {another}");
+        assert!(words.join(" ").contains(&said), "{text}");
     }
-    assert!(report::html(&other).contains("Benchmark version 2, NOT the standard protocol"));
-    assert!(tables::csv(&other).lines().nth(1).is_some_and(|line| line.ends_with(".mcap,2")));
+    assert!(report::html(&other).contains(&format!("Benchmark version {another}, NOT the standard protocol")));
+    assert!(tables::csv(&other).lines().nth(1).is_some_and(|line| line.ends_with(&format!(".mcap,{another}"))));
+}
+
+/// Rows of the benchmark's first version do not say how fast joints were: its own scorer grades them.
+#[test]
+fn bags_of_another_row_layout_are_refused_with_the_remedy() {
+    let folder = Folder::new("layouts");
+    let all = rows(Task::S03, 0, Story::Falls(30));
+    let head =
+        v3::EpisodeHeader { benchmark_version: 1, digest_layout: "fiatlux-row/2".into(), ..header(Task::S03, 0) };
+    begin(&bag(&folder, "old"), &head, &all).finish(&result(&head, &all)).expect("finished");
+    let results = graded(&folder);
+    assert!(results.episodes.is_empty() && results.has_data_loss());
+    assert_eq!(results.excluded[0].reason, Fault::Unreadable);
+    let detail = &results.excluded[0].detail;
+    assert!(
+        detail.contains("layout fiatlux-row/2, this scorer knows fiatlux-row/3; use the scorer of that"),
+        "{detail}"
+    );
+}
+
+/// An episode whose state left the plausible has a whole bag, and is a failure in every table, whatever its goal says.
+#[test]
+fn an_episode_that_diverged_is_graded_as_a_failure() {
+    let folder = Folder::new("diverged");
+    let (head, mut all) = (header(Task::S02, 0), rows(Task::S02, 0, Story::Succeeds(30)));
+    all.last_mut().expect("rows").joint_speed_peak = f64::INFINITY;
+    begin(&bag(&folder, "a"), &head, &all).finish(&result(&head, &all)).expect("finished");
+    let results = graded(&folder);
+    assert!(results.excluded.is_empty(), "{:?}", results.excluded);
+    let episode = &results.episodes[0];
+    assert_eq!((episode.end.as_str(), episode.success, episode.clean), ("diverged", false, false));
+    assert_eq!((episode.causes.as_slice(), episode.gate_progress), (["diverged".to_owned()].as_slice(), 0.0));
+    assert!(episode.notes.is_empty(), "{:?}", episode.notes);
+    assert!(tables::text(&results).contains("diverged 1"));
+    let page = report::html(&results);
+    assert!(page.contains("b-diverged\">diverged") && page.contains(".b-diverged {") && page.contains(".f-diverged {"));
 }
 
 /// A bag of a version before is refused by that version, not by what its fields lack.

@@ -31,7 +31,7 @@ pub enum CommandError {
         /// How many joints the robot has.
         expected: usize,
     },
-    /// NaN, infinite, or too large to be an action.
+    /// NaN or infinite, or, where the session has no bound, a joint target that is infinite in action units.
     #[error("{field} of joint '{name}' is not finite")]
     NotFinite {
         /// `action` or `joint_target`.
@@ -43,6 +43,22 @@ pub enum CommandError {
         /// The number.
         value: f64,
     },
+    /// Beyond `SessionInfo.action_limit`.
+    #[error("{field} of joint '{name}' is {value:?}; it must be from {low} to {high}")]
+    Range {
+        /// `action` or `joint_target`.
+        field: &'static str,
+        /// Index of the joint.
+        joint: usize,
+        /// Its name.
+        name: String,
+        /// The number.
+        value: f64,
+        /// The least that is taken.
+        low: f64,
+        /// The largest that is taken.
+        high: f64,
+    },
 }
 
 impl CommandError {
@@ -50,7 +66,16 @@ impl CommandError {
     pub fn field(&self) -> &'static str {
         match self {
             Self::Form { .. } => "action",
-            Self::Length { field, .. } | Self::NotFinite { field, .. } => field,
+            Self::Length { field, .. } | Self::NotFinite { field, .. } | Self::Range { field, .. } => field,
+        }
+    }
+
+    /// What its sender can do.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::Range { field: "action", .. } => "clip the action, whose usual range is [-1, 1]",
+            Self::Range { .. } => "clip joint targets to the limits of the joints",
+            _ => "fill one of action and joint_target with a finite number for each joint",
         }
     }
 }
@@ -59,7 +84,7 @@ impl Command {
     /// What an action that arrived asks for, checked against the session.
     ///
     /// # Errors
-    /// [`CommandError`]: the form, the length, or a number that is not finite.
+    /// [`CommandError`]: the form, the length, or a number that is not finite or out of range.
     pub fn of(action: &Action, info: &SessionInfo) -> Result<Self, CommandError> {
         let command = match (action.action.is_empty(), action.joint_target.is_empty()) {
             (false, true) => Self::Action(action.action.clone()),
@@ -72,7 +97,7 @@ impl Command {
     /// Whether a session takes it.
     ///
     /// # Errors
-    /// [`CommandError`]: the length, or a number that is not finite, in action units either.
+    /// [`CommandError`]: the length, or a number that is not finite or out of range.
     pub fn check(&self, info: &SessionInfo) -> Result<(), CommandError> {
         let (field, numbers) = match self {
             Self::Action(numbers) => ("action", numbers),
@@ -82,17 +107,23 @@ impl Command {
         if numbers.len() != joints.len() {
             return Err(CommandError::Length { field, found: numbers.len(), expected: joints.len() });
         }
-        let is_finite = |(number, joint): (&f64, &Joint)| match self {
-            Self::Action(_) => number.is_finite(),
-            Self::JointTarget(_) => ((number - joint.q0) / info.action_scale).is_finite(),
-        };
-        match numbers.iter().zip(joints).position(|pair| !is_finite(pair)) {
-            None => Ok(()),
-            Some(joint) => {
-                let name = joints[joint].name.clone();
-                Err(CommandError::NotFinite { field, joint, name, value: numbers[joint] })
+        // Without a bound, as from an older server, an action must still be finite.
+        let limit = if info.action_limit > 0.0 { info.action_limit } else { f64::MAX };
+        for (joint, (&value, Joint { name, q0, .. })) in numbers.iter().zip(joints).enumerate() {
+            let (middle, unit) = match self {
+                Self::Action(_) => (0.0, 1.0),
+                Self::JointTarget(_) => (*q0, info.action_scale),
+            };
+            let is_within = ((value - middle) / unit).abs() <= limit;
+            if !value.is_finite() || (!is_within && limit == f64::MAX) {
+                return Err(CommandError::NotFinite { field, joint, name: name.clone(), value });
+            }
+            if !is_within {
+                let (low, high) = (middle - unit * limit, middle + unit * limit);
+                return Err(CommandError::Range { field, joint, name: name.clone(), value, low, high });
             }
         }
+        Ok(())
     }
 
     /// The message that carries it.

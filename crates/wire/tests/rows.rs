@@ -22,6 +22,7 @@ fn full(draw: &mut Draw, step: u64) -> Row {
     row.attachments[0].steps_beyond = 3;
     row.attachments[1].steps_beyond = u32::MAX;
     row.unconverged = 2;
+    (row.retried, row.joint_speed_peak, row.penetration) = (3, 12.5, 0.004);
     row
 }
 
@@ -59,6 +60,15 @@ fn odd_numbers_come_back_bit_for_bit() {
     assert_eq!(back.joint_velocity[0].to_bits(), (-0.0_f64).to_bits());
 }
 
+/// Where a world went no further, the state is finite and the peak speed is not.
+#[test]
+fn a_row_of_a_world_that_stopped_comes_back() {
+    let mut row = full(&mut Draw(6), 8);
+    row.joint_speed_peak = f64::INFINITY;
+    let state = v3::State::decode(&state_message(&row).encode_to_vec()[..]).expect("decodes");
+    assert_eq!(read_row(&state, LAYOUT), Ok(row));
+}
+
 /// A message with one list too short or too long, or a part missing.
 type Spoil = (&'static str, fn(&mut v3::State));
 
@@ -82,6 +92,10 @@ fn other_shapes_are_refused() {
         ("robot has a number that is not finite", |s| body(&mut s.robot).position[0] = f64::INFINITY),
         ("ladder_force has a number that is not finite", |s| s.ladder_force[11] = f64::INFINITY),
         ("floor_force has a number that is not finite", |s| s.floor_force[0] = f64::NAN),
+        ("joint_speed_peak is NaN; it must be zero or above", |s| s.joint_speed_peak = f64::NAN),
+        ("joint_speed_peak is -1; it must be zero or above", |s| s.joint_speed_peak = -1.0),
+        ("penetration is -0.5; it must be zero or above", |s| s.penetration = -0.5),
+        ("penetration has a number that is not finite", |s| s.penetration = f64::INFINITY),
         ("robot is missing", |s| s.robot = None),
         ("ladder is missing", |s| s.ladder = None),
         ("old_bulb is missing", |s| s.old_bulb = None),

@@ -90,7 +90,7 @@ pub enum WorldError {
         joint: String,
     },
     /// An action is too large to be recorded.
-    #[error("action of joint '{joint}' is {value}; send numbers from -{ACTION_LIMIT} to {ACTION_LIMIT}")]
+    #[error("action of joint '{joint}' is {value:?}; send numbers from -{ACTION_LIMIT} to {ACTION_LIMIT}")]
     Action {
         /// Name of the joint.
         joint: String,

@@ -37,6 +37,7 @@ pub(super) fn words(name: &str) -> String {
 pub(super) fn cause_class(cause: &str) -> &'static str {
     match cause {
         "success" => "success",
+        "diverged" => "diverged",
         "fall" => "fall",
         "tip" => "tip",
         "crush" => "crush",

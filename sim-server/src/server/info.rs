@@ -5,7 +5,7 @@ use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo}
 use fiatlux_robot::{HandKind, JointGains, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Task};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
-use fiatlux_world::{ACTION_SCALE, Episode, RNG_NAME, Scene, SceneConfig};
+use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, RNG_NAME, Scene, SceneConfig};
 
 use super::plan::{GAINS, Plan};
 use fiatlux_wire::{domain_sample_message, footprint_messages, geometry_message};
@@ -89,6 +89,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
         action_scale: ACTION_SCALE,
+        action_limit: ACTION_LIMIT,
         gains: plan.gains.to_string(),
         image_width: plan.image_size[0] as u32,
         image_height: plan.image_size[1] as u32,

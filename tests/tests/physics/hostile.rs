@@ -61,7 +61,7 @@ fn absurd_but_finite_states_do_not_panic() {
             edit(&mut row);
             world.reset_to(&row).unwrap();
             for _ in 0..3 {
-                world.step(&[size; JOINTS], &[size; JOINTS]).unwrap();
+                world.step(&[0.0; JOINTS], &[size; JOINTS]).unwrap();
             }
         }
     }

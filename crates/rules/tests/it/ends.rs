@@ -225,6 +225,81 @@ fn working_height_is_a_diagnostic() {
     assert!(judge.summary().success && !judge.summary().reached_working_height);
 }
 
+/// Each bound from both sides, and numbers that are none.
+#[test]
+fn what_is_not_plausible_diverges() {
+    let within: [Change; 7] = [
+        |row| row.joint_speed_peak = 200.0,
+        |row| row.joint_velocity[52] = -1000.0,
+        |row| row.robot.linear_velocity = Vector3::new(12.0, -16.0, 0.0),
+        |row| row.ladder.linear_velocity.z = 20.0,
+        |row| row.bulbs[OLD].linear_velocity.x = 100.0,
+        |row| row.bulbs[NEW].linear_velocity.y = -100.0,
+        |row| row.bulbs[NEW].angular_velocity.z = 1e6,
+    ];
+    let beyond: [Change; 14] = [
+        |row| row.joint_speed_peak = 200.1,
+        |row| row.joint_speed_peak = f64::INFINITY,
+        |row| row.joint_speed_peak = f64::NAN,
+        |row| row.joint_velocity[52] = -1000.1,
+        |row| row.joint_velocity[0] = f64::NAN,
+        |row| row.joint_position[30] = f64::INFINITY,
+        |row| row.robot.linear_velocity = Vector3::new(12.0, -16.1, 0.0),
+        |row| row.robot.pose.translation.vector.x = f64::NAN,
+        |row| row.robot.angular_velocity.y = f64::NEG_INFINITY,
+        |row| row.ladder.linear_velocity.z = 20.1,
+        |row| row.ladder.pose.rotation.as_mut_unchecked().w = f64::NAN,
+        |row| row.bulbs[OLD].linear_velocity.x = 100.1,
+        |row| row.bulbs[NEW].linear_velocity.y = -100.1,
+        |row| row.bulbs[NEW].pose.translation.vector.z = f64::INFINITY,
+    ];
+    for task in Task::ALL {
+        for (i, change) in within.into_iter().enumerate() {
+            assert!(end_of(task, 3, change).is_none_or(|end| !end.causes.contains(Cause::Diverged)), "{task} {i}");
+        }
+        for (i, change) in beyond.into_iter().enumerate() {
+            assert_eq!(end_of(task, 3, change).map(|end| end.cause()), Some(Cause::Diverged), "{task} {i}");
+        }
+    }
+}
+
+/// It wins over a success of the same row, of which nothing counts, and takes back one that was not to end the episode.
+#[test]
+fn an_episode_that_diverges_is_never_a_success() {
+    for task in Task::ALL {
+        for end_on in [None, Some(Causes::NONE), Some(Causes::of(&[Cause::Success]))] {
+            for published_counting in [false, true] {
+                let mut judge = started(task, JudgeOptions { end_on, published_counting });
+                let window = u64::from(task.spec().gate.sustain_steps);
+                // The row that would complete the window; where that is the first, no criterion beyond the start's counts.
+                for step in 1..window {
+                    judge.advance(&row_at(step, &goal_of(task)));
+                }
+                let before = *judge.verdict();
+                let mut row = row_at(window, &goal_of(task));
+                row.joint_speed_peak = f64::INFINITY;
+                touch(&mut row, OLD, LEFT, 1e9);
+                row.robot.pose.translation.vector.z = 3.0;
+                let verdict = judge.advance(&row);
+                let end = verdict.end.expect("ended");
+                assert_eq!((end.step, end.cause(), end.is_terminated()), (window, Cause::Diverged, true), "{task}");
+                assert!(!verdict.success && !verdict.conditions.contains(Cause::Success), "{task}");
+                assert_eq!((verdict.progress, verdict.best_count), (before.progress, before.best_count), "{task}");
+                assert_eq!((verdict.broken, verdict.peak_hand_force_n), (before.broken, before.peak_hand_force_n));
+                assert_eq!(verdict.reached_working_height, before.reached_working_height);
+                assert_eq!(judge.first_met(Cause::Diverged), Some(window));
+                assert!(!judge.summary().success);
+            }
+        }
+    }
+    let mut judge = started(Task::S02, JudgeOptions { end_on: Some(Causes::NONE), ..JudgeOptions::default() });
+    assert!(judge.advance(&row_at(1, &goal_of(Task::S02))).success);
+    let mut row = row_at(2, &goal_of(Task::S02));
+    row.joint_speed_peak = 300.0;
+    assert!(!judge.advance(&row).success);
+    assert_eq!(judge.summary().end.map(|end| end.cause()), Some(Cause::Diverged));
+}
+
 /// Rows that are missing, repeated or out of order are no time in which a gate held, a bulb moved or was struck.
 #[test]
 fn nothing_is_carried_over_a_gap() {

@@ -89,6 +89,9 @@ impl SessionFailure {
             CommandError::Form { .. } => "without a number".into(),
             CommandError::Length { found, expected, .. } => format!("of {found} numbers, not {expected},"),
             CommandError::NotFinite { value, joint, .. } => format!("{value} for joint {joint}"),
+            CommandError::Range { value, joint, low, high, .. } => {
+                format!("{value:?} for joint {joint}, not from {low} to {high},")
+            }
         };
         Self::Command { field: error.field(), problem, step }
     }

@@ -198,6 +198,7 @@ fn a_command_that_no_server_takes_is_the_policys_error() {
     let commands = [
         (Command::Action(vec![0.0; 3]), "action of 3 numbers, not 2, in step 0"),
         (Command::JointTarget(vec![0.0, f64::NAN]), "joint_target NaN for joint 1 in step 0"),
+        (Command::Action(vec![1e155, 0.0]), "action 1e155 for joint 0, not from -1000 to 1000, in step 0"),
     ];
     for (command, part) in commands {
         let mut session = ClientSession::new(&info(2, false));

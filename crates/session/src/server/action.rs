@@ -141,8 +141,7 @@ impl<H: Host, R> ServerSession<H, R> {
         match Command::of(&action, &self.info) {
             Ok(command) => Some(ReceivedAction { action, command, at: now }),
             Err(error) => {
-                let remedy = "fill one of action and joint_target with a finite number for each joint";
-                self.refuse_action(NoticeCode::Value, error.field(), error.to_string(), remedy, now);
+                self.refuse_action(NoticeCode::Value, error.field(), error.to_string(), error.remedy(), now);
                 None
             }
         }

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use fiatlux_proto::v3::{Action, ActionRecord, EpisodeResult, Joint};
 
 use super::*;
-use crate::command::Command;
+use crate::command::{Command, CommandError};
 
 const NOW: Duration = Duration::from_secs(100);
 
@@ -59,8 +59,9 @@ impl Host for Counter {
 /// A session whose episode 0 was reset.
 fn running(host: Counter) -> ServerSession<Counter, ()> {
     let info = SessionInfo {
-        joints: vec![Joint::default(); 2],
+        joints: vec![Joint { name: "knee".into(), ..Joint::default() }; 2],
         action_scale: 0.5,
+        action_limit: 1e3,
         control_dt: 0.02,
         ..SessionInfo::default()
     };
@@ -129,10 +130,47 @@ fn a_host_that_fails_closes_its_session() {
     assert!(session.wake_at().is_some(), "it waits for a recorder");
 }
 
-/// Finite as a target, but not as an action.
+/// Finite as a target, but beyond what an action may be.
 #[test]
 fn a_target_that_is_no_action_does_not_reach_the_host() {
     let mut session = running(Counter::default());
-    act(&mut session, 0, vec![f64::MAX, 0.0]);
-    assert!(matches!(outputs(&mut session)[..], [Output::Notice(_)]));
+    for value in [f64::MAX, 1e155, -500.01] {
+        act(&mut session, 0, vec![0.5, value]);
+        let found = outputs(&mut session);
+        let [Output::Notice(notice)] = &found[..] else { panic!("{value}: {found:?}") };
+        let notice = Notice::decode(notice.clone()).expect("a notice");
+        assert_eq!((notice.code(), notice.field.as_str()), (NoticeCode::Value, "joint_target"));
+        let said = format!("joint_target of joint 'knee' is {value:?}; it must be from -500 to 500");
+        assert_eq!(notice.message, said);
+        assert_eq!(notice.remedy, "clip joint targets to the limits of the joints");
+    }
+    act(&mut session, 0, vec![0.5, -0.5]);
+    assert!(
+        matches!(outputs(&mut session)[..], [Output::Observation(_), Output::StepRecord(_)]),
+        "the episode goes on"
+    );
+}
+
+/// Bounds of both forms, from both sides, and without a bound.
+#[test]
+fn commands_have_a_bound() {
+    let joint = Joint { name: "knee".into(), q0: 0.25, ..Joint::default() };
+    let info = SessionInfo { joints: vec![joint], action_scale: 0.5, action_limit: 1e3, ..SessionInfo::default() };
+    let action = |number| Command::Action(vec![number]).check(&info);
+    let target = |number| Command::JointTarget(vec![number]).check(&info);
+    assert_eq!([action(1e3), action(-1e3), target(500.25), target(-499.75)], [Ok(()), Ok(()), Ok(()), Ok(())]);
+    for number in [1000.1, -1000.1, 1e155, f64::MAX] {
+        let error = action(number).expect_err("too large");
+        assert_eq!(error.to_string(), format!("action of joint 'knee' is {number:?}; it must be from -1000 to 1000"));
+        assert_eq!((error.field(), error.remedy()), ("action", "clip the action, whose usual range is [-1, 1]"));
+    }
+    for number in [500.3, -499.8] {
+        let error = target(number).expect_err("too large").to_string();
+        assert_eq!(error, format!("joint_target of joint 'knee' is {number:?}; it must be from -499.75 to 500.25"));
+    }
+    assert!(matches!(action(f64::NAN), Err(CommandError::NotFinite { .. })));
+    let unbounded = SessionInfo { action_limit: 0.0, ..info.clone() };
+    assert_eq!(Command::Action(vec![1e155]).check(&unbounded), Ok(()));
+    let error = Command::JointTarget(vec![f64::MAX]).check(&unbounded);
+    assert!(matches!(error, Err(CommandError::NotFinite { .. })));
 }

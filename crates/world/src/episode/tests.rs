@@ -75,6 +75,13 @@ fn a_refused_command_changes_nothing() {
     // Finite as a target, but not as an action.
     bad[7] = f64::MAX;
     assert!(matches!(episode.step(&episode.action_for(&bad)), Err(EpisodeError::World(WorldError::Joint { .. }))));
+    for value in [1e155, -1000.1] {
+        let mut bad = [0.0; JOINTS];
+        bad[3] = value;
+        let error = episode.step(&bad).unwrap_err();
+        let expected = WorldError::Action { joint: "left_knee_joint".into(), value };
+        assert_eq!(error, EpisodeError::World(expected));
+    }
     assert_eq!((episode.row().step, episode.digest().hex()), (0, before));
     assert_eq!(episode.row().joint_position.len(), JOINTS);
 }
@@ -96,6 +103,21 @@ fn an_episode_ends_once() {
     assert_eq!(episode.summary().steps, steps);
     let error = episode.step(&[0.0; JOINTS]).unwrap_err();
     assert_eq!(error, EpisodeError::Ended { step: steps });
+}
+
+/// The largest action that is taken leaves every sum finite.
+#[test]
+fn the_largest_action_can_be_recorded() {
+    let spec = EpisodeSpec { variant: Variant::Training, ..EpisodeSpec::new(Task::S07, 0, 0) };
+    let mut episode = Episode::start(scene(&spec), &spec).unwrap();
+    for step in 0..20 {
+        let size = if step % 2 == 0 { crate::ACTION_LIMIT } else { -crate::ACTION_LIMIT };
+        if episode.step(&[size; JOINTS]).is_err() {
+            break;
+        }
+        assert!(episode.reward().is_finite());
+    }
+    assert_eq!(episode.summary().control_effort, JOINTS as f64 * 1e6);
 }
 
 #[test]

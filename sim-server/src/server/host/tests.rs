@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use fiatlux_bag::{Bag, BagWriter, Completeness};
 use fiatlux_proto::v3::{
     Action, ActionRecord, CloseRequest, EpisodeResult, LookReply, LookRequest, Notice, OpenRequest, ResetReply,
     ResetRequest, Sensor, State, StepRecord, StepRecordAck, StepRecordRequest, look_reply, notice, reset_reply,
@@ -10,6 +11,7 @@ use fiatlux_proto::v3::{
 use fiatlux_proto::{Bytes, PROTOCOL, limits};
 use fiatlux_session::server::{Input, MAX_EVENTS, Output, Timeouts};
 use fiatlux_session::{Machine, ServerSession};
+use fiatlux_wire::read_row;
 use fiatlux_world::SceneConfig;
 
 use super::*;
@@ -238,6 +240,8 @@ fn wrong_actions_are_refused_and_recorded() {
         (Action { action: nan(zeros()), ..good.clone() }, Value, "action"),
         (Action { action: vec![], joint_target: nan(zeros()), ..good.clone() }, Value, "joint_target"),
         (Action { action: vec![], joint_target: vec![f64::MAX; JOINTS], ..good.clone() }, Value, "joint_target"),
+        (Action { action: vec![1e155; JOINTS], ..good.clone() }, Value, "action"),
+        (Action { action: vec![-1000.1; JOINTS], ..good.clone() }, Value, "action"),
     ];
     let count = cases.len();
     for (action, code, field) in cases {
@@ -252,6 +256,39 @@ fn wrong_actions_are_refused_and_recorded() {
     assert_eq!(harness.record().events.len(), count + 1);
     harness.send(&Action { step: 1, ..good });
     assert!(harness.record().events.is_empty());
+}
+
+/// Whatever is sent, the bag of the episode can be closed and read.
+#[test]
+fn the_wildest_actions_leave_a_whole_bag() {
+    let mut harness = harness(OpenRequest::default());
+    harness.reset(0);
+    let first = harness.record();
+    let path = std::env::temp_dir().join(format!("fiatlux-wild-{}.mcap", std::process::id()));
+    let mut writer = BagWriter::create(&path, first.header.as_ref().unwrap()).unwrap();
+    writer.push(&first).unwrap();
+    let result = loop {
+        let step = writer.next_step() - 1;
+        let of_size = |size: f64| Action { step, action: vec![size; JOINTS], ..Action::default() };
+        harness.now += Duration::from_secs(1);
+        assert_eq!(harness.send(&of_size(1e155)), [notice_of(notice::Code::Value)]);
+        let notice = harness.notice();
+        assert!(notice.message.contains("is 1e155; it must be from -1000 to 1000"), "{}", notice.message);
+        harness.send(&of_size(if step % 2 == 0 { 1e3 } else { -1e3 }));
+        let record = harness.record();
+        writer.push(&record).unwrap();
+        if let Some(result) = record.result {
+            break result;
+        }
+    };
+    assert_eq!(result.control_effort, JOINTS as f64 * 1e6);
+    let path = writer.finish(&result).unwrap();
+    let bag = Bag::open(&path).unwrap();
+    assert_eq!((bag.completeness(), bag.result()), (&Completeness::Whole, Some(&result)));
+    let layout = harness.session.host().built.scene.robot_layout();
+    let rows: Vec<_> = bag.states().map(|state| read_row(&state.unwrap(), layout).unwrap()).collect();
+    assert_eq!(rows.len() as u64, result.end.unwrap().steps + 1);
+    std::fs::remove_file(path).unwrap();
 }
 
 #[test]

@@ -184,6 +184,25 @@ fn success_of_the_errand_takes_both_bulbs() {
     assert_eq!((meter.last("success_bonus"), meter.last("robot_fall")), (10.0, -4.0));
 }
 
+/// Success in a row that diverges does not pay, nor does anything else of that row but its failures.
+#[test]
+fn a_row_that_diverges_pays_its_failures_alone() {
+    for (task, variant) in
+        [(Task::Replace, Variant::Benchmark), (Task::Climb, Variant::Benchmark), (Task::S05, Variant::Training)]
+    {
+        let mut wild = goal_of(task);
+        wild.robot.linear_velocity = Vector3::new(1e9, 0.0, 0.0);
+        wild.robot.angular_velocity = Vector3::repeat(1e9);
+        wild.joint_velocity.fill(1e9);
+        topple(&mut wild);
+        let meter = play(task, variant, &[&start_of(task), &wild]);
+        for (name, paid) in &meter.paid {
+            let expected = if ["diverged", "robot_fall"].contains(name) { -4.0 } else { 0.0 };
+            assert_eq!(*paid, expected, "{task} {name}");
+        }
+    }
+}
+
 /// What a socket still holds is not disposed of, wherever the socket is.
 #[test]
 fn a_seated_bulb_is_not_disposed_of() {

@@ -220,6 +220,7 @@ fn perfect_errand() {
         ("old_bulb_dropped", 0.0),
         // Two bodies at 6 N.
         ("contact_penalty", -1e-3 * 72.0 * gripping),
+        ("diverged", 0.0),
         ("com_sway", -0.1 * sway),
         // Three climbs, each with 4 s at 0.2 rad/s.
         ("ang_vel_xy", -0.05 * 3.0 * 4.0 * 0.04),
@@ -262,6 +263,7 @@ fn perfect_climb() {
             ("limb_contact", 0.25 * 0.75 * 8.52),
             ("success_bonus", 10.0),
             ("robot_fall", 0.0),
+            ("diverged", 0.0),
             ("com_sway", -0.5 * (0.0625 / 4.0 + 0.25 / 4.0)),
             ("ang_vel_xy", 0.0),
             ("action_rate", 0.0),

@@ -231,26 +231,32 @@ fn records_pay_each_centimetre_once() {
     }
 }
 
-/// What is not finite pays nothing, and leaves no trace: rows of junk between two good ones change no sum of a potential,
-/// and a record goes on from where it was.
+/// What is measured and not finite pays nothing, and leaves no trace: rows of junk between two good ones change no sum of a
+/// potential, and a record goes on from where it was. A state that is not finite ends the episode and pays failures alone.
 #[test]
 fn what_is_not_finite_pays_nothing() {
     for junk in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         for task in Task::ALL {
             let (start, goal) = (start_of(task), goal_of(task));
-            let mut spoilt = goal.clone();
-            for body in [&mut spoilt.robot, &mut spoilt.ladder].into_iter().chain(&mut spoilt.bulbs) {
+            let mut spoilt = start.clone();
+            spoilt.com_velocity.fill(junk);
+            spoilt.palm_position = [Vector3::repeat(junk); 2];
+            spoilt.hand_force.iter_mut().flatten().chain(&mut spoilt.ladder_force).for_each(|force| force.fill(junk));
+            spoilt.action.fill(junk);
+            let mut wild = spoilt.clone();
+            for body in [&mut wild.robot, &mut wild.ladder].into_iter().chain(&mut wild.bulbs) {
                 body.pose.translation.vector.fill(junk);
                 body.pose.rotation.as_mut_unchecked().coords.fill(junk);
                 body.angular_velocity.fill(junk);
             }
-            spoilt.com_velocity.fill(junk);
-            spoilt.palm_position = [Vector3::repeat(junk); 2];
-            spoilt.hand_force.iter_mut().flatten().chain(&mut spoilt.ladder_force).for_each(|force| force.fill(junk));
-            for numbers in [&mut spoilt.joint_position, &mut spoilt.joint_velocity, &mut spoilt.action] {
-                numbers.fill(junk);
-            }
-            spoilt.attachments = start.attachments;
+            wild.joint_position.fill(junk);
+            wild.joint_velocity.fill(junk);
+            let mut meter = Meter::endless(task, Variant::Training, &start);
+            meter.show(&row_at(1, &wild));
+            assert!(meter.rewards.reward().is_finite(), "{task} {junk}");
+            assert!(meter.paid.iter().all(|(_, paid)| *paid <= 0.0), "{task} {junk}: {:?}", meter.paid);
+            assert_eq!(meter.paid("diverged"), -4.0, "{task} {junk}");
+
             let mut meter = Meter::endless(task, Variant::Training, &start);
             meter.show(&row_at(1, &spoilt));
             assert!(meter.rewards.reward().is_finite(), "{task} {junk}");

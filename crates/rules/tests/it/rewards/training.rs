@@ -165,7 +165,7 @@ fn terms_and_weights_are_those_of_the_table() {
         let rewards = Rewards::new(&judge(task), Variant::Training);
         let mut terms: Vec<_> = rewards.terms().iter().map(|term| (term.name, term.weight)).collect();
         let mut expected = SHARED.to_vec();
-        expected.extend(charges(task).iter().map(|name| (*name, -200.0)));
+        expected.extend(charges(task).iter().chain(&["diverged"]).map(|name| (*name, -200.0)));
         expected.extend(own_terms(task).iter().map(|(name, weight, _, _)| (*name, *weight)));
         for list in [&mut terms, &mut expected] {
             list.sort_by(|a, b| a.0.cmp(b.0));
@@ -181,7 +181,7 @@ fn terms_and_weights_are_those_of_the_table() {
 #[test]
 fn failures_are_charged_once() {
     for task in Task::SUBTASKS {
-        for name in charges(task) {
+        for name in charges(task).iter().chain(&["diverged"]) {
             let start = start_of(task);
             let mut bad = start.clone();
             match *name {
@@ -190,6 +190,7 @@ fn failures_are_charged_once() {
                 "bulb_crushed" => [OLD, NEW].into_iter().for_each(|bulb| touch(&mut bad, bulb, LEFT, 50.5)),
                 "bulb_dropped" => bad.bulbs = [body(at([0.0, 1.0, 0.14])); 2],
                 "bulb_unseated" => bad.attachments[NEW].seated = false,
+                "diverged" => bad.joint_speed_peak = 201.0,
                 other => panic!("{other}"),
             }
             if *name == "bulb_dropped" {
@@ -210,7 +211,7 @@ fn charges_follow_what_ends_the_task() {
     let options = JudgeOptions { end_on: Some(Causes::of(&[Cause::Impact])), ..JudgeOptions::default() };
     let rewards = Rewards::new(&judge_with(Task::S11, options), Variant::Training);
     let charged = rewards.terms().iter().filter(|term| term.weight == -200.0).map(|term| term.name);
-    assert!(charged.eq(["bulb_impact"]));
+    assert!(charged.eq(["diverged", "bulb_impact"]));
 }
 
 /// Either variant pays gate progress as it is, 1 for a run that ends in the goal, and the training variant the bonus.

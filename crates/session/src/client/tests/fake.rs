@@ -22,6 +22,7 @@ pub fn info(joints: usize, real_time: bool) -> SessionInfo {
         grace_s: 10.0,
         resend_s: 0.2,
         action_scale: 0.5,
+        action_limit: 1e3,
         ..SessionInfo::default()
     }
 }
