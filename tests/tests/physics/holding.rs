@@ -91,7 +91,8 @@ fn every_task_goes_on_for_a_second_as_in_mujoco() {
         let input = Input { targets: &scene.targets, ..Input::default() };
         assert_eq!((held.rows.len(), held.gaps.len()), (10, 6), "{task}");
         let compared = compared(&held.bodies);
-        let (mut widest, mut most, mut closest) = (vec![0.0_f64; compared.len()], vec![0.0_f64; compared.len()], 0.0_f64);
+        let (mut widest, mut most, mut closest) =
+            (vec![0.0_f64; compared.len()], vec![0.0_f64; compared.len()], 0.0_f64);
         for (index, row) in held.rows.iter().enumerate() {
             for _ in 0..(0.1 / PHYSICS_DT).round() as usize {
                 dynamics.step(&scene.model, &mut state, &input, PHYSICS_DT);
