@@ -5,14 +5,14 @@ use std::sync::Arc;
 use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
 use fiatlux_policy::balance::{Balance, Sensed};
 use fiatlux_robot::{GainSet, HandKind, Robot};
-use fiatlux_rules::{AttachmentRow, BodyRow, Bulb};
-use fiatlux_sensing::{Observer, Proprioception};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row};
+use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
 use nalgebra::{Isometry3, Vector3};
 
 use super::BenchError;
 
-/// Control steps under the balance controller before a robot counts as settled, and those that a case lasts.
+/// Control steps under the balance controller before a robot counts as settled, and those of a second, which a case lasts.
 const SETTLE: usize = 500;
 const SECOND: usize = 50;
 /// How far the pelvis of a robot that stands may move within a case, m.
@@ -36,8 +36,8 @@ pub struct Case {
     pub model: Arc<Model>,
     /// Start.
     pub start: State,
-    /// Joint targets, rad, held all along.
-    pub targets: Vec<f64>,
+    /// Joint targets by drive, rad, one set for each control step; the last is held.
+    pub targets: Vec<Vec<f64>>,
     /// Physics steps from the start.
     pub steps: usize,
 }
@@ -57,9 +57,9 @@ pub fn cases() -> Result<Vec<Case>, BenchError> {
 /// A world in which the robot of `standing` stands, and its joint targets, rad in the public order.
 pub(crate) fn standing_world() -> Result<(World, Vec<f64>), BenchError> {
     let stage = Stage::new()?;
-    let world = stage.balanced("many worlds", &stage.joint_q0)?;
-    let targets = world.row().joint_target.clone();
-    Ok((world, targets))
+    let standing = stage.balanced("many worlds", &stage.joint_q0)?;
+    let targets = standing.world.row().joint_target.clone();
+    Ok((standing.world, targets))
 }
 
 /// Pushed over before the ladder: one second from the first touch.
@@ -173,9 +173,8 @@ impl Stage {
         Ok(Self { model, scene, start, q0, joint_q0, world_from_pelvis, world_from_old_bulb })
     }
 
-    /// A world in which the robot has come to rest under the balance controller, its upper body at the `staged` targets, rad
-    /// in the public order.
-    fn balanced(&self, case: &'static str, staged: &[f64]) -> Result<World, BenchError> {
+    /// The robot settled under the balance controller, its upper body at the `staged` targets, rad in the public order.
+    fn balanced(&self, case: &'static str, staged: &[f64]) -> Result<Standing, BenchError> {
         let failed = |problem: String| BenchError::Start { case, problem };
         let robot = &self.scene.robot;
         let mut world = World::new(self.scene.clone());
@@ -186,50 +185,48 @@ impl Stage {
         row.attachments = [AttachmentRow { seated: false, steps_beyond: 0 }; 2];
         world.reset_to(&row).map_err(|e| failed(e.to_string()))?;
 
-        let mut balance = Balance::new(robot.clone(), self.scene.spec.gains.clone(), &self.joint_q0, staged)
+        let balance = Balance::new(robot.clone(), self.scene.spec.gains.clone(), &self.joint_q0, staged)
             .map_err(|e| failed(e.to_string()))?;
-        let mut observer = Observer::new(self.joint_q0.clone(), None);
-        let mut seen = Proprioception::zeros(staged.len());
-        let action = vec![0.0; staged.len()];
+        let observer = Observer::new(self.joint_q0.clone(), Some(NoiseSeed { seed: 0, episode: 0 }));
+        let mut standing = Standing { world, balance, observer };
         for _ in 0..SETTLE {
-            observer.observe(world.row(), &mut seen);
-            let sensed = Sensed {
-                base_angular_velocity: seen.base_angular_velocity,
-                projected_gravity: seen.projected_gravity,
-                base_linear_velocity: seen.base_linear_velocity,
-                joint_position: &seen.joint_position,
-            };
-            let targets = balance.step(&sensed).map_err(|e| failed(e.to_string()))?;
-            world.step(&action, targets).map_err(|e| failed(e.to_string()))?;
+            standing.step().map_err(failed)?;
         }
-        self.check_pelvis(case, world.state(), "above", |z| z > STANDING)?;
-        Ok(world)
+        self.check_pelvis(case, standing.world.state(), "above", |z| z > STANDING)?;
+        Ok(standing)
     }
 
-    /// The robot of [`Stage::balanced`]. MuJoCo has no controller, so each simulator holds the last targets for the second
-    /// that is measured. Such a robot would tip over in the end; within that second it must stay where it is.
+    /// The robot of [`Stage::balanced`] for a second more. Its targets are recorded: each simulator replays them, for MuJoCo
+    /// has no controller. Without one the robot would tip over in the end; within the second it must stay where it is.
     fn standing_case(&self, name: &'static str, staged: &[f64]) -> Result<Case, BenchError> {
-        let world = self.balanced(name, staged)?;
-        let mut targets = self.q0.clone();
-        for (ids, &target) in self.scene.robot_ids.joints.iter().zip(&world.row().joint_target) {
-            targets[ids.drive] = target;
+        let mut standing = self.balanced(name, staged)?;
+        let start = standing.world.state().clone();
+        let mut record = Vec::new();
+        for _ in 0..SECOND {
+            let row = standing.step().map_err(|problem| BenchError::Start { case: name, problem })?;
+            let mut targets = self.q0.clone();
+            for (ids, &target) in self.scene.robot_ids.joints.iter().zip(&row.joint_target) {
+                targets[ids.drive] = target;
+            }
+            record.push(targets);
         }
-        let case = self.case(name, world.state().clone(), &targets);
-        let mut end = case.start.clone();
-        self.play(&mut end, &targets, case.steps as f64 * PHYSICS_DT, |_, _| {});
+        let case = Case { targets: record, ..self.case(name, start, &self.q0) };
+        let (mut dynamics, mut end) = (Dynamics::new(&self.model), case.start.clone());
+        for step in 0..case.steps {
+            case.step(&mut dynamics, &mut end, step);
+        }
         let at = self.scene.robot_ids.root_qpos;
         let pelvis = |state: &State| Vector3::from_column_slice(&state.qpos[at..at + 3]);
         let moved = (pelvis(&end) - pelvis(&case.start)).norm();
         if moved > STILL {
-            let problem =
-                format!("the pelvis moved by {moved:.4} m while the targets were held; less than {STILL} m expected");
+            let problem = format!("the pelvis moved by {moved:.4} m in a second; less than {STILL} m expected");
             return Err(BenchError::Start { case: name, problem });
         }
         Ok(case)
     }
 
     fn case(&self, name: &'static str, start: State, targets: &[f64]) -> Case {
-        Case { name, model: self.model.clone(), start, targets: targets.to_vec(), steps: SECOND * SUBSTEPS }
+        Case { name, model: self.model.clone(), start, targets: vec![targets.to_vec()], steps: SECOND * SUBSTEPS }
     }
 
     /// Steps for that time; `look` sees the state before each step and the world after it.
@@ -264,10 +261,35 @@ impl Stage {
     }
 }
 
+/// A robot that stands by the balance controller and what it senses, with the published noise.
+struct Standing {
+    world: World,
+    balance: Balance,
+    observer: Observer,
+}
+
+impl Standing {
+    /// A control step; an error says what failed.
+    fn step(&mut self) -> Result<&Row, String> {
+        let mut seen = Proprioception::zeros(0);
+        self.observer.observe(self.world.row(), &mut seen);
+        let sensed = Sensed {
+            base_angular_velocity: seen.base_angular_velocity,
+            projected_gravity: seen.projected_gravity,
+            base_linear_velocity: seen.base_linear_velocity,
+            joint_position: &seen.joint_position,
+        };
+        let targets = self.balance.step(&sensed).map_err(|e| e.to_string())?;
+        let action = vec![0.0; targets.len()];
+        self.world.step(&action, targets).map_err(|e| e.to_string())
+    }
+}
+
 impl Case {
-    /// One physics step.
-    pub(crate) fn step(&self, dynamics: &mut Dynamics, state: &mut State) -> StepReport {
-        dynamics.step(&self.model, state, &Input { targets: &self.targets, ..Input::default() }, PHYSICS_DT)
+    /// Physics step `number` of the case.
+    pub(crate) fn step(&self, dynamics: &mut Dynamics, state: &mut State, number: usize) -> StepReport {
+        let targets = &self.targets[(number / SUBSTEPS).min(self.targets.len() - 1)];
+        dynamics.step(&self.model, state, &Input { targets, ..Input::default() }, PHYSICS_DT)
     }
 }
 
@@ -284,7 +306,7 @@ mod tests {
             let (mut dynamics, mut state) = (Dynamics::new(&case.model), case.start.clone());
             let mut sum = 0;
             for step in 0..case.steps {
-                let report = case.step(&mut dynamics, &mut state);
+                let report = case.step(&mut dynamics, &mut state, step);
                 assert!(report.converged, "{}: step {step} did not converge", case.name);
                 sum += report.contacts;
             }
