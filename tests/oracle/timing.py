@@ -18,6 +18,7 @@ def add_arguments(parser):
         "--states",
         help="JSON list of {name, qpos, qvel, targets, steps} in our terms; without it the scene's own start state",
     )
+    parser.add_argument("--targets", help="JSON {hold, targets}: sets of targets, each for `hold` steps, the last for good")
     parser.add_argument("--steps", type=int, default=200, help="steps from each start where a state names none")
     parser.add_argument("--repeats", type=int, default=20, help="timed runs from the same start")
 
@@ -28,8 +29,11 @@ def run(args):
     scene.reset()
     own = {"name": Path(args.scene).stem, "qpos": scene.qpos(), "qvel": scene.qvel(), "targets": scene.d.ctrl.copy()}
     states = json.loads(Path(args.states).read_text()) if args.states else [own]
+    played = json.loads(Path(args.targets).read_text()) if args.targets else None
     cases = []
     for state in states:
+        if played:
+            state = {**state, **played}
         steps = state.get("steps", args.steps)
         case = {"name": state["name"], "steps": steps, "repeats": args.repeats}
         with_defaults = Scene.load(args.scene)
@@ -61,12 +65,26 @@ def time_case(scene, state, steps, repeats):
     def start():
         scene.reset()
         scene.set_state(state["qpos"], state["qvel"])
-        d.ctrl[:] = state["targets"]
+
+    def play(begin, count):
+        """Takes steps under the targets that hold at step `begin` and, where there are sets of them, later."""
+        if "hold" not in state:
+            d.ctrl[:] = state["targets"]
+            mujoco.mj_step(m, d, count)
+            return
+        sets, hold = state["targets"], state["hold"]
+        while count > 0:
+            index = begin // hold
+            if index < len(sets):
+                d.ctrl[:] = sets[index]
+            now = count if index >= len(sets) - 1 else min(count, hold - begin % hold)
+            mujoco.mj_step(m, d, now)
+            begin, count = begin + now, count - now
 
     contacts, rows, iterations = [], [], []
     start()
-    for _ in range(steps):
-        mujoco.mj_step(m, d)
+    for step in range(steps):
+        play(step, 1)
         contacts.append(d.ncon)
         rows.append(d.nefc)
         iterations.append(d.solver_niter[: max(1, d.nisland)].sum())
@@ -75,7 +93,7 @@ def time_case(scene, state, steps, repeats):
     for _ in range(repeats):
         start()
         begin = time.perf_counter_ns()
-        mujoco.mj_step(m, d, steps)
+        play(0, steps)
         micros.append((time.perf_counter_ns() - begin) / 1e3 / steps)
     return {
         "mean_us": round(float(np.mean(micros)), 3),

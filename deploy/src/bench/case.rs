@@ -3,18 +3,20 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
+use fiatlux_policy::balance::{Balance, Sensed};
 use fiatlux_robot::{GainSet, HandKind, Robot};
-use fiatlux_rules::Bulb;
-use fiatlux_world::{PHYSICS_DT, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row};
+use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
+use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
 use nalgebra::{Isometry3, Vector3};
 
 use super::BenchError;
 
-/// Stiffness and damping of the ankles, in units of their own, with which the robot stands without a controller.
-pub(super) const FIRM_ANKLES: f64 = 8.0;
-/// How far their pitch targets are from q0, rad: the lever of the weight before the ankles needs as much. Without it even
-/// firm ankles let the robot tip over its toes, in MuJoCo too.
-pub(super) const ANKLE_LEAN: f64 = 0.06;
+/// Control steps under the balance controller before a robot counts as settled, and those of a second, which a case lasts.
+const SETTLE: usize = 500;
+const SECOND: usize = 50;
+/// How far the pelvis of a robot that stands may move within a case, m.
+const STILL: f64 = 0.01;
 /// Where the robot stands before it falls onto the ladder, in the ladder's frame: before the treads, m.
 const BEFORE_LADDER: [f64; 2] = [0.0, -0.85];
 /// Speed towards the ladder with which that fall begins, m/s.
@@ -34,48 +36,30 @@ pub struct Case {
     pub model: Arc<Model>,
     /// Start.
     pub start: State,
-    /// Joint targets, rad, held all along.
-    pub targets: Vec<f64>,
+    /// Joint targets by drive, rad, one set for each control step; the last is held.
+    pub targets: Vec<Vec<f64>>,
     /// Physics steps from the start.
     pub steps: usize,
 }
 
 /// All cases, `standing` first. Each holds the whole scene of layout seed 0: room, bench with both bulbs standing on it,
-/// crate, fixture, ladder below it, robot.
+/// crate, fixture, ladder below it, robot. Gains are the published ones.
 ///
 /// # Errors
 /// The scene cannot be built, or a start state does not come about.
 pub fn cases() -> Result<Vec<Case>, BenchError> {
-    let firm = Stage::new(FIRM_ANKLES)?;
-    let soft = Stage::new(1.0)?;
-    let standing = standing(&firm)?;
-    let fist = hand_closed_on_nothing(&firm, &standing)?;
-    Ok(vec![standing, fall_onto_ladder(&soft)?, lying(&soft)?, free_fall(&soft)?, fist])
-}
-
-/// The robot at q0 on firm ankles, settled.
-fn standing(stage: &Stage) -> Result<Case, BenchError> {
-    let name = "standing";
-    let (mut start, mut targets) = (stage.start.clone(), stage.q0.clone());
-    for (target, ids) in stage.standing_targets().into_iter().zip(&stage.scene.robot_ids.joints) {
-        targets[ids.drive] = target;
-    }
-    stage.play(&mut start, &targets, 5.0, |_, _| {});
-    stage.check_pelvis(name, &start, "above", |z| z > STANDING)?;
-    Ok(stage.case(name, start, &targets))
+    let stage = Stage::new()?;
+    let standing = stage.standing_case("standing", &stage.joint_q0)?;
+    let fist = hand_closed_on_nothing(&stage)?;
+    Ok(vec![standing, fall_onto_ladder(&stage)?, lying(&stage)?, free_fall(&stage)?, fist])
 }
 
 /// A world in which the robot of `standing` stands, and its joint targets, rad in the public order.
 pub(crate) fn standing_world() -> Result<(World, Vec<f64>), BenchError> {
-    let stage = Stage::new(FIRM_ANKLES)?;
-    let targets = stage.standing_targets();
-    let mut world = World::new(stage.scene.clone());
-    let action = vec![0.0; targets.len()];
-    for _ in 0..250 {
-        world.step(&action, &targets).map_err(|e| BenchError::Scene(e.into()))?;
-    }
-    stage.check_pelvis("many worlds", world.state(), "above", |z| z > STANDING)?;
-    Ok((world, targets))
+    let stage = Stage::new()?;
+    let standing = stage.balanced("many worlds", &stage.joint_q0)?;
+    let targets = standing.world.row().joint_target.clone();
+    Ok((standing.world, targets))
 }
 
 /// Pushed over before the ladder: one second from the first touch.
@@ -86,7 +70,7 @@ fn fall_onto_ladder(stage: &Stage) -> Result<Case, BenchError> {
     let [x, y] = BEFORE_LADDER;
     let ladder_from_pelvis = Isometry3::new(Vector3::new(x, y, 0.0), Vector3::z() * std::f64::consts::FRAC_PI_2);
     let mut world_from_pelvis = scene.world_from_ladder * ladder_from_pelvis;
-    world_from_pelvis.translation.z = stage.standing_height;
+    world_from_pelvis.translation.z = stage.world_from_pelvis.translation.z;
     state.set_pose(&scene.model, scene.robot_ids.root, &world_from_pelvis);
     let push = world_from_pelvis.rotation * Vector3::new(PUSH, 0.0, 0.0);
     state.qvel[scene.robot_ids.root_dof..scene.robot_ids.root_dof + 3].copy_from_slice(push.as_slice());
@@ -140,18 +124,14 @@ fn free_fall(stage: &Stage) -> Result<Case, BenchError> {
 }
 
 /// Standing, the right hand closed to a fist.
-fn hand_closed_on_nothing(stage: &Stage, standing: &Case) -> Result<Case, BenchError> {
-    let (scene, name) = (&stage.scene, "hand closed on nothing");
-    let mut targets = standing.targets.clone();
-    for (joint, ids) in scene.robot.joints().iter().zip(&scene.robot_ids.joints) {
+fn hand_closed_on_nothing(stage: &Stage) -> Result<Case, BenchError> {
+    let mut staged = stage.joint_q0.clone();
+    for (joint, target) in stage.scene.robot.joints().iter().zip(&mut staged) {
         if joint.name.starts_with("R_") {
-            targets[ids.drive] = joint.lower + 0.9 * (joint.upper - joint.lower);
+            *target = joint.lower + 0.9 * (joint.upper - joint.lower);
         }
     }
-    let mut start = standing.start.clone();
-    stage.play(&mut start, &targets, 1.0, |_, _| {});
-    stage.check_pelvis(name, &start, "above", |z| z > STANDING)?;
-    Ok(stage.case(name, start, &targets))
+    stage.standing_case("hand closed on nothing", &staged)
 }
 
 /// The scene with both bulbs on the bench and the robot at q0 in its zone.
@@ -159,18 +139,18 @@ struct Stage {
     scene: Arc<Scene>,
     model: Arc<Model>,
     start: State,
+    /// Targets at the standing posture, by drive and by joint, rad.
     q0: Vec<f64>,
-    standing_height: f64,
+    joint_q0: Vec<f64>,
+    world_from_pelvis: Isometry3<f64>,
+    world_from_old_bulb: Isometry3<f64>,
 }
 
 impl Stage {
-    fn new(ankle_factor: f64) -> Result<Self, BenchError> {
+    fn new() -> Result<Self, BenchError> {
         let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(|e| BenchError::Scene(e.into()))?);
-        let mut gains = robot.gains(GainSet::Fiatlux);
-        let ankles = (0..robot.joints().len()).filter(|&i| robot.joints()[i].name.contains("ankle"));
-        gains.scale(ankles, ankle_factor);
         let config = SceneConfig::default();
-        let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, gains);
+        let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, robot.gains(GainSet::Fiatlux));
         let scene = Scene::build(&config, robot.clone(), spec).map_err(|e| BenchError::Scene(e.into()))?;
 
         let mut start = scene.model.reference_state();
@@ -179,27 +159,74 @@ impl Stage {
             start.qpos[ids.qpos] = angle;
             q0[ids.drive] = angle;
         }
-        let standing_height = robot.standing_height();
-        let world_from_pelvis = scene.layout.robot.world_from_place(standing_height);
+        let world_from_pelvis = scene.layout.robot.world_from_place(robot.standing_height());
         start.set_pose(&scene.model, scene.robot_ids.root, &world_from_pelvis);
         // The socket's hold is no part of the physics: without it the old bulb would fall out, so it stands on the bench.
+        let mut world_from_old_bulb = Isometry3::identity();
         if let (Some(bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) {
             let [x, y] = config.bench.bulb_spot;
             let spot = bench.translation.vector + Vector3::new(x - 0.4, y, config.bench.surface_height);
-            start.set_pose(&scene.model, old_bulb, &scene.world_from_standing_bulb(Bulb::Old, spot));
+            world_from_old_bulb = scene.world_from_standing_bulb(Bulb::Old, spot);
+            start.set_pose(&scene.model, old_bulb, &world_from_old_bulb);
         }
-        Ok(Self { model: Arc::new(scene.model.clone()), scene: Arc::new(scene), start, q0, standing_height })
+        let (model, scene, joint_q0) = (Arc::new(scene.model.clone()), Arc::new(scene), robot.q0().to_vec());
+        Ok(Self { model, scene, start, q0, joint_q0, world_from_pelvis, world_from_old_bulb })
     }
 
-    /// With which the robot stands on firm ankles; by joint.
-    fn standing_targets(&self) -> Vec<f64> {
-        let (joints, q0) = (self.scene.robot.joints(), self.scene.robot.q0());
-        let lean = |j: usize| if joints[j].name.ends_with("ankle_pitch_joint") { ANKLE_LEAN } else { 0.0 };
-        q0.iter().enumerate().map(|(j, q0)| q0 + lean(j)).collect()
+    /// The robot settled under the balance controller, its upper body at the `staged` targets, rad in the public order.
+    fn balanced(&self, case: &'static str, staged: &[f64]) -> Result<Standing, BenchError> {
+        let failed = |problem: String| BenchError::Start { case, problem };
+        let robot = &self.scene.robot;
+        let mut world = World::new(self.scene.clone());
+        let mut row = world.row().clone();
+        row.robot = BodyRow::at_rest(self.world_from_pelvis);
+        row.bulbs[Bulb::Old as usize] = BodyRow::at_rest(self.world_from_old_bulb);
+        row.joint_position.clone_from(&self.joint_q0);
+        row.attachments = [AttachmentRow { seated: false, steps_beyond: 0 }; 2];
+        world.reset_to(&row).map_err(|e| failed(e.to_string()))?;
+
+        let balance = Balance::new(robot.clone(), self.scene.spec.gains.clone(), &self.joint_q0, staged)
+            .map_err(|e| failed(e.to_string()))?;
+        let observer = Observer::new(self.joint_q0.clone(), Some(NoiseSeed { seed: 0, episode: 0 }));
+        let mut standing = Standing { world, balance, observer };
+        for _ in 0..SETTLE {
+            standing.step().map_err(failed)?;
+        }
+        self.check_pelvis(case, standing.world.state(), "above", |z| z > STANDING)?;
+        Ok(standing)
+    }
+
+    /// The robot of [`Stage::balanced`] for a second more. Its targets are recorded: each simulator replays them, for MuJoCo
+    /// has no controller. Without one the robot would tip over in the end; within the second it must stay where it is.
+    fn standing_case(&self, name: &'static str, staged: &[f64]) -> Result<Case, BenchError> {
+        let mut standing = self.balanced(name, staged)?;
+        let start = standing.world.state().clone();
+        let mut record = Vec::new();
+        for _ in 0..SECOND {
+            let row = standing.step().map_err(|problem| BenchError::Start { case: name, problem })?;
+            let mut targets = self.q0.clone();
+            for (ids, &target) in self.scene.robot_ids.joints.iter().zip(&row.joint_target) {
+                targets[ids.drive] = target;
+            }
+            record.push(targets);
+        }
+        let case = Case { targets: record, ..self.case(name, start, &self.q0) };
+        let (mut dynamics, mut end) = (Dynamics::new(&self.model), case.start.clone());
+        for step in 0..case.steps {
+            case.step(&mut dynamics, &mut end, step);
+        }
+        let at = self.scene.robot_ids.root_qpos;
+        let pelvis = |state: &State| Vector3::from_column_slice(&state.qpos[at..at + 3]);
+        let moved = (pelvis(&end) - pelvis(&case.start)).norm();
+        if moved > STILL {
+            let problem = format!("the pelvis moved by {moved:.4} m in a second; less than {STILL} m expected");
+            return Err(BenchError::Start { case: name, problem });
+        }
+        Ok(case)
     }
 
     fn case(&self, name: &'static str, start: State, targets: &[f64]) -> Case {
-        Case { name, model: self.model.clone(), start, targets: targets.to_vec(), steps: 200 }
+        Case { name, model: self.model.clone(), start, targets: vec![targets.to_vec()], steps: SECOND * SUBSTEPS }
     }
 
     /// Steps for that time; `look` sees the state before each step and the world after it.
@@ -234,10 +261,35 @@ impl Stage {
     }
 }
 
+/// A robot that stands by the balance controller and what it senses, with the published noise.
+struct Standing {
+    world: World,
+    balance: Balance,
+    observer: Observer,
+}
+
+impl Standing {
+    /// A control step; an error says what failed.
+    fn step(&mut self) -> Result<&Row, String> {
+        let mut seen = Proprioception::zeros(0);
+        self.observer.observe(self.world.row(), &mut seen);
+        let sensed = Sensed {
+            base_angular_velocity: seen.base_angular_velocity,
+            projected_gravity: seen.projected_gravity,
+            base_linear_velocity: seen.base_linear_velocity,
+            joint_position: &seen.joint_position,
+        };
+        let targets = self.balance.step(&sensed).map_err(|e| e.to_string())?;
+        let action = vec![0.0; targets.len()];
+        self.world.step(&action, targets).map_err(|e| e.to_string())
+    }
+}
+
 impl Case {
-    /// One physics step.
-    pub(crate) fn step(&self, dynamics: &mut Dynamics, state: &mut State) -> StepReport {
-        dynamics.step(&self.model, state, &Input { targets: &self.targets, ..Input::default() }, PHYSICS_DT)
+    /// Physics step `number` of the case.
+    pub(crate) fn step(&self, dynamics: &mut Dynamics, state: &mut State, number: usize) -> StepReport {
+        let targets = &self.targets[(number / SUBSTEPS).min(self.targets.len() - 1)];
+        dynamics.step(&self.model, state, &Input { targets, ..Input::default() }, PHYSICS_DT)
     }
 }
 
@@ -254,7 +306,7 @@ mod tests {
             let (mut dynamics, mut state) = (Dynamics::new(&case.model), case.start.clone());
             let mut sum = 0;
             for step in 0..case.steps {
-                let report = case.step(&mut dynamics, &mut state);
+                let report = case.step(&mut dynamics, &mut state, step);
                 assert!(report.converged, "{}: step {step} did not converge", case.name);
                 sum += report.contacts;
             }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use fiatlux_sim::{MjcfOptions, OptionSet, to_mjcf};
-use fiatlux_world::PHYSICS_DT;
+use fiatlux_world::{PHYSICS_DT, SUBSTEPS};
 use serde::Deserialize;
 
 use super::{BenchError, Case};
@@ -69,11 +69,15 @@ impl Oracle {
         let scene = self.folder.join("scene.xml");
         let options =
             MjcfOptions { name: case.name.replace(' ', "-"), timestep: PHYSICS_DT, option_set: OptionSet::Nearest };
-        let xml = to_mjcf(&case.model, &case.start, &case.targets, &options);
-        fs::write(&scene, xml)
-            .map_err(|source| BenchError::Io { what: format!("write '{}'", scene.display()), source })?;
+        let write = |path: &Path, text: String| {
+            fs::write(path, text)
+                .map_err(|source| BenchError::Io { what: format!("write '{}'", path.display()), source })
+        };
+        write(&scene, to_mjcf(&case.model, &case.start, &case.targets[0], &options))?;
+        let targets = self.folder.join("targets.json");
+        write(&targets, serde_json::json!({"hold": SUBSTEPS, "targets": &case.targets}).to_string())?;
         let mut command = Command::new("python3");
-        command.arg(&self.script).arg("timing").arg("--scene").arg(&scene);
+        command.arg(&self.script).arg("timing").arg("--scene").arg(&scene).arg("--targets").arg(&targets);
         command.args(["--steps", &case.steps.to_string(), "--repeats", &repeats.to_string()]);
         let output = command
             .stderr(Stdio::inherit())

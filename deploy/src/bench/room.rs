@@ -9,9 +9,12 @@ use fiatlux_rules::Bulb;
 use fiatlux_world::{PHYSICS_DT, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec};
 use nalgebra::Vector3;
 
-use super::case::{ANKLE_LEAN, FIRM_ANKLES};
 use super::{BenchError, RoomReport};
 
+/// Stiffness and damping of the ankles, in units of their own, with which the robot stands without a controller, and how far
+/// their pitch targets are from q0, rad: the lever of the weight before the ankles needs as much.
+const FIRM_ANKLES: f64 = 8.0;
+const ANKLE_LEAN: f64 = 0.06;
 /// The arms wave by so much, rad, so often, Hz.
 const WAVE: f64 = 0.3;
 const WAVE_RATE: f64 = 1.0;

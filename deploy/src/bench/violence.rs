@@ -75,8 +75,6 @@ pub struct TrialReport {
     pub retried: u64,
     /// Physics steps whose second try did not converge.
     pub unconverged: u64,
-    /// Control steps in which a drive pushed its joint on beyond its rated speed.
-    pub driven_beyond_rated: u64,
 }
 
 /// Distance from the same second stepped at 0.25 ms, by the targets that are replayed.
@@ -122,7 +120,7 @@ fn share(
             if run >= runs {
                 return Ok(sum);
             }
-            if run % 1000 == 0 {
+            if run.is_multiple_of(1000) {
                 eprintln!("bench: {name}, run {run} of {runs}");
             }
             sum.add(play(run)?);
@@ -149,7 +147,6 @@ impl TrialReport {
         self.steps += other.steps;
         self.retried += other.retried;
         self.unconverged += other.unconverged;
-        self.driven_beyond_rated += other.driven_beyond_rated;
         for (pair, (count, depth)) in other.deep_pairs {
             let entry = self.deep_pairs.entry(pair).or_default();
             *entry = (entry.0 + count, entry.1.max(depth));
@@ -168,12 +165,11 @@ impl TrialReport {
             self.steps.to_string(),
             self.retried.to_string(),
             self.unconverged.to_string(),
-            self.driven_beyond_rated.to_string(),
         ]
     }
 }
 
-const TRIALS: [&str; 11] = [
+const TRIALS: [&str; 10] = [
     "targets",
     "runs",
     "diverged",
@@ -184,7 +180,6 @@ const TRIALS: [&str; 11] = [
     "steps",
     "tried twice",
     "unconverged",
-    "driven on",
 ];
 const ACCURACY: [&str; 5] = ["targets", "0.1 s", "0.2 s", "0.5 s", "1 s"];
 

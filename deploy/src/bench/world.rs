@@ -80,9 +80,9 @@ impl Samples {
         let mut state = case.start.clone();
         for run in 0..=repeats {
             state.clone_from(&case.start);
-            for _ in 0..case.steps {
+            for step in 0..case.steps {
                 let begin = Instant::now();
-                let report = case.step(&mut dynamics, &mut state);
+                let report = case.step(&mut dynamics, &mut state, step);
                 let elapsed = begin.elapsed();
                 if run > 0 {
                     self.times.push(elapsed);
@@ -103,7 +103,7 @@ impl Samples {
     }
 }
 
-/// The same through Rapier, built afresh for every run; the first step of a run, which sets up its broad phase, is not
+/// The same through Rapier, which holds the first targets, built afresh for every run; the first step of a run, which sets up its broad phase, is not
 /// timed.
 fn time_multibody(
     case: &Case,
@@ -114,7 +114,7 @@ fn time_multibody(
     let mut samples = Vec::with_capacity(repeats * case.steps);
     let (mut contacts, mut apart_after) = (0, None);
     for _ in 0..repeats {
-        let mut world = MultibodyWorld::new(&case.model, &case.start, &case.targets, substeps)?;
+        let mut world = MultibodyWorld::new(&case.model, &case.start, &case.targets[0], substeps)?;
         world.step();
         for step in 1..case.steps {
             if !world.is_sane() {

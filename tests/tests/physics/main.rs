@@ -3,6 +3,7 @@
 
 mod drops;
 mod hand;
+mod holding;
 mod hostile;
 mod on_ladder;
 mod oracle;

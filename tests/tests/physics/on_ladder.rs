@@ -1,9 +1,11 @@
 //! The robot standing on every tread and on the platform of the free ladder, its palms on the rails, on the guard bar
-//! where it is within reach, with and without a bulb in the right hand. All gains are times 8.
+//! where it is within reach, with and without a bulb in the right hand. All gains are times 8; [`published`] has the
+//! published ones.
 //!
 //! A posture is solved for, its targets press the palms on by a little, and the robot is left alone.
 
 mod places;
+mod published;
 
 use fiatlux_dynamics::BodyId;
 use fiatlux_robot::{GainSet, Gains, JointGains, Robot};
@@ -47,6 +49,19 @@ fn soles(rig: &Rig) -> Vec<Point3<f64>> {
         .collect()
 }
 
+/// Middles of both palms in the ladder's frame.
+fn palms(rig: &Rig) -> Vec<Point3<f64>> {
+    let ladder_from_world = rig.pose(rig.scene.ladder.unwrap()).inverse();
+    let robot = &rig.scene.robot;
+    let origin = |&palm: &usize| ladder_from_world * rig.link_pose(&robot.links()[palm].name) * Point3::origin();
+    robot.palms().iter().map(origin).collect()
+}
+
+/// Farthest that one of the points moved, m.
+fn farthest(now: &[Point3<f64>], before: &[Point3<f64>]) -> f64 {
+    now.iter().zip(before).map(|(now, before)| (now - before).norm()).fold(0.0, f64::max)
+}
+
 /// Upward force on the robot by all of the ladder, N.
 fn carried(rig: &Rig) -> f64 {
     let on_robot = rig.contacts_between(|o| matches!(o, ShapeOwner::Robot(_)), |by| by == ShapeOwner::Ladder);
@@ -87,6 +102,11 @@ struct Stand {
     /// Farthest that a corner of a sole moved on the ladder, and that the ladder moved, m.
     slip: f64,
     ladder_drift: f64,
+    /// Farthest that a resting palm moved on the ladder, and how much lower the pelvis was than at the start, m.
+    palm_slip: f64,
+    sunk: f64,
+    /// Farthest that a corner of a sole and a resting palm moved while the robot settled, m.
+    settled: [f64; 2],
     /// Fastest link, m/s, and deepest overlap of any two shapes, m.
     speed: f64,
     depth: f64,
@@ -101,9 +121,10 @@ struct Stand {
     unconverged: u32,
 }
 
-fn stand(place: &Place, with_bulb: bool) -> Stand {
+/// Stands 10 s; the palms' targets lie `press` times [`PRESS`] within their bars.
+fn stand(place: &Place, with_bulb: bool, gains: Gains, press: f64) -> Stand {
     let robot = robot();
-    let scene = scene(SceneKind::CoupledLadder, 0, gains(&robot, with_bulb));
+    let scene = scene(SceneKind::CoupledLadder, 0, gains);
     let ladder = scene.ladder.unwrap();
     let mut rig = Rig::new(&scene);
     // A rig has no socket that would hold the bulb.
@@ -119,19 +140,25 @@ fn stand(place: &Place, with_bulb: bool) -> Stand {
     }
     let holds = |joint: usize| with_bulb && robot.joints()[joint].name.starts_with("R_");
     for joint in (0..JOINTS).filter(|&joint| !holds(joint)) {
-        rig.targets[scene.robot_ids.joints[joint].drive] = held[joint] + pressed.joints[joint] - start.joints[joint];
+        rig.targets[scene.robot_ids.joints[joint].drive] =
+            held[joint] + press * (pressed.joints[joint] - start.joints[joint]);
     }
+    rig.update();
+    let resting = |rig: &Rig| hands.iter().map(|&hand| palms(rig)[hand]).collect::<Vec<_>>();
+    let (soles_at_first, palms_at_first, height) = (soles(&rig), resting(&rig), rig.pelvis_height());
     rig.run(SETTLE_SECONDS);
 
-    let (soles_before, ladder_before) = (soles(&rig), rig.pose(ladder).translation.vector);
-    let (mut slip, mut speed, mut depth) = (0.0_f64, 0.0_f64, 0.0_f64);
+    let (soles_before, palms_before, ladder_before) = (soles(&rig), resting(&rig), rig.pose(ladder).translation.vector);
+    let settled = [farthest(&soles_before, &soles_at_first), farthest(&palms_before, &palms_at_first)];
+    let (mut slip, mut palm_slip, mut speed, mut depth) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
     for _ in 0..(STATIC_SECONDS / 0.1).round() as usize {
         for _ in 0..(0.1 / PHYSICS_DT).round() as usize {
             rig.step();
             depth = depth.max(rig.penetration());
         }
         rig.update();
-        slip = soles(&rig).iter().zip(&soles_before).map(|(now, before)| (now - before).norm()).fold(slip, f64::max);
+        slip = slip.max(farthest(&soles(&rig), &soles_before));
+        palm_slip = palm_slip.max(farthest(&resting(&rig), &palms_before));
         let links = &scene.robot_ids.links;
         speed = links.iter().map(|link| rig.dynamics.velocity(link.body).linear.norm()).fold(speed, f64::max);
     }
@@ -140,6 +167,9 @@ fn stand(place: &Place, with_bulb: bool) -> Stand {
     let row = reported(&rig);
     Stand {
         slip,
+        palm_slip,
+        sunk: height - rig.pelvis_height(),
+        settled,
         ladder_drift: (rig.pose(ladder).translation.vector - ladder_before).norm(),
         speed,
         depth,
@@ -156,7 +186,7 @@ fn stand(place: &Place, with_bulb: bool) -> Stand {
 fn check(with_bulb: bool) {
     let mut failed = Vec::new();
     for place in places(&SceneConfig::default().ladder) {
-        let s = stand(&place, with_bulb);
+        let s = stand(&place, with_bulb, gains(&robot(), with_bulb), 1.0);
         let reported: f64 = s.reported.iter().map(|force| force.z).sum();
         println!(
             "{}: slip {:.3} mm, ladder {:.3} mm, speed {:.2} mm/s, depth {:.2} mm; of {:.1} N the ladder carries {:.1}, \

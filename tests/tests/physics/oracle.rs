@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-fn fixture<T: DeserializeOwned>(name: &str) -> T {
+pub fn fixture<T: DeserializeOwned>(name: &str) -> T {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("oracle/fixtures/{name}.json"));
     let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     serde_json::from_str(&text).unwrap()
@@ -23,7 +23,7 @@ fn check_bodies(model: &Model, names: &[String]) {
     assert_eq!(ours, theirs, "the fixtures are of another model; run tests/oracle/oracle.py all");
 }
 
-fn rotation(qpos: &[f64]) -> UnitQuaternion<f64> {
+pub fn rotation(qpos: &[f64]) -> UnitQuaternion<f64> {
     UnitQuaternion::new_normalize(Quaternion::new(qpos[3], qpos[4], qpos[5], qpos[6]))
 }
 

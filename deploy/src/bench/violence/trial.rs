@@ -162,7 +162,6 @@ fn play(world: &mut World, steps: usize, mut draw: impl FnMut(usize, &mut [f64])
     let (mut rows_deep, mut deepest) = (0, (0.0, String::new()));
     for step in 0..steps {
         draw(step, &mut targets);
-        let before = world.row().joint_velocity.clone();
         let row = world.step(&action, &targets).map_err(|e| BenchError::Scene(e.into()))?;
         report.steps += fiatlux_world::SUBSTEPS as u64;
         report.retried += u64::from(row.retried);
@@ -170,7 +169,6 @@ fn play(world: &mut World, steps: usize, mut draw: impl FnMut(usize, &mut [f64])
         report.joint_speed = report.joint_speed.max(row.joint_speed_peak);
         report.pelvis_speed = report.pelvis_speed.max(row.robot.linear_velocity.norm());
         report.penetration = report.penetration.max(row.penetration);
-        report.driven_beyond_rated += u64::from(drives_on(&scene, &before, row));
         rows_deep = if row.penetration > DEEP { rows_deep + 1 } else { 0 };
         let (is_deep, ended) = (rows_deep > DEEP_ROWS, diverged(row));
         if is_deep {
@@ -186,14 +184,6 @@ fn play(world: &mut World, steps: usize, mut draw: impl FnMut(usize, &mut [f64])
         report.deep_pairs = BTreeMap::from([(deepest.1, (1, deepest.0))]);
     }
     Ok(report)
-}
-
-/// Whether a drive pushed its joint on although it was beyond its rated speed before and after.
-fn drives_on(scene: &Scene, before: &[f64], row: &Row) -> bool {
-    scene.spec.gains.0.iter().enumerate().any(|(joint, drive)| {
-        let (from, to, effort) = (before[joint], row.joint_velocity[joint], row.joint_effort[joint]);
-        from.abs() > drive.speed_limit && to.abs() > drive.speed_limit && from * to > 0.0 && effort * to > 0.0
-    })
 }
 
 fn deeper(scene: &Scene, world: &World, deepest: (f64, String)) -> (f64, String) {

@@ -28,7 +28,7 @@ pub struct Place {
     height: f64,
     /// y of the ankles and of the centre of mass in the ladder's frame, m.
     ankle_y: f64,
-    com_y: f64,
+    pub(super) com_y: f64,
     /// Bend of the knees from which the search starts, rad.
     knee: f64,
     rest: Rest,
