@@ -275,7 +275,7 @@ mod tests {
             (sensing("verdict".into()), "the policy could sense verdict"),
             (
                 v3::EpisodeHeader { benchmark_version: 7, ..header() },
-                "the rules are those of benchmark version 1, the episodes of 7",
+                &format!("the rules are those of benchmark version {BENCHMARK_VERSION}, the episodes of 7"),
             ),
         ];
         for (other, deviation) in cases {

@@ -145,10 +145,14 @@ impl Bag {
 
 /// Reads the first chunk for its channels; of a file that is cut also the last, whose indexes may be lost.
 fn learn_channels(path: &Path, found: &mut Scan) -> Result<(), BagError> {
-    let mut reader = ChunkReader::open(path, std::mem::take(&mut found.channels))?;
+    let mut reader = ChunkReader::open(path, Channels::new())?;
     if let Some(first) = found.chunks.first() {
         reader.start(first)?;
         reader.find(|_| Ok(None::<()>))?;
+    }
+    // A chunk's own channels are under its checksum; the summary's are not.
+    for (id, topic) in std::mem::take(&mut found.channels) {
+        reader.channels.entry(id).or_insert(topic);
     }
     if let Some(last) = found.chunks.last_mut()
         && last.channels.is_none()

@@ -25,6 +25,9 @@ const HEAD: u64 = 9;
 /// What stands in a zstd chunk before its data, bytes.
 const CHUNK_HEAD: u64 = 8 + 8 + 8 + 4 + 4 + 4 + 8;
 
+/// What stands in the statistics up to the number of chunks, which is last, bytes.
+const STATISTICS_HEAD: u64 = 8 + 2 + 4 + 4 + 4 + 4;
+
 /// Largest chunk that is unpacked, bytes.
 pub(crate) const MAX_CHUNK: u64 = 32 << 20;
 
@@ -39,7 +42,7 @@ pub(crate) struct ChunkAt {
     pub length: u64,
     /// Latest log time in it, ns.
     pub end_time: u64,
-    /// Channels that it has messages of, by its indexes; `None` when they are not all there.
+    /// Channels that it has messages of, by its indexes; `None` when they are not all there, or the summary's differ.
     pub channels: Option<Vec<u16>>,
 }
 
@@ -94,7 +97,8 @@ pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
         let wanted = match opcode {
             op::CHUNK => CHUNK_HEAD.min(length),
             op::MESSAGE_INDEX => 2,
-            op::METADATA | op::CHANNEL => length,
+            op::METADATA | op::CHANNEL | op::CHUNK_INDEX => length,
+            op::STATISTICS => STATISTICS_HEAD.min(length),
             _ => 0,
         };
         if wanted > length || wanted > MAX_RECORD {
@@ -167,6 +171,29 @@ impl Scan {
                 }
             }
             op::CHANNEL => add_channel(&mut self.channels, body)?,
+            // No checksum covers what stands between chunks: a damaged index or a chunk that no longer looks like one would
+            // hide messages. The summary says the same once more.
+            op::CHUNK_INDEX => {
+                let (_start, _end, at) = (take_u64(&mut body)?, take_u64(&mut body)?, take_u64(&mut body)?);
+                let (_length, mut indexes) = (take_u64(&mut body)?, take_bytes(&mut body)?);
+                let chunk = self.chunks.binary_search_by_key(&at, |chunk| chunk.offset).ok()?;
+                let chunk = &mut self.chunks[chunk];
+                let mut channels = Vec::new();
+                while !indexes.is_empty() && channels.len() <= MAX_CHANNELS {
+                    channels.push(take_u16(&mut indexes)?);
+                    let _offset = take_u64(&mut indexes)?;
+                }
+                let agrees = |known: &Vec<u16>| {
+                    known.len() == channels.len() && known.iter().all(|channel| channels.contains(channel))
+                };
+                chunk.channels = chunk.channels.take().filter(agrees);
+            }
+            op::STATISTICS => {
+                let (_messages, _schemas, _others) =
+                    (take_u64(&mut body)?, take_u16(&mut body)?, take::<12>(&mut body)?);
+                let chunks = u32::from_le_bytes(take(&mut body)?);
+                (chunks as usize == self.chunks.len()).then_some(())?;
+            }
             _ => {}
         }
         Some(())
@@ -204,16 +231,20 @@ pub(crate) fn take_u64(bytes: &mut &[u8]) -> Option<u64> {
     take(bytes).map(u64::from_le_bytes)
 }
 
-fn take_text(bytes: &mut &[u8]) -> Option<String> {
+/// Bytes with their number before them.
+fn take_bytes<'a>(bytes: &mut &'a [u8]) -> Option<&'a [u8]> {
     let length = u32::from_le_bytes(take(bytes)?);
-    let (text, rest) = bytes.split_at_checked(length as usize)?;
+    let (taken, rest) = bytes.split_at_checked(length as usize)?;
     *bytes = rest;
-    String::from_utf8(text.to_vec()).ok()
+    Some(taken)
+}
+
+fn take_text(bytes: &mut &[u8]) -> Option<String> {
+    String::from_utf8(take_bytes(bytes)?.to_vec()).ok()
 }
 
 fn take_map(bytes: &mut &[u8]) -> Option<BTreeMap<String, String>> {
-    let length = u32::from_le_bytes(take(bytes)?);
-    let (mut entries, _) = bytes.split_at_checked(length as usize)?;
+    let mut entries = take_bytes(bytes)?;
     let mut map = BTreeMap::new();
     while !entries.is_empty() {
         let (name, value) = (take_text(&mut entries)?, take_text(&mut entries)?);

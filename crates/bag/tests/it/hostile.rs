@@ -88,9 +88,10 @@ fn damage_never_panics() {
     let count = read_all(&whole).expect("a whole bag");
     let (mut random, mut told) = (Random(11), 0);
     let path = folder.join("flipped.mcap");
-    // Anywhere, and among the lengths and names at the start.
-    for (round, limit) in [(0, bytes.len()), (1, 20_000)].into_iter().flat_map(|range| vec![range; 200]) {
-        let (at, bit) = (random.below(limit), random.below(8));
+    // Anywhere, among the lengths and names at the start, and in the summary.
+    let rounds = [(0, 0, bytes.len()), (1, 0, 20_000), (2, bytes.len() - 8_000, 8_000)];
+    for (round, from, length) in rounds.into_iter().flat_map(|round| vec![round; 400]) {
+        let (at, bit) = (from + random.below(length), random.below(8));
         let mut flipped = bytes.clone();
         flipped[at] ^= 1 << bit;
         std::fs::write(&path, &flipped).expect("a flipped file");
@@ -108,7 +109,7 @@ fn damage_never_panics() {
             }
         }
     }
-    assert!(told > 200, "only {told} of 400 flips were noticed");
+    assert!(told > 200, "only {told} of 1200 flips were noticed");
 }
 
 #[test]

@@ -274,7 +274,7 @@ fn the_wildest_actions_leave_a_whole_bag() {
         assert_eq!(harness.send(&of_size(1e155)), [notice_of(notice::Code::Value)]);
         let notice = harness.notice();
         assert!(notice.message.contains("is 1e155; it must be from -1000 to 1000"), "{}", notice.message);
-        harness.send(&of_size(if step % 2 == 0 { 1e3 } else { -1e3 }));
+        harness.send(&of_size(if step.is_multiple_of(2) { 1e3 } else { -1e3 }));
         let record = harness.record();
         writer.push(&record).unwrap();
         if let Some(result) = record.result {
