@@ -4,7 +4,7 @@ mod common;
 
 use common::room::{OLD, take};
 use common::{Folder, Story, begin, header, result, rows, write};
-use fiatlux_proto::v3;
+use fiatlux_proto::{PROTOCOL, v3};
 use fiatlux_rules::{BENCHMARK_VERSION, Task};
 use fiatlux_scorer::{Fault, GradeOptions, Grader, Results, ScoreError, grade, report, tables};
 
@@ -185,7 +185,7 @@ fn bags_of_older_protocols_are_refused_with_the_remedy() {
         let head = v3::EpisodeHeader { protocol, geometry: None, ..header(Task::S03, 0) };
         let error = Grader::new(&head, &[], false).expect_err("refused").to_string();
         let found = protocol.unwrap_or_default();
-        assert!(error.contains(&format!("protocol {found}, this scorer reads 3.0; grade it with")), "{error}");
+        assert!(error.contains(&format!("protocol {found}, this scorer reads {PROTOCOL}; grade it with")), "{error}");
         let path = bag(&folder, &found.to_string());
         begin(&path, &head, &all).finish(&result(&head, &all)).expect("finished");
     }
@@ -193,7 +193,7 @@ fn bags_of_older_protocols_are_refused_with_the_remedy() {
     assert!(results.episodes.is_empty() && results.has_data_loss());
     for (bag, found) in results.excluded.iter().zip(["0.0", "2.7"]) {
         assert_eq!(bag.reason, Fault::Unreadable);
-        assert!(bag.detail.contains(&format!("of protocol {found}, this program reads 3.0; use")), "{}", bag.detail);
+        assert!(bag.detail.contains(&format!("of protocol {found}, this program reads {PROTOCOL}; use")), "{}", bag.detail);
     }
 }
 
