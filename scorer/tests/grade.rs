@@ -193,7 +193,11 @@ fn bags_of_older_protocols_are_refused_with_the_remedy() {
     assert!(results.episodes.is_empty() && results.has_data_loss());
     for (bag, found) in results.excluded.iter().zip(["0.0", "2.7"]) {
         assert_eq!(bag.reason, Fault::Unreadable);
-        assert!(bag.detail.contains(&format!("of protocol {found}, this program reads {PROTOCOL}; use")), "{}", bag.detail);
+        assert!(
+            bag.detail.contains(&format!("of protocol {found}, this program reads {PROTOCOL}; use")),
+            "{}",
+            bag.detail
+        );
     }
 }
 

@@ -50,7 +50,7 @@ fn stage(scratch: &Scratch) -> PathBuf {
         'run --release -- bench sensors') exec target/release/fiatlux bench sensors --seconds 0.5 ;;\n\
         'run --release -- render '*.mp4*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 --to 4 ;;\n\
         'run --release -- render '*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 ;;\n\
-        'run --release -- bench violence') exec target/release/fiatlux bench violence --runs 8 --starts 8 ;;\n\
+        'run --release -- bench violence') exec target/release/fiatlux bench violence --runs 2 --starts 4 ;;\n\
         'run --release -- bench world') exec target/release/fiatlux bench world --seconds 0.5 ;;\n\
         'run --release -- '*) shift 3; exec target/release/fiatlux \"$@\" ;;\n\
         'build --release --workspace --bins') ;;\n\

@@ -101,7 +101,7 @@ pub fn run(options: &ViolenceOptions) -> Result<ViolenceReport, BenchError> {
         reports.push(share(&pattern.name(), runs, options.threads, |run| trials.violent(pattern, run))?);
     }
     reports.push(share("random starts", options.starts, options.threads, |start| trials.random_start(start))?);
-    let accuracy = accuracy::measure(&trials)?;
+    let accuracy = accuracy::measure(&trials, options.runs)?;
     Ok(ViolenceReport { machine: machine(), flight, trials: reports, accuracy })
 }
 

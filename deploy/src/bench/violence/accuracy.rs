@@ -11,20 +11,20 @@ use crate::bench::BenchError;
 const FINE: usize = 20;
 /// Control steps after which both are compared: 0.1, 0.2, 0.5 and 1 s.
 const AT: [usize; 4] = [5, 10, 25, 50];
-/// Runs of each pattern, over the tasks in turn.
+/// Runs of each pattern, over the tasks in turn; fewer where less is asked for.
 const RUNS: u64 = 28;
 
 /// From the tasks' start states; the socket's hold is no part of the engine and takes no part.
-pub(super) fn measure(trials: &Trials) -> Result<Vec<AccuracyReport>, BenchError> {
+pub(super) fn measure(trials: &Trials, runs: u64) -> Result<Vec<AccuracyReport>, BenchError> {
     let patterns = [Pattern::Boxes(0.2), Pattern::Boxes(1.0), Pattern::Limits];
-    patterns.into_iter().map(|pattern| measure_pattern(trials, pattern)).collect()
+    patterns.into_iter().map(|pattern| measure_pattern(trials, pattern, runs.clamp(1, RUNS))).collect()
 }
 
-fn measure_pattern(trials: &Trials, pattern: Pattern) -> Result<AccuracyReport, BenchError> {
+fn measure_pattern(trials: &Trials, pattern: Pattern, runs: u64) -> Result<AccuracyReport, BenchError> {
     let name = pattern.name();
     eprintln!("bench: {name}, against a step of {} ms", 1e3 * PHYSICS_DT / FINE as f64);
     let mut distances: [Vec<(f64, f64)>; 4] = Default::default();
-    for run in 0..RUNS {
+    for run in 0..runs {
         let world = trials.start(run)?;
         let scene = world.scene();
         let roll = |parts: usize| roll(scene, world.state(), pattern, run, parts);
