@@ -46,6 +46,7 @@ fn stage(scratch: &Scratch) -> PathBuf {
     let shim = "#!/bin/sh\n\
         case \"$*\" in\n\
         'run --release -p fiatlux-policy --example wave') exec target/release/examples/wave ;;\n\
+        'run --release -- evaluate --policy zero') exec target/release/fiatlux evaluate --policy zero --seeds 0 ;;\n\
         'run --release -- bench service') exec target/release/fiatlux bench service --seconds 0.5 --sessions 3 ;;\n\
         'run --release -- bench sensors') exec target/release/fiatlux bench sensors --seconds 0.5 ;;\n\
         'run --release -- render '*.mp4*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 --to 4 ;;\n\
