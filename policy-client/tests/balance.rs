@@ -20,22 +20,6 @@ use nalgebra::Vector3;
 /// The G1 with Inspire hands.
 const JOINTS: usize = 53;
 
-/// The rows of the README's table of what the policies that come along get.
-const TABLE: [Task; 12] = [
-    Task::S01,
-    Task::S02,
-    Task::S03,
-    Task::S04,
-    Task::S05,
-    Task::S06,
-    Task::S07,
-    Task::S08,
-    Task::S09,
-    Task::S10,
-    Task::S11,
-    Task::S12,
-];
-
 /// Control steps in a second.
 const SECOND: usize = 50;
 /// The tasks' time-out, control steps.
@@ -273,7 +257,7 @@ fn it_stands_in_every_task_of_the_table() {
     let (seeds, episodes) = (range("FIATLUX_STAND_SEEDS", 0..rooms), range("FIATLUX_STAND_EPISODES", 0..1));
     let gains = std::env::var("FIATLUX_STAND_GAINS").map_or(GainSet::Fiatlux, |name| name.parse().unwrap());
     let mut jobs = Vec::new();
-    for task in TABLE {
+    for task in Task::SUBTASKS {
         for seed in seeds.clone() {
             jobs.extend(episodes.clone().map(|episode| (task, seed, episode)));
         }

@@ -13,13 +13,25 @@ pub(crate) struct Factor {
     tree_pattern: Vec<u128>,
     /// The same with this step's couplings and their fill-in.
     pattern: Vec<u128>,
-    tree_runs: Runs,
-    runs: Runs,
-    coupled: bool,
+    runs: PatternRuns,
     /// Rows from here on are eliminated first and hold most of the work.
     split: usize,
     /// Rows before the split as they are when those after it have been eliminated.
     early_rows: Vec<f64>,
+}
+
+/// The runs of both patterns; which of them holds is decided by the step's contacts.
+#[derive(Debug, Clone)]
+struct PatternRuns {
+    tree: Runs,
+    coupled: Runs,
+    is_coupled: bool,
+}
+
+impl PatternRuns {
+    fn in_force(&self) -> &Runs {
+        if self.is_coupled { &self.coupled } else { &self.tree }
+    }
 }
 
 /// Half-open column runs of every row, ascending.
@@ -61,8 +73,10 @@ impl Factor {
                 tree_pattern[dof] |= 1 << other;
             }
         }
-        let mut tree_runs = Runs::default();
-        tree_runs.rebuild(&tree_pattern);
+        let mut tree = Runs::default();
+        tree.rebuild(&tree_pattern);
+        // Room for the worst case, so that no step has to grow it.
+        let coupled = Runs { runs: Vec::with_capacity(n * (n / 2 + 1)), first: Vec::with_capacity(n + 1) };
         let work = |row: &u128| u64::from(row.count_ones()).pow(2);
         let total: u64 = tree_pattern.iter().map(work).sum();
         let late = |row: &usize| tree_pattern[*row..].iter().map(work).sum::<u64>() * 10 <= total * 7;
@@ -75,18 +89,15 @@ impl Factor {
             inverse_diagonal: vec![0.0; n],
             pattern: tree_pattern.clone(),
             tree_pattern,
-            // Room for the worst case, so that no step has to grow it.
-            runs: Runs { runs: Vec::with_capacity(n * (n / 2 + 1)), first: Vec::with_capacity(n + 1) },
-            tree_runs,
-            coupled: false,
+            runs: PatternRuns { tree, coupled, is_coupled: false },
         }
     }
 
     /// Forgets the couplings of the step before.
     pub fn reset_pattern(&mut self) {
-        if self.coupled {
+        if self.runs.is_coupled {
             self.pattern.copy_from_slice(&self.tree_pattern);
-            self.coupled = false;
+            self.runs.is_coupled = false;
         }
     }
 
@@ -98,12 +109,12 @@ impl Factor {
             rest &= rest - 1;
             self.pattern[dof as usize] |= dofs & ((1 << dof) - 1);
         }
-        self.coupled = true;
+        self.runs.is_coupled = true;
     }
 
     /// Works out the fill-in of all couplings: a row passes its columns on to the highest of them.
     pub fn finish_pattern(&mut self) {
-        if !self.coupled {
+        if !self.runs.is_coupled {
             return;
         }
         for row in (0..self.n).rev() {
@@ -113,17 +124,12 @@ impl Factor {
                 self.pattern[top as usize] |= bits & ((1 << top) - 1);
             }
         }
-        self.runs.rebuild(&self.pattern);
-    }
-
-    fn runs(&self) -> &Runs {
-        if self.coupled { &self.runs } else { &self.tree_runs }
+        self.runs.coupled.rebuild(&self.pattern);
     }
 
     /// Starts from a matrix that is zero outside the trees' pattern.
     pub fn load(&mut self, matrix: &[f64], rows: impl Iterator<Item = usize>) {
-        let runs = if self.coupled { &self.runs } else { &self.tree_runs };
-        copy_rows(self.n, runs, rows, matrix, &mut self.values);
+        copy_rows(self.n, self.runs.in_force(), rows, matrix, &mut self.values);
     }
 
     /// Adds to an entry of the lower triangle that the pattern holds.
@@ -152,16 +158,26 @@ impl Factor {
     pub fn eliminate_late(&mut self, rows: impl DoubleEndedIterator<Item = usize> + Clone) -> bool {
         let split = self.split;
         let positive = self.eliminate(rows.clone().rev().take_while(|&row| row >= split));
-        let runs = if self.coupled { &self.runs } else { &self.tree_runs };
-        copy_rows(self.n, runs, rows.take_while(|&row| row < split), &self.values, &mut self.early_rows);
+        copy_rows(
+            self.n,
+            self.runs.in_force(),
+            rows.take_while(|&row| row < split),
+            &self.values,
+            &mut self.early_rows,
+        );
         positive
     }
 
     /// Goes back to the rows that [`Factor::eliminate_late`] left.
     pub fn restore_early(&mut self, rows: impl Iterator<Item = usize>) {
         let split = self.split;
-        let runs = if self.coupled { &self.runs } else { &self.tree_runs };
-        copy_rows(self.n, runs, rows.take_while(|&row| row < split), &self.early_rows, &mut self.values);
+        copy_rows(
+            self.n,
+            self.runs.in_force(),
+            rows.take_while(|&row| row < split),
+            &self.early_rows,
+            &mut self.values,
+        );
     }
 
     /// Eliminates the rows before the split; the factor is complete then.
@@ -174,7 +190,7 @@ impl Factor {
     fn eliminate(&mut self, rows: impl Iterator<Item = usize>) -> bool {
         let n = self.n;
         let mut positive = true;
-        let runs = if self.coupled { &self.runs } else { &self.tree_runs };
+        let runs = self.runs.in_force();
         for k in rows {
             let (above, row) = self.values.split_at_mut(k * n);
             let row = &mut row[..=k];
@@ -207,7 +223,7 @@ impl Factor {
     /// Solves for the rows of `x` in place; no other row is coupled with them.
     pub fn solve(&self, x: &mut [f64], rows: impl DoubleEndedIterator<Item = usize> + Clone) {
         let n = self.n;
-        let runs = self.runs();
+        let runs = self.runs.in_force();
         for k in rows.clone().rev() {
             let (head, tail) = x.split_at_mut(k);
             let value = tail[0];
@@ -235,7 +251,7 @@ impl Factor {
             let row = &matrix[k * n..k * n + k + 1];
             let value = x[k];
             let mut sum = row[k] * value;
-            for &(start, end) in self.tree_runs.of(k) {
+            for &(start, end) in self.runs.tree.of(k) {
                 for j in usize::from(start)..usize::from(end) {
                     sum += row[j] * x[j];
                     y[j] += row[j] * value;

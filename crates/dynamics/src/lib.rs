@@ -61,10 +61,11 @@
 //!
 //!    The bias force `c` is that of the mean of `v0` and `v`: a first solve gives a `v` for it. At `v0` alone it would feed
 //!    a fast body with energy. Drives are implicit in position and velocity and saturate inside the solve: the potential of
-//!    `clamp(k (target - q - dt v) - d v, limit)`, the limit along the motion falling to 0 at the motor's rated speed. Contacts are regularised Coulomb cones, their impulse the projection of a linear law on the
-//!    cone, which makes their potential convex \[2\]. Compliance is a small part of each pair's inverse mass (0.01 along the
-//!    normal, 0.001 along the tangents): near-rigid, no creep to speak of. A penetration is taken back by a fifth per step,
-//!    at 1 m/s at most \[3\]. The price of convexity: a body that slides at speed `s` floats at `mu s dt`.
+//!    `clamp(k (target - q - dt v) - d v, limit)`, the limit along the motion falling to 0 at the motor's rated speed.
+//!    Contacts are regularised Coulomb cones, their impulse the projection of a linear law on the cone, which makes their
+//!    potential convex \[2\]. Compliance is a small part of each pair's inverse mass (0.01 along the normal, 0.001 along the
+//!    tangents): near-rigid, no creep to speak of. A penetration is taken back by a fifth per substep, at 1 m/s at most
+//!    \[3\]. The price of convexity: a body that slides at speed `s` floats at `mu s dt`.
 //! 5. Newton's method with a line search on the slope \[2\]. The Hessian keeps the trees' sparsity: it is factorised as
 //!    `L' D L` from the leaves to the roots, which fills in nothing along a branch \[1\]; where contact couples two branches
 //!    the extra columns are worked out from bit sets, as a sparse Cholesky's symbolic phase does \[4\]. The start is the

@@ -151,7 +151,7 @@ impl Solver {
     /// Goes on from the velocity at hand to the minimum; false if it is not reached.
     pub fn minimise(&mut self, problem: &Problem<'_>, tolerance: f64, report: &mut StepReport) -> bool {
         let (mut converged, mut most_iterations) = (true, 0);
-        for slot in 0..self.islands.count {
+        for slot in 0..self.islands.slots() {
             let island = self.islands.take(slot);
             if !island.dofs.is_empty() {
                 let (done, iterations) = self.minimise_island(problem, &island, tolerance);

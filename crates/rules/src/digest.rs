@@ -10,11 +10,12 @@ pub const ROW_LAYOUT: &str = "fiatlux-row/3";
 
 /// A SHA-256 chain: `digest(k) = SHA-256(digest(k - 1), row k)`, started by `SHA-256(ROW_LAYOUT, 0, context)`.
 ///
-/// A row is a sequence of little-endian f64, counts and flags included, in this order: step; counts of joints and
-/// of hand bodies; root pose and velocity; joint positions, velocities, targets, efforts; action; ladder; old bulb; fresh bulb (each pose and velocity); poses of fixture
-/// and crate; forces of the old bulb, then of the fresh one, on the hand bodies; their peaks in the same order; forces of
-/// the floor, then of the ladder, on the four limbs; per bulb seated and steps beyond; unconverged steps; velocity of the centre of mass;
-/// positions of both palms; retried steps; peak joint speed; penetration. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
+/// A row is a sequence of little-endian f64, counts and flags included, in this order: step; counts of joints and of hand
+/// bodies; root pose and velocity; joint positions, velocities, targets, efforts; action; ladder; old bulb; fresh bulb
+/// (each pose and velocity); poses of fixture and crate; forces of the old bulb, then of the fresh one, on the hand bodies;
+/// their peaks in the same order; forces of the floor, then of the ladder, on the four limbs; per bulb seated and steps
+/// beyond; unconverged steps; velocity of the centre of mass; positions of both palms; retried steps; peak joint speed;
+/// penetration. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
 #[derive(Debug, Clone)]
 pub struct RowDigest {
     link: [u8; 32],

@@ -1,6 +1,6 @@
 //! When a state has left what a robot in a room can reach: the simulation has failed, and nothing in the row can be judged.
 //!
-//! The bounds are no thresholds of a session: an episode that diverges can neither be asked for nor scored.
+//! A session cannot choose these bounds, as it can choose thresholds: an episode that diverges is always a failure.
 
 use crate::row::{BodyRow, Bulb, Row};
 

@@ -134,6 +134,20 @@ fn hand_closed_on_nothing(stage: &Stage) -> Result<Case, BenchError> {
     stage.standing_case("hand closed on nothing", &staged)
 }
 
+/// The socket's hold is no part of the engine: without it the old bulb would fall out, so it stands on the bench. Its pose; the
+/// identity where there is no bulb or no bench.
+pub(super) fn stand_old_bulb_on_bench(scene: &Scene, state: &mut State) -> Isometry3<f64> {
+    let (Some(world_from_bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) else {
+        return Isometry3::identity();
+    };
+    let bench = &scene.config.bench;
+    let [x, y] = bench.bulb_spot;
+    let spot = world_from_bench.translation.vector + Vector3::new(x - 0.4, y, bench.surface_height);
+    let world_from_bulb = scene.world_from_standing_bulb(Bulb::Old, spot);
+    state.set_pose(&scene.model, old_bulb, &world_from_bulb);
+    world_from_bulb
+}
+
 /// The scene with both bulbs on the bench and the robot at q0 in its zone.
 struct Stage {
     scene: Arc<Scene>,
@@ -161,14 +175,7 @@ impl Stage {
         }
         let world_from_pelvis = scene.layout.robot.world_from_place(robot.standing_height());
         start.set_pose(&scene.model, scene.robot_ids.root, &world_from_pelvis);
-        // The socket's hold is no part of the physics: without it the old bulb would fall out, so it stands on the bench.
-        let mut world_from_old_bulb = Isometry3::identity();
-        if let (Some(bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) {
-            let [x, y] = config.bench.bulb_spot;
-            let spot = bench.translation.vector + Vector3::new(x - 0.4, y, config.bench.surface_height);
-            world_from_old_bulb = scene.world_from_standing_bulb(Bulb::Old, spot);
-            start.set_pose(&scene.model, old_bulb, &world_from_old_bulb);
-        }
+        let world_from_old_bulb = stand_old_bulb_on_bench(&scene, &mut start);
         let (model, scene, joint_q0) = (Arc::new(scene.model.clone()), Arc::new(scene), robot.q0().to_vec());
         Ok(Self { model, scene, start, q0, joint_q0, world_from_pelvis, world_from_old_bulb })
     }

@@ -5,10 +5,9 @@ use std::time::Instant;
 
 use fiatlux_dynamics::{Dynamics, Input, State};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::Bulb;
 use fiatlux_world::{PHYSICS_DT, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec};
-use nalgebra::Vector3;
 
+use super::case::stand_old_bulb_on_bench;
 use super::{BenchError, RoomReport};
 
 /// Stiffness and damping of the ankles, in units of their own, with which the robot stands without a controller, and how far
@@ -18,7 +17,8 @@ const ANKLE_LEAN: f64 = 0.06;
 /// The arms wave by so much, rad, so often, Hz.
 const WAVE: f64 = 0.3;
 const WAVE_RATE: f64 = 1.0;
-/// Physics steps before the first measurement, and in each; measurements of each scene, of which the best counts.
+/// Physics steps to settle before the first measurement, and physics steps in a measurement. Of the measurements of a scene,
+/// so many, the best counts.
 const SETTLE: usize = 400;
 const STEPS: usize = 400;
 const ROUNDS: usize = 20;
@@ -58,11 +58,7 @@ impl Waver {
         for (ids, &angle) in scene.robot_ids.joints.iter().zip(scene.robot.q0()) {
             state.qpos[ids.qpos] = angle;
         }
-        // Without the socket's hold the old bulb would fall, so it stands on the bench.
-        if let (Some(bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) {
-            let spot = bench.translation.vector + Vector3::new(-0.2, 0.0, scene.config.bench.surface_height);
-            state.set_pose(&scene.model, old_bulb, &scene.world_from_standing_bulb(Bulb::Old, spot));
-        }
+        stand_old_bulb_on_bench(&scene, &mut state);
         let (dynamics, targets) = (Dynamics::new(&scene.model), vec![0.0; scene.robot.joints().len()]);
         let mut waver = Self { scene, dynamics, state, targets, step: 0 };
         waver.play(SETTLE);

@@ -30,9 +30,8 @@ pub(crate) struct Islands {
     tree_dofs: Vec<Vec<Range<usize>>>,
     /// For each tree one that it is coupled with, lower or itself.
     joined: Vec<usize>,
+    /// One for each tree; that of a tree which another one takes in is empty.
     slots: Vec<Island>,
-    /// Slot of each island of this step.
-    pub count: usize,
 }
 
 impl Islands {
@@ -51,7 +50,7 @@ impl Islands {
         let runs = tree_dofs.iter().map(Vec::len).sum();
         let slot = |_| Island { dofs: Vec::with_capacity(runs), pairs: Vec::with_capacity(pairs) };
         let (joined, slots) = ((0..roots.len()).collect(), (0..roots.len()).map(slot).collect());
-        Self { tree_of_body, tree_dofs, joined, slots, count: 0 }
+        Self { tree_of_body, tree_dofs, joined, slots }
     }
 
     /// Forgets the couplings of the step before.
@@ -67,10 +66,9 @@ impl Islands {
 
     /// Gathers the islands; `pair_bodies` has a body that moves of each pair.
     pub fn gather(&mut self, pair_bodies: impl Iterator<Item = usize>) {
-        self.count = self.joined.len();
-        for tree in 0..self.joined.len() {
-            self.slots[tree].dofs.clear();
-            self.slots[tree].pairs.clear();
+        for slot in &mut self.slots {
+            slot.dofs.clear();
+            slot.pairs.clear();
         }
         for tree in 0..self.joined.len() {
             let top = self.top(tree);
@@ -83,6 +81,11 @@ impl Islands {
         for slot in &mut self.slots {
             slot.dofs.sort_unstable_by_key(|run| run.start);
         }
+    }
+
+    /// Number of slots.
+    pub fn slots(&self) -> usize {
+        self.slots.len()
     }
 
     /// Takes an island out of its slot, to be put back; one without degrees of freedom is part of another.

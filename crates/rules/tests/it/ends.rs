@@ -263,7 +263,7 @@ fn what_is_not_plausible_diverges() {
     }
 }
 
-/// It wins over a success of the same row, of which nothing counts, and takes back one that was not to end the episode.
+/// Divergence overrides a success in the same row, and revokes an earlier success that had not ended the episode.
 #[test]
 fn an_episode_that_diverges_is_never_a_success() {
     for task in Task::ALL {

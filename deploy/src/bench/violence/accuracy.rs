@@ -14,7 +14,7 @@ const AT: [usize; 4] = [5, 10, 25, 50];
 /// Runs of each pattern, over the tasks in turn; fewer where less is asked for.
 const RUNS: u64 = 28;
 
-/// From the tasks' start states; the socket's hold is no part of the engine and takes no part.
+/// From the tasks' start states. The socket's hold is not part of the engine, so seated bulbs fall here.
 pub(super) fn measure(trials: &Trials, runs: u64) -> Result<Vec<AccuracyReport>, BenchError> {
     let patterns = [Pattern::Boxes(0.2), Pattern::Boxes(1.0), Pattern::Limits];
     patterns.into_iter().map(|pattern| measure_pattern(trials, pattern, runs.clamp(1, RUNS))).collect()
