@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 17] = [
+const IN_METADATA: [&str; 18] = [
     "EpisodeHeader",
     "OpenRequest",
     "EpisodeResult",
     "EpisodeEnd",
+    "Judgement",
     "Version",
     "Sensor",
     "Randomization",

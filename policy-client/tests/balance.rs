@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_policy::balance::{Balance, BalanceError, Sensed};
 use fiatlux_robot::{GainSet, JointGains, Robot};
-use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Row, Task, Thresholds};
+use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_world::{ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
 use nalgebra::Vector3;
@@ -129,7 +129,7 @@ impl Episode {
 fn play(task: Task, seed: u64, episode: u64, gains: GainSet, steps: usize) -> Stood {
     let mut run = Episode::new(task, seed, episode, gains);
     let geometry = run.world.scene().geometry();
-    let mut judge = Judge::new(task, Thresholds::default(), geometry, JudgeOptions::default());
+    let mut judge = Judge::new(Protocol::Published, task, Thresholds::default(), geometry, JudgeOptions::default());
     judge.start(run.world.row());
     let touch = Thresholds::default().touch_n;
     let mut held =

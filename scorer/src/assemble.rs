@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use fiatlux_proto::v3;
-use fiatlux_rules::{Benchmark, Episode, ROW_LAYOUT, Rate, SubtaskScore, Task};
+use fiatlux_rules::{Benchmark, Episode, ROW_LAYOUT, Rate, SubtaskScore, Summary, Task};
 
 use crate::conditions::compared;
 use crate::episode::{Flaw, Graded};
@@ -60,9 +60,13 @@ pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Re
     check_conditions(&entries)?;
     excluded.sort_by(|a, b| a.bag.cmp(&b.bag));
 
-    let episodes: Vec<Episode> =
-        entries.iter().map(|entry| Episode { seed: entry.header.seed, summary: entry.graded.summary }).collect();
+    let episode = |entry: &Entry, summary| Episode { seed: entry.header.seed, summary };
+    let episodes: Vec<Episode> = entries.iter().map(|entry| episode(entry, entry.graded.summary)).collect();
+    let strict: Option<Vec<Episode>> =
+        entries.iter().map(|entry| entry.graded.strict.map(|summary| episode(entry, summary))).collect();
+    let strict = strict.filter(|episodes| !episodes.is_empty());
     let benchmark = Benchmark::of(&episodes);
+    let benchmark_strict = strict.as_deref().map(Benchmark::of);
     let seeds: BTreeSet<u64> = entries.iter().map(|entry| entry.header.seed).collect();
     let conditions = entries.first().map_or_else(Conditions::default, |entry| {
         Conditions::new(&entry.header, &entry.graded.thresholds, &options.set, options.published_counting)
@@ -70,16 +74,20 @@ pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Re
     let (subtasks, extra_tasks): (Vec<_>, Vec<_>) = benchmark
         .subtasks
         .iter()
-        .map(|score| (Task::SUBTASKS.contains(&score.task), task_result(score, &entries)))
+        .map(|score| {
+            let strict = strict.as_deref().and_then(|episodes| SubtaskScore::of(score.task, episodes));
+            (Task::SUBTASKS.contains(&score.task), task_result(score, strict.as_ref(), &entries))
+        })
         .partition(|(is_subtask, _)| *is_subtask);
     let versions = versions(&entries);
     Ok(Results {
         policy: entries.first().map(|entry| entry.header.policy.clone()).unwrap_or_default(),
         seeds: seeds.into_iter().collect(),
         score: score(&benchmark),
+        score_strict: benchmark_strict.as_ref().map(score),
         subtasks: subtasks.into_iter().map(|(_, result)| result).collect(),
         missing: benchmark.missing.iter().map(Task::to_string).collect(),
-        overall: overall(&episodes),
+        overall: overall(&episodes, strict.as_deref()),
         extra_tasks: extra_tasks.into_iter().map(|(_, result)| result).collect(),
         episodes: entries.into_iter().map(episode_row).collect(),
         excluded,
@@ -188,7 +196,7 @@ fn score(benchmark: &Benchmark) -> Score {
     }
 }
 
-fn task_result(score: &SubtaskScore, entries: &[Entry]) -> TaskResult {
+fn task_result(score: &SubtaskScore, strict: Option<&SubtaskScore>, entries: &[Entry]) -> TaskResult {
     let mut ends = BTreeMap::new();
     for entry in entries.iter().filter(|entry| entry.graded.summary.task == score.task) {
         *ends.entry(entry.graded.end.clone()).or_insert(0) += 1;
@@ -216,27 +224,39 @@ fn task_result(score: &SubtaskScore, entries: &[Entry]) -> TaskResult {
         broken_interval: interval(score.broken),
         dropped_interval: interval(score.dropped),
         ends,
+        strict_score_mean: strict.map(|strict| strict.score.mean),
+        strict_score_std: strict.and_then(|strict| strict.score.std),
+        strict_success_rate: strict.map(|strict| value(strict.success)),
+        strict_clean_success_rate: strict.map(|strict| value(strict.clean_success)),
+        strict_progress: strict.map(|strict| strict.gate_progress),
+        strict_success_interval: strict.map(|strict| interval(strict.success)),
+        strict_clean_success_interval: strict.map(|strict| interval(strict.clean_success)),
     }
 }
 
-fn overall(episodes: &[Episode]) -> Overall {
-    let own: Vec<_> = episodes.iter().filter(|e| Task::SUBTASKS.contains(&e.summary.task)).map(|e| e.summary).collect();
-    let rate = |is: fn(&fiatlux_rules::Summary) -> bool| {
-        let rate = Rate::of(own.iter().map(is));
+fn overall(episodes: &[Episode], strict: Option<&[Episode]>) -> Overall {
+    let own = |episodes: &[Episode]| -> Vec<Summary> {
+        episodes.iter().filter(|e| Task::SUBTASKS.contains(&e.summary.task)).map(|e| e.summary).collect()
+    };
+    let rate = |summaries: &[Summary], is: fn(&Summary) -> bool| {
+        let rate = Rate::of(summaries.iter().map(is));
         RateRow { hits: rate.hits, rate: rate.value(), interval: rate.interval() }
     };
+    let (published, strict) = (own(episodes), strict.map(own));
     Overall {
-        episodes: own.len() as u64,
-        clean_success: rate(fiatlux_rules::Summary::clean),
-        success: rate(|s| s.success),
-        broken: rate(|s| s.broken),
-        dropped: rate(|s| s.dropped),
+        episodes: published.len() as u64,
+        clean_success: rate(&published, Summary::clean),
+        success: rate(&published, |s| s.success),
+        strict_success: strict.as_deref().map(|strict| rate(strict, |s| s.success)),
+        strict_clean_success: strict.as_deref().map(|strict| rate(strict, Summary::clean)),
+        broken: rate(&published, |s| s.broken),
+        dropped: rate(&published, |s| s.dropped),
     }
 }
 
 fn episode_row(entry: Entry) -> EpisodeRow {
     let Entry { bag, header, graded } = entry;
-    let summary = graded.summary;
+    let (summary, strict) = (graded.summary, graded.strict);
     EpisodeRow {
         task: summary.task.to_string(),
         seed: header.seed,
@@ -253,6 +273,11 @@ fn episode_row(entry: Entry) -> EpisodeRow {
         bag,
         episode: header.episode,
         causes: graded.causes,
+        strict_success: strict.map(|strict| strict.success),
+        strict_clean: strict.map(|strict| strict.clean()),
+        strict_progress: strict.map(|strict| strict.gate_progress),
+        strict_end: strict.and_then(|strict| strict.end).map(|end| end.cause().name().into()),
+        strict_steps: strict.map(|strict| strict.steps),
         steps_in_gate: graded.steps_in_gate,
         notes: graded.notes,
         series: graded.series,

@@ -2,9 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use fiatlux_proto::v3::Judgement;
 use fiatlux_proto::{ABORTED, PROTOCOL, is_compatible, v3};
-use fiatlux_rules::{Cause, Causes, Judge, JudgeOptions, Row, RowDigest, Summary, Task, ThresholdError, Thresholds};
-use fiatlux_wire::{WireError, read_geometry};
+use fiatlux_rules::{
+    Cause, Causes, JudgeOptions, Judges, Protocol, Row, RowDigest, Summary, Task, ThresholdError, Thresholds,
+    UnknownProtocol,
+};
+use fiatlux_wire::{WireError, judgement_message, read_geometry};
 use thiserror::Error;
 
 use crate::Series;
@@ -25,6 +29,9 @@ pub enum HeaderError {
     /// The task.
     #[error("the header's task is unknown; the bag may come from another version")]
     Task(#[from] fiatlux_rules::UnknownTask),
+    /// The protocol.
+    #[error("the header's episode_protocol is unknown; the bag may come from another version")]
+    Rulebook(#[from] UnknownProtocol),
     /// The thresholds.
     #[error("the header's thresholds cannot be taken; the bag may come from another version")]
     Threshold(#[from] ThresholdError),
@@ -81,11 +88,13 @@ impl std::fmt::Display for Flaw {
 /// What the rows of an episode say.
 #[derive(Debug, Clone)]
 pub struct Graded {
-    /// By the rows alone.
+    /// What the published judge says, by the rows alone.
     pub summary: Summary,
-    /// What ended it: by this grading's rules, else as recorded.
+    /// What the strict judge says; `None` for an episode that was played by protocol `published`.
+    pub strict: Option<Summary>,
+    /// What ended it by the published rules of this grading, else as recorded.
     pub end: String,
-    /// All conditions that the last judged row met and that could end it.
+    /// All conditions that its last published row met and that could end it.
     pub causes: Vec<String>,
     /// Thresholds that it was judged by.
     pub thresholds: Thresholds,
@@ -104,7 +113,7 @@ pub struct Graded {
 /// Grades one episode, row by row.
 #[derive(Debug)]
 pub struct Grader {
-    judge: Judge,
+    judges: Judges,
     digest: RowDigest,
     recorder: Recorder,
     next_step: u64,
@@ -136,10 +145,11 @@ impl Grader {
         let geometry = read_geometry(&header.geometry)?;
         let ends = header.end_on.iter().map(|name| name.parse::<Cause>()).collect::<Result<Causes, _>>()?;
         let own_choice = header.end_on_overridden || !header.end_on.is_empty();
+        let protocol: Protocol = header.episode_protocol.parse()?;
         let options = JudgeOptions { end_on: own_choice.then_some(ends), published_counting };
         let digest = RowDigest::from_hex(&header.digest_context).ok_or(HeaderError::Context)?;
         Ok(Self {
-            judge: Judge::new(task, thresholds, geometry, options),
+            judges: Judges::new(protocol, task, &thresholds, &geometry, options),
             digest,
             recorder: Recorder::default(),
             next_step: 0,
@@ -157,18 +167,23 @@ impl Grader {
         self.next_step = row.step.saturating_add(1);
         self.digest.push(row);
         if row.step == 0 {
-            let verdict = *self.judge.start(row);
-            self.recorder.push(row, &verdict.criteria);
-        } else if self.judge.verdict().end.is_none() {
-            let verdict = *self.judge.advance(row);
-            self.steps_in_gate += u64::from(verdict.criteria.all());
-            self.recorder.push(row, &verdict.criteria);
+            self.judges.start(row);
+        } else if self.judges.in_force().verdict().end.is_none() {
+            let counts = self.judges.of(Protocol::Published).verdict().end.is_none();
+            self.judges.advance(row);
+            let published = self.judges.of(Protocol::Published).verdict();
+            self.steps_in_gate += u64::from(counts && published.criteria.all());
+        } else {
+            return;
         }
+        self.recorder.push(row, &self.judges.in_force().verdict().criteria);
     }
 
     /// What the rows amount to, against the result that was recorded with them.
     pub fn finish(self, result: Option<&v3::EpisodeResult>) -> Graded {
-        let summary = self.judge.summary();
+        let judge = self.judges.of(Protocol::Published);
+        let summary = judge.summary();
+        let strict = (self.judges.protocol() == Protocol::Strict).then(|| self.judges.of(Protocol::Strict));
         let digest = self.digest.hex();
         let recorded = result.and_then(|result| result.end.as_ref());
         let flaw = self.flaw(recorded, &digest);
@@ -185,8 +200,11 @@ impl Grader {
             }
             (None, None) => ("cut".to_owned(), Vec::new()),
         };
-        if let (Some(recorded), false) = (recorded, self.rejudged) {
-            notes.extend(differences(&summary, recorded));
+        if let (Some(result), false) = (result, self.rejudged) {
+            let found = Some(judgement_message(judge));
+            notes.extend(differences("published", found.as_ref(), result.published.as_ref()));
+            let found = strict.map(judgement_message);
+            notes.extend(differences("strict", found.as_ref(), result.strict.as_ref()));
         }
         if summary.reached_working_height && summary.task.spec().special.notes_working_height {
             notes.push("the pelvis reached working height".into());
@@ -201,9 +219,11 @@ impl Grader {
                 counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")),
             );
         }
-        let criteria = summary.task.spec().gate.criteria.iter().map(|criterion| criterion.name).collect();
+        let gate = &summary.task.spec().gate;
+        let criteria = gate.criteria_of(self.judges.protocol()).map(|criterion| criterion.name).collect();
         Graded {
-            thresholds: self.judge.thresholds().clone(),
+            thresholds: judge.thresholds().clone(),
+            strict: strict.map(|judge| judge.summary()),
             series: self.recorder.finish(criteria),
             steps_in_gate: self.steps_in_gate,
             summary,
@@ -230,21 +250,38 @@ impl Grader {
         if !end.digest.eq_ignore_ascii_case(digest) {
             return Some(Flaw::Altered { rows: digest.into(), result: end.digest.clone() });
         }
-        (!self.judge.summary().control_effort.is_finite()).then_some(Flaw::NotFinite)
+        (!self.judges.in_force().summary().control_effort.is_finite()).then_some(Flaw::NotFinite)
     }
 }
 
-/// Where the recorded end does not say what the rows say; the rows count.
-fn differences(summary: &Summary, end: &v3::EpisodeEnd) -> Vec<String> {
+/// Where a recorded judgement does not say what the rows say; the rows count.
+fn differences(protocol: &str, rows: Option<&Judgement>, recorded: Option<&Judgement>) -> Vec<String> {
+    let (rows, recorded) = match (rows, recorded) {
+        (Some(rows), Some(recorded)) => (rows, recorded),
+        (None, None) => return Vec::new(),
+        (Some(_), None) => return vec![format!("its result says nothing by protocol {protocol}")],
+        (None, Some(_)) => return vec![format!("its result says what it cannot know by protocol {protocol}")],
+    };
     let yes_no = |value: bool| if value { "yes" } else { "no" }.to_owned();
-    let fields = [
-        ("success", yes_no(summary.success), yes_no(end.success)),
-        ("broken", yes_no(summary.broken), yes_no(end.broken)),
-        ("dropped", yes_no(summary.dropped), yes_no(end.dropped)),
-        ("gate progress", summary.gate_progress.to_string(), end.gate_progress.to_string()),
-    ];
-    let differing = fields.into_iter().filter(|(_, rows, recorded)| rows != recorded);
+    let fields = |j: &Judgement| {
+        [
+            ("success", yes_no(j.success)),
+            ("broken", yes_no(j.broken)),
+            ("dropped", yes_no(j.dropped)),
+            ("gate progress", j.gate_progress.to_string()),
+            ("end", j.causes.join("+")),
+            ("steps", j.steps.to_string()),
+            ("peak hand force", j.peak_hand_force_n.to_string()),
+            ("control effort", j.control_effort.to_string()),
+            ("criteria at the start", j.start_count.to_string()),
+            ("most criteria", j.best_count.to_string()),
+        ]
+    };
+    let pairs = fields(rows).into_iter().zip(fields(recorded));
+    let differing = pairs.filter(|((_, rows), (_, recorded))| rows != recorded);
     differing
-        .map(|(name, rows, recorded)| format!("{name} is {rows} by its rows, its result says {recorded}"))
+        .map(|((name, rows), (_, recorded))| {
+            format!("{protocol} {name} is {rows} by its rows, its result says {recorded}")
+        })
         .collect()
 }

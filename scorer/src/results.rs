@@ -18,8 +18,10 @@ pub struct Results {
     pub policy: String,
     /// Layout seeds of the scored episodes, ascending.
     pub seeds: Vec<u64>,
-    /// The benchmark score S.
+    /// The benchmark score S, by the published gates.
     pub score: Score,
+    /// The same by the strict gates, which rankings go by; `null` where the episodes were played by protocol `published`.
+    pub score_strict: Option<Score>,
     /// The subtasks that ran, in order.
     pub subtasks: Vec<TaskResult>,
     /// Subtasks that did not run under one of the seeds or more; they are outside the score.
@@ -122,6 +124,20 @@ pub struct TaskResult {
     pub dropped_interval: [f64; 2],
     /// How many episodes ended by each cause.
     pub ends: BTreeMap<String, u64>,
+    /// `score_mean` by the strict gates; this and what follows is `null` without them.
+    pub strict_score_mean: Option<f64>,
+    /// Sample standard deviation of it over the seeds.
+    pub strict_score_std: Option<f64>,
+    /// Share of episodes whose strict gate fired.
+    pub strict_success_rate: Option<f64>,
+    /// Share of them in which also nothing was broken, in the strict sense, and nothing dropped.
+    pub strict_clean_success_rate: Option<f64>,
+    /// Mean strict progress, 0 to 1.
+    pub strict_progress: Option<f64>,
+    /// Wilson 95 % interval of the strict success rate.
+    pub strict_success_interval: Option<[f64; 2]>,
+    /// Wilson 95 % interval of the strict clean success rate.
+    pub strict_clean_success_interval: Option<[f64; 2]>,
 }
 
 /// A scored episode.
@@ -157,7 +173,17 @@ pub struct EpisodeRow {
     pub episode: u64,
     /// All conditions in force that its last row met.
     pub causes: Vec<String>,
-    /// Steps in which all criteria of the gate held.
+    /// Its strict gate fired; this and what follows is `null` where the episode was played by protocol `published`.
+    pub strict_success: Option<bool>,
+    /// And nothing was broken, in the strict sense, or dropped.
+    pub strict_clean: Option<bool>,
+    /// 0 to 1.
+    pub strict_progress: Option<f64>,
+    /// The cause of its end by protocol `strict`.
+    pub strict_end: Option<String>,
+    /// Its length by protocol `strict`, control steps: all rows of the bag.
+    pub strict_steps: Option<u64>,
+    /// Steps in which all criteria of the published gate held.
     pub steps_in_gate: u64,
     /// What a reader should know.
     pub notes: Vec<String>,
@@ -175,6 +201,10 @@ pub struct Overall {
     pub clean_success: RateRow,
     /// Successes.
     pub success: RateRow,
+    /// Successes by the strict gates; `null` without them.
+    pub strict_success: Option<RateRow>,
+    /// Those among them in which nothing was broken or dropped.
+    pub strict_clean_success: Option<RateRow>,
     /// Episodes in which a bulb broke.
     pub broken: RateRow,
     /// Episodes in which a bulb was dropped.

@@ -43,13 +43,13 @@ impl Series {
 /// Collects rows; [`Recorder::finish`] thins them out.
 #[derive(Debug, Default)]
 pub(crate) struct Recorder {
-    bits: Vec<u8>,
+    bits: Vec<u16>,
     force: Vec<f32>,
 }
 
 impl Recorder {
     pub(crate) fn push(&mut self, row: &Row, criteria: &Criteria) {
-        let bits = criteria.as_slice().iter().enumerate().fold(0, |bits, (i, held)| bits | u8::from(*held) << i);
+        let bits = criteria.as_slice().iter().enumerate().fold(0, |bits, (i, held)| bits | u16::from(*held) << i);
         let squared = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm_squared()));
         self.bits.push(bits);
         self.force.push(squared.sqrt() as f32);
@@ -59,7 +59,7 @@ impl Recorder {
         let rows = self.bits.len();
         let buckets = rows.min(MAX_BUCKETS);
         let spans: Vec<_> = (0..buckets).map(|i| i * rows / buckets..(i + 1) * rows / buckets).collect();
-        let held_in = |lane: usize, bits: &[u8]| match bits.iter().filter(|bits| *bits >> lane & 1 == 1).count() {
+        let held_in = |lane: usize, bits: &[u16]| match bits.iter().filter(|bits| *bits >> lane & 1 == 1).count() {
             0 => Held::No,
             all if all == bits.len() => Held::Throughout,
             _ => Held::Partly,

@@ -20,7 +20,7 @@
 //! for step in 0..3 {
 //!     writer.message(topic::STATE, step, &State { step, ..State::default() }.encode_to_vec())?;
 //! }
-//! let path = writer.finish(&EpisodeResult { control_effort: 0.5, ..EpisodeResult::default() })?;
+//! let path = writer.finish(&EpisodeResult { total_reward: 0.5, ..EpisodeResult::default() })?;
 //!
 //! let bag = Bag::open(&path)?;
 //! assert!(matches!(bag.completeness(), Completeness::Whole));

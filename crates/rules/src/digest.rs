@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use crate::row::{BodyRow, Row};
 
 /// Name and version of the layout below; it is hashed first, so that digests of different layouts never meet.
-pub const ROW_LAYOUT: &str = "fiatlux-row/3";
+pub const ROW_LAYOUT: &str = "fiatlux-row/4";
 
 /// A SHA-256 chain: `digest(k) = SHA-256(digest(k - 1), row k)`, started by `SHA-256(ROW_LAYOUT, 0, context)`.
 ///
@@ -14,8 +14,9 @@ pub const ROW_LAYOUT: &str = "fiatlux-row/3";
 /// bodies; root pose and velocity; joint positions, velocities, targets, efforts; action; ladder; old bulb; fresh bulb
 /// (each pose and velocity); poses of fixture and crate; forces of the old bulb, then of the fresh one, on the hand bodies;
 /// their peaks in the same order; forces of the floor, then of the ladder, on the four limbs; per bulb seated and steps
-/// beyond; unconverged steps; velocity of the centre of mass; positions of both palms; retried steps; peak joint speed;
-/// penetration. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
+/// beyond; unconverged steps; velocity of the centre of mass; poses of both palms; retried steps; peak joint speed;
+/// penetration; peak force of other things on the old bulb, then on the fresh one; loads of the four limbs on the floor, then
+/// on high treads. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
 #[derive(Debug, Clone)]
 pub struct RowDigest {
     link: [u8; 32],
@@ -85,8 +86,9 @@ fn visit(row: &Row, out: &mut impl FnMut(f64)) {
     }
     out(f64::from(row.unconverged));
     visit_vector(&row.com_velocity, out);
-    row.palm_position.iter().for_each(|position| visit_vector(position, out));
-    [f64::from(row.retried), row.joint_speed_peak, row.penetration].into_iter().for_each(out);
+    row.world_from_palm.iter().for_each(|pose| visit_pose(pose, out));
+    [f64::from(row.retried), row.joint_speed_peak, row.penetration].into_iter().for_each(&mut *out);
+    row.other_force_peak.iter().chain(&row.floor_load).chain(&row.tread_load).for_each(|&number| out(number));
 }
 
 fn visit_body(body: &BodyRow, out: &mut impl FnMut(f64)) {

@@ -1,8 +1,10 @@
 //! A gate: conditions that must hold together.
 
 use crate::geometry::Geometry;
+use crate::protocol::Protocol;
 use crate::row::{Bulb, Row};
 use crate::settle::PoseSpeed;
+use crate::strict::UPRIGHT;
 use crate::thresholds::Thresholds;
 
 /// What a predicate reads beside the row.
@@ -14,6 +16,9 @@ pub struct Context<'a> {
     pub geometry: &'a Geometry,
     /// Low-passed speeds of both bulbs, by [`Bulb`].
     pub bulb_speeds: [PoseSpeed; 2],
+    /// Low-passed speeds of the bulbs in the frames of the palms, by [`Bulb`], then left and right. Only protocol `strict`
+    /// follows them.
+    pub grip_speeds: [[PoseSpeed; 2]; 2],
     /// Heights below which the bulbs count as dropped in this task, by [`Bulb`], m.
     pub drop_heights: [f64; 2],
 }
@@ -49,10 +54,14 @@ pub struct Gate {
     pub criteria: &'static [Criterion],
     /// Consecutive control steps; 1 where one is enough.
     pub sustain_steps: u32,
+    /// What protocol `strict` asks for besides; an upright pelvis comes to every list.
+    pub strict: &'static [Criterion],
+    /// Consecutive control steps in protocol `strict`.
+    pub strict_steps: u32,
 }
 
-/// Criteria of the longest gate.
-pub const MAX_CRITERIA: usize = 5;
+/// Criteria of the longest gate, the strict one of S09.
+pub const MAX_CRITERIA: usize = 9;
 
 /// Which criteria of a gate hold in a row, in the gate's order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -62,16 +71,34 @@ pub struct Criteria {
 }
 
 impl Gate {
-    /// Number of criteria.
-    pub fn n(&self) -> u32 {
-        self.criteria.len() as u32
+    /// The criteria of a protocol, the published ones first.
+    pub fn criteria_of(&self, protocol: Protocol) -> impl Iterator<Item = &'static Criterion> + use<> {
+        let (strict, upright): (&[Criterion], &[Criterion]) = match protocol {
+            Protocol::Published => (&[], &[]),
+            Protocol::Strict => (self.strict, &[UPRIGHT]),
+        };
+        self.criteria.iter().chain(strict).chain(upright)
     }
 
-    /// Evaluates every criterion.
-    pub fn evaluate(&self, row: &Row, context: &Context<'_>) -> Criteria {
-        let mut criteria = Criteria { held: [false; MAX_CRITERIA], len: self.criteria.len().min(MAX_CRITERIA) };
-        for (held, criterion) in criteria.held.iter_mut().zip(self.criteria) {
+    /// Number of a protocol's criteria.
+    pub fn n(&self, protocol: Protocol) -> u32 {
+        self.criteria_of(protocol).count() as u32
+    }
+
+    /// Consecutive control steps for which they must hold.
+    pub fn window(&self, protocol: Protocol) -> u32 {
+        match protocol {
+            Protocol::Published => self.sustain_steps,
+            Protocol::Strict => self.strict_steps,
+        }
+    }
+
+    /// Evaluates every criterion of a protocol.
+    pub fn evaluate(&self, protocol: Protocol, row: &Row, context: &Context<'_>) -> Criteria {
+        let mut criteria = Criteria::default();
+        for (held, criterion) in criteria.held.iter_mut().zip(self.criteria_of(protocol)) {
             *held = (criterion.holds)(row, context);
+            criteria.len += 1;
         }
         criteria
     }

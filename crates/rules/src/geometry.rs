@@ -28,6 +28,8 @@ pub struct Geometry {
     pub crate_floor: f64,
     /// Height of the bench's surface, m.
     pub bench_surface: f64,
+    /// Mass of the robot, kg.
+    pub robot_mass: f64,
 }
 
 /// Size of a bulb, a solid of revolution about its +z.

@@ -1,13 +1,16 @@
 //! The fold that judges an episode: its state follows from the rows alone.
 
+use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
 use crate::divergence::diverged;
-use crate::gate::{Context, Criteria, Gate};
+use crate::gate::{Context, Criteria, Gate, MAX_CRITERIA};
 use crate::geometry::Geometry;
-use crate::predicates::{at_working_height, crushed, dropped, fallen, impact, ladder_tipped, seated};
-use crate::row::{BodyRow, Bulb, Row};
+use crate::predicates::{at_working_height, crushed, dropped, fallen, ladder_tipped, seated, standing};
+use crate::protocol::Protocol;
+use crate::row::{Bulb, Row};
 use crate::scores::Summary;
 use crate::settle::PoseSpeed;
+use crate::strict::upright;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 use crate::verdict::{End, Verdict};
@@ -19,7 +22,8 @@ pub struct JudgeOptions {
     /// conditions are still noted.
     pub end_on: Option<Causes>,
     /// Counts criteria as the published numbers do: `c0` in row 1, and in place of an episode's last row the reset
-    /// state with that row's contact forces, which is what a simulator shows that resets within the step.
+    /// state with that row's contact forces, which is what a simulator shows that resets within the step. Protocol `strict`
+    /// has no such way.
     pub published_counting: bool,
 }
 
@@ -34,6 +38,7 @@ pub struct JudgeOptions {
 /// Whatever numbers rows hold, nothing panics.
 #[derive(Debug, Clone)]
 pub struct Judge {
+    protocol: Protocol,
     task: Task,
     thresholds: Thresholds,
     geometry: Geometry,
@@ -42,8 +47,9 @@ pub struct Judge {
     first_row: Option<Box<Row>>,
     first_step: u64,
     start_count: Option<u32>,
-    bulb_speeds: [PoseSpeed; 2],
-    last_bulbs: Option<[BodyRow; 2]>,
+    motion: BulbMotion,
+    /// For how many rows each criterion has held; protocol `strict` counts by it.
+    held_for: [u32; MAX_CRITERIA],
     squared_actions: f64,
     first_met: [Option<u64>; Cause::ALL.len()],
     verdict: Verdict,
@@ -51,8 +57,15 @@ pub struct Judge {
 
 impl Judge {
     /// A judge that has seen nothing; [`Judge::start`] shows it row 0.
-    pub fn new(task: Task, thresholds: Thresholds, geometry: Geometry, options: JudgeOptions) -> Self {
+    pub fn new(
+        protocol: Protocol,
+        task: Task,
+        thresholds: Thresholds,
+        geometry: Geometry,
+        options: JudgeOptions,
+    ) -> Self {
         Self {
+            protocol,
             task,
             thresholds,
             geometry,
@@ -60,8 +73,8 @@ impl Judge {
             first_row: None,
             first_step: 0,
             start_count: None,
-            bulb_speeds: [PoseSpeed::default(); 2],
-            last_bulbs: None,
+            motion: BulbMotion::default(),
+            held_for: [0; MAX_CRITERIA],
             squared_actions: 0.0,
             first_met: [None; Cause::ALL.len()],
             verdict: Verdict {
@@ -81,6 +94,11 @@ impl Judge {
                 end: None,
             },
         }
+    }
+
+    /// The rulebook that it goes by.
+    pub fn protocol(&self) -> Protocol {
+        self.protocol
     }
 
     /// The task.
@@ -125,7 +143,8 @@ impl Judge {
         Context {
             thresholds: &self.thresholds,
             geometry: &self.geometry,
-            bulb_speeds: self.bulb_speeds,
+            bulb_speeds: self.motion.speeds,
+            grip_speeds: self.motion.grip_speeds,
             drop_heights: [self.thresholds.old_drop_m, (self.task.spec().special.fresh_drop_m)(&self.thresholds)],
         }
     }
@@ -133,14 +152,14 @@ impl Judge {
     /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it beside c0.
     pub fn start(&mut self, row: &Row) -> &Verdict {
         let (thresholds, geometry) = (self.thresholds.clone(), self.geometry.clone());
-        *self = Self::new(self.task, thresholds, geometry, self.options);
+        *self = Self::new(self.protocol, self.task, thresholds, geometry, self.options);
         self.first_step = row.step;
-        self.last_bulbs = Some(row.bulbs);
-        let criteria = self.gate().evaluate(row, &self.context());
+        self.motion.shift(row);
+        let criteria = self.gate().evaluate(self.protocol, row, &self.context());
         self.verdict.step = row.step;
         self.verdict.criteria = criteria;
         self.verdict.count = criteria.count();
-        if self.options.published_counting {
+        if self.options.published_counting && self.protocol == Protocol::Published {
             self.first_row = Some(Box::new(row.clone()));
         } else {
             self.count(criteria.count());
@@ -157,9 +176,15 @@ impl Judge {
         if self.verdict.step.checked_add(1) != Some(row.step) {
             self.forget_motion();
         }
-        self.follow_bulbs(row);
+        // At rest at reset and, as published, through the first step.
+        if self.steps_at(row.step) > 1 {
+            self.motion.follow(row, self.protocol, self.thresholds.settle_time_s);
+        }
         self.squared_actions += row.action.iter().map(|a| a * a).sum::<f64>();
-        let criteria = self.gate().evaluate(row, &self.context());
+        let criteria = self.gate().evaluate(self.protocol, row, &self.context());
+        for (rows, held) in self.held_for.iter_mut().zip(criteria.as_slice()) {
+            *rows = if *held { *rows + 1 } else { 0 };
+        }
         let v = &mut self.verdict;
         v.step = row.step;
         v.criteria = criteria;
@@ -172,12 +197,13 @@ impl Judge {
             self.note_hands_and_bulbs(row);
         }
         self.note_conditions(row, diverged);
-        self.last_bulbs = Some(row.bulbs);
+        self.motion.shift(row);
         if diverged {
             return &self.verdict;
         }
         let counted = match (&self.first_row, self.verdict.end) {
             (Some(first), Some(_)) => self.count_after_reset(first, row),
+            _ if self.protocol == Protocol::Strict => self.count_sustained(row),
             _ => criteria.count(),
         };
         self.count(counted);
@@ -214,25 +240,13 @@ impl Judge {
     /// Drops what compares a row with those before it.
     fn forget_motion(&mut self) {
         self.verdict.sustained = 0;
-        self.bulb_speeds = [PoseSpeed::default(); 2];
-        self.last_bulbs = None;
-    }
-
-    /// Low-pass of the bulbs' speeds. At rest at reset and, as published, through the first step.
-    fn follow_bulbs(&mut self, row: &Row) {
-        if self.steps_at(row.step) <= 1 {
-            return;
-        }
-        if let Some(last) = &self.last_bulbs {
-            for (speed, (before, after)) in self.bulb_speeds.iter_mut().zip(last.iter().zip(&row.bulbs)) {
-                *speed = speed.advance(&before.pose, &after.pose, self.thresholds.settle_time_s);
-            }
-        }
+        self.held_for = [0; MAX_CRITERIA];
+        self.motion.forget();
     }
 
     /// Takes a number of criteria into c0, the best and the progress.
     fn count(&mut self, count: u32) {
-        let n = self.gate().n();
+        let n = self.gate().n(self.protocol);
         let c0 = *self.start_count.get_or_insert(count);
         let best = self.verdict.best_count.max(count);
         self.verdict.best_count = best;
@@ -243,7 +257,26 @@ impl Judge {
     fn count_after_reset(&self, first: &Row, last: &Row) -> u32 {
         let reset = Row { hand_force: last.hand_force.clone(), ..first.clone() };
         let context = Context { bulb_speeds: [PoseSpeed::default(); 2], ..self.context() };
-        self.gate().evaluate(&reset, &context).count()
+        self.gate().evaluate(self.protocol, &reset, &context).count()
+    }
+
+    /// Criteria that have held for the gate's window; none where the robot does not stand or something is spoilt, so that
+    /// falling with an open hand is worth nothing.
+    fn count_sustained(&self, row: &Row) -> u32 {
+        let context = self.context();
+        if self.is_spoilt() || !standing(row, &context) || !upright(row, &context) {
+            return 0;
+        }
+        let window = self.gate().window(self.protocol);
+        self.held_for.iter().map(|rows| u32::from(*rows >= window)).sum()
+    }
+
+    /// Something broke, was dropped, fell or tipped, in the row last shown or before.
+    fn is_spoilt(&self) -> bool {
+        let v = &self.verdict;
+        v.broken
+            || v.dropped
+            || [Cause::Fall, Cause::Tip, Cause::Crush].iter().any(|cause| self.first_met(*cause).is_some())
     }
 
     /// Forces and drops count in every row.
@@ -254,12 +287,27 @@ impl Judge {
         let parked = self.task.spec().special.bulbs_parked;
         let drops = !parked && Bulb::ALL.iter().any(|bulb| dropped(row, &context, *bulb));
         let high = at_working_height(row, &context);
+        let breaks = self.breaks(row, peak, substep);
         let v = &mut self.verdict;
         v.peak_hand_force_n = v.peak_hand_force_n.max(peak);
         v.peak_substep_force_n = v.peak_substep_force_n.max(substep);
-        v.broken |= peak > self.thresholds.fragility_n;
+        v.broken |= breaks;
         v.dropped |= drops;
         v.reached_working_height |= high;
+    }
+
+    /// Published: a hand presses too hard in the last physics step. Strict: anything does in any physics step, or strikes it, but
+    /// for the first rows.
+    fn breaks(&self, row: &Row, peak: f64, substep: f64) -> bool {
+        let steps = self.steps_at(row.step);
+        match self.protocol {
+            Protocol::Published => peak > self.thresholds.fragility_n,
+            Protocol::Strict if steps <= u64::from(self.thresholds.impact_exempt_rows) => false,
+            Protocol::Strict => {
+                let largest = row.other_force_peak.iter().fold(substep, |peak, force| peak.max(*force));
+                largest > self.thresholds.fragility_n || self.motion.had_blow(row, &self.context(), steps)
+            }
+        }
     }
 
     /// Conditions that a row meets, and the end that follows from those in force.
@@ -267,13 +315,10 @@ impl Judge {
         let context = self.context();
         let spec = self.task.spec();
         let steps = self.steps_at(row.step);
-        let had_impact = self.last_bulbs.is_some_and(|last| {
-            let mut pairs = last.iter().zip(&row.bulbs);
-            pairs.any(|(before, after)| impact(before, after, &context))
-        });
-        let fires = !diverged && !self.verdict.success && self.verdict.sustained >= spec.gate.sustain_steps;
+        let window = spec.gate.window(self.protocol);
         let met = |cause| match cause {
-            Cause::Success => fires,
+            // Follows from the others.
+            Cause::Success => false,
             Cause::Diverged => diverged,
             Cause::Fall => fallen(row, &context),
             Cause::Tip => ladder_tipped(row, &context),
@@ -283,14 +328,24 @@ impl Judge {
             }
             Cause::Drop => spec.bulbs.iter().any(|bulb| dropped(row, &context, *bulb)),
             Cause::Unseated => spec.special.keeps_seated.is_some_and(|bulb| !seated(row, bulb)),
-            Cause::Impact => steps > u64::from(self.thresholds.impact_exempt_rows) && had_impact,
+            Cause::Impact => {
+                steps > u64::from(self.thresholds.impact_exempt_rows) && self.motion.had_impact(row, &context)
+            }
             Cause::TimeOut => steps >= spec.horizon_steps,
         };
-        let conditions: Causes = Cause::ALL.into_iter().filter(|cause| met(*cause)).collect();
-        let ending = conditions.intersection(self.ends_on());
+        let mut conditions: Causes = Cause::ALL.into_iter().filter(|cause| met(*cause)).collect();
         for cause in conditions.iter() {
             self.first_met[cause as usize].get_or_insert(row.step);
         }
+        let fires = !diverged
+            && !self.verdict.success
+            && self.verdict.sustained >= window
+            && !(self.protocol == Protocol::Strict && self.is_spoilt());
+        if fires {
+            conditions = conditions.union(Causes::of(&[Cause::Success]));
+            self.first_met[Cause::Success as usize].get_or_insert(row.step);
+        }
+        let ending = conditions.intersection(self.ends_on());
         self.verdict.success |= fires;
         self.verdict.conditions = conditions;
         if !ending.is_empty() {

@@ -1,11 +1,11 @@
 //! The rulebook: subtasks, gates, rewards, weights and scores as pure functions of recorded state.
 //!
-//! A [`Judge`] folds the [`Row`]s of an episode into a [`Verdict`]; the same code ends an episode online and grades it
-//! offline. [`Rewards`] pays for the same rows, term by term. [`Benchmark`] rolls [`Episode`]s up into scores.
+//! A [`Judge`] folds the [`Row`]s of an episode into a [`Verdict`] by one [`Protocol`]; [`Judges`] are both over the same
+//! rows. The same code ends an episode online and grades it offline. [`Rewards`] pays for the same rows, term by term. [`Benchmark`] rolls [`Episode`]s up into scores.
 //!
 //! ```
 //! # use fiatlux_rules::{BulbGeometry, Geometry};
-//! use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, RobotLayout, Row, Task, Thresholds};
+//! use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Protocol, RobotLayout, Row, Task, Thresholds};
 //!
 //! # let bulb = BulbGeometry { plug_z: 0.036, outline: vec![[0.036, 0.008], [0.193, 0.0]] };
 //! # let geometry = Geometry {
@@ -18,9 +18,10 @@
 //! #     crate_rim: 0.17,
 //! #     crate_floor: 0.004,
 //! #     bench_surface: 0.9941,
+//! #     robot_mass: 35.0,
 //! # };
 //! // The geometry is a scene's; rows come from a world or a bag.
-//! let mut judge = Judge::new(Task::S07, Thresholds::default(), geometry, JudgeOptions::default());
+//! let mut judge = Judge::new(Protocol::Published, Task::S07, Thresholds::default(), geometry, JudgeOptions::default());
 //! let mut row = Row::zeros(RobotLayout { joints: 29, hand_bodies_per_side: 0 });
 //! row.robot.pose.translation.z = 0.79;
 //! row.bulbs[Bulb::Fresh as usize].pose.translation.x = 2.0;
@@ -37,21 +38,25 @@
 //! Nothing here reads a file, a clock or a simulator. Figures that rules compare with are data: [`Thresholds`] and
 //! [`Geometry`].
 /// Version of the benchmark: of its rooms, its physics and its rules. Scores of different versions never share a ranking.
-pub const BENCHMARK_VERSION: u32 = 2;
+pub const BENCHMARK_VERSION: u32 = 3;
 
+mod bulb_motion;
 mod cause;
 mod digest;
 mod divergence;
 mod gate;
 mod geometry;
 mod judge;
+mod judges;
 pub mod measure;
 pub mod predicates;
+mod protocol;
 mod rewards;
 mod row;
 mod scores;
 mod settle;
 mod spec;
+pub mod strict;
 mod task;
 mod tasks;
 mod terms;
@@ -64,9 +69,11 @@ pub use divergence::diverged;
 pub use gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA, Predicate};
 pub use geometry::{BulbGeometry, Geometry};
 pub use judge::{Judge, JudgeOptions};
+pub use judges::Judges;
 pub use measure::GRAVITY;
+pub use protocol::{Protocol, UnknownProtocol};
 pub use rewards::{Rewards, Variant};
-pub use row::{AttachmentRow, BodyRow, Bulb, CONTROL_DT, LIMBS, Limb, RobotLayout, Row};
+pub use row::{AttachmentRow, BodyRow, Bulb, CONTROL_DT, HIGH_TREAD_HEIGHT, LIMBS, Limb, RobotLayout, Row, Support};
 pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summary, wilson_interval};
 pub use settle::PoseSpeed;
 pub use spec::{

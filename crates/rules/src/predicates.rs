@@ -5,8 +5,8 @@
 use nalgebra::Vector3;
 
 use crate::gate::Context;
-use crate::measure::{self, GRAVITY};
-use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
+use crate::measure;
+use crate::row::{Bulb, Row};
 
 // ---------------------------------------------------------------- Robot
 
@@ -164,11 +164,4 @@ pub fn in_crate(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
 pub fn dropped(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
     let low = row.bulbs[bulb as usize].pose.translation.vector.z < cx.drop_height(bulb);
     low && !seated(row, bulb) && !(bulb == Bulb::Old && between_crate_walls(row, cx, bulb))
-}
-
-/// The bulb's velocity changed between two rows by more than free fall explains.
-pub fn impact(before: &BodyRow, after: &BodyRow, cx: &Context<'_>) -> bool {
-    let fall = Vector3::new(0.0, 0.0, -GRAVITY) * CONTROL_DT;
-    let jump = after.linear_velocity - before.linear_velocity - fall;
-    jump.norm() > cx.thresholds.impact_m_s
 }

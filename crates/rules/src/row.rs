@@ -5,8 +5,12 @@ use nalgebra::{Isometry3, Vector3};
 /// Length of a control step, s: the time from one row to the next.
 pub const CONTROL_DT: f64 = 0.02;
 
-/// Limbs whose load on floor and ladder is sensed.
+/// Limbs whose contact with floor and ladder is sensed, and limbs that may carry the robot.
 pub const LIMBS: usize = 4;
+
+/// Height of the lowest tread that counts as up the ladder, m: the second of four. Standing on it lifts the pelvis to 1.26 m,
+/// above what the published gate of S02 asks for; the first tread does not.
+pub const HIGH_TREAD_HEIGHT: f64 = 0.47;
 
 /// The sizes of a row that depend on the robot. They come with the robot's data file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -51,6 +55,19 @@ pub enum Limb {
     RightPalm = 3,
 }
 
+/// Index into the limbs that may carry the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Support {
+    /// Left ankle roll link.
+    LeftFoot = 0,
+    /// Right ankle roll link.
+    RightFoot = 1,
+    /// Left arm from the elbow down: forearm, wrist and every body of the hand.
+    LeftArm = 2,
+    /// Right arm from the elbow down.
+    RightArm = 3,
+}
+
 /// Pose and velocity of a body: of its link origin, in world axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyRow {
@@ -92,8 +109,8 @@ pub struct Row {
     pub robot: BodyRow,
     /// Velocity of the robot's centre of mass, m/s.
     pub com_velocity: Vector3<f64>,
-    /// Origins of the left and the right palm, m.
-    pub palm_position: [Vector3<f64>; 2],
+    /// Poses of the left and the right palm in the world, m.
+    pub world_from_palm: [Isometry3<f64>; 2],
     /// rad, in the public joint order.
     pub joint_position: Vec<f64>,
     /// rad/s.
@@ -116,6 +133,14 @@ pub struct Row {
     pub hand_force: [Vec<Vector3<f64>>; 2],
     /// The largest magnitude of it over the control step's physics steps, N.
     pub hand_force_peak: [Vec<f64>; 2],
+    /// Contact force on each bulb of the one thing that pressed hardest, of all things but the sensed hand bodies (floor, ladder,
+    /// furniture with socket and walls, the other bulb, the rest of the robot), summed over its contact points without regard to
+    /// direction, N; the largest over the control step's physics steps. 0 in row 0.
+    pub other_force_peak: [f64; 2],
+    /// Upward force of the floor on each limb, by [`Support`], N; mean over the control step's physics steps. 0 in row 0.
+    pub floor_load: [f64; LIMBS],
+    /// Upward force of the ladder's treads from [`HIGH_TREAD_HEIGHT`] on and of its platform, likewise.
+    pub tread_load: [f64; LIMBS],
     /// Contact force of the floor on each limb in the last physics step, by [`Limb`], world axes, N.
     pub floor_force: [Vector3<f64>; LIMBS],
     /// Contact force of the ladder on each limb in the last physics step, by [`Limb`], world axes, N.
@@ -145,7 +170,7 @@ impl Row {
             step: 0,
             robot: origin,
             com_velocity: Vector3::zeros(),
-            palm_position: [Vector3::zeros(); 2],
+            world_from_palm: [Isometry3::identity(); 2],
             joint_position: joints.clone(),
             joint_velocity: joints.clone(),
             joint_target: joints.clone(),
@@ -157,6 +182,9 @@ impl Row {
             crate_: Isometry3::identity(),
             hand_force: [vec![Vector3::zeros(); hands], vec![Vector3::zeros(); hands]],
             hand_force_peak: [vec![0.0; hands], vec![0.0; hands]],
+            other_force_peak: [0.0; 2],
+            floor_load: [0.0; LIMBS],
+            tread_load: [0.0; LIMBS],
             floor_force: [Vector3::zeros(); LIMBS],
             ladder_force: [Vector3::zeros(); LIMBS],
             attachments: [AttachmentRow::FREE; 2],
@@ -202,7 +230,7 @@ impl Clone for Row {
             step,
             robot,
             com_velocity,
-            palm_position,
+            world_from_palm,
             joint_position,
             joint_velocity,
             joint_target,
@@ -214,6 +242,9 @@ impl Clone for Row {
             crate_,
             hand_force,
             hand_force_peak,
+            other_force_peak,
+            floor_load,
+            tread_load,
             floor_force,
             ladder_force,
             attachments,
@@ -225,7 +256,7 @@ impl Clone for Row {
         *step = source.step;
         *robot = source.robot;
         *com_velocity = source.com_velocity;
-        *palm_position = source.palm_position;
+        *world_from_palm = source.world_from_palm;
         joint_position.clone_from(&source.joint_position);
         joint_velocity.clone_from(&source.joint_velocity);
         joint_target.clone_from(&source.joint_target);
@@ -237,6 +268,9 @@ impl Clone for Row {
         *crate_ = source.crate_;
         hand_force.clone_from(&source.hand_force);
         hand_force_peak.clone_from(&source.hand_force_peak);
+        *other_force_peak = source.other_force_peak;
+        *floor_load = source.floor_load;
+        *tread_load = source.tread_load;
         *floor_force = source.floor_force;
         *ladder_force = source.ladder_force;
         *attachments = source.attachments;

@@ -149,7 +149,7 @@ impl FromStr for Task {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::MAX_CRITERIA;
+    use crate::{MAX_CRITERIA, Protocol};
 
     #[test]
     fn names_read_back() {
@@ -182,9 +182,11 @@ mod tests {
     fn specs_are_sound() {
         for task in Task::ALL {
             let spec = task.spec();
-            assert!(spec.gate.criteria.len() <= MAX_CRITERIA && spec.start_count < spec.gate.n(), "{task}");
-            let names: Vec<_> = spec.gate.criteria.iter().map(|c| c.name).collect();
+            assert!(spec.start_count < spec.gate.n(Protocol::Published), "{task}");
+            let names: Vec<_> = spec.gate.criteria_of(Protocol::Strict).map(|c| c.name).collect();
+            assert!(names.len() <= MAX_CRITERIA, "{task}: {names:?}");
             assert!(names.iter().enumerate().all(|(i, name)| !names[..i].contains(name)), "{task}: {names:?}");
+            assert!(spec.gate.strict_steps >= 50 && spec.gate.strict_steps >= spec.gate.sustain_steps, "{task}");
             assert!(spec.id.starts_with("Fiatlux-") && spec.id.ends_with("-v1"), "{task}");
             assert_eq!(spec.instruction, spec.instruction.to_lowercase());
             assert!(!spec.modes.is_empty(), "{task}");

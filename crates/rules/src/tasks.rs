@@ -1,7 +1,8 @@
 //! The tasks, a page each: what it is, its start, its gate, its ends, its special rules and its reward.
 //!
 //! Every task also ends on success, on a fall of the robot and at its horizon. Starts are data, which the world carries
-//! out; figures of places and noise stand in its scene config. The hints are what training pays in addition.
+//! out; figures of places and noise stand in its scene config. The hints are what training pays in addition. `strict` lists
+//! what that protocol asks for besides; `strict.rs` has these criteria and their reasons.
 
 pub(crate) mod climb;
 pub(crate) mod replace;
@@ -26,6 +27,7 @@ mod page {
     pub(super) use crate::predicates::*;
     pub(super) use crate::row::{Bulb, Row};
     pub(super) use crate::spec::*;
+    pub(super) use crate::strict::{DOWN, FRESH_GRIP, OLD_GRIP, SLOW, STANDING, UP};
     pub(super) use crate::terms::hints::*;
     pub(super) use crate::terms::motion::right_hand_force;
     pub(super) use crate::terms::term::{Kind, TermSpec};
@@ -41,6 +43,10 @@ mod bulb_criteria {
 
     pub(super) fn old_released(row: &Row, cx: &Context<'_>) -> bool {
         released(row, cx, Bulb::Old)
+    }
+
+    pub(super) fn old_at_rest(row: &Row, cx: &Context<'_>) -> bool {
+        row.bulbs[Bulb::Old as usize].linear_velocity.norm() < cx.thresholds.rest_speed_m_s
     }
 
     pub(super) fn old_elevated(row: &Row, cx: &Context<'_>) -> bool {

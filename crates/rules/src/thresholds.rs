@@ -171,6 +171,20 @@ thresholds! {
     working_height_m: f64 = 1.82,
     /// Load above which a limb touches the ladder, N (paper, `climb`).
     limb_contact_n: f64 = 1.0,
+    /// Tilt of the pelvis below which the robot is upright, rad (ours, strict): half the tilt of a fall.
+    strict_tilt_rad: f64 = 0.5,
+    /// Upward force above which a limb is loaded, N (ours, strict): a twentieth of the robot's weight.
+    strict_load_n: f64 = 20.0,
+    /// Share of the robot's weight that the floor carries through the soles after a descent (ours, strict).
+    strict_floor_share: f64 = 0.8,
+    /// Speed limit of the pelvis where the robot has arrived on foot, m/s (ours, strict).
+    strict_walk_speed_m_s: f64 = 0.3,
+    /// Angle between two forces of one hand from which they hold a bulb between them, rad (ours, strict).
+    strict_grip_angle_rad: f64 = std::f64::consts::FRAC_PI_2,
+    /// Low-passed speed in the palm's frame below which a bulb moves with the hand, m/s (ours, strict).
+    strict_slip_m_s: f64 = 0.1,
+    /// Force of anything but the hand that holds it, above which a bulb leans on that, N (ours, strict): a third of its weight.
+    strict_stray_n: f64 = 0.1,
 }
 
 impl Thresholds {

@@ -2,7 +2,7 @@
 
 use fiatlux_proto::v3::Observation;
 use fiatlux_render::HEAD_PIXELS;
-use fiatlux_rules::{RobotLayout, Task};
+use fiatlux_rules::{Protocol, RobotLayout, Task};
 use fiatlux_world::Scene;
 
 use crate::devices::Devices;
@@ -63,6 +63,8 @@ pub enum Cost {
 pub struct Setup {
     /// The task.
     pub task: Task,
+    /// Whose criteria a verdict lists.
+    pub protocol: Protocol,
     /// The robot's sizes.
     pub layout: RobotLayout,
     /// Width and height of the cameras' images, pixels.
@@ -70,9 +72,9 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Of a scene's robot in a task, with images of the published size.
+    /// Of a scene's robot in a task by protocol `strict`, with images of the published size.
     pub fn new(scene: &Scene, task: Task) -> Self {
-        Self { task, layout: scene.robot_layout(), image_size: [HEAD_PIXELS; 2] }
+        Self { task, protocol: Protocol::default(), layout: scene.robot_layout(), image_size: [HEAD_PIXELS; 2] }
     }
 }
 

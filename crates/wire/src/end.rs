@@ -1,10 +1,10 @@
-//! How an episode ended, as a message.
+//! How an episode ended and what its judges say, as messages.
 
 use fiatlux_proto::v3;
-use fiatlux_rules::Summary;
+use fiatlux_rules::{Judge, Summary};
 
-/// What an episode amounts to, with the cause of its end (`aborted` where no row ended it), all causes that its last row
-/// met, and the digest of its rows, hexadecimal.
+/// What an episode amounts to by the judge in force, with the cause of its end (`aborted` where no row ended it), all causes
+/// that its last row met, and the digest of its rows, hexadecimal.
 pub fn end_message(summary: &Summary, cause: &str, causes: Vec<String>, digest: String) -> v3::EpisodeEnd {
     v3::EpisodeEnd {
         cause: cause.into(),
@@ -15,5 +15,24 @@ pub fn end_message(summary: &Summary, cause: &str, causes: Vec<String>, digest: 
         gate_progress: summary.gate_progress,
         broken: summary.broken,
         dropped: summary.dropped,
+    }
+}
+
+/// What one judge says, from the rows up to its end.
+pub fn judgement_message(judge: &Judge) -> v3::Judgement {
+    let summary = judge.summary();
+    let end = summary.end;
+    v3::Judgement {
+        success: summary.success,
+        cause: end.map(|end| end.cause().name().to_owned()).unwrap_or_default(),
+        causes: end.iter().flat_map(|end| end.causes.iter()).map(|cause| cause.name().to_owned()).collect(),
+        steps: summary.steps,
+        broken: summary.broken,
+        dropped: summary.dropped,
+        gate_progress: summary.gate_progress,
+        peak_hand_force_n: summary.peak_hand_force_n,
+        control_effort: summary.control_effort,
+        start_count: judge.start_count().unwrap_or_default(),
+        best_count: judge.verdict().best_count,
     }
 }

@@ -26,6 +26,7 @@ pub fn geometry_message(geometry: &Geometry) -> v3::SceneGeometry {
         crate_rim: geometry.crate_rim,
         crate_floor: geometry.crate_floor,
         bench_surface: geometry.bench_surface,
+        robot_mass: geometry.robot_mass,
     }
 }
 
@@ -36,8 +37,8 @@ pub fn geometry_message(geometry: &Geometry) -> v3::SceneGeometry {
 pub fn read_geometry(message: &Option<v3::SceneGeometry>) -> Result<Geometry, WireError> {
     let message = message.as_ref().ok_or(WireError::Missing { field: "geometry" })?;
     let feet: [f64; 12] = array("geometry.ladder_feet", &message.ladder_feet)?;
-    let heights = [message.seat_z, message.crate_rim, message.crate_floor, message.bench_surface];
-    check_finite("geometry", &heights)?;
+    let numbers = [message.seat_z, message.crate_rim, message.crate_floor, message.bench_surface, message.robot_mass];
+    check_finite("geometry", &numbers)?;
     Ok(Geometry {
         ladder_top: array("geometry.ladder_top", &message.ladder_top)?,
         ladder_feet: std::array::from_fn(|foot| std::array::from_fn(|axis| feet[3 * foot + axis])),
@@ -51,6 +52,7 @@ pub fn read_geometry(message: &Option<v3::SceneGeometry>) -> Result<Geometry, Wi
         crate_rim: message.crate_rim,
         crate_floor: message.crate_floor,
         bench_surface: message.bench_surface,
+        robot_mass: message.robot_mass,
     })
 }
 

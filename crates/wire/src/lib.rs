@@ -34,7 +34,7 @@ mod scene;
 #[cfg(feature = "world")]
 mod viewer;
 
-pub use end::end_message;
+pub use end::{end_message, judgement_message};
 pub use error::WireError;
 pub use geometry::{geometry_message, read_geometry};
 pub use header::layout_of;

@@ -16,6 +16,7 @@ pub fn state_message(row: &Row) -> v3::State {
             body: Some(body(&row.bulbs[i])),
             hand_force: flat(&row.hand_force[i]),
             hand_force_peak: row.hand_force_peak[i].clone(),
+            other_force_peak: row.other_force_peak[i],
             seated: row.attachments[i].seated,
             steps_beyond: row.attachments[i].steps_beyond,
         }
@@ -24,8 +25,8 @@ pub fn state_message(row: &Row) -> v3::State {
         step: row.step,
         robot: Some(body(&row.robot)),
         com_velocity: numbers(&row.com_velocity),
-        left_palm_position: numbers(&row.palm_position[0]),
-        right_palm_position: numbers(&row.palm_position[1]),
+        left_palm: Some(pose_message(&row.world_from_palm[0])),
+        right_palm: Some(pose_message(&row.world_from_palm[1])),
         joint_position: row.joint_position.clone(),
         joint_velocity: row.joint_velocity.clone(),
         joint_target: row.joint_target.clone(),
@@ -36,6 +37,8 @@ pub fn state_message(row: &Row) -> v3::State {
         fresh_bulb: Some(bulb(Bulb::Fresh)),
         fixture: Some(pose_message(&row.fixture)),
         crate_: Some(pose_message(&row.crate_)),
+        floor_load: row.floor_load.to_vec(),
+        tread_load: row.tread_load.to_vec(),
         floor_force: flat(&row.floor_force),
         ladder_force: flat(&row.ladder_force),
         unconverged: row.unconverged,
@@ -57,15 +60,17 @@ pub fn read_row(state: &v3::State, layout: RobotLayout) -> Result<Row, WireError
     let (joints, hands) = (layout.joints, layout.hand_bodies());
     let penetration = size("penetration", state.penetration)?;
     check_finite("penetration", &[penetration])?;
+    let other_force_peak = [
+        size("old_bulb.other_force_peak", old.other_force_peak)?,
+        size("fresh_bulb.other_force_peak", fresh.other_force_peak)?,
+    ];
+    check_finite("other_force_peak", &other_force_peak)?;
     let attachment = |bulb: &v3::Bulb| AttachmentRow { seated: bulb.seated, steps_beyond: bulb.steps_beyond };
     Ok(Row {
         step: state.step,
         robot: read_body("robot", &state.robot)?,
         com_velocity: vector("com_velocity", &state.com_velocity)?,
-        palm_position: [
-            vector("left_palm_position", &state.left_palm_position)?,
-            vector("right_palm_position", &state.right_palm_position)?,
-        ],
+        world_from_palm: [read_pose("left_palm", &state.left_palm)?, read_pose("right_palm", &state.right_palm)?],
         joint_position: list("joint_position", &state.joint_position, joints)?,
         joint_velocity: list("joint_velocity", &state.joint_velocity, joints)?,
         joint_target: list("joint_target", &state.joint_target, joints)?,
@@ -83,6 +88,9 @@ pub fn read_row(state: &v3::State, layout: RobotLayout) -> Result<Row, WireError
             list("old_bulb.hand_force_peak", &old.hand_force_peak, hands)?,
             list("fresh_bulb.hand_force_peak", &fresh.hand_force_peak, hands)?,
         ],
+        other_force_peak,
+        floor_load: array("floor_load", &state.floor_load)?,
+        tread_load: array("tread_load", &state.tread_load)?,
         floor_force: limbs("floor_force", &state.floor_force)?,
         ladder_force: limbs("ladder_force", &state.ladder_force)?,
         attachments: [attachment(old), attachment(fresh)],

@@ -13,7 +13,11 @@ fn full(draw: &mut Draw, step: u64) -> Row {
     let mut row = draw.row(step);
     row.fixture = draw.pose(2.0);
     row.crate_ = draw.pose(2.0);
-    row.palm_position = [draw.vector(1.0), draw.vector(1.0)];
+    row.world_from_palm = [draw.pose(1.0), draw.pose(1.0)];
+    row.other_force_peak = [draw.unit().abs(), draw.unit().abs()];
+    for load in row.floor_load.iter_mut().chain(&mut row.tread_load) {
+        *load = draw.unit();
+    }
     for number in
         row.joint_target.iter_mut().chain(&mut row.joint_effort).chain(row.hand_force_peak.iter_mut().flatten())
     {
@@ -109,8 +113,12 @@ fn other_shapes_are_refused() {
         ("ladder has 0 numbers instead of 3", |s| body(&mut s.ladder).angular_velocity.clear()),
         ("fixture has 3 numbers instead of 4", |s| s.fixture.iter_mut().for_each(|pose| shorten(&mut pose.quaternion))),
         ("com_velocity has 2", |s| shorten(&mut s.com_velocity)),
-        ("left_palm_position has 4", |s| s.left_palm_position.push(0.0)),
-        ("right_palm_position has 2", |s| shorten(&mut s.right_palm_position)),
+        ("left_palm is missing", |s| s.left_palm = None),
+        ("right_palm has 2", |s| s.right_palm.iter_mut().for_each(|pose| shorten(&mut pose.position))),
+        ("floor_load has 3", |s| shorten(&mut s.floor_load)),
+        ("tread_load has 5", |s| s.tread_load.push(0.0)),
+        ("old_bulb.other_force_peak is -1", |s| bulb(&mut s.old_bulb).other_force_peak = -1.0),
+        ("other_force_peak", |s| bulb(&mut s.fresh_bulb).other_force_peak = f64::INFINITY),
         ("joint_position has 52 numbers instead of 53", |s| shorten(&mut s.joint_position)),
         ("joint_velocity has 54", |s| s.joint_velocity.push(0.0)),
         ("joint_target has 0", |s| s.joint_target.clear()),

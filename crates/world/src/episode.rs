@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use fiatlux_robot::Gains;
 use fiatlux_rules::{
-    Cause, Causes, End, Judge, JudgeOptions, Rewards, Row, RowDigest, Summary, Task, Term, Thresholds, Variant, Verdict,
+    Cause, Causes, End, Judge, JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, Task, Term,
+    Thresholds, Variant, Verdict,
 };
 use thiserror::Error;
 
@@ -29,6 +30,8 @@ pub struct EpisodeSpec {
     pub scale: PropScale,
     /// Thresholds in force.
     pub thresholds: Thresholds,
+    /// Which of the two judges ends it, and pays for it.
+    pub protocol: Protocol,
     /// What ends it in place of the task's own conditions.
     pub end_on: Option<Causes>,
     /// Which reward it pays; not part of the digest.
@@ -36,7 +39,7 @@ pub struct EpisodeSpec {
 }
 
 impl EpisodeSpec {
-    /// An episode as the standard protocol has it.
+    /// An episode as a run of the benchmark has it.
     pub fn new(task: Task, seed: u64, episode: u64) -> Self {
         Self {
             task,
@@ -45,6 +48,7 @@ impl EpisodeSpec {
             randomize: Randomization::default(),
             scale: PropScale::default(),
             thresholds: Thresholds::default(),
+            protocol: Protocol::Strict,
             end_on: None,
             variant: Variant::Benchmark,
         }
@@ -107,8 +111,8 @@ impl EpisodeSpec {
     /// Texts are followed by a zero byte; numbers are little-endian, whole ones of 8 bytes. In this order: id of the task;
     /// seed; episode; layout seed in force; for each joint stiffness, damping, effort limit, speed limit and armature (f64); friction
     /// of the hands in force (f64, NaN for the robot's own); factors of the props' sizes in force (f64: ladder x, y and z,
-    /// socket, fresh bulb); a byte that says whether the start has noise; each threshold's name and value (f64); names of
-    /// the conditions that end the episode, then an empty text; digest of the robot's file; digest of the scene config,
+    /// socket, fresh bulb); a byte that says whether the start has noise; each threshold's name and value (f64); name of
+    /// the protocol; names of the conditions that end the episode, then an empty text; digest of the robot's file; digest of the scene config,
     /// the props in nominal size; [`RNG_NAME`]. Light, tint and noise of the sensors touch no row and are not in it.
     pub fn context(&self, scene: &Scene) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(4096);
@@ -135,7 +139,8 @@ impl EpisodeSpec {
             text(&mut bytes, name);
             number(&mut bytes, value);
         }
-        for cause in self.judge(scene).ends_on().iter() {
+        text(&mut bytes, self.protocol.name());
+        for cause in self.judges(scene).in_force().ends_on().iter() {
             text(&mut bytes, cause.name());
         }
         text(&mut bytes, "");
@@ -145,9 +150,9 @@ impl EpisodeSpec {
         bytes
     }
 
-    fn judge(&self, scene: &Scene) -> Judge {
+    fn judges(&self, scene: &Scene) -> Judges {
         let options = JudgeOptions { end_on: self.end_on, ..JudgeOptions::default() };
-        Judge::new(self.task, self.thresholds.clone(), scene.geometry(), options)
+        Judges::new(self.protocol, self.task, &self.thresholds, &scene.geometry(), options)
     }
 }
 
@@ -196,7 +201,7 @@ pub struct Episode {
     start: StartOffset,
     joint_target: Vec<f64>,
     world: World,
-    judge: Judge,
+    judges: Judges,
     rewards: Rewards,
     context: RowDigest,
     digest: RowDigest,
@@ -217,17 +222,17 @@ impl Episode {
         };
         let (world, start) = start_drawn(Arc::clone(&scene), spec.task, spec.episode, &options)?;
         let row = world.row();
-        let mut judge = spec.judge(&scene);
-        judge.start(row);
-        let mut rewards = Rewards::new(&judge, spec.variant);
-        rewards.start(&judge, row);
+        let mut judges = spec.judges(&scene);
+        judges.start(row);
+        let mut rewards = Rewards::new(judges.in_force(), spec.variant);
+        rewards.start(judges.in_force(), row);
         let context = RowDigest::new(&spec.context(&scene));
         let mut digest = context.clone();
         digest.push(row);
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
         let joint_target = row.joint_target.clone();
         let spec = spec.clone();
-        Ok(Self { spec, start, joint_target, judge, rewards, context, digest, totals, world })
+        Ok(Self { spec, start, joint_target, judges, rewards, context, digest, totals, world })
     }
 
     /// The action for joint targets in rad: `(target - q0) / ACTION_SCALE`.
@@ -242,21 +247,26 @@ impl Episode {
     /// # Errors
     /// [`EpisodeError`]; the episode is unchanged.
     pub fn step(&mut self, action: &[f64]) -> Result<Step<'_>, EpisodeError> {
-        if let Some(end) = self.judge.verdict().end {
+        if let Some(end) = self.end() {
             return Err(EpisodeError::Ended { step: end.step });
         }
         self.joint_target.clear();
         let q0 = self.world.scene().robot.q0();
         self.joint_target.extend(q0.iter().zip(action).map(|(q0, action)| q0 + ACTION_SCALE * action));
         let row = self.world.step(action, &self.joint_target)?;
-        self.judge.advance(row);
-        self.rewards.advance(&self.judge, row);
+        self.judges.advance(row);
+        self.rewards.advance(self.judges.in_force(), row);
         self.digest.push(row);
         let outside_box = action.iter().any(|number| number.abs() > 1.0);
         self.totals.unconverged += u64::from(row.unconverged);
         self.totals.steps_outside_box += u64::from(outside_box);
         self.totals.reward += self.rewards.reward();
-        Ok(Step { row: self.world.row(), verdict: self.judge.verdict(), terms: self.rewards.terms(), outside_box })
+        Ok(Step {
+            row: self.world.row(),
+            verdict: self.judges.in_force().verdict(),
+            terms: self.rewards.terms(),
+            outside_box,
+        })
     }
 
     /// What it is.
@@ -291,14 +301,19 @@ impl Episode {
         self.world.row()
     }
 
-    /// The judge.
-    pub fn judge(&self) -> &Judge {
-        &self.judge
+    /// Both judges.
+    pub fn judges(&self) -> &Judges {
+        &self.judges
     }
 
-    /// What the rows so far say.
+    /// The judge that ends the episode.
+    pub fn judge(&self) -> &Judge {
+        self.judges.in_force()
+    }
+
+    /// What the rows so far say, by the judge that ends the episode.
     pub fn verdict(&self) -> &Verdict {
-        self.judge.verdict()
+        self.judge().verdict()
     }
 
     /// What each term of the reward paid in the last step.
@@ -326,20 +341,20 @@ impl Episode {
         self.totals
     }
 
-    /// What it amounts to so far.
+    /// What it amounts to so far, by the judge that ends it.
     pub fn summary(&self) -> Summary {
-        self.judge.summary()
+        self.judge().summary()
     }
 
     /// How it ended, once it has.
     pub fn end(&self) -> Option<End> {
-        self.judge.verdict().end
+        self.verdict().end
     }
 
     /// Conditions that the last row met for the first time.
     pub fn newly_met(&self) -> impl Iterator<Item = Cause> + use<'_> {
         let step = self.row().step;
-        Cause::ALL.into_iter().filter(move |cause| step > 0 && self.judge.first_met(*cause) == Some(step))
+        Cause::ALL.into_iter().filter(move |cause| step > 0 && self.judge().first_met(*cause) == Some(step))
     }
 }
 

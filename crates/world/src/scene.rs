@@ -174,6 +174,7 @@ impl Scene {
             crate_rim: config.crate_.rim_height,
             crate_floor: config.crate_.floor_height,
             bench_surface: config.bench.surface_height,
+            robot_mass: self.robot.total_mass(),
         }
     }
 
@@ -204,7 +205,8 @@ fn check_robot(robot: &Robot) -> Result<(), SceneError> {
 }
 
 /// Whether a link is `above` or hangs from it.
-fn is_below(robot: &Robot, link: usize, above: usize) -> bool {
+/// Whether a link is another one or hangs below it.
+pub(crate) fn is_below(robot: &Robot, link: usize, above: usize) -> bool {
     std::iter::successors(Some(link), |at| robot.links()[*at].parent).any(|at| at == above)
 }
 

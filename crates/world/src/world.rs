@@ -1,18 +1,19 @@
 //! One world: a scene in motion, advanced by control steps and measured as rows.
 
 mod check;
+mod sensed;
 
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, State, Variation, Wrench};
-use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row};
+use fiatlux_rules::{AttachmentRow, BodyRow, Row};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use self::check::check_row;
+use self::sensed::{OTHER_THINGS, Sensed, Thing};
 use crate::attach::{Attachment, AttachmentState, PlugState};
 use crate::error::WorldError;
 use crate::input::{AppliedWrench, ControlInput, Push, Target};
-use crate::owner::ShapeOwner;
 use crate::parts::absent_bulbs;
 use crate::scene::Scene;
 use crate::start::ACTION_LIMIT;
@@ -47,22 +48,10 @@ pub struct World {
 /// What physics steps are watched for.
 #[derive(Debug)]
 struct Sensors {
-    /// Which sensed part each shape is, by shape index.
-    parts: Vec<Part>,
+    /// What each shape counts as, by shape index.
+    shapes: Vec<Sensed>,
     /// Degrees of freedom of the joints with a rated speed.
     rated: Vec<usize>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Part {
-    Other,
-    Floor,
-    Ladder,
-    Bulb(u8),
-    Hand(u8),
-    Limb(u8),
-    /// A palm: hand body and limb.
-    Palm(u8, u8),
 }
 
 impl World {
@@ -137,7 +126,7 @@ impl World {
     }
 
     /// Goes to the state of a row. From there the world runs exactly as the one that measured it. What follows from the state
-    /// is measured anew, so that a row whose joints or pelvis were changed by hand is whole again: positions of the palms,
+    /// is measured anew, so that a row whose joints or pelvis were changed by hand is whole again: poses of the palms,
     /// velocity of the centre of mass, poses of links. Forces, efforts and the action stay as the row has them.
     ///
     /// # Errors
@@ -327,6 +316,8 @@ impl World {
         row.joint_effort.fill(0.0);
         row.floor_force = Default::default();
         row.ladder_force = Default::default();
+        (row.floor_load, row.tread_load) = Default::default();
+        row.other_force_peak = [0.0; 2];
         for (peaks, forces) in row.hand_force_peak.iter_mut().zip(&row.hand_force) {
             peaks.iter_mut().zip(forces).for_each(|(peak, force)| *peak = force.norm());
         }
@@ -359,6 +350,8 @@ impl World {
         let row = &mut *self.row;
         row.hand_force_peak.iter_mut().for_each(|peaks| peaks.fill(0.0));
         (row.joint_speed_peak, row.penetration) = (0.0, 0.0);
+        (row.floor_load, row.tread_load) = Default::default();
+        row.other_force_peak = [0.0; 2];
         for _ in 0..steps {
             let input = Input { targets: &self.targets, wrenches: &self.wrenches, locked };
             let report = self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
@@ -372,12 +365,13 @@ impl World {
             }
             self.keep_state();
             self.row.penetration = self.row.penetration.max(report.penetration);
-            self.sense();
+            self.sense(1.0 / steps as f64);
         }
     }
 
-    /// Notes what the last physics step left: speeds, efforts, and contact forces summed per sensed part.
-    fn sense(&mut self) {
+    /// Notes what the last physics step left: speeds, efforts, and contact forces summed per sensed part. `part` is its part of
+    /// the control step.
+    fn sense(&mut self, part: f64) {
         let row = &mut *self.row;
         let speeds = self.sensors.rated.iter().map(|&dof| self.state.qvel[dof].abs());
         row.joint_speed_peak = speeds.fold(row.joint_speed_peak, f64::max);
@@ -387,23 +381,37 @@ impl World {
         row.hand_force.iter_mut().for_each(|forces| forces.fill(Vector3::zeros()));
         row.floor_force = Default::default();
         row.ladder_force = Default::default();
+        let mut on_bulbs = [[0.0; OTHER_THINGS]; 2];
         let mut touched = false;
         for contact in self.dynamics.contacts() {
-            let (a, b) = (self.sensors.parts[contact.shape_a.0], self.sensors.parts[contact.shape_b.0]);
+            let [a, b] = [contact.shape_a, contact.shape_b].map(|shape| &self.sensors.shapes[shape.0]);
             // The contact's force acts on b.
             for (sensed, other, force) in [(a, b, -contact.force), (b, a, contact.force)] {
-                match (sensed, other) {
-                    (Part::Hand(hand) | Part::Palm(hand, _), Part::Bulb(bulb)) => {
-                        row.hand_force[usize::from(bulb)][usize::from(hand)] += force;
+                match other.thing {
+                    Thing::Bulb(bulb) => {
+                        match sensed.hand {
+                            Some(hand) => row.hand_force[usize::from(bulb)][usize::from(hand)] += force,
+                            None => on_bulbs[usize::from(bulb)][sensed.thing.group()] += force.norm(),
+                        }
                         touched = true;
                     }
-                    (Part::Limb(limb) | Part::Palm(_, limb), Part::Ladder) => {
-                        row.ladder_force[usize::from(limb)] += force;
+                    Thing::Ladder { high } => {
+                        if let Some(limb) = sensed.limb {
+                            row.ladder_force[usize::from(limb)] += force;
+                        }
+                        if let (Some(limb), true) = (sensed.support, high) {
+                            row.tread_load[usize::from(limb)] += part * force.z;
+                        }
                     }
-                    (Part::Limb(limb) | Part::Palm(_, limb), Part::Floor) => {
-                        row.floor_force[usize::from(limb)] += force;
+                    Thing::Floor => {
+                        if let Some(limb) = sensed.limb {
+                            row.floor_force[usize::from(limb)] += force;
+                        }
+                        if let Some(limb) = sensed.support {
+                            row.floor_load[usize::from(limb)] += part * force.z;
+                        }
                     }
-                    _ => {}
+                    Thing::Room | Thing::Robot => {}
                 }
             }
         }
@@ -412,6 +420,9 @@ impl World {
                 for (peak, force) in peaks.iter_mut().zip(forces) {
                     *peak = peak.max(force.norm());
                 }
+            }
+            for (peak, forces) in row.other_force_peak.iter_mut().zip(&on_bulbs) {
+                *peak = forces.iter().fold(*peak, |peak, force| peak.max(*force));
             }
         }
     }
@@ -443,9 +454,9 @@ impl World {
             row.joint_target[joint] = self.targets[ids.drive];
         }
         row.com_velocity = self.dynamics.com_velocity(&scene.model, scene.robot_ids.root);
-        for (position, &palm) in row.palm_position.iter_mut().zip(scene.robot.palms()) {
+        for (world_from_palm, &palm) in row.world_from_palm.iter_mut().zip(scene.robot.palms()) {
             let link = &scene.robot_ids.links[palm];
-            *position = (self.dynamics.world_from_body(link.body) * link.body_from_link).translation.vector;
+            *world_from_palm = self.dynamics.world_from_body(link.body) * link.body_from_link;
         }
         for (values, attachment) in row.attachments.iter_mut().zip(&self.attachments) {
             *values = AttachmentRow { seated: attachment.is_seated(), steps_beyond: attachment.steps_beyond };
@@ -455,25 +466,10 @@ impl World {
 
 impl Sensors {
     fn new(scene: &Scene) -> Self {
-        let robot = &scene.robot;
-        let index = |links: &[usize], link: usize| links.iter().position(|l| *l == link).map(|i| i as u8);
-        let limbs: Vec<usize> = robot.feet().iter().chain(robot.palms()).copied().collect();
-        let parts = scene.model.shapes().iter().map(|shape| match ShapeOwner::from_label(shape.label) {
-            ShapeOwner::Floor => Part::Floor,
-            ShapeOwner::Ladder => Part::Ladder,
-            ShapeOwner::OldBulb => Part::Bulb(Bulb::Old as u8),
-            ShapeOwner::FreshBulb => Part::Bulb(Bulb::Fresh as u8),
-            ShapeOwner::Robot(link) => match (index(robot.hand_links(), link), index(&limbs, link)) {
-                (Some(hand), Some(limb)) => Part::Palm(hand, limb),
-                (Some(hand), None) => Part::Hand(hand),
-                (None, Some(limb)) => Part::Limb(limb),
-                (None, None) => Part::Other,
-            },
-            _ => Part::Other,
-        });
+        let shapes = scene.model.shapes().iter().map(|shape| Sensed::new(scene, shape)).collect();
         let rated = scene.robot_ids.joints.iter();
         let rated = rated.filter(|ids| scene.model.drives()[ids.drive].1.speed_limit.is_finite()).map(|ids| ids.dof);
-        Self { parts: parts.collect(), rated: rated.collect() }
+        Self { shapes, rated: rated.collect() }
     }
 }
 

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use fiatlux_bag::BagWriter;
 use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
-use fiatlux_rules::{BENCHMARK_VERSION, Judge, JudgeOptions, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
-use fiatlux_wire::{geometry_message, state_message};
+use fiatlux_rules::{BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
+use fiatlux_wire::{geometry_message, judgement_message, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
 /// What happens in an episode.
@@ -60,6 +60,7 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         mode: v3::Mode::Lockstep.into(),
         gains: "fiatlux".into(),
         hands: "inspire".into(),
+        episode_protocol: Protocol::Published.name().into(),
         thresholds: Thresholds::default().entries().map(|(key, value)| (key.into(), value)).collect(),
         random: "pcg64/1".into(),
         digest_layout: ROW_LAYOUT.into(),
@@ -81,7 +82,8 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
     let (Story::Waits(at) | Story::Falls(at) | Story::Succeeds(at) | Story::Crushes(at)) = story;
     let until = at + u64::from(task.spec().gate.sustain_steps);
     let mut rows = Vec::new();
-    let mut judge = Judge::new(task, Thresholds::default(), room::geometry(), JudgeOptions::default());
+    let mut judge =
+        Judge::new(Protocol::Published, task, Thresholds::default(), room::geometry(), JudgeOptions::default());
     for step in 0..=until {
         let succeeds = matches!(story, Story::Succeeds(_) | Story::Crushes(_)) && step >= at;
         let mut row = row_at(step, &if succeeds { goal_of(task) } else { start_of(task) });
@@ -115,7 +117,8 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
 /// The result that a server gives.
 pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
     let task: Task = header.task.parse().expect("a task");
-    let mut judge = Judge::new(task, Thresholds::default(), room::geometry(), JudgeOptions::default());
+    let mut judge =
+        Judge::new(Protocol::Published, task, Thresholds::default(), room::geometry(), JudgeOptions::default());
     let mut digest = RowDigest::new(b"test");
     for row in rows {
         if row.step == 0 {
@@ -136,12 +139,7 @@ pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
         broken: summary.broken,
         dropped: summary.dropped,
     };
-    v3::EpisodeResult {
-        end: Some(end),
-        peak_hand_force_n: summary.peak_hand_force_n,
-        control_effort: summary.control_effort,
-        ..v3::EpisodeResult::default()
-    }
+    v3::EpisodeResult { end: Some(end), published: Some(judgement_message(&judge)), ..v3::EpisodeResult::default() }
 }
 
 /// An unfinished bag with these rows.

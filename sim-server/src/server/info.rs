@@ -3,7 +3,7 @@
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
 use fiatlux_robot::{HandKind, JointGains, Robot};
-use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Task};
+use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, ROW_LAYOUT, Task};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, RNG_NAME, Scene, SceneConfig};
 
@@ -19,7 +19,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
         protocol: Some(PROTOCOL),
         version: VERSION.into(),
         server: name.into(),
-        tasks: Task::ALL.into_iter().map(task).collect(),
+        tasks: Task::ALL.into_iter().map(|name| task(name, Protocol::default())).collect(),
         sensors: Sensor::ALL.map(|sensor| sensor.name().into()).into(),
         gains: GAINS.map(Into::into).into(),
         capacity: u32::try_from(capacity).unwrap_or(u32::MAX),
@@ -30,7 +30,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
     }
 }
 
-fn task(task: Task) -> TaskInfo {
+fn task(task: Task, protocol: Protocol) -> TaskInfo {
     TaskInfo {
         task: task.short_id().into(),
         id: task.id().into(),
@@ -38,12 +38,12 @@ fn task(task: Task) -> TaskInfo {
         instruction: task.instruction().into(),
         horizon_steps: task.horizon_steps(),
         weight: task.weight(),
-        criteria: criteria(task),
+        criteria: criteria(task, protocol),
     }
 }
 
-fn criteria(task: Task) -> Vec<String> {
-    task.spec().gate.criteria.iter().map(|criterion| criterion.name.to_owned()).collect()
+fn criteria(task: Task, protocol: Protocol) -> Vec<String> {
+    task.spec().gate.criteria_of(protocol).map(|criterion| criterion.name.to_owned()).collect()
 }
 
 fn hand_bodies(robot: &Robot) -> Vec<String> {
@@ -80,7 +80,8 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         protocol: Some(PROTOCOL),
         server: server.into(),
         session: id.into(),
-        task: Some(task(plan.task)),
+        task: Some(task(plan.task, plan.protocol)),
+        episode_protocol: plan.protocol.name().into(),
         mode: plan.mode().into(),
         seed: plan.seed,
         joints: joints(scene),
@@ -138,7 +139,8 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         digest_context: episode.digest_context().hex(),
         joint_names: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
         hand_bodies: hand_bodies(robot),
-        criteria: criteria(plan.task),
+        criteria: criteria(plan.task, plan.protocol),
+        episode_protocol: plan.protocol.name().into(),
         horizon_steps: plan.task.horizon_steps(),
         control_dt: CONTROL_DT,
         end_on_overridden: plan.end_on.is_some(),

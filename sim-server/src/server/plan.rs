@@ -8,7 +8,7 @@ use fiatlux_proto::v3::{Mode, OpenRequest, Refusal};
 use fiatlux_proto::{PROTOCOL, decode, is_compatible, limits};
 use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
-use fiatlux_rules::{Cause, Causes, Task, Thresholds, Variant};
+use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds, Variant};
 
 use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
 
@@ -38,6 +38,7 @@ pub(super) struct Plan {
     pub randomize: Randomization,
     pub scale: PropScale,
     pub recorded: bool,
+    pub protocol: Protocol,
     pub end_on: Option<Causes>,
     pub thresholds: Thresholds,
     pub reward: Variant,
@@ -50,7 +51,7 @@ impl Plan {
 
     /// What the shapes of its terms depend on.
     pub fn setup(&self, scene: &Scene) -> Setup {
-        Setup { image_size: self.image_size, ..Setup::new(scene, self.task) }
+        Setup { protocol: self.protocol, image_size: self.image_size, ..Setup::new(scene, self.task) }
     }
 
     /// An episode of the session.
@@ -59,6 +60,7 @@ impl Plan {
             randomize: self.randomize,
             scale: self.scale,
             thresholds: self.thresholds.clone(),
+            protocol: self.protocol,
             end_on: self.end_on,
             variant: self.reward,
             ..EpisodeSpec::new(self.task, self.seed, index)
@@ -113,6 +115,7 @@ fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         randomize,
         scale: prop_scale(request, &randomize)?,
         recorded: request.recorded,
+        protocol: protocol(&request.episode_protocol)?,
         end_on: end_on(&request.end_on)?,
         thresholds: thresholds(request)?,
         reward: reward(&request.reward)?,
@@ -190,6 +193,16 @@ fn hands(name: &str) -> Result<HandKind, Refusal> {
     wire::hands_named(name).map_err(unknown)
 }
 
+fn protocol(name: &str) -> Result<Protocol, Refusal> {
+    if name.is_empty() {
+        return Ok(Protocol::default());
+    }
+    name.parse().map_err(|error| {
+        let error: fiatlux_rules::UnknownProtocol = error;
+        Refusal::new(Code::Unknown, "episode_protocol", error.to_string())
+    })
+}
+
 fn end_on(names: &[String]) -> Result<Option<Causes>, Refusal> {
     if names.is_empty() {
         return Ok(None);
@@ -235,6 +248,7 @@ mod tests {
         assert_eq!(plan.sensors.all(), Sensors::of_body(Task::S05));
         assert_eq!((plan.image_size, plan.reward), ([256, 256], Variant::Benchmark));
         assert_eq!((plan.end_on, plan.thresholds), (None, Thresholds::default()));
+        assert_eq!(plan.protocol, Protocol::Strict);
     }
 
     #[test]
@@ -244,6 +258,7 @@ mod tests {
             image_width: 480,
             image_height: 270,
             reward: "training".into(),
+            episode_protocol: "published".into(),
             gains: "sonic".into(),
             hands: "inspire".into(),
             end_on: vec!["fall".into(), "time-out".into()],
@@ -254,7 +269,7 @@ mod tests {
         let plan = read(&asked.encode_to_vec()).expect("valid");
         assert_eq!(plan.sensors.all(), Sensors::of(&[Sensor::Camera, Sensor::LastAction]));
         assert_eq!((plan.image_size, plan.reward), ([480, 270], Variant::Training));
-        assert_eq!((plan.gains, plan.real_time), (GainSet::Sonic, true));
+        assert_eq!((plan.gains, plan.real_time, plan.protocol), (GainSet::Sonic, true, Protocol::Published));
         assert_eq!(plan.end_on, Some(Causes::of(&[Cause::Fall, Cause::TimeOut])));
         assert_eq!((plan.thresholds.fragility_n, plan.thresholds.grip_bodies), (30.0, 3));
     }
@@ -265,12 +280,12 @@ mod tests {
         let list = |name: &str| vec![name.to_owned()];
         let flat = || named(&["flat"]);
         let cases = [
-            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.1"),
+            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.2"),
             (
                 OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
                 Code::Version,
                 "protocol",
-                "the client speaks 2.3, this server 3.1",
+                "the client speaks 2.3, this server 3.2",
             ),
             (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
             (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),
@@ -316,6 +331,12 @@ mod tests {
             (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
             (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),
             (OpenRequest { hands: "claw".into(), ..request() }, Code::Unknown, "hands", "use one of inspire, bare"),
+            (
+                OpenRequest { episode_protocol: "lenient".into(), ..request() },
+                Code::Unknown,
+                "episode_protocol",
+                "known ones are published, strict",
+            ),
             (OpenRequest { end_on: list("falls"), ..request() }, Code::Unknown, "end_on", "known ones are success"),
             (
                 OpenRequest { thresholds: [("fragility".into(), 1.0)].into(), ..request() },

@@ -4,8 +4,8 @@ use fiatlux_proto::v3::{
     ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, StepRecord,
 };
 use fiatlux_proto::{ABORTED, Message};
-use fiatlux_rules::{Bulb, Criteria};
-use fiatlux_wire::{end_message, state_message};
+use fiatlux_rules::{Bulb, Criteria, Protocol};
+use fiatlux_wire::{end_message, judgement_message, state_message};
 use fiatlux_world::Episode;
 
 /// What was sensed of a row, encoded; empty where the bag is not to have it.
@@ -125,7 +125,8 @@ fn ended(episode: &Episode, cause: &str, causes: Vec<String>) -> EpisodeEnd {
 }
 
 fn named<'a>(episode: &Episode, criteria: &'a Criteria) -> impl Iterator<Item = (&'static str, bool)> + use<'a> {
-    let names = episode.spec().task.spec().gate.criteria.iter().map(|criterion| criterion.name);
+    let judge = episode.judge();
+    let names = judge.task().spec().gate.criteria_of(judge.protocol()).map(|criterion| criterion.name);
     names.zip(criteria.as_slice().iter().copied())
 }
 
@@ -147,16 +148,15 @@ fn reward(episode: &Episode) -> Reward {
 }
 
 fn result(episode: &Episode, end: EpisodeEnd) -> EpisodeResult {
-    let (summary, totals) = (episode.summary(), episode.totals());
+    let (judges, totals) = (episode.judges(), episode.totals());
+    let strict = (judges.protocol() == Protocol::Strict).then(|| judgement_message(judges.of(Protocol::Strict)));
     EpisodeResult {
         end: Some(end),
-        peak_hand_force_n: summary.peak_hand_force_n,
-        control_effort: summary.control_effort,
         unconverged: totals.unconverged,
         steps_outside_box: totals.steps_outside_box,
         missed_steps: 0,
         total_reward: totals.reward,
-        start_count: episode.judge().start_count().unwrap_or_default(),
-        best_count: episode.verdict().best_count,
+        published: Some(judgement_message(judges.of(Protocol::Published))),
+        strict,
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_dynamics::Contact;
 use fiatlux_robot::GainSet;
-use fiatlux_rules::{Bulb, Judge, JudgeOptions, Row, RowDigest, Task, Thresholds, measure};
+use fiatlux_rules::{Bulb, Judge, JudgeOptions, Protocol, Row, RowDigest, Task, Thresholds, measure};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{
     ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartError, StartOptions, World, start,
@@ -47,7 +47,7 @@ fn started(task: Task, seed: u64, episode: u64, options: &StartOptions) -> World
 }
 
 fn judge(task: Task) -> Judge {
-    Judge::new(task, Thresholds::default(), geometry(), JudgeOptions::default())
+    Judge::new(Protocol::Published, task, Thresholds::default(), geometry(), JudgeOptions::default())
 }
 
 fn digest(row: &Row) -> [u8; 32] {
@@ -109,7 +109,7 @@ fn starts_are_as_the_rulebook_says() {
             assert!(verdict.count <= start_count, "{at}");
             check_hold(task, row_1, &at);
         }
-        let (c0, n) = (task.spec().start_count, task.spec().gate.n());
+        let (c0, n) = (task.spec().start_count, task.spec().gate.n(Protocol::Published));
         let (force, mean) = (lowest_and_highest(&forces), time.as_secs_f64() * 1e3 / seeds as f64);
         println!("{:<7} {c0:>3} / {n}   {force:>18}  {:>11.2}  {mean:>10.1}", task.short_id(), overlap * 1e3);
     }

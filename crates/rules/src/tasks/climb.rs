@@ -31,6 +31,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "climbing_slowly", holds: climbs_slowly },
         ],
         sustain_steps: 1,
+        strict: &[UP, STANDING],
+        strict_steps: ONE_SECOND,
     },
     start_count: 1,
     also_ends_on: Causes::NONE,

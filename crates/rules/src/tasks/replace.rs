@@ -3,9 +3,10 @@
 //!
 //! Start: as S01, the robot turned roughly towards the bench.
 //!
-//! It ends with either bulb's drop. Its gate has no window: the bonus that a reward pays falls due on the first step.
+//! It ends with either bulb's drop. Its published gate has no window: the bonus that a reward pays falls due on the first step.
+//! Strict, the old bulb lies released and at rest in the crate, and the bonus falls due then.
 
-use super::bulb_criteria::fresh_seated;
+use super::bulb_criteria::{fresh_seated, old_at_rest, old_released};
 use super::page::*;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
@@ -32,6 +33,11 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "old_bulb_disposed", holds: old_disposed },
         ],
         sustain_steps: 1,
+        strict: &[
+            Criterion { name: "old_bulb_released", holds: old_released },
+            Criterion { name: "old_bulb_at_rest", holds: old_at_rest },
+        ],
+        strict_steps: ONE_SECOND,
     },
     start_count: 0,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Drop]),

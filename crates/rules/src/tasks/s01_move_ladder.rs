@@ -34,6 +34,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "standing", holds: standing },
         ],
         sustain_steps: ONE_SECOND,
+        strict: &[],
+        strict_steps: ONE_SECOND,
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip]),

@@ -33,6 +33,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "ladder_upright", holds: ladder_upright },
         ],
         sustain_steps: 1,
+        strict: &[UP],
+        strict_steps: ONE_SECOND,
     },
     start_count: 2,
     also_ends_on: Causes::of(&[Cause::Tip]),

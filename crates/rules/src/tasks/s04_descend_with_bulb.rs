@@ -36,6 +36,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "ladder_upright", holds: ladder_upright },
         ],
         sustain_steps: 1,
+        strict: &[DOWN, OLD_GRIP],
+        strict_steps: ONE_SECOND,
     },
     start_count: 4,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),

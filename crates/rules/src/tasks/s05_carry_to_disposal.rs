@@ -32,6 +32,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "old_bulb_held", holds: old_held },
         ],
         sustain_steps: 1,
+        strict: &[SLOW, STANDING, OLD_GRIP],
+        strict_steps: ONE_SECOND,
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Crush]),

@@ -2,8 +2,11 @@
 //!
 //! Start: the robot stands 0.5 m from the crate's centre and faces it, the old bulb in its right hand. The socket is
 //! empty, the fresh bulb on the bench.
+//!
+//! Strict, the robot still stands a second after the gate has held for one. Thrown from where it stands, the bulb falls at 2.9 m/s,
+//! which breaks it; from a crouch, at 1.3.
 
-use super::bulb_criteria::old_released;
+use super::bulb_criteria::{old_at_rest, old_released};
 use super::page::*;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
@@ -32,6 +35,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "standing", holds: standing },
         ],
         sustain_steps: ONE_SECOND,
+        strict: &[],
+        strict_steps: 2 * ONE_SECOND,
     },
     start_count: 2,
     also_ends_on: Causes::of(&[Cause::Crush]),
@@ -41,10 +46,6 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
 
 fn old_in_crate(row: &Row, cx: &Context<'_>) -> bool {
     in_crate(row, cx, Bulb::Old)
-}
-
-fn old_at_rest(row: &Row, cx: &Context<'_>) -> bool {
-    row.bulbs[Bulb::Old as usize].linear_velocity.norm() < cx.thresholds.rest_speed_m_s
 }
 
 fn bulb_to_crate(row: &Row, _cx: &Context<'_>) -> f64 {

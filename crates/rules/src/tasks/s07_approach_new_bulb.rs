@@ -32,6 +32,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "walking_slowly", holds: walks_slowly },
         ],
         sustain_steps: 1,
+        strict: &[SLOW, STANDING],
+        strict_steps: ONE_SECOND,
     },
     start_count: 2,
     also_ends_on: Causes::NONE,

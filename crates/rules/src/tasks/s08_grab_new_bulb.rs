@@ -33,6 +33,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "standing", holds: standing },
         ],
         sustain_steps: HALF_SECOND,
+        strict: &[FRESH_GRIP],
+        strict_steps: ONE_SECOND,
     },
     start_count: 2,
     also_ends_on: Causes::of(&[Cause::Drop]),

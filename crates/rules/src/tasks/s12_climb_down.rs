@@ -34,6 +34,8 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "ladder_upright", holds: ladder_upright },
         ],
         sustain_steps: 1,
+        strict: &[DOWN],
+        strict_steps: ONE_SECOND,
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Unseated]),

@@ -55,7 +55,7 @@ pub(crate) fn old_bulb_clearance(row: &Row, cx: &Context<'_>) -> f64 {
 
 /// From the right palm to the bulb's root, m.
 pub(crate) fn palm_to_bulb(row: &Row, bulb: Bulb) -> f64 {
-    let [_, right] = row.palm_position;
+    let right = row.world_from_palm[1].translation.vector;
     (right - row.bulbs[bulb as usize].pose.translation.vector).norm()
 }
 

@@ -3,7 +3,9 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Judge, JudgeOptions, LIMBS, RobotLayout, Row, Task, Thresholds};
+use fiatlux_rules::{
+    AttachmentRow, BodyRow, Bulb, Judge, JudgeOptions, LIMBS, Protocol, RobotLayout, Row, Task, Thresholds,
+};
 mod geometry;
 
 pub use geometry::geometry;
@@ -42,7 +44,7 @@ pub fn body(pose: Isometry3<f64>) -> BodyRow {
 pub fn room() -> Row {
     Row {
         robot: body(at([0.0, 0.0, 0.79])),
-        palm_position: [Vector3::new(0.2, 0.2, 0.7), Vector3::new(0.2, -0.2, 0.7)],
+        world_from_palm: [at([0.2, 0.2, 0.7]), at([0.2, -0.2, 0.7])],
         ladder: body(at(LADDER)),
         bulbs: [body(fixture()), body(at(FRESH))],
         fixture: fixture(),
@@ -219,7 +221,7 @@ pub fn judge(task: Task) -> Judge {
 }
 
 pub fn judge_with(task: Task, options: JudgeOptions) -> Judge {
-    Judge::new(task, Thresholds::default(), geometry(), options)
+    Judge::new(Protocol::Published, task, Thresholds::default(), geometry(), options)
 }
 
 /// The same state as another row.

@@ -2,7 +2,7 @@
 //! are made by moving the robot, the ladder and the bulbs.
 
 use crate::common::*;
-use fiatlux_rules::{Cause, Causes, JudgeOptions, Row, Task};
+use fiatlux_rules::{Cause, Causes, JudgeOptions, Protocol, Row, Task};
 use nalgebra::Vector3;
 
 /// A change of a goal state, k steps into the episode, that leaves one criterion unmet.
@@ -165,7 +165,7 @@ fn goals_succeed_when_their_window_is_full() {
 fn windows_are_those_of_the_table() {
     let windows = Task::ALL.map(|task| task.spec().gate.sustain_steps);
     assert_eq!(windows, [50, 1, 25, 1, 1, 50, 1, 25, 1, 1, 50, 1, 1, 1]);
-    let counts = Task::SUBTASKS.map(|task| task.spec().gate.n());
+    let counts = Task::SUBTASKS.map(|task| task.spec().gate.n(Protocol::Published));
     assert_eq!(counts, [4, 3, 5, 5, 4, 4, 3, 4, 5, 5, 5, 4]);
 }
 

@@ -29,7 +29,7 @@ pub(crate) const ENTRY: Entry = Entry {
 };
 
 fn terms(setup: &Setup) -> Vec<Term> {
-    let criteria = setup.task.spec().gate.criteria.len();
+    let criteria = setup.task.spec().gate.n(setup.protocol) as usize;
     vec![
         Term::new("criteria", "verdict.criteria", &[criteria], "", "whether each criterion of the gate holds")
             .within(0.0, 1.0),

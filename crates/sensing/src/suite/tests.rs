@@ -4,7 +4,7 @@ use fiatlux_features::Weights;
 use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::packed_element_field::NumericType;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::Task;
+use fiatlux_rules::{Protocol, Task};
 use fiatlux_world::{Episode, EpisodeSpec, SceneConfig};
 use nalgebra::Vector3;
 
@@ -59,7 +59,7 @@ fn each_sensor_fills_its_own_field() {
                 Sensor::Features => [count("features.values"), 512],
                 Sensor::Flat => [count("flat.values"), if climb { 6453 } else { 6543 }],
                 Sensor::Privileged => [privileged, if climb { 17 } else { 48 }],
-                Sensor::Verdict => [count("verdict.criteria"), task.spec().gate.criteria.len()],
+                Sensor::Verdict => [count("verdict.criteria"), task.spec().gate.n(Protocol::Strict) as usize],
                 // The next sensor's own test says what it fills.
                 #[allow(unreachable_patterns)]
                 _ => continue,

@@ -8,7 +8,7 @@ use fiatlux_features::{ResNet18, Weights};
 use fiatlux_proto::v3::Observation;
 use fiatlux_render::{Lighting, Visuals};
 use fiatlux_robot::{GainSet, Gains, Robot};
-use fiatlux_rules::{Judge, JudgeOptions, Row, Task, Thresholds};
+use fiatlux_rules::{Judge, JudgeOptions, Protocol, Row, Task, Thresholds};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception, Sensor, SensorSuite, Sensors, Setup, Sight, View};
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
 
@@ -72,7 +72,8 @@ impl Rig {
         let network = sensors.meets(Sensors::WITH_FEATURES).then(|| ResNet18::new(&Weights::seeded(0)));
         let mut suite = SensorSuite::new(sensors, setup).with_sight(sight).with_network(network);
         suite.begin(scene, seed, || Arc::new(Visuals::new(scene)), Lighting::default()).unwrap();
-        let mut judge = Judge::new(task, Thresholds::default(), scene.geometry(), JudgeOptions::default());
+        let mut judge =
+            Judge::new(Protocol::Published, task, Thresholds::default(), scene.geometry(), JudgeOptions::default());
         judge.start(row);
         Self { scene: Arc::clone(scene), suite, setup, judge }
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::Wrench;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Cause, Judge, JudgeOptions, Row, Task, Thresholds};
+use fiatlux_rules::{Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds};
 use fiatlux_world::{AppliedWrench, ControlInput, Push, Scene, SceneConfig, SceneKind, SceneSpec, Target, World};
 use nalgebra::Vector3;
 
@@ -40,7 +40,9 @@ fn numbers(row: &Row) -> Vec<f64> {
         numbers.extend(forces.iter().flat_map(|force| force.iter()));
     }
     numbers.extend(row.hand_force_peak.iter().flatten());
-    numbers.extend(row.com_velocity.iter().chain(row.palm_position.iter().flat_map(|position| position.iter())));
+    numbers.extend(
+        row.com_velocity.iter().chain(row.world_from_palm.iter().flat_map(|palm| palm.translation.vector.iter())),
+    );
     numbers
 }
 
@@ -71,7 +73,8 @@ fn a_state_that_is_not_finite_is_undone() {
         assert_eq!((&row.robot, &row.joint_position), (&before.robot, &before.joint_position), "{what}");
         for task in Task::ALL {
             let options = JudgeOptions { end_on: Some(fiatlux_rules::Causes::NONE), ..JudgeOptions::default() };
-            let mut judge = Judge::new(task, Thresholds::default(), world.scene().geometry(), options);
+            let mut judge =
+                Judge::new(Protocol::Strict, task, Thresholds::default(), world.scene().geometry(), options);
             judge.start(&before);
             assert_eq!(judge.advance(&row).end.map(|end| end.cause()), Some(Cause::Diverged), "{task} {what}");
         }
@@ -92,7 +95,13 @@ fn absurd_speeds_that_are_finite_diverge_by_the_rules() {
     let first = world.row().clone();
     let row = step(&mut world, &[], Some(Push { linear: Vector3::new(30.0, 0.0, 0.0), angular: Vector3::zeros() }));
     assert!(row.joint_speed_peak.is_finite() && row.robot.linear_velocity.norm() > 20.0);
-    let mut judge = Judge::new(Task::S01, Thresholds::default(), world.scene().geometry(), JudgeOptions::default());
+    let mut judge = Judge::new(
+        Protocol::Strict,
+        Task::S01,
+        Thresholds::default(),
+        world.scene().geometry(),
+        JudgeOptions::default(),
+    );
     judge.start(&first);
     assert_eq!(judge.advance(&row).end.map(|end| end.cause()), Some(Cause::Diverged));
 }

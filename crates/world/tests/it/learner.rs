@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, BodyVariation, DriveVariation, Variation, Wrench};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Limb, Row, Task, Thresholds};
+use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Limb, Protocol, Row, Task, Thresholds};
 use fiatlux_world::{
     AppliedWrench, ControlInput, FAR, LadderPart, Push, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec,
     StartError, StartOptions, Target, World, WorldError, start,
@@ -84,7 +84,13 @@ fn what_a_scene_lacks_is_neutral_in_its_rows() {
         assert!(row.attachments.iter().all(|attachment| !attachment.seated));
     }
     for task in Task::ALL {
-        let mut judge = Judge::new(task, Thresholds::default(), world.scene().geometry(), JudgeOptions::default());
+        let mut judge = Judge::new(
+            Protocol::Published,
+            task,
+            Thresholds::default(),
+            world.scene().geometry(),
+            JudgeOptions::default(),
+        );
         judge.start(&rows[0]);
         for row in &rows[1..] {
             let verdict = judge.advance(row);
@@ -278,12 +284,13 @@ fn a_reset_measures_what_follows_from_the_row() {
         moved.robot.linear_velocity += Vector3::x();
         second.reset_to(&moved).unwrap();
         let row = second.row();
-        for (ours, before) in row.palm_position.iter().zip(&first.row().palm_position) {
-            assert!((ours - before - shift.translation.vector).norm() < 1e-12);
+        for (ours, before) in row.world_from_palm.iter().zip(&first.row().world_from_palm) {
+            let moved = ours.translation.vector - before.translation.vector - shift.translation.vector;
+            assert!(moved.norm() < 1e-12);
         }
         assert!((row.com_velocity - first.row().com_velocity - Vector3::x()).norm() < 1e-12);
         let palm = scene.robot.palms()[0];
-        assert_eq!(second.world_from_link(palm).translation.vector, row.palm_position[0]);
+        assert_eq!(second.world_from_link(palm), row.world_from_palm[0]);
         assert_eq!(
             (row.joint_effort.clone(), row.floor_force),
             (first.row().joint_effort.clone(), first.row().floor_force)

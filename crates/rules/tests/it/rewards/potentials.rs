@@ -240,7 +240,7 @@ fn what_is_not_finite_pays_nothing() {
             let (start, goal) = (start_of(task), goal_of(task));
             let mut spoilt = start.clone();
             spoilt.com_velocity.fill(junk);
-            spoilt.palm_position = [Vector3::repeat(junk); 2];
+            spoilt.world_from_palm.iter_mut().for_each(|palm| palm.translation.vector = Vector3::repeat(junk));
             spoilt.hand_force.iter_mut().flatten().chain(&mut spoilt.ladder_force).for_each(|force| force.fill(junk));
             spoilt.action.fill(junk);
             let mut wild = spoilt.clone();

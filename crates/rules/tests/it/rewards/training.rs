@@ -137,7 +137,9 @@ fn go_towards(row: &mut Row, goal: Vector3<f64>, part: f64) {
 /// The right palm part of its way to a bulb's root, the left one there.
 fn reach(row: &mut Row, bulb: usize, part: f64) {
     let goal = row.bulbs[bulb].pose.translation.vector;
-    row.palm_position = [goal, row.palm_position[1].lerp(&goal, part)];
+    let [left, right] = &mut row.world_from_palm;
+    left.translation.vector = goal;
+    right.translation.vector = right.translation.vector.lerp(&goal, part);
 }
 
 fn off_axis(row: &Row, angle: f64) -> nalgebra::UnitQuaternion<f64> {

@@ -1,0 +1,66 @@
+//! Both judges over the same rows.
+
+use crate::geometry::Geometry;
+use crate::judge::{Judge, JudgeOptions};
+use crate::protocol::Protocol;
+use crate::row::Row;
+use crate::task::Task;
+use crate::thresholds::Thresholds;
+
+/// The published judge and the strict one, and which of them ends the episode.
+///
+/// Failures end an episode by either protocol in the same row. After the published gate has fired, protocol `strict` goes on:
+/// rows then change nothing of what the published judge says, which stays as if the episode had ended there.
+#[derive(Debug, Clone)]
+pub struct Judges {
+    protocol: Protocol,
+    published: Judge,
+    strict: Judge,
+}
+
+impl Judges {
+    /// Judges that have seen nothing.
+    pub fn new(
+        protocol: Protocol,
+        task: Task,
+        thresholds: &Thresholds,
+        geometry: &Geometry,
+        options: JudgeOptions,
+    ) -> Self {
+        let judge = |protocol| Judge::new(protocol, task, thresholds.clone(), geometry.clone(), options);
+        Self { protocol, published: judge(Protocol::Published), strict: judge(Protocol::Strict) }
+    }
+
+    /// Starts over with row 0.
+    pub fn start(&mut self, row: &Row) {
+        self.published.start(row);
+        self.strict.start(row);
+    }
+
+    /// Shows both the next row; nothing changes after the end.
+    pub fn advance(&mut self, row: &Row) {
+        if self.in_force().verdict().end.is_none() {
+            self.published.advance(row);
+            self.strict.advance(row);
+        }
+    }
+
+    /// Which of them ends the episode.
+    pub fn protocol(&self) -> Protocol {
+        self.protocol
+    }
+
+    /// The one that ends the episode.
+    pub fn in_force(&self) -> &Judge {
+        self.of(self.protocol)
+    }
+
+    /// The one of a protocol. What the strict one says of an episode that was played by `published` is cut off at the
+    /// published end.
+    pub fn of(&self, protocol: Protocol) -> &Judge {
+        match protocol {
+            Protocol::Published => &self.published,
+            Protocol::Strict => &self.strict,
+        }
+    }
+}
