@@ -281,7 +281,7 @@ fn the_wildest_actions_leave_a_whole_bag() {
             break result;
         }
     };
-    assert_eq!(result.strict.expect("played by strict").control_effort, JOINTS as f64 * 1e6);
+    assert_eq!(result.strict.as_ref().expect("played by strict").control_effort, JOINTS as f64 * 1e6);
     let path = writer.finish(&result).unwrap();
     let bag = Bag::open(&path).unwrap();
     assert_eq!((bag.completeness(), bag.result()), (&Completeness::Whole, Some(&result)));
