@@ -29,6 +29,9 @@ pub struct SessionArgs {
     /// Weights of the camera's features: a safetensors file in the server's folder of weights; without it seeded ones
     #[arg(long, value_name = "FILE")]
     weights: Option<String>,
+    /// By which rulebook episodes end: strict, whose bags have both verdicts, or published [default: strict]
+    #[arg(long, value_name = "NAME")]
+    protocol: Option<String>,
     /// Reward that is recorded: benchmark or training
     #[arg(long, value_name = "NAME")]
     reward: Option<String>,
@@ -84,6 +87,7 @@ impl SessionArgs {
         set(&mut request.hands, &self.hands);
         set(&mut request.weights, &self.weights);
         set(&mut request.reward, &self.reward);
+        set(&mut request.episode_protocol, &self.protocol);
         if !self.sensors.is_empty() {
             request.sensors.clone_from(&self.sensors);
         }

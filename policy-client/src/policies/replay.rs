@@ -53,6 +53,7 @@ impl Replay {
             randomization: header.randomization,
             end_on: if header.end_on_overridden { header.end_on } else { Vec::new() },
             thresholds: header.thresholds,
+            episode_protocol: header.episode_protocol,
             recorded: false,
             ..header.request.unwrap_or_default()
         }

@@ -31,7 +31,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "climbing_slowly", holds: climbs_slowly },
         ],
         sustain_steps: 1,
-        strict: &[UP, STANDING],
+        strict: &[UP],
         strict_steps: ONE_SECOND,
     },
     start_count: 1,

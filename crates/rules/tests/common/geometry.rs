@@ -34,6 +34,6 @@ pub fn geometry() -> Geometry {
         crate_rim: 0.17,
         crate_floor: 0.004,
         bench_surface: 0.9941,
-        robot_mass: 35.0,
+        robot_mass: 34.581_142_02,
     }
 }

@@ -71,7 +71,7 @@ pub fn take(row: &mut Row, bulb: usize) {
     let world_from_bulb = row.robot.pose * rotated([0.35, -0.1, 0.2], Vector3::x(), 1.2);
     row.bulbs[bulb] = body(world_from_bulb);
     touch(row, bulb, RIGHT[0], 6.0);
-    touch(row, bulb, RIGHT[1], 6.0);
+    touch(row, bulb, RIGHT[1], -6.0);
 }
 
 pub fn touch(row: &mut Row, bulb: usize, hand_body: usize, newtons: f64) {

@@ -9,3 +9,4 @@ mod limits;
 mod progress;
 mod rewards;
 mod scores;
+mod strict;

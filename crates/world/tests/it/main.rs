@@ -4,3 +4,4 @@
 mod diverged;
 mod learner;
 mod rulebook;
+mod strict;
