@@ -13,7 +13,7 @@ use std::fmt::Write;
 use markup::{escape, percent};
 
 use crate::tables::{count, protocol, seed_count};
-use crate::{RateRow, Results};
+use crate::{RateRow, Results, Score};
 
 const STYLE: &str = include_str!("report/style.css");
 
@@ -58,19 +58,24 @@ fn headline(out: &mut String, results: &Results) {
     out.push_str("<div class=\"cards\">\n");
     let overall = &results.overall;
     if overall.episodes > 0 {
-        rate_card(out, "Clean success rate", &overall.clean_success, overall.episodes, "big");
-        score_card(out, results);
-        rate_card(out, "Success rate", &overall.success, overall.episodes, "mid");
+        if let (Some(score), Some(success)) = (&results.score_strict, &overall.strict_success) {
+            score_card(out, "Score S, strict", score, "big");
+            rate_card(out, "Success, strict", success, overall.episodes, "big");
+        }
+        score_card(out, "Score S, published", &results.score, "mid");
+        rate_card(out, "Clean success, published", &overall.clean_success, overall.episodes, "mid");
         violations_card(out, results);
     }
     out.push_str("</div>\n");
     if overall.episodes > 0 {
         let _ = writeln!(
             out,
-            "<p class=\"soft small\"><b>Clean success</b>, the primary metric, is an episode whose gate fired with no \
-             bulb broken (a hand body above {} N at any step) and none dropped. <b>S</b> is the mean of the subtasks' \
-             scores s, weighted by difficulty; s is half the success rate and half the mean gate progress. At 0 nothing \
-             was reached that the start did not give; an episode whose gate never fires adds at most half of its \
+            "<p class=\"soft small\"><b>Published</b> is the paper's rulebook; <b>strict</b> asks besides that a gate holds for \
+             a second, that the robot stands upright on what carries it, and that a bulb is in the grip of one hand: \
+             stunts pass the first and not the second. Rankings go by strict. <b>Clean</b> is a success with no bulb broken \
+             (a hand body above {} N at any step) and none dropped; a strict success always is. <b>S</b> is the mean of the \
+             subtasks' scores s, weighted by difficulty; s is half the success rate and half the mean gate progress. At 0 \
+             nothing was reached that the start did not give; an episode whose gate never fires adds at most half of its \
              weight; at 1 every gate fired. The spread is the sample standard deviation over layout seeds: scores under \
              different seeds do not compare, for the layout sets the difficulty.</p>",
             results.conditions.thresholds.get("fragility_n").copied().unwrap_or_default()
@@ -122,19 +127,16 @@ fn rate_card(out: &mut String, name: &str, rate: &RateRow, episodes: u64, size: 
     );
 }
 
-fn score_card(out: &mut String, results: &Results) {
-    let Some(mean) = results.score.mean else { return };
-    let spread = results
-        .score
-        .std
-        .map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
-    let seeds: Vec<_> =
-        results.score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
+fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
+    let Some(mean) = score.mean else { return };
+    let spread =
+        score.std.map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
+    let seeds: Vec<_> = score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
     let shown =
         if seeds.len() > 12 { format!("{} seeds", seeds.len()) } else { format!("by seed {}", seeds.join(", ")) };
     let _ = writeln!(
         out,
-        "<div class=\"panel\"><div class=\"card-name\">Benchmark score S</div><div class=\"big\">{mean:.3}{spread}</div>\
+        "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{spread}</div>\
          <div class=\"card-note\">of 1, mean \u{b1} std over seeds<br>{shown}</div></div>"
     );
 }
@@ -156,10 +158,15 @@ fn violations_card(out: &mut String, results: &Results) {
 fn subtasks(out: &mut String, results: &Results) {
     out.push_str("<h2>Subtasks</h2>\n<div class=\"panel wide scroll\">");
     out.push_str(&overview::figure(results));
-    out.push_str(
-        "<div class=\"legend\"><span><i class=\"k-accent\"></i>score s, with its standard deviation over the seeds</span>\
-         <span><i class=\"k-dot\"></i>clean success with Wilson interval</span><span><i class=\"k-ring\"></i>success, \
-         clean or not</span><span><i class=\"k-held\"></i>mean gate progress</span></div>",
+    let (protocol, success) = match results.score_strict {
+        Some(_) => ("strict", "strict success"),
+        None => ("published", "published clean success"),
+    };
+    let _ = write!(
+        out,
+        "<div class=\"legend\"><span><i class=\"k-accent\"></i>{protocol} score s, with its standard deviation over the \
+         seeds</span><span><i class=\"k-dot\"></i>{success} with Wilson interval</span><span><i class=\"k-ring\"></i>published \
+         success</span><span><i class=\"k-held\"></i>mean {protocol} gate progress</span></div>"
     );
     out.push_str(&overview::causes(results));
     out.push_str("</div>\n");

@@ -153,7 +153,7 @@ fn bags_of_another_row_layout_are_refused_with_the_remedy() {
     assert_eq!(results.excluded[0].reason, Fault::Unreadable);
     let detail = &results.excluded[0].detail;
     assert!(
-        detail.contains("layout fiatlux-row/2, this scorer knows fiatlux-row/3; use the scorer of that"),
+        detail.contains("layout fiatlux-row/2, this scorer knows fiatlux-row/4; use the scorer of that"),
         "{detail}"
     );
 }

@@ -383,5 +383,5 @@ fn a_client_of_an_older_version_is_told_to_update() {
     let bytes = described.result().unwrap_err().payload().to_bytes();
     assert_eq!(Refusal::decode(&*bytes).unwrap(), refused);
     assert_eq!((refused.code(), refused.field.as_str()), (refusal::Code::Version, "protocol"));
-    assert!(refused.message.contains("speaks protocol 3.1") && refused.message.contains("update the client"));
+    assert!(refused.message.contains("speaks protocol 3.2") && refused.message.contains("update the client"));
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use fiatlux_rules::{CONTROL_DT, Task};
+use fiatlux_rules::{CONTROL_DT, Protocol, Task};
 
 use super::figure::figure;
 use super::markup::{cause_class, escape, words};
@@ -26,33 +26,40 @@ pub(super) fn section(out: &mut String, results: &Results) {
 
 fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool) {
     let id = &episodes[0].task;
-    let clean = episodes.iter().filter(|episode| episode.clean).count();
-    let progress = episodes.iter().map(|episode| episode.gate_progress).sum::<f64>() / episodes.len() as f64;
+    let passed = episodes.iter().filter(|episode| episode.strict_success.unwrap_or(episode.clean)).count();
+    let progress = episodes.iter().map(|episode| episode.strict_progress.unwrap_or(episode.gate_progress)).sum::<f64>();
+    let progress = progress / episodes.len() as f64;
+    let protocol = if episodes[0].strict_success.is_some() { "strict" } else { "published and clean" };
     let spec = id.parse::<Task>().ok().map(Task::spec);
     let name = spec.map_or("", |spec| spec.name);
     let open = if open { " open" } else { "" };
     let _ = write!(
         out,
-        "<details{open}><summary><span class=\"name\">{} {name}</span><span class=\"what\">{clean} of {} clean, gate \
+        "<details{open}><summary><span class=\"name\">{} {name}</span><span class=\"what\">{passed} of {} passed ({protocol}), gate \
          progress {progress:.2}</span><span class=\"chips\">",
         escape(id),
         episodes.len()
     );
     for episode in episodes.iter().take(12) {
-        chip(out, &episode.end);
+        chip(out, episode.strict_end.as_ref().unwrap_or(&episode.end));
     }
     out.push_str("</span></summary><div class=\"inner\">");
     if let Some(spec) = spec {
         let criteria: Vec<_> = spec.gate.criteria.iter().map(|criterion| words(criterion.name)).collect();
+        let strict = spec.gate.criteria_of(Protocol::Strict).skip(criteria.len());
+        let strict: Vec<_> = strict.map(|criterion| words(criterion.name)).collect();
         let window = match spec.gate.sustain_steps {
             1 => "at one step".to_owned(),
             steps => format!("for {:.1} s without a break", f64::from(steps) * CONTROL_DT),
         };
         let _ = write!(
             out,
-            "<p class=\"small soft\">\u{201c}{}\u{201d} \u{2013} the gate fires when all hold {window}: {}. At most {:.0} s.</p>",
+            "<p class=\"small soft\">\u{201c}{}\u{201d} \u{2013} the published gate fires when all hold {window}: {}. Strict, all hold \
+             for {:.0} s, and so do: {}. At most {:.0} s.</p>",
             escape(spec.instruction),
             criteria.join(", "),
+            f64::from(spec.gate.strict_steps) * CONTROL_DT,
+            strict.join(", "),
             spec.horizon_steps as f64 * CONTROL_DT
         );
     }
@@ -68,13 +75,16 @@ fn chip(out: &mut String, cause: &str) {
 fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64) {
     let index = if episode.episode == 0 { String::new() } else { format!(", episode {}", episode.episode) };
     let _ = write!(out, "<article class=\"episode\"><header><b>Seed {}{index}</b>", episode.seed);
-    chip(out, &episode.end);
-    let _ = write!(
-        out,
-        "<span>after {:.2} s</span><span class=\"soft\">progress {:.2}</span>",
-        episode.steps as f64 * CONTROL_DT,
-        episode.gate_progress
-    );
+    let ended = |out: &mut String, protocol: &str, end: &str, steps: u64, progress: f64| {
+        let _ = write!(out, "<span class=\"soft\">{protocol}</span>");
+        chip(out, end);
+        let seconds = steps as f64 * CONTROL_DT;
+        let _ = write!(out, "<span>after {seconds:.2} s</span><span class=\"soft\">progress {progress:.2}</span>");
+    };
+    if let (Some(steps), Some(progress)) = (episode.strict_steps, episode.strict_progress) {
+        ended(out, "strict", episode.strict_end.as_deref().unwrap_or("cut"), steps, progress);
+    }
+    ended(out, "published", &episode.end, episode.steps, episode.gate_progress);
     for (is, name) in [(episode.broken, "broken"), (episode.dropped, "dropped")] {
         if is {
             let _ = write!(out, "<span class=\"flag\">{name}</span>");
@@ -88,7 +98,7 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64) {
         notes.push(format!("in the same step: {}", also.join(", ")));
     }
     if episode.steps_in_gate > 0 {
-        notes.push(format!("all held in {}", count(episode.steps_in_gate as usize, "step")));
+        notes.push(format!("all published criteria held in {}", count(episode.steps_in_gate as usize, "step")));
     }
     notes.extend(episode.notes.iter().cloned());
     let _ = write!(out, "<footer>{}", escape(&notes.join("; ")));

@@ -45,9 +45,9 @@ fn head(out: &mut String, height: f64) {
     };
     title(out, 0.0, "Subtask");
     title(out, SCORE.0, "Score s, mean \u{b1} std");
-    title(out, SUCCESS.0, "Clean and plain success, 95 %");
+    title(out, SUCCESS.0, "Success, 95 %");
     title(out, PROGRESS.0, "Gate progress");
-    title(out, ENDS.0, "Ends");
+    title(out, ENDS.0, "Ends, published");
     let _ = write!(out, "<text x=\"254\" y=\"14\" text-anchor=\"end\" class=\"t-soft t-small\">weight</text>");
     for (x, width) in [SCORE, SUCCESS, PROGRESS] {
         for (share, label) in [(0.0, "0"), (0.5, "0.5"), (1.0, "1")] {
@@ -72,31 +72,62 @@ fn row(out: &mut String, task: &TaskResult, top: f64) {
         escape(&task.name),
         task.weight
     );
-    bar(out, SCORE, top, task.score_mean, "f-accent");
-    let mut value = format!("{:.3}", task.score_mean);
-    if let Some(std) = task.score_std {
+    let shown = Shown::of(task);
+    bar(out, SCORE, top, shown.score_mean, "f-accent");
+    let mut value = format!("{:.3}", shown.score_mean);
+    if let Some(std) = shown.score_std {
         let at = |value: f64| px(SCORE.0 + SCORE.1 * value.clamp(0.0, 1.0));
         let middle = px(top + 15.0);
-        let (low, high) = (at(task.score_mean - std), at(task.score_mean + std));
+        let (low, high) = (at(shown.score_mean - std), at(shown.score_mean + std));
         if std > 0.0 {
             let _ = write!(out, "<path d=\"M{low} {middle}H{high}\" class=\"s-ink\" stroke-width=\"1.5\"/>");
         }
         let _ = write!(value, " \u{b1} {std:.3}");
     }
     let _ = write!(out, "<text x=\"{}\" y=\"{base}\" class=\"t-small\">{value}</text>", px(SCORE.0 + SCORE.1 + 8.0));
-    rate(out, top + 10.0, task.clean_success_rate, task.clean_success_interval, true);
+    rate(out, top + 10.0, shown.success_rate, shown.success_interval, true);
     rate(out, top + 20.0, task.success_rate, task.success_interval, false);
-    let hits = (task.clean_success_rate * task.episodes as f64).round();
+    let hits = (shown.success_rate * task.episodes as f64).round();
     let _ = write!(
         out,
         "<text x=\"{}\" y=\"{base}\" class=\"t-small\">{hits}/{}</text>",
         px(SUCCESS.0 + SUCCESS.1 + 10.0),
         task.episodes
     );
-    bar(out, PROGRESS, top, task.gate_progress, "f-held");
+    bar(out, PROGRESS, top, shown.progress, "f-held");
     let at = px(PROGRESS.0 + PROGRESS.1 + 8.0);
-    let _ = write!(out, "<text x=\"{at}\" y=\"{base}\" class=\"t-small\">{:.2}</text>", task.gate_progress);
+    let _ = write!(out, "<text x=\"{at}\" y=\"{base}\" class=\"t-small\">{:.2}</text>", shown.progress);
     ends(out, task, top);
+}
+
+/// What the figure shows of a task: by the strict gates where there are such, else by the published ones.
+struct Shown {
+    score_mean: f64,
+    score_std: Option<f64>,
+    success_rate: f64,
+    success_interval: [f64; 2],
+    progress: f64,
+}
+
+impl Shown {
+    fn of(task: &TaskResult) -> Self {
+        match task.strict_score_mean {
+            Some(score_mean) => Self {
+                score_mean,
+                score_std: task.strict_score_std,
+                success_rate: task.strict_success_rate.unwrap_or_default(),
+                success_interval: task.strict_success_interval.unwrap_or([0.0, 1.0]),
+                progress: task.strict_progress.unwrap_or_default(),
+            },
+            None => Self {
+                score_mean: task.score_mean,
+                score_std: task.score_std,
+                success_rate: task.clean_success_rate,
+                success_interval: task.clean_success_interval,
+                progress: task.gate_progress,
+            },
+        }
+    }
 }
 
 fn bar(out: &mut String, (x, width): (f64, f64), top: f64, share: f64, class: &str) {

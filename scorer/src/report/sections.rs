@@ -11,30 +11,41 @@ use crate::{Results, TaskResult};
 /// A table of tasks.
 pub(super) fn task_table(out: &mut String, tasks: &[TaskResult], scored: bool) {
     let score_head = if scored { "<th>Score s</th>" } else { "" };
+    let columns = if scored { 3 } else { 2 };
     let _ = write!(
         out,
-        "<table><thead><tr><th class=\"l\">Task</th><th>n</th><th>Clean success</th><th>Success</th><th>Gate<br>\
-         progress</th>{score_head}<th>Broken</th><th>Dropped</th><th>Peak hand<br>force, N</th><th>Control<br>effort</th>\
-         <th>Length,<br>s</th></tr></thead><tbody>"
+        "<table><thead><tr><th></th><th></th><th class=\"c\" colspan=\"{columns}\">strict</th><th class=\"c\" colspan=\"{}\">\
+         published</th><th></th><th></th><th></th><th></th><th></th></tr><tr><th class=\"l\">Task</th><th>n</th>\
+         <th>Success</th><th>Gate<br>progress</th>{score_head}<th>Clean success</th><th>Success</th><th>Gate<br>progress</th>\
+         {score_head}<th>Broken</th><th>Dropped</th><th>Peak hand<br>force, N</th><th>Control<br>effort</th><th>Length,<br>s\
+         </th></tr></thead><tbody>",
+        columns + 1
     );
+    let none = "<td>\u{2013}</td>";
     for task in tasks {
-        let score = match (scored, task.score_std) {
-            (true, Some(std)) => {
-                format!("<td>{:.3} <span class=\"ci\">\u{b1}\u{202f}{std:.3}</span></td>", task.score_mean)
+        let score = |mean: Option<f64>, std: Option<f64>| match (scored, mean, std) {
+            (true, Some(mean), Some(std)) => {
+                format!("<td>{mean:.3} <span class=\"ci\">\u{b1}\u{202f}{std:.3}</span></td>")
             }
-            (true, None) => format!("<td>{:.3}</td>", task.score_mean),
-            (false, _) => String::new(),
+            (true, Some(mean), None) => format!("<td>{mean:.3}</td>"),
+            (true, None, _) => none.into(),
+            (false, ..) => String::new(),
         };
+        let strict = task.strict_success_rate.zip(task.strict_success_interval);
         let _ = write!(
             out,
-            "<tr><td class=\"l\"><b>{}</b> {}</td><td>{}</td>{}{}<td>{:.2}</td>{score}<td>{:.2}</td><td>{:.2}</td>\
+            "<tr><td class=\"l\"><b>{}</b> {}</td><td>{}</td>{}{}{}{}{}<td>{:.2}</td>{}<td>{:.2}</td><td>{:.2}</td>\
              <td>{}</td><td>{:.2}</td><td>{:.1}</td></tr>",
             escape(&task.id),
             escape(&task.name),
             task.episodes,
+            strict.map_or(none.into(), |(value, interval)| rate(value, interval)),
+            task.strict_progress.map_or(none.into(), |progress| format!("<td>{progress:.2}</td>")),
+            score(task.strict_score_mean, task.strict_score_std),
             rate(task.clean_success_rate, task.clean_success_interval),
             rate(task.success_rate, task.success_interval),
             task.gate_progress,
+            score(Some(task.score_mean), task.score_std),
             task.broken_rate,
             task.dropped_rate,
             force(task.peak_hand_force_n),

@@ -3,7 +3,8 @@
 use crate::Results;
 
 const HEAD: &str = "policy,task,seed,episode,success,clean,broken,dropped,gate_progress,peak_hand_force_n,control_effort,\
-                    steps,end,steps_in_gate,state_digest,bag,benchmark_version";
+                    steps,end,steps_in_gate,state_digest,bag,benchmark_version,strict_success,strict_clean,\
+                    strict_progress,strict_end,strict_steps";
 
 /// One line an episode, under a line with the names of the fields in `results.json`.
 pub fn csv(results: &Results) -> String {
@@ -27,10 +28,20 @@ pub fn csv(results: &Results) -> String {
             e.state_digest.clone(),
             quoted(&e.bag),
             results.conditions.benchmark_version.to_string(),
+            or_empty(&e.strict_success),
+            or_empty(&e.strict_clean),
+            or_empty(&e.strict_progress),
+            quoted(e.strict_end.as_deref().unwrap_or_default()),
+            or_empty(&e.strict_steps),
         ];
         lines.push(fields.join(","));
     }
     lines.join("\n") + "\n"
+}
+
+/// Empty where there is none.
+fn or_empty(value: &Option<impl ToString>) -> String {
+    value.as_ref().map(ToString::to_string).unwrap_or_default()
 }
 
 /// In quotes where it has to be. A name that a spreadsheet would take for a formula is kept from it by an apostrophe.

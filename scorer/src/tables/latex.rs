@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::{count, force, protocol, seed_count};
-use crate::{Results, TaskResult};
+use super::{count, protocol, seed_count};
+use crate::{RateRow, Results, TaskResult};
 
 /// A `table` environment that can be pasted as it is.
 pub fn latex(results: &Results) -> String {
@@ -13,28 +13,34 @@ pub fn latex(results: &Results) -> String {
     let _ = writeln!(
         out,
         "\\caption{{Fiatlux results of policy \\emph{{{}}}: {episodes}, {}, {}. CSR: clean success rate; SR: success \
-         rate; $\\bar\\rho$: mean gate progress; $s$: mean and sample standard deviation over the seeds.}}",
+         rate; $\\bar\\rho$: mean gate progress; $s$: mean and sample standard deviation over the seeds; each by the \
+         strict and by the published gates.}}",
         escape(&results.policy),
         escape(&seed_count(results)),
         escape(&conditions),
     );
     out.push_str("\\begin{tabular}{l r r r r r r r r}\n\\toprule\n");
     out.push_str(
-        "\\textbf{Subtask} & $w$ & \\textbf{CSR} & \\textbf{SR} & $\\bar\\rho$ & $s$ & \\textbf{Broken} & \
-         \\textbf{Dropped} & \\textbf{Peak (N)} \\\\\n\\midrule\n",
+        " & & \\multicolumn{3}{c}{strict} & \\multicolumn{4}{c}{published} \\\\\n\
+         \\textbf{Subtask} & $w$ & \\textbf{SR} & $\\bar\\rho$ & $s$ & \\textbf{CSR} & \\textbf{SR} & $\\bar\\rho$ & \
+         $s$ \\\\\n\\midrule\n",
     );
     results.subtasks.iter().for_each(|task| row(&mut out, task, true));
     if !results.extra_tasks.is_empty() {
         out.push_str("\\midrule\n");
         results.extra_tasks.iter().for_each(|task| row(&mut out, task, false));
     }
-    if let Some(mean) = results.score.mean {
-        let std = results.score.std.map_or(String::new(), |std| format!(" \\pm {std:.3}"));
-        let clean = results.overall.clean_success.rate.unwrap_or_default();
-        let success = results.overall.success.rate.unwrap_or_default();
+    if results.score.mean.is_some() {
+        let (strict, overall) = (results.score_strict.as_ref(), &results.overall);
+        let rate = |row: Option<&RateRow>| share(row.and_then(|row| row.rate));
         let _ = writeln!(
             out,
-            "\\midrule\n\\textbf{{Benchmark}} & & {clean:.2} & {success:.2} & & $\\mathbf{{{mean:.3}}}{std}$ & & & \\\\"
+            "\\midrule\n\\textbf{{Benchmark}} & & {} & & {} & {} & {} & & {} \\\\",
+            rate(overall.strict_success.as_ref()),
+            spread(strict.and_then(|score| score.mean), strict.and_then(|score| score.std)),
+            rate(Some(&overall.clean_success)),
+            rate(Some(&overall.success)),
+            spread(results.score.mean, results.score.std),
         );
     }
     out.push_str("\\bottomrule\n\\end{tabular}\n");
@@ -48,23 +54,32 @@ pub fn latex(results: &Results) -> String {
 
 fn row(out: &mut String, task: &TaskResult, scored: bool) {
     let weight = if scored { format!("{:.2}", task.weight) } else { "--".into() };
-    let score = match (scored, task.score_std) {
-        (true, Some(std)) => format!("${:.3} \\pm {std:.3}$", task.score_mean),
-        (true, None) => format!("{:.3}", task.score_mean),
-        (false, _) => "--".into(),
-    };
+    let score = |mean: Option<f64>, std: Option<f64>| spread(mean.filter(|_| scored), std);
     let _ = writeln!(
         out,
-        "{} {} & {weight} & {:.2} & {:.2} & {:.2} & {score} & {:.2} & {:.2} & {} \\\\",
+        "{} {} & {weight} & {} & {} & {} & {:.2} & {:.2} & {:.2} & {} \\\\",
         task.id,
         escape(&task.name),
+        share(task.strict_success_rate),
+        share(task.strict_progress),
+        score(task.strict_score_mean, task.strict_score_std),
         task.clean_success_rate,
         task.success_rate,
         task.gate_progress,
-        task.broken_rate,
-        task.dropped_rate,
-        force(task.peak_hand_force_n),
+        score(Some(task.score_mean), task.score_std),
     );
+}
+
+fn share(value: Option<f64>) -> String {
+    value.map_or("--".into(), |value| format!("{value:.2}"))
+}
+
+fn spread(mean: Option<f64>, std: Option<f64>) -> String {
+    match (mean, std) {
+        (Some(mean), Some(std)) => format!("${mean:.3} \\pm {std:.3}$"),
+        (Some(mean), None) => format!("{mean:.3}"),
+        (None, _) => "--".into(),
+    }
 }
 
 /// What TeX would read as a command is shown as it is.

@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::{count, force, protocol, seed_count};
-use crate::{Fault, RateRow, Results, TaskResult};
+use super::{count, protocol, seed_count};
+use crate::{Fault, RateRow, Results, Score, TaskResult};
 
 const WIDTH: usize = 100;
 
@@ -38,7 +38,7 @@ fn headline(out: &mut String, results: &Results) {
     let overall = &results.overall;
     let rate = |name: &str, rate: &RateRow| match (rate.rate, rate.interval) {
         (Some(value), Some([low, high])) => format!(
-            "{name:<16}{:>6.1} %   {}/{}, 95 % interval {:.1} to {:.1} %\n",
+            "{name:<22}{:>6.1} %   {}/{}, 95 % interval {:.1} to {:.1} %\n",
             100.0 * value,
             rate.hits,
             overall.episodes,
@@ -47,44 +47,53 @@ fn headline(out: &mut String, results: &Results) {
         ),
         _ => String::new(),
     };
-    out.push_str(&rate("Clean success", &overall.clean_success));
-    if let Some(mean) = results.score.mean {
-        let spread = match results.score.std {
+    let score = |out: &mut String, name: &str, score: &Score| {
+        let Some(mean) = score.mean else { return };
+        let spread = match score.std {
             Some(std) => format!("+- {std:.4} over the seeds"),
             None => "of a single seed".into(),
         };
-        let seeds: Vec<_> = results.score.per_seed.iter().map(|s| format!("{}: {:.4}", s.seed, s.score)).collect();
-        let line = format!("{:<16}{mean:>8.4}   {spread} ({})", "Score S", seeds.join(", "));
-        let _ = writeln!(out, "{}", wrapped(&line, "                           "));
+        let seeds: Vec<_> = score.per_seed.iter().map(|s| format!("{}: {:.4}", s.seed, s.score)).collect();
+        let line = format!("{name:<22}{mean:>8.4}   {spread} ({})", seeds.join(", "));
+        let _ = writeln!(out, "{}", wrapped(&line, "                                 "));
+    };
+    if let (Some(strict), Some(success)) = (&results.score_strict, &overall.strict_success) {
+        score(out, "Score S, strict", strict);
+        out.push_str(&rate("Success, strict", success));
     }
-    out.push_str(&rate("Success", &overall.success));
+    score(out, "Score S, published", &results.score);
+    out.push_str(&rate("Success, published", &overall.success));
+    out.push_str(&rate("Clean, published", &overall.clean_success));
     out.push_str(&rate("Bulb broken", &overall.broken));
     out.push_str(&rate("Bulb dropped", &overall.dropped));
 }
 
 fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {
     let score_head = if scored { "    s +- std    " } else { "" };
+    let half = |name: &str| format!("  {name:-^width$}", width = if scored { 27 } else { 11 });
+    let _ = writeln!(out, "{:<38}{}{}", "", half(" strict "), half(" published "));
     let _ = writeln!(
         out,
-        "{:<26} {:>4} {:>3}  {:>5} {:>7} {:>5}{score_head}  {:>5} {:>5} {:>6} {:>6}",
-        "task", "w", "n", "clean", "success", "gate", "broke", "drop", "peak N", "steps"
+        "{:<26} {:>4} {:>3}    {:>5} {:>5}{score_head}  {:>5} {:>5}{score_head}",
+        "task", "w", "n", "succ", "gate", "clean", "gate"
     );
     for task in tasks {
         let name = format!("{} {}", task.id, task.name);
         let weight = if scored { format!("{:.2}", task.weight) } else { "-".into() };
-        let std = task.score_std.map_or("        ".into(), |std| format!("+- {std:.3}"));
-        let score = if scored { format!("  {:>5.3} {std}", task.score_mean) } else { String::new() };
+        let score = |mean: Option<f64>, std: Option<f64>| {
+            let std = std.map_or("        ".into(), |std| format!("+- {std:.3}"));
+            if scored { format!("  {} {std}", share(mean, 3)) } else { String::new() }
+        };
         let _ = writeln!(
             out,
-            "{name:<26.26} {weight:>4} {:>3}  {:>5.2} {:>7.2} {:>5.2}{score}  {:>5.2} {:>5.2} {:>6} {:>6.0}",
+            "{name:<26.26} {weight:>4} {:>3}    {} {}{}  {} {}{}",
             task.episodes,
-            task.clean_success_rate,
-            task.success_rate,
-            task.gate_progress,
-            task.broken_rate,
-            task.dropped_rate,
-            force(task.peak_hand_force_n),
-            task.mean_steps,
+            share(task.strict_success_rate, 2),
+            share(task.strict_progress, 2),
+            score(task.strict_score_mean, task.strict_score_std),
+            share(Some(task.clean_success_rate), 2),
+            share(Some(task.gate_progress), 2),
+            score(Some(task.score_mean), task.score_std),
         );
     }
     out.push_str("\nHow they ended\n");
@@ -111,6 +120,11 @@ fn excluded(out: &mut String, results: &Results) {
         let line = format!("  {}: {}: {}{what}", bag.bag, bag.reason.name(), bag.detail);
         let _ = writeln!(out, "{}", wrapped(&line, "      "));
     }
+}
+
+/// A share in five columns; a dash where there is none.
+fn share(value: Option<f64>, digits: usize) -> String {
+    value.map_or("    -".into(), |value| format!("{value:>5.digits$}"))
 }
 
 /// Breaks a text at spaces; further lines are indented. Words that are too long stay whole.

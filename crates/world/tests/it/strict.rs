@@ -24,8 +24,7 @@ fn bulbs_in_hand_are_in_its_grip() {
             let mut episode = episode(&EpisodeSpec::new(task, seed, 0));
             let hold = episode.row().action.clone();
             for step in 0..=10 {
-                let in_grip =
-                    strict::in_grip(episode.row(), &episode.judges().of(Protocol::Strict).context(), bulb);
+                let in_grip = strict::in_grip(episode.row(), &episode.judges().of(Protocol::Strict).context(), bulb);
                 assert!(in_grip, "{task}, seed {seed}, row {step}: {:?}", episode.row().hand_force[bulb as usize]);
                 episode.step(&hold).unwrap();
             }
@@ -38,7 +37,8 @@ fn bulbs_in_hand_are_in_its_grip() {
 #[test]
 fn loads_are_the_robots_weight() {
     let taller = PropScale { ladder: [1.0, 1.0, 1.08], ..PropScale::default() };
-    let cases = [(Task::S07, PropScale::default(), false), (Task::S03, PropScale::default(), true), (Task::S03, taller, true)];
+    let cases =
+        [(Task::S07, PropScale::default(), false), (Task::S03, PropScale::default(), true), (Task::S03, taller, true)];
     for (task, scale, on_platform) in cases {
         let mut episode = episode(&EpisodeSpec { scale, ..EpisodeSpec::new(task, 4, 0) });
         assert_eq!((episode.row().floor_load, episode.row().tread_load), ([0.0; LIMBS], [0.0; LIMBS]));
