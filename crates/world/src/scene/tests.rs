@@ -50,7 +50,7 @@ fn geometry_is_the_rulebooks() {
     assert_eq!(found.bench_surface, expected.bench_surface);
     assert!((found.robot_mass - expected.robot_mass).abs() < 1e-9, "{}", found.robot_mass);
     let mass = expected.robot_mass;
-    assert_eq!(fiatlux_rules::Geometry { robot_mass: mass, ..found }, expected);
+    assert_eq!(Geometry { robot_mass: mass, ..found }, expected);
 }
 
 /// A robot with other joints has rows of its own size; one with other parts than a row's is refused, with both numbers.
