@@ -109,33 +109,35 @@ def flight(folder, _workers):
 
 
 def play_start(player, start, hold):
-    """One second from a random start, or until it diverges: of what went before, the largest of everything."""
+    """One second from a random start: the largest of everything until it diverges, and whether it is lost then."""
     np, scene, d = player.np, player.scene, player.d
     scene.reset()
     scene.set_state(start["qpos"], start["qvel"])
     # The lamp's socket is not part of MuJoCo's scene: what it holds floats.
     held = scene.m.body("old_bulb").id
     d.xfrc_applied[held, 2] = scene.m.body_mass[held] * -scene.m.opt.gravity[2]
-    result = {"diverged": 0, "joint": 0.0, "pelvis": 0.0, "deepest": 0.0, "deep": 0}
+    result = {"diverged": 0, "lost": 0, "joint": 0.0, "pelvis": 0.0, "deepest": 0.0, "deep": 0}
     rated = player.v[np.isfinite(player.rated)]
+    body = lambda dofs: np.array([np.linalg.norm(d.qvel[dof : dof + 3]) for dof in dofs])
     rows_deep = 0
-    for targets in start["targets"]:
-        d.ctrl[:] = targets
-        for _ in range(hold // SUBSTEPS):
-            depth = joint = 0.0
-            for _ in range(SUBSTEPS):
-                player.steps(1)
-                depth = max(depth, -d.contact.dist.min()) if d.ncon else depth
-                joint = max(joint, np.nan_to_num(np.abs(d.qvel[rated]), nan=np.inf).max())
-            body = lambda dofs: np.array([np.linalg.norm(d.qvel[dof : dof + 3]) for dof in dofs])
-            if (
-                joint > RATED_JOINT_SPEED
-                or fast(np.abs(d.qvel[player.v]), JOINT_SPEED)
-                or fast(body(player.bodies), BODY_SPEED)
-                or fast(body(player.bulbs), BULB_SPEED)
-                or not np.isfinite(d.qpos).all()
-            ):
-                return {**result, "diverged": 1}
+    for row in range(len(start["targets"]) * hold // SUBSTEPS):
+        d.ctrl[:] = start["targets"][row * SUBSTEPS // hold]
+        depth = joint = 0.0
+        for _ in range(SUBSTEPS):
+            player.steps(1)
+            depth = max(depth, -d.contact.dist.min()) if d.ncon else depth
+            joint = max(joint, np.nan_to_num(np.abs(d.qvel[rated]), nan=np.inf).max())
+        result["lost"] |= int(fast(body(player.bodies), BODY_SPEED))
+        result["diverged"] |= int(
+            joint > RATED_JOINT_SPEED
+            or fast(np.abs(d.qvel[player.v]), JOINT_SPEED)
+            or fast(body(player.bulbs), BULB_SPEED)
+            or not np.isfinite(d.qpos).all()
+            or result["lost"]
+        )
+        if result["lost"]:
+            break
+        if not result["diverged"]:
             result["joint"], result["deepest"] = max(result["joint"], joint), max(result["deepest"], depth)
             result["pelvis"] = max(result["pelvis"], body([player.pelvis])[0])
             rows_deep = rows_deep + 1 if depth > DEEP else 0
@@ -159,8 +161,8 @@ def starts(folder, workers):
         "`implicit`, firm contacts": ("implicit", True, FIRM),
         "`implicit`, no rated speed": ("implicit", False, None),
     }
-    print("| MuJoCo at 5 ms | diverged | fastest joint, rad/s | fastest pelvis, m/s | deepest contact, mm | deep runs |")
-    print("|---|---:|---:|---:|---:|---:|")
+    print("| MuJoCo at 5 ms | diverged | lost | fastest joint, rad/s | fastest pelvis, m/s | deepest contact, mm | deep runs |")
+    print("|---|---:|---:|---:|---:|---:|---:|")
     with ProcessPoolExecutor(workers) as pool:
         for name, variant in variants.items():
             parts = pool.map(partial(starts_of, folder, variant), [(i, workers) for i in range(workers)])
@@ -169,52 +171,59 @@ def starts(folder, workers):
             most = lambda key: max(result[key] for result in results)
             middle = sorted(result["deepest"] for result in results)[len(results) // 2]
             print(
-                f"| {name} | {total('diverged')} of {len(results)} | {most('joint'):.0f} | {most('pelvis'):.1f} | "
+                f"| {name} | {total('diverged')} of {len(results)} | {total('lost')} | {most('joint'):.0f} | {most('pelvis'):.1f} | "
                 f"{1e3 * most('deepest'):.1f} (median {1e3 * middle:.1f}) | {total('deep')} |",
                 flush=True,
             )
 
 
+PAIRS = [
+    ("ours, 5 ms", "ours, 0.25 ms"),
+    ("ours, 5 ms", "MuJoCo, 0.25 ms, rigid"),
+    ("ours, 0.25 ms", "MuJoCo, 0.25 ms, rigid"),
+    ("ours, 5 ms", "MuJoCo, 0.25 ms"),
+    ("MuJoCo, 0.25 ms", "MuJoCo, 0.25 ms, rigid"),
+    ("MuJoCo, 5 ms", "MuJoCo, 0.25 ms"),
+]
+
+
 def errors_of(folder, index):
-    """Of one start and all patterns: poses of all methods at all times."""
+    """By pattern, pair and time of one start: distance of the pelvis, m, of all joints and of those but the fingers, rad."""
     data = json.loads((folder / "replays.json").read_text())
     replay = data["replays"][index]
-    names, found = replay["scene"], {}
+    names, states = replay["scene"], {}
     methods = {
-        "MuJoCo 0.25 ms": ("implicit", data["finer"], None),
-        "MuJoCo 0.25 ms, rigid": ("implicit", data["finer"], RIGID),
-        "MuJoCo 5 ms": ("implicit", 1, None),
+        "MuJoCo, 0.25 ms": (data["finer"], None),
+        "MuJoCo, 0.25 ms, rigid": (data["finer"], RIGID),
+        "MuJoCo, 5 ms": (1, None),
     }
-    for method, (integrator, finer, law) in methods.items():
-        player = Player(folder / replay["file"], names, integrator, STEP / finer, True, law)
+    for method, (finer, law) in methods.items():
+        player = Player(folder / replay["file"], names, "implicit", STEP / finer, True, law)
         scene, np = player.scene, player.np
-        root = scene.m.jnt_qposadr[scene.m.body_jntadr[scene.m.body(names["pelvis"]).id]]
-        place = lambda q: (q[root : root + 3], q[player.q])
         for pattern, case in replay["patterns"].items():
-            cases = found.setdefault(pattern, {})
-            for own, label in (("coarse", "ours 5 ms"), ("fine", "ours 0.25 ms")):
-                full = np.zeros(scene.m.nq)
-                cases[label] = []
-                for qpos in case[own]:
-                    full[scene.q] = qpos
-                    cases[label].append([part.copy() for part in place(full)])
+            of = states.setdefault(pattern, {"ours, 5 ms": case["coarse"], "ours, 0.25 ms": case["fine"]})
             scene.reset()
-            cases[method] = []
+            of[method] = []
             for step, targets in enumerate(case["targets"]):
                 player.d.ctrl[:] = targets
                 player.steps(data["hold"] * finer)
                 if step + 1 in data["after"]:
-                    cases[method].append([part.copy() for part in place(player.d.qpos)])
+                    of[method].append(scene.qpos())
+    driven = set(player.q.tolist())
+    hinges = {int(q): name for q, name in zip(scene.hinge_q, scene.hinge_names) if int(q) in driven}
+    at = {int(q): index for index, q in enumerate(scene.q)}
+    joints = [at[q] for q in hinges]
+    body = [at[q] for q, name in hinges.items() if not name.startswith(("L_", "R_"))]
+    root = at[int(scene.m.jnt_qposadr[scene.m.body_jntadr[scene.m.body(names["pelvis"]).id]])]
+
+    def distance(a, b):
+        gap = np.subtract(a, b)
+        mean = lambda group: float(np.sqrt(np.mean(gap[group] ** 2)))
+        return float(np.linalg.norm(gap[root : root + 3])), mean(joints), mean(body)
+
     return {
-        pattern: {
-            (a, b): [
-                (float(np.linalg.norm(x[0] - y[0])), float(np.sqrt(np.mean((x[1] - y[1]) ** 2))))
-                for x, y in zip(cases[a], cases[b])
-            ]
-            for a in cases
-            for b in cases
-        }
-        for pattern, cases in found.items()
+        pattern: {pair: [distance(a, b) for a, b in zip(of[pair[0]], of[pair[1]])] for pair in PAIRS}
+        for pattern, of in states.items()
     }
 
 
@@ -222,18 +231,14 @@ def errors(folder, workers):
     count = len(json.loads((folder / "replays.json").read_text())["replays"])
     with ProcessPoolExecutor(workers) as pool:
         replays = list(pool.map(partial(errors_of, folder), range(count)))
-    median = lambda values: sorted(values)[len(values) // 2]
     for pattern in replays[0]:
-        print(f"\n{pattern}, {count} starts: median distance of the pelvis, mm, and of the joints, mrad\n")
+        print(f"\n{pattern}, median of {count} starts: pelvis, mm; joints, mrad; the same without fingers\n")
         print("| of | from | 0.1 s | 0.2 s | 0.5 s | 1 s |\n|---|---|---:|---:|---:|---:|")
-        for a, b in replays[0][pattern]:
-            if a >= b:
-                continue
-            cells = []
-            for at in range(4):
-                both = [replay[pattern][a, b][at] for replay in replays]
-                cells.append(f"{1e3 * median([x[0] for x in both]):.2f} / {1e3 * median([x[1] for x in both]):.2f}")
-            print(f"| {a} | {b} | {' | '.join(cells)} |", flush=True)
+        for pair in PAIRS:
+            median = lambda at, part: 1e3 * sorted(replay[pattern][pair][at][part] for replay in replays)[count // 2]
+            text = lambda value: f"{value:.0f}" if value >= 100 else f"{value:.1f}"
+            cells = ["; ".join(text(median(at, part)) for part in range(3)) for at in range(4)]
+            print(f"| {' | '.join(pair)} | {' | '.join(cells)} |", flush=True)
 
 
 def main():

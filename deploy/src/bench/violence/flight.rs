@@ -30,7 +30,7 @@ pub(super) fn measure(joint_speed: f64) -> Result<FlightReport, BenchError> {
             dynamics.step(&model, &mut state, &Input::default(), PHYSICS_DT);
             change = kinetic_energy(&mut dynamics, &model, &state) / before - 1.0;
             // A change that is not a number is the worst.
-            worst = if change.abs() <= worst { worst } else { change.abs() };
+            worst = worst.max(if change.is_nan() { f64::INFINITY } else { change.abs() });
         }
         mean += change / STARTS as f64;
     }
