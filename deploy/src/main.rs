@@ -88,6 +88,9 @@ struct ViolenceArgs {
     /// Threads; results do not depend on it [default: all cores]
     #[arg(long)]
     threads: Option<usize>,
+    /// Measures nothing; writes starts, targets and scenes into this folder, for `tests/oracle/violence.py`.
+    #[arg(long, value_name = "FOLDER")]
+    export: Option<PathBuf>,
     /// Prints JSON in place of the tables.
     #[arg(long)]
     json: bool,
@@ -168,7 +171,11 @@ fn bench_sensors(args: SensorArgs) -> anyhow::Result<()> {
 fn bench_violence(args: &ViolenceArgs) -> anyhow::Result<()> {
     let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let threads = args.threads.unwrap_or_else(cores).max(1);
-    show(&violence::run(&ViolenceOptions { runs: args.runs, starts: args.starts, threads })?, args.json)
+    let options = ViolenceOptions { runs: args.runs, starts: args.starts, threads };
+    match &args.export {
+        Some(folder) => Ok(violence::export(folder, &options)?),
+        None => show(&violence::run(&options)?, args.json),
+    }
 }
 
 fn bench_world(args: WorldArgs) -> anyhow::Result<()> {

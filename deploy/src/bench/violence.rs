@@ -1,6 +1,7 @@
 //! `bench violence`: what the engine does under targets that no sound policy sends, but a learner finds.
 
 mod accuracy;
+mod export;
 mod flight;
 mod trial;
 
@@ -13,6 +14,7 @@ use serde::Serialize;
 use super::BenchError;
 use super::machine::machine;
 use super::report::write_table;
+pub use export::export;
 use trial::Trials;
 
 /// What to measure.
@@ -91,7 +93,7 @@ pub struct AccuracyReport {
 /// # Errors
 /// A scene or start state cannot be made.
 pub fn run(options: &ViolenceOptions) -> Result<ViolenceReport, BenchError> {
-    let flight = [15.0, 30.0].map(flight::measure).into_iter().collect::<Result<_, _>>()?;
+    let flight = flight::JOINT_SPEEDS.map(flight::measure).into_iter().collect::<Result<_, _>>()?;
     let trials = Trials::new()?;
     let mut reports = Vec::new();
     for (index, pattern) in trial::PATTERNS.into_iter().enumerate() {

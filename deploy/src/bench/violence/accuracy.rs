@@ -8,16 +8,16 @@ use super::trial::{Pattern, Trials};
 use crate::bench::BenchError;
 
 /// Parts of a step of 5 ms in the fine run.
-const FINE: usize = 20;
+pub(super) const FINE: usize = 20;
 /// Control steps after which both are compared: 0.1, 0.2, 0.5 and 1 s.
-const AT: [usize; 4] = [5, 10, 25, 50];
+pub(super) const AT: [usize; 4] = [5, 10, 25, 50];
 /// Runs of each pattern, over the tasks in turn; fewer where less is asked for.
-const RUNS: u64 = 28;
+pub(super) const RUNS: u64 = 28;
+pub(super) const PATTERNS: [Pattern; 3] = [Pattern::Boxes(0.2), Pattern::Boxes(1.0), Pattern::Limits];
 
 /// From the tasks' start states. The socket's hold is not part of the engine, so seated bulbs fall here.
 pub(super) fn measure(trials: &Trials, runs: u64) -> Result<Vec<AccuracyReport>, BenchError> {
-    let patterns = [Pattern::Boxes(0.2), Pattern::Boxes(1.0), Pattern::Limits];
-    patterns.into_iter().map(|pattern| measure_pattern(trials, pattern, runs.clamp(1, RUNS))).collect()
+    PATTERNS.into_iter().map(|pattern| measure_pattern(trials, pattern, runs.clamp(1, RUNS))).collect()
 }
 
 fn measure_pattern(trials: &Trials, pattern: Pattern, runs: u64) -> Result<AccuracyReport, BenchError> {
@@ -27,7 +27,8 @@ fn measure_pattern(trials: &Trials, pattern: Pattern, runs: u64) -> Result<Accur
     for run in 0..runs {
         let world = trials.start(run)?;
         let scene = world.scene();
-        let roll = |parts: usize| roll(scene, world.state(), pattern, run, parts);
+        let targets = targets(scene, pattern, run);
+        let roll = |parts: usize| roll(scene, world.state(), &targets, parts);
         for (all, (coarse, fine)) in distances.iter_mut().zip(roll(1).iter().zip(&roll(FINE))) {
             all.push(distance(scene, coarse, fine));
         }
@@ -42,19 +43,32 @@ fn measure_pattern(trials: &Trials, pattern: Pattern, runs: u64) -> Result<Accur
     Ok(AccuracyReport { name, errors })
 }
 
-/// States at the times of [`AT`] of a run by steps of a part of 5 ms.
-fn roll(scene: &Scene, start: &State, pattern: Pattern, run: u64, parts: usize) -> Vec<State> {
+/// What the drives are told in each control step of a run, rad, in the order of the model's drives.
+pub(super) fn targets(scene: &Scene, pattern: Pattern, run: u64) -> Vec<Vec<f64>> {
     let mut random = Random::of_term(Stream::Trial, "accuracy", run, 0);
-    let (mut state, mut dynamics) = (start.clone(), Dynamics::new(&scene.model));
     let mut targets = vec![0.0; scene.robot.joints().len()];
-    let mut driven = targets.clone();
-    let mut states = Vec::new();
-    for step in 0..AT[3] {
+    let draw = |step| {
         pattern.draw(&scene.robot, step, &mut random, &mut targets);
-        for ((ids, joint), target) in scene.robot_ids.joints.iter().zip(scene.robot.joints()).zip(&targets) {
-            driven[ids.drive] = target.clamp(joint.lower, joint.upper);
-        }
-        let input = Input { targets: &driven, ..Input::default() };
+        driven(scene, &targets)
+    };
+    (0..AT[3]).map(draw).collect()
+}
+
+/// Targets of the public joint order within the joints' limits, in the order of the model's drives.
+pub(super) fn driven(scene: &Scene, targets: &[f64]) -> Vec<f64> {
+    let mut driven = vec![0.0; targets.len()];
+    for ((ids, joint), target) in scene.robot_ids.joints.iter().zip(scene.robot.joints()).zip(targets) {
+        driven[ids.drive] = target.clamp(joint.lower, joint.upper);
+    }
+    driven
+}
+
+/// States at the times of [`AT`] of a run by steps of a part of 5 ms.
+pub(super) fn roll(scene: &Scene, start: &State, targets: &[Vec<f64>], parts: usize) -> Vec<State> {
+    let (mut state, mut dynamics) = (start.clone(), Dynamics::new(&scene.model));
+    let mut states = Vec::new();
+    for (step, targets) in targets.iter().enumerate() {
+        let input = Input { targets, ..Input::default() };
         for _ in 0..SUBSTEPS * parts {
             dynamics.step(&scene.model, &mut state, &input, PHYSICS_DT / parts as f64);
         }

@@ -10,9 +10,11 @@ use nalgebra::Vector3;
 use super::FlightReport;
 use crate::bench::BenchError;
 
+/// rad/s.
+pub(super) const JOINT_SPEEDS: [f64; 2] = [15.0, 30.0];
 /// Starts, and steps of 5 ms from each.
 const STARTS: u64 = 16;
-const STEPS: usize = 20;
+pub(super) const STEPS: usize = 20;
 /// Farthest that a joint starts from zero, rad.
 const POSTURE: f64 = 0.5;
 
@@ -20,11 +22,7 @@ const POSTURE: f64 = 0.5;
 pub(super) fn measure(joint_speed: f64) -> Result<FlightReport, BenchError> {
     let model = robot_in_space()?;
     let (mut worst, mut mean) = (0.0_f64, 0.0);
-    for start in 0..STARTS {
-        let mut random = Random::of_term(Stream::Trial, "flight", 0, start);
-        let mut state = model.reference_state();
-        state.qpos[7..].fill_with(|| random.uniform(-POSTURE, POSTURE));
-        state.qvel[6..].fill_with(|| if random.unit() < 0.5 { -joint_speed } else { joint_speed });
+    for mut state in starts(&model, joint_speed) {
         let mut dynamics = Dynamics::new(&model);
         let before = kinetic_energy(&mut dynamics, &model, &state);
         let mut change = 0.0;
@@ -32,15 +30,26 @@ pub(super) fn measure(joint_speed: f64) -> Result<FlightReport, BenchError> {
             dynamics.step(&model, &mut state, &Input::default(), PHYSICS_DT);
             change = kinetic_energy(&mut dynamics, &model, &state) / before - 1.0;
             // A change that is not a number is the worst.
-            worst = if change.abs() <= worst { worst } else { change.abs() };
+            worst = worst.max(if change.is_nan() { f64::INFINITY } else { change.abs() });
         }
         mean += change / STARTS as f64;
     }
     Ok(FlightReport { joint_speed, worst, mean })
 }
 
+/// Where [`measure`] starts.
+pub(super) fn starts(model: &Model, joint_speed: f64) -> impl Iterator<Item = State> {
+    (0..STARTS).map(move |start| {
+        let mut random = Random::of_term(Stream::Trial, "flight", 0, start);
+        let mut state = model.reference_state();
+        state.qpos[7..].fill_with(|| random.uniform(-POSTURE, POSTURE));
+        state.qvel[6..].fill_with(|| if random.unit() < 0.5 { -joint_speed } else { joint_speed });
+        state
+    })
+}
+
 /// The robot without drives, joint limits, shapes and gravity.
-fn robot_in_space() -> Result<Model, BenchError> {
+pub(super) fn robot_in_space() -> Result<Model, BenchError> {
     let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(|e| BenchError::Scene(e.into()))?);
     let spec = SceneSpec::floor(robot.gains(GainSet::Fiatlux));
     let scene = Scene::build(&SceneConfig::default(), robot, spec).map_err(|e| BenchError::Scene(e.into()))?;

@@ -16,7 +16,7 @@ use crate::bench::BenchError;
 const RUN: usize = 500;
 const START: usize = 50;
 /// Control steps for which a random start keeps its targets.
-const HOLD: usize = 10;
+pub(super) const HOLD: usize = 10;
 /// Fastest joint of a random start, rad/s.
 const START_SPEED: f64 = 5.0;
 /// Deeper than this for more rows than these (0.1 s) is a deep run.
@@ -111,6 +111,12 @@ impl Trials {
 
     /// 1 s from a posture that touches nothing, anywhere near the ladder, towards random targets.
     pub fn random_start(&self, index: u64) -> Result<TrialReport, BenchError> {
+        let (mut world, sets) = self.start_and_targets(index)?;
+        play(&mut world, START, |step, targets| targets.copy_from_slice(&sets[step / HOLD]))
+    }
+
+    /// A random start and its targets, rad, each for [`HOLD`] control steps.
+    pub fn start_and_targets(&self, index: u64) -> Result<(World, [Vec<f64>; START / HOLD]), BenchError> {
         let mut random = Random::of_term(Stream::Trial, "start", index, 0);
         let mut world = World::new(Arc::clone(&self.room));
         let mut row = world.row().clone();
@@ -121,13 +127,10 @@ impl Trials {
                 break;
             }
         }
-        play(&mut world, START, |step, targets| {
-            if step % HOLD == 0 {
-                for (target, joint) in targets.iter_mut().zip(self.robot.joints()) {
-                    *target = random.uniform(joint.lower, joint.upper);
-                }
-            }
-        })
+        let sets = std::array::from_fn(|_| {
+            self.robot.joints().iter().map(|joint| random.uniform(joint.lower, joint.upper)).collect()
+        });
+        Ok((world, sets))
     }
 
     fn draw_start(&self, row: &mut Row, random: &mut Random) {
