@@ -1,7 +1,7 @@
 //! What protocol `strict` asks for beyond the published gates: a criterion for each way in which a stunt can pass them.
 //!
 //! A strict gate is all published criteria of its task, those of this page that the task names, and [`UPRIGHT`]; it holds for
-//! at least a second. Nothing may have fallen, tipped, dropped or broken before.
+//! at least a second. Nothing may have fallen, tipped, dropped or broken before, and the robot may not have leapt.
 
 use crate::gate::{Context, Criterion};
 use crate::measure::{self, GRAVITY};
@@ -49,6 +49,12 @@ pub fn carried_by_floor(row: &Row, cx: &Context<'_>) -> bool {
 /// The pelvis moves slower than a robot that has arrived.
 pub fn slow(row: &Row, cx: &Context<'_>) -> bool {
     row.robot.linear_velocity.norm() < cx.thresholds.strict_walk_speed_m_s
+}
+
+/// The centre of mass rises or sinks faster than anybody climbs. Who drops off a ladder and lands on both feet has not climbed
+/// down.
+pub fn leaps(row: &Row, cx: &Context<'_>) -> bool {
+    row.com_velocity.z.abs() > cx.thresholds.strict_leap_m_s
 }
 
 /// Two bodies of one hand press on the bulb from different sides, nothing but this hand touches it, and it moves with the

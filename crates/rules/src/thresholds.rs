@@ -183,6 +183,8 @@ thresholds! {
     strict_grip_angle_rad: f64 = std::f64::consts::FRAC_PI_2,
     /// Low-passed speed in the palm's frame below which a bulb moves with the hand, m/s (ours, strict).
     strict_slip_m_s: f64 = 0.1,
+    /// Vertical speed of the centre of mass above which the robot leaps or drops, m/s (ours, strict): a free fall of 0.2 m.
+    strict_leap_m_s: f64 = 2.0,
     /// Force of anything but the hand that holds it, above which a bulb leans on that, N (ours, strict): a third of its weight.
     strict_stray_n: f64 = 0.1,
 }

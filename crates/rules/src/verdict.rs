@@ -52,6 +52,8 @@ pub struct Verdict {
     pub broken: bool,
     /// A bulb was dropped, in this row or before.
     pub dropped: bool,
+    /// The robot rose or sank faster than anybody climbs, in this row or before; only protocol `strict` minds.
+    pub leapt: bool,
     /// The pelvis was at working height, in this row or before; a diagnostic.
     pub reached_working_height: bool,
     /// Largest contact force of a bulb on a hand body so far, N.
