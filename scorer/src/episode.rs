@@ -209,6 +209,9 @@ impl Grader {
         if summary.reached_working_height && summary.task.spec().special.notes_working_height {
             notes.push("the pelvis reached working height".into());
         }
+        if strict.is_some_and(|judge| judge.verdict().leapt) {
+            notes.push("the robot leapt or dropped, which is no strict success".into());
+        }
         if let Some(result) = result {
             let counts = [
                 (result.unconverged, "physics steps did not converge"),
@@ -268,6 +271,7 @@ fn differences(protocol: &str, rows: Option<&Judgement>, recorded: Option<&Judge
             ("success", yes_no(j.success)),
             ("broken", yes_no(j.broken)),
             ("dropped", yes_no(j.dropped)),
+            ("leapt", yes_no(j.leapt)),
             ("gate progress", j.gate_progress.to_string()),
             ("end", j.causes.join("+")),
             ("steps", j.steps.to_string()),

@@ -10,7 +10,7 @@ use crate::protocol::Protocol;
 use crate::row::{Bulb, Row};
 use crate::scores::Summary;
 use crate::settle::PoseSpeed;
-use crate::strict::upright;
+use crate::strict::{leaps, upright};
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 use crate::verdict::{End, Verdict};
@@ -88,6 +88,7 @@ impl Judge {
                 conditions: Causes::NONE,
                 broken: false,
                 dropped: false,
+                leapt: false,
                 reached_working_height: false,
                 peak_hand_force_n: 0.0,
                 peak_substep_force_n: 0.0,
@@ -271,11 +272,12 @@ impl Judge {
         self.held_for.iter().map(|rows| u32::from(*rows >= window)).sum()
     }
 
-    /// Something broke, was dropped, fell or tipped, in the row last shown or before.
+    /// Something broke, was dropped, fell or tipped, or the robot leapt, in the row last shown or before.
     fn is_spoilt(&self) -> bool {
         let v = &self.verdict;
         v.broken
             || v.dropped
+            || v.leapt
             || [Cause::Fall, Cause::Tip, Cause::Crush].iter().any(|cause| self.first_met(*cause).is_some())
     }
 
@@ -287,12 +289,14 @@ impl Judge {
         let parked = self.task.spec().special.bulbs_parked;
         let drops = !parked && Bulb::ALL.iter().any(|bulb| dropped(row, &context, *bulb));
         let high = at_working_height(row, &context);
+        let leaps = leaps(row, &context);
         let breaks = self.breaks(row, peak, substep);
         let v = &mut self.verdict;
         v.peak_hand_force_n = v.peak_hand_force_n.max(peak);
         v.peak_substep_force_n = v.peak_substep_force_n.max(substep);
         v.broken |= breaks;
         v.dropped |= drops;
+        v.leapt |= leaps;
         v.reached_working_height |= high;
     }
 

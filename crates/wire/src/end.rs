@@ -34,5 +34,6 @@ pub fn judgement_message(judge: &Judge) -> v3::Judgement {
         control_effort: summary.control_effort,
         start_count: judge.start_count().unwrap_or_default(),
         best_count: judge.verdict().best_count,
+        leapt: judge.verdict().leapt,
     }
 }

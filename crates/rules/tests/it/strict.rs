@@ -201,6 +201,9 @@ fn what_is_spoilt_fails_strict_alone() {
         });
         let [published, strict] = verdicts(&lasting);
         assert!(published.success && !strict.success, "{task}: {strict:?}");
+        let leapt = play(task, |row, step| row.com_velocity.z = if step == 3 { -2.1 } else { -1.9 });
+        let [published, strict] = verdicts(&leapt);
+        assert!(published.success && strict.leapt && !strict.success && strict.progress < 1.0, "{task}: {strict:?}");
         for bulb in [OLD, NEW] {
             // The published rule reads the last physics step of the hands alone.
             let pressed = play(task, each(bulb, |row, bulb| row.other_force_peak[bulb] = 50.5));
