@@ -137,7 +137,7 @@ fn benchmark_versions_do_not_share_a_table() {
         assert!(words.join(" ").contains(&said), "{text}");
     }
     assert!(report::html(&other).contains(&format!("Benchmark version {another}, NOT the standard protocol")));
-    assert!(tables::csv(&other).lines().nth(1).is_some_and(|line| line.ends_with(&format!(".mcap,{another}"))));
+    assert!(tables::csv(&other).lines().nth(1).is_some_and(|line| line.contains(&format!(".mcap,{another},"))));
 }
 
 /// Rows of the benchmark's first version do not say how fast joints were: its own scorer grades them.

@@ -73,7 +73,7 @@ impl Rig {
         let mut suite = SensorSuite::new(sensors, setup).with_sight(sight).with_network(network);
         suite.begin(scene, seed, || Arc::new(Visuals::new(scene)), Lighting::default()).unwrap();
         let mut judge =
-            Judge::new(Protocol::Published, task, Thresholds::default(), scene.geometry(), JudgeOptions::default());
+            Judge::new(Protocol::Strict, task, Thresholds::default(), scene.geometry(), JudgeOptions::default());
         judge.start(row);
         Self { scene: Arc::clone(scene), suite, setup, judge }
     }
