@@ -1,6 +1,7 @@
 //! Where things stand: the draw of a room by its seed, and the fixed scene of `climb`.
 
 mod python_random;
+mod walls;
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, TAU};
 
@@ -8,6 +9,7 @@ use fiatlux_rules::measure;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use self::python_random::PythonRandom;
+use self::walls::clear_of_walls;
 use crate::parts::{LadderPart, SceneParts, absent_fixture};
 use crate::{SceneConfig, SceneError};
 
@@ -80,7 +82,8 @@ pub struct Layout {
     pub mount: Mount,
     /// Pose of the socket.
     pub world_from_fixture: Isometry3<f64>,
-    /// Where a coupled ladder stands: in front of the fixture, steps away from it.
+    /// Where the published coupled ladder stands: in front of the fixture, steps away from it. Ours does too, unless that
+    /// is in a wall.
     pub anchor: Place,
     /// Ladder.
     pub ladder: Place,
@@ -160,7 +163,8 @@ impl Layout {
     /// The ladder's start changes the ladder's place and nothing else.
     ///
     /// A ceiling fixture's bearing to the ladder is flipped where the ladder would leave the floor; where it would come
-    /// nearer to the floor's edge than the inset, it is moved to the inset, and so nearer to the fixture.
+    /// nearer to the floor's edge than the inset, it is moved to the inset, and so nearer to the fixture. All that differs
+    /// from the published room: a coupled ladder that would stand in a wall is moved out of it.
     ///
     /// # Errors
     /// [`SceneError::Layout`] when the zones do not fit within the config's number of tries.
@@ -219,7 +223,7 @@ fn draw_once(config: &SceneConfig, random: &mut PythonRandom, start: LadderStart
         anchor,
         ladder: match start {
             LadderStart::Free => Place { position: ladder, yaw: free_yaw },
-            LadderStart::Coupled => anchor,
+            LadderStart::Coupled => clear_of_walls(config, anchor),
         },
         robot: Place { position: robot, yaw: measure::wrap_angle(measure::bearing(&robot, &bench) + spread) },
         bench: Some(bench),

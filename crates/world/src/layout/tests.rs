@@ -67,7 +67,8 @@ fn coupled_ladder_stands_before_the_fixture_steps_away() {
         let free = Layout::draw(&config, seed, LadderStart::Free).unwrap();
         let coupled = Layout::draw(&config, seed, LadderStart::Coupled).unwrap();
         assert_eq!(Layout { ladder: free.ladder, ..coupled }, free, "seed {seed}: the room differs");
-        let ladder = coupled.ladder.world_from_place(0.0);
+        // Walls may move the ladder off it: see below.
+        let ladder = coupled.anchor.world_from_place(0.0);
         let fixture = coupled.world_from_fixture.translation.vector;
         let away = (ladder.translation.vector - fixture).xy();
         let standoff = if coupled.mount == Mount::Ceiling { 0.48 } else { 0.60 };
@@ -87,6 +88,43 @@ fn coupled_ladder_stands_before_the_fixture_steps_away() {
         assert!((measure::horizontal_distance(&top, &fixture) - (standoff - 0.10)).abs() < 1e-12, "seed {seed}");
     }
     assert_eq!(moved, [67, 165]);
+}
+
+/// Whether a ladder of the nominal size would stand in a wall, a point of a grid at a time.
+fn in_wall(config: &SceneConfig, place: &Place) -> bool {
+    let ladder = place.world_from_place(0.0);
+    let [half_x, half_y] = [config.ladder.size[0] / 2.0, config.ladder.size[1] / 2.0];
+    (0..=600).any(|i| {
+        (0..=980).any(|j| {
+            let local = Vector3::new(half_x * (f64::from(i) / 300.0 - 1.0), half_y * (f64::from(j) / 490.0 - 1.0), 0.0);
+            let point = measure::world_point(&ladder, &local);
+            let room = &config.room;
+            // The panels run at 45 degrees.
+            let to_panel = room.wall_x[1] - room.wall_side_y[0];
+            let [x, y] = [point.x.abs(), point.y];
+            y < room.wall_south_y || x - y > to_panel || (x > room.wall_south_x[1] && y > room.wall_side_y[1])
+        })
+    })
+}
+
+/// A coupled ladder is at the published place, but for rooms in which that is in a wall: there it is moved just out.
+#[test]
+fn coupled_ladders_stand_clear_of_the_walls() {
+    let config = SceneConfig::default();
+    let mut moved = Vec::new();
+    for seed in 0..400 {
+        let layout = Layout::draw(&config, seed, LadderStart::Coupled).unwrap();
+        let by = (layout.ladder.position - layout.anchor.position).norm();
+        assert_eq!(layout.ladder.yaw, layout.anchor.yaw, "seed {seed}");
+        if by > 0.0 {
+            assert!(in_wall(&config, &layout.anchor) && !in_wall(&config, &layout.ladder), "seed {seed}");
+            moved.push((seed, (by * 1e3) as u32));
+        } else if layout.anchor.position.x.abs() > 3.1 || layout.anchor.position.y < -2.7 {
+            assert!(!in_wall(&config, &layout.anchor), "seed {seed}");
+        }
+    }
+    let expected = [(59, 11), (174, 18), (208, 69), (218, 79), (236, 63), (286, 47), (315, 21), (357, 89), (381, 245)];
+    assert_eq!(moved, expected, "seed and millimetres");
 }
 
 /// Seed n is the published room n. The fixture was drawn by Python; a difference of 1e-12 is that of two libraries of
