@@ -46,6 +46,7 @@ mod gate;
 mod geometry;
 mod judge;
 pub mod measure;
+pub mod pins;
 pub mod predicates;
 mod rewards;
 mod row;

@@ -1,0 +1,72 @@
+//! What the benchmark is, pinned: digests of the published robot, scene, rules and sensors of [`BENCHMARK_VERSION`].
+//!
+//! Whoever changes one of them changes the benchmark: raise the version, then set the digest here. A test recomputes all of
+//! them (`tests/tests/pins.rs`), and the scorer says of a run whether it was played in what is pinned.
+//!
+//! [`BENCHMARK_VERSION`]: crate::BENCHMARK_VERSION
+
+use std::fmt::Write;
+
+use sha2::{Digest, Sha256};
+
+use crate::divergence;
+use crate::measure::GRAVITY;
+use crate::rewards::{self, Variant};
+use crate::row::CONTROL_DT;
+use crate::task::Task;
+use crate::thresholds::Thresholds;
+
+/// Digest of each robot's file, by its hands.
+pub const MODELS: [(&str, &str); 2] = [("inspire", ""), ("bare", "")];
+
+/// Digest of the scene config with the published values.
+pub const SCENE: &str = "15b1a3ebd992c8e16ff02aadea2810b2d0764b5f7de915680e972f3ed3d9de38";
+
+/// Digest of the rules, see [`rules_digest`].
+pub const RULES: &str = "38e49e375392bf1b3db2eec3f88bd735382590989c522f2b03e9590eed5d45ae";
+
+/// Digest of the sensors' terms: names, fields, shapes, units, ranges, scales and noise. The test says how it is made.
+pub const SENSORS: &str = "e45940c47aa536433f1d1aca96f4149d081870a99e3a1b080c5ccffef9616f42";
+
+/// The pinned digest of the robot with these hands; none for hands that the benchmark does not know.
+pub fn model(hands: &str) -> Option<&'static str> {
+    MODELS.into_iter().find(|(name, _)| *name == hands).map(|(_, digest)| digest)
+}
+
+/// SHA-256 over the rules as data, hexadecimal: the default thresholds, the bounds of divergence, and of each task its
+/// start, gate, ends, weight, horizon, special rules and the names and weights of what it pays for. What a predicate
+/// computes is not in it: the tests of the rules guard that.
+pub fn rules_digest() -> String {
+    let mut text = format!("control_dt {CONTROL_DT:?}\ngravity {GRAVITY:?}\n");
+    let mut line = |line: std::fmt::Arguments<'_>| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{line}");
+    };
+    let thresholds = Thresholds::default();
+    for (name, value) in thresholds.entries() {
+        line(format_args!("threshold {name} {value:?}"));
+    }
+    line(format_args!("diverged {:?}", divergence::BOUNDS));
+    for task in Task::ALL {
+        let spec = task.spec();
+        line(format_args!("task {} {} {} {}", spec.short_id, spec.id, spec.name, spec.instruction));
+        line(format_args!("weight {:?} {:?} modes {:?}", spec.weight, spec.factors, spec.modes));
+        line(format_args!("horizon {} bulbs {:?} start {:?}", spec.horizon_steps, spec.bulbs, spec.start));
+        for criterion in spec.gate.criteria {
+            line(format_args!("criterion {}", criterion.name));
+        }
+        line(format_args!("sustain {} start_count {}", spec.gate.sustain_steps, spec.start_count));
+        for cause in spec.also_ends_on.iter() {
+            line(format_args!("ends on {}", cause.name()));
+        }
+        let special = &spec.special;
+        line(format_args!("drops below {:?}, parked {}", (special.fresh_drop_m)(&thresholds), special.bulbs_parked));
+        line(format_args!("keeps {:?}, notes {}", special.keeps_seated, special.notes_working_height));
+        for variant in [Variant::Benchmark, Variant::Training] {
+            for term in rewards::specs(task, spec.also_ends_on, variant) {
+                line(format_args!("{variant:?} {} {:?} {}", term.name, term.weight, term.kind.name()));
+            }
+        }
+    }
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+}
