@@ -36,7 +36,7 @@ pub struct EpisodeSpec {
 }
 
 impl EpisodeSpec {
-    /// An episode as the standard protocol has it.
+    /// An episode as the benchmark has it.
     pub fn new(task: Task, seed: u64, episode: u64) -> Self {
         Self {
             task,

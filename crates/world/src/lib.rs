@@ -63,4 +63,4 @@ pub use world::{PHYSICS_DT, SUBSTEPS, World};
 
 // The rulebook's control step and gravity are the world's.
 const _: () = assert!(PHYSICS_DT * SUBSTEPS as f64 == fiatlux_rules::CONTROL_DT);
-const _: () = assert!(fiatlux_dynamics::STANDARD_GRAVITY == fiatlux_rules::GRAVITY);
+const _: () = assert!(fiatlux_dynamics::DEFAULT_GRAVITY == fiatlux_rules::GRAVITY);
