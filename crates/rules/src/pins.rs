@@ -17,7 +17,10 @@ use crate::task::Task;
 use crate::thresholds::Thresholds;
 
 /// Digest of each robot's file, by its hands.
-pub const MODELS: [(&str, &str); 2] = [("inspire", ""), ("bare", "")];
+pub const MODELS: [(&str, &str); 2] = [
+    ("inspire", "b2c649989718ecf5c08c5f5268b2af303eedeb5a13cff2650a4033147c12f058"),
+    ("bare", "eb20f17cf29daa79b2af0194fb277aba4151e1f95192c4710795cd49fc456861"),
+];
 
 /// Digest of the scene config with the published values.
 pub const SCENE: &str = "15b1a3ebd992c8e16ff02aadea2810b2d0764b5f7de915680e972f3ed3d9de38";
