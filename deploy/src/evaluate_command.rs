@@ -41,7 +41,7 @@ pub struct EvaluateArgs {
     #[arg(long)]
     json: bool,
     /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj such as those of Unitree's description: pictures
-    /// show them in place of our own shapes. Runs whose policies see such pictures share no ranking with the standard ones.
+    /// show them in place of our own shapes. Runs whose policies see such pictures are not ranked.
     #[arg(long, value_name = "DIR")]
     meshes: Option<PathBuf>,
     #[command(flatten)]

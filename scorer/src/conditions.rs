@@ -4,24 +4,39 @@ use std::collections::BTreeMap;
 
 use fiatlux_proto::is_of_images;
 use fiatlux_proto::v3;
-use fiatlux_rules::{BENCHMARK_VERSION, Thresholds};
+use fiatlux_rules::{BENCHMARK_VERSION, Thresholds, pins};
 use serde::{Deserialize, Serialize};
 
 /// Conditions that all episodes of a table share.
+///
+/// Four words say how a run was played, each independent of the others: [`protocol`](Self::protocol),
+/// [`seeds`](Self::seeds), [`observations`](Self::observations) and [`time`](Self::time). Rankings are held apart by them.
+/// Whatever else is not as the benchmark has it is a deviation.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Conditions {
     /// Version of the benchmark that the episodes were played in: its rooms, its physics and its rules.
     #[serde(default)]
     pub benchmark_version: u32,
+    /// Which gates end an episode: `published` or `strict`.
+    #[serde(default)]
+    pub protocol: String,
+    /// Who chose the rooms: `public`, known to everyone, or `hosted`, drawn by the server once the run was registered.
+    #[serde(default)]
+    pub seeds: String,
+    /// What the policy could sense: `standard`, what a robot senses, as published; `privileged`, also the exact state or
+    /// the judge's verdict; `other` where a deviation changes what is sensed.
+    #[serde(default)]
+    pub observations: String,
     /// `lockstep` or `real time`.
-    pub mode: String,
+    #[serde(default)]
+    pub time: String,
     /// Named set of gains.
     pub gains: String,
     /// Hands.
     pub hands: String,
     /// Noise of start state and of sensors.
     pub noise: bool,
-    /// What the standard protocol draws and these episodes did not: `layout`, `start`, `hand_friction`, `light`, `tint`, `sensors`.
+    /// What the benchmark draws and these episodes did not: `layout`, `start`, `hand_friction`, `light`, `tint`, `sensors`.
     #[serde(default)]
     pub fixed: Vec<String>,
     /// Sizes of props: `published`, `random`, or the factors that differ from 1.
@@ -39,10 +54,10 @@ pub struct Conditions {
     pub meshes: String,
     /// What ended the episodes, where that was the session's own choice; else empty, and it was the task's.
     pub end_on_overridden: Vec<String>,
-    /// Whether thresholds, gains, noise and ends are those of the standard protocol. Other runs have no place in a
-    /// ranking with it.
-    pub standard: bool,
-    /// What is not standard, in words.
+    /// Whether the run has a place in the ranking of its four words: there is no deviation.
+    #[serde(default)]
+    pub ranked: bool,
+    /// What is not as the benchmark has it, in words.
     pub deviations: Vec<String>,
     /// Thresholds that this grading judged by.
     pub thresholds: BTreeMap<String, f64>,
@@ -62,7 +77,9 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
     let mut fields: Vec<(String, String)> = [
         ("benchmark_version", header.benchmark_version.to_string()),
         ("policy", quoted(&header.policy)),
-        ("mode", mode(header).into()),
+        ("protocol", protocol(header).into()),
+        ("seeds", seeds(header).into()),
+        ("time", time(header).into()),
         ("gains", gains(header).into()),
         ("hands", hands(header).into()),
         ("fixed", listed(&fixed(header))),
@@ -94,14 +111,17 @@ impl Conditions {
                 "the rules are those of benchmark version {BENCHMARK_VERSION}, the episodes of {played}"
             ));
         }
-        if mode(header) != "lockstep" {
-            deviations.push(format!("mode is {}", mode(header)));
+        if pins::rules_digest() != pins::RULES {
+            deviations.push("this scorer's rules are not the pinned ones".into());
         }
         if gains(header) != "fiatlux" {
             deviations.push(format!("gains are {}", quoted(gains(header))));
         }
         if hands(header) != "inspire" {
             deviations.push(format!("hands are {}", quoted(hands(header))));
+        }
+        if pins::model(hands(header)).is_some_and(|pinned| pinned != header.model_digest) {
+            deviations.push("the robot is not the pinned one".into());
         }
         deviations.extend(fixed(header).into_iter().map(|what| match what {
             "sensors" => "sensors are exact".into(),
@@ -110,12 +130,13 @@ impl Conditions {
         if prop_scale(header) != PUBLISHED {
             deviations.push(format!("sizes of props are {}", prop_scale(header)));
         }
-        if !header.scene_config.is_empty() {
-            deviations.push("the scene is not the published one".into());
+        if header.scene_digest != pins::SCENE || !header.scene_config.is_empty() {
+            deviations.push("the scene is not the pinned one".into());
         }
-        let beyond = ["privileged", "verdict"];
-        let seen = header.sensors.iter().filter(|sensor| !sensor.bag_only && beyond.contains(&sensor.name.as_str()));
-        deviations.extend(seen.map(|sensor| format!("the policy could sense {}", sensor.name)));
+        if is_untrained(header) {
+            let label = quoted(weights(header));
+            deviations.push(format!("the camera's features are those of a network that is not trained, {label}"));
+        }
         if !meshes(header).is_empty() {
             deviations.push("the robot is drawn with meshes of the user's own".into());
         }
@@ -133,7 +154,10 @@ impl Conditions {
         }
         Self {
             benchmark_version: header.benchmark_version,
-            mode: mode(header).into(),
+            protocol: protocol(header).into(),
+            seeds: seeds(header).into(),
+            observations: observations(header).into(),
+            time: time(header).into(),
             gains: gains(header).into(),
             hands: hands(header).into(),
             noise: !fixed(header).iter().any(|what| ["start", "sensors"].contains(what)),
@@ -143,7 +167,7 @@ impl Conditions {
             weights: weights(header).into(),
             meshes: meshes(header).into(),
             end_on_overridden: if header.end_on_overridden { header.end_on.clone() } else { Vec::new() },
-            standard: deviations.is_empty(),
+            ranked: deviations.is_empty(),
             deviations,
             thresholds: thresholds.entries().map(|(key, value)| (key.into(), value)).collect(),
             thresholds_set,
@@ -154,7 +178,28 @@ impl Conditions {
     }
 }
 
-fn mode(header: &v3::EpisodeHeader) -> &'static str {
+fn protocol(header: &v3::EpisodeHeader) -> &str {
+    &header.episode_protocol
+}
+
+/// Headers do not say who chose the seed yet: it was the one who asked for the episode.
+fn seeds(_: &v3::EpisodeHeader) -> &'static str {
+    "public"
+}
+
+fn observations(header: &v3::EpisodeHeader) -> &'static str {
+    let beyond = ["privileged", "verdict"];
+    let exact = header.randomization.is_some_and(|random| random.exact_sensors);
+    if header.sensors.iter().any(|sensor| !sensor.bag_only && beyond.contains(&sensor.name.as_str())) {
+        "privileged"
+    } else if exact || is_untrained(header) || !meshes(header).is_empty() {
+        "other"
+    } else {
+        "standard"
+    }
+}
+
+fn time(header: &v3::EpisodeHeader) -> &'static str {
     match header.mode() {
         v3::Mode::RealTime => "real time",
         v3::Mode::Lockstep | v3::Mode::Unspecified => "lockstep",
@@ -172,7 +217,7 @@ fn hands(header: &v3::EpisodeHeader) -> &str {
 /// Sizes of props that nobody changed.
 const PUBLISHED: &str = "published";
 
-/// What does not vary in spite of the standard protocol.
+/// What does not vary although the benchmark draws it.
 fn fixed(header: &v3::EpisodeHeader) -> Vec<&'static str> {
     let random = header.randomization.unwrap_or_default();
     let switches = [
@@ -218,10 +263,19 @@ fn sensors(header: &v3::EpisodeHeader) -> Vec<String> {
     sensors
 }
 
+/// Whether the policy could sense what the network makes of an image.
+fn senses_features(header: &v3::EpisodeHeader) -> bool {
+    header.sensors.iter().any(|sensor| !sensor.bag_only && ["features", "flat"].contains(&&*sensor.name))
+}
+
 /// The label of the weights, where the policy could sense what they make of an image.
 fn weights(header: &v3::EpisodeHeader) -> &str {
-    let made_by_network = |sensor: &v3::Sensor| !sensor.bag_only && ["features", "flat"].contains(&&*sensor.name);
-    if header.sensors.iter().any(made_by_network) { &header.weights } else { "" }
+    if senses_features(header) { &header.weights } else { "" }
+}
+
+/// Whether the policy could sense features of a network that nobody trained: only weights from a file count as trained.
+fn is_untrained(header: &v3::EpisodeHeader) -> bool {
+    senses_features(header) && !header.weights.starts_with("safetensors:")
 }
 
 /// The label of the meshes, where the session had a sensor that sees them.
@@ -250,41 +304,78 @@ mod tests {
         Conditions::new(&header, &Thresholds::default(), &[], false)
     }
 
+    /// Of an episode of the benchmark as it is pinned.
+    fn pinned() -> v3::EpisodeHeader {
+        v3::EpisodeHeader {
+            benchmark_version: BENCHMARK_VERSION,
+            model_digest: pins::model("inspire").unwrap_or_default().into(),
+            scene_digest: pins::SCENE.into(),
+            ..v3::EpisodeHeader::default()
+        }
+    }
+
+    fn words(conditions: &Conditions) -> [&str; 4] {
+        [&conditions.protocol, &conditions.seeds, &conditions.observations, &conditions.time].map(String::as_str)
+    }
+
     /// What varies, what props are like and what is sensed are conditions; what the bag alone has is none.
     #[test]
     fn sessions_that_differ_are_told_apart() {
-        let header = || v3::EpisodeHeader {
-            benchmark_version: BENCHMARK_VERSION,
-            sensors: vec!["proprioception".into()],
-            ..v3::EpisodeHeader::default()
-        };
-        let standard = new(header());
-        assert!(standard.standard, "{:?}", standard.deviations);
+        let header = || v3::EpisodeHeader { sensors: vec!["proprioception".into()], ..pinned() };
+        let usual = new(header());
+        assert!(usual.ranked, "{:?}", usual.deviations);
+        assert_eq!(words(&usual), ["published", "public", "standard", "lockstep"]);
         let random = |random: v3::Randomization| v3::EpisodeHeader { randomization: Some(random), ..header() };
         let default = v3::Randomization::default();
         let sized = v3::PropScale { ladder_z: 1.05, ..v3::PropScale::default() };
         let request = v3::OpenRequest { prop_scale: Some(sized), ..v3::OpenRequest::default() };
         let sensing = |sensor: v3::Sensor| v3::EpisodeHeader { sensors: vec![sensor], ..header() };
+        let seeded = v3::EpisodeHeader { weights: "fiatlux-resnet18-seeded/1:0".into(), ..sensing("flat".into()) };
         let cases = [
-            (random(v3::Randomization { fixed_start: true, ..default }), "start is fixed"),
-            (random(v3::Randomization { fixed_layout: true, ..default }), "layout is fixed"),
-            (random(v3::Randomization { exact_sensors: true, ..default }), "sensors are exact"),
-            (random(v3::Randomization { prop_scale: true, ..default }), "sizes of props are random"),
-            (v3::EpisodeHeader { request: Some(request), ..header() }, "sizes of props are ladder_z 1.05"),
-            (v3::EpisodeHeader { scene_config: "[bench]".into(), ..header() }, "the scene is not the published one"),
-            (sensing("verdict".into()), "the policy could sense verdict"),
+            (random(v3::Randomization { fixed_start: true, ..default }), "start is fixed", "standard"),
+            (random(v3::Randomization { fixed_layout: true, ..default }), "layout is fixed", "standard"),
+            (random(v3::Randomization { exact_sensors: true, ..default }), "sensors are exact", "other"),
+            (random(v3::Randomization { prop_scale: true, ..default }), "sizes of props are random", "standard"),
+            (v3::EpisodeHeader { request: Some(request), ..header() }, "sizes of props are ladder_z 1.05", "standard"),
+            (
+                v3::EpisodeHeader { scene_config: "[bench]".into(), ..header() },
+                "the scene is not the pinned one",
+                "standard",
+            ),
+            (v3::EpisodeHeader { scene_digest: "1".into(), ..header() }, "the scene is not the pinned one", "standard"),
+            (v3::EpisodeHeader { model_digest: "1".into(), ..header() }, "the robot is not the pinned one", "standard"),
+            (
+                seeded,
+                "the camera's features are those of a network that is not trained, 'fiatlux-resnet18-seeded/1:0'",
+                "other",
+            ),
             (
                 v3::EpisodeHeader { benchmark_version: 7, ..header() },
                 &format!("the rules are those of benchmark version {BENCHMARK_VERSION}, the episodes of 7"),
+                "standard",
             ),
         ];
-        for (other, deviation) in cases {
+        for (other, deviation, observations) in cases {
             let conditions = new(other);
-            assert!(!conditions.standard && conditions.deviations == [deviation], "{:?}", conditions.deviations);
+            assert!(!conditions.ranked && conditions.deviations == [deviation], "{:?}", conditions.deviations);
+            assert_eq!(conditions.observations, observations, "{deviation}");
+        }
+        // The words are no deviations: they hold rankings apart.
+        for (header, expected) in [
+            (sensing("verdict".into()), ["published", "public", "privileged", "lockstep"]),
+            (sensing("privileged".into()), ["published", "public", "privileged", "lockstep"]),
+            (
+                v3::EpisodeHeader { mode: v3::Mode::RealTime.into(), ..header() },
+                ["published", "public", "standard", "real time"],
+            ),
+        ] {
+            let conditions = new(header);
+            assert!(conditions.ranked, "{:?}", conditions.deviations);
+            assert_eq!(words(&conditions), expected);
         }
         let camera = |width| v3::EpisodeHeader { image_width: width, image_height: 256, ..sensing("camera".into()) };
         assert_ne!(compared(&camera(256)), compared(&camera(512)), "the image's size");
-        assert!(new(camera(512)).standard);
+        assert!(new(camera(512)).ranked);
         let lidar = |rate_hz| sensing(v3::Sensor { rate_hz, ..v3::Sensor::from("lidar") });
         assert_ne!(compared(&lidar(10.0)), compared(&lidar(50.0)), "the rate");
         let in_bag = v3::Sensor { bag_only: true, recorded: true, ..v3::Sensor::from("camera") };
@@ -297,20 +388,20 @@ mod tests {
     #[test]
     fn meshes_count_where_they_are_seen() {
         let header = |sensor: &str, meshes: &str| v3::EpisodeHeader {
-            benchmark_version: BENCHMARK_VERSION,
             sensors: vec!["proprioception".into(), sensor.into()],
             meshes: meshes.into(),
-            ..v3::EpisodeHeader::default()
+            weights: "safetensors:1".into(),
+            ..pinned()
         };
         for sensor in ["camera", "features", "flat"] {
             assert_ne!(compared(&header(sensor, "meshes:1")), compared(&header(sensor, "meshes:2")), "{sensor}");
             assert_ne!(compared(&header(sensor, "meshes:1")), compared(&header(sensor, "")), "{sensor}");
             let conditions = new(header(sensor, "meshes:1"));
             assert_eq!(conditions.deviations, ["the robot is drawn with meshes of the user's own"]);
-            assert!(!conditions.standard && conditions.meshes == "meshes:1");
-            assert!(new(header(sensor, "")).standard);
+            assert!(!conditions.ranked && conditions.meshes == "meshes:1" && conditions.observations == "other");
+            assert!(new(header(sensor, "")).ranked);
         }
         assert_eq!(compared(&header("lidar", "meshes:1")), compared(&header("lidar", "")));
-        assert!(new(header("lidar", "meshes:1")).standard);
+        assert!(new(header("lidar", "meshes:1")).ranked);
     }
 }

@@ -6,7 +6,7 @@
 //! not scored.
 //!
 //! [`tables`] and [`report`] write results down. The same bags give the same bytes in all of them.
-//! [`verify()`] runs an episode again on a server. The scorer never links the simulator.
+//! [`compare()`] tests two results against each other. [`verify()`] runs an episode again on a server. The scorer never links the simulator.
 //!
 //! ```
 //! use fiatlux_scorer::{GradeOptions, grade, tables};
@@ -30,6 +30,7 @@
 //! ```
 mod assemble;
 mod bag;
+mod compare;
 mod conditions;
 mod episode;
 mod error;
@@ -41,6 +42,7 @@ mod series;
 pub mod tables;
 mod verify;
 
+pub use compare::{CompareError, Comparison, Pairs, Side, compare};
 pub use conditions::Conditions;
 pub use episode::{Flaw, Graded, Grader, HeaderError};
 pub use error::ScoreError;

@@ -7,13 +7,13 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use fiatlux_link::{LinkArgs, ProgressLine};
-use fiatlux_scorer::{GradeOptions, Results, ScoreError, grade, report, tables, verify};
+use fiatlux_scorer::{GradeOptions, Results, ScoreError, compare, grade, report, tables, verify};
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
 const DATA_LOSS: u8 = 3;
 
-/// Grades recorded episodes: from bags to scores, tables and a report.
+/// Grades recorded episodes: from bags to scores, tables and a report; compares runs.
 ///
 /// Exit codes: 0 all is well; 1 failed, or an episode differs; 2 wrong usage; 3 done, but some bags could not be scored.
 /// Results go to stdout, everything else to stderr.
@@ -27,13 +27,14 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Grade(GradeArgs),
+    Compare(CompareArgs),
     Verify(VerifyArgs),
 }
 
 /// Grade bags from their rows alone, and write a table
 ///
 /// Every number comes from the recorded rows, so thresholds can be changed without a new run. All bags of one call share
-/// their conditions (benchmark version, policy, mode, gains, sensors, what varies, thresholds, ends, model and scene). Bags that are cut, aborted or altered
+/// their conditions (benchmark version, policy, protocol, seeds, time, gains, sensors, what varies, thresholds, ends, model and scene). Bags that are cut, aborted or altered
 /// are listed with the reason and not scored; the exit code is then 3. A second copy of an episode with the same rows is
 /// listed and passed over; two different recordings of one episode are an error.
 #[derive(Debug, Args)]
@@ -72,6 +73,37 @@ struct GradeArgs {
     workers: usize,
 }
 
+/// Compare two runs, episode by episode
+///
+/// Episodes are paired by task, seed and index, so that both policies had the same room and the same start. A table shows
+/// successes and gate progress of both, by task and over the twelve subtasks, with exact p-values.
+///
+/// Both come of one test, the sign-flip test: if neither policy were better, each pair's difference would be as likely with
+/// either sign; p is the share of all choices of signs whose sum is at least as far from zero as the one found. All choices
+/// are counted, none are drawn, however many pairs there are. On successes this is McNemar's exact test. Success is that of
+/// the strict gate where both files have it, else the published one. Over many tasks some p will be small by chance: the
+/// line `all` is the one to decide by.
+///
+/// Files of different conditions are refused; what the policies sense may differ as long as the word for it does not. Exit
+/// codes: 0 compared; 1 refused or failed; 3 compared, but some episodes had no partner.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:
+  scorer compare results/stand results/hold")]
+struct CompareArgs {
+    /// results.json of A, or the folder that has it
+    #[arg(value_name = "A")]
+    a: PathBuf,
+    /// results.json of B, or the folder that has it
+    #[arg(value_name = "B")]
+    b: PathBuf,
+    /// Compare although conditions differ; the output lists them
+    #[arg(long)]
+    any_conditions: bool,
+    /// Write JSON
+    #[arg(long)]
+    json: bool,
+}
+
 /// Simulate a recorded episode again on a server, and compare bit for bit
 ///
 /// Opens a session with the conditions in the bag's header, sends its actions once more and compares the digest of all
@@ -94,6 +126,7 @@ fn main() -> ExitCode {
     fiatlux_link::init_quiet_log();
     let done = match Cli::parse().command {
         Command::Grade(args) => run_grade(&args),
+        Command::Compare(args) => run_compare(&args),
         Command::Verify(args) => run_verify(&args),
     };
     done.unwrap_or_else(|error| {
@@ -140,6 +173,12 @@ fn formatted(results: &Results, args: &GradeArgs) -> Result<String> {
         (.., true) => tables::latex(results),
         _ => tables::text(results),
     })
+}
+
+fn run_compare(args: &CompareArgs) -> Result<ExitCode> {
+    let compared = compare(&args.a, &args.b, args.any_conditions)?;
+    print(&if args.json { compared.to_json()? } else { compared.to_text() })?;
+    Ok(if compared.has_unpaired() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
 }
 
 fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {

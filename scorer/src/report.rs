@@ -12,7 +12,7 @@ use std::fmt::Write;
 
 use markup::{escape, percent};
 
-use crate::tables::{count, protocol, seed_count};
+use crate::tables::{conditions_line, count, seed_count};
 use crate::{RateRow, Results, Score};
 
 const STYLE: &str = include_str!("report/style.css");
@@ -52,7 +52,7 @@ fn headline(out: &mut String, results: &Results) {
         escape(&results.policy),
         count(results.episodes.len(), "episode"),
         escape(&seed_count(results)),
-        escape(&protocol(&results.conditions).replacen('b', "B", 1)),
+        escape(&conditions_line(&results.conditions).replacen('b', "B", 1)),
     );
     warnings(out, results);
     out.push_str("<div class=\"cards\">\n");
@@ -88,9 +88,9 @@ fn warnings(out: &mut String, results: &Results) {
     let mut warn = |title: &str, text: &str| {
         let _ = writeln!(out, "<div class=\"panel warn\"><b>{title}</b> {}</div>", escape(text));
     };
-    if !results.conditions.standard {
+    if !results.conditions.ranked {
         let text = format!("{}.", results.conditions.deviations.join("; "));
-        warn("Not the standard protocol: this run has no place in a ranking.", &text);
+        warn("Not ranked: this run is not played as the benchmark has it.", &text);
     }
     if !results.missing.is_empty() && !results.subtasks.is_empty() {
         let text = format!(

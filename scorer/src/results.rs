@@ -1,6 +1,6 @@
 //! The results as data: what `results.json` holds.
 //!
-//! `RESULTS.md` lists the fields. They are only ever added to. Nothing here depends on when or where the grading ran.
+//! `RESULTS.md` lists the fields. Nothing here depends on when or where the grading ran.
 
 use std::collections::BTreeMap;
 
@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Conditions, Series};
 
-/// Number of the form of `results.json`. Fields that are added do not change it.
-pub const RESULTS_VERSION: u32 = 1;
+/// Number of the form of `results.json`. Fields that are added do not change it; one that is renamed or removed does.
+pub const RESULTS_VERSION: u32 = 2;
 
 /// A policy's results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -36,14 +36,15 @@ pub(crate) fn seed_count(results: &Results) -> String {
     }
 }
 
-/// The protocol in a line.
-pub(crate) fn protocol(conditions: &Conditions) -> String {
-    let version = conditions.benchmark_version;
-    match conditions.standard {
-        true => format!("benchmark version {version}, standard protocol"),
-        false => {
-            format!("benchmark version {version}, NOT the standard protocol: {}", conditions.deviations.join("; "))
-        }
+/// The four words, and what is not as the benchmark has it, in a line.
+pub(crate) fn conditions_line(conditions: &Conditions) -> String {
+    let Conditions { benchmark_version, protocol, seeds, observations, time, .. } = conditions;
+    let words = format!(
+        "benchmark version {benchmark_version}, {protocol} protocol, {seeds} seeds, {observations} observations, {time}"
+    );
+    match conditions.ranked {
+        true => words,
+        false => format!("{words}; NOT RANKED: {}", conditions.deviations.join("; ")),
     }
 }
 

@@ -39,7 +39,7 @@ fn scores_are_those_of_the_rows() {
     let expected =
         [("a.mcap", "success", 79), ("b.mcap", "fall", 20), ("c.mcap", "fall", 10), ("d.mcap", "success", 5)];
     assert_eq!(episodes, expected);
-    assert!(results.excluded.is_empty() && !results.has_data_loss() && results.conditions.standard);
+    assert!(results.excluded.is_empty() && !results.has_data_loss() && results.conditions.ranked);
     let back: Results = serde_json::from_str(&results.to_json().expect("JSON")).expect("reads back");
     assert_eq!(back.overall, results.overall);
 }
@@ -128,7 +128,7 @@ fn benchmark_versions_do_not_share_a_table() {
 
     std::fs::remove_file(bag(&folder, "a")).expect("removed");
     let other = graded(&folder);
-    assert_eq!((other.conditions.benchmark_version, other.conditions.standard), (another, false));
+    assert_eq!((other.conditions.benchmark_version, other.conditions.ranked), (another, false));
     let written = [tables::text(&other), tables::latex(&other), other.to_json().expect("JSON")];
     for text in &written {
         // The text table wraps its lines.
@@ -136,7 +136,7 @@ fn benchmark_versions_do_not_share_a_table() {
         let said = format!("the rules are those of benchmark version {this}, the episodes of {another}");
         assert!(words.join(" ").contains(&said), "{text}");
     }
-    assert!(report::html(&other).contains(&format!("Benchmark version {another}, NOT the standard protocol")));
+    assert!(report::html(&other).contains(&format!("Benchmark version {another}, published protocol, public seeds")));
     assert!(tables::csv(&other).lines().nth(1).is_some_and(|line| line.contains(&format!(".mcap,{another},"))));
 }
 
@@ -216,7 +216,7 @@ fn thresholds_change_without_a_new_run() {
     let strict = grade_in(&folder, options).expect("graded");
     let episode = &strict.episodes[0];
     assert_eq!((episode.end.as_str(), episode.steps, episode.broken, episode.success), ("crush", 20, true, false));
-    assert!(!strict.conditions.standard && strict.conditions.thresholds_set == ["fragility_n"]);
+    assert!(!strict.conditions.ranked && strict.conditions.thresholds_set == ["fragility_n"]);
 }
 
 /// A policy may call itself anything; its name is text on the page and in the tables.

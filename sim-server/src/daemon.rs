@@ -32,15 +32,14 @@ pub struct DaemonArgs {
     /// How long a session waits for an action, s.
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
     action_timeout: Duration,
-    /// Scene config: what it names replaces the published values. Runs in another scene share no ranking with the standard
-    /// one.
+    /// Scene config: what it names replaces the published values. Runs in another scene are not ranked.
     #[arg(long, value_name = "FILE.toml")]
     scene: Option<PathBuf>,
     /// Folder of safetensors files with weights of ResNet-18; a session names one of them for the camera's features.
     #[arg(long, value_name = "DIR")]
     weights: Option<PathBuf>,
     /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj such as those of Unitree's description: pictures
-    /// show them in place of our own shapes. Runs whose policies see such pictures share no ranking with the standard ones.
+    /// show them in place of our own shapes. Runs whose policies see such pictures are not ranked.
     #[arg(long, value_name = "DIR")]
     meshes: Option<PathBuf>,
     #[command(flatten)]

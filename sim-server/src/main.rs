@@ -65,7 +65,7 @@ struct Export {
     /// limits then clamp the stiffness only.
     #[arg(long)]
     mujoco_defaults: bool,
-    /// Output file; - is standard output.
+    /// Output file; - is stdout.
     #[arg(short, long)]
     output: PathBuf,
 }

@@ -21,7 +21,7 @@ pub struct ModelBuilder {
 }
 
 /// Acceleration of free fall in a new model, m/s^2, along -z.
-pub const STANDARD_GRAVITY: f64 = 9.81;
+pub const DEFAULT_GRAVITY: f64 = 9.81;
 
 impl Default for ModelBuilder {
     fn default() -> Self {
@@ -30,7 +30,7 @@ impl Default for ModelBuilder {
 }
 
 impl ModelBuilder {
-    /// An empty world with [`STANDARD_GRAVITY`].
+    /// An empty world with [`DEFAULT_GRAVITY`].
     pub fn new() -> Self {
         let world = Body {
             spec: BodySpec {
@@ -50,7 +50,7 @@ impl ModelBuilder {
             bodies: vec![world],
             shapes: Vec::new(),
             excluded: Vec::new(),
-            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+            gravity: Vector3::new(0.0, 0.0, -DEFAULT_GRAVITY),
             nq: 0,
             nv: 0,
         }

@@ -103,7 +103,7 @@ mod spec;
 mod step;
 mod variation;
 
-pub use builder::{ModelBuilder, STANDARD_GRAVITY};
+pub use builder::{DEFAULT_GRAVITY, ModelBuilder};
 pub use contact::Contact;
 pub use error::{ModelError, check_array};
 pub use input::Input;

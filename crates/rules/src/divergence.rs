@@ -13,6 +13,9 @@ const BODY_SPEED: f64 = 20.0;
 /// Speed of a bulb, m/s: it has 35 g, and a foot may strike it at 14 m/s.
 const BULB_SPEED: f64 = 100.0;
 
+/// All bounds, for the digest of the rules.
+pub(crate) const BOUNDS: [f64; 4] = [RATED_JOINT_SPEED, JOINT_SPEED, BODY_SPEED, BULB_SPEED];
+
 /// Whether a row has diverged: a speed beyond the plausible, or a number of its state that is not finite.
 pub fn diverged(row: &Row) -> bool {
     let bodies = [

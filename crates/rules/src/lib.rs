@@ -49,11 +49,13 @@ mod geometry;
 mod judge;
 mod judges;
 pub mod measure;
+pub mod pins;
 pub mod predicates;
 mod protocol;
 mod rewards;
 mod row;
 mod scores;
+mod seeds;
 mod settle;
 mod spec;
 pub mod strict;
@@ -75,6 +77,7 @@ pub use protocol::{Protocol, UnknownProtocol};
 pub use rewards::{Rewards, Variant};
 pub use row::{AttachmentRow, BodyRow, Bulb, CONTROL_DT, HIGH_TREAD_HEIGHT, LIMBS, Limb, RobotLayout, Row, Support};
 pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summary, wilson_interval};
+pub use seeds::{ReservedSeed, SeedOwner};
 pub use settle::PoseSpeed;
 pub use spec::{
     ControlMode, Factor, Ladder, Landmark, ResetNoise, SpecialRules, Spot, Stand, StartDistance, StartSpec, TaskSpec,

@@ -7,6 +7,7 @@ use crate::gate::Context;
 use crate::judge::Judge;
 use crate::row::Row;
 use crate::spec::RewardSpec;
+use crate::task::Task;
 use crate::terms::motion;
 use crate::terms::term::{Kind, Ledger, Term, TermSpec, View};
 use crate::verdict::Verdict;
@@ -43,11 +44,7 @@ pub struct Rewards {
 impl Rewards {
     /// The reward of the judge's task.
     pub fn new(judge: &Judge, variant: Variant) -> Self {
-        let specs = match (judge.task().spec().reward, variant) {
-            (RewardSpec::Own { terms, com_sway }, _) => [terms, &[DIVERGED], &motion::terms(com_sway)].concat(),
-            (RewardSpec::Subtask { .. }, Variant::Benchmark) => vec![TermSpec::GATE_PROGRESS],
-            (RewardSpec::Subtask { hints }, Variant::Training) => training(hints, judge.ends_on()),
-        };
+        let specs = specs(judge.task(), judge.ends_on(), variant);
         let terms = specs.iter().map(Term::unpaid).collect();
         Self { ledgers: specs.into_iter().map(Ledger::new).collect(), terms, before: None }
     }
@@ -88,6 +85,15 @@ impl Rewards {
     /// Sum of what the last row paid.
     pub fn reward(&self) -> f64 {
         self.terms.iter().map(|term| term.reward).sum()
+    }
+}
+
+/// The terms of a task's reward; failures are charged where they end the episode.
+pub(crate) fn specs(task: Task, ends_on: Causes, variant: Variant) -> Vec<TermSpec> {
+    match (task.spec().reward, variant) {
+        (RewardSpec::Own { terms, com_sway }, _) => [terms, &[DIVERGED], &motion::terms(com_sway)].concat(),
+        (RewardSpec::Subtask { .. }, Variant::Benchmark) => vec![TermSpec::GATE_PROGRESS],
+        (RewardSpec::Subtask { hints }, Variant::Training) => training(hints, ends_on),
     }
 }
 

@@ -39,7 +39,7 @@ pub struct EpisodeSpec {
 }
 
 impl EpisodeSpec {
-    /// An episode as a run of the benchmark has it.
+    /// An episode as the benchmark has it.
     pub fn new(task: Task, seed: u64, episode: u64) -> Self {
         Self {
             task,

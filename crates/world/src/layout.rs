@@ -1,12 +1,17 @@
 //! Where things stand: the draw of a room by its seed, and the fixed scene of `climb`.
 
+mod python_random;
+mod walls;
+
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, TAU};
 
 use fiatlux_rules::measure;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
 
+use self::python_random::PythonRandom;
+use self::walls::clear_of_walls;
 use crate::parts::{LadderPart, SceneParts, absent_fixture};
-use crate::{Random, SceneConfig, SceneError, Stream};
+use crate::{SceneConfig, SceneError};
 
 /// Farthest that anything in a recorded layout may be, m or rad.
 const FAR: f64 = 100.0;
@@ -77,7 +82,8 @@ pub struct Layout {
     pub mount: Mount,
     /// Pose of the socket.
     pub world_from_fixture: Isometry3<f64>,
-    /// Where a coupled ladder stands: in front of the fixture, steps away from it.
+    /// Where the published coupled ladder stands: in front of the fixture, steps away from it. Ours does too, unless that
+    /// is in a wall.
     pub anchor: Place,
     /// Ladder.
     pub ladder: Place,
@@ -153,15 +159,17 @@ impl Layout {
         ensure(turn.norm() < 1e-9, "fixture", "is not turned as its mount has it")
     }
 
-    /// Draws the room of a seed. The ladder's start changes the ladder's place and nothing else.
+    /// Draws the room of a seed, with the published generator and order of draws: it is the published room of this seed.
+    /// The ladder's start changes the ladder's place and nothing else.
     ///
-    /// The fixture's bearing to the ladder is flipped where the ladder would leave the floor's inset box, so that a
-    /// coupled ladder always stands at the nominal distance (the reference code clamps it instead).
+    /// A ceiling fixture's bearing to the ladder is flipped where the ladder would leave the floor; where it would come
+    /// nearer to the floor's edge than the inset, it is moved to the inset, and so nearer to the fixture. All that differs
+    /// from the published room: a coupled ladder that would stand in a wall is moved out of it.
     ///
     /// # Errors
     /// [`SceneError::Layout`] when the zones do not fit within the config's number of tries.
     pub fn draw(config: &SceneConfig, seed: u64, start: LadderStart) -> Result<Self, SceneError> {
-        let mut random = Random::new(Stream::Layout, seed, 0);
+        let mut random = PythonRandom::new(seed);
         let mut failed = "";
         for _ in 0..config.layout.redraws {
             match draw_once(config, &mut random, start) {
@@ -191,9 +199,9 @@ impl Layout {
     }
 }
 
-fn draw_once(config: &SceneConfig, random: &mut Random, start: LadderStart) -> Result<Layout, &'static str> {
+fn draw_once(config: &SceneConfig, random: &mut PythonRandom, start: LadderStart) -> Result<Layout, &'static str> {
     let (mount, world_from_fixture, anchor) = draw_fixture(config, random);
-    let free_yaw = random.uniform(0.0, TAU);
+    let free_yaw = random.uniform(0.0, 360.0).to_radians();
     let zones = &config.layout;
     // Largest first. The fixture's anchor is taken already.
     let order = [
@@ -215,7 +223,7 @@ fn draw_once(config: &SceneConfig, random: &mut Random, start: LadderStart) -> R
         anchor,
         ladder: match start {
             LadderStart::Free => Place { position: ladder, yaw: free_yaw },
-            LadderStart::Coupled => anchor,
+            LadderStart::Coupled => clear_of_walls(config, anchor),
         },
         robot: Place { position: robot, yaw: measure::wrap_angle(measure::bearing(&robot, &bench) + spread) },
         bench: Some(bench),
@@ -223,11 +231,12 @@ fn draw_once(config: &SceneConfig, random: &mut Random, start: LadderStart) -> R
     })
 }
 
-fn draw_fixture(config: &SceneConfig, random: &mut Random) -> (Mount, Isometry3<f64>, Place) {
+fn draw_fixture(config: &SceneConfig, random: &mut PythonRandom) -> (Mount, Isometry3<f64>, Place) {
     let (room, fixture, inset) = (&config.room, &config.fixture, config.layout.fixture_inset);
-    let draw_inset = |random: &mut Random, bounds: &[f64; 2]| random.uniform(bounds[0] + inset, bounds[1] - inset);
+    let draw_inset =
+        |random: &mut PythonRandom, bounds: &[f64; 2]| random.uniform(bounds[0] + inset, bounds[1] - inset);
     let (mount, position, mut bearing, standoff);
-    if random.unit() < config.layout.ceiling_probability {
+    if random.random() < config.layout.ceiling_probability {
         mount = Mount::Ceiling;
         let x = draw_inset(random, &room.zone_x);
         position = Vector2::new(x, draw_inset(random, &room.zone_y));
@@ -236,12 +245,12 @@ fn draw_fixture(config: &SceneConfig, random: &mut Random) -> (Mount, Isometry3<
         standoff = fixture.standoff_ceiling;
         for (axis, zone) in [room.zone_x, room.zone_y].iter().enumerate() {
             let target = position[axis] + standoff * bearing[axis];
-            if target < zone[0] + inset || target > zone[1] - inset {
+            if target < zone[0] || target > zone[1] {
                 bearing[axis] = -bearing[axis];
             }
         }
     } else {
-        mount = [Mount::West, Mount::East, Mount::South][random.index(3)];
+        mount = random.choice([Mount::West, Mount::East, Mount::South]);
         standoff = fixture.standoff_wall;
         (position, bearing) = match mount {
             Mount::West => (Vector2::new(room.wall_x[0], draw_inset(random, &room.wall_side_y)), Vector2::x()),
@@ -249,8 +258,10 @@ fn draw_fixture(config: &SceneConfig, random: &mut Random) -> (Mount, Isometry3<
             _ => (Vector2::new(draw_inset(random, &room.wall_south_x), room.wall_south_y), Vector2::y()),
         };
     }
+    let target = position + standoff * bearing;
+    let inside = |axis: usize, zone: &[f64; 2]| target[axis].max(zone[0] + inset).min(zone[1] - inset);
     let anchor = Place {
-        position: position + standoff * bearing,
+        position: Vector2::new(inside(0, &room.zone_x), inside(1, &room.zone_y)),
         // The steps are on the ladder's -y: they look along the bearing, away from the fixture.
         yaw: measure::wrap_angle(libm::atan2(-bearing.y, -bearing.x) - FRAC_PI_2),
     };
@@ -260,7 +271,7 @@ fn draw_fixture(config: &SceneConfig, random: &mut Random) -> (Mount, Isometry3<
 
 fn draw_zone(
     config: &SceneConfig,
-    random: &mut Random,
+    random: &mut PythonRandom,
     taken: &[(Vector2<f64>, f64)],
     half: f64,
 ) -> Option<Vector2<f64>> {

@@ -56,11 +56,11 @@ pub use owner::ShapeOwner;
 pub use parts::{FAR, LadderPart, SceneKind, SceneParts};
 pub use props::{LadderPoints, PropSizes};
 pub use randomize::{HandFriction, Light, PropScale, Randomization};
-pub use rng::{RNG_NAME, Random, Stream};
+pub use rng::{GENERATORS, RNG_NAME, Random, Stream};
 pub use scene::{Scene, SceneSpec};
 pub use start::{ACTION_LIMIT, ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
 
 // The rulebook's control step and gravity are the world's.
 const _: () = assert!(PHYSICS_DT * SUBSTEPS as f64 == fiatlux_rules::CONTROL_DT);
-const _: () = assert!(fiatlux_dynamics::STANDARD_GRAVITY == fiatlux_rules::GRAVITY);
+const _: () = assert!(fiatlux_dynamics::DEFAULT_GRAVITY == fiatlux_rules::GRAVITY);

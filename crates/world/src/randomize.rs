@@ -19,7 +19,7 @@ pub use prop_scale::PropScale;
 
 use crate::Random;
 
-/// Which draws an episode makes. What is not drawn is nominal. The default is the standard protocol.
+/// Which draws an episode makes. What is not drawn is nominal. The default is the benchmark's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Randomization {
     /// The room is drawn by the seed; else it is that of layout seed 0.

@@ -7,11 +7,15 @@ use sha2::{Digest, Sha256};
 /// Name and version of the generator and of its seeding, for records.
 pub const RNG_NAME: &str = "fiatlux-pcg64mcg-sha256/1";
 
-/// What random numbers are for; each purpose has a stream of its own.
+/// What all numbers of an episode are drawn with, for records: [`RNG_NAME`], and the generator of the published rooms.
+pub const GENERATORS: &str = "fiatlux-pcg64mcg-sha256/1, rooms python-mt19937";
+
+/// What random numbers are for; each purpose has a stream of its own. The room is not among them: [`Layout::draw`]
+/// uses the published generator.
+///
+/// [`Layout::draw`]: crate::Layout::draw
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stream {
-    /// The room; drawn by seed alone.
-    Layout,
     /// Start poses of an episode.
     Reset,
     /// Sensor noise of an episode.
@@ -31,7 +35,6 @@ pub enum Stream {
 impl Stream {
     fn name(self) -> &'static str {
         match self {
-            Stream::Layout => "layout",
             Stream::Reset => "reset",
             Stream::Noise => "noise",
             Stream::HandFriction => "grip",
@@ -103,7 +106,6 @@ mod tests {
             [random.unit(), random.unit()]
         };
         let cases = [
-            (Stream::Layout, 0, 0),
             (Stream::Reset, 0, 0),
             (Stream::Noise, 0, 0),
             (Stream::HandFriction, 0, 0),

@@ -5,7 +5,7 @@
 //! the lowest point of the soles is on what the robot stands on. A place is taken where something is nearer to the robot
 //! or its bulb than the clearance or, in S05, the crate nearly as near as the gate asks for. Then S02, S05, S06, S07 and
 //! S10 start at the next free place around ladder or crate, in steps of 5 degrees to either side, and the tasks on the
-//! platform up to 5 cm farther back. Where nothing is free, or the noise puts two links into each other, it is drawn
+//! platform up to 5 cm farther back, or else elsewhere on it. Where nothing is free, or the noise puts two links into each other, it is drawn
 //! again.
 
 mod hold;

@@ -119,7 +119,8 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
             ("Benchmark version", c.benchmark_version.to_string()),
             ("Policy", results.policy.clone()),
             ("Layout seeds", seeds(&results.seeds)),
-            ("Mode", c.mode.clone()),
+            ("Protocol, seeds", format!("{}, {}", c.protocol, c.seeds)),
+            ("Observations, time", format!("{}, {}", c.observations, c.time)),
             ("Gains, hands", format!("{}, {}", c.gains, c.hands)),
             ("Sensors", list(&c.sensors)),
             ("Feature weights, meshes", format!("{}, {}", or(&c.weights, "none"), or(&c.meshes, "own shapes"))),
@@ -134,7 +135,7 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
         out,
         &[
             ("Simulator", list(&v.server)),
-            ("Protocol", list(&v.protocol)),
+            ("Messages", list(&v.protocol)),
             ("Scorer", v.scorer.clone()),
             ("Random", list(&v.random)),
             ("Row layout", v.digest_layout.clone()),

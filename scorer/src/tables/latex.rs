@@ -2,13 +2,13 @@
 
 use std::fmt::Write;
 
-use super::{count, protocol, seed_count};
+use super::{conditions_line, count, seed_count};
 use crate::{RateRow, Results, TaskResult};
 
 /// A `table` environment that can be pasted as it is.
 pub fn latex(results: &Results) -> String {
     let mut out = String::from("% needs \\usepackage{booktabs}\n\\begin{table}[t]\n\\centering\n\\small\n");
-    let conditions = protocol(&results.conditions);
+    let conditions = conditions_line(&results.conditions);
     let episodes = count(results.episodes.len(), "episode");
     let _ = writeln!(
         out,

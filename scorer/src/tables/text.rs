@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{count, protocol, seed_count};
+use super::{conditions_line, count, seed_count};
 use crate::{Fault, RateRow, Results, Score, TaskResult};
 
 const WIDTH: usize = 100;
@@ -34,7 +34,7 @@ fn headline(out: &mut String, results: &Results) {
         return;
     }
     let _ = writeln!(out, "Policy {}: {episodes}, {}", results.policy, seed_count(results));
-    let _ = writeln!(out, "{}\n", wrapped(&protocol(&results.conditions), "  "));
+    let _ = writeln!(out, "{}\n", wrapped(&conditions_line(&results.conditions), "  "));
     let overall = &results.overall;
     let rate = |name: &str, rate: &RateRow| match (rate.rate, rate.interval) {
         (Some(value), Some([low, high])) => format!(

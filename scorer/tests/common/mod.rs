@@ -8,7 +8,9 @@ use std::path::{Path, PathBuf};
 
 use fiatlux_bag::BagWriter;
 use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
-use fiatlux_rules::{BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, ROW_LAYOUT, Row, RowDigest, Task, Thresholds};
+use fiatlux_rules::{
+    BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, ROW_LAYOUT, Row, RowDigest, Task, Thresholds, pins,
+};
 use fiatlux_wire::{geometry_message, judgement_message, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
@@ -64,8 +66,8 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         thresholds: Thresholds::default().entries().map(|(key, value)| (key.into(), value)).collect(),
         random: "pcg64/1".into(),
         digest_layout: ROW_LAYOUT.into(),
-        model_digest: "5f70bf18a086007016e948b04aed3b82103a36bea41755b6cddfaf10ace3c6ef".into(),
-        scene_digest: "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08".into(),
+        model_digest: pins::model("inspire").expect("pinned").into(),
+        scene_digest: pins::SCENE.into(),
         digest_context: RowDigest::new(b"test").hex(),
         control_dt: 0.02,
         benchmark_version: BENCHMARK_VERSION,

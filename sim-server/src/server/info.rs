@@ -5,7 +5,7 @@ use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo}
 use fiatlux_robot::{HandKind, JointGains, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, ROW_LAYOUT, Task};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
-use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, RNG_NAME, Scene, SceneConfig};
+use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
 
 use super::plan::{GAINS, Plan};
 use fiatlux_wire::{domain_sample_message, footprint_messages, geometry_message};
@@ -132,7 +132,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         // Numbers and lists of them always have a form in JSON.
         geometry: Some(geometry_message(episode.judge().geometry())),
         benchmark_version: BENCHMARK_VERSION,
-        random: RNG_NAME.into(),
+        random: GENERATORS.into(),
         digest_layout: ROW_LAYOUT.into(),
         model_digest: robot.digest().into(),
         scene_digest: scene.config.digest(),

@@ -38,6 +38,21 @@ pub(crate) enum Kind {
     GateProgress,
 }
 
+impl Kind {
+    /// A name for digests, in which the functions themselves have no part.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Rate(_) => "rate",
+            Kind::Approach(_) => "approach",
+            Kind::Potential(_) => "potential",
+            Kind::Record(_) => "record",
+            Kind::Once(_) => "once",
+            Kind::Condition(cause) => cause.name(),
+            Kind::GateProgress => "gate_progress",
+        }
+    }
+}
+
 /// A term of a reward.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TermSpec {

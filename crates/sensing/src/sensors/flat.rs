@@ -35,7 +35,7 @@ pub(crate) const ENTRY: Entry = Entry {
 /// Scale of a force, 1/N, and of a range, 1/m.
 const TENTH: f64 = 0.1;
 
-const STANDARD: [(&Entry, f64); 5] = [
+const WITH_HANDS: [(&Entry, f64); 5] = [
     (&proprioception::ENTRY, 1.0),
     (&hand_contact::ENTRY, TENTH),
     (&features::ENTRY, 1.0),
@@ -43,8 +43,8 @@ const STANDARD: [(&Entry, f64); 5] = [
     (&last_action::ENTRY, 1.0),
 ];
 
-/// The limbs in place of the hands.
-const CLIMB: [(&Entry, f64); 5] = [
+/// Of `climb`, which handles no bulb.
+const WITH_LIMBS: [(&Entry, f64); 5] = [
     (&proprioception::ENTRY, 1.0),
     (&limb_contact::ENTRY, TENTH),
     (&features::ENTRY, 1.0),
@@ -53,7 +53,7 @@ const CLIMB: [(&Entry, f64); 5] = [
 ];
 
 fn parts(task: Task) -> &'static [(&'static Entry, f64)] {
-    if task == Task::Climb { &CLIMB } else { &STANDARD }
+    if task == Task::Climb { &WITH_LIMBS } else { &WITH_HANDS }
 }
 
 fn terms(setup: &Setup) -> Vec<Term> {

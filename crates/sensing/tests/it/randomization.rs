@@ -68,10 +68,10 @@ fn nothing_drawn_means_nothing_differs() {
     }
 }
 
-/// By the standard protocol episodes differ in friction, light, tint and sensors, and where the task has noise in their
+/// By the benchmark's default episodes differ in friction, light, tint and sensors, and where the task has noise in their
 /// start; the room is the seed's.
 #[test]
-fn standard_episodes_differ() {
+fn episodes_differ_by_default() {
     for task in [Task::S01, Task::S05, Task::S11] {
         let [mut first, mut second] = [0, 1].map(|episode| started(&EpisodeSpec::new(task, 2, episode)));
         let (a, b) = (first.domain_sample(), second.domain_sample());
@@ -101,8 +101,8 @@ fn each_switch_is_its_own() {
     let rest = |light: &Light| [light.dome, light.dome_yaw, light.key, light.key_pitch, light.key_yaw];
     // Row 0 is at rest: what is sensed is the noise.
     let noise = |episode: &Episode| sensed(episode).joint_velocity;
-    let standard = started(&spec);
-    let before = standard.domain_sample();
+    let usual = started(&spec);
+    let before = usual.domain_sample();
     for (name, switch) in switches {
         let mut other = spec.clone();
         switch(&mut other.randomize);
@@ -114,7 +114,7 @@ fn each_switch_is_its_own() {
             ("hand_friction", before.hand_friction != after.hand_friction),
             ("light", rest(&before.light) != rest(&after.light)),
             ("tint", tint(&before.light) != tint(&after.light)),
-            ("sensors", noise(&standard) != noise(&episode)),
+            ("sensors", noise(&usual) != noise(&episode)),
             ("prop_scale", before.scale != after.scale),
         ];
         for (draw, changed) in changed {

@@ -131,14 +131,10 @@ fn draws_repeat_and_differ_by_seed_and_episode() {
 /// Light and tint do not share numbers: without one, the other is as it was.
 #[test]
 fn light_and_tint_are_independent() {
-    let standard = Randomization::default();
-    let [both, no_light, no_tint, neither] = [
-        standard,
-        Randomization { light: false, ..standard },
-        Randomization { tint: false, ..standard },
-        Randomization::FIXED,
-    ]
-    .map(|randomize| Light::draw(7, 2, &randomize));
+    let usual = Randomization::default();
+    let [both, no_light, no_tint, neither] =
+        [usual, Randomization { light: false, ..usual }, Randomization { tint: false, ..usual }, Randomization::FIXED]
+            .map(|randomize| Light::draw(7, 2, &randomize));
     let nominal = Light::default();
     let tint = |light: &Light, of: &Light| Light {
         tint_hue: of.tint_hue,

@@ -17,8 +17,10 @@ pub(super) const NO_NOISE: StartNoise = StartNoise { shift: 0.0, turn: 0.0, join
 /// How far above its nominal height the robot is put to find what is below its soles, and how far down it looks, m.
 const LIFT: f64 = 0.2;
 
-/// Places to try behind the one on the platform.
-const BACK_STEPS: u32 = 5;
+/// Places to try straight behind the one on the platform, before others on it.
+const BACK_STEPS: i32 = 5;
+/// Farthest back and to either side on the platform, in steps: the feet stay on it.
+const PLATFORM_STEPS: [i32; 2] = [10, 6];
 
 /// Deepest overlap of two links that a start may have, m.
 const SELF_OVERLAP: f64 = 5e-4;
@@ -29,7 +31,7 @@ enum Stand {
     Floor(Place),
     /// On the floor at a distance from a thing, in a direction that may turn.
     Around { center: Vector2<f64>, distance: f64, bearing: f64, facing: Vector2<f64> },
-    /// On the ladder's platform, or a little farther back.
+    /// On the ladder's platform, or a little farther back or aside.
     Platform(Place),
 }
 
@@ -107,8 +109,16 @@ impl Stand {
             Stand::Floor(place) => vec![place],
             Stand::Platform(place) => {
                 let back = -Vector2::new(libm::cos(place.yaw), libm::sin(place.yaw)) * config.back_step;
-                let at = |k: u32| Place { position: place.position + f64::from(k) * back, ..place };
-                (0..=BACK_STEPS).map(at).collect()
+                let left = Vector2::new(back.y, -back.x);
+                let [most, aside] = PLATFORM_STEPS;
+                let all = (0..=most).flat_map(|k| (-aside..=aside).map(move |side| (k, side)));
+                let mut steps: Vec<(i32, i32)> = all.collect();
+                steps.sort_by_key(|&(k, side)| (side != 0 || k > BACK_STEPS, k * k + side * side));
+                let at = |(k, side)| Place {
+                    position: place.position + f64::from(k) * back + f64::from(side) * left,
+                    ..place
+                };
+                steps.into_iter().map(at).collect()
             }
             Stand::Around { center, distance, bearing, facing: target } => {
                 let turns = 1..=libm::floor(PI / config.turn_step) as u32;

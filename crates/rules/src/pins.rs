@@ -1,0 +1,79 @@
+//! What the benchmark is, pinned: digests of the published robot, scene, rules and sensors of [`BENCHMARK_VERSION`].
+//!
+//! Whoever changes one of them changes the benchmark: raise the version, then set the digest here. A test recomputes all of
+//! them (`tests/tests/pins.rs`), and the scorer says of a run whether it was played in what is pinned.
+//!
+//! [`BENCHMARK_VERSION`]: crate::BENCHMARK_VERSION
+
+use std::fmt::Write;
+
+use sha2::{Digest, Sha256};
+
+use crate::divergence;
+use crate::measure::GRAVITY;
+use crate::protocol::Protocol;
+use crate::rewards::{self, Variant};
+use crate::row::CONTROL_DT;
+use crate::task::Task;
+use crate::thresholds::Thresholds;
+
+/// Digest of each robot's file, by its hands.
+pub const MODELS: [(&str, &str); 2] = [
+    ("inspire", "b2c649989718ecf5c08c5f5268b2af303eedeb5a13cff2650a4033147c12f058"),
+    ("bare", "eb20f17cf29daa79b2af0194fb277aba4151e1f95192c4710795cd49fc456861"),
+];
+
+/// Digest of the scene config with the published values.
+pub const SCENE: &str = "15b1a3ebd992c8e16ff02aadea2810b2d0764b5f7de915680e972f3ed3d9de38";
+
+/// Digest of the rules, see [`rules_digest`].
+pub const RULES: &str = "d499dc1a2f2f6c45c78e941326dc599140d6301dc69fce7dd91e2cdf28942605";
+
+/// Digest of the sensors' terms: names, fields, shapes, units, ranges, scales and noise. The test says how it is made.
+pub const SENSORS: &str = "2f989348700329cc438a9afac1da77995ce3b2cff2e038aeffba30ca9f0d825a";
+
+/// The pinned digest of the robot with these hands; none for hands that the benchmark does not know.
+pub fn model(hands: &str) -> Option<&'static str> {
+    MODELS.into_iter().find(|(name, _)| *name == hands).map(|(_, digest)| digest)
+}
+
+/// SHA-256 over the rules as data, hexadecimal: the default thresholds, the bounds of divergence, and of each task its
+/// start, gate, ends, weight, horizon, special rules and the names and weights of what it pays for. What a predicate
+/// computes is not in it: the tests of the rules guard that.
+pub fn rules_digest() -> String {
+    let mut text = format!("control_dt {CONTROL_DT:?}\ngravity {GRAVITY:?}\n");
+    let mut line = |line: std::fmt::Arguments<'_>| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{line}");
+    };
+    let thresholds = Thresholds::default();
+    for (name, value) in thresholds.entries() {
+        line(format_args!("threshold {name} {value:?}"));
+    }
+    line(format_args!("diverged {:?}", divergence::BOUNDS));
+    for task in Task::ALL {
+        let spec = task.spec();
+        line(format_args!("task {} {} {} {}", spec.short_id, spec.id, spec.name, spec.instruction));
+        line(format_args!("weight {:?} {:?} modes {:?}", spec.weight, spec.factors, spec.modes));
+        line(format_args!("horizon {} bulbs {:?} start {:?}", spec.horizon_steps, spec.bulbs, spec.start));
+        for protocol in Protocol::ALL {
+            for criterion in spec.gate.criteria_of(protocol) {
+                line(format_args!("{protocol} criterion {}", criterion.name));
+            }
+            line(format_args!("{protocol} window {}", spec.gate.window(protocol)));
+        }
+        line(format_args!("start_count {}", spec.start_count));
+        for cause in spec.also_ends_on.iter() {
+            line(format_args!("ends on {}", cause.name()));
+        }
+        let special = &spec.special;
+        line(format_args!("drops below {:?}, parked {}", (special.fresh_drop_m)(&thresholds), special.bulbs_parked));
+        line(format_args!("keeps {:?}, notes {}", special.keeps_seated, special.notes_working_height));
+        for variant in [Variant::Benchmark, Variant::Training] {
+            for term in rewards::specs(task, spec.also_ends_on, variant) {
+                line(format_args!("{variant:?} {} {:?} {}", term.name, term.weight, term.kind.name()));
+            }
+        }
+    }
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+}
