@@ -164,6 +164,11 @@ impl ModelBuilder {
             }
             chains.push(chain);
         }
+        let mut row_start = vec![0];
+        for (dof, &body) in dof_body.iter().enumerate() {
+            let width = chains[body].iter().take_while(|&&other| usize::from(other) <= dof).count();
+            row_start.push(row_start[dof] + width);
+        }
         let (cull_groups, pairs) = self.pair_shapes();
         let nominal = Parameters {
             bodies: self.bodies.iter().map(|body| Inertial::of(&body.spec)).collect(),
@@ -179,6 +184,7 @@ impl ModelBuilder {
             nv: self.nv,
             dof_body,
             chains,
+            row_start,
             pairs,
             cull_groups,
             excluded: self.excluded,

@@ -140,23 +140,40 @@ impl Collider {
             self.bounds.cull_groups[moving.cull_group] = Aabb::EMPTY;
             self.kin_bounds.cull_groups[moving.cull_group] = Aabb::EMPTY;
         }
+        // Turning rates of the body whose shapes are placed, and that relative to its root.
+        let (mut rated, mut rate, mut relative_rate) = (0, 0.0, 0.0);
         for moving in &self.moving {
             let (shape, body) = (moving.shape, moving.body);
+            let geometry = &model.shapes[shape].geometry;
             let rotation = &kin.rotation[body];
             let position = kin.position[body] + rotation * moving.position;
-            self.placed[shape] = Placed { rotation: rotation * moving.rotation, position };
-            let (motion, root) = (&kin.motion[body], &kin.motion[model.bodies[body].root.0]);
+            let placed = &mut self.placed[shape];
+            placed.position = position;
+            match geometry {
+                Geometry::Sphere { .. } => {}
+                Geometry::Capsule { .. } => placed.rotation.set_column(2, &(rotation * moving.rotation.column(2))),
+                _ => placed.rotation = rotation * moving.rotation,
+            }
+            let root = model.bodies[body].root.0;
+            let (motion, root_motion) = (&kin.motion[body], &kin.motion[root]);
+            if rated != body {
+                let relative = if body == root { 0.0 } else { (motion.angular - root_motion.angular).norm() };
+                (rated, rate, relative_rate) = (body, motion.angular.norm(), relative);
+            }
             let arm = position - kin.origin[body];
             let velocity = motion.linear + motion.angular.cross(&arm);
-            let relative = velocity - root.linear - root.angular.cross(&arm);
-            let spin = motion.angular.norm() * moving.extent;
-            let relative_spin = (motion.angular - root.angular).norm() * moving.extent;
+            let spin = rate * moving.extent;
             self.velocity[shape] = velocity;
             self.spin_speed[shape] = spin;
             let margin = |speed: f64| 0.5 * REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
-            let bounds = bounds_of(&model.shapes[shape].geometry, &self.placed[shape], 0.0);
+            let bounds = bounds_of(geometry, placed, 0.0);
             self.bounds.set(shape, moving.cull_group, bounds.inflated(margin(velocity.norm() + spin)));
-            self.kin_bounds.set(shape, moving.cull_group, bounds.inflated(margin(relative.norm() + relative_spin)));
+            let relative_speed = if body == root {
+                0.0
+            } else {
+                (velocity - root_motion.linear - root_motion.angular.cross(&arm)).norm() + relative_rate * moving.extent
+            };
+            self.kin_bounds.set(shape, moving.cull_group, bounds.inflated(margin(relative_speed)));
         }
     }
 

@@ -11,16 +11,19 @@ use crate::spec::{BodyId, Joint};
 
 #[derive(Debug, Clone)]
 pub(crate) struct EquationOfMotion {
-    /// Lower triangle of the mass matrix, row-major with `nv` columns; armature included.
+    /// Lower triangle of the mass matrix, packed ([`Model::row`]); armature included.
     pub mass_matrix: Vec<f64>,
     /// Coriolis, centrifugal, gravity and external forces: the generalised force that keeps accelerations at zero.
     pub bias: Vec<f64>,
+    /// Momentum of the velocity that the bias force is taken at.
+    pub momentum: Vec<f64>,
     /// Of each body, and of each body with all that hangs on it.
     own: Vec<Inertia>,
     inertia: Vec<Inertia>,
     motion: Vec<Motion>,
     acceleration: Vec<Motion>,
     force: Vec<Force>,
+    body_momentum: Vec<Force>,
     armature: Vec<f64>,
 }
 
@@ -35,26 +38,35 @@ impl EquationOfMotion {
             }
         }
         Self {
-            mass_matrix: vec![0.0; model.nv * model.nv],
+            mass_matrix: vec![0.0; model.row_start[model.nv]],
             bias: vec![0.0; model.nv],
+            momentum: vec![0.0; model.nv],
             own: vec![zero; bodies],
             inertia: vec![zero; bodies],
             motion: vec![Motion::ZERO; bodies],
             acceleration: vec![Motion::ZERO; bodies],
             force: vec![Force::ZERO; bodies],
+            body_momentum: vec![Force::ZERO; bodies],
             armature,
         }
     }
 
-    /// Computes both for a configuration and the velocity that it was given with.
-    pub fn update(&mut self, model: &Model, parameters: &Parameters, kin: &Kinematics, wrenches: &[(BodyId, Wrench)]) {
+    /// Computes all for a configuration and the velocity that it was given with.
+    pub fn update(
+        &mut self,
+        model: &Model,
+        parameters: &Parameters,
+        kin: &Kinematics,
+        wrenches: &[(BodyId, Wrench)],
+        velocity: &[f64],
+    ) {
         for index in 1..model.bodies.len() {
             let (rotation, inertial) = (&kin.rotation[index], &parameters.bodies[index]);
             let com = kin.position[index] - kin.origin[index] + rotation * inertial.com;
             self.own[index] = Inertia::new(inertial.mass, &com, &Sym3::rotated(rotation, &inertial.inertia));
         }
         self.motion.copy_from_slice(&kin.motion);
-        self.update_forces(model, parameters, kin, wrenches);
+        self.update_forces(model, parameters, kin, wrenches, velocity);
         self.update_mass_matrix(model, kin);
     }
 
@@ -81,7 +93,7 @@ impl EquationOfMotion {
                 }
             };
         }
-        self.update_forces(model, parameters, kin, wrenches);
+        self.update_forces(model, parameters, kin, wrenches, velocity);
     }
 
     fn update_forces(
@@ -90,6 +102,7 @@ impl EquationOfMotion {
         parameters: &Parameters,
         kin: &Kinematics,
         wrenches: &[(BodyId, Wrench)],
+        velocity: &[f64],
     ) {
         // Gravity as an upward acceleration of the world.
         self.acceleration[0] = Motion { angular: V3::zeros(), linear: -model.gravity };
@@ -109,7 +122,9 @@ impl EquationOfMotion {
             }
             let inertia = &self.own[index];
             let mut force = inertia.apply(&acceleration);
-            force.add(&motion.cross_force(&inertia.apply(motion)));
+            let momentum = inertia.apply(motion);
+            force.add(&motion.cross_force(&momentum));
+            self.body_momentum[index] = momentum;
             self.acceleration[index] = acceleration;
             self.force[index] = force;
         }
@@ -120,19 +135,20 @@ impl EquationOfMotion {
         }
         for index in (1..model.bodies.len()).rev() {
             let body = &model.bodies[index];
-            let (force, parent) = (self.force[index], body.spec.parent.0);
+            let (force, momentum, parent) = (self.force[index], self.body_momentum[index], body.spec.parent.0);
             if parent != 0 {
                 self.force[parent].add(&force);
+                self.body_momentum[parent].add(&momentum);
             }
             let width = model.chains[index].len() - model.chains[parent].len();
             for dof in body.dof_start..body.dof_start + width {
                 self.bias[dof] = kin.axes[dof].dot(&force);
+                self.momentum[dof] = kin.axes[dof].dot(&momentum) + self.armature[dof] * velocity[dof];
             }
         }
     }
 
     fn update_mass_matrix(&mut self, model: &Model, kin: &Kinematics) {
-        let nv = model.nv;
         self.inertia.copy_from_slice(&self.own);
         for index in (1..model.bodies.len()).rev() {
             let body = &model.bodies[index];
@@ -141,14 +157,20 @@ impl EquationOfMotion {
                 self.inertia[parent].add(&inertia);
             }
             let chain = &model.chains[index];
+            let free_root = matches!(model.bodies[body.root.0].spec.joint, Joint::Free);
             let width = chain.len() - model.chains[parent].len();
             for dof in body.dof_start..body.dof_start + width {
                 let momentum = inertia.apply(&kin.axes[dof]);
-                let row = &mut self.mass_matrix[dof * nv..dof * nv + dof + 1];
-                for &other in chain.iter().take_while(|&&d| usize::from(d) <= dof) {
-                    row[usize::from(other)] = kin.axes[usize::from(other)].dot(&momentum);
+                let row = &mut self.mass_matrix[model.row(dof)];
+                // The axes of a free root are unit vectors.
+                let (f, t) = (&momentum.force, &momentum.torque);
+                let of_root = [f.x, f.y, f.z, t.x, t.y, t.z];
+                let known = if free_root { row.len().min(6) } else { 0 };
+                row[..known].copy_from_slice(&of_root[..known]);
+                for (entry, &other) in row.iter_mut().zip(chain).skip(known) {
+                    *entry = kin.axes[usize::from(other)].dot(&momentum);
                 }
-                row[dof] += self.armature[dof];
+                self.mass_matrix[model.diagonal(dof)] += self.armature[dof];
             }
         }
     }

@@ -3,7 +3,8 @@
 
 use crate::model::Model;
 
-/// Lower triangle, row-major with `n` columns. A row's nonzero columns are a bit set and, for speed, runs of columns.
+/// Lower triangle. A row holds its nonzero columns packed, the diagonal last. Along a branch without couplings the columns of
+/// a row begin with those of each row that it is passed on to, so that elimination runs through memory.
 #[derive(Debug, Clone)]
 pub(crate) struct Factor {
     n: usize,
@@ -13,53 +14,76 @@ pub(crate) struct Factor {
     tree_pattern: Vec<u128>,
     /// The same with this step's couplings and their fill-in.
     pattern: Vec<u128>,
-    runs: PatternRuns,
-    /// Rows from here on are eliminated first and hold most of the work.
-    split: usize,
-    /// Rows before the split as they are when those after it have been eliminated.
-    early_rows: Vec<f64>,
+    rows: PatternRows,
+    /// Rows as they were when they were last kept.
+    kept: Vec<f64>,
 }
 
-/// The runs of both patterns; which of them holds is decided by the step's contacts.
+/// The rows of both patterns; which of them holds is decided by the step's contacts.
 #[derive(Debug, Clone)]
-struct PatternRuns {
-    tree: Runs,
-    coupled: Runs,
+struct PatternRows {
+    tree: Rows,
+    coupled: Rows,
     is_coupled: bool,
 }
 
-impl PatternRuns {
-    fn in_force(&self) -> &Runs {
+impl PatternRows {
+    fn in_force(&self) -> &Rows {
         if self.is_coupled { &self.coupled } else { &self.tree }
     }
 }
 
-/// Half-open column runs of every row, ascending.
-#[derive(Debug, Clone, Default)]
-struct Runs {
+/// Where the entries of each row stand.
+#[derive(Debug, Clone)]
+struct Rows {
+    start: Vec<u32>,
+    /// Column of each entry.
+    columns: Vec<u16>,
+    /// Half-open runs of columns below the diagonal, ascending.
     runs: Vec<(u16, u16)>,
-    first: Vec<u32>,
+    first_run: Vec<u32>,
 }
 
-impl Runs {
-    fn of(&self, row: usize) -> &[(u16, u16)] {
-        &self.runs[self.first[row] as usize..self.first[row + 1] as usize]
+impl Rows {
+    /// Memory for the worst case, so that no step has to grow it.
+    fn new(n: usize) -> Self {
+        Self {
+            start: Vec::with_capacity(n + 1),
+            columns: Vec::with_capacity(n * (n + 1) / 2),
+            runs: Vec::with_capacity(n * (n / 2 + 1)),
+            first_run: Vec::with_capacity(n + 1),
+        }
+    }
+
+    fn range(&self, row: usize) -> std::ops::Range<usize> {
+        self.start[row] as usize..self.start[row + 1] as usize
+    }
+
+    fn runs(&self, row: usize) -> &[(u16, u16)] {
+        &self.runs[self.first_run[row] as usize..self.first_run[row + 1] as usize]
     }
 
     fn rebuild(&mut self, pattern: &[u128]) {
+        self.start.clear();
+        self.columns.clear();
         self.runs.clear();
-        self.first.clear();
-        self.first.push(0);
-        for &bits in pattern {
+        self.first_run.clear();
+        self.start.push(0);
+        self.first_run.push(0);
+        for (row, &bits) in pattern.iter().enumerate() {
             let (mut rest, mut shift) = (bits, 0);
             while rest != 0 {
                 let zeros = rest.trailing_zeros();
                 let ones = (rest >> zeros).trailing_ones();
-                self.runs.push(((shift + zeros) as u16, (shift + zeros + ones) as u16));
+                let run = ((shift + zeros) as u16, (shift + zeros + ones) as u16);
+                self.runs.push(run);
+                self.columns.extend(run.0..run.1);
                 shift += zeros + ones;
                 rest = if shift == 128 { 0 } else { bits >> shift };
             }
-            self.first.push(self.runs.len() as u32);
+            self.columns.push(row as u16);
+            self.start.push(self.columns.len() as u32);
+            self.first_run.push(self.runs.len() as u32);
         }
     }
 }
@@ -73,48 +97,38 @@ impl Factor {
                 tree_pattern[dof] |= 1 << other;
             }
         }
-        let mut tree = Runs::default();
+        let (mut tree, coupled) = (Rows::new(n), Rows::new(n));
         tree.rebuild(&tree_pattern);
-        // Room for the worst case, so that no step has to grow it.
-        let coupled = Runs { runs: Vec::with_capacity(n * (n / 2 + 1)), first: Vec::with_capacity(n + 1) };
-        let work = |row: &u128| u64::from(row.count_ones()).pow(2);
-        let total: u64 = tree_pattern.iter().map(work).sum();
-        let late = |row: &usize| tree_pattern[*row..].iter().map(work).sum::<u64>() * 10 <= total * 7;
-        let split = (0..n).find(late).unwrap_or(n);
         Self {
-            split,
-            early_rows: vec![0.0; split * n],
             n,
-            values: vec![0.0; n * n],
+            values: vec![0.0; n * (n + 1) / 2],
+            kept: vec![0.0; n * (n + 1) / 2],
             inverse_diagonal: vec![0.0; n],
             pattern: tree_pattern.clone(),
             tree_pattern,
-            runs: PatternRuns { tree, coupled, is_coupled: false },
+            rows: PatternRows { tree, coupled, is_coupled: false },
         }
     }
 
     /// Forgets the couplings of the step before.
     pub fn reset_pattern(&mut self) {
-        if self.runs.is_coupled {
+        if self.rows.is_coupled {
             self.pattern.copy_from_slice(&self.tree_pattern);
-            self.runs.is_coupled = false;
+            self.rows.is_coupled = false;
         }
     }
 
     /// Notes that all degrees of freedom in the bit set are coupled with each other.
     pub fn couple(&mut self, dofs: u128) {
-        let mut rest = dofs;
-        while rest != 0 {
-            let dof = rest.trailing_zeros();
-            rest &= rest - 1;
-            self.pattern[dof as usize] |= dofs & ((1 << dof) - 1);
+        for dof in ones(dofs) {
+            self.pattern[dof] |= dofs & ((1 << dof) - 1);
         }
-        self.runs.is_coupled = true;
+        self.rows.is_coupled = true;
     }
 
     /// Works out the fill-in of all couplings: a row passes its columns on to the highest of them.
     pub fn finish_pattern(&mut self) {
-        if !self.runs.is_coupled {
+        if !self.rows.is_coupled {
             return;
         }
         for row in (0..self.n).rev() {
@@ -124,159 +138,262 @@ impl Factor {
                 self.pattern[top as usize] |= bits & ((1 << top) - 1);
             }
         }
-        self.runs.coupled.rebuild(&self.pattern);
+        self.rows.coupled.rebuild(&self.pattern);
     }
 
-    /// Starts from a matrix that is zero outside the trees' pattern.
-    pub fn load(&mut self, matrix: &[f64], rows: impl Iterator<Item = usize>) {
-        copy_rows(self.n, self.runs.in_force(), rows, matrix, &mut self.values);
+    /// The rows that hold a change of any of `rows` after elimination: these, and all that elimination passes it on to.
+    pub fn reached_from(&self, rows: u128) -> u128 {
+        let (mut reached, mut rest) = (rows, rows);
+        while rest != 0 {
+            let row = 127 - rest.leading_zeros();
+            reached |= self.pattern[row as usize];
+            rest = reached & ((1 << row) - 1);
+        }
+        reached
     }
 
-    /// Adds to an entry of the lower triangle that the pattern holds.
+    /// Starts rows from a matrix in the trees' pattern, packed as [`Model`] says.
+    pub fn load(&mut self, matrix: &[f64], rows: u128) {
+        let (tree, in_force) = (&self.rows.tree, self.rows.in_force());
+        for row in ones(rows) {
+            let (from, to) = (tree.range(row), in_force.range(row));
+            let (source, target) = (&matrix[from.clone()], &mut self.values[to.clone()]);
+            if from.len() == to.len() {
+                target.copy_from_slice(source);
+            } else {
+                target.fill(0.0);
+                let mut places = Places::new(&in_force.columns[to]);
+                for (&column, &value) in tree.columns[from].iter().zip(source) {
+                    target[places.of(column)] = value;
+                }
+            }
+        }
+    }
+
+    /// Remembers rows as they are.
+    pub fn keep(&mut self, rows: u128) {
+        copy_rows(self.rows.in_force(), rows, &self.values, &mut self.kept);
+    }
+
+    /// Takes rows back to what they were when they were kept.
+    pub fn restore(&mut self, rows: u128) {
+        copy_rows(self.rows.in_force(), rows, &self.kept, &mut self.values);
+    }
+
+    /// Adds to the diagonal.
     #[inline(always)]
-    pub fn add(&mut self, row: usize, column: usize, value: f64) {
-        debug_assert!(
-            row == column || self.pattern[row] >> column & 1 == 1,
-            "({row}, {column}) is outside the pattern"
-        );
-        self.values[row * self.n + column] += value;
+    pub fn add(&mut self, row: usize, value: f64) {
+        let diagonal = self.rows.in_force().start[row + 1] as usize - 1;
+        self.values[diagonal] += value;
     }
 
-    /// One row of the lower triangle, to add to.
+    /// Adds to entries of a row that the pattern holds; columns ascend.
     #[inline(always)]
-    pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
-        &mut self.values[row * self.n..row * self.n + row + 1]
+    pub fn add_to_row(&mut self, row: usize, columns: &[u16], value: impl Fn(usize) -> f64) {
+        let range = self.rows.in_force().range(row);
+        let target = &mut self.values[range.clone()];
+        if target.len() == columns.len() {
+            for (which, entry) in target.iter_mut().enumerate() {
+                *entry += value(which);
+            }
+        } else {
+            let mut places = Places::new(&self.rows.in_force().columns[range]);
+            for (which, &column) in columns.iter().enumerate() {
+                target[places.of(column)] += value(which);
+            }
+        }
     }
 
-    /// First of the rows that [`Factor::eliminate_late`] takes.
-    pub fn split(&self) -> usize {
-        self.split
-    }
-
-    /// Eliminates the rows from the split on and keeps what that leaves of those before it. False if a pivot is not
+    /// Eliminates rows. Whatever they pass on goes to rows that are eliminated with them or later. False if a pivot is not
     /// positive: the matrix was not positive definite.
-    pub fn eliminate_late(&mut self, rows: impl DoubleEndedIterator<Item = usize> + Clone) -> bool {
-        let split = self.split;
-        let positive = self.eliminate(rows.clone().rev().take_while(|&row| row >= split));
-        copy_rows(
-            self.n,
-            self.runs.in_force(),
-            rows.take_while(|&row| row < split),
-            &self.values,
-            &mut self.early_rows,
-        );
-        positive
-    }
-
-    /// Goes back to the rows that [`Factor::eliminate_late`] left.
-    pub fn restore_early(&mut self, rows: impl Iterator<Item = usize>) {
-        let split = self.split;
-        copy_rows(
-            self.n,
-            self.runs.in_force(),
-            rows.take_while(|&row| row < split),
-            &self.early_rows,
-            &mut self.values,
-        );
-    }
-
-    /// Eliminates the rows before the split; the factor is complete then.
-    pub fn eliminate_early(&mut self, rows: impl DoubleEndedIterator<Item = usize>) -> bool {
-        let split = self.split;
-        self.eliminate(rows.rev().skip_while(|&row| row >= split))
-    }
-
-    /// Rows descending.
-    fn eliminate(&mut self, rows: impl Iterator<Item = usize>) -> bool {
-        let n = self.n;
+    pub fn eliminate(&mut self, rows: u128) -> bool {
         let mut positive = true;
-        let runs = self.runs.in_force();
-        for k in rows {
-            let (above, row) = self.values.split_at_mut(k * n);
-            let row = &mut row[..=k];
-            let pivot = row[k];
-            positive &= pivot > 0.0;
-            let inverse = 1.0 / pivot;
-            self.inverse_diagonal[k] = inverse;
-            let row_runs = runs.of(k);
-            for (which, &(start, end)) in row_runs.iter().enumerate() {
-                for j in usize::from(start)..usize::from(end) {
-                    let scale = row[j] * inverse;
-                    let target = &mut above[j * n..j * n + j + 1];
-                    for &(s, e) in &row_runs[..which] {
-                        let (s, e) = (usize::from(s), usize::from(e));
-                        subtract_scaled(&mut target[s..e], &row[s..e], scale);
+        let in_force = self.rows.in_force();
+        let mut rest = rows;
+        while rest != 0 {
+            let k = 127 - rest.leading_zeros() as usize;
+            rest &= !(1 << k);
+            let range = in_force.range(k);
+            let columns = &in_force.columns[range.clone()];
+            let below = range.len() - 1;
+            // Two links of a branch at once, where the columns of one are those of the other and that other.
+            let parent = k.wrapping_sub(1);
+            let two = below > 0
+                && usize::from(columns[below - 1]) == parent
+                && rest >> parent & 1 == 1
+                && in_force.range(parent).len() == below;
+            if two {
+                rest &= !(1 << parent);
+                let (above, both) = self.values.split_at_mut(range.start - below);
+                let (next, row) = both.split_at_mut(below);
+                let row = &mut row[..=below];
+                let inverse = 1.0 / row[below];
+                subtract_scaled(next, &row[..below], row[below - 1] * inverse);
+                let next_inverse = 1.0 / next[below - 1];
+                positive &= row[below] > 0.0 && next[below - 1] > 0.0;
+                self.inverse_diagonal[k] = inverse;
+                self.inverse_diagonal[parent] = next_inverse;
+                for which in 0..below - 1 {
+                    let target_range = in_force.range(usize::from(columns[which]));
+                    let target = &mut above[target_range.clone()];
+                    let scales = [row[which] * inverse, next[which] * next_inverse];
+                    if target.len() == which + 1 {
+                        subtract_two_scaled(target, [&row[..=which], &next[..=which]], scales);
+                    } else {
+                        let mut places = Places::new(&in_force.columns[target_range]);
+                        for (i, &column) in columns[..=which].iter().enumerate() {
+                            target[places.of(column)] -= scales[0] * row[i] + scales[1] * next[i];
+                        }
                     }
-                    let s = usize::from(start);
-                    subtract_scaled(&mut target[s..=j], &row[s..=j], scale);
+                }
+                row[..below].iter_mut().for_each(|value| *value *= inverse);
+                next[..below - 1].iter_mut().for_each(|value| *value *= next_inverse);
+                continue;
+            }
+            let (above, row) = self.values.split_at_mut(range.start);
+            let row = &mut row[..=below];
+            let inverse = 1.0 / row[below];
+            positive &= row[below] > 0.0;
+            self.inverse_diagonal[k] = inverse;
+            for which in 0..below {
+                let target_range = in_force.range(usize::from(columns[which]));
+                let target = &mut above[target_range.clone()];
+                let scale = row[which] * inverse;
+                if target.len() == which + 1 {
+                    subtract_scaled(target, &row[..=which], scale);
+                } else {
+                    let mut places = Places::new(&in_force.columns[target_range]);
+                    for (&column, &value) in columns[..=which].iter().zip(&row[..=which]) {
+                        target[places.of(column)] -= scale * value;
+                    }
                 }
             }
-            for &(start, end) in row_runs {
-                for value in &mut row[usize::from(start)..usize::from(end)] {
-                    *value *= inverse;
-                }
-            }
+            row[..below].iter_mut().for_each(|value| *value *= inverse);
         }
         positive
     }
 
     /// Solves for the rows of `x` in place; no other row is coupled with them.
-    pub fn solve(&self, x: &mut [f64], rows: impl DoubleEndedIterator<Item = usize> + Clone) {
-        let n = self.n;
-        let runs = self.runs.in_force();
-        for k in rows.clone().rev() {
+    pub fn solve(&self, x: &mut [f64], rows: u128) {
+        let in_force = self.rows.in_force();
+        for k in ones(rows).rev() {
             let (head, tail) = x.split_at_mut(k);
             let value = tail[0];
-            for &(start, end) in runs.of(k) {
-                let (s, e) = (usize::from(start), usize::from(end));
-                subtract_scaled(&mut head[s..e], &self.values[k * n + s..k * n + e], value);
+            let mut entries = &self.values[in_force.range(k)];
+            for &(start, end) in in_force.runs(k) {
+                let target = &mut head[usize::from(start)..usize::from(end)];
+                let (run, rest) = entries.split_at(target.len());
+                subtract_scaled(target, run, value);
+                entries = rest;
             }
             tail[0] *= self.inverse_diagonal[k];
         }
-        for k in rows {
+        for k in ones(rows) {
             let mut value = x[k];
-            for &(start, end) in runs.of(k) {
-                for j in usize::from(start)..usize::from(end) {
-                    value -= self.values[k * n + j] * x[j];
-                }
+            let mut entries = &self.values[in_force.range(k)];
+            for &(start, end) in in_force.runs(k) {
+                let source = &x[usize::from(start)..usize::from(end)];
+                let (run, rest) = entries.split_at(source.len());
+                value -= dot(run, source);
+                entries = rest;
             }
             x[k] = value;
         }
     }
+}
 
-    /// Rows of `y = M x` for a matrix in the trees' pattern (not this factor).
-    pub fn multiply(&self, matrix: &[f64], x: &[f64], y: &mut [f64], rows: impl Iterator<Item = usize>) {
-        let n = self.n;
-        for k in rows {
-            let row = &matrix[k * n..k * n + k + 1];
-            let value = x[k];
-            let mut sum = row[k] * value;
-            for &(start, end) in self.runs.tree.of(k) {
-                for j in usize::from(start)..usize::from(end) {
-                    sum += row[j] * x[j];
-                    y[j] += row[j] * value;
-                }
-            }
-            y[k] = sum;
+/// Finds ascending columns among those of a row.
+struct Places<'a> {
+    columns: &'a [u16],
+    place: usize,
+}
+
+impl<'a> Places<'a> {
+    fn new(columns: &'a [u16]) -> Self {
+        Self { columns, place: 0 }
+    }
+
+    #[inline(always)]
+    fn of(&mut self, column: u16) -> usize {
+        while self.columns[self.place] != column {
+            self.place += 1;
         }
+        self.place
     }
 }
 
-/// Copies the entries of rows that the pattern has.
-fn copy_rows(n: usize, runs: &Runs, rows: impl Iterator<Item = usize>, from: &[f64], to: &mut [f64]) {
-    for row in rows {
-        let start = row * n;
-        for &(first, end) in runs.of(row) {
-            let entries = start + usize::from(first)..start + usize::from(end);
-            to[entries.clone()].copy_from_slice(&from[entries]);
-        }
-        to[start + row] = from[start + row];
+/// Indices of the ones of a bit set, ascending.
+pub(crate) fn ones(bits: u128) -> impl DoubleEndedIterator<Item = usize> {
+    Ones(bits)
+}
+
+struct Ones(u128);
+
+impl Iterator for Ones {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        let first = self.0.trailing_zeros();
+        self.0 &= self.0.wrapping_sub(1);
+        (first < 128).then_some(first as usize)
+    }
+}
+
+impl DoubleEndedIterator for Ones {
+    #[inline(always)]
+    fn next_back(&mut self) -> Option<usize> {
+        let zeros = self.0.leading_zeros();
+        (zeros < 128).then(|| {
+            let last = 127 - zeros;
+            self.0 &= !(1 << last);
+            last as usize
+        })
+    }
+}
+
+fn copy_rows(in_force: &Rows, rows: u128, from: &[f64], to: &mut [f64]) {
+    for row in ones(rows) {
+        let range = in_force.range(row);
+        to[range.clone()].copy_from_slice(&from[range]);
     }
 }
 
 #[inline(always)]
 fn subtract_scaled(target: &mut [f64], source: &[f64], scale: f64) {
-    for (t, s) in target.iter_mut().zip(source) {
+    let (targets, target_rest) = target.as_chunks_mut::<4>();
+    let (sources, source_rest) = source.as_chunks::<4>();
+    for (t, s) in targets.iter_mut().zip(sources) {
+        // All reads before the writes, for vector instructions.
+        *t = std::array::from_fn(|i| t[i] - scale * s[i]);
+    }
+    for (t, s) in target_rest.iter_mut().zip(source_rest) {
         *t -= scale * s;
     }
+}
+
+#[inline(always)]
+fn subtract_two_scaled(target: &mut [f64], sources: [&[f64]; 2], scales: [f64; 2]) {
+    let (targets, target_rest) = target.as_chunks_mut::<4>();
+    let ((a, a_rest), (b, b_rest)) = (sources[0].as_chunks::<4>(), sources[1].as_chunks::<4>());
+    for (t, (a, b)) in targets.iter_mut().zip(a.iter().zip(b)) {
+        *t = std::array::from_fn(|i| t[i] - (scales[0] * a[i] + scales[1] * b[i]));
+    }
+    for (t, (a, b)) in target_rest.iter_mut().zip(a_rest.iter().zip(b_rest)) {
+        *t -= scales[0] * a + scales[1] * b;
+    }
+}
+
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a_chunks, a_rest) = a.as_chunks::<4>();
+    let (b_chunks, b_rest) = b.as_chunks::<4>();
+    let mut lanes = [0.0; 4];
+    for (a, b) in a_chunks.iter().zip(b_chunks) {
+        for i in 0..4 {
+            lanes[i] += a[i] * b[i];
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]) + rest
 }

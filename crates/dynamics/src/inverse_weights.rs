@@ -17,18 +17,18 @@ pub(crate) fn inverse_weights(model: &Model, parameters: &Parameters) -> Inverse
     let mut kin = Kinematics::new(model);
     kin.update(model, &model.reference_state());
     let mut equation = EquationOfMotion::new(model);
-    equation.update(model, parameters, &kin, &[]);
+    equation.update(model, parameters, &kin, &[], &vec![0.0; model.nv]);
     let mut factor = Factor::new(model);
-    factor.load(&equation.mass_matrix, 0..model.nv);
+    let rows = u128::MAX >> (128 - model.nv);
+    factor.load(&equation.mass_matrix, rows);
     for (body, drive) in &parameters.drives {
         let dof = model.bodies[body.0].dof_start;
-        factor.add(dof, dof, NOMINAL_DT * (drive.damping + NOMINAL_DT * drive.stiffness));
+        factor.add(dof, NOMINAL_DT * (drive.damping + NOMINAL_DT * drive.stiffness));
     }
-    factor.eliminate_late(0..model.nv);
-    factor.eliminate_early(0..model.nv);
+    factor.eliminate(rows);
     let solve = |rhs: Vec<f64>| {
         let mut x = rhs;
-        factor.solve(&mut x, 0..model.nv);
+        factor.solve(&mut x, rows);
         x
     };
     let dofs = (0..model.nv)

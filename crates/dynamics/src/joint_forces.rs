@@ -17,6 +17,8 @@ pub(crate) struct ImplicitDrive {
     slope: f64,
     limit: f64,
     speed_limit: f64,
+    /// Speed up to which the limit is the whole one.
+    corner: f64,
     fade: f64,
 }
 
@@ -36,24 +38,31 @@ impl ImplicitDrive {
         let slope = drive.stiffness * dt + drive.damping;
         let (limit, speed_limit) = (drive.effort_limit, drive.speed_limit);
         let fade = limit / ((1.0 - Drive::CORNER) * speed_limit);
-        Self { dof, offset: drive.stiffness * error, slope, limit, speed_limit, fade }
+        Self {
+            dof,
+            offset: drive.stiffness * error,
+            slope,
+            limit,
+            speed_limit,
+            corner: Drive::CORNER * speed_limit,
+            fade,
+        }
     }
 
-    /// Stiffness for the Hessian: the derivative, or with caution the secant of a saturated drive to where its effort is
-    /// zero, which bounds the potential from above (as for Huber's function).
-    pub fn stiffness(&self, velocity: f64, caution: f64) -> f64 {
+    /// What caution adds to the derivative in the Hessian: for a saturated drive the secant to where its effort is zero,
+    /// which bounds the potential from above (as for Huber's function).
+    pub fn extra_stiffness(&self, velocity: f64, caution: f64) -> f64 {
         let (effort, slope) = self.effort(velocity);
-        if caution > 0.0 && slope == 0.0 && self.slope > 0.0 {
-            caution * effort / (self.offset / self.slope - velocity)
-        } else {
-            slope
-        }
+        if slope == 0.0 && self.slope > 0.0 { caution * effort / (self.offset / self.slope - velocity) } else { 0.0 }
     }
 
     /// Effort at a velocity, and its decrease per velocity (0 when saturated).
     #[inline(always)]
     pub fn effort(&self, velocity: f64) -> (f64, f64) {
         let effort = self.offset - self.slope * velocity;
+        if effort.abs() <= self.limit && velocity.abs() <= self.corner {
+            return (effort, self.slope);
+        }
         if effort > 0.0 {
             self.accelerating(effort, velocity)
         } else {
@@ -67,7 +76,7 @@ impl ImplicitDrive {
     /// A positive effort within what the motor has left at a velocity.
     #[inline(always)]
     fn accelerating(&self, effort: f64, velocity: f64) -> (f64, f64) {
-        let (most, slope) = if velocity <= Drive::CORNER * self.speed_limit {
+        let (most, slope) = if velocity <= self.corner {
             (self.limit, 0.0)
         } else if velocity < self.speed_limit {
             (self.fade * (self.speed_limit - velocity), self.fade)

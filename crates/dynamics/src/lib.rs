@@ -69,7 +69,8 @@
 //! 5. Newton's method with a line search on the slope \[2\]. The Hessian keeps the trees' sparsity: it is factorised as
 //!    `L' D L` from the leaves to the roots, which fills in nothing along a branch \[1\]; where contact couples two branches
 //!    the extra columns are worked out from bit sets, as a sparse Cholesky's symbolic phase does \[4\]. The start is the
-//!    current velocity, so contact points need no memory. Trees that no contact joins are minimised apart.
+//!    current velocity, so contact points need no memory. Trees that no contact joins are minimised apart. Rows whose
+//!    stiffness stays the same from iteration to iteration, with all that hangs on them, are eliminated once.
 //!
 //! A step whose solve does not converge is taken again with twice as many substeps.
 //!

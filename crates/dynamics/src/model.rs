@@ -34,6 +34,9 @@ pub struct Model {
     pub(crate) dof_body: Vec<usize>,
     /// Degrees of freedom from the root down to each body, ascending.
     pub(crate) chains: Vec<Vec<u16>>,
+    /// Where each row of a packed lower triangle starts, and the end of the last: a row has the degrees of freedom of its
+    /// chain up to itself.
+    pub(crate) row_start: Vec<usize>,
     /// Pairs of cull groups, each with the shape pairs that may touch.
     pub(crate) pairs: Vec<CullGroupPair>,
     pub(crate) cull_groups: Vec<Vec<usize>>,
@@ -90,6 +93,16 @@ impl Model {
     /// The body of that name.
     pub fn body(&self, name: &str) -> Option<BodyId> {
         self.bodies.iter().position(|b| b.spec.name == name).map(BodyId)
+    }
+
+    /// Entries of a row in a packed lower triangle.
+    pub(crate) fn row(&self, dof: usize) -> std::ops::Range<usize> {
+        self.row_start[dof]..self.row_start[dof + 1]
+    }
+
+    /// Entry of the diagonal in a packed lower triangle.
+    pub(crate) fn diagonal(&self, dof: usize) -> usize {
+        self.row_start[dof + 1] - 1
     }
 
     /// The state with every hinge at 0 and every free body at its reference pose, at rest.

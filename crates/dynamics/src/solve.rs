@@ -3,10 +3,12 @@
 mod body_pair;
 mod island;
 
+use std::ops::Range;
+
 use crate::contact::Contact;
 use crate::contact_law::Point;
 use crate::equation_of_motion::EquationOfMotion;
-use crate::factor::Factor;
+use crate::factor::{Factor, ones};
 use crate::input::Input;
 use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::kinematics::Kinematics;
@@ -91,9 +93,11 @@ pub(crate) struct Solver {
     caution: f64,
     /// What drives, limits and locks add to the Hessian's diagonal.
     diagonal: Vec<f64>,
-    /// Every stiffness that reaches the factor's late rows, now and in the iteration before.
-    late: Vec<f64>,
-    late_before: Vec<f64>,
+    /// Rows whose stiffness has been the same in every iteration, and all that hangs on them: they are eliminated first,
+    /// and once.
+    settled: u128,
+    /// The diagonal that they were eliminated with.
+    settled_diagonal: Vec<f64>,
 }
 
 impl Solver {
@@ -119,8 +123,8 @@ impl Solver {
             mass_direction: zeros(),
             caution: 0.0,
             diagonal: zeros(),
-            late: Vec::with_capacity(model.nv + 36 * CONTACTS_EXPECTED),
-            late_before: Vec::with_capacity(model.nv + 36 * CONTACTS_EXPECTED),
+            settled: 0,
+            settled_diagonal: zeros(),
         }
     }
 
@@ -134,10 +138,11 @@ impl Solver {
             *v = 0.0;
         }
         for (dof, weight) in self.weight.iter_mut().enumerate() {
-            *weight = 1.0 / equation.mass_matrix[dof * model.nv + dof];
+            *weight = 1.0 / equation.mass_matrix[model.diagonal(dof)];
         }
         self.momentum_change.fill(0.0);
-        self.factor.multiply(&equation.mass_matrix, &self.velocity, &mut self.momentum, 0..model.nv);
+        self.settled = 0;
+        self.momentum.copy_from_slice(&equation.momentum);
         for pair in &self.pairs {
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.velocity);
             for point in &mut self.points[pair.points.0..pair.points.1] {
@@ -168,18 +173,22 @@ impl Solver {
     fn minimise_island(&mut self, problem: &Problem<'_>, island: &Island, tolerance: f64) -> (bool, u32) {
         let mut iterations = 0;
         self.caution = 0.0;
-        // Another matrix: nothing of what was factorised before may be used again.
-        self.late.clear();
-        loop {
-            if self.gradient(problem, island, tolerance) {
-                return (true, iterations);
-            }
-            if iterations == ITERATIONS_MAX || !self.newton_direction(problem, island) {
+        let mut done = self.gradient(problem, island, tolerance);
+        while !done {
+            if iterations == ITERATIONS_MAX || !self.newton_direction(problem, island, iterations == 0) {
                 return (false, iterations);
             }
             iterations += 1;
-            let step = self.line_search(problem, island);
-            self.advance(island, step);
+            let before = self.slope(island);
+            self.advance(island, 1.0);
+            done = self.gradient(problem, island, tolerance);
+            let mut step = 1.0;
+            // Still descending at the full step, or flat there: Newton's own step is the one that converges quadratically.
+            if self.slope(island) > 1e-3 * before.abs() {
+                step = self.line_search(problem, island, 1e-2 * before.abs());
+                self.advance(island, step - 1.0);
+                done = self.gradient(problem, island, tolerance);
+            }
             self.caution = match (step < SHORT, self.caution > CAUTION_MIN) {
                 (true, true) => (self.caution * MORE_CAUTION).min(1.0),
                 (true, false) => 1.0,
@@ -187,6 +196,7 @@ impl Solver {
                 (false, false) => 0.0,
             };
         }
+        (true, iterations)
     }
 
     /// The velocity at hand.
@@ -260,7 +270,7 @@ impl Solver {
                 self.normal_sign.push(sign);
             }
             let start = self.columns.len();
-            self.push_columns(model, kin, a, b, &origin);
+            let dofs = self.push_columns(model, kin, a, b, &origin);
             if a != 0 {
                 self.islands.join(a, b);
             }
@@ -268,16 +278,17 @@ impl Solver {
                 body: b,
                 points: (first, first + count),
                 columns: (start, self.columns.len()),
+                dofs,
                 stiffness: None,
             });
             first += count;
         }
         self.factor.finish_pattern();
-        self.islands.gather(self.pairs.iter().map(|pair| pair.body));
+        self.islands.gather(self.pairs.iter().map(|pair| pair.body), &self.drives, &self.limits);
     }
 
-    /// Columns of the motion of `b` relative to `a`, by ascending degree of freedom.
-    fn push_columns(&mut self, model: &Model, kin: &Kinematics, a: usize, b: usize, origin: &V3) {
+    /// Columns of the motion of `b` relative to `a`, by ascending degree of freedom; says which.
+    fn push_columns(&mut self, model: &Model, kin: &Kinematics, a: usize, b: usize, origin: &V3) -> u128 {
         let (chain_a, chain_b) = (&model.chains[a], &model.chains[b]);
         // What moves both bodies moves neither against the other.
         let shared = chain_a.iter().zip(chain_b).take_while(|(x, y)| x == y).count();
@@ -307,17 +318,29 @@ impl Solver {
         if chain_a.len() > shared && chain_b.len() > shared {
             self.factor.couple(dofs);
         }
+        dofs
     }
 
     /// Gradient of the objective at the current velocity; true when it is small enough.
     fn gradient(&mut self, problem: &Problem<'_>, island: &Island, tolerance: f64) -> bool {
         let &Problem { equation, input, dt, .. } = problem;
-        island.dofs().for_each(|dof| self.constraint[dof] = 0.0);
-        for drive in drives_of(&self.drives, island) {
-            self.constraint[drive.dof] += dt * drive.effort(self.velocity[drive.dof]).0;
+        for run in &island.dofs {
+            self.constraint[run.clone()].fill(0.0);
+            self.diagonal[run.clone()].fill(0.0);
         }
-        for limit in limits_of(&self.limits, island) {
-            self.constraint[limit.dof] += limit.impulse(self.velocity[limit.dof]).0;
+        for run in &island.drives {
+            for drive in &self.drives[run.clone()] {
+                let (effort, stiffness) = drive.effort(self.velocity[drive.dof]);
+                self.constraint[drive.dof] = dt * effort;
+                self.diagonal[drive.dof] = dt * stiffness;
+            }
+        }
+        for run in &island.limits {
+            for limit in &self.limits[run.clone()] {
+                let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof]);
+                self.constraint[limit.dof] += impulse;
+                self.diagonal[limit.dof] += stiffness;
+            }
         }
         for &pair in &island.pairs {
             let pair = &self.pairs[pair];
@@ -336,35 +359,42 @@ impl Solver {
             }
         }
         let (mut residual, mut momentum, mut forced, mut constrained) = (0.0, 0.0, 0.0, 0.0);
-        for dof in island.dofs() {
-            let bias = dt * equation.bias[dof];
-            let gradient = if input.locked.get(dof) == Some(&true) {
-                0.0
-            } else {
-                self.momentum_change[dof] + bias - self.constraint[dof]
-            };
-            self.gradient[dof] = gradient;
-            let weight = self.weight[dof];
-            let total = self.momentum[dof] + self.momentum_change[dof];
-            residual += weight * gradient * gradient;
-            momentum += weight * total * total;
-            forced += weight * bias * bias;
-            constrained += weight * self.constraint[dof] * self.constraint[dof];
+        for run in &island.dofs {
+            let run = run.clone();
+            let (weight, bias) = (&self.weight[run.clone()], &equation.bias[run.clone()]);
+            let (before, change) = (&self.momentum[run.clone()], &self.momentum_change[run.clone()]);
+            let (constraint, out) = (&self.constraint[run.clone()], &mut self.gradient[run.clone()]);
+            for (k, gradient) in out.iter_mut().enumerate() {
+                let bias = dt * bias[k];
+                let locked = !input.locked.is_empty() && input.locked[run.start + k];
+                *gradient = if locked { 0.0 } else { change[k] + bias - constraint[k] };
+                let total = before[k] + change[k];
+                residual += weight[k] * *gradient * *gradient;
+                momentum += weight[k] * total * total;
+                forced += weight[k] * bias * bias;
+                constrained += weight[k] * constraint[k] * constraint[k];
+            }
         }
         residual <= tolerance * tolerance * momentum.max(forced).max(constrained)
     }
 
     /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.
-    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
-        let equation = problem.equation;
-        if !self.factorise(problem, island) {
+    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island, first: bool) -> bool {
+        if !self.factorise(problem, island, first) {
             return false;
         }
-        for dof in island.dofs() {
-            self.direction[dof] = -self.gradient[dof];
+        for run in &island.dofs {
+            for dof in run.clone() {
+                self.direction[dof] = -self.gradient[dof];
+            }
         }
-        self.factor.solve(&mut self.direction, island.dofs());
-        self.factor.multiply(&equation.mass_matrix, &self.direction, &mut self.mass_direction, island.dofs());
+        self.factor.solve(&mut self.direction, island.rows);
+        // What the Hessian gives less what stiffness gives of it.
+        for run in &island.dofs {
+            for dof in run.clone() {
+                self.mass_direction[dof] = -self.gradient[dof] - self.diagonal[dof] * self.direction[dof];
+            }
+        }
         for &pair in &island.pairs {
             let pair = &self.pairs[pair];
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.direction);
@@ -373,33 +403,33 @@ impl Solver {
                     point.direction[k] = motion.dot(row);
                 }
             }
+            if let Some(stiffness) = &pair.stiffness {
+                let force = force_of(stiffness, &motion);
+                for k in pair.columns.0..pair.columns.1 {
+                    self.mass_direction[usize::from(self.column_dof[k])] -= self.columns[k].dot(&force);
+                }
+            }
         }
         true
     }
 
-    /// Builds and factorises the Hessian. Its late rows (in a humanoid: the fingers, most of the work) are only built
-    /// again when a stiffness that reaches them has changed since the iteration before.
-    fn factorise(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
+    /// Builds and factorises the Hessian. Settled rows (in a humanoid: most of what does not stand on the floor, fingers
+    /// above all) are not eliminated again.
+    fn factorise(&mut self, problem: &Problem<'_>, island: &Island, first: bool) -> bool {
         let &Problem { model, equation, input, dt, .. } = problem;
-        let split = self.factor.split();
-        let is_late = |dof: &usize| *dof >= split;
-        std::mem::swap(&mut self.late, &mut self.late_before);
-        self.late.clear();
-        island.dofs().for_each(|dof| self.diagonal[dof] = 0.0);
-        for drive in drives_of(&self.drives, island) {
-            self.diagonal[drive.dof] += dt * drive.stiffness(self.velocity[drive.dof], self.caution);
-        }
-        for limit in limits_of(&self.limits, island) {
-            self.diagonal[limit.dof] += limit.impulse(self.velocity[limit.dof]).1;
-        }
-        if !input.locked.is_empty() {
-            for dof in island.dofs().filter(|&dof| input.locked[dof]) {
-                self.diagonal[dof] += LOCK * equation.mass_matrix[dof * model.nv + dof];
+        if self.caution > 0.0 {
+            for run in &island.drives {
+                for drive in &self.drives[run.clone()] {
+                    self.diagonal[drive.dof] += dt * drive.extra_stiffness(self.velocity[drive.dof], self.caution);
+                }
             }
         }
-        // A first entry that no cleared list has.
-        self.late.push(1.0);
-        self.late.extend(island.dofs().filter(is_late).map(|dof| self.diagonal[dof]));
+        if !input.locked.is_empty() {
+            for dof in ones(island.rows).filter(|&dof| input.locked[dof]) {
+                self.diagonal[dof] += LOCK * equation.mass_matrix[model.diagonal(dof)];
+            }
+        }
+        let mut changed = 0;
         for &pair in &island.pairs {
             let pair = &mut self.pairs[pair];
             let points = &mut self.points[pair.points.0..pair.points.1];
@@ -407,74 +437,97 @@ impl Solver {
                 points.iter_mut().for_each(|point| point.bound_stiffness(self.caution));
             }
             pair.stiffness = stiffness_of(points);
-            if pair.reaches(&self.column_dof, split) {
-                self.late.extend(pair.stiffness.iter().flatten().flatten());
+            if pair.stiffness.is_some() {
+                changed |= pair.dofs;
             }
         }
-        if self.late == self.late_before {
-            self.factor.restore_early(island.dofs());
+        if first {
+            self.settled |= island.rows;
         } else {
-            self.factor.load(&equation.mass_matrix, island.dofs());
-            self.add_stiffness(island, true);
-            if !self.factor.eliminate_late(island.dofs()) {
-                self.late.clear();
+            for dof in ones(self.settled & island.rows) {
+                if self.diagonal[dof] != self.settled_diagonal[dof] {
+                    changed |= 1 << dof;
+                }
+            }
+        }
+        if first || changed & self.settled != 0 {
+            self.settled &= !self.factor.reached_from(changed);
+            let settled = self.settled & island.rows;
+            self.factor.load(&equation.mass_matrix, island.rows);
+            for dof in ones(settled) {
+                self.settled_diagonal[dof] = self.diagonal[dof];
+                self.factor.add(dof, self.diagonal[dof]);
+            }
+            if !self.factor.eliminate(settled) {
                 return false;
             }
+            self.factor.keep(island.rows & !settled);
+        } else {
+            self.factor.restore(island.rows & !self.settled);
         }
-        self.add_stiffness(island, false);
-        self.factor.eliminate_early(island.dofs())
+        let rest = island.rows & !self.settled;
+        self.add_stiffness(island, rest);
+        self.factor.eliminate(rest)
     }
 
-    /// Adds drives, limits and contacts, either of the factor's late rows or of the others.
-    fn add_stiffness(&mut self, island: &Island, late: bool) {
-        let split = self.factor.split();
-        for dof in island.dofs().filter(|&dof| (dof >= split) == late) {
-            self.factor.add(dof, dof, self.diagonal[dof]);
+    /// Adds contacts, and what acts on the degrees of freedom of those rows.
+    fn add_stiffness(&mut self, island: &Island, rows: u128) {
+        for dof in ones(rows) {
+            self.factor.add(dof, self.diagonal[dof]);
         }
         for &pair in &island.pairs {
             let pair = &self.pairs[pair];
             let Some(stiffness) = &pair.stiffness else { continue };
-            if pair.reaches(&self.column_dof, split) != late {
-                continue;
-            }
             let columns = &self.columns[pair.columns.0..pair.columns.1];
             let dofs = &self.column_dof[pair.columns.0..pair.columns.1];
             for (r, column) in columns.iter().enumerate() {
                 let force = force_of(stiffness, column);
-                let row = self.factor.row_mut(usize::from(dofs[r]));
-                for (other, &dof) in columns[..=r].iter().zip(dofs) {
-                    row[usize::from(dof)] += other.dot(&force);
-                }
+                self.factor.add_to_row(usize::from(dofs[r]), &dofs[..=r], |other| columns[other].dot(&force));
             }
         }
     }
 
-    /// Step length along the direction at which the objective's slope is nearly zero.
-    fn line_search(&self, problem: &Problem<'_>, island: &Island) -> f64 {
+    /// The objective's slope along the direction, by the gradient at hand.
+    fn slope(&self, island: &Island) -> f64 {
+        let of_run = |run: &Range<usize>| -> f64 {
+            self.direction[run.clone()].iter().zip(&self.gradient[run.clone()]).map(|(d, g)| d * g).sum()
+        };
+        island.dofs.iter().map(of_run).sum()
+    }
+
+    /// Step length at which the objective's slope along the direction is nearly zero, at most `flat`. The velocity at hand is
+    /// that of the full step, where the slope is positive.
+    fn line_search(&self, problem: &Problem<'_>, island: &Island, flat: f64) -> f64 {
         let &Problem { equation, dt, .. } = problem;
-        let (mut constant, mut linear, mut start) = (0.0, 0.0, 0.0);
-        for dof in island.dofs() {
-            start += self.direction[dof] * self.gradient[dof];
-            constant += self.direction[dof] * (self.momentum_change[dof] + dt * equation.bias[dof]);
-            linear += self.direction[dof] * self.mass_direction[dof];
+        let (mut constant, mut linear) = (0.0, 0.0);
+        for run in &island.dofs {
+            for dof in run.clone() {
+                constant += self.direction[dof] * (self.momentum_change[dof] + dt * equation.bias[dof]);
+                linear += self.direction[dof] * self.mass_direction[dof];
+            }
         }
         let slope_at = |step: f64| {
-            let (mut slope, mut curvature) = (constant + step * linear, linear);
-            for drive in drives_of(&self.drives, island) {
-                let d = self.direction[drive.dof];
-                let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + step * d);
-                slope -= dt * effort * d;
-                curvature += dt * stiffness * d * d;
+            let beyond = step - 1.0;
+            let (mut slope, mut curvature) = (constant + beyond * linear, linear);
+            for run in &island.drives {
+                for drive in &self.drives[run.clone()] {
+                    let d = self.direction[drive.dof];
+                    let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + beyond * d);
+                    slope -= dt * effort * d;
+                    curvature += dt * stiffness * d * d;
+                }
             }
-            for limit in limits_of(&self.limits, island) {
-                let d = self.direction[limit.dof];
-                let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + step * d);
-                slope -= impulse * d;
-                curvature += stiffness * d * d;
+            for run in &island.limits {
+                for limit in &self.limits[run.clone()] {
+                    let d = self.direction[limit.dof];
+                    let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + beyond * d);
+                    slope -= impulse * d;
+                    curvature += stiffness * d * d;
+                }
             }
             for &pair in &island.pairs {
                 for point in &self.points[self.pairs[pair].points.0..self.pairs[pair].points.1] {
-                    let (s, c) = point.slope(step);
+                    let (s, c) = point.slope(beyond);
                     slope += s;
                     curvature += c;
                 }
@@ -482,16 +535,12 @@ impl Solver {
             (slope, curvature)
         };
         let (mut slope, mut curvature) = slope_at(1.0);
-        // Still descending at the full step, or flat there: Newton's own step is the one that converges quadratically.
-        if slope <= 1e-3 * start.abs() {
-            return 1.0;
-        }
         let (mut low, mut high, mut step) = (0.0, 1.0, 1.0);
         for _ in 0..20 {
             let newton = step - slope / curvature;
             step = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
             (slope, curvature) = slope_at(step);
-            if slope.abs() <= 1e-2 * start.abs() {
+            if slope.abs() <= flat {
                 break;
             }
             if slope > 0.0 { high = step } else { low = step }
@@ -500,9 +549,11 @@ impl Solver {
     }
 
     fn advance(&mut self, island: &Island, step: f64) {
-        for dof in island.dofs() {
-            self.velocity[dof] += step * self.direction[dof];
-            self.momentum_change[dof] += step * self.mass_direction[dof];
+        for run in &island.dofs {
+            for dof in run.clone() {
+                self.velocity[dof] += step * self.direction[dof];
+                self.momentum_change[dof] += step * self.mass_direction[dof];
+            }
         }
         for &pair in &island.pairs {
             for point in &mut self.points[self.pairs[pair].points.0..self.pairs[pair].points.1] {
@@ -510,20 +561,4 @@ impl Solver {
             }
         }
     }
-}
-
-/// Drives of an island; they stand in the order of their degrees of freedom.
-fn drives_of<'a>(drives: &'a [ImplicitDrive], island: &'a Island) -> impl Iterator<Item = &'a ImplicitDrive> + 'a {
-    island.dofs.iter().flat_map(|run| {
-        let first = drives.partition_point(|drive| drive.dof < run.start);
-        drives[first..].iter().take_while(|drive| drive.dof < run.end)
-    })
-}
-
-/// Joint limits of an island; they stand in the order of their degrees of freedom.
-fn limits_of<'a>(limits: &'a [JointLimit], island: &'a Island) -> impl Iterator<Item = &'a JointLimit> + 'a {
-    island.dofs.iter().flat_map(|run| {
-        let first = limits.partition_point(|limit| limit.dof < run.start);
-        limits[first..].iter().take_while(|limit| limit.dof < run.end)
-    })
 }

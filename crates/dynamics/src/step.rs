@@ -161,7 +161,7 @@ impl Dynamics {
     ) {
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
         self.kin.update(model, state);
-        self.equation.update(model, parameters, &self.kin, input.wrenches);
+        self.equation.update(model, parameters, &self.kin, input.wrenches, &state.qvel);
         let first_contact = self.contacts.len();
         self.collider.update(model, &self.kin, dt);
         self.collider.find(model, &parameters.materials, dt, &mut self.contacts);
@@ -228,10 +228,12 @@ impl Dynamics {
     pub fn mass_matrix(&mut self, model: &Model, state: &State) -> Vec<f64> {
         self.update_equation(model, state);
         let nv = model.nv;
-        let mut full = self.equation.mass_matrix.clone();
-        for row in 0..nv {
-            for column in row + 1..nv {
-                full[row * nv + column] = full[column * nv + row];
+        let mut full = vec![0.0; nv * nv];
+        for (row, &body) in model.dof_body.iter().enumerate() {
+            for (&value, &column) in self.equation.mass_matrix[model.row(row)].iter().zip(&model.chains[body]) {
+                let column = usize::from(column);
+                full[row * nv + column] = value;
+                full[column * nv + row] = value;
             }
         }
         full
@@ -246,6 +248,6 @@ impl Dynamics {
     fn update_equation(&mut self, model: &Model, state: &State) {
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
         self.kin.update(model, state);
-        self.equation.update(model, parameters, &self.kin, &[]);
+        self.equation.update(model, parameters, &self.kin, &[], &state.qvel);
     }
 }

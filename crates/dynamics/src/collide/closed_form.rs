@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 
 use crate::spatial::V3;
 
-/// A shape's pose in the world.
+/// A shape's pose in the world; of the rotation, a capsule has only its axis (the third column) and a ball nothing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Placed {
     pub rotation: Matrix3<f64>,

@@ -11,15 +11,13 @@ pub(crate) struct BodyPair {
     /// Ranges of the solver's points and columns.
     pub points: (usize, usize),
     pub columns: (usize, usize),
+    /// The columns' degrees of freedom as a bit set.
+    pub dofs: u128,
     /// From relative motion to force; none while no point is loaded.
     pub stiffness: Option<[[f64; 6]; 6]>,
 }
 
 impl BodyPair {
-    /// Whether it has a column for a degree of freedom from `split` on.
-    pub fn reaches(&self, column_dof: &[u16], split: usize) -> bool {
-        usize::from(column_dof[self.columns.1 - 1]) >= split
-    }
     /// Motion of the second body relative to the first when the degrees of freedom move at `velocity`.
     pub fn relative_motion(&self, columns: &[Motion], column_dof: &[u16], velocity: &[f64]) -> Motion {
         let mut motion = Motion::ZERO;

@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::model::Model;
 use crate::spec::BodyId;
 
@@ -11,15 +12,13 @@ use crate::spec::BodyId;
 pub(crate) struct Island {
     /// Runs of degrees of freedom, ascending.
     pub dofs: Vec<Range<usize>>,
+    /// The drives and the joint limits of each run.
+    pub drives: Vec<Range<usize>>,
+    pub limits: Vec<Range<usize>>,
+    /// Every degree of freedom as a bit set.
+    pub rows: u128,
     /// Indices of the solver's body pairs, ascending.
     pub pairs: Vec<usize>,
-}
-
-impl Island {
-    /// Every degree of freedom, ascending.
-    pub fn dofs(&self) -> impl DoubleEndedIterator<Item = usize> + Clone + '_ {
-        self.dofs.iter().cloned().flatten()
-    }
 }
 
 /// The islands of one step; memory stays from step to step.
@@ -28,6 +27,7 @@ pub(crate) struct Islands {
     /// Tree of each body and runs of each tree's degrees of freedom.
     tree_of_body: Vec<usize>,
     tree_dofs: Vec<Vec<Range<usize>>>,
+    tree_rows: Vec<u128>,
     /// For each tree one that it is coupled with, lower or itself.
     joined: Vec<usize>,
     /// One for each tree; that of a tree which another one takes in is empty.
@@ -40,7 +40,9 @@ impl Islands {
         let tree_of = |root: BodyId| roots.iter().position(|&r| r == root.0).unwrap_or(0);
         let tree_of_body = model.bodies.iter().map(|body| tree_of(body.root)).collect::<Vec<_>>();
         let mut tree_dofs = vec![Vec::<Range<usize>>::new(); roots.len()];
+        let mut tree_rows = vec![0; roots.len()];
         for (dof, &body) in model.dof_body.iter().enumerate() {
+            tree_rows[tree_of_body[body]] |= 1 << dof;
             let runs = &mut tree_dofs[tree_of_body[body]];
             match runs.last_mut() {
                 Some(run) if run.end == dof => run.end += 1,
@@ -48,9 +50,15 @@ impl Islands {
             }
         }
         let runs = tree_dofs.iter().map(Vec::len).sum();
-        let slot = |_| Island { dofs: Vec::with_capacity(runs), pairs: Vec::with_capacity(pairs) };
+        let slot = |_| Island {
+            dofs: Vec::with_capacity(runs),
+            drives: Vec::with_capacity(runs),
+            limits: Vec::with_capacity(runs),
+            rows: 0,
+            pairs: Vec::with_capacity(pairs),
+        };
         let (joined, slots) = ((0..roots.len()).collect(), (0..roots.len()).map(slot).collect());
-        Self { tree_of_body, tree_dofs, joined, slots }
+        Self { tree_of_body, tree_dofs, tree_rows, joined, slots }
     }
 
     /// Forgets the couplings of the step before.
@@ -64,15 +72,25 @@ impl Islands {
         self.joined[a.max(b)] = a.min(b);
     }
 
-    /// Gathers the islands; `pair_bodies` has a body that moves of each pair.
-    pub fn gather(&mut self, pair_bodies: impl Iterator<Item = usize>) {
+    /// Gathers the islands; `pair_bodies` has a body that moves of each pair. Drives and limits stand in the order of their
+    /// degrees of freedom.
+    pub fn gather(
+        &mut self,
+        pair_bodies: impl Iterator<Item = usize>,
+        drives: &[ImplicitDrive],
+        limits: &[JointLimit],
+    ) {
         for slot in &mut self.slots {
             slot.dofs.clear();
+            slot.drives.clear();
+            slot.limits.clear();
+            slot.rows = 0;
             slot.pairs.clear();
         }
         for tree in 0..self.joined.len() {
             let top = self.top(tree);
             self.slots[top].dofs.extend_from_slice(&self.tree_dofs[tree]);
+            self.slots[top].rows |= self.tree_rows[tree];
         }
         for (pair, body) in pair_bodies.enumerate() {
             let top = self.top(self.tree_of_body[body]);
@@ -80,6 +98,12 @@ impl Islands {
         }
         for slot in &mut self.slots {
             slot.dofs.sort_unstable_by_key(|run| run.start);
+            for run in &slot.dofs {
+                let before = |dof: usize| drives.partition_point(|drive| drive.dof < dof);
+                slot.drives.push(before(run.start)..before(run.end));
+                let before = |dof: usize| limits.partition_point(|limit| limit.dof < dof);
+                slot.limits.push(before(run.start)..before(run.end));
+            }
         }
     }
 
