@@ -108,7 +108,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Plays a trace and prints both verdicts.
 fn replay(trace: &Trace, rows: bool) -> Result<(), Box<dyn Error>> {
     let stage = Stage::of(trace)?;
-    let task = stage.start().spec().task;
+    let task = stage.task();
     let mut runs = Runs::new(task, Protocol::Strict);
     let episode = stage.play(trace, TAIL_STEPS, |episode| {
         runs.follow(episode);
@@ -128,11 +128,12 @@ fn replay(trace: &Trace, rows: bool) -> Result<(), Box<dyn Error>> {
         };
         let met = Cause::ALL.into_iter().filter_map(|cause| judge.first_met(cause).map(|row| format!("{cause} {row}")));
         println!(
-            "  {protocol}: {result} up to row {}, progress {:.2}; broken {}, dropped {}, conditions first met in rows: {}",
+            "  {protocol}: {result} up to row {}, progress {:.2}; broken {}, dropped {}, leapt {}, conditions first met in rows: {}",
             verdict.step,
             verdict.progress,
             verdict.broken,
             verdict.dropped,
+            verdict.leapt,
             met.collect::<Vec<_>>().join(", ")
         );
     }

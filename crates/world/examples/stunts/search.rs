@@ -147,7 +147,7 @@ impl Search {
     }
 
     fn score(&self, stage: &Stage, trace: &Trace) -> Result<(f64, bool), Box<dyn Error>> {
-        let task = stage.start().spec().task;
+        let task = stage.task();
         let window = u64::from(task.spec().gate.window(self.protocol));
         let mut scorer = Scorer::new(self.protocol, task);
         let episode = stage.play(trace, TAIL + window, |episode| scorer.watch(episode))?;
@@ -206,10 +206,11 @@ impl Scorer {
 
 /// The strict judge counts nothing of such a row.
 fn is_spoilt(judge: &Judge, row: &Row) -> bool {
-    let Verdict { broken, dropped, .. } = *judge.verdict();
+    let Verdict { broken, dropped, leapt, .. } = *judge.verdict();
     let context = judge.context();
     broken
         || dropped
+        || leapt
         || [Cause::Fall, Cause::Tip, Cause::Crush].iter().any(|cause| judge.first_met(*cause).is_some())
         || !predicates::standing(row, &context)
         || !strict::upright(row, &context)

@@ -127,6 +127,11 @@ impl Stage {
         &self.start
     }
 
+    /// The task that is played on it.
+    pub fn task(&self) -> Task {
+        self.start.spec().task
+    }
+
     /// Plays a trace until the episode ends, `watch` breaks off, or the last knot is `tail` steps ago. `watch` sees every row
     /// but the first.
     pub fn play(
