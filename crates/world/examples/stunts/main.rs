@@ -11,6 +11,7 @@
 mod search;
 mod trace;
 
+use std::collections::BTreeSet;
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -18,7 +19,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use fiatlux_rules::{CONTROL_DT, Cause, Protocol, Task, measure};
-use fiatlux_world::Episode;
+use fiatlux_world::{Episode, ShapeOwner};
 
 use self::search::Search;
 use self::trace::{Runs, Stage, TAIL_STEPS, Trace, is_clean_success};
@@ -139,6 +140,14 @@ fn replay(trace: &Trace, rows: bool) -> Result<(), Box<dyn Error>> {
     }
     let window = task.spec().gate.window(Protocol::Strict);
     let short = runs.too_short(task).into_iter().map(|(name, rows)| format!("{name} {rows}"));
+    let scene = episode.scene();
+    let things = episode.world().dynamics().contacts().iter().flat_map(|contact| {
+        let [a, b] = [contact.shape_a, contact.shape_b].map(|shape| scene.owner(shape));
+        [(a, b), (b, a)]
+    });
+    let on = things.filter(|(a, b)| matches!(a, ShapeOwner::Robot(_)) && !matches!(b, ShapeOwner::Robot(_)));
+    let on: BTreeSet<String> = on.map(|(_, thing)| format!("{thing:?}")).collect();
+    println!("  at the end the robot touches: {}", on.into_iter().collect::<Vec<_>>().join(", "));
     println!("  strict, held for fewer than {window} rows: {}", short.collect::<Vec<_>>().join(", "));
     Ok(())
 }

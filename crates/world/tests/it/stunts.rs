@@ -40,8 +40,9 @@ fn remedy(name: &str, protocol: Protocol) -> String {
 /// and what spoils it (broken, dropped, leapt), shows what a change of the rules does.
 #[test]
 fn stunts_pass_published_and_fail_strict() {
-    let stunts: [(&str, &[&str], [bool; 3]); 5] = [
+    let stunts: [(&str, &[&str], [bool; 3]); 6] = [
         ("s02_jump", &["at_ladder_top", "carried_by_treads", "upright"], [false, false, true]),
+        ("s03_snatch", &["old_bulb_removed", "old_bulb_held", "old_bulb_in_grip", "upright"], [true, false, true]),
         ("s04_leap", &["at_ladder_foot", "old_bulb_held", "carried_by_floor", "old_bulb_in_grip"], [true, true, true]),
         ("s06_swing", &[], [true, false, false]),
         ("s12_drop", &["at_ladder_foot", "carried_by_floor"], [false, false, true]),
@@ -54,7 +55,11 @@ fn stunts_pass_published_and_fail_strict() {
         assert!(is_clean_success(published), "{:?}; {remedy}", published.verdict());
         let verdict = strict.verdict();
         assert!(!verdict.success, "{name} passes strict: {verdict:?}");
-        assert_eq!((found.as_slice(), [verdict.broken, verdict.dropped, verdict.leapt]), (too_short, spoilt), "{remedy}");
+        assert_eq!(
+            (found.as_slice(), [verdict.broken, verdict.dropped, verdict.leapt]),
+            (too_short, spoilt),
+            "{remedy}"
+        );
     }
 }
 
@@ -63,5 +68,9 @@ fn stunts_pass_published_and_fail_strict() {
 fn a_loose_grip_earns_strict_progress() {
     let (episode, _) = replay("s11_loose_grip");
     let verdict = episode.judges().of(Protocol::Strict).verdict();
-    assert_eq!((verdict.success, verdict.progress), (false, 0.5), "a rule that closes this asserts 0 here: {verdict:?}");
+    assert_eq!(
+        (verdict.success, verdict.progress),
+        (false, 0.5),
+        "a rule that closes this asserts 0 here: {verdict:?}"
+    );
 }
