@@ -1,0 +1,76 @@
+//! Stunts: open-loop traces that pass a published gate without doing the task, and what the strict judge says of them.
+//!
+//! `examples/stunts` found them and finds others; `docs/stunts.md` describes them. They still pass after changes of their
+//! knots by 1e-3 rad, far more than another order of roundings makes.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use fiatlux_rules::Protocol;
+use fiatlux_world::Episode;
+
+#[expect(dead_code, reason = "the search uses more of it")]
+#[path = "../../examples/stunts/trace.rs"]
+mod trace;
+
+use self::trace::{Runs, Stage, TAIL_STEPS, Trace, is_clean_success};
+
+fn replay(name: &str) -> (Episode, Vec<&'static str>) {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/stunts").join(name).with_extension("toml");
+    let trace = Trace::read(&file).unwrap();
+    let stage = Stage::of(&trace).unwrap();
+    let mut runs = Runs::new(stage.task(), Protocol::Strict);
+    let episode = stage.play(&trace, TAIL_STEPS, |episode| {
+        runs.follow(episode);
+        ControlFlow::Continue(())
+    });
+    (episode.unwrap(), runs.too_short(stage.task()).into_iter().map(|(criterion, _)| criterion).collect())
+}
+
+/// What to do where a trace no longer does what it did.
+fn remedy(name: &str, protocol: Protocol) -> String {
+    let task = name[..3].to_uppercase();
+    format!(
+        "{name}: if physics changed, find another one: cargo run --release -p fiatlux-world --example stunts -- \
+         search {task} --protocol {protocol} --out crates/world/tests/stunts/{name}.toml"
+    )
+}
+
+/// Each is a clean success by the published gate and none by the strict one. Which strict criteria never hold for their window,
+/// and what spoils it (broken, dropped, leapt), shows what a change of the rules does.
+#[test]
+fn stunts_pass_published_and_fail_strict() {
+    let stunts: [(&str, &[&str], [bool; 3]); 6] = [
+        ("s02_jump", &["at_ladder_top", "carried_by_treads", "upright"], [false, false, true]),
+        ("s03_snatch", &["old_bulb_removed", "old_bulb_held", "old_bulb_in_grip", "upright"], [true, false, true]),
+        ("s04_leap", &["at_ladder_foot", "old_bulb_held", "carried_by_floor", "old_bulb_in_grip"], [true, true, true]),
+        ("s06_swing", &[], [true, false, false]),
+        ("s12_drop", &["at_ladder_foot", "carried_by_floor"], [false, false, true]),
+        ("s12_leap", &[], [false, false, true]),
+    ];
+    for (name, too_short, spoilt) in stunts {
+        let (episode, found) = replay(name);
+        let remedy = remedy(name, Protocol::Published);
+        let [published, strict] = Protocol::ALL.map(|protocol| episode.judges().of(protocol));
+        assert!(is_clean_success(published), "{:?}; {remedy}", published.verdict());
+        let verdict = strict.verdict();
+        assert!(!verdict.success, "{name} passes strict: {verdict:?}");
+        assert_eq!(
+            (found.as_slice(), [verdict.broken, verdict.dropped, verdict.leapt]),
+            (too_short, spoilt),
+            "{remedy}"
+        );
+    }
+}
+
+/// What strict still pays for without work: a grip so loose that the bulb counts as released.
+#[test]
+fn a_loose_grip_earns_strict_progress() {
+    let (episode, _) = replay("s11_loose_grip");
+    let verdict = episode.judges().of(Protocol::Strict).verdict();
+    assert_eq!(
+        (verdict.success, verdict.progress),
+        (false, 0.5),
+        "a rule that closes this asserts 0 here: {verdict:?}"
+    );
+}
