@@ -58,6 +58,9 @@ pub struct Gate {
     pub strict: &'static [Criterion],
     /// Consecutive control steps in protocol `strict`.
     pub strict_steps: u32,
+    /// Criteria that strict progress counts only together with the first one, the goal of the task: an open hand is
+    /// no progress before the bulb is where it belongs.
+    pub with_goal: &'static [&'static str],
 }
 
 /// Criteria of the longest gate, the strict one of S09.

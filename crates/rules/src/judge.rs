@@ -3,7 +3,7 @@
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
 use crate::divergence::diverged;
-use crate::gate::{Context, Criteria, Gate, MAX_CRITERIA};
+use crate::gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA};
 use crate::geometry::Geometry;
 use crate::predicates::{at_working_height, crushed, dropped, fallen, ladder_tipped, seated, standing};
 use crate::protocol::Protocol;
@@ -268,8 +268,12 @@ impl Judge {
         if self.is_spoilt() || !standing(row, &context) || !upright(row, &context) {
             return 0;
         }
-        let window = self.gate().window(self.protocol);
-        self.held_for.iter().map(|rows| u32::from(*rows >= window)).sum()
+        let (gate, held_for) = (self.gate(), &self.held_for);
+        let window = gate.window(self.protocol);
+        let counts = |(criterion, rows): (&Criterion, &u32)| {
+            *rows >= window && (held_for[0] >= window || !gate.with_goal.contains(&criterion.name))
+        };
+        gate.criteria_of(self.protocol).zip(held_for).filter(|pair| counts(*pair)).count() as u32
     }
 
     /// Something broke, was dropped, fell or tipped, or the robot leapt, in the row last shown or before.
@@ -341,10 +345,8 @@ impl Judge {
         for cause in conditions.iter() {
             self.first_met[cause as usize].get_or_insert(row.step);
         }
-        let fires = !diverged
-            && !self.verdict.success
-            && self.verdict.sustained >= window
-            && !(self.protocol == Protocol::Strict && self.is_spoilt());
+        let may_fire = self.protocol == Protocol::Published || !self.is_spoilt();
+        let fires = may_fire && !diverged && !self.verdict.success && self.verdict.sustained >= window;
         if fires {
             conditions = conditions.union(Causes::of(&[Cause::Success]));
             self.first_met[Cause::Success as usize].get_or_insert(row.step);

@@ -36,6 +36,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: 1,
         strict: &[DOWN],
         strict_steps: ONE_SECOND,
+        with_goal: &[],
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Unseated]),

@@ -40,13 +40,12 @@ fn remedy(name: &str, protocol: Protocol) -> String {
 /// and what spoils it (broken, dropped, leapt), shows what a change of the rules does.
 #[test]
 fn stunts_pass_published_and_fail_strict() {
-    let stunts: [(&str, &[&str], [bool; 3]); 6] = [
+    let stunts: [(&str, &[&str], [bool; 3]); 5] = [
         ("s02_jump", &["at_ladder_top", "carried_by_treads", "upright"], [false, false, true]),
-        ("s03_snatch", &["old_bulb_removed", "old_bulb_held", "old_bulb_in_grip", "upright"], [true, false, true]),
-        ("s04_leap", &["at_ladder_foot", "old_bulb_held", "carried_by_floor", "old_bulb_in_grip"], [true, true, true]),
-        ("s06_swing", &[], [true, false, false]),
-        ("s12_drop", &["at_ladder_foot", "carried_by_floor"], [false, false, true]),
-        ("s12_leap", &[], [false, false, true]),
+        ("s03_snatch", &["old_bulb_in_grip"], [true, false, false]),
+        ("s04_leap", &["carried_by_floor"], [true, false, true]),
+        ("s06_swing", &["old_bulb_in_crate", "old_bulb_at_rest", "carried_by_floor"], [true, false, false]),
+        ("s12_drop", &["at_ladder_foot", "carried_by_floor", "upright"], [false, false, true]),
     ];
     for (name, too_short, spoilt) in stunts {
         let (episode, found) = replay(name);
@@ -63,14 +62,11 @@ fn stunts_pass_published_and_fail_strict() {
     }
 }
 
-/// What strict still pays for without work: a grip so loose that the bulb counts as released.
+/// A grip so loose that the bulb counts as released before it is where it belongs: half of the published progress of S11 costs
+/// nothing.
 #[test]
-fn a_loose_grip_earns_strict_progress() {
+fn a_loose_grip_earns_nothing_strict() {
     let (episode, _) = replay("s11_loose_grip");
-    let verdict = episode.judges().of(Protocol::Strict).verdict();
-    assert_eq!(
-        (verdict.success, verdict.progress),
-        (false, 0.5),
-        "a rule that closes this asserts 0 here: {verdict:?}"
-    );
+    let [published, strict] = Protocol::ALL.map(|protocol| episode.judges().of(protocol).verdict());
+    assert_eq!((published.progress, strict.progress, strict.success), (0.5, 0.0, false), "{strict:?}");
 }
