@@ -308,6 +308,7 @@ mod tests {
     fn pinned() -> v3::EpisodeHeader {
         v3::EpisodeHeader {
             benchmark_version: BENCHMARK_VERSION,
+            episode_protocol: "strict".into(),
             model_digest: pins::model("inspire").unwrap_or_default().into(),
             scene_digest: pins::SCENE.into(),
             ..v3::EpisodeHeader::default()
@@ -324,7 +325,7 @@ mod tests {
         let header = || v3::EpisodeHeader { sensors: vec!["proprioception".into()], ..pinned() };
         let usual = new(header());
         assert!(usual.ranked, "{:?}", usual.deviations);
-        assert_eq!(words(&usual), ["published", "public", "standard", "lockstep"]);
+        assert_eq!(words(&usual), ["strict", "public", "standard", "lockstep"]);
         let random = |random: v3::Randomization| v3::EpisodeHeader { randomization: Some(random), ..header() };
         let default = v3::Randomization::default();
         let sized = v3::PropScale { ladder_z: 1.05, ..v3::PropScale::default() };
@@ -362,11 +363,11 @@ mod tests {
         }
         // The words are no deviations: they hold rankings apart.
         for (header, expected) in [
-            (sensing("verdict".into()), ["published", "public", "privileged", "lockstep"]),
-            (sensing("privileged".into()), ["published", "public", "privileged", "lockstep"]),
+            (sensing("verdict".into()), ["strict", "public", "privileged", "lockstep"]),
+            (sensing("privileged".into()), ["strict", "public", "privileged", "lockstep"]),
             (
                 v3::EpisodeHeader { mode: v3::Mode::RealTime.into(), ..header() },
-                ["published", "public", "standard", "real time"],
+                ["strict", "public", "standard", "real time"],
             ),
         ] {
             let conditions = new(header);
