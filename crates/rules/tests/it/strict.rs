@@ -37,7 +37,7 @@ fn stand_on_treads(row: &mut Row) {
 fn honest_goal(task: Task) -> Row {
     let mut row = with_palms(goal_of(task));
     match task {
-        Task::S02 | Task::S10 | Task::Climb => stand_on_treads(&mut row),
+        Task::S02 | Task::S03 | Task::S10 | Task::S11 | Task::Climb => stand_on_treads(&mut row),
         _ => stand_on_floor(&mut row),
     }
     row
