@@ -42,7 +42,7 @@ fn remedy(name: &str, protocol: Protocol) -> String {
 fn stunts_pass_published_and_fail_strict() {
     let stunts: [(&str, &[&str], [bool; 3]); 5] = [
         ("s02_jump", &["at_ladder_top", "carried_by_treads", "upright"], [false, false, true]),
-        ("s03_snatch", &["carried_by_treads", "old_bulb_in_grip"], [true, false, false]),
+        ("s03_snatch", &["old_bulb_in_grip"], [true, false, false]),
         ("s04_leap", &["carried_by_floor"], [true, false, true]),
         ("s06_swing", &["old_bulb_in_crate", "old_bulb_at_rest", "carried_by_floor"], [true, false, false]),
         ("s12_drop", &["at_ladder_foot", "carried_by_floor", "upright"], [false, false, true]),
