@@ -55,7 +55,7 @@ pub struct RecorderOptions {
 #[derive(Debug, Clone, PartialEq)]
 pub enum BagEnd {
     /// It has all of its episode, which ended so.
-    Whole(EpisodeResult),
+    Whole(Box<EpisodeResult>),
     /// It has a part, for this reason.
     Cut(String),
 }

@@ -6,14 +6,14 @@ use crate::gate::Context;
 use crate::measure::GRAVITY;
 use crate::protocol::Protocol;
 use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
-use crate::settle::PoseSpeed;
+use crate::settle::{self, PoseSpeed};
 
 /// Low-passed speeds of both bulbs, and the two rows before the next one.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct BulbMotion {
     pub speeds: [PoseSpeed; 2],
-    /// In the frames of the palms, by bulb, then left and right; only followed in protocol `strict`.
-    pub grip_speeds: [[PoseSpeed; 2]; 2],
+    /// In the frames of the palms, by bulb, then left and right, m/s; only followed in protocol `strict`.
+    pub grip_speeds: [[f64; 2]; 2],
     /// The last row and the one before it.
     last: [Option<Instant>; 2],
 }
@@ -32,8 +32,9 @@ impl Instant {
         Self { bulbs: row.bulbs, world_from_palm: row.world_from_palm, touched: [0, 1].map(touched) }
     }
 
-    fn palm_from_bulb(&self, bulb: usize, palm: usize) -> Isometry3<f64> {
-        self.world_from_palm[palm].inverse() * self.bulbs[bulb].pose
+    /// Place of a bulb's origin in a palm's frame, m.
+    fn in_palm(&self, bulb: usize, palm: usize) -> Vector3<f64> {
+        self.world_from_palm[palm].inverse_transform_point(&self.bulbs[bulb].pose.translation.vector.into()).coords
     }
 }
 
@@ -41,7 +42,7 @@ impl BulbMotion {
     /// Takes the speeds on to a row that follows the last one.
     pub fn follow(&mut self, row: &Row, protocol: Protocol, time_constant_s: f64) {
         let Some(last) = &self.last[0] else { return };
-        let now = Instant::of(row);
+        let now = Instant { bulbs: row.bulbs, world_from_palm: row.world_from_palm, touched: [false; 2] };
         for bulb in [0, 1] {
             let speed = &mut self.speeds[bulb];
             *speed = speed.advance(&last.bulbs[bulb].pose, &row.bulbs[bulb].pose, time_constant_s);
@@ -49,8 +50,8 @@ impl BulbMotion {
                 continue;
             }
             for (palm, speed) in self.grip_speeds[bulb].iter_mut().enumerate() {
-                let (before, after) = (last.palm_from_bulb(bulb, palm), now.palm_from_bulb(bulb, palm));
-                *speed = speed.advance(&before, &after, time_constant_s);
+                let moved = now.in_palm(bulb, palm) - last.in_palm(bulb, palm);
+                *speed = settle::low_pass(*speed, moved.norm() / CONTROL_DT, time_constant_s);
             }
         }
     }
@@ -66,15 +67,14 @@ impl BulbMotion {
     /// explains. Over two rows, because the physics steps of a blow can lie on both sides of a row; there the row before both
     /// must not be one of the first `exempt_rows`.
     pub fn had_blow(&self, row: &Row, cx: &Context<'_>, steps: u64) -> bool {
-        let touched_now = Instant::of(row).touched;
         let [Some(last), earlier] = &self.last else { return false };
+        let touches = |bulb: usize| Instant::of(row).touched[bulb];
         let earlier = earlier.as_ref().filter(|_| steps > u64::from(cx.thresholds.impact_exempt_rows) + 1);
         Bulb::ALL.iter().any(|&bulb| {
             let (i, limit) = (bulb as usize, cx.thresholds.impact_m_s);
-            let touched = touched_now[i];
-            (touched && jump(last, row, bulb, 1.0) > limit)
-                || ((touched || last.touched[i])
-                    && earlier.is_some_and(|earlier| jump(earlier, row, bulb, 2.0) > limit))
+            (jump(last, row, bulb, 1.0) > limit && touches(i))
+                || (earlier.is_some_and(|earlier| jump(earlier, row, bulb, 2.0) > limit)
+                    && (last.touched[i] || touches(i)))
         })
     }
 

@@ -16,9 +16,9 @@ pub struct Context<'a> {
     pub geometry: &'a Geometry,
     /// Low-passed speeds of both bulbs, by [`Bulb`].
     pub bulb_speeds: [PoseSpeed; 2],
-    /// Low-passed speeds of the bulbs in the frames of the palms, by [`Bulb`], then left and right. Only protocol `strict`
+    /// Low-passed speeds of the bulbs in the frames of the palms, by [`Bulb`], then left and right, m/s. Only protocol `strict`
     /// follows them.
-    pub grip_speeds: [[PoseSpeed; 2]; 2],
+    pub grip_speeds: [[f64; 2]; 2],
     /// Heights below which the bulbs count as dropped in this task, by [`Bulb`], m.
     pub drop_heights: [f64; 2],
 }

@@ -287,7 +287,9 @@ impl Judge {
 
     /// Forces and drops count in every row.
     fn note_hands_and_bulbs(&mut self, row: &Row) {
-        let peak = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm()));
+        // The root of the largest square is the largest root, to the bit.
+        let squared = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm_squared()));
+        let peak = libm::sqrt(squared);
         let substep = row.hand_force_peak.iter().flatten().fold(0.0, |peak: f64, force| peak.max(*force));
         let context = self.context();
         let parked = self.task.spec().special.bulbs_parked;

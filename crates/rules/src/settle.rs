@@ -20,13 +20,20 @@ impl PoseSpeed {
     /// Advances by one control step: `s <- s + min(1, dt / time_constant) (|difference| / dt - s)`.
     #[must_use]
     pub fn advance(self, before: &Isometry3<f64>, after: &Isometry3<f64>, time_constant_s: f64) -> Self {
-        // A time constant of zero takes the speed as it is.
-        let share = if time_constant_s > CONTROL_DT { CONTROL_DT / time_constant_s } else { 1.0 };
         let linear = (after.translation.vector - before.translation.vector).norm() / CONTROL_DT;
         let angular = angle(&(before.rotation.inverse() * after.rotation)) / CONTROL_DT;
-        let low_pass = |old: f64, new: f64| old + share * (new - old);
-        Self { linear: low_pass(self.linear, linear), angular: low_pass(self.angular, angular) }
+        Self {
+            linear: low_pass(self.linear, linear, time_constant_s),
+            angular: low_pass(self.angular, angular, time_constant_s),
+        }
     }
+}
+
+/// A speed, low-passed over one control step.
+pub(crate) fn low_pass(old: f64, new: f64, time_constant_s: f64) -> f64 {
+    // A time constant of zero takes the speed as it is.
+    let share = if time_constant_s > CONTROL_DT { CONTROL_DT / time_constant_s } else { 1.0 };
+    old + share * (new - old)
 }
 
 /// Angle of a rotation, rad, exact for small ones too.

@@ -69,7 +69,7 @@ pub fn in_grip(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
     // Palms stand in a row the other way round than hands do.
     [(right, peaks.1, 1), (left, peaks.0, 0)].into_iter().any(|(hand, of_other_hand, palm)| {
         of_other_hand.iter().all(|peak| *peak <= stray)
-            && cx.grip_speeds[bulb as usize][palm].linear < cx.thresholds.strict_slip_m_s
+            && cx.grip_speeds[bulb as usize][palm] < cx.thresholds.strict_slip_m_s
             && pressed_from_two_sides(hand, cx)
     })
 }

@@ -86,7 +86,7 @@ impl Bags {
         let done = match write {
             Write::Open(header) => self.start(&header),
             Write::Row(record) => self.row(&record),
-            Write::Finish(result) => return self.end(BagEnd::Whole(*result)),
+            Write::Finish(result) => return self.end(BagEnd::Whole(result)),
             Write::Cut(reason) => return self.end(BagEnd::Cut(reason)),
         };
         if let Err(error) = &done {

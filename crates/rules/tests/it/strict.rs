@@ -100,7 +100,7 @@ fn misses(task: Task) -> Vec<Miss> {
                 ("carried_by_treads", "one foot, one arm", |row, _| row.tread_load = [300.0, 0.0, 30.0, 0.0]),
                 ("carried_by_treads", "hangs by both arms", |row, _| row.tread_load = [0.0, 0.0, 200.0, 200.0]),
                 ("carried_by_treads", "stands on the floor", |row, _| {
-                    std::mem::swap(&mut row.tread_load, &mut row.floor_load)
+                    std::mem::swap(&mut row.tread_load, &mut row.floor_load);
                 }),
             ],
             "carried_by_floor" => &[
@@ -111,7 +111,7 @@ fn misses(task: Task) -> Vec<Miss> {
             ],
             "slow" => &[("slow", "walks past", |row, _| row.robot.linear_velocity.x = 0.5)],
             "standing" => &[("standing", "crouches too low", |row, _| {
-                row.robot.pose.translation.z = Thresholds::default().fall_height_m
+                row.robot.pose.translation.z = Thresholds::default().fall_height_m;
             })],
             "old_bulb_in_grip" => &GRIP_OLD,
             "fresh_bulb_in_grip" => &GRIP_FRESH,
