@@ -1,6 +1,6 @@
 //! What protocol `strict` asks for beyond the published gates: a criterion for each way in which a stunt can pass them.
 //!
-//! A strict gate is all published criteria of its task, those of this page that the task names, and [`UPRIGHT`]; it holds for
+//! A strict gate is all published criteria of its task, those of this page that the task names, and [`upright`]; it holds for
 //! at least a second. Nothing may have fallen, tipped, dropped or broken before, and the robot may not have leapt.
 
 use crate::gate::{Context, Criterion};
