@@ -96,10 +96,19 @@ struct Episode {
     seed: u64,
     episode: u64,
     success: bool,
-    /// By the strict gate; not every scorer writes it.
+    gate_progress: f64,
+    /// By the strict judge; `null` where the episode was played by protocol `published`.
     #[serde(default)]
     strict_success: Option<bool>,
-    gate_progress: f64,
+    #[serde(default)]
+    strict_progress: Option<f64>,
+}
+
+impl Episode {
+    /// Success and progress by the strict judge.
+    fn strict(&self) -> Option<(bool, f64)> {
+        self.strict_success.zip(self.strict_progress)
+    }
 }
 
 type Key = (String, u64, u64);
@@ -111,7 +120,7 @@ pub struct Comparison {
     pub a: Side,
     /// The second run.
     pub b: Side,
-    /// Which success is compared: `strict` where every episode has it, else `published`.
+    /// Whose success and progress are compared: `strict` where every episode has them, else `published`.
     pub success: String,
     /// Conditions that differ, where that was allowed.
     pub different_conditions: Vec<String>,
@@ -231,7 +240,7 @@ pub fn compare(a: &Path, b: &Path, any_conditions: bool) -> Result<Comparison, C
     if let Some((field, a, b)) = different.first().filter(|_| !any_conditions) {
         return Err(CompareError::Conditions { field: field.clone(), a: a.to_string(), b: b.to_string() });
     }
-    let strict = a.episodes.iter().chain(&b.episodes).all(|episode| episode.strict_success.is_some());
+    let strict = a.episodes.iter().chain(&b.episodes).all(|episode| episode.strict().is_some());
     let (of_a, of_b) = (by_key(&file_a, &a)?, by_key(&file_b, &b)?);
     let mut pairs: BTreeMap<&str, Vec<Pair>> = BTreeMap::new();
     let mut paired = 0;
@@ -291,7 +300,7 @@ fn by_key(file: &Path, run: &Run) -> Result<BTreeMap<Key, Episode>, CompareError
     Ok(found)
 }
 
-/// Success and gate progress of A and B.
+/// Success and gate progress of A and B, both by one judge.
 #[derive(Debug, Clone, Copy)]
 struct Pair {
     success: [bool; 2],
@@ -300,11 +309,12 @@ struct Pair {
 
 impl Pair {
     fn new(a: &Episode, b: &Episode, strict: bool) -> Self {
-        let success = |episode: &Episode| match episode.strict_success {
-            Some(success) if strict => success,
-            _ => episode.success,
+        let judged = |episode: &Episode| {
+            let published = (episode.success, episode.gate_progress);
+            if strict { episode.strict().unwrap_or(published) } else { published }
         };
-        Self { success: [success(a), success(b)], progress: [a.gate_progress, b.gate_progress] }
+        let (a, b) = (judged(a), judged(b));
+        Self { success: [a.0, b.0], progress: [a.1, b.1] }
     }
 }
 

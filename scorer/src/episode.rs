@@ -210,7 +210,7 @@ impl Grader {
             notes.push("the pelvis reached working height".into());
         }
         if strict.is_some_and(|judge| judge.verdict().leapt) {
-            notes.push("the robot leapt or dropped, which is no strict success".into());
+            notes.push("the robot leapt or dropped, which strict does not accept".into());
         }
         if let Some(result) = result {
             let counts = [

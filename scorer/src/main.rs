@@ -80,8 +80,8 @@ struct GradeArgs {
 ///
 /// Both come of one test, the sign-flip test: if neither policy were better, each pair's difference would be as likely with
 /// either sign; p is the share of all choices of signs whose sum is at least as far from zero as the one found. All choices
-/// are counted, none are drawn, however many pairs there are. On successes this is McNemar's exact test. Success is that of
-/// the strict gate where both files have it, else the published one. Over many tasks some p will be small by chance: the
+/// are counted, none are drawn, however many pairs there are. On successes this is McNemar's exact test. Success and
+/// progress are those of the strict judge where both files have them, else of the published one. Over many tasks some p will be small by chance: the
 /// line `all` is the one to decide by.
 ///
 /// Files of different conditions are refused; what the policies sense may differ as long as the word for it does not. Exit

@@ -70,7 +70,7 @@ fn headline(out: &mut String, results: &Results) {
     if overall.episodes > 0 {
         let _ = writeln!(
             out,
-            "<p class=\"soft small\"><b>Published</b> is the paper's rulebook; <b>strict</b> asks besides that a gate holds for \
+            "<p class=\"soft small\"><b>Published</b> is the paper's rulebook; <b>strict</b> also asks that a gate holds for \
              a second, that the robot stands upright on what carries it, and that a bulb is in the grip of one hand: \
              stunts pass the first and not the second. Rankings go by strict. <b>Clean</b> is a success with no bulb broken \
              (a hand body above {} N at any step) and none dropped; a strict success always is. <b>S</b> is the mean of the \

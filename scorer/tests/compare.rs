@@ -73,6 +73,7 @@ fn strict_successes_count_where_all_episodes_have_them() {
     let strict = |strict: bool| {
         let mut row = episode("S02", 0, true, 1.0);
         row["strict_success"] = json!(strict);
+        row["strict_progress"] = json!(if strict { 1.0 } else { 0.25 });
         row
     };
     let a = written(&folder, "a", &results("one", vec![strict(true)]));
@@ -80,6 +81,8 @@ fn strict_successes_count_where_all_episodes_have_them() {
     let plain = written(&folder, "plain", &results("three", vec![episode("S02", 0, true, 1.0)]));
     let compared = compare(&a, &b, false).unwrap();
     assert_eq!((compared.success.as_str(), compared.tasks[0].successes_b), ("strict", 0));
+    // Both halves of the score are the strict judge's.
+    assert_eq!((compared.tasks[0].progress_b, compared.tasks[0].score_difference), (0.25, 0.5 * (1.0 + 0.75)));
     let compared = compare(&b, &plain, false).unwrap();
     assert_eq!((compared.success.as_str(), compared.tasks[0].successes_a), ("published", 1));
 }

@@ -31,18 +31,12 @@ impl Instant {
             |bulb: usize| row.other_force_peak[bulb] > 0.0 || row.hand_force_peak[bulb].iter().any(|peak| *peak > 0.0);
         Self { bulbs: row.bulbs, world_from_palm: row.world_from_palm, touched: [0, 1].map(touched) }
     }
-
-    /// Place of a bulb's origin in a palm's frame, m.
-    fn in_palm(&self, bulb: usize, palm: usize) -> Vector3<f64> {
-        self.world_from_palm[palm].inverse_transform_point(&self.bulbs[bulb].pose.translation.vector.into()).coords
-    }
 }
 
 impl BulbMotion {
     /// Takes the speeds on to a row that follows the last one.
     pub fn follow(&mut self, row: &Row, protocol: Protocol, time_constant_s: f64) {
         let Some(last) = &self.last[0] else { return };
-        let now = Instant { bulbs: row.bulbs, world_from_palm: row.world_from_palm, touched: [false; 2] };
         for bulb in [0, 1] {
             let speed = &mut self.speeds[bulb];
             *speed = speed.advance(&last.bulbs[bulb].pose, &row.bulbs[bulb].pose, time_constant_s);
@@ -50,7 +44,8 @@ impl BulbMotion {
                 continue;
             }
             for (palm, speed) in self.grip_speeds[bulb].iter_mut().enumerate() {
-                let moved = now.in_palm(bulb, palm) - last.in_palm(bulb, palm);
+                let before = in_palm(&last.world_from_palm[palm], &last.bulbs[bulb]);
+                let moved = in_palm(&row.world_from_palm[palm], &row.bulbs[bulb]) - before;
                 *speed = settle::low_pass(*speed, moved.norm() / CONTROL_DT, time_constant_s);
             }
         }
@@ -65,7 +60,7 @@ impl BulbMotion {
 
     /// Something touched some bulb and changed its velocity since the last row, or the last but one, by more than free fall
     /// explains. Over two rows, because the physics steps of a blow can lie on both sides of a row; there the row before both
-    /// must not be one of the first `exempt_rows`.
+    /// must not be one of the first, exempt rows.
     pub fn had_blow(&self, row: &Row, cx: &Context<'_>, steps: u64) -> bool {
         let [Some(last), earlier] = &self.last else { return false };
         let touches = |bulb: usize| Instant::of(row).touched[bulb];
@@ -87,6 +82,11 @@ impl BulbMotion {
     pub fn forget(&mut self) {
         *self = Self::default();
     }
+}
+
+/// Place of a bulb's origin in a palm's frame, m.
+fn in_palm(world_from_palm: &Isometry3<f64>, bulb: &BodyRow) -> Vector3<f64> {
+    world_from_palm.inverse_transform_point(&bulb.pose.translation.vector.into()).coords
 }
 
 /// Change of a bulb's velocity over some control steps, free fall apart, m/s.

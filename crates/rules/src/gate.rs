@@ -54,7 +54,7 @@ pub struct Gate {
     pub criteria: &'static [Criterion],
     /// Consecutive control steps; 1 where one is enough.
     pub sustain_steps: u32,
-    /// What protocol `strict` asks for besides; an upright pelvis comes to every list.
+    /// What protocol `strict` also asks for; every list gains an upright pelvis.
     pub strict: &'static [Criterion],
     /// Consecutive control steps in protocol `strict`.
     pub strict_steps: u32,

@@ -23,7 +23,7 @@ pub struct JudgeOptions {
     pub end_on: Option<Causes>,
     /// Counts criteria as the published numbers do: `c0` in row 1, and in place of an episode's last row the reset
     /// state with that row's contact forces, which is what a simulator shows that resets within the step. Protocol `strict`
-    /// has no such way.
+    /// ignores this.
     pub published_counting: bool,
 }
 

@@ -128,7 +128,7 @@ fn misses(task: Task) -> Vec<Miss> {
     misses
 }
 
-/// Ways to touch a bulb that are no grip.
+/// Ways to touch a bulb without gripping it.
 const GRIP_OLD: [Miss; 5] = grip("old_bulb_in_grip");
 const GRIP_FRESH: [Miss; 5] = grip("fresh_bulb_in_grip");
 

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Parser;
-use fiatlux_rules::{CONTROL_DT, Cause, Protocol, Task, measure};
+use fiatlux_rules::{CONTROL_DT, Cause, Protocol, SeedOwner, Task, measure};
 use fiatlux_world::{Episode, ShapeOwner};
 
 use self::search::Search;
@@ -70,7 +70,7 @@ enum Args {
 fn main() -> Result<(), Box<dyn Error>> {
     match Args::parse() {
         Args::Search { task, protocol, seed, room, episode, tries, threads, first, out } => {
-            let stage = Stage::new(task, room, episode)?;
+            let stage = Stage::new(task, SeedOwner::check_training(room)?, episode)?;
             let search = Search { protocol, seed, tries, threads, first };
             let begin = Instant::now();
             let mut first_seconds = None;
