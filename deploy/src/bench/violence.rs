@@ -67,6 +67,8 @@ pub struct TrialReport {
     pub pelvis_speed: f64,
     /// Deepest contact point, m.
     pub penetration: f64,
+    /// The run that had it.
+    pub deepest_run: u64,
     /// Runs in which some contact point was deeper than 5 mm for more than 0.1 s.
     pub deep_runs: u64,
     /// Of these: the pair that was deepest, with a count and its depth in m.
@@ -144,7 +146,11 @@ impl TrialReport {
         self.diverged += other.diverged;
         self.joint_speed = self.joint_speed.max(other.joint_speed);
         self.pelvis_speed = self.pelvis_speed.max(other.pelvis_speed);
-        self.penetration = self.penetration.max(other.penetration);
+        // Of equals the first run, so that the order of the sum does not show.
+        let rank = |report: &TrialReport| (report.penetration, std::cmp::Reverse(report.deepest_run));
+        if rank(&other) > rank(self) {
+            (self.penetration, self.deepest_run) = (other.penetration, other.deepest_run);
+        }
         self.deep_runs += other.deep_runs;
         self.steps += other.steps;
         self.retried += other.retried;
@@ -162,7 +168,7 @@ impl TrialReport {
             self.diverged.to_string(),
             format!("{:.0}", self.joint_speed),
             format!("{:.1}", self.pelvis_speed),
-            format!("{:.1}", self.penetration * 1e3),
+            format!("{:.1} in run {}", self.penetration * 1e3, self.deepest_run),
             self.deep_runs.to_string(),
             self.steps.to_string(),
             self.retried.to_string(),

@@ -131,6 +131,32 @@ fn the_deepest_point_agrees_with_a_general_convex_query() {
     assert!(compared > 500, "only {compared} cases compared");
 }
 
+/// Plates as thin and as fast as kicking feet, that fly at each other's centres from all sides: each pair meets in the step in
+/// which it would pass through.
+#[test]
+fn thin_boxes_that_fly_at_each_other_do_not_get_deep() {
+    let half_extents = Vector3::new(0.101, 0.033, 0.011);
+    let model = two_shapes(Geometry::Cuboid { half_extents }, Geometry::Cuboid { half_extents });
+    let mut dynamics = Dynamics::new(&model);
+    let mut random = Random(11);
+    for case in 0..2000 {
+        let mut state = model.reference_state();
+        let (mut pose_a, mut pose_b) = (random.pose(1.0), random.pose(0.03));
+        let speed = random.uniform(5.0, 16.0);
+        let direction = pose_a.translation.vector.normalize();
+        pose_a.translation.vector = direction * random.uniform(0.25, 0.35);
+        pose_b.translation.vector.z += 1.0;
+        pose_a.translation.vector.z += 1.0;
+        state.set_pose(&model, BodyId(1), &pose_a);
+        state.set_pose(&model, BodyId(2), &pose_b);
+        state.qvel[..3].copy_from_slice((direction * -speed).as_slice());
+        for _ in 0..20 {
+            let report = dynamics.step(&model, &mut state, &Input::default(), 0.005);
+            assert!(report.penetration < 0.004, "case {case}: {} m deep at {speed} m/s", report.penetration);
+        }
+    }
+}
+
 #[test]
 fn normals_point_from_the_first_shape_to_the_second_and_swapping_flips_them() {
     let mut random = Random(3);

@@ -106,13 +106,13 @@ impl Trials {
     pub fn violent(&self, pattern: Pattern, run: u64) -> Result<TrialReport, BenchError> {
         let mut random = Random::of_term(Stream::Trial, &pattern.name(), run, 0);
         let mut world = self.start(run)?;
-        play(&mut world, RUN, |step, targets| pattern.draw(&self.robot, step, &mut random, targets))
+        play(&mut world, run, RUN, |step, targets| pattern.draw(&self.robot, step, &mut random, targets))
     }
 
     /// 1 s from a posture that touches nothing, anywhere near the ladder, towards random targets.
     pub fn random_start(&self, index: u64) -> Result<TrialReport, BenchError> {
         let (mut world, sets) = self.start_and_targets(index)?;
-        play(&mut world, START, |step, targets| targets.copy_from_slice(&sets[step / HOLD]))
+        play(&mut world, index, START, |step, targets| targets.copy_from_slice(&sets[step / HOLD]))
     }
 
     /// A random start and its targets, rad, each for [`HOLD`] control steps.
@@ -157,9 +157,14 @@ impl Trials {
 }
 
 /// Plays so many control steps, or until the state has left the plausible.
-fn play(world: &mut World, steps: usize, mut draw: impl FnMut(usize, &mut [f64])) -> Result<TrialReport, BenchError> {
+fn play(
+    world: &mut World,
+    run: u64,
+    steps: usize,
+    mut draw: impl FnMut(usize, &mut [f64]),
+) -> Result<TrialReport, BenchError> {
     let scene = Arc::clone(world.scene());
-    let mut report = TrialReport { runs: 1, ..TrialReport::default() };
+    let mut report = TrialReport { runs: 1, deepest_run: run, ..TrialReport::default() };
     let mut targets = world.row().joint_target.clone();
     let action = vec![0.0; targets.len()];
     let (mut rows_deep, mut deepest) = (0, (0.0, String::new()));
@@ -171,9 +176,10 @@ fn play(world: &mut World, steps: usize, mut draw: impl FnMut(usize, &mut [f64])
         report.unconverged += u64::from(row.unconverged);
         report.joint_speed = report.joint_speed.max(row.joint_speed_peak);
         report.pelvis_speed = report.pelvis_speed.max(row.robot.linear_velocity.norm());
-        report.penetration = report.penetration.max(row.penetration);
-        rows_deep = if row.penetration > DEEP { rows_deep + 1 } else { 0 };
-        let (is_deep, ended) = (rows_deep > DEEP_ROWS, diverged(row));
+        let (penetration, ended) = (row.penetration, diverged(row));
+        rows_deep = if penetration > DEEP { rows_deep + 1 } else { 0 };
+        let is_deep = rows_deep > DEEP_ROWS;
+        report.penetration = report.penetration.max(penetration);
         if is_deep {
             report.deep_runs = 1;
             deepest = deeper(&scene, world, deepest);
