@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 18] = [
+const IN_METADATA: [&str; 20] = [
     "EpisodeHeader",
     "OpenRequest",
+    "RunSpec",
+    "RunTicket",
     "EpisodeResult",
     "EpisodeEnd",
     "Judgement",
@@ -27,6 +29,7 @@ const IN_METADATA: [&str; 18] = [
 fn main() {
     println!("cargo::rerun-if-changed=proto");
     let files = [
+        "fiatlux/v3/run.proto",
         "fiatlux/v3/session.proto",
         "fiatlux/v3/truth.proto",
         "foxglove/frames.proto",

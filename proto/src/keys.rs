@@ -68,6 +68,11 @@ impl ServerKeys {
         format!("{}/open", self.root)
     }
 
+    /// Queryable: [`crate::v3::RunRequest`] to [`crate::v3::RunReply`].
+    pub fn run(&self) -> String {
+        format!("{}/run", self.root)
+    }
+
     /// Keys of one of its sessions.
     pub fn session(&self, session: &str) -> SessionKeys {
         SessionKeys { root: format!("{}/s/{session}", self.root) }
