@@ -39,10 +39,16 @@ impl Judges {
 
     /// Shows both the next row; nothing changes after the end.
     pub fn advance(&mut self, row: &Row) {
-        if self.in_force().verdict().end.is_none() {
-            self.published.advance(row);
-            self.strict.advance(row);
+        if self.in_force().verdict().end.is_some() {
+            return;
         }
+        // The other one may have ended.
+        let evidence = match self.protocol {
+            Protocol::Published => self.published.see(row),
+            Protocol::Strict => self.strict.see(row),
+        };
+        self.published.judge(row, evidence);
+        self.strict.judge(row, evidence);
     }
 
     /// Which of them ends the episode.
