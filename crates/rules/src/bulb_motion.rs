@@ -73,8 +73,8 @@ impl Instant {
             let impact = jumps_since(last, 1.0);
             jolts.impact |= impact;
             jolts.blow |= impact && self.touched[bulb];
-            jolts.blow |= (last.touched[bulb] || self.touched[bulb])
-                && earlier.is_some_and(|earlier| jumps_since(earlier, 2.0));
+            jolts.blow |=
+                (last.touched[bulb] || self.touched[bulb]) && earlier.is_some_and(|earlier| jumps_since(earlier, 2.0));
         }
         jolts
     }

@@ -327,7 +327,8 @@ impl Judge {
             self.first_met[cause as usize].get_or_insert(step);
         }
         let window = self.gate().window(self.protocol);
-        let may_fire = !conditions.contains(Cause::Diverged) && (self.protocol == Protocol::Published || !self.is_spoilt());
+        let may_fire =
+            !conditions.contains(Cause::Diverged) && (self.protocol == Protocol::Published || !self.is_spoilt());
         let fires = may_fire && !self.verdict.success && self.verdict.sustained >= window;
         if fires {
             conditions = conditions.union(Causes::of(&[Cause::Success]));

@@ -7,7 +7,7 @@ use crate::row::Row;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 
-/// The published judge and the strict one, and which of them ends the episode.
+/// The published judge and the strict one, and which of them ends the episode. A row is measured once for both.
 ///
 /// Failures end an episode by either protocol in the same row. After the published gate has fired, protocol `strict` goes on:
 /// rows then change nothing of what the published judge says, which stays as if the episode had ended there.
