@@ -47,19 +47,27 @@ pub enum DecodeError {
 /// # Errors
 /// [`DecodeError`]: too long, no such message, or an unknown field.
 pub fn decode<M: Message + Name + Default>(bytes: &[u8], limit: usize) -> Result<M, DecodeError> {
+    decode_onto(M::default(), bytes, limit)
+}
+
+/// The same into an empty message, whose lists may have room already.
+///
+/// # Errors
+/// As for [`decode`].
+pub fn decode_onto<M: Message + Name>(mut empty: M, bytes: &[u8], limit: usize) -> Result<M, DecodeError> {
     let message = M::NAME;
     if bytes.len() > limit {
         return Err(DecodeError::Size { message, length: bytes.len(), limit });
     }
     let malformed = |error: prost::DecodeError| DecodeError::Malformed { message, reason: error.to_string() };
-    let decoded = M::decode(bytes).map_err(malformed)?;
+    empty.merge(bytes).map_err(malformed)?;
     check_fields(bytes, &M::full_name()).map_err(|error| match error {
         FieldError::Malformed(error) => malformed(error),
         FieldError::Unknown { path, number } => {
             DecodeError::UnknownField { message: format!("{message}{path}"), number }
         }
     })?;
-    Ok(decoded)
+    Ok(empty)
 }
 
 enum FieldError {

@@ -26,7 +26,7 @@ mod refusal;
 mod sensor;
 mod version;
 
-pub use decode::{DecodeError, decode};
+pub use decode::{DecodeError, decode, decode_onto};
 pub use observation::{ObservationLayout, TermError, is_of_images};
 pub use prost::Message;
 pub use prost::bytes::Bytes;

@@ -29,9 +29,14 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
         Completeness::Whole => None,
         Completeness::Cut { reason, .. } => Some(reason.clone()),
     };
-    for state in bag.states() {
+    let mut states = bag.states();
+    while let Some(state) = states.next() {
         let row = match state {
-            Ok(state) => read_row(&state, layout).map_err(|error| in_full(&error)),
+            Ok(state) => {
+                let row = read_row(&state, layout).map_err(|error| in_full(&error));
+                states.reuse(state);
+                row
+            }
             Err(error) => Err(in_full(&error)),
         };
         match row {

@@ -176,7 +176,8 @@ impl Grader {
         } else {
             return;
         }
-        self.recorder.push(row, &self.judges.in_force().verdict().criteria);
+        let judge = self.judges.in_force();
+        self.recorder.push(judge.hand_force_n(), &judge.verdict().criteria);
     }
 
     /// What the rows amount to, against the result that was recorded with them.

@@ -1,6 +1,6 @@
 //! What a figure of an episode shows, thinned out to what a screen can tell apart.
 
-use fiatlux_rules::{CONTROL_DT, Criteria, Row};
+use fiatlux_rules::{CONTROL_DT, Criteria};
 
 /// Most points of a figure.
 pub const MAX_BUCKETS: usize = 300;
@@ -48,11 +48,11 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    pub(crate) fn push(&mut self, row: &Row, criteria: &Criteria) {
+    /// Takes the next row: the largest contact force of a bulb on a hand body in it, and the criteria that hold.
+    pub(crate) fn push(&mut self, hand_force_n: f64, criteria: &Criteria) {
         let bits = criteria.as_slice().iter().enumerate().fold(0, |bits, (i, held)| bits | u16::from(*held) << i);
-        let squared = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm_squared()));
         self.bits.push(bits);
-        self.force.push(squared.sqrt() as f32);
+        self.force.push(hand_force_n as f32);
     }
 
     pub(crate) fn finish(&self, criteria: Vec<&'static str>) -> Series {

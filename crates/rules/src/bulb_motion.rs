@@ -2,85 +2,81 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use crate::gate::Context;
 use crate::measure::GRAVITY;
-use crate::protocol::Protocol;
 use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
 use crate::settle::{self, PoseSpeed};
+use crate::thresholds::Thresholds;
 
 /// Low-passed speeds of both bulbs, and the two rows before the next one.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct BulbMotion {
     pub speeds: [PoseSpeed; 2],
-    /// In the frames of the palms, by bulb, then left and right, m/s; only followed in protocol `strict`.
+    /// In the frames of the palms, by bulb, then left and right, m/s.
     pub grip_speeds: [[f64; 2]; 2],
     /// The last row and the one before it.
     last: [Option<Instant>; 2],
 }
 
+/// What struck some bulb in a row.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Jolts {
+    /// Its velocity changed since the last row by more than free fall explains.
+    pub impact: bool,
+    /// Something touched it and changed its velocity since the last row, or the last but one, by more than free fall explains.
+    /// Over two rows, because the physics steps of a blow can lie on both sides of a row; there the row before both must not
+    /// be one of the first, exempt rows.
+    pub blow: bool,
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Instant {
     bulbs: [BodyRow; 2],
-    world_from_palm: [Isometry3<f64>; 2],
+    /// Places of the bulbs' origins in the frames of the palms, by bulb, then left and right, m.
+    in_palms: [[Vector3<f64>; 2]; 2],
     touched: [bool; 2],
 }
 
-impl Instant {
-    fn of(row: &Row) -> Self {
-        let touched =
-            |bulb: usize| row.other_force_peak[bulb] > 0.0 || row.hand_force_peak[bulb].iter().any(|peak| *peak > 0.0);
-        Self { bulbs: row.bulbs, world_from_palm: row.world_from_palm, touched: [0, 1].map(touched) }
+impl BulbMotion {
+    /// Takes a row that follows the last one, `steps` after the start; `touched` says which bulbs anything touched in it.
+    pub fn advance(&mut self, row: &Row, touched: [bool; 2], steps: u64, thresholds: &Thresholds) -> Jolts {
+        let in_palms = row.bulbs.each_ref().map(|bulb| row.world_from_palm.each_ref().map(|palm| in_palm(palm, bulb)));
+        let now = Instant { bulbs: row.bulbs, in_palms, touched };
+        let mut jolts = Jolts::default();
+        if let [Some(last), earlier] = &self.last {
+            // At rest at reset and, as published, through the first step.
+            if steps > 1 {
+                for bulb in [0, 1] {
+                    let (before, after) = (&last.bulbs[bulb].pose, &now.bulbs[bulb].pose);
+                    self.speeds[bulb] = self.speeds[bulb].advance(before, after, thresholds.settle_time_s);
+                    for (palm, speed) in self.grip_speeds[bulb].iter_mut().enumerate() {
+                        let moved = now.in_palms[bulb][palm] - last.in_palms[bulb][palm];
+                        *speed = settle::low_pass(*speed, moved.norm() / CONTROL_DT, thresholds.settle_time_s);
+                    }
+                }
+            }
+            let exempt = u64::from(thresholds.impact_exempt_rows);
+            if steps > exempt {
+                let earlier = earlier.as_ref().filter(|_| steps > exempt + 1);
+                jolts = now.jolts(last, earlier, thresholds.impact_m_s);
+            }
+        }
+        self.last = [Some(now), self.last[0]];
+        jolts
     }
 }
 
-impl BulbMotion {
-    /// Takes the speeds on to a row that follows the last one.
-    pub fn follow(&mut self, row: &Row, protocol: Protocol, time_constant_s: f64) {
-        let Some(last) = &self.last[0] else { return };
-        for bulb in [0, 1] {
-            let speed = &mut self.speeds[bulb];
-            *speed = speed.advance(&last.bulbs[bulb].pose, &row.bulbs[bulb].pose, time_constant_s);
-            if protocol == Protocol::Published {
-                continue;
-            }
-            for (palm, speed) in self.grip_speeds[bulb].iter_mut().enumerate() {
-                let before = in_palm(&last.world_from_palm[palm], &last.bulbs[bulb]);
-                let moved = in_palm(&row.world_from_palm[palm], &row.bulbs[bulb]) - before;
-                *speed = settle::low_pass(*speed, moved.norm() / CONTROL_DT, time_constant_s);
-            }
+impl Instant {
+    fn jolts(&self, last: &Instant, earlier: Option<&Instant>, limit: f64) -> Jolts {
+        let mut jolts = Jolts::default();
+        for bulb in Bulb::ALL.map(|bulb| bulb as usize) {
+            let jumps_since = |before: &Instant, steps| jump(&before.bulbs[bulb], &self.bulbs[bulb], steps) > limit;
+            let impact = jumps_since(last, 1.0);
+            jolts.impact |= impact;
+            jolts.blow |= impact && self.touched[bulb];
+            jolts.blow |=
+                (last.touched[bulb] || self.touched[bulb]) && earlier.is_some_and(|earlier| jumps_since(earlier, 2.0));
         }
-    }
-
-    /// Some bulb's velocity changed since the last row by more than free fall explains.
-    pub fn had_impact(&self, row: &Row, cx: &Context<'_>) -> bool {
-        let jumps =
-            |last: &Instant| Bulb::ALL.iter().any(|bulb| jump(last, row, *bulb, 1.0) > cx.thresholds.impact_m_s);
-        self.last[0].as_ref().is_some_and(jumps)
-    }
-
-    /// Something touched some bulb and changed its velocity since the last row, or the last but one, by more than free fall
-    /// explains. Over two rows, because the physics steps of a blow can lie on both sides of a row; there the row before both
-    /// must not be one of the first, exempt rows.
-    pub fn had_blow(&self, row: &Row, cx: &Context<'_>, steps: u64) -> bool {
-        let [Some(last), earlier] = &self.last else { return false };
-        let touches = |bulb: usize| Instant::of(row).touched[bulb];
-        let earlier = earlier.as_ref().filter(|_| steps > u64::from(cx.thresholds.impact_exempt_rows) + 1);
-        Bulb::ALL.iter().any(|&bulb| {
-            let (i, limit) = (bulb as usize, cx.thresholds.impact_m_s);
-            (jump(last, row, bulb, 1.0) > limit && touches(i))
-                || (earlier.is_some_and(|earlier| jump(earlier, row, bulb, 2.0) > limit)
-                    && (last.touched[i] || touches(i)))
-        })
-    }
-
-    /// Makes a row the last one.
-    pub fn shift(&mut self, row: &Row) {
-        self.last = [Some(Instant::of(row)), self.last[0]];
-    }
-
-    /// Drops what the rows before said.
-    pub fn forget(&mut self) {
-        *self = Self::default();
+        jolts
     }
 }
 
@@ -90,7 +86,7 @@ fn in_palm(world_from_palm: &Isometry3<f64>, bulb: &BodyRow) -> Vector3<f64> {
 }
 
 /// Change of a bulb's velocity over some control steps, free fall apart, m/s.
-fn jump(before: &Instant, after: &Row, bulb: Bulb, steps: f64) -> f64 {
+fn jump(before: &BodyRow, after: &BodyRow, steps: f64) -> f64 {
     let fall = Vector3::new(0.0, 0.0, -GRAVITY) * CONTROL_DT * steps;
-    (after.bulbs[bulb as usize].linear_velocity - before.bulbs[bulb as usize].linear_velocity - fall).norm()
+    (after.linear_velocity - before.linear_velocity - fall).norm()
 }

@@ -1,6 +1,6 @@
 //! The digest chain over rows: what "bit for bit the same" means.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 use sha2::{Digest, Sha256};
 
 use crate::row::{BodyRow, Row};
@@ -20,7 +20,7 @@ pub const ROW_LAYOUT: &str = "fiatlux-row/4";
 #[derive(Debug, Clone)]
 pub struct RowDigest {
     link: [u8; 32],
-    buffer: Vec<u8>,
+    numbers: Vec<[u8; 8]>,
 }
 
 impl RowDigest {
@@ -30,7 +30,7 @@ impl RowDigest {
         hash.update(ROW_LAYOUT);
         hash.update([0]);
         hash.update(context);
-        Self { link: hash.finalize().into(), buffer: Vec::with_capacity(8192) }
+        Self { link: hash.finalize().into(), numbers: Vec::with_capacity(1024) }
     }
 
     /// Goes on from a link of a chain, such as its start, given as [`RowDigest::hex`] gives it; `None` for anything else.
@@ -38,16 +38,15 @@ impl RowDigest {
         let digit = |byte: u8| char::from(byte).to_digit(16).map(|digit| digit as u8);
         let pair = |pair: &[u8]| Some(digit(*pair.first()?)? << 4 | digit(*pair.get(1)?)?);
         let bytes: Option<Vec<u8>> = link.as_bytes().chunks(2).map(pair).collect();
-        Some(Self { link: bytes?.try_into().ok()?, buffer: Vec::with_capacity(8192) })
+        Some(Self { link: bytes?.try_into().ok()?, numbers: Vec::with_capacity(1024) })
     }
 
     /// Adds a row.
     pub fn push(&mut self, row: &Row) {
-        self.buffer.clear();
-        self.buffer.extend_from_slice(&self.link);
-        let buffer = &mut self.buffer;
-        visit(row, &mut |number| buffer.extend_from_slice(&number.to_le_bytes()));
-        self.link = Sha256::digest(&self.buffer).into();
+        self.numbers.clear();
+        let numbers = &mut self.numbers;
+        visit(row, &mut |list| numbers.extend(list.iter().map(|number| number.to_le_bytes())));
+        self.link = Sha256::new().chain_update(self.link).chain_update(self.numbers.as_flattened()).finalize().into();
     }
 
     /// The digest of all rows so far.
@@ -61,48 +60,41 @@ impl RowDigest {
     }
 }
 
-fn visit(row: &Row, out: &mut impl FnMut(f64)) {
-    out(row.step as f64);
+fn visit(row: &Row, out: &mut impl FnMut(&[f64])) {
     let layout = row.layout();
-    out(layout.joints as f64);
-    out(layout.hand_bodies() as f64);
+    out(&[row.step as f64, layout.joints as f64, layout.hand_bodies() as f64]);
     visit_body(&row.robot, out);
     for joints in [&row.joint_position, &row.joint_velocity, &row.joint_target, &row.joint_effort, &row.action] {
-        joints.iter().for_each(|&number| out(number));
+        out(joints);
     }
     for body in [&row.ladder, &row.bulbs[0], &row.bulbs[1]] {
         visit_body(body, out);
     }
     visit_pose(&row.fixture, out);
     visit_pose(&row.crate_, out);
-    row.hand_force.iter().flatten().for_each(|force| visit_vector(force, out));
-    row.hand_force_peak.iter().flatten().for_each(|&peak| out(peak));
+    row.hand_force.iter().flatten().for_each(|force| out(force.as_slice()));
+    row.hand_force_peak.iter().for_each(|peaks| out(peaks));
     for force in row.floor_force.iter().chain(&row.ladder_force) {
-        visit_vector(force, out);
+        out(force.as_slice());
     }
     for attachment in &row.attachments {
-        out(f64::from(u8::from(attachment.seated)));
-        out(f64::from(attachment.steps_beyond));
+        out(&[f64::from(u8::from(attachment.seated)), f64::from(attachment.steps_beyond)]);
     }
-    out(f64::from(row.unconverged));
-    visit_vector(&row.com_velocity, out);
+    out(&[f64::from(row.unconverged)]);
+    out(row.com_velocity.as_slice());
     row.world_from_palm.iter().for_each(|pose| visit_pose(pose, out));
-    [f64::from(row.retried), row.joint_speed_peak, row.penetration].into_iter().for_each(&mut *out);
-    row.other_force_peak.iter().chain(&row.floor_load).chain(&row.tread_load).for_each(|&number| out(number));
+    out(&[f64::from(row.retried), row.joint_speed_peak, row.penetration]);
+    [&row.other_force_peak[..], &row.floor_load, &row.tread_load].into_iter().for_each(out);
 }
 
-fn visit_body(body: &BodyRow, out: &mut impl FnMut(f64)) {
+fn visit_body(body: &BodyRow, out: &mut impl FnMut(&[f64])) {
     visit_pose(&body.pose, out);
-    visit_vector(&body.linear_velocity, out);
-    visit_vector(&body.angular_velocity, out);
+    out(body.linear_velocity.as_slice());
+    out(body.angular_velocity.as_slice());
 }
 
-fn visit_pose(pose: &Isometry3<f64>, out: &mut impl FnMut(f64)) {
-    visit_vector(&pose.translation.vector, out);
+fn visit_pose(pose: &Isometry3<f64>, out: &mut impl FnMut(&[f64])) {
     let q = pose.rotation.quaternion();
-    [q.w, q.i, q.j, q.k].into_iter().for_each(out);
-}
-
-fn visit_vector(vector: &Vector3<f64>, out: &mut impl FnMut(f64)) {
-    vector.iter().for_each(|&number| out(number));
+    out(pose.translation.vector.as_slice());
+    out(&[q.w, q.i, q.j, q.k]);
 }

@@ -5,6 +5,7 @@ use crate::protocol::Protocol;
 use crate::row::{Bulb, Row};
 use crate::settle::PoseSpeed;
 use crate::strict::UPRIGHT;
+use crate::task::Task;
 use crate::thresholds::Thresholds;
 
 /// What a predicate reads beside the row.
@@ -16,14 +17,19 @@ pub struct Context<'a> {
     pub geometry: &'a Geometry,
     /// Low-passed speeds of both bulbs, by [`Bulb`].
     pub bulb_speeds: [PoseSpeed; 2],
-    /// Low-passed speeds of the bulbs in the frames of the palms, by [`Bulb`], then left and right, m/s. Only protocol `strict`
-    /// follows them.
+    /// Low-passed speeds of the bulbs in the frames of the palms, by [`Bulb`], then left and right, m/s.
     pub grip_speeds: [[f64; 2]; 2],
     /// Heights below which the bulbs count as dropped in this task, by [`Bulb`], m.
     pub drop_heights: [f64; 2],
 }
 
-impl Context<'_> {
+impl<'a> Context<'a> {
+    /// For a task, with bulbs that do not move.
+    pub(crate) fn at_rest(task: Task, thresholds: &'a Thresholds, geometry: &'a Geometry) -> Self {
+        let drop_heights = [thresholds.old_drop_m, (task.spec().special.fresh_drop_m)(thresholds)];
+        Self { thresholds, geometry, bulb_speeds: Default::default(), grip_speeds: Default::default(), drop_heights }
+    }
+
     /// Low-passed speeds of a bulb.
     pub fn bulb_speed(&self, bulb: Bulb) -> PoseSpeed {
         self.bulb_speeds[bulb as usize]

@@ -2,15 +2,14 @@
 
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
-use crate::divergence::diverged;
+use crate::evidence::Evidence;
 use crate::gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA};
 use crate::geometry::Geometry;
-use crate::predicates::{at_working_height, crushed, dropped, fallen, ladder_tipped, seated, standing};
+use crate::predicates::standing;
 use crate::protocol::Protocol;
-use crate::row::{Bulb, Row};
+use crate::row::Row;
 use crate::scores::Summary;
-use crate::settle::PoseSpeed;
-use crate::strict::{leaps, upright};
+use crate::strict::upright;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 use crate::verdict::{End, Verdict};
@@ -48,6 +47,8 @@ pub struct Judge {
     first_step: u64,
     start_count: Option<u32>,
     motion: BulbMotion,
+    /// What the row last judged says.
+    evidence: Evidence,
     /// For how many rows each criterion has held; protocol `strict` counts by it.
     held_for: [u32; MAX_CRITERIA],
     squared_actions: f64,
@@ -74,6 +75,7 @@ impl Judge {
             first_step: 0,
             start_count: None,
             motion: BulbMotion::default(),
+            evidence: Evidence::default(),
             held_for: [0; MAX_CRITERIA],
             squared_actions: 0.0,
             first_met: [None; Cause::ALL.len()],
@@ -139,15 +141,15 @@ impl Judge {
         self.first_met[cause as usize]
     }
 
+    /// Largest contact force of a bulb on a hand body in the row last shown, N.
+    pub fn hand_force_n(&self) -> f64 {
+        self.evidence.hand_force_n
+    }
+
     /// Context in which predicates read the row last shown.
     pub fn context(&self) -> Context<'_> {
-        Context {
-            thresholds: &self.thresholds,
-            geometry: &self.geometry,
-            bulb_speeds: self.motion.speeds,
-            grip_speeds: self.motion.grip_speeds,
-            drop_heights: [self.thresholds.old_drop_m, (self.task.spec().special.fresh_drop_m)(&self.thresholds)],
-        }
+        let Evidence { bulb_speeds, grip_speeds, .. } = self.evidence;
+        Context { bulb_speeds, grip_speeds, ..Context::at_rest(self.task, &self.thresholds, &self.geometry) }
     }
 
     /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it beside c0.
@@ -155,7 +157,7 @@ impl Judge {
         let (thresholds, geometry) = (self.thresholds.clone(), self.geometry.clone());
         *self = Self::new(self.protocol, self.task, thresholds, geometry, self.options);
         self.first_step = row.step;
-        self.motion.shift(row);
+        self.evidence = self.see(row);
         let criteria = self.gate().evaluate(self.protocol, row, &self.context());
         self.verdict.step = row.step;
         self.verdict.criteria = criteria;
@@ -165,42 +167,59 @@ impl Judge {
         } else {
             self.count(criteria.count());
         }
-        self.note_hands_and_bulbs(row);
+        self.note_hands_and_bulbs();
         &self.verdict
     }
 
     /// Judges the next row, whose number is the last one plus 1.
     pub fn advance(&mut self, row: &Row) -> &Verdict {
+        if self.verdict.end.is_none() {
+            let evidence = self.see(row);
+            self.judge(row, evidence);
+        }
+        &self.verdict
+    }
+
+    /// Measures the next row, without judging it.
+    pub(crate) fn see(&mut self, row: &Row) -> Evidence {
+        let follows = self.evidence.step.checked_add(1) == Some(row.step);
+        if !follows {
+            self.motion = BulbMotion::default();
+        }
+        let steps = self.steps_at(row.step);
+        let cx = Context::at_rest(self.task, &self.thresholds, &self.geometry);
+        Evidence::of(row, follows, steps, &mut self.motion, self.task.spec(), &cx)
+    }
+
+    /// Judges a row by what some judge of the same task and thresholds saw in it.
+    pub(crate) fn judge(&mut self, row: &Row, evidence: Evidence) {
         if self.verdict.end.is_some() {
-            return &self.verdict;
+            return;
         }
-        if self.verdict.step.checked_add(1) != Some(row.step) {
-            self.forget_motion();
+        self.evidence = evidence;
+        if !evidence.follows {
+            self.verdict.sustained = 0;
+            self.held_for = [0; MAX_CRITERIA];
         }
-        // At rest at reset and, as published, through the first step.
-        if self.steps_at(row.step) > 1 {
-            self.motion.follow(row, self.protocol, self.thresholds.settle_time_s);
-        }
-        self.squared_actions += row.action.iter().map(|a| a * a).sum::<f64>();
+        self.squared_actions += evidence.squared_action;
         let criteria = self.gate().evaluate(self.protocol, row, &self.context());
         for (rows, held) in self.held_for.iter_mut().zip(criteria.as_slice()) {
             *rows = if *held { *rows + 1 } else { 0 };
         }
+        let diverged = evidence.conditions.contains(Cause::Diverged);
         let v = &mut self.verdict;
         v.step = row.step;
         v.criteria = criteria;
         v.count = criteria.count();
-        let diverged = diverged(row);
         if diverged {
             (v.sustained, v.success) = (0, false);
         } else {
             v.sustained = if criteria.all() { v.sustained + 1 } else { 0 };
-            self.note_hands_and_bulbs(row);
+            self.note_hands_and_bulbs();
         }
-        self.note_conditions(row, diverged);
-        self.motion.shift(row);
+        self.note_conditions();
         if diverged {
-            return &self.verdict;
+            return;
         }
         let counted = match (&self.first_row, self.verdict.end) {
             (Some(first), Some(_)) => self.count_after_reset(first, row),
@@ -208,7 +227,6 @@ impl Judge {
             _ => criteria.count(),
         };
         self.count(counted);
-        &self.verdict
     }
 
     /// What the episode amounts to so far.
@@ -238,13 +256,6 @@ impl Judge {
         step.saturating_sub(self.first_step)
     }
 
-    /// Drops what compares a row with those before it.
-    fn forget_motion(&mut self) {
-        self.verdict.sustained = 0;
-        self.held_for = [0; MAX_CRITERIA];
-        self.motion.forget();
-    }
-
     /// Takes a number of criteria into c0, the best and the progress.
     fn count(&mut self, count: u32) {
         let n = self.gate().n(self.protocol);
@@ -257,7 +268,7 @@ impl Judge {
     /// Criteria as a simulator counts them that has already reset the scene, but not the contact forces.
     fn count_after_reset(&self, first: &Row, last: &Row) -> u32 {
         let reset = Row { hand_force: last.hand_force.clone(), ..first.clone() };
-        let context = Context { bulb_speeds: [PoseSpeed::default(); 2], ..self.context() };
+        let context = Context::at_rest(self.task, &self.thresholds, &self.geometry);
         self.gate().evaluate(self.protocol, &reset, &context).count()
     }
 
@@ -286,78 +297,48 @@ impl Judge {
     }
 
     /// Forces and drops count in every row.
-    fn note_hands_and_bulbs(&mut self, row: &Row) {
-        // The root of the largest square is the largest root, to the bit.
-        let squared = row.hand_force.iter().flatten().fold(0.0, |peak: f64, force| peak.max(force.norm_squared()));
-        let peak = libm::sqrt(squared);
-        let substep = row.hand_force_peak.iter().flatten().fold(0.0, |peak: f64, force| peak.max(*force));
-        let context = self.context();
-        let parked = self.task.spec().special.bulbs_parked;
-        let drops = !parked && Bulb::ALL.iter().any(|bulb| dropped(row, &context, *bulb));
-        let high = at_working_height(row, &context);
-        let leaps = leaps(row, &context);
-        let breaks = self.breaks(row, peak, substep);
-        let v = &mut self.verdict;
-        v.peak_hand_force_n = v.peak_hand_force_n.max(peak);
-        v.peak_substep_force_n = v.peak_substep_force_n.max(substep);
+    fn note_hands_and_bulbs(&mut self) {
+        let breaks = self.breaks();
+        let (seen, v) = (&self.evidence, &mut self.verdict);
+        v.peak_hand_force_n = v.peak_hand_force_n.max(seen.hand_force_n);
+        v.peak_substep_force_n = v.peak_substep_force_n.max(seen.substep_force_n);
         v.broken |= breaks;
-        v.dropped |= drops;
-        v.leapt |= leaps;
-        v.reached_working_height |= high;
+        v.dropped |= seen.drops;
+        v.leapt |= seen.leaps;
+        v.reached_working_height |= seen.is_high;
     }
 
     /// Published: a hand presses too hard in the last physics step. Strict: anything does in any physics step, or strikes it, but
     /// for the first rows.
-    fn breaks(&self, row: &Row, peak: f64, substep: f64) -> bool {
-        let steps = self.steps_at(row.step);
+    fn breaks(&self) -> bool {
+        let Evidence { step, hand_force_n, bulb_force_n, has_blow, .. } = self.evidence;
+        let limit = self.thresholds.fragility_n;
         match self.protocol {
-            Protocol::Published => peak > self.thresholds.fragility_n,
-            Protocol::Strict if steps <= u64::from(self.thresholds.impact_exempt_rows) => false,
-            Protocol::Strict => {
-                let largest = row.other_force_peak.iter().fold(substep, |peak, force| peak.max(*force));
-                largest > self.thresholds.fragility_n || self.motion.had_blow(row, &self.context(), steps)
-            }
+            Protocol::Published => hand_force_n > limit,
+            Protocol::Strict if self.steps_at(step) <= u64::from(self.thresholds.impact_exempt_rows) => false,
+            Protocol::Strict => bulb_force_n > limit || has_blow,
         }
     }
 
-    /// Conditions that a row meets, and the end that follows from those in force.
-    fn note_conditions(&mut self, row: &Row, diverged: bool) {
-        let context = self.context();
-        let spec = self.task.spec();
-        let steps = self.steps_at(row.step);
-        let window = spec.gate.window(self.protocol);
-        let met = |cause| match cause {
-            // Follows from the others.
-            Cause::Success => false,
-            Cause::Diverged => diverged,
-            Cause::Fall => fallen(row, &context),
-            Cause::Tip => ladder_tipped(row, &context),
-            Cause::Crush => {
-                steps > u64::from(self.thresholds.crush_exempt_rows)
-                    && spec.bulbs.iter().any(|bulb| crushed(row, &context, *bulb))
-            }
-            Cause::Drop => spec.bulbs.iter().any(|bulb| dropped(row, &context, *bulb)),
-            Cause::Unseated => spec.special.keeps_seated.is_some_and(|bulb| !seated(row, bulb)),
-            Cause::Impact => {
-                steps > u64::from(self.thresholds.impact_exempt_rows) && self.motion.had_impact(row, &context)
-            }
-            Cause::TimeOut => steps >= spec.horizon_steps,
-        };
-        let mut conditions: Causes = Cause::ALL.into_iter().filter(|cause| met(*cause)).collect();
+    /// Conditions that the row meets, and the end that follows from those in force.
+    fn note_conditions(&mut self) {
+        let Evidence { step, mut conditions, .. } = self.evidence;
         for cause in conditions.iter() {
-            self.first_met[cause as usize].get_or_insert(row.step);
+            self.first_met[cause as usize].get_or_insert(step);
         }
-        let may_fire = self.protocol == Protocol::Published || !self.is_spoilt();
-        let fires = may_fire && !diverged && !self.verdict.success && self.verdict.sustained >= window;
+        let window = self.gate().window(self.protocol);
+        let may_fire =
+            !conditions.contains(Cause::Diverged) && (self.protocol == Protocol::Published || !self.is_spoilt());
+        let fires = may_fire && !self.verdict.success && self.verdict.sustained >= window;
         if fires {
             conditions = conditions.union(Causes::of(&[Cause::Success]));
-            self.first_met[Cause::Success as usize].get_or_insert(row.step);
+            self.first_met[Cause::Success as usize].get_or_insert(step);
         }
         let ending = conditions.intersection(self.ends_on());
         self.verdict.success |= fires;
         self.verdict.conditions = conditions;
         if !ending.is_empty() {
-            self.verdict.end = Some(End { step: row.step, causes: ending });
+            self.verdict.end = Some(End { step, causes: ending });
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::row::Row;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 
-/// The published judge and the strict one, and which of them ends the episode.
+/// The published judge and the strict one, and which of them ends the episode. A row is measured once for both.
 ///
 /// Failures end an episode by either protocol in the same row. After the published gate has fired, protocol `strict` goes on:
 /// rows then change nothing of what the published judge says, which stays as if the episode had ended there.
@@ -39,10 +39,16 @@ impl Judges {
 
     /// Shows both the next row; nothing changes after the end.
     pub fn advance(&mut self, row: &Row) {
-        if self.in_force().verdict().end.is_none() {
-            self.published.advance(row);
-            self.strict.advance(row);
+        if self.in_force().verdict().end.is_some() {
+            return;
         }
+        // The other one may have ended.
+        let evidence = match self.protocol {
+            Protocol::Published => self.published.see(row),
+            Protocol::Strict => self.strict.see(row),
+        };
+        self.published.judge(row, evidence);
+        self.strict.judge(row, evidence);
     }
 
     /// Which of them ends the episode.

@@ -44,6 +44,7 @@ mod bulb_motion;
 mod cause;
 mod digest;
 mod divergence;
+mod evidence;
 mod gate;
 mod geometry;
 mod judge;

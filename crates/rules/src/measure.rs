@@ -13,6 +13,18 @@ pub fn tilt(world_from_body: &Isometry3<f64>) -> f64 {
     libm::atan2(libm::sqrt(z.x * z.x + z.y * z.y), z.z)
 }
 
+/// The largest of numbers that are zero or above, or 0; NaN is passed over.
+pub fn largest(numbers: impl IntoIterator<Item = f64>) -> f64 {
+    // Cheaper than `f64::max`, which looks for NaN on both sides.
+    numbers.into_iter().fold(0.0, |largest, number| if number > largest { number } else { largest })
+}
+
+/// The largest length of vectors, or 0; NaN is passed over.
+pub fn largest_norm(vectors: &[Vector3<f64>]) -> f64 {
+    // The root of the largest square is the largest root, to the bit.
+    libm::sqrt(largest(vectors.iter().map(Vector3::norm_squared)))
+}
+
 /// Angle between two directions, rad.
 pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     libm::atan2(a.cross(b).norm(), a.dot(b))

@@ -5,7 +5,7 @@
 use nalgebra::Vector3;
 
 use crate::gate::Context;
-use crate::measure;
+use crate::measure::{self, Extent};
 use crate::row::{Bulb, Row};
 
 // ---------------------------------------------------------------- Robot
@@ -91,7 +91,7 @@ pub fn ladder_at_rest(row: &Row, cx: &Context<'_>) -> bool {
 
 /// A body of either hand feels the bulb.
 pub fn held(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    row.hand_force[bulb as usize].iter().any(|force| force.norm() > cx.thresholds.touch_n)
+    measure::largest_norm(&row.hand_force[bulb as usize]) > cx.thresholds.touch_n
 }
 
 /// No body of either hand feels the bulb.
@@ -114,7 +114,7 @@ pub fn handled_gently(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
 
 /// A body of either hand is pressed hard enough to break the bulb.
 pub fn crushed(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    row.hand_force[bulb as usize].iter().any(|force| force.norm() > cx.thresholds.fragility_n)
+    measure::largest_norm(&row.hand_force[bulb as usize]) > cx.thresholds.fragility_n
 }
 
 /// The socket holds the bulb.
@@ -146,15 +146,19 @@ pub fn lifted(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
 
 /// The whole bulb is within the crate's walls, seen from above.
 pub fn between_crate_walls(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    let [x, y, _] = cx.geometry.extents_in_crate(row, bulb);
-    let half = cx.geometry.crate_interior_half;
-    [x, y].iter().zip(half).all(|(extent, half)| extent.reach() < half + cx.thresholds.crate_slack_m)
+    is_between_walls(&cx.geometry.extents_in_crate(row, bulb), cx)
 }
 
 /// The whole bulb is inside the crate: within its walls and below its rim.
 pub fn in_crate(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    let [_, _, z] = cx.geometry.extents_in_crate(row, bulb);
-    between_crate_walls(row, cx, bulb) && z.max.is_finite() && z.max < cx.geometry.crate_rim
+    let extents = cx.geometry.extents_in_crate(row, bulb);
+    let top = extents[2].max;
+    is_between_walls(&extents, cx) && top.is_finite() && top < cx.geometry.crate_rim
+}
+
+fn is_between_walls(extents_in_crate: &[Extent; 3], cx: &Context<'_>) -> bool {
+    let half = cx.geometry.crate_interior_half;
+    extents_in_crate.iter().zip(half).all(|(extent, half)| extent.reach() < half + cx.thresholds.crate_slack_m)
 }
 
 /// The bulb's root is below its drop height. The socket does not drop it, and the old bulb may go into the crate.

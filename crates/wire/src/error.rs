@@ -38,7 +38,9 @@ pub enum WireError {
 }
 
 pub(crate) fn check_finite(field: &'static str, numbers: &[f64]) -> Result<(), WireError> {
-    if numbers.iter().all(|number| number.is_finite()) { Ok(()) } else { Err(WireError::NotFinite { field }) }
+    // Looks at every number, which is faster than to stop at the first: nearly always all are finite.
+    let finite = numbers.iter().fold(true, |finite, number| finite & number.is_finite());
+    if finite { Ok(()) } else { Err(WireError::NotFinite { field }) }
 }
 
 pub(crate) fn array<const N: usize>(field: &'static str, numbers: &[f64]) -> Result<[f64; N], WireError> {

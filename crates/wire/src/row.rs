@@ -136,7 +136,7 @@ fn vectors(field: &'static str, numbers: &[f64], count: usize) -> Result<Vec<Vec
         return Err(WireError::Length { field, found: numbers.len(), expected: 3 * count });
     }
     check_finite(field, numbers)?;
-    Ok(numbers.chunks_exact(3).map(Vector3::from_column_slice).collect())
+    Ok(numbers.as_chunks::<3>().0.iter().map(|&vector| Vector3::from(vector)).collect())
 }
 
 fn limbs(field: &'static str, numbers: &[f64]) -> Result<[Vector3<f64>; LIMBS], WireError> {

@@ -16,6 +16,12 @@ fn everything_reads_back() {
     assert_eq!(bag.completeness(), &Completeness::Whole);
     let states: Result<Vec<_>, _> = bag.states().collect();
     assert_eq!(states.expect("states"), (0..ROWS).map(state).collect::<Vec<_>>());
+    let mut states = bag.states();
+    for step in 0..ROWS {
+        let read = states.next().expect("a row").expect("a state");
+        assert_eq!(read, state(step));
+        states.reuse(read);
+    }
     let actions: Vec<_> = bag.actions().map(|action| action.expect("an action")).collect();
     assert_eq!(actions.len() as u64, ROWS - 1);
     assert_eq!(actions[6], ActionRecord::decode(truth(7).action.as_slice()).expect("an action"));

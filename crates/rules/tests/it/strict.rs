@@ -282,7 +282,8 @@ fn progress_needs_a_robot_that_stands() {
     }
 }
 
-/// Whatever rows come after the published end, its verdict and summary stay those of an episode that stopped there.
+/// Each of both judges says what it says alone. Whatever rows come after the published end, its verdict and summary stay those
+/// of an episode that stopped there.
 #[test]
 fn the_published_verdict_is_that_of_an_episode_that_ended_there() {
     let mut draw = Draw(7);
@@ -291,10 +292,12 @@ fn the_published_verdict_is_that_of_an_episode_that_ended_there() {
             let (start, goal) = (with_palms(start_of(task)), honest_goal(task));
             let goal_at = 2 + draw.bits() % 60;
             let mut both = judges(task);
-            let mut alone =
-                Judge::new(Protocol::Published, task, Thresholds::default(), geometry(), JudgeOptions::default());
+            let mut alone = [Protocol::Published, Protocol::Strict]
+                .map(|protocol| Judge::new(protocol, task, Thresholds::default(), geometry(), JudgeOptions::default()));
             both.start(&start);
-            alone.start(&start);
+            for judge in &mut alone {
+                judge.start(&start);
+            }
             for step in 1..240 {
                 let mut row = row_at(step, if step < goal_at { &start } else { &goal });
                 row.action.iter_mut().for_each(|number| *number = draw.unit());
@@ -311,14 +314,17 @@ fn the_published_verdict_is_that_of_an_episode_that_ended_there() {
                     row.other_force_peak[NEW] = 60.0;
                 }
                 both.advance(&row);
-                if alone.verdict().end.is_none() {
-                    alone.advance(&row);
+                for judge in alone.iter_mut().filter(|judge| judge.verdict().end.is_none()) {
+                    judge.advance(&row);
                 }
             }
-            let found = both.of(Protocol::Published);
-            assert_eq!(found.verdict(), alone.verdict(), "{task} {episode}");
-            assert_eq!(found.summary(), alone.summary(), "{task} {episode}");
-            assert_eq!(Cause::ALL.map(|cause| found.first_met(cause)), Cause::ALL.map(|cause| alone.first_met(cause)));
+            for alone in &alone {
+                let found = both.of(alone.protocol());
+                assert_eq!(found.verdict(), alone.verdict(), "{task} {episode}");
+                assert_eq!(found.summary(), alone.summary(), "{task} {episode}");
+                let first_met = |judge: &Judge| Cause::ALL.map(|cause| judge.first_met(cause));
+                assert_eq!(first_met(found), first_met(alone));
+            }
         }
     }
 }

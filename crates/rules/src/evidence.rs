@@ -1,0 +1,91 @@
+//! What a row says whichever protocol judges it: measured once, and judged by both.
+
+use crate::bulb_motion::BulbMotion;
+use crate::cause::{Cause, Causes};
+use crate::divergence::diverged;
+use crate::gate::Context;
+use crate::measure;
+use crate::predicates::{at_working_height, crushed, dropped, fallen, ladder_tipped, seated};
+use crate::row::{Bulb, Row};
+use crate::settle::PoseSpeed;
+use crate::spec::TaskSpec;
+use crate::strict::leaps;
+
+/// By the row itself and by those before it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Evidence {
+    /// Number of the row.
+    pub step: u64,
+    /// This is the number of the row before plus 1.
+    pub follows: bool,
+    /// Low-passed speeds of the bulbs.
+    pub bulb_speeds: [PoseSpeed; 2],
+    /// The same in the frames of the palms, by bulb, then left and right, m/s.
+    pub grip_speeds: [[f64; 2]; 2],
+    /// Conditions that it meets. Success is never among them: it follows from the rows before and the protocol.
+    pub conditions: Causes,
+    /// A bulb is dropped in a task that minds, whether or not this bulb's drop ends it.
+    pub drops: bool,
+    /// Something struck a bulb, but for the first rows.
+    pub has_blow: bool,
+    /// The robot rises or sinks faster than anybody climbs.
+    pub leaps: bool,
+    /// The pelvis is at working height.
+    pub is_high: bool,
+    /// Largest contact force of a bulb on a hand body, N.
+    pub hand_force_n: f64,
+    /// The same over the physics steps, N.
+    pub substep_force_n: f64,
+    /// Largest force of anything on a bulb over the physics steps, N.
+    pub bulb_force_n: f64,
+    /// Sum of the action's squares.
+    pub squared_action: f64,
+}
+
+impl Evidence {
+    /// Measures a row, `steps` after the start, and takes the bulbs' motion on to it.
+    pub fn of(
+        row: &Row,
+        follows: bool,
+        steps: u64,
+        motion: &mut BulbMotion,
+        spec: &TaskSpec,
+        cx: &Context<'_>,
+    ) -> Self {
+        let thresholds = cx.thresholds;
+        let hand_peaks = row.hand_force_peak.each_ref().map(|peaks| measure::largest(peaks.iter().copied()));
+        let bulb_peaks = [0, 1].map(|bulb| measure::largest([hand_peaks[bulb], row.other_force_peak[bulb]]));
+        let jolts = motion.advance(row, bulb_peaks.map(|peak| peak > 0.0), steps, thresholds);
+        let parked = spec.special.bulbs_parked;
+        let drops = Bulb::ALL.map(|bulb| (!parked || spec.bulbs.contains(&bulb)) && dropped(row, cx, bulb));
+        let any_of_task = |holds: &dyn Fn(Bulb) -> bool| spec.bulbs.iter().any(|bulb| holds(*bulb));
+        let meets = |cause| match cause {
+            Cause::Success => false,
+            Cause::Diverged => diverged(row),
+            Cause::Fall => fallen(row, cx),
+            Cause::Tip => ladder_tipped(row, cx),
+            Cause::Crush => {
+                steps > u64::from(thresholds.crush_exempt_rows) && any_of_task(&|bulb| crushed(row, cx, bulb))
+            }
+            Cause::Drop => any_of_task(&|bulb| drops[bulb as usize]),
+            Cause::Unseated => spec.special.keeps_seated.is_some_and(|bulb| !seated(row, bulb)),
+            Cause::Impact => jolts.impact,
+            Cause::TimeOut => steps >= spec.horizon_steps,
+        };
+        Self {
+            step: row.step,
+            follows,
+            bulb_speeds: motion.speeds,
+            grip_speeds: motion.grip_speeds,
+            conditions: Cause::ALL.into_iter().filter(|cause| meets(*cause)).collect(),
+            drops: !parked && drops.contains(&true),
+            has_blow: jolts.blow,
+            leaps: leaps(row, cx),
+            is_high: at_working_height(row, cx),
+            hand_force_n: measure::largest(row.hand_force.each_ref().map(|forces| measure::largest_norm(forces))),
+            substep_force_n: measure::largest(hand_peaks),
+            bulb_force_n: measure::largest(bulb_peaks),
+            squared_action: row.action.iter().map(|a| a * a).sum(),
+        }
+    }
+}
