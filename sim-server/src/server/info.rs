@@ -149,5 +149,6 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         scene_config: if scene.config == SceneConfig::default() { String::new() } else { scene.config.to_toml() },
         request: Some(plan.request.clone()),
         reward: plan.reward_name().into(),
+        run: None,
     }
 }
