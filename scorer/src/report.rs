@@ -63,7 +63,7 @@ fn headline(out: &mut String, results: &Results) {
             rate_card(out, "Success, strict", success, overall.episodes, "big");
         }
         score_card(out, "Score S, published", &results.score, "mid");
-        rate_card(out, "Clean success, published", &overall.clean_success, overall.episodes, "mid");
+        rate_card(out, "Clean, published", &overall.clean_success, overall.episodes, "mid");
         violations_card(out, results);
     }
     out.push_str("</div>\n");
@@ -137,7 +137,7 @@ fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
     let _ = writeln!(
         out,
         "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{spread}</div>\
-         <div class=\"card-note\">of 1, mean \u{b1} std over seeds<br>{shown}</div></div>"
+         <div class=\"card-note\">of 1, mean \u{b1} std<br>{shown}</div></div>"
     );
 }
 

@@ -76,10 +76,10 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64) {
     let index = if episode.episode == 0 { String::new() } else { format!(", episode {}", episode.episode) };
     let _ = write!(out, "<article class=\"episode\"><header><b>Seed {}{index}</b>", episode.seed);
     let ended = |out: &mut String, protocol: &str, end: &str, steps: u64, progress: f64| {
-        let _ = write!(out, "<span class=\"soft\">{protocol}</span>");
+        let _ = write!(out, "<span class=\"verdict\"><span class=\"soft\">{protocol}</span> ");
         chip(out, end);
         let seconds = steps as f64 * CONTROL_DT;
-        let _ = write!(out, "<span>after {seconds:.2} s</span><span class=\"soft\">progress {progress:.2}</span>");
+        let _ = write!(out, " after {seconds:.2} s <span class=\"soft\">progress {progress:.2}</span></span>");
     };
     if let (Some(steps), Some(progress)) = (episode.strict_steps, episode.strict_progress) {
         ended(out, "strict", episode.strict_end.as_deref().unwrap_or("cut"), steps, progress);

@@ -16,7 +16,7 @@ pub(super) fn task_table(out: &mut String, tasks: &[TaskResult], scored: bool) {
         out,
         "<table><thead><tr><th></th><th></th><th class=\"c\" colspan=\"{columns}\">strict</th><th class=\"c\" colspan=\"{}\">\
          published</th><th></th><th></th><th></th><th></th><th></th></tr><tr><th class=\"l\">Task</th><th>n</th>\
-         <th>Success</th><th>Gate<br>progress</th>{score_head}<th>Clean success</th><th>Success</th><th>Gate<br>progress</th>\
+         <th>Success</th><th>Gate<br>progress</th>{score_head}<th>Clean<br>success</th><th>Success</th><th>Gate<br>progress</th>\
          {score_head}<th>Broken</th><th>Dropped</th><th>Peak hand<br>force, N</th><th>Control<br>effort</th><th>Length,<br>s\
          </th></tr></thead><tbody>",
         columns + 1
