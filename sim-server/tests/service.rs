@@ -385,3 +385,30 @@ fn a_client_of_an_older_version_is_told_to_update() {
     assert_eq!((refused.code(), refused.field.as_str()), (refusal::Code::Version, "protocol"));
     assert!(refused.message.contains("speaks protocol 3.2") && refused.message.contains("update the client"));
 }
+
+/// A query that names no server gets one reply from each, and none of them opens a session.
+#[test]
+fn a_query_for_all_servers_is_answered_by_each() {
+    let zenoh = fiatlux_link::embedded().unwrap();
+    let start = |name: &str| Server::start(zenoh.clone(), ServerOptions { name: name.into(), ..options() }).unwrap();
+    let servers = [start("one"), start("two")];
+    let any = ServerKeys::new("*");
+    // As a client asks that knows nothing of consolidation.
+    let names = zenoh.get(any.describe()).target(zenoh::query::QueryTarget::All).wait().unwrap();
+    let name =
+        |reply: zenoh::query::Reply| ServerInfo::decode(&*reply.result().unwrap().payload().to_bytes()).unwrap().server;
+    let mut names: Vec<_> = names.iter().map(name).collect();
+    names.sort();
+    assert_eq!(names, ["one", "two"]);
+    let request = request("S07").encode_to_vec();
+    let replies = zenoh.get(any.open()).target(zenoh::query::QueryTarget::All).payload(request).wait().unwrap();
+    let mut refused = 0;
+    for reply in replies {
+        let reply = OpenReply::decode(&*reply.result().unwrap().payload().to_bytes()).unwrap();
+        let Some(open_reply::Reply::Refusal(refusal)) = reply.reply else { panic!("a session is open") };
+        assert!(refusal.message.contains("names one server"), "{}", refusal.message);
+        refused += 1;
+    }
+    assert_eq!(refused, 2);
+    assert_eq!(servers.map(|server| server.open_sessions()), [0, 0]);
+}

@@ -319,6 +319,10 @@ impl<H: Host, R> ServerSession<H, R> {
             self.reply_to_reset(to, Err(closed()));
         }
         self.abort(why, now);
+        // Nobody may listen when its time has come.
+        if let Some(notice) = self.notices.flush() {
+            self.outputs.push_back(Output::Notice(notice.encode_to_vec().into()));
+        }
         self.phase = Phase::Draining(now);
         self.outputs.push_back(Output::Closed);
     }

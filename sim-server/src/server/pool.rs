@@ -28,7 +28,7 @@ impl Answer {
     pub fn bytes(&self) -> usize {
         match &self.kind {
             AnswerKind::Replies(_, replies) => replies.iter().map(Bytes::len).sum(),
-            AnswerKind::Refusal(bytes) => bytes.len(),
+            AnswerKind::Own(_, _, bytes) | AnswerKind::Refusal(bytes) => bytes.len(),
         }
     }
 }
@@ -36,6 +36,8 @@ impl Answer {
 pub(super) enum AnswerKind {
     /// Messages of that name.
     Replies(&'static str, Vec<Bytes>),
+    /// A message of that name, on that key: of replies with one key, a query for all servers may keep the last alone.
+    Own(String, &'static str, Bytes),
     /// A refusal where there is no other form for it.
     Refusal(Bytes),
 }

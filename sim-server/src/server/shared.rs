@@ -169,6 +169,7 @@ impl Shared {
                 AnswerKind::Replies(message, replies) => {
                     replies.into_iter().for_each(|bytes| reply(&query, message, bytes));
                 }
+                AnswerKind::Own(key, message, bytes) => reply_on(&key, &query, message, bytes),
                 AnswerKind::Refusal(bytes) => refuse(&query, bytes),
             }
         }
@@ -205,12 +206,20 @@ impl Shared {
     fn describe(&self, query: &Query) {
         let open_sessions = u32::try_from(self.open.load(Ordering::Relaxed)).unwrap_or(u32::MAX);
         let info = ServerInfo { open_sessions, ..self.info.clone() };
-        self.answer(query.clone(), AnswerKind::Replies("ServerInfo", vec![info.encode_to_vec().into()]));
+        self.answer(query.clone(), AnswerKind::Own(self.keys.describe(), "ServerInfo", info.encode_to_vec().into()));
     }
 
     fn open(&self, query: &Query) {
         let bytes = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
-        let answer = match self.try_open(&bytes) {
+        let key = self.keys.open();
+        let opened = if query.key_expr().as_str() == key {
+            self.try_open(&bytes)
+        } else {
+            // Every server that it reaches would open a session.
+            let message = format!("open names one server: query {key} or another one of those that describe lists");
+            Err(Refusal::new(Code::Value, "", message))
+        };
+        let answer = match opened {
             Ok(session) => open_reply::Reply::Session(session),
             Err(refusal) => {
                 tracing::info!(refusal.message, "open refused");
@@ -218,7 +227,7 @@ impl Shared {
             }
         };
         let answer = OpenReply { reply: Some(answer) }.encode_to_vec().into();
-        self.answer(query.clone(), AnswerKind::Replies("OpenReply", vec![answer]));
+        self.answer(query.clone(), AnswerKind::Own(key, "OpenReply", answer));
     }
 
     fn try_open(&self, bytes: &[u8]) -> Result<SessionInfo, Refusal> {
@@ -282,7 +291,11 @@ impl Shared {
 
 /// Answers a query.
 pub(super) fn reply(query: &Query, message: &str, bytes: Bytes) {
-    let sent = query.reply(query.key_expr().clone(), bytes).encoding(Encoding::from(encoding(message))).wait();
+    reply_on(query.key_expr().as_str(), query, message, bytes);
+}
+
+fn reply_on(key: &str, query: &Query, message: &str, bytes: Bytes) {
+    let sent = query.reply(key, bytes).encoding(Encoding::from(encoding(message))).wait();
     if let Err(error) = sent {
         tracing::debug!(%error, key = %query.key_expr(), "a reply is lost");
     }

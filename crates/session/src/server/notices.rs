@@ -43,6 +43,11 @@ impl NoticeLimiter {
         self.held.take()
     }
 
+    /// What was held back, where no later notice can take its count along.
+    pub fn flush(&mut self) -> Option<Notice> {
+        self.held.take()
+    }
+
     /// When [`NoticeLimiter::due`] has something.
     pub fn wake_at(&self) -> Option<Duration> {
         self.held.as_ref().map(|_| self.span_start + SPAN)

@@ -319,6 +319,25 @@ fn a_flood_gets_a_bounded_answer_and_a_bounded_record() {
     assert_eq!(harness.give(Input::TooLarge(1 << 20)), [notice_of(notice::Code::Size)]);
 }
 
+/// A client that adds up the counts of its notices knows of every message that was refused, and why the session is closed.
+#[test]
+fn the_notices_of_a_flood_add_up() {
+    let mut harness = harness(OpenRequest::default());
+    harness.reset(0);
+    let mut counted = 0;
+    let mut count = |harness: &Harness| counted += harness.notice().count;
+    for _ in 0..50 {
+        if !harness.act(9, 9).is_empty() {
+            count(&harness);
+        }
+    }
+    harness.give(Input::Dropped(40));
+    harness.give(Input::Terminate("the server shuts down"));
+    assert!(harness.notice().message.contains("the server shuts down"), "{:?}", harness.notice());
+    count(&harness);
+    assert_eq!(counted, 50 + 40 + 1);
+}
+
 #[test]
 fn resets() {
     let mut harness = harness(OpenRequest::default());
