@@ -76,9 +76,9 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     let scouts = get(&config, MULTICAST) == json!(true);
     let connects = !args.connect.is_empty() || !is_silent(&config, CONNECT);
     let listens = !args.listen.is_empty() || !is_silent(&config, LISTEN);
-    // A router passes nothing on between peers that do not gossip, but between a client and a peer it does.
+    // A router passes nothing on between peers that do not gossip, but between clients, and a client and a peer, it does.
     let single = args.connect.len() < 2 && is_silent(&config, CONNECT);
-    if role == Role::Client && single && !scouts && !listens {
+    if (role == Role::Client || connects) && single && !scouts && !listens {
         set_where_silent(&mut config, MODE, json!("client"))?;
     }
     let only_connects = get(&config, MODE) == json!("client");
@@ -99,6 +99,9 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
         set_where_silent(&mut config, CONNECT_EXIT, json!(true))?;
         let retry = json!({ "period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2 });
         set_where_silent(&mut config, CONNECT_RETRY, retry)?;
+    } else {
+        set_where_silent(&mut config, CONNECT_TIMEOUT, json!(-1))?;
+        set_where_silent(&mut config, CONNECT_EXIT, json!(false))?;
     }
     Ok(config)
 }
@@ -202,7 +205,8 @@ mod tests {
         };
         let (one, two) = (["tcp/10.0.0.1:1"], ["tcp/10.0.0.1:1", "tcp/10.0.0.2:1"]);
         assert_eq!([mode(&[], None, Role::Client), mode(&one, None, Role::Client)], [json!("client"), json!("client")]);
-        assert_eq!([mode(&two, None, Role::Client), mode(&one, None, Role::Server)], [Value::Null, Value::Null]);
+        assert_eq!([mode(&one, None, Role::Server), mode(&[], None, Role::Server)], [json!("client"), Value::Null]);
+        assert_eq!(mode(&two, None, Role::Client), Value::Null);
         assert_eq!(mode(&one, Some(LinkMode::Peer), Role::Client), json!("peer"));
     }
 

@@ -97,7 +97,6 @@ fn two_servers_of_one_name() {
 
 /// Guards the same where the two do not talk to each other but through a router.
 #[test]
-#[ignore = "a router passes nothing on between peers that do not gossip, and a server that connects is one: both start"]
 fn two_servers_of_one_name_behind_a_router() {
     let (service, _router) = Service::start_behind_router("one-name-router");
     let endpoint = fiatlux_tests::programs::endpoint(service.port);
