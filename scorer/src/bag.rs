@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use fiatlux_bag::{Bag, Completeness};
+use fiatlux_bag::{Bag, BagError, Completeness};
 use fiatlux_link::in_full;
 use fiatlux_wire::{layout_of, read_row};
 
@@ -25,22 +25,26 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
     let mut grader =
         Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
     let layout = layout_of(header).map_err(|error| unreadable(&error))?;
-    let mut cut = match bag.completeness() {
-        Completeness::Whole => None,
-        Completeness::Cut { reason, .. } => Some(reason.clone()),
+    let damaged = |error: &BagError| (Fault::Altered, in_full(error));
+    let mut damage = match bag.completeness() {
+        Completeness::Whole => bag.check().err().as_ref().map(damaged),
+        Completeness::Cut { reason, .. } => Some((Fault::Cut, reason.clone())),
     };
-    for state in bag.states() {
-        let row = match state {
-            Ok(state) => read_row(&state, layout).map_err(|error| in_full(&error)),
-            Err(error) => Err(in_full(&error)),
+    for (step, state) in (0..).zip(bag.states()) {
+        let state = match state {
+            Ok(state) => state,
+            Err(error) => {
+                damage.get_or_insert_with(|| damaged(&error));
+                break;
+            }
         };
-        match row {
+        match read_row(&state, layout) {
             Ok(row) => grader.push(&row),
-            Err(why) => {
-                cut.get_or_insert(why);
+            Err(error) => {
+                grader.refuse(step, &error);
                 break;
             }
         }
     }
-    Ok(Content { header: header.clone(), cut, graded: grader.finish(bag.result()) })
+    Ok(Content { header: header.clone(), damage, graded: grader.finish(bag.result()) })
 }
