@@ -22,7 +22,9 @@ pub enum HeaderError {
         found: v3::Version,
     },
     /// A later version of the same protocol, whose header may bind what this version does not know.
-    #[error("the bag is of protocol {found}, this scorer reads up to {PROTOCOL}; grade it with a scorer of its version")]
+    #[error(
+        "the bag is of protocol {found}, this scorer reads up to {PROTOCOL}; grade it with a scorer of its version"
+    )]
     Newer {
         /// Version of the bag.
         found: v3::Version,

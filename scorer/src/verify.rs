@@ -92,7 +92,9 @@ pub fn verify(
 ) -> Result<Verification, VerifyError> {
     let wrong = |reason: String| VerifyError::Bag { bag: path.display().to_string(), reason };
     let content = bag::read(path, &GradeOptions::default()).map_err(|(_, reason)| wrong(reason))?;
-    if let Some(reason) = content.damage.map(|(_, why)| why).or_else(|| content.graded.flaw.as_ref().map(ToString::to_string)) {
+    if let Some(reason) =
+        content.damage.map(|(_, why)| why).or_else(|| content.graded.flaw.as_ref().map(ToString::to_string))
+    {
         return Err(wrong(reason));
     }
     let steps = content.graded.summary.steps;

@@ -11,9 +11,7 @@ use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
 use fiatlux_rules::{
     BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, ROW_LAYOUT, Rewards, Row, RowDigest, Task, Thresholds, pins,
 };
-use fiatlux_wire::{
-    geometry_message, header_digest, judgement_message, read_identity, reward_of, state_message,
-};
+use fiatlux_wire::{geometry_message, header_digest, judgement_message, read_identity, reward_of, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
 /// What happens in an episode.
@@ -73,7 +71,13 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         end_on: judge(task).ends_on().iter().map(|cause| cause.name().into()).collect(),
         drives: vec![v3::JointDrive { stiffness: 100.0, ..v3::JointDrive::default() }; room::LAYOUT.joints],
         domain_sample: Some(v3::DomainSample {
-            prop_scale: Some(v3::PropScale { ladder_x: 1.0, ladder_y: 1.0, ladder_z: 1.0, socket: 1.0, fresh_bulb: 1.0 }),
+            prop_scale: Some(v3::PropScale {
+                ladder_x: 1.0,
+                ladder_y: 1.0,
+                ladder_z: 1.0,
+                socket: 1.0,
+                fresh_bulb: 1.0,
+            }),
             ..v3::DomainSample::default()
         }),
         randomization: Some(v3::Randomization::default()),
