@@ -137,9 +137,12 @@ impl<'a> Comparison<'a> {
 
     fn take(&mut self, record: StepRecord) -> Result<(), BagError> {
         self.records += 1;
-        if let Some(header) = record.header {
+        if let Some(mut header) = record.header {
             self.has_header = true;
-            self.header_difference = first_difference(&comparable(header, self.header), self.header);
+            // It follows from other fields, which say more.
+            let digest_context = std::mem::replace(&mut header.digest_context, self.header.digest_context.clone());
+            self.header_difference = first_difference(&comparable(header, self.header), self.header)
+                .or_else(|| first_difference(&EpisodeHeader { digest_context, ..self.header.clone() }, self.header));
         }
         if self.row_difference.is_none() && !record.state.is_empty() {
             self.row_difference = self.row(record.step, &record.state)?.map(|difference| (record.step, difference));

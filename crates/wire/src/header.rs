@@ -39,7 +39,8 @@ pub fn header_digest(header: &EpisodeHeader) -> String {
 pub fn reward_of(header: &EpisodeHeader) -> Result<Variant, WireError> {
     let known = REWARDS.into_iter().find(|(name, _)| *name == header.reward);
     known.map(|(_, variant)| variant).ok_or_else(|| {
-        let problem = format!("'{}' is not known; known ones are {}", header.reward, REWARDS.map(|(name, _)| name).join(", "));
+        let problem =
+            format!("'{}' is not known; known ones are {}", header.reward, REWARDS.map(|(name, _)| name).join(", "));
         WireError::Value { field: "reward", problem }
     })
 }
@@ -49,7 +50,8 @@ pub fn reward_of(header: &EpisodeHeader) -> Result<Variant, WireError> {
 /// # Errors
 /// [`WireError`], with the field: one is missing, or names what this version does not know.
 pub fn read_identity(header: &EpisodeHeader) -> Result<EpisodeIdentity, WireError> {
-    let value = |field| move |problem: String| WireError::Value { field, problem: format!("cannot be read: {problem}") };
+    let value =
+        |field| move |problem: String| WireError::Value { field, problem: format!("cannot be read: {problem}") };
     let sample = header.domain_sample.as_ref().ok_or(WireError::Missing { field: "domain_sample" })?;
     let scale = sample.prop_scale.as_ref().ok_or(WireError::Missing { field: "domain_sample.prop_scale" })?;
     let random = header.randomization.unwrap_or_default();

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use fiatlux_robot::{Gains, JointGains};
 use fiatlux_rules::{
-    Cause, Causes, End, EpisodeIdentity, JointDrive, Judge, JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, Task, Term,
-    Thresholds, Variant, Verdict,
+    Cause, Causes, End, EpisodeIdentity, JointDrive, Judge, JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest,
+    Summary, Task, Term, Thresholds, Variant, Verdict,
 };
 use thiserror::Error;
 
