@@ -27,10 +27,11 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
     let layout = layout_of(header).map_err(|error| unreadable(&error))?;
     let damaged = |error: &BagError| (Fault::Altered, in_full(error));
     let mut damage = match bag.completeness() {
-        Completeness::Whole => bag.check().err().as_ref().map(damaged),
+        Completeness::Whole => None,
         Completeness::Cut { reason, .. } => Some((Fault::Cut, reason.clone())),
     };
-    for (step, state) in (0..).zip(bag.states()) {
+    let mut states = bag.states();
+    for (step, state) in (0..).zip(states.by_ref()) {
         let state = match state {
             Ok(state) => state,
             Err(error) => {
@@ -45,6 +46,9 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
                 break;
             }
         }
+    }
+    if damage.is_none() {
+        damage = bag.check_rest(&states.into_seen()).err().as_ref().map(damaged);
     }
     Ok(Content { header: header.clone(), damage, graded: grader.finish(bag.result()) })
 }

@@ -135,7 +135,7 @@ impl Bag {
         self.messages(topic::LIDAR)
     }
 
-    pub(crate) fn messages<M: Message + Name + Default>(&self, topic: &'static str) -> Messages<'_, M> {
+    fn messages<M: Message + Name + Default>(&self, topic: &'static str) -> Messages<'_, M> {
         Messages::new(&self.path, &self.chunks, &self.channels, topic)
     }
 

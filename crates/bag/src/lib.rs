@@ -42,5 +42,5 @@ mod writer;
 pub use bag::{Bag, Completeness};
 pub use error::BagError;
 pub use resume::Resumed;
-pub use stream::Messages;
+pub use stream::{Messages, Seen};
 pub use writer::{BagWriter, ROWS_PER_CHUNK, part_of};
