@@ -60,7 +60,7 @@ const OF_THE_EPISODE: [(&str, Change); 16] = [
     ("rated speed", |header| header.drives[52].speed_limit = Some(20.0)),
     ("prop scale", |header| scale(header).socket = 1.01),
     ("friction", |header| {
-        sample(header).hand_friction = Some(v3::HandFriction { dynamic_friction: 0.5, ..Default::default() })
+        sample(header).hand_friction = Some(v3::HandFriction { dynamic_friction: 0.5, ..Default::default() });
     }),
     ("generator", |header| header.random = "other/1".into()),
 ];
