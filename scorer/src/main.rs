@@ -70,7 +70,7 @@ struct GradeArgs {
     #[arg(long)]
     published_counting: bool,
     /// Threads [default: one for each core]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, allow_negative_numbers = true)]
     workers: usize,
 }
 

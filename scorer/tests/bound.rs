@@ -5,8 +5,9 @@ mod common;
 use std::process::Command;
 
 use common::{Folder, Story, begin, header, result, rows, sealed};
-use fiatlux_proto::PROTOCOL;
+use fiatlux_bag::topic;
 use fiatlux_proto::v3::{self, EpisodeHeader, EpisodeResult};
+use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_rules::{Row, Task};
 use fiatlux_scorer::{ExcludedBag, Fault, GradeOptions, Results, grade, tables};
 use fiatlux_wire::header_digest;
@@ -224,6 +225,14 @@ fn rows_and_results_of_different_bags_do_not_mix() {
     twice.insert(9, twice[8].clone());
     let refused = refusal("twice", &header_a, &twice, &result_a).expect("refused");
     assert!(refused.detail.contains("row 8 follows row 8"), "{}", refused.detail);
+
+    // A reader of /result would take the first, one of the metadata the last.
+    let folder = Folder::new("bound-results");
+    let mut writer = begin(&folder.0.join("a.mcap"), &header_a, &rows_a);
+    writer.message(topic::RESULT, 7, &result_b.encode_to_vec()).expect("a message");
+    writer.finish(&result_a).expect("finished");
+    let refused = graded(&folder).excluded.remove(0);
+    assert!(refused.detail.contains("2 messages on /result in place of one"), "{}", refused.detail);
 }
 
 /// A number that is not finite is named with its row: no server records one, and the bag is not cut.
