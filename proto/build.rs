@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 20] = [
+const IN_METADATA: [&str; 21] = [
     "EpisodeHeader",
     "OpenRequest",
     "RunSpec",
@@ -24,6 +24,7 @@ const IN_METADATA: [&str; 20] = [
     "StartNoise",
     "SceneGeometry",
     "BulbGeometry",
+    "JointDrive",
 ];
 
 fn main() {
@@ -41,6 +42,7 @@ fn main() {
     let bytes = protox::prost::Message::encode_to_vec(&set);
     std::fs::write(out.join("descriptors.bin"), bytes).expect("OUT_DIR can be written");
     let mut config = prost_build::Config::new();
+    // Maps in order: the same message gives the same bytes.
     config.btree_map(["."]).enable_type_names();
     for message in IN_METADATA {
         let attribute = "#[derive(serde::Serialize, serde::Deserialize)]\n#[serde(default)]";

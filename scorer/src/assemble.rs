@@ -6,7 +6,8 @@ use fiatlux_proto::v3;
 use fiatlux_rules::{Benchmark, Episode, ROW_LAYOUT, Rate, SubtaskScore, Summary, Task};
 
 use crate::conditions::compared;
-use crate::episode::{Flaw, Graded};
+use crate::episode::Graded;
+use crate::flaw::Flaw;
 use crate::results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions,
 };
@@ -25,8 +26,8 @@ pub(crate) struct Judged {
 #[derive(Debug)]
 pub(crate) struct Content {
     pub header: v3::EpisodeHeader,
-    /// Why the file ends early, if it does.
-    pub cut: Option<String>,
+    /// What is wrong with the file, if anything is.
+    pub damage: Option<(Fault, String)>,
     pub graded: Graded,
 }
 
@@ -49,7 +50,7 @@ pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Re
     for Judged { bag, content } in judged {
         match content {
             Err((reason, detail)) => excluded.push(excluded_bag(bag, reason, detail, None)),
-            Ok(Content { header, cut, graded }) => match fault(cut, &graded) {
+            Ok(Content { header, damage, graded }) => match fault(damage, &graded) {
                 Some((reason, detail)) => excluded.push(excluded_bag(bag, reason, detail, Some((&header, &graded)))),
                 None => entries.push(Entry { bag, header, graded }),
             },
@@ -96,17 +97,17 @@ pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Re
     })
 }
 
-fn fault(cut: Option<String>, graded: &Graded) -> Option<(Fault, String)> {
+fn fault(damage: Option<(Fault, String)>, graded: &Graded) -> Option<(Fault, String)> {
     // An aborted episode's bag may be whole, and a cut bag has no result: the file's state comes first.
-    if let Some(why) = cut {
-        return Some((Fault::Cut, why));
+    if damage.is_some() {
+        return damage;
     }
     let flaw = graded.flaw.as_ref()?;
     let reason = match flaw {
         Flaw::Aborted => Fault::Aborted,
         Flaw::Unended | Flaw::Gap(_) => Fault::Cut,
-        Flaw::Altered { .. } => Fault::Altered,
-        Flaw::NotFinite => Fault::Unreadable,
+        Flaw::Header { .. } | Flaw::Identity { .. } | Flaw::Altered { .. } | Flaw::Result(_) => Fault::Altered,
+        Flaw::Unbound | Flaw::Row { .. } | Flaw::NotFinite => Fault::Unreadable,
     };
     Some((reason, flaw.to_string()))
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use fiatlux_bag::{Bag, Completeness};
+use fiatlux_bag::{Bag, BagError, Completeness};
 use fiatlux_link::in_full;
 use fiatlux_wire::{layout_of, read_row};
 
@@ -25,27 +25,34 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
     let mut grader =
         Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
     let layout = layout_of(header).map_err(|error| unreadable(&error))?;
-    let mut cut = match bag.completeness() {
+    let damaged = |error: &BagError| (Fault::Altered, in_full(error));
+    let mut damage = match bag.completeness() {
         Completeness::Whole => None,
-        Completeness::Cut { reason, .. } => Some(reason.clone()),
+        Completeness::Cut { reason, .. } => Some((Fault::Cut, reason.clone())),
     };
     let mut states = bag.states();
+    let mut step = 0;
     while let Some(state) = states.next() {
-        let row = match state {
-            Ok(state) => {
-                let row = read_row(&state, layout).map_err(|error| in_full(&error));
-                states.reuse(state);
-                row
+        let state = match state {
+            Ok(state) => state,
+            Err(error) => {
+                damage.get_or_insert_with(|| damaged(&error));
+                break;
             }
-            Err(error) => Err(in_full(&error)),
         };
+        let row = read_row(&state, layout);
+        states.reuse(state);
         match row {
             Ok(row) => grader.push(&row),
-            Err(why) => {
-                cut.get_or_insert(why);
+            Err(error) => {
+                grader.refuse(step, &error);
                 break;
             }
         }
+        step += 1;
     }
-    Ok(Content { header: header.clone(), cut, graded: grader.finish(bag.result()) })
+    if damage.is_none() {
+        damage = bag.check_rest(&states.into_seen()).err().as_ref().map(damaged);
+    }
+    Ok(Content { header: header.clone(), damage, graded: grader.finish(bag.result()) })
 }

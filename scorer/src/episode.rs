@@ -1,17 +1,12 @@
 //! One episode graded from its rows. No file is read here.
 
-use std::collections::BTreeMap;
-
-use fiatlux_proto::v3::Judgement;
 use fiatlux_proto::{ABORTED, PROTOCOL, is_compatible, v3};
-use fiatlux_rules::{
-    Cause, Causes, JudgeOptions, Judges, Protocol, Row, RowDigest, Summary, Task, ThresholdError, Thresholds,
-    UnknownProtocol,
-};
-use fiatlux_wire::{WireError, judgement_message, read_geometry};
+use fiatlux_rules::{JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, ThresholdError, Thresholds};
+use fiatlux_wire::{WireError, end_message, header_digest, judgement_message, read_geometry, read_identity, reward_of};
 use thiserror::Error;
 
 use crate::Series;
+use crate::flaw::{Flaw, Sums, first_difference};
 use crate::series::Recorder;
 
 /// Why an episode cannot be graded from its header.
@@ -26,63 +21,23 @@ pub enum HeaderError {
         /// Version of the bag.
         found: v3::Version,
     },
-    /// The task.
-    #[error("the header's task is unknown; the bag may come from another version")]
-    Task(#[from] fiatlux_rules::UnknownTask),
-    /// The protocol.
-    #[error("the header's episode_protocol is unknown; the bag may come from another version")]
-    Rulebook(#[from] UnknownProtocol),
-    /// The thresholds.
-    #[error("the header's thresholds cannot be taken; the bag may come from another version")]
+    /// A later version of the same protocol, whose header may bind what this version does not know.
+    #[error(
+        "the bag is of protocol {found}, this scorer reads up to {PROTOCOL}; grade it with a scorer of its version"
+    )]
+    Newer {
+        /// Version of the bag.
+        found: v3::Version,
+    },
+    /// A threshold of the grading.
+    #[error("the threshold cannot be set")]
     Threshold(#[from] ThresholdError),
-    /// The conditions that end it.
-    #[error("the header's end conditions are unknown; the bag may come from another version")]
-    Cause(#[from] fiatlux_rules::UnknownCause),
-    /// The scene's constants.
+    /// What the episode is, or the scene's constants.
     #[error("cannot read the header; the bag may come from another version")]
     Wire(#[from] WireError),
-    /// The start of the digest chain.
-    #[error("digest_context in the header is not 64 hexadecimal digits; the bag may come from another version")]
-    Context,
     /// Rows that this version digests in another way.
     #[error("the bag's digest has the layout {0}, this scorer knows {known}; use the scorer of that version", known = fiatlux_rules::ROW_LAYOUT)]
     Layout(String),
-}
-
-/// Why an episode is listed, but not scored.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Flaw {
-    /// It was stopped before its end.
-    Aborted,
-    /// It has no result.
-    Unended,
-    /// Its rows do not follow each other, or do not reach its end.
-    Gap(String),
-    /// Its rows are not those that the result was made of.
-    Altered {
-        /// Digest of its rows.
-        rows: String,
-        /// Digest in its result.
-        result: String,
-    },
-    /// A row has a number that is not finite.
-    NotFinite,
-}
-
-impl std::fmt::Display for Flaw {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let short = |digest: &str| digest.chars().take(12).collect::<String>();
-        match self {
-            Flaw::Aborted => f.write_str("aborted: the episode was stopped before its end"),
-            Flaw::Unended => f.write_str("the recording has no result"),
-            Flaw::Gap(what) => f.write_str(what),
-            Flaw::Altered { rows, result } => {
-                let (rows, result) = (short(rows), short(result));
-                write!(f, "the bag's numbers were changed: its rows have digest {rows}, its result says {result}")
-            }
-            Flaw::NotFinite => f.write_str("a row has a number that is not finite"),
-        }
-    }
 }
 
 /// What the rows of an episode say.
@@ -114,7 +69,14 @@ pub struct Graded {
 #[derive(Debug)]
 pub struct Grader {
     judges: Judges,
+    rewards: Rewards,
     digest: RowDigest,
+    /// What the header says of itself and of the episode, where the two do not agree.
+    header_flaw: Option<Flaw>,
+    header_digest: String,
+    is_lockstep: bool,
+    sums: Sums,
+    row_flaw: Option<Flaw>,
     recorder: Recorder,
     next_step: u64,
     gap: Option<String>,
@@ -132,25 +94,30 @@ impl Grader {
         if !is_compatible(&protocol) {
             return Err(HeaderError::Protocol { found: protocol });
         }
-        let task: Task = header.task.parse()?;
+        if protocol.minor > PROTOCOL.minor {
+            return Err(HeaderError::Newer { found: protocol });
+        }
         if !header.digest_layout.is_empty() && header.digest_layout != fiatlux_rules::ROW_LAYOUT {
             return Err(HeaderError::Layout(header.digest_layout.clone()));
         }
-        let mut thresholds = Thresholds::default();
-        let recorded: BTreeMap<_, _> = header.thresholds.iter().collect();
-        for assignment in recorded.into_iter().map(|(key, value)| format!("{key}={value}")) {
-            thresholds.set(&assignment)?;
-        }
+        let identity = read_identity(header)?;
+        let digest = identity.digest();
+        let (found, said) = (digest.hex(), header.digest_context.clone());
+        let header_flaw = (!said.eq_ignore_ascii_case(&found)).then_some(Flaw::Identity { found, said });
+        let mut thresholds = identity.thresholds;
         set.iter().try_for_each(|assignment| thresholds.set(assignment))?;
         let geometry = read_geometry(&header.geometry)?;
-        let ends = header.end_on.iter().map(|name| name.parse::<Cause>()).collect::<Result<Causes, _>>()?;
-        let own_choice = header.end_on_overridden || !header.end_on.is_empty();
-        let protocol: Protocol = header.episode_protocol.parse()?;
-        let options = JudgeOptions { end_on: own_choice.then_some(ends), published_counting };
-        let digest = RowDigest::from_hex(&header.digest_context).ok_or(HeaderError::Context)?;
+        let options = JudgeOptions { end_on: Some(identity.ends_on), published_counting };
+        let judges = Judges::new(identity.protocol, identity.task, &thresholds, &geometry, options);
         Ok(Self {
-            judges: Judges::new(protocol, task, &thresholds, &geometry, options),
+            rewards: Rewards::new(judges.in_force(), reward_of(header)?),
+            judges,
             digest,
+            header_flaw,
+            header_digest: header_digest(header),
+            is_lockstep: header.mode() == v3::Mode::Lockstep,
+            sums: Sums::default(),
+            row_flaw: None,
             recorder: Recorder::default(),
             next_step: 0,
             gap: None,
@@ -166,11 +133,15 @@ impl Grader {
         }
         self.next_step = row.step.saturating_add(1);
         self.digest.push(row);
+        self.sums.push(row);
         if row.step == 0 {
             self.judges.start(row);
+            self.rewards.start(self.judges.in_force(), row);
         } else if self.judges.in_force().verdict().end.is_none() {
             let counts = self.judges.of(Protocol::Published).verdict().end.is_none();
             self.judges.advance(row);
+            self.rewards.advance(self.judges.in_force(), row);
+            self.sums.reward += self.rewards.reward();
             let published = self.judges.of(Protocol::Published).verdict();
             self.steps_in_gate += u64::from(counts && published.criteria.all());
         } else {
@@ -180,6 +151,11 @@ impl Grader {
         self.recorder.push(judge.hand_force_n(), &judge.verdict().criteria);
     }
 
+    /// Takes that the next row, of this step, is no row, and why. No row follows it.
+    pub fn refuse(&mut self, step: u64, error: &WireError) {
+        self.row_flaw.get_or_insert_with(|| Flaw::Row { step, problem: error.to_string() });
+    }
+
     /// What the rows amount to, against the result that was recorded with them.
     pub fn finish(self, result: Option<&v3::EpisodeResult>) -> Graded {
         let judge = self.judges.of(Protocol::Published);
@@ -187,7 +163,7 @@ impl Grader {
         let strict = (self.judges.protocol() == Protocol::Strict).then(|| self.judges.of(Protocol::Strict));
         let digest = self.digest.hex();
         let recorded = result.and_then(|result| result.end.as_ref());
-        let flaw = self.flaw(recorded, &digest);
+        let flaw = self.flaw(result, &digest);
         let mut notes = Vec::new();
         let (end, causes) = match (&summary.end, recorded) {
             (Some(end), _) => {
@@ -201,12 +177,6 @@ impl Grader {
             }
             (None, None) => ("cut".to_owned(), Vec::new()),
         };
-        if let (Some(result), false) = (result, self.rejudged) {
-            let found = Some(judgement_message(judge));
-            notes.extend(differences("published", found.as_ref(), result.published.as_ref()));
-            let found = strict.map(judgement_message);
-            notes.extend(differences("strict", found.as_ref(), result.strict.as_ref()));
-        }
         if summary.reached_working_height && summary.task.spec().special.notes_working_height {
             notes.push("the pelvis reached working height".into());
         }
@@ -239,54 +209,56 @@ impl Grader {
         }
     }
 
-    fn flaw(&self, end: Option<&v3::EpisodeEnd>, digest: &str) -> Option<Flaw> {
-        let Some(end) = end else { return Some(Flaw::Unended) };
+    fn flaw(&self, result: Option<&v3::EpisodeResult>, digest: &str) -> Option<Flaw> {
+        let recorded = result.and_then(|result| Some((result, result.end.as_ref()?)));
+        let Some((result, end)) = recorded else { return self.row_flaw.clone().or(Some(Flaw::Unended)) };
         if end.cause == ABORTED {
             return Some(Flaw::Aborted);
+        }
+        if result.header_digest.is_empty() {
+            return Some(Flaw::Unbound);
+        }
+        if self.header_flaw.is_some() || self.row_flaw.is_some() {
+            return self.header_flaw.clone().or(self.row_flaw.clone());
+        }
+        if !result.header_digest.eq_ignore_ascii_case(&self.header_digest) {
+            return Some(Flaw::Header { header: self.header_digest.clone(), result: result.header_digest.clone() });
         }
         if let Some(gap) = &self.gap {
             return Some(Flaw::Gap(format!("rows are missing: {gap}")));
         }
         if self.next_step != end.steps.saturating_add(1) {
             let have = self.next_step;
-            return Some(Flaw::Gap(format!("{have} rows are there, the result speaks of {} steps", end.steps)));
+            return Some(Flaw::Gap(format!("found {have} rows; the result claims {} steps", end.steps)));
         }
         if !end.digest.eq_ignore_ascii_case(digest) {
             return Some(Flaw::Altered { rows: digest.into(), result: end.digest.clone() });
         }
-        (!self.judges.in_force().summary().control_effort.is_finite()).then_some(Flaw::NotFinite)
+        if !self.judges.in_force().summary().control_effort.is_finite() {
+            return Some(Flaw::NotFinite);
+        }
+        if self.rejudged { None } else { self.result_flaw(result, digest) }
     }
-}
 
-/// Where a recorded judgement does not say what the rows say; the rows count.
-fn differences(protocol: &str, rows: Option<&Judgement>, recorded: Option<&Judgement>) -> Vec<String> {
-    let (rows, recorded) = match (rows, recorded) {
-        (Some(rows), Some(recorded)) => (rows, recorded),
-        (None, None) => return Vec::new(),
-        (Some(_), None) => return vec![format!("its result says nothing by protocol {protocol}")],
-        (None, Some(_)) => return vec![format!("its result says what it cannot know by protocol {protocol}")],
-    };
-    let yes_no = |value: bool| if value { "yes" } else { "no" }.to_owned();
-    let fields = |j: &Judgement| {
-        [
-            ("success", yes_no(j.success)),
-            ("broken", yes_no(j.broken)),
-            ("dropped", yes_no(j.dropped)),
-            ("leapt", yes_no(j.leapt)),
-            ("gate progress", j.gate_progress.to_string()),
-            ("end", j.causes.join("+")),
-            ("steps", j.steps.to_string()),
-            ("peak hand force", j.peak_hand_force_n.to_string()),
-            ("control effort", j.control_effort.to_string()),
-            ("criteria at the start", j.start_count.to_string()),
-            ("most criteria", j.best_count.to_string()),
-        ]
-    };
-    let pairs = fields(rows).into_iter().zip(fields(recorded));
-    let differing = pairs.filter(|((_, rows), (_, recorded))| rows != recorded);
-    differing
-        .map(|((name, rows), (_, recorded))| {
-            format!("{protocol} {name} is {rows} by its rows, its result says {recorded}")
-        })
-        .collect()
+    /// The first number of the result that the rows do not give.
+    fn result_flaw(&self, recorded: &v3::EpisodeResult, digest: &str) -> Option<Flaw> {
+        let judge = self.judges.in_force();
+        let (cause, causes) = match judge.verdict().end {
+            Some(end) => (end.cause().name(), end.causes.iter().map(|cause| cause.name().to_owned()).collect()),
+            None => (ABORTED, Vec::new()),
+        };
+        let strict = (self.judges.protocol() == Protocol::Strict).then(|| self.judges.of(Protocol::Strict));
+        let found = v3::EpisodeResult {
+            end: Some(end_message(&judge.summary(), cause, causes, digest.into())),
+            unconverged: self.sums.unconverged,
+            steps_outside_box: self.sums.steps_outside_box,
+            // Only actions say in how many steps of real time one was held.
+            missed_steps: if self.is_lockstep { 0 } else { recorded.missed_steps },
+            total_reward: self.sums.reward,
+            published: Some(judgement_message(self.judges.of(Protocol::Published))),
+            strict: strict.map(judgement_message),
+            header_digest: self.header_digest.clone(),
+        };
+        first_difference(&found, recorded).map(Flaw::Result)
+    }
 }

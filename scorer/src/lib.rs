@@ -2,8 +2,8 @@
 //!
 //! [`grade`] reads bags and gives [`Results`], which serialise to `results.json` (`RESULTS.md` has the fields). Every
 //! number comes from the rows of `/state` through [`fiatlux_rules`], never from the recorded result, so thresholds can
-//! change without a new run. The digest of the rows is compared with that of the result; a bag in which they differ is
-//! not scored.
+//! change without a new run. A bag that does not agree with itself (checksums, header, rows, result: see [`Flaw`]) is not
+//! scored.
 //!
 //! [`tables`] and [`report`] write results down. The same bags give the same bytes in all of them.
 //! [`compare()`] tests two results against each other. [`verify()`] runs an episode again on a server. The scorer never links the simulator.
@@ -35,6 +35,7 @@ mod conditions;
 mod episode;
 mod error;
 mod find;
+mod flaw;
 mod grade;
 pub mod report;
 mod results;
@@ -44,8 +45,9 @@ mod verify;
 
 pub use compare::{CompareError, Comparison, Pairs, Side, compare};
 pub use conditions::Conditions;
-pub use episode::{Flaw, Graded, Grader, HeaderError};
+pub use episode::{Graded, Grader, HeaderError};
 pub use error::ScoreError;
+pub use flaw::{Difference, Flaw};
 pub use grade::{GradeOptions, Progress, grade};
 pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions,

@@ -34,9 +34,10 @@ enum Command {
 /// Grade bags from their rows alone, and write a table
 ///
 /// Every number comes from the recorded rows, so thresholds can be changed without a new run. All bags of one call share
-/// their conditions (benchmark version, policy, protocol, seeds, time, gains, sensors, what varies, thresholds, ends, model and scene). Bags that are cut, aborted or altered
-/// are listed with the reason and not scored; the exit code is then 3. A second copy of an episode with the same rows is
-/// listed and passed over; two different recordings of one episode are an error.
+/// their conditions (benchmark version, policy, protocol, seeds, time, gains, sensors, what varies, thresholds, ends, model
+/// and scene). Bags that are cut, aborted, or do not agree with themselves (checksums, header, rows, result) are listed
+/// with the reason and not scored; the exit code is then 3. A second copy of an episode with the same rows is listed and
+/// passed over; two different recordings of one episode are an error.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   scorer grade runs/zero                               the table
@@ -69,7 +70,7 @@ struct GradeArgs {
     #[arg(long)]
     published_counting: bool,
     /// Threads [default: one for each core]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, allow_negative_numbers = true)]
     workers: usize,
 }
 
@@ -106,8 +107,9 @@ struct CompareArgs {
 
 /// Simulate a recorded episode again on a server, and compare bit for bit
 ///
-/// Opens a session with the conditions in the bag's header, sends its actions once more and compares the digest of all
-/// rows. Exit code 0: equal to the last bit; 1: it differs, or could not be run.
+/// First checks the bag as grade does. Then opens a session with the conditions in its header, sends its actions once more
+/// and compares header, rows and result of the second run with the bag's. What differs first is named with both values.
+/// Exit code 0: equal to the last bit; 1: it differs, or could not be run.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
   scorer verify results/zero/bags/S01-s0-e0.mcap -e tcp/127.0.0.1:7447")]

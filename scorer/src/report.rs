@@ -103,15 +103,6 @@ fn warnings(out: &mut String, results: &Results) {
         let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));
         warn("Data loss.", &text);
     }
-    let odd = results.episodes.iter().filter(|episode| episode.notes.iter().any(|note| note.contains("result says")));
-    let odd = odd.count();
-    if odd > 0 {
-        let text = format!(
-            "In {}, the rows say something else than the recorded result. The rows count.",
-            count(odd, "episode")
-        );
-        warn("Results that differ.", &text);
-    }
 }
 
 fn rate_card(out: &mut String, name: &str, rate: &RateRow, episodes: u64, size: &str) {

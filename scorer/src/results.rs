@@ -234,7 +234,7 @@ pub enum Fault {
     Cut,
     /// The episode was stopped before its end.
     Aborted,
-    /// Its rows are not those that its result was made of.
+    /// It does not agree with itself: its checksums, its header, its rows or its result were changed.
     Altered,
     /// A second copy of an episode that is scored.
     Duplicate,

@@ -1,18 +1,27 @@
 //! Runs a recorded episode again on a server, and compares.
 
+mod records;
+mod rows;
+
 use std::fmt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use fiatlux_bag::{Bag, BagError, Messages};
 use fiatlux_link::{LinkArgs, LinkError, Role};
 use fiatlux_policy::policies::Replay;
 use fiatlux_policy::{Client, ClientError, PolicyError};
-use fiatlux_proto::v3::{EpisodeEnd, OpenRequest};
-use fiatlux_wire::end_message;
+use fiatlux_proto::keys::ServerKeys;
+use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Mode, OpenRequest, State, StepRecord};
+use fiatlux_proto::{Message, decode};
 use thiserror::Error;
 use tracing::warn;
 
+use crate::flaw::{Difference, first_difference};
 use crate::{GradeOptions, bag};
+use records::Records;
+use rows::first_row_difference;
 
 /// Why an episode could not be verified. That it differs is no error but an answer.
 #[derive(Debug, Error)]
@@ -25,6 +34,9 @@ pub enum VerifyError {
         /// What is wrong with it.
         reason: String,
     },
+    /// It changed while it was read.
+    #[error("the bag cannot be read again")]
+    Reread(#[from] BagError),
     /// Its actions cannot be read.
     #[error("the bag's actions cannot be read")]
     Actions(#[from] PolicyError),
@@ -34,23 +46,39 @@ pub enum VerifyError {
     /// The server refuses, or is lost.
     #[error("the episode could not be run again")]
     Client(#[from] ClientError),
+    /// The link refuses.
+    #[error("cannot follow the records of the second run")]
+    Follow(#[source] zenoh::Error),
+    /// The second run cannot be compared row by row.
+    #[error("record {next_seq} of the second run is lost, so it cannot be compared; run verify again")]
+    Lost {
+        /// Number of the first record that did not come.
+        next_seq: u64,
+    },
 }
 
 /// What a second run says of a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// The recorded rows, as they are graded by what the bag says of the scene.
+    /// How the recorded episode ended, which its rows have been found to say.
     pub recorded: EpisodeEnd,
-    /// The second run, as the server judges it.
-    pub simulated: EpisodeEnd,
+    /// How the second run ended; `None` where the bag has no action for its last steps.
+    pub simulated: Option<EpisodeEnd>,
+    /// The first field of the header in which the server's own differs: another model, scene, room or rulebook.
+    pub header: Option<Difference>,
+    /// The first row, by its step, and the first number in it that differ.
+    pub row: Option<(u64, Difference)>,
+    /// The first field of the result that differs.
+    pub result: Option<Difference>,
 }
 
 impl Verification {
-    /// Whether all numbers of all rows are equal to the last bit, and what they are judged to be.
+    /// Whether all numbers of all rows are equal to the last bit, what they are judged to be, and all of the header that a
+    /// second run can show.
     pub fn is_equal(&self) -> bool {
-        let digest = &self.recorded.digest;
-        let same_rows = digest.eq_ignore_ascii_case(&self.simulated.digest);
-        same_rows && self.recorded == EpisodeEnd { digest: digest.clone(), ..self.simulated.clone() }
+        let is_same = |simulated: &EpisodeEnd| *simulated == self.recorded;
+        let no_difference = self.header.is_none() && self.row.is_none() && self.result.is_none();
+        no_difference && self.simulated.as_ref().is_some_and(is_same)
     }
 }
 
@@ -59,12 +87,14 @@ impl fmt::Display for Verification {
         if self.is_equal() {
             return writeln!(f, "equal: {}", in_words(&self.recorded));
         }
-        writeln!(
-            f,
-            "different\n  recorded   {}\n  simulated  {}",
-            in_words(&self.recorded),
-            in_words(&self.simulated)
-        )?;
+        let simulated = self.simulated.as_ref().map_or("did not end: the bag has no more actions".into(), in_words);
+        writeln!(f, "different\n  recorded   {}\n  simulated  {simulated}", in_words(&self.recorded))?;
+        let row = self.row.as_ref().map(|(step, difference)| (format!("row {step}"), difference));
+        let header = self.header.as_ref().map(|difference| ("header".to_owned(), difference));
+        let result = self.result.as_ref().map(|difference| ("result".to_owned(), difference));
+        for (what, Difference { field, found, recorded }) in [header, row, result].into_iter().flatten() {
+            writeln!(f, "  {what}: {field} is {recorded} in the bag, {found} in the second run")?;
+        }
         let remedy = "compare the server's version and model digest with the bag's header";
         writeln!(f, "The same build gives the same bytes: {remedy}.")
     }
@@ -77,12 +107,110 @@ fn in_words(end: &EpisodeEnd) -> String {
     format!("{steps} steps, {cause}, progress {gate_progress:.2}{flags}, digest {digest}")
 }
 
-/// Opens a session with a bag's conditions, sends its actions once more and compares the digests of the rows
-/// and what they are judged to be.
+/// What the records of the second run say of the bag's.
+struct Comparison<'a> {
+    header: &'a EpisodeHeader,
+    result: &'a EpisodeResult,
+    states: Messages<'a, State>,
+    header_difference: Option<Difference>,
+    row_difference: Option<(u64, Difference)>,
+    result_difference: Option<Difference>,
+    has_header: bool,
+    has_result: bool,
+    records: u64,
+}
+
+impl<'a> Comparison<'a> {
+    fn new(bag: &'a Bag, result: &'a EpisodeResult) -> Self {
+        Self {
+            header: bag.header(),
+            result,
+            states: bag.states(),
+            header_difference: None,
+            row_difference: None,
+            result_difference: None,
+            has_header: false,
+            has_result: false,
+            records: 0,
+        }
+    }
+
+    fn take(&mut self, record: StepRecord) -> Result<(), BagError> {
+        self.records += 1;
+        if let Some(mut header) = record.header {
+            self.has_header = true;
+            // It follows from other fields, which say more.
+            let digest_context = std::mem::replace(&mut header.digest_context, self.header.digest_context.clone());
+            self.header_difference = first_difference(&comparable(header, self.header), self.header)
+                .or_else(|| first_difference(&EpisodeHeader { digest_context, ..self.header.clone() }, self.header));
+        }
+        if self.row_difference.is_none() && !record.state.is_empty() {
+            self.row_difference = self.row(record.step, &record.state)?.map(|difference| (record.step, difference));
+        }
+        if let Some(result) = record.result {
+            self.has_result = true;
+            // Of the bag's own header, and of real time, which the second run does not keep.
+            let (header_digest, missed_steps) = (self.result.header_digest.clone(), self.result.missed_steps);
+            let result = EpisodeResult { header_digest, missed_steps, ..result };
+            self.result_difference = first_difference(&result, self.result);
+        }
+        Ok(())
+    }
+
+    fn row(&mut self, step: u64, simulated: &[u8]) -> Result<Option<Difference>, BagError> {
+        let Some(recorded) = self.states.next().transpose()? else {
+            return Ok(Some(Difference { field: "the row".into(), found: "there".into(), recorded: "missing".into() }));
+        };
+        if recorded.encode_to_vec() == simulated {
+            return Ok(None);
+        }
+        let unreadable = |error: fiatlux_proto::DecodeError| {
+            warn!(step, %error, "a row of the second run cannot be read; does the server speak this version?");
+            Difference { field: "the row".into(), found: "unreadable".into(), recorded: "a row".into() }
+        };
+        Ok(match decode::<State>(simulated, MAX_SERVER_MESSAGE) {
+            Ok(simulated) => first_row_difference(&simulated, &recorded, self.header),
+            Err(error) => Some(unreadable(error)),
+        })
+    }
+
+    /// Header and result of the second run have come.
+    fn is_complete(&self) -> bool {
+        self.has_header && self.has_result
+    }
+}
+
+/// A header of the second run, with what need not be equal as it was recorded: names of this run, and what changes no row.
+/// The bag's `header_digest` binds that.
+fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHeader {
+    let randomization = recorded.randomization.map(|recorded| {
+        let simulated = simulated.randomization.unwrap_or_default();
+        fiatlux_proto::v3::Randomization { exact_sensors: recorded.exact_sensors, ..simulated }
+    });
+    EpisodeHeader {
+        protocol: recorded.protocol,
+        version: recorded.version.clone(),
+        server: recorded.server.clone(),
+        session: recorded.session.clone(),
+        policy: recorded.policy.clone(),
+        mode: recorded.mode,
+        sensors: recorded.sensors.clone(),
+        image_width: recorded.image_width,
+        image_height: recorded.image_height,
+        weights: recorded.weights.clone(),
+        meshes: recorded.meshes.clone(),
+        request: recorded.request.clone(),
+        randomization,
+        ..simulated
+    }
+}
+
+/// Opens a session with a bag's conditions, sends its actions once more and compares header, rows and result of the second run
+/// with the bag's, after the bag has been found to agree with itself as [`grade`](crate::grade) finds it.
 /// `progress` is told steps done and steps in all; a `stop` that becomes true ends it.
 ///
 /// # Errors
-/// [`VerifyError`]: a bag that is cut, aborted or altered; no server, or one that refuses.
+/// [`VerifyError`]: a bag that is cut, aborted or changed; no server, or one that refuses; records that are lost.
 pub fn verify(
     path: &Path,
     link: &LinkArgs,
@@ -92,23 +220,69 @@ pub fn verify(
 ) -> Result<Verification, VerifyError> {
     let wrong = |reason: String| VerifyError::Bag { bag: path.display().to_string(), reason };
     let content = bag::read(path, &GradeOptions::default()).map_err(|(_, reason)| wrong(reason))?;
-    if let Some(reason) = content.cut.or_else(|| content.graded.flaw.as_ref().map(ToString::to_string)) {
+    let flaw = content.graded.flaw.as_ref();
+    if let Some(reason) = content.damage.map(|(_, why)| why).or_else(|| flaw.map(ToString::to_string)) {
         return Err(wrong(reason));
     }
-    let steps = content.graded.summary.steps;
+    let bag = Bag::open(path)?;
+    let ended = bag.result().and_then(|result| Some((result, result.end.clone()?)));
+    let (result, recorded) = ended.ok_or_else(|| wrong("the recording has no result".into()))?;
+    check_mode(&bag, &wrong)?;
     let mut replay = Replay::open(path)?;
     let session = link.open(Role::Client)?;
     // Sensors change no row, and some take long.
     let request = OpenRequest { sensors: vec!["last_action".into()], weights: String::new(), ..replay.request() };
     let mut client = Client::open(&session, server, request)?;
-    let end = client.run_episode(content.header.episode, &mut replay, &mut |step| progress(step, steps), stop)?;
+    let keys = ServerKeys::new(&client.info().server).session(&client.info().session);
+    let mut records = Records::follow(&session, keys).map_err(VerifyError::Follow)?;
+    let mut comparison = Comparison::new(&bag, result);
+    let mut reread = Ok(());
+    let mut on_step = |step| {
+        while let (Ok(()), Some(record)) = (&reread, records.next()) {
+            reread = comparison.take(record);
+        }
+        progress(step, recorded.steps);
+    };
+    let run = client.run_episode(content.header.episode, &mut replay, &mut on_step, stop);
+    reread?;
+    let simulated = match run {
+        Ok(end) => Some(end),
+        // It did not end where the recorded one did.
+        Err(ClientError::Policy(PolicyError::Ended { .. })) => None,
+        Err(error) => return Err(error.into()),
+    };
+    let rows = simulated.as_ref().map_or(recorded.steps, |end| end.steps).saturating_add(1);
+    while comparison.records < rows {
+        let record = records.wait().ok_or(VerifyError::Lost { next_seq: comparison.records })?;
+        comparison.take(record)?;
+    }
+    if simulated.is_some() && !comparison.is_complete() {
+        return Err(VerifyError::Lost { next_seq: comparison.records });
+    }
     if let Err(error) = client.close() {
         // The answer is there; the server ends the session by itself.
         warn!("the session could not be closed: {error}");
     }
-    let graded = content.graded;
     Ok(Verification {
-        recorded: end_message(&graded.summary, &graded.end, graded.causes, graded.digest),
-        simulated: end,
+        recorded,
+        simulated,
+        header: comparison.header_difference,
+        row: comparison.row_difference,
+        result: comparison.result_difference,
     })
+}
+
+/// Only in real time is an action held or late.
+fn check_mode(bag: &Bag, wrong: &dyn Fn(String) -> VerifyError) -> Result<(), VerifyError> {
+    if bag.header().mode() == Mode::RealTime {
+        return Ok(());
+    }
+    for (step, action) in (1..).zip(bag.actions()) {
+        let action: fiatlux_proto::v3::ActionRecord = action?;
+        if action.held || action.lateness_s != 0.0 {
+            let step: u64 = step;
+            return Err(wrong(format!("its header says lockstep, but the action of step {step} is one of real time")));
+        }
+    }
+    Ok(())
 }

@@ -3,7 +3,7 @@
 mod common;
 
 use common::room::{OLD, take};
-use common::{Folder, Story, begin, header, result, rows, write};
+use common::{Folder, Story, begin, header, result, rows, sealed, write};
 use fiatlux_proto::{PROTOCOL, v3};
 use fiatlux_rules::{BENCHMARK_VERSION, Task};
 use fiatlux_scorer::{Fault, GradeOptions, Grader, Results, ScoreError, grade, report, tables};
@@ -99,6 +99,7 @@ fn what_does_not_go_together_is_an_error() {
     let all = rows(Task::S03, 1, Story::Falls(30));
     let mut head = header(Task::S03, 1);
     head.thresholds.insert("fragility_n".into(), 30.0);
+    let head = sealed(head);
     begin(&bag(&folder, "b"), &head, &all).finish(&result(&head, &all)).expect("finished");
     let error = grade_in(&folder, GradeOptions::default()).expect_err("mixed").to_string();
     assert!(error.contains("threshold fragility_n is 50 in a.mcap and 30 in b.mcap"), "{error}");

@@ -8,15 +8,15 @@ use std::time::Duration;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::{
-    Action, CloseReply, CloseRequest, Notice, Observation, OpenReply, OpenRequest, Refusal, ResetReply, ResetRequest,
-    ServerInfo, SessionInfo, State, StepRecord, StepRecordAck, StepRecordRequest, notice, open_reply, refusal,
-    reset_reply,
+    Action, CloseReply, CloseRequest, Notice, Observation, OpenReply, OpenRequest, PropScale, Randomization, Refusal,
+    ResetReply, ResetRequest, ServerInfo, SessionInfo, State, StepRecord, StepRecordAck, StepRecordRequest, notice,
+    open_reply, refusal, reset_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{RobotLayout, Row, RowDigest, Task};
 use fiatlux_sim::{Server, ServerError, ServerOptions};
-use fiatlux_wire::read_row;
+use fiatlux_wire::{header_digest, read_identity, read_row};
 use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::ConsolidationMode;
@@ -255,6 +255,49 @@ fn an_episode_that_ends_says_how() {
     // The chain can be made again from what is recorded alone, beside its start.
     let header = truths[0].header.clone().unwrap();
     assert_ne!(header.digest_context, RowDigest::new(b"").hex());
+    // And that start of the header; the result says which header it goes with.
+    assert_eq!(read_identity(&header).unwrap().digest().hex(), header.digest_context);
+    assert_eq!(truths.last().unwrap().result.as_ref().unwrap().header_digest, header_digest(&header));
+    drop(server);
+}
+
+/// Whatever a session asks for that rows depend on, its header alone gives the start of the digest chain.
+#[test]
+fn a_header_gives_the_start_of_the_chain() {
+    let (zenoh, server) = start(options());
+    let random = |change: fn(&mut Randomization)| {
+        let mut random = Randomization::default();
+        change(&mut random);
+        Some(random)
+    };
+    let socket = Some(PropScale { socket: 1.05, ladder_z: 1.1, ..PropScale::default() });
+    let requests = [
+        request("S01"),
+        request("replace"),
+        OpenRequest { randomization: random(|random| random.fixed_layout = true), ..request("S02") },
+        OpenRequest { randomization: random(|random| random.fixed_start = true), ..request("S03") },
+        OpenRequest { randomization: random(|random| random.fixed_hand_friction = true), ..request("S04") },
+        OpenRequest { randomization: random(|random| random.prop_scale = true), ..request("S05") },
+        OpenRequest { prop_scale: socket, ..request("S01") },
+        OpenRequest { end_on: vec!["tip".into()], reward: "training".into(), ..request("S06") },
+        OpenRequest {
+            thresholds: [("fragility_n".into(), 30.5), ("grip_bodies".into(), 3.0)].into(),
+            ..request("S07")
+        },
+        OpenRequest { episode_protocol: "published".into(), ..request("S08") },
+        OpenRequest { hands: "bare".into(), ..request("S01") },
+        OpenRequest { gains: "sonic".into(), ..request("S01") },
+    ];
+    for request in requests {
+        let client = Client::open(&zenoh, &request);
+        client.reset(3).unwrap();
+        let header = client.truths(0, 1).remove(0).header.unwrap();
+        let identity = read_identity(&header).unwrap();
+        assert_eq!(identity.digest().hex(), header.digest_context, "{request:?}");
+        assert_eq!((identity.episode, identity.drives.len()), (3, header.joint_names.len()));
+        assert!(identity.drives.iter().all(|drive| drive.armature > 0.0), "{request:?}");
+        client.close();
+    }
     drop(server);
 }
 
@@ -383,7 +426,7 @@ fn a_client_of_an_older_version_is_told_to_update() {
     let bytes = described.result().unwrap_err().payload().to_bytes();
     assert_eq!(Refusal::decode(&*bytes).unwrap(), refused);
     assert_eq!((refused.code(), refused.field.as_str()), (refusal::Code::Version, "protocol"));
-    assert!(refused.message.contains("speaks protocol 3.2") && refused.message.contains("update the client"));
+    assert!(refused.message.contains("speaks protocol 3.3") && refused.message.contains("update the client"));
 }
 
 /// A query that names no server gets one reply from each, and none of them opens a session.

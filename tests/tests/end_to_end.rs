@@ -3,6 +3,8 @@
 
 #[path = "end_to_end/evaluate.rs"]
 mod evaluate;
+#[path = "end_to_end/verify.rs"]
+mod verify;
 
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_tests::programs::{PATIENCE, Running, Service, Watch, alone, endpoint, grade, played};

@@ -6,7 +6,7 @@ use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, Event, Obser
 use fiatlux_proto::{Message, foxglove, is_compatible};
 use prost::Name;
 
-use crate::scan::{Channels, ChunkAt, Scan, scan};
+use crate::scan::{Channels, ChunkAt, Scan, Sums, scan};
 use crate::stream::{ChunkReader, Messages};
 use crate::writer::STEP_NS;
 use crate::{BagError, metadata, topic};
@@ -34,10 +34,14 @@ pub struct Bag {
     completeness: Completeness,
     channels: Channels,
     chunks: Vec<ChunkAt>,
+    pub(crate) sums: Sums,
+    /// A field of the header that this version does not know.
+    pub(crate) unknown_field: Option<String>,
 }
 
 impl Bag {
-    /// Opens a bag, finished or not, whole or cut. What of it cannot be read is told by [`Bag::completeness`].
+    /// Opens a bag, finished or not, whole or cut. What of it cannot be read is told by [`Bag::completeness`]; whether all its
+    /// bytes are as they were written, by [`Bag::check`].
     ///
     /// # Errors
     /// No such file, no bag, a header that is not there or of another major version, a first chunk that is damaged.
@@ -57,12 +61,13 @@ impl Bag {
             return Err(BagError::Version { path: path.into(), found: protocol });
         }
         let header: EpisodeHeader = metadata::message_of(fields).map_err(|reason| wrong("header", reason))?;
+        let unknown_field = metadata::unknown_field::<EpisodeHeader>(fields);
         let result = found.result.as_ref().map(metadata::message_of).transpose();
         let result = result.map_err(|reason| wrong("result", reason))?;
         learn_channels(path, &mut found)?;
         let completeness = completeness(&found, result.is_some());
-        let Scan { channels, chunks, .. } = found;
-        Ok(Self { path: path.into(), header, result, completeness, channels, chunks })
+        let Scan { channels, chunks, sums, .. } = found;
+        Ok(Self { path: path.into(), header, result, completeness, channels, chunks, sums, unknown_field })
     }
 
     /// The file.

@@ -78,6 +78,14 @@ pub enum BagError {
         /// What is wrong.
         reason: String,
     },
+    /// What stands in it twice is not the same.
+    #[error("{path} was changed: {what}; record the episode again")]
+    Disagrees {
+        /// The file.
+        path: PathBuf,
+        /// What differs.
+        what: String,
+    },
     /// A message that cannot be read.
     #[error("{path}: step {step} of {topic} cannot be read; record the episode again with this version")]
     Message {

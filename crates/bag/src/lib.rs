@@ -6,7 +6,8 @@
 //! in a file is there with everything that belongs to it, wherever the file was cut.
 //!
 //! Metadata `fiatlux` after the file's start is the header, `fiatlux.result` at its end the result. A bag that could not
-//! be completed has `fiatlux.cut` instead. While it is written a bag is named `NAME.mcap.part`.
+//! be completed has `fiatlux.cut` instead. While it is written a bag is named `NAME.mcap.part`. Checksums cover the whole file:
+//! each chunk's own is compared by whoever reads the chunk, those of data section and summary by [`Bag::check`].
 //!
 //! ```
 //! use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, topic};
@@ -29,6 +30,7 @@
 //! # Ok::<(), BagError>(())
 //! ```
 mod bag;
+mod check;
 mod error;
 mod metadata;
 mod resume;
@@ -40,5 +42,5 @@ mod writer;
 pub use bag::{Bag, Completeness};
 pub use error::BagError;
 pub use resume::Resumed;
-pub use stream::Messages;
+pub use stream::{Messages, Seen};
 pub use writer::{BagWriter, ROWS_PER_CHUNK, part_of};

@@ -40,12 +40,8 @@ pub(crate) fn message_of<M>(fields: &Fields) -> Result<M, String>
 where
     M: Serialize + DeserializeOwned + Default,
 {
-    let known = match serde_json::to_value(M::default()) {
-        Ok(Value::Object(known)) => known,
-        _ => Map::new(),
-    };
     let mut object = Map::new();
-    for (name, default) in known {
+    for (name, default) in known::<M>() {
         let Some(text) = fields.get(&name) else { continue };
         let value = match default {
             Value::String(_) => Value::String(text.clone()),
@@ -54,6 +50,20 @@ where
         object.insert(name, value);
     }
     serde_json::from_value(Value::Object(object)).map_err(|error| error.to_string())
+}
+
+/// The first field that the message does not have.
+pub(crate) fn unknown_field<M: Serialize + Default>(fields: &Fields) -> Option<String> {
+    let known = known::<M>();
+    fields.keys().find(|name| !known.contains_key(*name)).cloned()
+}
+
+/// The fields of a message, with their defaults.
+fn known<M: Serialize + Default>() -> Map<String, Value> {
+    match serde_json::to_value(M::default()) {
+        Ok(Value::Object(known)) => known,
+        _ => Map::new(),
+    }
 }
 
 #[cfg(test)]

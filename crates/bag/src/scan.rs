@@ -8,6 +8,7 @@ use std::path::Path;
 use mcap::MAGIC;
 use mcap::records::op;
 
+use crate::writer::LIBRARY;
 use crate::{BagError, metadata};
 
 /// Longest record beside chunks that is read, bytes. A header takes about 10,000.
@@ -27,6 +28,9 @@ const CHUNK_HEAD: u64 = 8 + 8 + 8 + 4 + 4 + 4 + 8;
 
 /// What stands in the statistics up to the number of chunks, which is last, bytes.
 const STATISTICS_HEAD: u64 = 8 + 2 + 4 + 4 + 4 + 4;
+
+/// What stands in a footer, bytes: its checksum is last.
+const FOOTER: u64 = 8 + 8 + 4;
 
 /// Largest chunk that is unpacked, bytes.
 pub(crate) const MAX_CHUNK: u64 = 32 << 20;
@@ -54,9 +58,21 @@ impl ChunkAt {
     }
 }
 
+/// Where a file's checksums stand, and what they are.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Sums {
+    /// First byte after the data section, and the checksum over all before it; 0 where the writer made none.
+    pub data: Option<(u64, u32)>,
+    /// First byte of the summary, the first one after what its checksum covers, and that; 0 as above.
+    pub summary: Option<(u64, u64, u32)>,
+    /// Our own writer made the file: it always writes checksums.
+    pub is_ours: bool,
+}
+
 /// What was found.
 #[derive(Debug, Default)]
 pub(crate) struct Scan {
+    pub sums: Sums,
     pub header: Option<BTreeMap<String, String>>,
     pub result: Option<BTreeMap<String, String>>,
     pub cut: Option<BTreeMap<String, String>>,
@@ -65,6 +81,8 @@ pub(crate) struct Scan {
     pub channels: Channels,
     /// Where and why the scan ended before the file's proper end.
     pub broken: Option<(u64, String)>,
+    /// It ended at a second header, result or note of a cut: other readers may take that one.
+    is_double: bool,
 }
 
 /// Reads a file's records up to its end or to the first that is not whole.
@@ -97,7 +115,9 @@ pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
         let wanted = match opcode {
             op::CHUNK => CHUNK_HEAD.min(length),
             op::MESSAGE_INDEX => 2,
-            op::METADATA | op::CHANNEL | op::CHUNK_INDEX => length,
+            op::HEADER | op::METADATA | op::CHANNEL | op::CHUNK_INDEX => length,
+            op::DATA_END => 4,
+            op::FOOTER => FOOTER,
             op::STATISTICS => STATISTICS_HEAD.min(length),
             _ => 0,
         };
@@ -108,7 +128,8 @@ pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
         let body = read(&mut reader, wanted).map_err(BagError::io("read", path))?;
         let known = scan.record(opcode, at, HEAD + length, &body);
         if known.is_none() {
-            scan.broken = Some((at, format!("the record at byte {at} cannot be read")));
+            let what = if scan.is_double { "repeats an earlier one" } else { "cannot be read" };
+            scan.broken = Some((at, format!("the record at byte {at} {what}")));
             break;
         }
         // Lengths are at most the file's size.
@@ -136,6 +157,15 @@ pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
 impl Scan {
     fn record(&mut self, opcode: u8, offset: u64, length: u64, mut body: &[u8]) -> Option<()> {
         match opcode {
+            op::HEADER => {
+                let (_profile, library) = (take_text(&mut body)?, take_text(&mut body)?);
+                self.sums.is_ours = library.starts_with(LIBRARY);
+            }
+            op::DATA_END => self.sums.data = Some((offset, u32::from_le_bytes(take(&mut body)?))),
+            op::FOOTER => {
+                let (start, _offsets) = (take_u64(&mut body)?, take_u64(&mut body)?);
+                self.sums.summary = Some((start, offset + HEAD + FOOTER - 4, u32::from_le_bytes(take(&mut body)?)));
+            }
             op::CHUNK => {
                 let (_start_time, end_time) = (take_u64(&mut body)?, take_u64(&mut body)?);
                 let (unpacked, _crc) = (take_u64(&mut body)?, take::<4>(&mut body)?);
@@ -166,9 +196,11 @@ impl Scan {
                     metadata::CUT => &mut self.cut,
                     _ => return Some(()),
                 };
-                if record.is_none() {
-                    *record = Some(take_map(&mut body)?);
+                self.is_double = record.is_some();
+                if self.is_double {
+                    return None;
                 }
+                *record = Some(take_map(&mut body)?);
             }
             op::CHANNEL => add_channel(&mut self.channels, body)?,
             // No checksum covers what stands between chunks: a damaged index or a chunk that no longer looks like one would

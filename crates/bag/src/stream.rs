@@ -1,10 +1,12 @@
 //! The messages of a bag's chunks, one chunk in memory at a time.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::slice;
 
+use crc32fast::Hasher;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{Bulb, State};
 use fiatlux_proto::{Message, decode_onto};
@@ -12,9 +14,9 @@ use mcap::records::op;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Name;
 
-use crate::BagError;
 use crate::scan::{Channels, ChunkAt, MAX_CHUNK, add_channel, take_u16, take_u64};
 use crate::writer::STEP_NS;
+use crate::{BagError, topic};
 
 /// A message in a chunk.
 pub(crate) struct Found<'a> {
@@ -22,6 +24,15 @@ pub(crate) struct Found<'a> {
     pub topic: &'a str,
     pub step: u64,
     pub bytes: &'a [u8],
+}
+
+/// What has been read of a bag, so that [`Bag::check_rest`](crate::Bag::check_rest) need not read it again.
+#[derive(Debug, Clone, Default)]
+pub struct Seen {
+    /// Checksums of the records of whole chunks, by offset.
+    pub(crate) chunks: BTreeMap<u64, Hasher>,
+    /// Messages on `/result`, with the offset of their chunk.
+    pub(crate) results: Vec<(u64, Vec<u8>)>,
 }
 
 /// Walks through one chunk after the other.
@@ -34,6 +45,9 @@ pub(crate) struct ChunkReader {
     offset: u64,
     /// Bytes of the chunk record that are not read yet.
     remaining: u64,
+    /// Of those that are.
+    hasher: Hasher,
+    pub seen: Seen,
     pub channels: Channels,
 }
 
@@ -48,7 +62,8 @@ impl ChunkReader {
     pub fn open(path: &Path, channels: Channels) -> Result<Self, BagError> {
         let file = File::open(path).map_err(BagError::io("open", path))?;
         let reader = new_reader();
-        Ok(Self { path: path.into(), file, reader, at_end: true, offset: 0, remaining: 0, channels })
+        let (hasher, seen) = (Hasher::new(), Seen::default());
+        Ok(Self { path: path.into(), file, reader, at_end: true, offset: 0, remaining: 0, hasher, seen, channels })
     }
 
     /// Goes to a chunk.
@@ -58,7 +73,7 @@ impl ChunkReader {
             self.reader = new_reader();
             self.at_end = true;
         }
-        (self.offset, self.remaining) = (chunk.offset, chunk.length);
+        (self.offset, self.remaining, self.hasher) = (chunk.offset, chunk.length, Hasher::new());
         Ok(())
     }
 
@@ -67,7 +82,7 @@ impl ChunkReader {
         &mut self,
         mut look: impl FnMut(Found<'_>) -> Result<Option<T>, BagError>,
     ) -> Result<Option<T>, BagError> {
-        let Self { path, file, reader, at_end, offset, remaining, channels } = self;
+        let Self { path, file, reader, at_end, offset, remaining, hasher, seen, channels } = self;
         let damaged = |reason: &str| BagError::damaged(path, *offset, reason);
         loop {
             match reader.next_event() {
@@ -79,10 +94,13 @@ impl ChunkReader {
                 Some(Ok(LinearReadEvent::ReadRequest(hint))) => {
                     *at_end = *remaining == 0;
                     if *at_end {
+                        seen.chunks.insert(*offset, hasher.clone());
                         return Ok(None);
                     }
                     let wanted = (hint as u64).clamp(1, *remaining) as usize;
-                    let read = file.read(reader.insert(wanted)).map_err(BagError::io("read", path))?;
+                    let buffer = reader.insert(wanted);
+                    let read = file.read(buffer).map_err(BagError::io("read", path))?;
+                    hasher.update(&buffer[..read]);
                     if read == 0 {
                         *remaining = 0;
                         return Err(damaged("the file became shorter"));
@@ -93,6 +111,10 @@ impl ChunkReader {
                 Some(Ok(LinearReadEvent::Record { opcode: op::MESSAGE, data })) => {
                     let (channel, step, bytes) = message(data).ok_or_else(|| damaged("a message without a head"))?;
                     let topic = channels.get(&channel).ok_or_else(|| damaged("a message without a channel"))?;
+                    // Two are one too many already.
+                    if topic == topic::RESULT && seen.results.len() < 2 {
+                        seen.results.push((*offset, bytes.to_vec()));
+                    }
                     if let Some(taken) = look(Found { channel, topic, step, bytes })? {
                         return Ok(Some(taken));
                     }
@@ -121,6 +143,8 @@ pub struct Messages<'a, M> {
     topic: &'static str,
     /// `None` at the end.
     reader: Option<ChunkReader>,
+    /// What was read before the end.
+    seen: Seen,
     /// What the next call has to say in place of a message.
     error: Option<BagError>,
     /// The next message is read onto this one.
@@ -133,7 +157,12 @@ impl<'a, M: Message + Name + Default> Messages<'a, M> {
             Ok(reader) => (Some(reader), None),
             Err(error) => (None, Some(error)),
         };
-        Self { path, chunks: chunks.iter(), topic, reader, error, empty: M::default() }
+        Self { path, chunks: chunks.iter(), topic, reader, seen: Seen::default(), error, empty: M::default() }
+    }
+
+    /// What has been read so far.
+    pub fn into_seen(self) -> Seen {
+        self.reader.map_or(self.seen, |reader| reader.seen)
     }
 
     fn read(&mut self) -> Result<Option<M>, BagError> {
@@ -191,8 +220,10 @@ impl<M: Message + Name + Default> Iterator for Messages<'_, M> {
             return Some(Err(error));
         }
         let read = self.read().transpose();
-        if !matches!(read, Some(Ok(_))) {
-            self.reader = None;
+        if !matches!(read, Some(Ok(_)))
+            && let Some(reader) = self.reader.take()
+        {
+            self.seen = reader.seen;
         }
         read
     }

@@ -38,7 +38,9 @@ pub enum Variant {
 pub struct Rewards {
     ledgers: Vec<Ledger>,
     terms: Vec<Term>,
+    /// The last row; row 0 for good where no term looks at the one before.
     before: Option<Box<Row>>,
+    looks_back: bool,
 }
 
 impl Rewards {
@@ -46,7 +48,8 @@ impl Rewards {
     pub fn new(judge: &Judge, variant: Variant) -> Self {
         let specs = specs(judge.task(), judge.ends_on(), variant);
         let terms = specs.iter().map(Term::unpaid).collect();
-        Self { ledgers: specs.into_iter().map(Ledger::new).collect(), terms, before: None }
+        let looks_back = specs.iter().any(|spec| matches!(spec.kind, Kind::Rate(_)));
+        Self { ledgers: specs.into_iter().map(Ledger::new).collect(), terms, before: None, looks_back }
     }
 
     /// Starts over with row 0, after the judge has.
@@ -72,7 +75,9 @@ impl Rewards {
                     ledger.advance(&view, term);
                 }
             }
-            before.as_mut().clone_from(row);
+            if self.looks_back {
+                before.as_mut().clone_from(row);
+            }
         }
         &self.terms
     }

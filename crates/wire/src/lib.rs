@@ -37,7 +37,7 @@ mod viewer;
 pub use end::{end_message, judgement_message};
 pub use error::WireError;
 pub use geometry::{geometry_message, read_geometry};
-pub use header::layout_of;
+pub use header::{drive_message, header_digest, layout_of, read_identity, reward_of};
 pub use pose::{pose_message, read_pose};
 pub use row::{read_row, state_message};
 

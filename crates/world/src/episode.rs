@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use fiatlux_robot::Gains;
+use fiatlux_robot::{Gains, JointGains};
 use fiatlux_rules::{
-    Cause, Causes, End, Judge, JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, Task, Term,
-    Thresholds, Variant, Verdict,
+    Cause, Causes, End, EpisodeIdentity, JointDrive, Judge, JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest,
+    Summary, Task, Term, Thresholds, Variant, Verdict,
 };
 use thiserror::Error;
 
@@ -106,48 +106,31 @@ impl EpisodeSpec {
         Err(StartError::OtherScene { task, seed, episode, what, needed, found })
     }
 
-    /// What must be equal beside the rows for two digests to be comparable, as bytes.
-    ///
-    /// Texts are followed by a zero byte; numbers are little-endian, whole ones of 8 bytes. In this order: id of the task;
-    /// seed; episode; layout seed in force; for each joint stiffness, damping, effort limit, speed limit and armature (f64); friction
-    /// of the hands in force (f64, NaN for the robot's own); factors of the props' sizes in force (f64: ladder x, y and z,
-    /// socket, fresh bulb); a byte that says whether the start has noise; each threshold's name and value (f64); name of
-    /// the protocol; names of the conditions that end the episode, then an empty text; digest of the robot's file; digest of the scene config,
-    /// the props in nominal size; [`RNG_NAME`]. Light, tint and noise of the sensors touch no row and are not in it.
-    pub fn context(&self, scene: &Scene) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(4096);
-        let text = |bytes: &mut Vec<u8>, text: &str| {
-            bytes.extend_from_slice(text.as_bytes());
-            bytes.push(0);
+    /// What must be equal beside the rows for two digests to be comparable.
+    pub fn identity(&self, scene: &Scene) -> EpisodeIdentity {
+        let drive = |gains: &JointGains| JointDrive {
+            stiffness: gains.stiffness,
+            damping: gains.damping,
+            effort_limit: gains.effort_limit,
+            speed_limit: gains.speed_limit,
+            armature: gains.armature,
         };
-        let number = |bytes: &mut Vec<u8>, number: f64| bytes.extend_from_slice(&number.to_le_bytes());
-        text(&mut bytes, self.task.id());
-        for whole in [self.seed, self.episode, scene.spec.seed] {
-            bytes.extend_from_slice(&whole.to_le_bytes());
+        EpisodeIdentity {
+            task: self.task,
+            seed: self.seed,
+            episode: self.episode,
+            layout_seed: scene.spec.seed,
+            drives: scene.spec.gains.0.iter().map(drive).collect(),
+            hand_friction: scene.spec.hand_friction,
+            prop_scale: scene.spec.scale.factors().map(|(_, factor, _)| factor),
+            is_start_drawn: self.randomize.start,
+            thresholds: self.thresholds.clone(),
+            protocol: self.protocol,
+            ends_on: self.judges(scene).in_force().ends_on(),
+            model_digest: scene.robot.digest().into(),
+            scene_digest: scene.config.digest(),
+            generator: RNG_NAME.into(),
         }
-        for drive in &scene.spec.gains.0 {
-            for value in [drive.stiffness, drive.damping, drive.effort_limit, drive.speed_limit, drive.armature] {
-                number(&mut bytes, value);
-            }
-        }
-        number(&mut bytes, scene.spec.hand_friction.unwrap_or(f64::NAN));
-        for (_, factor, _) in scene.spec.scale.factors() {
-            number(&mut bytes, factor);
-        }
-        bytes.push(u8::from(self.randomize.start));
-        for (name, value) in self.thresholds.entries() {
-            text(&mut bytes, name);
-            number(&mut bytes, value);
-        }
-        text(&mut bytes, self.protocol.name());
-        for cause in self.judges(scene).in_force().ends_on().iter() {
-            text(&mut bytes, cause.name());
-        }
-        text(&mut bytes, "");
-        text(&mut bytes, scene.robot.digest());
-        text(&mut bytes, &scene.config.digest());
-        text(&mut bytes, RNG_NAME);
-        bytes
     }
 
     fn judges(&self, scene: &Scene) -> Judges {
@@ -226,7 +209,7 @@ impl Episode {
         judges.start(row);
         let mut rewards = Rewards::new(judges.in_force(), spec.variant);
         rewards.start(judges.in_force(), row);
-        let context = RowDigest::new(&spec.context(&scene));
+        let context = spec.identity(&scene).digest();
         let mut digest = context.clone();
         digest.push(row);
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };

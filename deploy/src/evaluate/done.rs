@@ -80,7 +80,9 @@ fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest, meshes:
 /// Whole, played to its end, and in the world that this build simulates.
 fn is_current(bag: &Bag, model: &str, scene: &str) -> bool {
     let header = bag.header();
-    let ended = bag.result().and_then(|result| result.end.as_ref()).is_some_and(|end| end.cause != ABORTED);
+    // A scorer grades no bag whose result does not name its header.
+    let bound = bag.result().filter(|result| !result.header_digest.is_empty());
+    let ended = bound.and_then(|result| result.end.as_ref()).is_some_and(|end| end.cause != ABORTED);
     let same_world = header.model_digest == model && header.scene_digest == scene;
     ended && same_world && header.version == env!("CARGO_PKG_VERSION") && *bag.completeness() == Completeness::Whole
 }

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use fiatlux_bag::BagWriter;
 use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
 use fiatlux_rules::{
-    BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, ROW_LAYOUT, Row, RowDigest, Task, Thresholds, pins,
+    BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, ROW_LAYOUT, Rewards, Row, RowDigest, Task, Thresholds, pins,
 };
-use fiatlux_wire::{geometry_message, judgement_message, state_message};
+use fiatlux_wire::{geometry_message, header_digest, judgement_message, read_identity, reward_of, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
 /// What happens in an episode.
@@ -50,7 +50,7 @@ fn names(what: &str, count: usize) -> Vec<String> {
 }
 
 pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
-    v3::EpisodeHeader {
+    sealed(v3::EpisodeHeader {
         protocol: Some(PROTOCOL),
         version: "0.1.0".into(),
         server: "test".into(),
@@ -68,14 +68,39 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         digest_layout: ROW_LAYOUT.into(),
         model_digest: pins::model("inspire").expect("pinned").into(),
         scene_digest: pins::SCENE.into(),
-        digest_context: RowDigest::new(b"test").hex(),
+        end_on: judge(task).ends_on().iter().map(|cause| cause.name().into()).collect(),
+        drives: vec![v3::JointDrive { stiffness: 100.0, ..v3::JointDrive::default() }; room::LAYOUT.joints],
+        domain_sample: Some(v3::DomainSample {
+            prop_scale: Some(v3::PropScale {
+                ladder_x: 1.0,
+                ladder_y: 1.0,
+                ladder_z: 1.0,
+                socket: 1.0,
+                fresh_bulb: 1.0,
+            }),
+            ..v3::DomainSample::default()
+        }),
+        randomization: Some(v3::Randomization::default()),
+        reward: "benchmark".into(),
         control_dt: 0.02,
         benchmark_version: BENCHMARK_VERSION,
         geometry: Some(geometry_message(&room::geometry())),
         joint_names: names("joint", room::LAYOUT.joints),
         hand_bodies: names("body", room::LAYOUT.hand_bodies()),
         ..v3::EpisodeHeader::default()
+    })
+}
+
+/// A header whose chain starts where what it says lets it start, as a server makes it.
+pub fn sealed(header: v3::EpisodeHeader) -> v3::EpisodeHeader {
+    match read_identity(&header) {
+        Ok(identity) => v3::EpisodeHeader { digest_context: identity.digest().hex(), ..header },
+        Err(_) => header,
     }
+}
+
+fn judge(task: Task) -> Judge {
+    Judge::new(Protocol::Published, task, Thresholds::default(), room::geometry(), JudgeOptions::default())
 }
 
 /// Rows as a simulator gives them: every number moves a little.
@@ -84,8 +109,7 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
     let (Story::Waits(at) | Story::Falls(at) | Story::Succeeds(at) | Story::Crushes(at)) = story;
     let until = at + u64::from(task.spec().gate.sustain_steps);
     let mut rows = Vec::new();
-    let mut judge =
-        Judge::new(Protocol::Published, task, Thresholds::default(), room::geometry(), JudgeOptions::default());
+    let mut judge = judge(task);
     for step in 0..=until {
         let succeeds = matches!(story, Story::Succeeds(_) | Story::Crushes(_)) && step >= at;
         let mut row = row_at(step, &if succeeds { goal_of(task) } else { start_of(task) });
@@ -118,16 +142,19 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
 
 /// The result that a server gives.
 pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
-    let task: Task = header.task.parse().expect("a task");
-    let mut judge =
-        Judge::new(Protocol::Published, task, Thresholds::default(), room::geometry(), JudgeOptions::default());
-    let mut digest = RowDigest::new(b"test");
+    let mut judge = judge(header.task.parse().expect("a task"));
+    let mut digest = RowDigest::from_hex(&header.digest_context).expect("the start of a chain");
+    let mut rewards = Rewards::new(&judge, reward_of(header).expect("a reward"));
+    let mut total_reward = 0.0;
     for row in rows {
         if row.step == 0 {
-            judge.start(row)
+            judge.start(row);
+            rewards.start(&judge, row);
         } else {
-            judge.advance(row)
-        };
+            judge.advance(row);
+            rewards.advance(&judge, row);
+            total_reward += rewards.reward();
+        }
         digest.push(row);
     }
     let summary = judge.summary();
@@ -141,7 +168,13 @@ pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
         broken: summary.broken,
         dropped: summary.dropped,
     };
-    v3::EpisodeResult { end: Some(end), published: Some(judgement_message(&judge)), ..v3::EpisodeResult::default() }
+    v3::EpisodeResult {
+        end: Some(end),
+        published: Some(judgement_message(&judge)),
+        total_reward,
+        header_digest: header_digest(header),
+        ..v3::EpisodeResult::default()
+    }
 }
 
 /// An unfinished bag with these rows.

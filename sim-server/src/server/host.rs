@@ -115,7 +115,7 @@ impl Host for Simulation {
     }
 
     fn aborted(&self) -> EpisodeResult {
-        self.run.as_ref().map(|run| record::aborted(&run.episode)).unwrap_or_default()
+        self.run.as_ref().map(|run| record::aborted(&run.episode, run.record.as_ref())).unwrap_or_default()
     }
 }
 

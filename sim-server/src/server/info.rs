@@ -8,7 +8,7 @@ use fiatlux_sensing::{Sensor, camera_messages, term_messages};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
 
 use super::plan::{GAINS, Plan};
-use fiatlux_wire::{domain_sample_message, footprint_messages, geometry_message};
+use fiatlux_wire::{domain_sample_message, drive_message, footprint_messages, geometry_message};
 
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -150,5 +150,6 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         request: Some(plan.request.clone()),
         reward: plan.reward_name().into(),
         run: None,
+        drives: episode.spec().identity(scene).drives.iter().map(drive_message).collect(),
     }
 }

@@ -280,12 +280,12 @@ mod tests {
         let list = |name: &str| vec![name.to_owned()];
         let flat = || named(&["flat"]);
         let cases = [
-            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.2"),
+            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.3"),
             (
                 OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
                 Code::Version,
                 "protocol",
-                "the client speaks 2.3, this server 3.2",
+                "the client speaks 2.3, this server 3.3",
             ),
             (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
             (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),

@@ -5,7 +5,7 @@ use fiatlux_proto::v3::{
 };
 use fiatlux_proto::{ABORTED, Message};
 use fiatlux_rules::{Bulb, Criteria, Protocol};
-use fiatlux_wire::{end_message, judgement_message, state_message};
+use fiatlux_wire::{end_message, header_digest, judgement_message, state_message};
 use fiatlux_world::Episode;
 
 /// What was sensed of a row, encoded; empty where the bag is not to have it.
@@ -19,6 +19,7 @@ pub(super) struct Seen {
 /// Turns the rows of one episode into records.
 #[derive(Debug)]
 pub(super) struct Record {
+    header_digest: String,
     criteria: Criteria,
     seated: [bool; 2],
 }
@@ -42,7 +43,8 @@ impl Record {
         let held = named(episode, &criteria);
         let held: Vec<&str> = held.filter(|(_, holds)| *holds).map(|(name, _)| name).collect();
         let start = event(row.step, "start", &header.task, "", format!("holds: {}", held.join(", ")));
-        let record = Self { criteria, seated: row.attachments.map(|attachment| attachment.seated) };
+        let header_digest = header_digest(&header);
+        let record = Self { header_digest, criteria, seated: row.attachments.map(|attachment| attachment.seated) };
         let first = StepRecord {
             episode: header.episode,
             step: row.step,
@@ -67,7 +69,7 @@ impl Record {
             let (cause, detail) = (&end.cause, end.causes.join(", "));
             let change = if episode.end().is_some_and(|end| end.is_truncated()) { "truncated" } else { "terminated" };
             encoded.push(event(row.step, "end", cause, change, detail).encode_to_vec());
-            result(episode, end)
+            result(episode, end, self.header_digest.clone())
         });
         StepRecord {
             episode: episode.spec().episode,
@@ -110,8 +112,9 @@ impl Record {
 }
 
 /// The result of an episode that no row ended.
-pub(super) fn aborted(episode: &Episode) -> EpisodeResult {
-    result(episode, ended(episode, ABORTED, Vec::new()))
+pub(super) fn aborted(episode: &Episode, record: Option<&Record>) -> EpisodeResult {
+    let header_digest = record.map(|record| record.header_digest.clone()).unwrap_or_default();
+    result(episode, ended(episode, ABORTED, Vec::new()), header_digest)
 }
 
 /// How an episode ended, once it has.
@@ -147,7 +150,7 @@ fn reward(episode: &Episode) -> Reward {
     }
 }
 
-fn result(episode: &Episode, end: EpisodeEnd) -> EpisodeResult {
+fn result(episode: &Episode, end: EpisodeEnd, header_digest: String) -> EpisodeResult {
     let (judges, totals) = (episode.judges(), episode.totals());
     let strict = (judges.protocol() == Protocol::Strict).then(|| judgement_message(judges.of(Protocol::Strict)));
     EpisodeResult {
@@ -158,5 +161,6 @@ fn result(episode: &Episode, end: EpisodeEnd) -> EpisodeResult {
         total_reward: totals.reward,
         published: Some(judgement_message(judges.of(Protocol::Published))),
         strict,
+        header_digest,
     }
 }

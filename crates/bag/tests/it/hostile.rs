@@ -112,6 +112,125 @@ fn damage_never_panics() {
     assert!(told > 200, "only {told} of 1200 flips were noticed");
 }
 
+/// Every bit of a bag is under a checksum, a mark, or a length that must fit: whichever one changes, reading says so.
+#[test]
+fn every_flipped_bit_is_noticed() {
+    let folder = folder("every_flip");
+    let whole = folder.join("whole.mcap");
+    let bytes = std::fs::read(write(&whole, ROWS)).expect("bytes");
+    Bag::open(&whole).expect("a bag").check().expect("as it was written");
+    check_read(&Bag::open(&whole).expect("a bag")).expect("as it was written");
+    let mut random = Random(23);
+    let path = folder.join("flipped.mcap");
+    let header_end = 9_000;
+    let summary = bytes.len() - 8_000;
+    let anywhere = (0..500).map(|_| random.below(8 * bytes.len())).collect::<Vec<_>>();
+    let in_header = (0..300).map(|_| random.below(8 * header_end)).collect::<Vec<_>>();
+    let in_summary = (0..300).map(|_| 8 * summary + random.below(8 * 8_000)).collect::<Vec<_>>();
+    // And each bit of the last records, where the checksums themselves stand.
+    let at_the_end = (8 * (bytes.len() - 60)..8 * bytes.len()).collect();
+    for bit in [anywhere, in_header, in_summary, at_the_end, data_end(&bytes)].into_iter().flatten() {
+        let mut flipped = bytes.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        std::fs::write(&path, &flipped).expect("a flipped file");
+        let is_noticed = match Bag::open(&path) {
+            Err(_) => true,
+            Ok(bag) => {
+                bag.completeness() != &Completeness::Whole || (bag.check().is_err() && check_read(&bag).is_err())
+            }
+        };
+        assert!(is_noticed, "bit {} of byte {} of {}", bit % 8, bit / 8, bytes.len());
+    }
+}
+
+/// Reads the states, then checks what that has not read.
+fn check_read(bag: &Bag) -> Result<(), BagError> {
+    let mut states = bag.states();
+    states.by_ref().try_for_each(|state| state.map(drop))?;
+    bag.check_rest(&states.into_seen())
+}
+
+/// Each bit of the record that ends the data section.
+fn data_end(bytes: &[u8]) -> Vec<usize> {
+    let mut at = 8;
+    while bytes[at] != mcap::records::op::DATA_END {
+        at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().expect("8 bytes")) as usize;
+    }
+    (8 * at..8 * (at + 13)).collect()
+}
+
+/// A copy of a bag, written anew with other metadata; checksums only under the name of our own writer.
+fn rewritten(name: &str, library: &str, change: impl Fn(&mut Vec<mcap::records::Metadata>)) -> std::path::PathBuf {
+    let folder = folder(name);
+    let bytes = std::fs::read(write(&folder.join("whole.mcap"), ROWS)).expect("bytes");
+    let summary = mcap::Summary::read(&bytes).expect("a summary").expect("a summary");
+    let metadata = summary.metadata_indexes.iter().map(|index| {
+        let record = &bytes[index.offset as usize + 9..(index.offset + index.length) as usize];
+        match mcap::parse_record(0x0c, record).expect("a record") {
+            mcap::records::Record::Metadata(metadata) => metadata,
+            other => panic!("{other:?}"),
+        }
+    });
+    let mut metadata: Vec<_> = metadata.collect();
+    change(&mut metadata);
+    let path = folder.join("rewritten.mcap");
+    let sums = library == "fiatlux 1";
+    let options = mcap::WriteOptions::new().profile("fiatlux").library(library).compression_threads(0);
+    let options = options.calculate_data_section_crc(sums).calculate_summary_section_crc(sums);
+    let mut writer = options.create(std::fs::File::create(&path).expect("a file")).expect("a writer");
+    for record in &metadata {
+        writer.write_metadata(record).expect("metadata");
+    }
+    for message in mcap::MessageStream::new(&bytes).expect("messages") {
+        writer.write(&message.expect("a message")).expect("written");
+    }
+    writer.finish().expect("a finished file");
+    path
+}
+
+/// The format lets a writer leave checksums out; what our own writer made has them.
+#[test]
+fn only_another_writer_may_leave_checksums_out() {
+    let other = Bag::open(rewritten("other_writer", "other", |_| ())).expect("a bag");
+    assert_eq!(other.completeness(), &Completeness::Whole);
+    other.check().expect("no checksum is wrong");
+    let path = rewritten("no_sums", "fiatlux!", |_| ());
+    let error = Bag::open(&path).expect("a bag").check().expect_err("no checksums").to_string();
+    assert!(error.contains("the checksum of its data section is 00000000"), "{error}");
+}
+
+/// What a bag has twice must be the same twice, and what it has once must be there once.
+#[test]
+fn doubles_must_agree() {
+    rewritten_is("same", |_| (), None);
+    let other_result = |metadata: &mut Vec<mcap::records::Metadata>| {
+        metadata[1].metadata.insert("total_reward".into(), "7.5".into());
+    };
+    rewritten_is("other_result", other_result, Some("the result in its metadata is not the one on /result"));
+    let extra = |metadata: &mut Vec<mcap::records::Metadata>| {
+        metadata[0].metadata.insert("score".into(), "1.0".into());
+    };
+    rewritten_is("extra_field", extra, Some("a field 'score', which no header has"));
+    let second = |metadata: &mut Vec<mcap::records::Metadata>| {
+        let mut header = metadata[0].clone();
+        header.metadata.insert("task".into(), "S06".into());
+        metadata.insert(0, header);
+    };
+    let bag = Bag::open(rewritten("second_header", "fiatlux 1", second)).expect("a bag");
+    let Completeness::Cut { reason, .. } = bag.completeness() else { panic!("two headers") };
+    assert!(reason.contains("repeats an earlier one"), "{reason}");
+}
+
+fn rewritten_is(name: &str, change: impl Fn(&mut Vec<mcap::records::Metadata>), expected: Option<&str>) {
+    let bag = Bag::open(rewritten(name, "fiatlux 1", change)).expect("a bag");
+    assert_eq!(bag.check().is_ok(), check_read(&bag).is_ok(), "{name}");
+    match (bag.check(), expected) {
+        (Ok(()), None) => {}
+        (Err(error), Some(expected)) => assert!(error.to_string().contains(expected), "{name}: {error}"),
+        (found, _) => panic!("{name}: {found:?}"),
+    }
+}
+
 #[test]
 fn made_up_bytes_never_panic() {
     let folder = folder("made_up");

@@ -247,7 +247,7 @@ fn a_recording_plays_again_without_draws() {
 /// Digests tell apart what may change the rows, and nothing that touches none.
 #[test]
 fn digest_context_holds_what_rows_depend_on() {
-    let context = |spec: &EpisodeSpec| spec.context(&scene_of(spec));
+    let context = |spec: &EpisodeSpec| spec.identity(&scene_of(spec)).context();
     let spec = EpisodeSpec { randomize: Randomization::FIXED, ..EpisodeSpec::new(Task::S07, 1, 2) };
     let changed = |change: fn(&mut EpisodeSpec)| {
         let mut other = spec.clone();

@@ -1,0 +1,152 @@
+//! Why an episode is not scored.
+
+use fiatlux_rules::Row;
+use serde::Serialize;
+use serde_json::Value;
+
+/// Longest value that a message shows, characters.
+const MAX_SHOWN: usize = 80;
+
+/// Why an episode is listed, but not scored.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Flaw {
+    /// It was stopped before its end.
+    Aborted,
+    /// It has no result.
+    Unended,
+    /// Its rows do not follow each other, or do not reach its end.
+    Gap(String),
+    /// Its result does not say which header it goes with.
+    Unbound,
+    /// Its header is not the one that its result was made under.
+    Header {
+        /// Digest of its header.
+        header: String,
+        /// Digest in its result.
+        result: String,
+    },
+    /// Its digest chain starts from another episode than the one that its header describes.
+    Identity {
+        /// Start of the chain by task, seeds, drives, thresholds and what else the header says.
+        found: String,
+        /// The header's own `digest_context`.
+        said: String,
+    },
+    /// Its rows are not those that the result was made of.
+    Altered {
+        /// Digest of its rows.
+        rows: String,
+        /// Digest in its result.
+        result: String,
+    },
+    /// Its result says something that its rows do not.
+    Result(Difference),
+    /// A row has a number that no row can have, or lacks one.
+    Row {
+        /// Its step.
+        step: u64,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Its actions sum up to a number that is not finite.
+    NotFinite,
+}
+
+/// A field with two values.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// Path of the field.
+    pub field: String,
+    /// Its value by the rows, or by a second run.
+    pub found: String,
+    /// Its value as it was recorded.
+    pub recorded: String,
+}
+
+impl std::fmt::Display for Flaw {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let short = |digest: &str| digest.chars().take(12).collect::<String>();
+        match self {
+            Flaw::Aborted => f.write_str("aborted: the episode was stopped before its end"),
+            Flaw::Unended => f.write_str("the recording has no result"),
+            Flaw::Gap(what) => f.write_str(what),
+            Flaw::Unbound => f.write_str(
+                "its result has no header_digest, so nothing shows that its header was not changed; grade it with the scorer \
+                 of its own version, or record the episode again",
+            ),
+            Flaw::Header { header, result } => {
+                let (header, result) = (short(header), short(result));
+                write!(f, "the bag's header was changed: it has digest {header}, its result says {result}")
+            }
+            Flaw::Identity { found, said } => {
+                let (found, said) = (short(found), short(said));
+                write!(
+                    f,
+                    "the bag's header was changed: its task, seeds, drives, thresholds and ends make digest_context {found}, \
+                     it says {said}"
+                )
+            }
+            Flaw::Altered { rows, result } => {
+                let (rows, result) = (short(rows), short(result));
+                write!(f, "the bag's numbers were changed: its rows have digest {rows}, its result says {result}")
+            }
+            Flaw::Result(Difference { field, found, recorded }) => {
+                write!(f, "the bag's result was changed: {field} is {found} by its rows, its result says {recorded}")
+            }
+            Flaw::Row { step, problem } => write!(f, "row {step} cannot be judged: {problem}"),
+            Flaw::NotFinite => f.write_str("its control effort is not finite"),
+        }
+    }
+}
+
+/// Sums over rows that no judge has.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Sums {
+    pub unconverged: u64,
+    pub steps_outside_box: u64,
+    pub reward: f64,
+}
+
+impl Sums {
+    pub fn push(&mut self, row: &Row) {
+        self.unconverged += u64::from(row.unconverged);
+        // The action of row 0 is the staged posture.
+        let outside_box = row.step > 0 && row.action.iter().any(|number| number.abs() > 1.0);
+        self.steps_outside_box += u64::from(outside_box);
+    }
+}
+
+/// The first field of two messages whose values differ, by the names of the fields.
+pub(crate) fn first_difference<M: Serialize + PartialEq>(found: &M, recorded: &M) -> Option<Difference> {
+    if found == recorded {
+        return None;
+    }
+    let value = |message| serde_json::to_value(message).unwrap_or_default();
+    differing("", &value(found), &value(recorded))
+}
+
+fn differing(path: &str, found: &Value, recorded: &Value) -> Option<Difference> {
+    let below = |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
+    match (found, recorded) {
+        (Value::Object(a), Value::Object(b)) => {
+            let names = a.keys().chain(b.keys().filter(|name| !a.contains_key(*name)));
+            let get = |map: &serde_json::Map<String, Value>, name| map.get(name).cloned().unwrap_or_default();
+            names.into_iter().find_map(|name| differing(&below(name), &get(a, name), &get(b, name)))
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            let pairs = a.iter().zip(b).enumerate();
+            pairs.into_iter().find_map(|(index, (a, b))| differing(&format!("{path}[{index}]"), a, b))
+        }
+        _ if found == recorded => None,
+        _ => Some(Difference { field: path.to_owned(), found: shown(found), recorded: shown(recorded) }),
+    }
+}
+
+fn shown(value: &Value) -> String {
+    let text = match value {
+        Value::Null => "nothing".to_owned(),
+        Value::String(text) if !text.is_empty() => text.clone(),
+        other => other.to_string(),
+    };
+    if text.chars().count() <= MAX_SHOWN { text } else { text.chars().take(MAX_SHOWN).collect::<String>() + "..." }
+}

@@ -1,0 +1,138 @@
+//! `scorer verify` on bags of a forger who makes every digest anew: only the second run finds him, and says where.
+
+use std::path::{Path, PathBuf};
+
+use fiatlux_bag::{Bag, BagWriter, topic};
+use fiatlux_proto::Message;
+use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, Mode, State};
+use fiatlux_tests::programs::{PATIENCE, Running, Service, endpoint, grade};
+use fiatlux_wire::{header_digest, layout_of, read_identity, read_row};
+
+/// A bag's parts that a second run is compared with.
+struct Parts {
+    header: EpisodeHeader,
+    states: Vec<State>,
+    actions: Vec<ActionRecord>,
+    result: EpisodeResult,
+}
+
+impl Parts {
+    fn of(bag: &Path) -> Self {
+        let bag = Bag::open(bag).unwrap();
+        Self {
+            header: bag.header().clone(),
+            states: bag.states().map(Result::unwrap).collect(),
+            actions: bag.actions().map(Result::unwrap).collect(),
+            result: bag.result().unwrap().clone(),
+        }
+    }
+
+    /// Makes all digests fit what is there.
+    fn seal(&mut self) {
+        let mut digest = read_identity(&self.header).unwrap().digest();
+        self.header.digest_context = digest.hex();
+        let layout = layout_of(&self.header).unwrap();
+        self.states.iter().for_each(|state| digest.push(&read_row(state, layout).unwrap()));
+        self.result.end.as_mut().unwrap().digest = digest.hex();
+        self.result.header_digest = header_digest(&self.header);
+    }
+
+    fn write(&self, path: &Path) -> PathBuf {
+        let mut writer = BagWriter::create(path, &self.header).unwrap();
+        for state in &self.states {
+            let action = state.step.checked_sub(1).and_then(|before| self.actions.get(before as usize));
+            if let Some(action) = action {
+                writer.message(topic::ACTION, state.step, &action.encode_to_vec()).unwrap();
+            }
+            writer.message(topic::STATE, state.step, &state.encode_to_vec()).unwrap();
+        }
+        writer.finish(&self.result).unwrap()
+    }
+}
+
+/// The exit code of `scorer verify`, and what it says.
+fn verify(service: &Service, bag: &Path) -> (Option<i32>, String) {
+    let args = ["verify", &bag.display().to_string(), "-e", &endpoint(service.port)];
+    let mut scorer = Running::start("scorer", &args, &service.folder);
+    let (status, text) = scorer.finish(PATIENCE);
+    (status.code(), format!("{text}\n{}", scorer.log()))
+}
+
+#[test]
+fn a_second_run_names_what_a_forger_changed() {
+    let service = Service::start("verify", &[]);
+    let mut recorder = service.record();
+    service.play(&["--policy", "random", "--task", "S01", "--seed", "3", "--recorded"]);
+    recorder.wait_for(".mcap");
+    let bag = service.folder.files(".mcap").remove(0);
+    let forged = |name: &str, change: &dyn Fn(&mut Parts)| {
+        let mut parts = Parts::of(&bag);
+        change(&mut parts);
+        parts.seal();
+        parts.write(&service.folder.path().join(format!("{name}.mcap")))
+    };
+    let same = forged("same", &|_| ());
+    assert_eq!(grade(&same, &service.folder).0, 0);
+    let (code, text) = verify(&service, &same);
+    assert!(code == Some(0) && text.starts_with("equal: "), "{text}");
+
+    let knee = Parts::of(&bag).header.joint_names[3].clone();
+    type Change = Box<dyn Fn(&mut Parts)>;
+    let cases: [(&str, Change, String); 6] = [
+        (
+            "row",
+            Box::new(|parts: &mut Parts| parts.states[7].joint_effort[3] += 1e-12),
+            format!("row 7: joint_effort of {knee} is "),
+        ),
+        (
+            "model",
+            Box::new(|parts: &mut Parts| parts.header.model_digest = "0".repeat(64)),
+            format!("header: model_digest is {} in the bag", "0".repeat(64)),
+        ),
+        (
+            "scene",
+            Box::new(|parts: &mut Parts| parts.header.scene_config = "# nothing".into()),
+            "header: scene_config is # nothing in the bag".into(),
+        ),
+        (
+            "geometry",
+            Box::new(|parts: &mut Parts| parts.header.geometry.as_mut().unwrap().robot_mass += 1.0),
+            "header: geometry.robot_mass is ".into(),
+        ),
+        (
+            "drives",
+            Box::new(|parts: &mut Parts| parts.header.drives[3].armature *= 2.0),
+            "header: drives[3].armature is ".into(),
+        ),
+        (
+            "action",
+            Box::new(|parts: &mut Parts| parts.actions[4].action.as_mut().unwrap().action[3] += 0.5),
+            "row 5: ".into(),
+        ),
+    ];
+    for (name, change, expected) in cases {
+        let forged = forged(name, &change);
+        assert_eq!(grade(&forged, &service.folder).0, 0, "{name}: no digest shows it");
+        let (code, text) = verify(&service, &forged);
+        assert!(code == Some(1) && text.starts_with("different") && text.contains(&expected), "{name}: {text}");
+        assert!(text.contains(" in the second run"), "{name}: {text}");
+    }
+
+    // What the bag alone shows is said before anything is run.
+    type Lie = fn(&mut Parts);
+    let lies: [(&str, Lie, &str); 4] = [
+        ("success", |parts| parts.result.end.as_mut().unwrap().success = true, "end.success is false by its rows"),
+        ("zero", |parts| parts.header.model_digest = "0".repeat(64), "header was changed"),
+        ("time", |parts| parts.header.mode = Mode::RealTime.into(), "header was changed"),
+        ("senses", |parts| parts.header.sensors.clear(), "header was changed"),
+    ];
+    for (name, change, expected) in lies {
+        let mut parts = Parts::of(&bag);
+        change(&mut parts);
+        let (code, text) = verify(&service, &parts.write(&service.folder.path().join(format!("{name}.mcap"))));
+        assert!(code == Some(1) && text.contains(expected), "{name}: {text}");
+    }
+    let held = forged("held", &|parts| parts.actions[4].held = true);
+    let (code, text) = verify(&service, &held);
+    assert!(code == Some(1) && text.contains("the action of step 5 is one of real time"), "{text}");
+}
