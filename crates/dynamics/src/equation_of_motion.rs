@@ -17,6 +17,8 @@ pub(crate) struct EquationOfMotion {
     pub bias: Vec<f64>,
     /// Momentum of the velocity that the bias force is taken at.
     pub momentum: Vec<f64>,
+    /// Of a unit rate of each degree of freedom of a free twig: the momentum of the body with all that hangs on it.
+    pub axis_momentum: Vec<Force>,
     /// Of each body, and of each body with all that hangs on it.
     own: Vec<Inertia>,
     inertia: Vec<Inertia>,
@@ -41,6 +43,7 @@ impl EquationOfMotion {
             mass_matrix: vec![0.0; model.row_start[model.nv]],
             bias: vec![0.0; model.nv],
             momentum: vec![0.0; model.nv],
+            axis_momentum: vec![Force::ZERO; model.nv],
             own: vec![zero; bodies],
             inertia: vec![zero; bodies],
             motion: vec![Motion::ZERO; bodies],
@@ -51,7 +54,8 @@ impl EquationOfMotion {
         }
     }
 
-    /// Computes all for a configuration and the velocity that it was given with.
+    /// Computes all for a configuration and the velocity that it was given with. Rows of free twigs hold their diagonal
+    /// alone.
     pub fn update(
         &mut self,
         model: &Model,
@@ -59,6 +63,7 @@ impl EquationOfMotion {
         kin: &Kinematics,
         wrenches: &[(BodyId, Wrench)],
         velocity: &[f64],
+        free_twigs: u128,
     ) {
         for index in 1..model.bodies.len() {
             let (rotation, inertial) = (&kin.rotation[index], &parameters.bodies[index]);
@@ -67,7 +72,7 @@ impl EquationOfMotion {
         }
         self.motion.copy_from_slice(&kin.motion);
         self.update_forces(model, parameters, kin, wrenches, velocity);
-        self.update_mass_matrix(model, kin);
+        self.update_mass_matrix(model, kin, free_twigs);
     }
 
     /// Computes the bias force for another velocity in the same configuration.
@@ -148,7 +153,7 @@ impl EquationOfMotion {
         }
     }
 
-    fn update_mass_matrix(&mut self, model: &Model, kin: &Kinematics) {
+    fn update_mass_matrix(&mut self, model: &Model, kin: &Kinematics, free_twigs: u128) {
         self.inertia.copy_from_slice(&self.own);
         for index in (1..model.bodies.len()).rev() {
             let body = &model.bodies[index];
@@ -161,6 +166,11 @@ impl EquationOfMotion {
             let width = chain.len() - model.chains[parent].len();
             for dof in body.dof_start..body.dof_start + width {
                 let momentum = inertia.apply(&kin.axes[dof]);
+                if free_twigs >> dof & 1 == 1 {
+                    self.axis_momentum[dof] = momentum;
+                    self.mass_matrix[model.diagonal(dof)] = kin.axes[dof].dot(&momentum) + self.armature[dof];
+                    continue;
+                }
                 let row = &mut self.mass_matrix[model.row(dof)];
                 // The axes of a free root are unit vectors.
                 let (f, t) = (&momentum.force, &momentum.torque);

@@ -2,6 +2,7 @@
 
 mod body_pair;
 mod island;
+mod twigs;
 
 use std::ops::Range;
 
@@ -18,6 +19,7 @@ use crate::spatial::{Force, Motion, V3};
 use crate::spec::Joint;
 use body_pair::{BodyPair, force_of, stiffness_of};
 use island::{Island, Islands};
+use twigs::Twigs;
 
 /// Residual at which the solve limits, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
 pub(crate) const TOLERANCE: f64 = 1e-6;
@@ -69,6 +71,7 @@ pub struct StepReport {
 #[derive(Debug, Clone)]
 pub(crate) struct Solver {
     factor: Factor,
+    twigs: Twigs,
     islands: Islands,
     pairs: Vec<BodyPair>,
     points: Vec<Point>,
@@ -105,6 +108,7 @@ impl Solver {
         let zeros = || vec![0.0; model.nv];
         Self {
             factor: Factor::new(model),
+            twigs: Twigs::new(model),
             islands: Islands::new(model, CONTACTS_EXPECTED),
             pairs: Vec::with_capacity(CONTACTS_EXPECTED),
             points: Vec::with_capacity(CONTACTS_EXPECTED),
@@ -126,6 +130,12 @@ impl Solver {
             settled: 0,
             settled_diagonal: zeros(),
         }
+    }
+
+    /// Finds the twigs that none of these contacts can load; the mass matrix of the problem may leave their rows out.
+    pub fn find_free_twigs(&mut self, model: &Model, contacts: &[Contact]) -> u128 {
+        self.twigs.find_free(model, contacts);
+        self.twigs.free()
     }
 
     /// Sets up the problem; the velocity of the state is the first guess.
@@ -388,7 +398,9 @@ impl Solver {
                 self.direction[dof] = -self.gradient[dof];
             }
         }
-        self.factor.solve(&mut self.direction, island.rows);
+        self.twigs.solve_down(island.rows, problem.kin, &mut self.direction);
+        self.factor.solve(&mut self.direction, island.rows & !self.twigs.free());
+        self.twigs.solve_up(island.rows, problem.kin, &mut self.direction);
         // What the Hessian gives less what stiffness gives of it.
         for run in &island.dofs {
             for dof in run.clone() {
@@ -416,7 +428,7 @@ impl Solver {
     /// Builds and factorises the Hessian. Settled rows (in a humanoid: most of what does not stand on the floor, fingers
     /// above all) are not eliminated again.
     fn factorise(&mut self, problem: &Problem<'_>, island: &Island, first: bool) -> bool {
-        let &Problem { model, equation, input, dt, .. } = problem;
+        let &Problem { model, kin, equation, input, dt, .. } = problem;
         if self.caution > 0.0 {
             for run in &island.drives {
                 for drive in &self.drives[run.clone()] {
@@ -450,24 +462,32 @@ impl Solver {
                 }
             }
         }
+        let (twigs, factor, diagonal) = (&mut self.twigs, &mut self.factor, &self.diagonal);
+        let rows = island.rows & !twigs.free();
         if first || changed & self.settled != 0 {
-            self.settled &= !self.factor.reached_from(changed);
+            self.settled &= !factor.reached_from(changed);
+            self.settled &= !twigs.in_part(self.settled);
             let settled = self.settled & island.rows;
-            self.factor.load(&equation.mass_matrix, island.rows);
+            factor.load(&equation.mass_matrix, rows);
             for dof in ones(settled) {
-                self.settled_diagonal[dof] = self.diagonal[dof];
-                self.factor.add(dof, self.diagonal[dof]);
+                self.settled_diagonal[dof] = diagonal[dof];
             }
-            if !self.factor.eliminate(settled) {
+            for dof in ones(settled & rows) {
+                factor.add(dof, diagonal[dof]);
+            }
+            if !twigs.eliminate(settled, kin, equation, model, diagonal, factor) || !factor.eliminate(settled & rows) {
                 return false;
             }
-            self.factor.keep(island.rows & !settled);
+            factor.keep(rows & !settled);
         } else {
-            self.factor.restore(island.rows & !self.settled);
+            factor.restore(rows & !self.settled);
         }
         let rest = island.rows & !self.settled;
-        self.add_stiffness(island, rest);
-        self.factor.eliminate(rest)
+        if !twigs.eliminate(rest, kin, equation, model, diagonal, factor) {
+            return false;
+        }
+        self.add_stiffness(island, rest & rows);
+        self.factor.eliminate(rest & rows)
     }
 
     /// Adds contacts, and what acts on the degrees of freedom of those rows.

@@ -161,11 +161,12 @@ impl Dynamics {
     ) {
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
         self.kin.update(model, state);
-        self.equation.update(model, parameters, &self.kin, input.wrenches, &state.qvel);
         let first_contact = self.contacts.len();
         self.collider.update(model, &self.kin, dt);
         self.collider.find(model, &parameters.materials, dt, &mut self.contacts);
         let contacts = &mut self.contacts[first_contact..];
+        let free_twigs = self.solver.find_free_twigs(model, contacts);
+        self.equation.update(model, parameters, &self.kin, input.wrenches, &state.qvel, free_twigs);
         let (equation, kin) = (&self.equation, &self.kin);
         let mut problem = Problem { model, parameters, kin, equation, input, dt };
         self.solver.start(&problem, state, contacts);
@@ -248,6 +249,6 @@ impl Dynamics {
     fn update_equation(&mut self, model: &Model, state: &State) {
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
         self.kin.update(model, state);
-        self.equation.update(model, parameters, &self.kin, &[], &state.qvel);
+        self.equation.update(model, parameters, &self.kin, &[], &state.qvel, 0);
     }
 }
