@@ -96,6 +96,8 @@ pub(crate) struct Solver {
     caution: f64,
     /// What drives, limits and locks add to the Hessian's diagonal.
     diagonal: Vec<f64>,
+    /// Rows for which the Hessian has been factorised.
+    begun: u128,
     /// Rows whose stiffness has been the same in every iteration, and all that hangs on them: they are eliminated first,
     /// and once.
     settled: u128,
@@ -127,6 +129,7 @@ impl Solver {
             mass_direction: zeros(),
             caution: 0.0,
             diagonal: zeros(),
+            begun: 0,
             settled: 0,
             settled_diagonal: zeros(),
         }
@@ -134,8 +137,7 @@ impl Solver {
 
     /// Finds the twigs that none of these contacts can load; the mass matrix of the problem may leave their rows out.
     pub fn find_free_twigs(&mut self, model: &Model, contacts: &[Contact]) -> u128 {
-        self.twigs.find_free(model, contacts);
-        self.twigs.free()
+        self.twigs.find_free(model, contacts)
     }
 
     /// Sets up the problem; the velocity of the state is the first guess.
@@ -151,7 +153,7 @@ impl Solver {
             *weight = 1.0 / equation.mass_matrix[model.diagonal(dof)];
         }
         self.momentum_change.fill(0.0);
-        self.settled = 0;
+        (self.begun, self.settled) = (0, 0);
         self.momentum.copy_from_slice(&equation.momentum);
         for pair in &self.pairs {
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.velocity);
@@ -185,7 +187,7 @@ impl Solver {
         self.caution = 0.0;
         let mut done = self.gradient(problem, island, tolerance);
         while !done {
-            if iterations == ITERATIONS_MAX || !self.newton_direction(problem, island, iterations == 0) {
+            if iterations == ITERATIONS_MAX || !self.newton_direction(problem, island) {
                 return (false, iterations);
             }
             iterations += 1;
@@ -389,8 +391,8 @@ impl Solver {
     }
 
     /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.
-    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island, first: bool) -> bool {
-        if !self.factorise(problem, island, first) {
+    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
+        if !self.factorise(problem, island) {
             return false;
         }
         for run in &island.dofs {
@@ -427,8 +429,8 @@ impl Solver {
 
     /// Builds and factorises the Hessian. Settled rows (in a humanoid: most of what does not stand on the floor, fingers
     /// above all) are not eliminated again.
-    fn factorise(&mut self, problem: &Problem<'_>, island: &Island, first: bool) -> bool {
-        let &Problem { model, kin, equation, input, dt, .. } = problem;
+    fn factorise(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
+        let &Problem { model, equation, input, dt, .. } = problem;
         if self.caution > 0.0 {
             for run in &island.drives {
                 for drive in &self.drives[run.clone()] {
@@ -453,7 +455,9 @@ impl Solver {
                 changed |= pair.dofs;
             }
         }
+        let first = self.begun & island.rows == 0;
         if first {
+            self.begun |= island.rows;
             self.settled |= island.rows;
         } else {
             for dof in ones(self.settled & island.rows) {
@@ -475,7 +479,7 @@ impl Solver {
             for dof in ones(settled & rows) {
                 factor.add(dof, diagonal[dof]);
             }
-            if !twigs.eliminate(settled, kin, equation, model, diagonal, factor) || !factor.eliminate(settled & rows) {
+            if !twigs.eliminate(settled, problem, diagonal, factor) || !factor.eliminate(settled & rows) {
                 return false;
             }
             factor.keep(rows & !settled);
@@ -483,7 +487,7 @@ impl Solver {
             factor.restore(rows & !self.settled);
         }
         let rest = island.rows & !self.settled;
-        if !twigs.eliminate(rest, kin, equation, model, diagonal, factor) {
+        if !twigs.eliminate(rest, problem, diagonal, factor) {
             return false;
         }
         self.add_stiffness(island, rest & rows);

@@ -6,193 +6,230 @@
 //! the inertia that the mass matrix ascribes to it. It is the same elimination in fewer operations.
 
 use super::body_pair::force_of;
+use super::Problem;
 use crate::contact::Contact;
-use crate::equation_of_motion::EquationOfMotion;
 use crate::factor::Factor;
 use crate::kinematics::Kinematics;
 use crate::model::Model;
 use crate::spatial::{Force, Motion};
+use crate::spec::Joint;
 
-/// Degrees of freedom from the root down to a base, the body that twigs hang on. A row this long costs more than six
+/// Degrees of freedom from a free root down to a base, the body that twigs hang on: a row this long costs more than six
 /// dimensions.
 const BASE_DOFS: usize = 16;
 
 type Vector = [f64; 6];
-type Matrix = [Vector; 6];
 
-/// The twigs of a model, by base.
+/// The unbranched twigs of a model, by base. What branches keeps its rows in the factor.
 #[derive(Debug, Clone)]
 pub(crate) struct Twigs {
     bases: Vec<Base>,
     free: u128,
 }
 
-/// A body and the twigs that hang on it.
 #[derive(Debug, Clone)]
 struct Base {
-    body: usize,
     /// Degrees of freedom from the root down to the body.
     chain: Vec<u16>,
-    links: Vec<Link>,
+    twigs: Vec<Twig>,
     /// Rows of the twigs that nothing touches in this step.
     free: u128,
-    /// Of the base and then of each link: the inertia that it is relieved of, and a force or motion while rows are solved.
-    relief: Vec<Matrix>,
-    vector: Vec<Vector>,
 }
 
-/// A link of a twig, with what its elimination leaves.
+#[derive(Debug, Clone)]
+struct Twig {
+    /// From the base to the tip.
+    links: Vec<Link>,
+    rows: u128,
+    is_free: bool,
+}
+
+/// A joint, and what its elimination leaves.
 #[derive(Debug, Clone)]
 struct Link {
     dof: usize,
-    /// First degree of freedom of its twig.
-    twig: u16,
-    /// Place of the parent: 0 for the base, `k + 1` for link `k`.
-    parent: usize,
-    is_free: bool,
     axis: Vector,
     /// Force on the parent for a unit of the joint's effort.
     response: Vector,
-    /// Of the inertia at the joint, with its stiffness.
+    /// Of the inertia at the joint, its stiffness included.
     inverse: f64,
 }
 
 impl Twigs {
     pub fn new(model: &Model) -> Self {
         let mut bases = Vec::<Base>::new();
-        for (dof, &body) in model.dof_body.iter().enumerate() {
-            let chain = &model.chains[body];
-            let Some(&twig) = chain.get(BASE_DOFS) else { continue };
-            let body = model.dof_body[usize::from(chain[BASE_DOFS - 1])];
-            let at = bases.iter().position(|base| base.body == body).unwrap_or_else(|| {
-                bases.push(Base::new(body, chain[..BASE_DOFS].to_vec()));
+        for chain in &model.chains {
+            let Some((chain, rest)) = chain.split_at_checked(BASE_DOFS) else { continue };
+            let root = model.bodies[model.dof_body[usize::from(chain[0])]].spec.joint == Joint::Free;
+            if !root || rest.is_empty() {
+                continue;
+            }
+            let at = bases.iter().position(|base| base.chain == chain).unwrap_or_else(|| {
+                bases.push(Base { chain: chain.to_vec(), twigs: Vec::new(), free: 0 });
                 bases.len() - 1
             });
-            let parent = usize::from(chain[chain.len() - 2]);
-            bases[at].push(dof, twig, parent);
+            bases[at].push(rest);
+        }
+        for base in &mut bases {
+            base.twigs.retain(|twig| twig.rows.count_ones() as usize == twig.links.len());
         }
         Self { bases, free: 0 }
     }
 
-    /// Finds the twigs that none of these contacts can load.
-    pub fn find_free(&mut self, model: &Model, contacts: &[Contact]) {
-        let twig_of = |body: usize| model.chains[body].get(BASE_DOFS).map_or(0, |&twig| 1_u128 << twig);
-        let bodies = contacts.iter().flat_map(|c| [c.shape_a, c.shape_b]).map(|shape| model.shapes[shape.0].body.0);
-        let touched = if self.bases.is_empty() { 0 } else { bodies.fold(0, |touched, body| touched | twig_of(body)) };
+    /// Finds the twigs that none of these contacts can load, and returns their rows: they are eliminated here.
+    pub fn find_free(&mut self, model: &Model, contacts: &[Contact]) -> u128 {
         self.free = 0;
+        if self.bases.is_empty() {
+            return 0;
+        }
+        let mut touched = 0_u128;
+        for shape in contacts.iter().flat_map(|contact| [contact.shape_a, contact.shape_b]) {
+            let chain = &model.chains[model.shapes[shape.0].body.0];
+            touched |= chain.get(BASE_DOFS).map_or(0, |&dof| 1 << dof);
+        }
         for base in &mut self.bases {
             base.free = 0;
-            for link in &mut base.links {
-                link.is_free = touched >> link.twig & 1 == 0;
-                base.free |= u128::from(link.is_free) << link.dof;
+            for twig in &mut base.twigs {
+                twig.is_free = twig.rows & touched == 0;
+                base.free |= if twig.is_free { twig.rows } else { 0 };
             }
             self.free |= base.free;
         }
+        self.free
     }
 
-    /// Rows that are eliminated here and not in the factor.
+    /// Rows that are eliminated here in this step.
     pub fn free(&self) -> u128 {
         self.free
     }
 
-    /// Rows of those bases of which some rows, but not all, are among these.
+    /// Free rows of the bases of which some free rows, but not all, are among these.
     pub fn in_part(&self, rows: u128) -> u128 {
         let in_part = |base: &&Base| base.free & rows != 0 && base.free & !rows != 0;
         self.bases.iter().filter(in_part).fold(0, |all, base| all | base.free)
     }
 
-    /// Eliminates the free ones of these rows, with that on their diagonal, into the factor's rows of their bases. False if a
-    /// pivot is not positive.
-    pub fn eliminate(
-        &mut self,
-        rows: u128,
-        kin: &Kinematics,
-        equation: &EquationOfMotion,
-        model: &Model,
-        diagonal: &[f64],
-        factor: &mut Factor,
-    ) -> bool {
+    /// Eliminates the free ones of these rows, with that on their diagonal, and takes from the factor's rows what their bases
+    /// are relieved of. False if a pivot is not positive.
+    pub fn eliminate(&mut self, rows: u128, problem: &Problem<'_>, diagonal: &[f64], factor: &mut Factor) -> bool {
         let mut positive = true;
+        let axes = &problem.kin.axes;
         for base in self.bases.iter_mut().filter(|base| base.free & rows != 0) {
-            positive &= base.eliminate(kin, equation, model, diagonal);
+            let mut relief = [[0.0; 6]; 6];
+            for twig in base.twigs.iter_mut().filter(|twig| twig.is_free) {
+                positive &= twig.eliminate(problem, diagonal, &mut relief);
+            }
             for (r, &dof) in base.chain.iter().enumerate() {
-                let force = force_of(&base.relief[0], &kin.axes[usize::from(dof)]);
+                let dof = usize::from(dof);
+                let force = force_of(&relief, &axes[dof]);
+                let of_root = by_root(&force);
                 let columns = &base.chain[..=r];
-                factor.add_to_row(usize::from(dof), columns, |c| -kin.axes[usize::from(columns[c])].dot(&force));
+                factor.add_to_row(dof, columns, |c| {
+                    if c < 6 { -of_root[c] } else { -axes[usize::from(columns[c])].dot(&force) }
+                });
             }
         }
         positive
     }
 
-    /// First half of a solve, before that of the factor: leaves to bases.
-    pub fn solve_down(&mut self, rows: u128, kin: &Kinematics, x: &mut [f64]) {
-        for base in self.bases.iter_mut().filter(|base| base.free & rows != 0) {
-            base.vector.fill([0.0; 6]);
-            for (k, link) in base.links.iter().enumerate().rev().filter(|(_, link)| link.is_free) {
-                let carried = base.vector[k + 1];
-                let value = x[link.dof] - dot(&link.axis, &carried);
-                let target = &mut base.vector[link.parent];
-                *target = std::array::from_fn(|i| target[i] + carried[i] + link.response[i] * value);
-                x[link.dof] = value * link.inverse;
+    /// First half of a solve, before that of the factor: from the tips to the bases.
+    pub fn solve_down(&self, rows: u128, kin: &Kinematics, x: &mut [f64]) {
+        for base in self.bases.iter().filter(|base| base.free & rows != 0) {
+            let mut sum = [0.0; 6];
+            for twig in base.twigs.iter().filter(|twig| twig.is_free) {
+                let mut force = [0.0; 6];
+                for link in twig.links.iter().rev() {
+                    let value = x[link.dof] - dot(&link.axis, &force);
+                    force = plus_scaled(&force, &link.response, value);
+                    x[link.dof] = value * link.inverse;
+                }
+                sum = plus_scaled(&sum, &force, 1.0);
             }
-            let [tx, ty, tz, fx, fy, fz] = base.vector[0];
+            let [tx, ty, tz, fx, fy, fz] = sum;
             let force = Force { torque: [tx, ty, tz].into(), force: [fx, fy, fz].into() };
-            for &dof in &base.chain {
-                x[usize::from(dof)] -= kin.axes[usize::from(dof)].dot(&force);
+            let (root, rest) = base.chain.split_at(6);
+            for (&dof, value) in root.iter().zip(by_root(&force)) {
+                x[usize::from(dof)] -= value;
+            }
+            for dof in rest.iter().map(|&dof| usize::from(dof)) {
+                x[dof] -= kin.axes[dof].dot(&force);
             }
         }
     }
 
-    /// Second half of a solve, after that of the factor: bases to leaves.
-    pub fn solve_up(&mut self, rows: u128, kin: &Kinematics, x: &mut [f64]) {
-        for base in self.bases.iter_mut().filter(|base| base.free & rows != 0) {
-            let mut motion = Motion::ZERO;
-            for &dof in &base.chain {
-                motion.add_scaled(&kin.axes[usize::from(dof)], x[usize::from(dof)]);
+    /// Second half of a solve, after that of the factor: from the bases to the tips.
+    pub fn solve_up(&self, rows: u128, kin: &Kinematics, x: &mut [f64]) {
+        for base in self.bases.iter().filter(|base| base.free & rows != 0) {
+            let root = usize::from(base.chain[0]);
+            let root = &x[root..root + 6];
+            let mut motion =
+                Motion { angular: [root[3], root[4], root[5]].into(), linear: [root[0], root[1], root[2]].into() };
+            for dof in base.chain[6..].iter().map(|&dof| usize::from(dof)) {
+                motion.add_scaled(&kin.axes[dof], x[dof]);
             }
-            base.vector[0] = of_motion(&motion);
-            for (k, link) in base.links.iter().enumerate().filter(|(_, link)| link.is_free) {
-                let carried = base.vector[link.parent];
-                let value = x[link.dof] - dot(&link.response, &carried);
-                base.vector[k + 1] = std::array::from_fn(|i| carried[i] + link.axis[i] * value);
-                x[link.dof] = value;
+            for twig in base.twigs.iter().filter(|twig| twig.is_free) {
+                let mut motion = of_motion(&motion);
+                for link in &twig.links {
+                    let value = x[link.dof] - dot(&link.response, &motion);
+                    motion = plus_scaled(&motion, &link.axis, value);
+                    x[link.dof] = value;
+                }
             }
         }
     }
 }
 
 impl Base {
-    fn new(body: usize, chain: Vec<u16>) -> Self {
-        Self { body, chain, links: Vec::new(), free: 0, relief: vec![[[0.0; 6]; 6]], vector: vec![[0.0; 6]] }
+    /// Takes in a link, given the degrees of freedom from the base down to it.
+    fn push(&mut self, path: &[u16]) {
+        let at = self.twigs.iter().position(|twig| twig.rows >> path[0] & 1 == 1).unwrap_or_else(|| {
+            self.twigs.push(Twig { links: Vec::new(), rows: 0, is_free: false });
+            self.twigs.len() - 1
+        });
+        let (twig, dof) = (&mut self.twigs[at], path[path.len() - 1]);
+        twig.rows |= 1 << dof;
+        if path.len() == twig.links.len() + 1 {
+            twig.links.push(Link { dof: dof.into(), axis: [0.0; 6], response: [0.0; 6], inverse: 0.0 });
+        }
     }
+}
 
-    fn push(&mut self, dof: usize, twig: u16, parent: usize) {
-        let parent = self.links.iter().position(|link| link.dof == parent).map_or(0, |k| k + 1);
-        let (axis, response) = ([0.0; 6], [0.0; 6]);
-        self.links.push(Link { dof, twig, parent, is_free: false, axis, response, inverse: 0.0 });
-        self.relief.push([[0.0; 6]; 6]);
-        self.vector.push([0.0; 6]);
-    }
-
-    fn eliminate(&mut self, kin: &Kinematics, equation: &EquationOfMotion, model: &Model, diagonal: &[f64]) -> bool {
+impl Twig {
+    /// Adds what the base is relieved of.
+    fn eliminate(&mut self, problem: &Problem<'_>, diagonal: &[f64], sum: &mut [Vector; 6]) -> bool {
+        let &Problem { model, kin, equation, .. } = problem;
         let mut positive = true;
-        self.relief.fill([[0.0; 6]; 6]);
-        for (k, link) in self.links.iter_mut().enumerate().rev().filter(|(_, link)| link.is_free) {
-            let (dof, relief) = (link.dof, self.relief[k + 1]);
-            link.axis = of_motion(&kin.axes[dof]);
-            let momentum = of_force(&equation.axis_momentum[dof]);
-            let relieved = of_force(&force_of(&relief, &kin.axes[dof]));
-            let felt: Vector = std::array::from_fn(|i| momentum[i] - relieved[i]);
-            let inertia = equation.mass_matrix[model.diagonal(dof)] - dot(&link.axis, &relieved) + diagonal[dof];
+        // Inertia that the joints beyond relieve the link of.
+        let mut relief = [[0.0; 6]; 6];
+        let tip = self.links.len() - 1;
+        for (k, link) in self.links.iter_mut().enumerate().rev() {
+            let axis = &kin.axes[link.dof];
+            link.axis = of_motion(axis);
+            let mut felt = of_force(&equation.axis_momentum[link.dof]);
+            let mut inertia = equation.mass_matrix[model.diagonal(link.dof)] + diagonal[link.dof];
+            if k < tip {
+                let relieved = of_force(&force_of(&relief, axis));
+                felt = plus_scaled(&felt, &relieved, -1.0);
+                inertia -= dot(&link.axis, &relieved);
+            }
             positive &= inertia > 0.0;
             link.inverse = 1.0 / inertia;
             link.response = felt.map(|value| value * link.inverse);
-            for (r, row) in self.relief[link.parent].iter_mut().enumerate() {
-                *row = std::array::from_fn(|c| row[c] + (relief[r][c] + link.response[r] * felt[c]));
+            for (row, value) in relief.iter_mut().zip(link.response) {
+                *row = plus_scaled(row, &felt, value);
             }
+        }
+        for (row, relief) in sum.iter_mut().zip(&relief) {
+            *row = plus_scaled(row, relief, 1.0);
         }
         positive
     }
+}
+
+/// A force along the axes of a free root, which are unit vectors.
+#[inline(always)]
+fn by_root(f: &Force) -> Vector {
+    [f.force.x, f.force.y, f.force.z, f.torque.x, f.torque.y, f.torque.z]
 }
 
 #[inline(always)]
@@ -203,6 +240,11 @@ fn of_motion(m: &Motion) -> Vector {
 #[inline(always)]
 fn of_force(f: &Force) -> Vector {
     [f.torque.x, f.torque.y, f.torque.z, f.force.x, f.force.y, f.force.z]
+}
+
+#[inline(always)]
+fn plus_scaled(a: &Vector, b: &Vector, scale: f64) -> Vector {
+    std::array::from_fn(|i| a[i] + b[i] * scale)
 }
 
 #[inline(always)]
