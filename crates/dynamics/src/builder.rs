@@ -221,9 +221,11 @@ impl ModelBuilder {
         let mut pairs = Vec::new();
         for a in 0..cull_groups.len() {
             for b in a..cull_groups.len() {
+                let by_b = cull_groups[b].len() < cull_groups[a].len();
+                let (rows, columns) = if by_b { (b, a) } else { (a, b) };
                 let mut shapes = Vec::new();
-                for &i in &cull_groups[a] {
-                    for &j in &cull_groups[b] {
+                for &i in &cull_groups[rows] {
+                    for &j in &cull_groups[columns] {
                         if (a < b || i < j) && self.may_touch(self.shapes[i].body, self.shapes[j].body) {
                             shapes.push((i as u16, j as u16));
                         }
@@ -235,7 +237,15 @@ impl ModelBuilder {
                     let root = |i: &usize| self.bodies[self.shapes[*i].body.0].root;
                     let first = root(&cull_groups[a][0]);
                     let one_tree = cull_groups[a].iter().chain(&cull_groups[b]).all(|i| root(i) == first);
-                    pairs.push(CullGroupPair { a, b, one_tree, shapes });
+                    let mut rows = Vec::<(u16, std::ops::Range<usize>)>::new();
+                    for (at, &(shape, _)) in shapes.iter().enumerate() {
+                        match rows.last_mut() {
+                            Some((last, range)) if *last == shape => range.end = at + 1,
+                            _ => rows.push((shape, at..at + 1)),
+                        }
+                    }
+                    let partners = shapes.iter().map(|&(_, partner)| partner).collect();
+                    pairs.push(CullGroupPair { a, b, one_tree, by_b, rows, partners });
                 }
             }
         }

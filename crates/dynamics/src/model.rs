@@ -44,14 +44,29 @@ pub struct Model {
     pub(crate) nominal: Parameters,
 }
 
-/// The shape pairs between two cull groups that may touch.
+/// The shape pairs between two cull groups that may touch, in rows: a shape of one group and those of the other one. Rows are
+/// by the shapes of the smaller group, so that few of them rule out many pairs.
 #[derive(Debug, Clone)]
 pub(crate) struct CullGroupPair {
     pub a: usize,
     pub b: usize,
     /// All of these shapes belong to one tree.
     pub one_tree: bool,
-    pub shapes: Vec<(u16, u16)>,
+    /// Rows are by the shapes of `b`.
+    pub by_b: bool,
+    /// A shape and where its partners stand; the pairs of two bodies stand together.
+    pub rows: Vec<(u16, std::ops::Range<usize>)>,
+    pub partners: Vec<u16>,
+}
+
+impl CullGroupPair {
+    /// The pairs of a row, the shape of `a` first.
+    #[inline(always)]
+    pub fn row(&self, row: &(u16, std::ops::Range<usize>)) -> impl Iterator<Item = (usize, usize)> {
+        let (shape, by_b) = (usize::from(row.0), self.by_b);
+        let partners = self.partners[row.1.clone()].iter().map(|&partner| usize::from(partner));
+        partners.map(move |partner| if by_b { (partner, shape) } else { (shape, partner) })
+    }
 }
 
 impl Model {
