@@ -205,12 +205,15 @@ impl Collider {
                 continue;
             }
             let partners = if pair.by_b { group_a } else { group_b };
-            for row in &pair.rows {
-                if !bounds.shapes[usize::from(row.0)].overlaps(partners) {
+            for (shape, range) in &pair.rows {
+                let own = &bounds.shapes[usize::from(*shape)];
+                if !own.overlaps(partners) {
                     continue;
                 }
-                for (a, b) in pair.row(row) {
-                    if bounds.shapes[a].overlaps(&bounds.shapes[b]) {
+                for partner in &pair.partners[range.clone()] {
+                    if own.overlaps(&bounds.shapes[usize::from(*partner)]) {
+                        let (a, b) = if pair.by_b { (partner, shape) } else { (shape, partner) };
+                        let (a, b) = (usize::from(*a), usize::from(*b));
                         let (x, y) = (&self.travel[a], &self.travel[b]);
                         let speed = (x.velocity - y.velocity).norm() + x.spin_speed + y.spin_speed;
                         let margin = REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
@@ -236,9 +239,13 @@ impl Model {
         collider.update(self, &kin, 0.0);
         let mut found = Vec::new();
         for pair in &self.pairs {
-            for (a, b) in pair.rows.iter().flat_map(|row| pair.row(row)) {
-                let (placed, manifold) = (&collider.placed, &mut collider.manifold);
-                collide_pair(self, &self.nominal.materials, placed, manifold, a, b, margin, &mut found);
+            for (shape, range) in &pair.rows {
+                for partner in &pair.partners[range.clone()] {
+                    let (a, b) = if pair.by_b { (partner, shape) } else { (shape, partner) };
+                    let (a, b) = (usize::from(*a), usize::from(*b));
+                    let (placed, manifold) = (&collider.placed, &mut collider.manifold);
+                    collide_pair(self, &self.nominal.materials, placed, manifold, a, b, margin, &mut found);
+                }
             }
         }
         Ok(found)

@@ -54,19 +54,9 @@ pub(crate) struct CullGroupPair {
     pub one_tree: bool,
     /// Rows are by the shapes of `b`.
     pub by_b: bool,
-    /// A shape and where its partners stand; the pairs of two bodies stand together.
+    /// A shape and the range of its partners; the pairs of two bodies stand together.
     pub rows: Vec<(u16, std::ops::Range<usize>)>,
     pub partners: Vec<u16>,
-}
-
-impl CullGroupPair {
-    /// The pairs of a row, the shape of `a` first.
-    #[inline(always)]
-    pub fn row(&self, row: &(u16, std::ops::Range<usize>)) -> impl Iterator<Item = (usize, usize)> {
-        let (shape, by_b) = (usize::from(row.0), self.by_b);
-        let partners = self.partners[row.1.clone()].iter().map(|&partner| usize::from(partner));
-        partners.map(move |partner| if by_b { (partner, shape) } else { (shape, partner) })
-    }
 }
 
 impl Model {
