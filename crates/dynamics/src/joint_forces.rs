@@ -56,13 +56,20 @@ impl ImplicitDrive {
         if slope == 0.0 && self.slope > 0.0 { caution * effort / (self.offset / self.slope - velocity) } else { 0.0 }
     }
 
+    /// The same as [`Self::effort`] where nothing limits it: on an interval, between two velocities of which this is true.
+    #[inline(always)]
+    pub fn straight(&self, velocity: f64) -> Option<(f64, f64)> {
+        let effort = self.offset - self.slope * velocity;
+        (effort.abs() <= self.limit && velocity.abs() <= self.corner).then_some((effort, self.slope))
+    }
+
     /// Effort at a velocity, and its decrease per velocity (0 when saturated).
     #[inline(always)]
     pub fn effort(&self, velocity: f64) -> (f64, f64) {
-        let effort = self.offset - self.slope * velocity;
-        if effort.abs() <= self.limit && velocity.abs() <= self.corner {
-            return (effort, self.slope);
+        if let Some(straight) = self.straight(velocity) {
+            return straight;
         }
+        let effort = self.offset - self.slope * velocity;
         if effort > 0.0 {
             self.accelerating(effort, velocity)
         } else {
@@ -97,6 +104,12 @@ impl JointLimit {
         let (low, high) = (-bound(q - hinge.lower), bound(hinge.upper - q));
         let limited = low > f64::NEG_INFINITY || high < f64::INFINITY;
         limited.then_some(Self { dof, low, high, inverse_compliance: 1.0 / (COMPLIANCE * inverse_weight) })
+    }
+
+    /// Whether a velocity stays within the limits.
+    #[inline(always)]
+    pub fn allows(&self, velocity: f64) -> bool {
+        velocity >= self.low && velocity <= self.high
     }
 
     /// Impulse at a velocity, and its decrease per velocity.

@@ -349,7 +349,11 @@ impl Solver {
         }
         for run in &island.limits {
             for limit in &self.limits[run.clone()] {
-                let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof]);
+                let velocity = self.velocity[limit.dof];
+                if limit.allows(velocity) {
+                    continue;
+                }
+                let (impulse, stiffness) = limit.impulse(velocity);
                 self.constraint[limit.dof] += impulse;
                 self.diagonal[limit.dof] += stiffness;
             }
@@ -372,19 +376,20 @@ impl Solver {
         }
         let (mut residual, mut momentum, mut forced, mut constrained) = (0.0, 0.0, 0.0, 0.0);
         for run in &island.dofs {
-            let run = run.clone();
-            let (weight, bias) = (&self.weight[run.clone()], &equation.bias[run.clone()]);
-            let (before, change) = (&self.momentum[run.clone()], &self.momentum_change[run.clone()]);
-            let (constraint, out) = (&self.constraint[run.clone()], &mut self.gradient[run.clone()]);
-            for (k, gradient) in out.iter_mut().enumerate() {
-                let bias = dt * bias[k];
+            let inputs = self.weight[run.clone()].iter().zip(&equation.bias[run.clone()]);
+            let sums = self.momentum[run.clone()].iter().zip(&self.momentum_change[run.clone()]);
+            let outputs = self.constraint[run.clone()].iter().zip(&mut self.gradient[run.clone()]);
+            for (k, ((&weight, &bias), ((&before, &change), (&constraint, gradient)))) in
+                inputs.zip(sums.zip(outputs)).enumerate()
+            {
+                let bias = dt * bias;
                 let locked = !input.locked.is_empty() && input.locked[run.start + k];
-                *gradient = if locked { 0.0 } else { change[k] + bias - constraint[k] };
-                let total = before[k] + change[k];
-                residual += weight[k] * *gradient * *gradient;
-                momentum += weight[k] * total * total;
-                forced += weight[k] * bias * bias;
-                constrained += weight[k] * constraint[k] * constraint[k];
+                *gradient = if locked { 0.0 } else { change + bias - constraint };
+                let total = before + change;
+                residual += weight * *gradient * *gradient;
+                momentum += weight * total * total;
+                forced += weight * bias * bias;
+                constrained += weight * constraint * constraint;
             }
         }
         residual <= tolerance * tolerance * momentum.max(forced).max(constrained)
@@ -530,24 +535,40 @@ impl Solver {
                 linear += self.direction[dof] * self.mass_direction[dof];
             }
         }
+        // What keeps to one straight line over the whole step is added up once; the bits are those of the others.
+        let (mut bent_drives, mut bent_limits) = (0_u128, 0_u128);
+        for index in island.drives.iter().cloned().flatten() {
+            let drive = &self.drives[index];
+            let (v, d) = (self.velocity[drive.dof], self.direction[drive.dof]);
+            match (drive.straight(v - d), drive.straight(v)) {
+                (Some(_), Some((effort, stiffness))) => {
+                    constant -= dt * effort * d;
+                    linear += dt * stiffness * d * d;
+                }
+                _ => bent_drives |= 1 << index,
+            }
+        }
+        for index in island.limits.iter().cloned().flatten() {
+            let limit = &self.limits[index];
+            let (v, d) = (self.velocity[limit.dof], self.direction[limit.dof]);
+            if !(limit.allows(v - d) && limit.allows(v)) {
+                bent_limits |= 1 << index;
+            }
+        }
         let slope_at = |step: f64| {
             let beyond = step - 1.0;
             let (mut slope, mut curvature) = (constant + beyond * linear, linear);
-            for run in &island.drives {
-                for drive in &self.drives[run.clone()] {
-                    let d = self.direction[drive.dof];
-                    let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + beyond * d);
-                    slope -= dt * effort * d;
-                    curvature += dt * stiffness * d * d;
-                }
+            for drive in ones(bent_drives).map(|index| &self.drives[index]) {
+                let d = self.direction[drive.dof];
+                let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + beyond * d);
+                slope -= dt * effort * d;
+                curvature += dt * stiffness * d * d;
             }
-            for run in &island.limits {
-                for limit in &self.limits[run.clone()] {
-                    let d = self.direction[limit.dof];
-                    let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + beyond * d);
-                    slope -= impulse * d;
-                    curvature += stiffness * d * d;
-                }
+            for limit in ones(bent_limits).map(|index| &self.limits[index]) {
+                let d = self.direction[limit.dof];
+                let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + beyond * d);
+                slope -= impulse * d;
+                curvature += stiffness * d * d;
             }
             for &pair in &island.pairs {
                 for point in &self.points[self.pairs[pair].points.0..self.pairs[pair].points.1] {
