@@ -252,6 +252,7 @@ impl Model {
     }
 }
 
+#[inline(always)]
 fn bounds_of(geometry: &Geometry, placed: &Placed, margin: f64) -> Aabb {
     let half = match *geometry {
         Geometry::HalfSpace => {
@@ -267,8 +268,10 @@ fn bounds_of(geometry: &Geometry, placed: &Placed, margin: f64) -> Aabb {
 }
 
 fn grow(target: &mut Aabb, other: &Aabb) {
-    target.min = target.min.inf(&other.min);
-    target.max = target.max.sup(&other.max);
+    for k in 0..3 {
+        target.min[k] = if other.min[k] < target.min[k] { other.min[k] } else { target.min[k] };
+        target.max[k] = if other.max[k] > target.max[k] { other.max[k] } else { target.max[k] };
+    }
 }
 
 /// Farthest point of a geometry from its own frame's origin.

@@ -465,9 +465,10 @@ impl Solver {
             self.begun |= island.rows;
             self.settled |= island.rows;
         } else {
-            for dof in ones(self.settled & island.rows) {
-                if self.diagonal[dof] != self.settled_diagonal[dof] {
-                    changed |= 1 << dof;
+            for run in &island.dofs {
+                let settled = self.settled_diagonal[run.clone()].iter().zip(&self.diagonal[run.clone()]);
+                for (k, _) in settled.enumerate().filter(|(_, (settled, now))| settled != now) {
+                    changed |= 1 << (run.start + k);
                 }
             }
         }
@@ -478,8 +479,8 @@ impl Solver {
             self.settled &= !twigs.in_part(self.settled);
             let settled = self.settled & island.rows;
             factor.load(&equation.mass_matrix, rows);
-            for dof in ones(settled) {
-                self.settled_diagonal[dof] = diagonal[dof];
+            for run in &island.dofs {
+                self.settled_diagonal[run.clone()].copy_from_slice(&diagonal[run.clone()]);
             }
             for dof in ones(settled & rows) {
                 factor.add(dof, diagonal[dof]);
