@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use crate::check::{check_body, check_finite, check_shape};
 use crate::error::ModelError;
 use crate::inverse_weights::inverse_weights;
-use crate::model::{Body, CullGroupPair, MAX_DOFS, Model};
+use crate::model::{MAX_DOFS, Body, CullGroupPair, Model, Node};
 use crate::parameters::{Inertial, InverseWeights, Parameters};
 use crate::spec::{BodyId, BodySpec, Geometry, Joint, ShapeId, ShapeSpec};
 
@@ -176,7 +176,15 @@ impl ModelBuilder {
             materials: self.shapes.iter().map(|shape| shape.material).collect(),
             inverse_weights: InverseWeights::default(),
         };
+        let node = |body: &Body| Node {
+            parent: body.spec.parent.0,
+            root: body.root.0,
+            qpos: body.qpos_start,
+            dof: body.dof_start,
+            is_free: body.spec.joint == Joint::Free,
+        };
         let mut model = Model {
+            nodes: self.bodies.iter().map(node).collect(),
             bodies: self.bodies,
             shapes: self.shapes,
             gravity: self.gravity,

@@ -87,6 +87,7 @@ struct Carrier {
 #[derive(Debug, Clone)]
 struct Moving {
     shape: usize,
+    geometry: Geometry,
     rotation: Matrix3<f64>,
     position: V3,
     /// Farthest point from the shape's own origin.
@@ -143,7 +144,8 @@ impl Collider {
                         collider.carriers.push(Carrier { body, root, cull_group, in_tree, shapes: at..at + 1 });
                     }
                 }
-                collider.moving.push(Moving { shape: index, rotation, position, extent: extent(&shape.geometry) });
+                let (geometry, extent) = (shape.geometry, extent(&shape.geometry));
+                collider.moving.push(Moving { shape: index, geometry, rotation, position, extent });
             }
         }
         collider
@@ -151,7 +153,7 @@ impl Collider {
 
     /// Places all shapes. Their bounds cover what they may travel in `dt` s, up to 0.1 m, so that a body that is not faster
     /// than that meets a surface in the step in which it would pass it.
-    pub fn update(&mut self, model: &Model, kin: &Kinematics, dt: f64) {
+    pub fn update(&mut self, kin: &Kinematics, dt: f64) {
         for carrier in &self.carriers {
             self.bounds.cull_groups[carrier.cull_group] = Aabb::EMPTY;
             self.kin_bounds.cull_groups[carrier.cull_group] = Aabb::EMPTY;
@@ -164,8 +166,7 @@ impl Collider {
             let rate = motion.angular.norm();
             let relative_rate = if body == root { 0.0 } else { (motion.angular - root_motion.angular).norm() };
             for moving in &self.moving[carrier.shapes.clone()] {
-                let shape = moving.shape;
-                let geometry = &model.shapes[shape].geometry;
+                let (shape, geometry) = (moving.shape, &moving.geometry);
                 let position = body_position + rotation * moving.position;
                 let placed = &mut self.placed[shape];
                 placed.position = position;
@@ -233,7 +234,7 @@ impl Model {
         let mut kin = Kinematics::new(self);
         kin.update(self, &State { qpos: qpos.to_vec(), qvel: vec![0.0; self.nv] });
         let mut collider = Collider::new(self);
-        collider.update(self, &kin, 0.0);
+        collider.update(&kin, 0.0);
         let mut found = Vec::new();
         for pair in &self.pairs {
             for (shape, range) in &pair.rows {

@@ -26,6 +26,8 @@ pub struct Body {
 #[derive(Debug, Clone)]
 pub struct Model {
     pub(crate) bodies: Vec<Body>,
+    /// Where each body stands, apart from all else that is known of it, for loops over all bodies.
+    pub(crate) nodes: Vec<Node>,
     pub(crate) shapes: Vec<ShapeSpec>,
     pub(crate) gravity: Vector3<f64>,
     pub(crate) nq: usize,
@@ -42,6 +44,23 @@ pub struct Model {
     pub(crate) cull_groups: Vec<Vec<usize>>,
     pub(crate) excluded: Vec<(BodyId, BodyId)>,
     pub(crate) nominal: Parameters,
+}
+
+/// A body's place in its tree and in the arrays of a state.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Node {
+    pub parent: usize,
+    pub root: usize,
+    pub qpos: usize,
+    pub dof: usize,
+    pub is_free: bool,
+}
+
+impl Node {
+    /// Its degrees of freedom.
+    pub fn dofs(&self) -> std::ops::Range<usize> {
+        self.dof..self.dof + if self.is_free { 6 } else { 1 }
+    }
 }
 
 /// The shape pairs between two cull groups that may touch, in rows: a shape of one group and those of the other one. Rows are

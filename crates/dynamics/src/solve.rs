@@ -9,7 +9,7 @@ use std::ops::Range;
 use crate::contact::Contact;
 use crate::contact_law::Point;
 use crate::equation_of_motion::EquationOfMotion;
-use crate::factor::{Factor, ones};
+use crate::factor::{Factor, dot, ones};
 use crate::input::Input;
 use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::kinematics::Kinematics;
@@ -245,8 +245,8 @@ impl Solver {
         self.drives.clear();
         self.limits.clear();
         for ((body, drive), &target) in parameters.drives.iter().zip(input.targets) {
-            let body = &model.bodies[body.0];
-            self.drives.push(ImplicitDrive::new(body.dof_start, drive, target - state.qpos[body.qpos_start], dt));
+            let node = &model.nodes[body.0];
+            self.drives.push(ImplicitDrive::new(node.dof, drive, target - state.qpos[node.qpos], dt));
         }
         for body in &model.bodies[1..] {
             if let Joint::Hinge(hinge) = &body.spec.joint {
@@ -519,9 +519,7 @@ impl Solver {
 
     /// The objective's slope along the direction, by the gradient at hand.
     fn slope(&self, island: &Island) -> f64 {
-        let of_run = |run: &Range<usize>| -> f64 {
-            self.direction[run.clone()].iter().zip(&self.gradient[run.clone()]).map(|(d, g)| d * g).sum()
-        };
+        let of_run = |run: &Range<usize>| dot(&self.direction[run.clone()], &self.gradient[run.clone()]);
         island.dofs.iter().map(of_run).sum()
     }
 
