@@ -5,8 +5,8 @@
 //! its joints are eliminated in the six dimensions of the hand's motion: they give way, and so relieve the hand of a part of
 //! the inertia that the mass matrix ascribes to it. It is the same elimination in fewer operations.
 
-use super::body_pair::force_of;
 use super::Problem;
+use super::body_pair::force_of;
 use crate::contact::Contact;
 use crate::factor::Factor;
 use crate::kinematics::Kinematics;
