@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use crate::check::{check_body, check_finite, check_shape};
 use crate::error::ModelError;
 use crate::inverse_weights::inverse_weights;
-use crate::model::{Body, CullGroupPair, MAX_DOFS, Model};
+use crate::model::{Body, CullGroupPair, MAX_DOFS, Model, Node};
 use crate::parameters::{Inertial, InverseWeights, Parameters};
 use crate::spec::{BodyId, BodySpec, Geometry, Joint, ShapeId, ShapeSpec};
 
@@ -176,7 +176,15 @@ impl ModelBuilder {
             materials: self.shapes.iter().map(|shape| shape.material).collect(),
             inverse_weights: InverseWeights::default(),
         };
+        let node = |body: &Body| Node {
+            parent: body.spec.parent.0,
+            root: body.root.0,
+            qpos: body.qpos_start,
+            dof: body.dof_start,
+            is_free: body.spec.joint == Joint::Free,
+        };
         let mut model = Model {
+            nodes: self.bodies.iter().map(node).collect(),
             bodies: self.bodies,
             shapes: self.shapes,
             gravity: self.gravity,
@@ -221,9 +229,11 @@ impl ModelBuilder {
         let mut pairs = Vec::new();
         for a in 0..cull_groups.len() {
             for b in a..cull_groups.len() {
+                let by_b = cull_groups[b].len() < cull_groups[a].len();
+                let (rows, columns) = if by_b { (b, a) } else { (a, b) };
                 let mut shapes = Vec::new();
-                for &i in &cull_groups[a] {
-                    for &j in &cull_groups[b] {
+                for &i in &cull_groups[rows] {
+                    for &j in &cull_groups[columns] {
                         if (a < b || i < j) && self.may_touch(self.shapes[i].body, self.shapes[j].body) {
                             shapes.push((i as u16, j as u16));
                         }
@@ -235,7 +245,15 @@ impl ModelBuilder {
                     let root = |i: &usize| self.bodies[self.shapes[*i].body.0].root;
                     let first = root(&cull_groups[a][0]);
                     let one_tree = cull_groups[a].iter().chain(&cull_groups[b]).all(|i| root(i) == first);
-                    pairs.push(CullGroupPair { a, b, one_tree, shapes });
+                    let mut rows = Vec::<(u16, std::ops::Range<usize>)>::new();
+                    for (at, &(shape, _)) in shapes.iter().enumerate() {
+                        match rows.last_mut() {
+                            Some((last, range)) if *last == shape => range.end = at + 1,
+                            _ => rows.push((shape, at..at + 1)),
+                        }
+                    }
+                    let partners = shapes.iter().map(|&(_, partner)| partner).collect();
+                    pairs.push(CullGroupPair { a, b, one_tree, by_b, rows, partners });
                 }
             }
         }

@@ -12,7 +12,7 @@ use rapier3d_f64::parry::shape::Cuboid;
 use crate::contact::Contact;
 use crate::error::{ModelError, check_array};
 use crate::kinematics::Kinematics;
-use crate::model::{Model, State};
+use crate::model::{CullGroupPair, Model, State};
 use crate::spatial::V3;
 use crate::spec::{Geometry, Material, ShapeId};
 use closed_form::{Placed, Point};
@@ -41,12 +41,9 @@ impl Aabb {
 
     #[inline(always)]
     fn overlaps(&self, other: &Aabb) -> bool {
-        self.min.x <= other.max.x
-            && other.min.x <= self.max.x
-            && self.min.y <= other.max.y
-            && other.min.y <= self.max.y
-            && self.min.z <= other.max.z
-            && other.min.z <= self.max.z
+        // Six comparisons cost less than a branch that is hard to foresee.
+        let below = |a: &V3, b: &V3| (a.x <= b.x) & (a.y <= b.y) & (a.z <= b.z);
+        below(&self.min, &other.max) & below(&other.min, &self.max)
     }
 }
 
@@ -64,19 +61,36 @@ pub(crate) struct Collider {
     bounds: Bounds,
     /// For pairs of one tree: inflated by the speed relative to the root, so that a falling body stays small to itself.
     kin_bounds: Bounds,
-    /// Velocity of each shape's centre, and how much faster another of its points may be.
-    velocity: Vec<V3>,
-    spin_speed: Vec<f64>,
+    travel: Vec<Travel>,
     manifold: ContactManifold<(), ()>,
+    carriers: Vec<Carrier>,
     moving: Vec<Moving>,
+}
+
+/// Velocity of a shape's centre, and how much faster another of its points may be.
+#[derive(Debug, Clone, Copy)]
+struct Travel {
+    velocity: V3,
+    spin_speed: f64,
+}
+
+/// A body with shapes of one cull group.
+#[derive(Debug, Clone)]
+struct Carrier {
+    body: usize,
+    root: usize,
+    cull_group: usize,
+    /// The cull group takes part in pairs of one tree.
+    in_tree: bool,
+    /// Of [`Collider::moving`].
+    shapes: std::ops::Range<usize>,
 }
 
 /// What the update of a moving shape needs.
 #[derive(Debug, Clone)]
 struct Moving {
     shape: usize,
-    body: usize,
-    cull_group: usize,
+    geometry: Geometry,
     rotation: Matrix3<f64>,
     position: V3,
     /// Farthest point from the shape's own origin.
@@ -107,9 +121,9 @@ impl Collider {
             placed: Vec::with_capacity(shapes),
             bounds: Bounds::new(model),
             kin_bounds: Bounds::new(model),
-            velocity: vec![V3::zeros(); shapes],
-            spin_speed: vec![0.0; shapes],
+            travel: vec![Travel { velocity: V3::zeros(), spin_speed: 0.0 }; shapes],
             manifold: ContactManifold::new(),
+            carriers: Vec::new(),
             moving: Vec::new(),
         };
         collider.manifold.points.reserve(64);
@@ -122,15 +136,19 @@ impl Collider {
                 let bounds = bounds_of(&shape.geometry, &collider.placed[index], 0.5 * REST_MARGIN);
                 collider.bounds.set(index, cull_group, bounds);
             } else {
-                let extent = extent(&shape.geometry);
-                collider.moving.push(Moving {
-                    shape: index,
-                    body: shape.body.0,
-                    cull_group,
-                    rotation,
-                    position,
-                    extent,
-                });
+                let (body, at) = (shape.body.0, collider.moving.len());
+                match collider.carriers.last_mut() {
+                    Some(last) if last.body == body && last.cull_group == cull_group => last.shapes.end += 1,
+                    _ => {
+                        let root = model.bodies[body].root.0;
+                        let in_tree =
+                            |pair: &CullGroupPair| pair.one_tree && (pair.a == cull_group || pair.b == cull_group);
+                        let in_tree = model.pairs.iter().any(in_tree);
+                        collider.carriers.push(Carrier { body, root, cull_group, in_tree, shapes: at..at + 1 });
+                    }
+                }
+                let (geometry, extent) = (shape.geometry, extent(&shape.geometry));
+                collider.moving.push(Moving { shape: index, geometry, rotation, position, extent });
             }
         }
         collider
@@ -138,45 +156,44 @@ impl Collider {
 
     /// Places all shapes. Their bounds cover what they may travel in `dt` s, up to 0.1 m, so that a body that is not faster
     /// than that meets a surface in the step in which it would pass it.
-    pub fn update(&mut self, model: &Model, kin: &Kinematics, dt: f64) {
-        for moving in &self.moving {
-            self.bounds.cull_groups[moving.cull_group] = Aabb::EMPTY;
-            self.kin_bounds.cull_groups[moving.cull_group] = Aabb::EMPTY;
+    pub fn update(&mut self, kin: &Kinematics, dt: f64) {
+        for carrier in &self.carriers {
+            self.bounds.cull_groups[carrier.cull_group] = Aabb::EMPTY;
+            self.kin_bounds.cull_groups[carrier.cull_group] = Aabb::EMPTY;
         }
-        // Turning rates of the body whose shapes are placed, and that relative to its root.
-        let (mut rated, mut rate, mut relative_rate) = (0, 0.0, 0.0);
-        for moving in &self.moving {
-            let (shape, body) = (moving.shape, moving.body);
-            let geometry = &model.shapes[shape].geometry;
-            let rotation = &kin.rotation[body];
-            let position = kin.position[body] + rotation * moving.position;
-            let placed = &mut self.placed[shape];
-            placed.position = position;
-            match geometry {
-                Geometry::Sphere { .. } => {}
-                Geometry::Capsule { .. } => placed.rotation.set_column(2, &(rotation * moving.rotation.column(2))),
-                _ => placed.rotation = rotation * moving.rotation,
+        let margin = |speed: f64| 0.5 * REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
+        for carrier in &self.carriers {
+            let (body, root, cull_group) = (carrier.body, carrier.root, carrier.cull_group);
+            let (rotation, motion, root_motion) = (&kin.rotation[body], &kin.motion[body], &kin.motion[root]);
+            let (body_position, origin) = (kin.position[body], kin.origin[body]);
+            let rate = motion.angular.norm();
+            let relative_rate = if body == root { 0.0 } else { (motion.angular - root_motion.angular).norm() };
+            for moving in &self.moving[carrier.shapes.clone()] {
+                let (shape, geometry) = (moving.shape, &moving.geometry);
+                let position = body_position + rotation * moving.position;
+                let placed = &mut self.placed[shape];
+                placed.position = position;
+                match geometry {
+                    Geometry::Sphere { .. } => {}
+                    Geometry::Capsule { .. } => placed.rotation.set_column(2, &(rotation * moving.rotation.column(2))),
+                    _ => placed.rotation = rotation * moving.rotation,
+                }
+                let arm = position - origin;
+                let velocity = motion.linear + motion.angular.cross(&arm);
+                let spin_speed = rate * moving.extent;
+                self.travel[shape] = Travel { velocity, spin_speed };
+                let bounds = bounds_of(geometry, placed, 0.0);
+                self.bounds.set(shape, cull_group, bounds.inflated(margin(velocity.norm() + spin_speed)));
+                if carrier.in_tree {
+                    let relative_speed = if body == root {
+                        0.0
+                    } else {
+                        let of_root = root_motion.linear + root_motion.angular.cross(&arm);
+                        (velocity - of_root).norm() + relative_rate * moving.extent
+                    };
+                    self.kin_bounds.set(shape, cull_group, bounds.inflated(margin(relative_speed)));
+                }
             }
-            let root = model.bodies[body].root.0;
-            let (motion, root_motion) = (&kin.motion[body], &kin.motion[root]);
-            if rated != body {
-                let relative = if body == root { 0.0 } else { (motion.angular - root_motion.angular).norm() };
-                (rated, rate, relative_rate) = (body, motion.angular.norm(), relative);
-            }
-            let arm = position - kin.origin[body];
-            let velocity = motion.linear + motion.angular.cross(&arm);
-            let spin = rate * moving.extent;
-            self.velocity[shape] = velocity;
-            self.spin_speed[shape] = spin;
-            let margin = |speed: f64| 0.5 * REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
-            let bounds = bounds_of(geometry, placed, 0.0);
-            self.bounds.set(shape, moving.cull_group, bounds.inflated(margin(velocity.norm() + spin)));
-            let relative_speed = if body == root {
-                0.0
-            } else {
-                (velocity - root_motion.linear - root_motion.angular.cross(&arm)).norm() + relative_rate * moving.extent
-            };
-            self.kin_bounds.set(shape, moving.cull_group, bounds.inflated(margin(relative_speed)));
         }
     }
 
@@ -184,15 +201,25 @@ impl Collider {
     pub fn find(&mut self, model: &Model, materials: &[Material], dt: f64, out: &mut Vec<Contact>) {
         for pair in &model.pairs {
             let bounds = if pair.one_tree { &self.kin_bounds } else { &self.bounds };
-            if !bounds.cull_groups[pair.a].overlaps(&bounds.cull_groups[pair.b]) {
+            let (group_a, group_b) = (&bounds.cull_groups[pair.a], &bounds.cull_groups[pair.b]);
+            if !group_a.overlaps(group_b) {
                 continue;
             }
-            for &(a, b) in &pair.shapes {
-                let (a, b) = (usize::from(a), usize::from(b));
-                if bounds.shapes[a].overlaps(&bounds.shapes[b]) {
-                    let speed = (self.velocity[a] - self.velocity[b]).norm() + self.spin_speed[a] + self.spin_speed[b];
-                    let margin = REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
-                    collide_pair(model, materials, &self.placed, &mut self.manifold, a, b, margin, out);
+            let partners = if pair.by_b { group_a } else { group_b };
+            for (shape, range) in &pair.rows {
+                let own = &bounds.shapes[usize::from(*shape)];
+                if !own.overlaps(partners) {
+                    continue;
+                }
+                for partner in &pair.partners[range.clone()] {
+                    if own.overlaps(&bounds.shapes[usize::from(*partner)]) {
+                        let (a, b) = if pair.by_b { (partner, shape) } else { (shape, partner) };
+                        let (a, b) = (usize::from(*a), usize::from(*b));
+                        let (x, y) = (&self.travel[a], &self.travel[b]);
+                        let speed = (x.velocity - y.velocity).norm() + x.spin_speed + y.spin_speed;
+                        let margin = REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
+                        collide_pair(model, materials, &self.placed, &mut self.manifold, a, b, margin, out);
+                    }
                 }
             }
         }
@@ -210,16 +237,23 @@ impl Model {
         let mut kin = Kinematics::new(self);
         kin.update(self, &State { qpos: qpos.to_vec(), qvel: vec![0.0; self.nv] });
         let mut collider = Collider::new(self);
-        collider.update(self, &kin, 0.0);
+        collider.update(&kin, 0.0);
         let mut found = Vec::new();
-        for &(a, b) in self.pairs.iter().flat_map(|pair| &pair.shapes) {
-            let (placed, manifold) = (&collider.placed, &mut collider.manifold);
-            collide_pair(self, &self.nominal.materials, placed, manifold, a.into(), b.into(), margin, &mut found);
+        for pair in &self.pairs {
+            for (shape, range) in &pair.rows {
+                for partner in &pair.partners[range.clone()] {
+                    let (a, b) = if pair.by_b { (partner, shape) } else { (shape, partner) };
+                    let (a, b) = (usize::from(*a), usize::from(*b));
+                    let (placed, manifold) = (&collider.placed, &mut collider.manifold);
+                    collide_pair(self, &self.nominal.materials, placed, manifold, a, b, margin, &mut found);
+                }
+            }
         }
         Ok(found)
     }
 }
 
+#[inline(always)]
 fn bounds_of(geometry: &Geometry, placed: &Placed, margin: f64) -> Aabb {
     let half = match *geometry {
         Geometry::HalfSpace => {
@@ -235,8 +269,10 @@ fn bounds_of(geometry: &Geometry, placed: &Placed, margin: f64) -> Aabb {
 }
 
 fn grow(target: &mut Aabb, other: &Aabb) {
-    target.min = target.min.inf(&other.min);
-    target.max = target.max.sup(&other.max);
+    for k in 0..3 {
+        target.min[k] = if other.min[k] < target.min[k] { other.min[k] } else { target.min[k] };
+        target.max[k] = if other.max[k] > target.max[k] { other.max[k] } else { target.max[k] };
+    }
 }
 
 /// Farthest point of a geometry from its own frame's origin.

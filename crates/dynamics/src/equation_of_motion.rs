@@ -17,6 +17,8 @@ pub(crate) struct EquationOfMotion {
     pub bias: Vec<f64>,
     /// Momentum of the velocity that the bias force is taken at.
     pub momentum: Vec<f64>,
+    /// Of a unit rate of each degree of freedom of a free twig: the momentum of the body with all that hangs on it.
+    pub axis_momentum: Vec<Force>,
     /// Of each body, and of each body with all that hangs on it.
     own: Vec<Inertia>,
     inertia: Vec<Inertia>,
@@ -41,6 +43,7 @@ impl EquationOfMotion {
             mass_matrix: vec![0.0; model.row_start[model.nv]],
             bias: vec![0.0; model.nv],
             momentum: vec![0.0; model.nv],
+            axis_momentum: vec![Force::ZERO; model.nv],
             own: vec![zero; bodies],
             inertia: vec![zero; bodies],
             motion: vec![Motion::ZERO; bodies],
@@ -51,7 +54,8 @@ impl EquationOfMotion {
         }
     }
 
-    /// Computes all for a configuration and the velocity that it was given with.
+    /// Computes all for a configuration and the velocity that it was given with. Rows of free twigs hold their diagonal
+    /// alone.
     pub fn update(
         &mut self,
         model: &Model,
@@ -59,6 +63,7 @@ impl EquationOfMotion {
         kin: &Kinematics,
         wrenches: &[(BodyId, Wrench)],
         velocity: &[f64],
+        free_twigs: u128,
     ) {
         for index in 1..model.bodies.len() {
             let (rotation, inertial) = (&kin.rotation[index], &parameters.bodies[index]);
@@ -67,7 +72,7 @@ impl EquationOfMotion {
         }
         self.motion.copy_from_slice(&kin.motion);
         self.update_forces(model, parameters, kin, wrenches, velocity);
-        self.update_mass_matrix(model, kin);
+        self.update_mass_matrix(model, kin, free_twigs);
     }
 
     /// Computes the bias force for another velocity in the same configuration.
@@ -79,18 +84,15 @@ impl EquationOfMotion {
         wrenches: &[(BodyId, Wrench)],
         velocity: &[f64],
     ) {
-        for (index, body) in model.bodies.iter().enumerate().skip(1) {
-            let dof = body.dof_start;
-            self.motion[index] = match body.spec.joint {
-                Joint::Free => {
-                    let qvel = &velocity[dof..dof + 6];
-                    Motion { angular: V3::new(qvel[3], qvel[4], qvel[5]), linear: V3::new(qvel[0], qvel[1], qvel[2]) }
-                }
-                Joint::Hinge(_) => {
-                    let mut motion = self.motion[body.spec.parent.0];
-                    motion.add_scaled(&kin.axes[dof], velocity[dof]);
-                    motion
-                }
+        for (index, node) in model.nodes.iter().enumerate().skip(1) {
+            let dof = node.dof;
+            self.motion[index] = if node.is_free {
+                let qvel = &velocity[dof..dof + 6];
+                Motion { angular: V3::new(qvel[3], qvel[4], qvel[5]), linear: V3::new(qvel[0], qvel[1], qvel[2]) }
+            } else {
+                let mut motion = self.motion[node.parent];
+                motion.add_scaled(&kin.axes[dof], velocity[dof]);
+                motion
             };
         }
         self.update_forces(model, parameters, kin, wrenches, velocity);
@@ -106,19 +108,18 @@ impl EquationOfMotion {
     ) {
         // Gravity as an upward acceleration of the world.
         self.acceleration[0] = Motion { angular: V3::zeros(), linear: -model.gravity };
-        for (index, body) in model.bodies.iter().enumerate().skip(1) {
+        for (index, node) in model.nodes.iter().enumerate().skip(1) {
             let motion = &self.motion[index];
-            let mut acceleration = self.acceleration[body.spec.parent.0];
-            match body.spec.joint {
+            let mut acceleration = self.acceleration[node.parent];
+            if node.is_free {
                 // The origin is fixed in space while the root moves past it.
-                Joint::Free => acceleration.linear += motion.linear.cross(&motion.angular),
-                Joint::Hinge(_) => {
-                    let parent = &self.motion[body.spec.parent.0];
-                    let relative =
-                        Motion { angular: motion.angular - parent.angular, linear: motion.linear - parent.linear };
-                    let drift = parent.cross_motion(&relative);
-                    acceleration.add_scaled(&drift, 1.0);
-                }
+                acceleration.linear += motion.linear.cross(&motion.angular);
+            } else {
+                let parent = &self.motion[node.parent];
+                let relative =
+                    Motion { angular: motion.angular - parent.angular, linear: motion.linear - parent.linear };
+                let drift = parent.cross_motion(&relative);
+                acceleration.add_scaled(&drift, 1.0);
             }
             let inertia = &self.own[index];
             let mut force = inertia.apply(&acceleration);
@@ -134,33 +135,36 @@ impl EquationOfMotion {
             self.force[body.0].torque -= wrench.torque + arm.cross(&wrench.force);
         }
         for index in (1..model.bodies.len()).rev() {
-            let body = &model.bodies[index];
-            let (force, momentum, parent) = (self.force[index], self.body_momentum[index], body.spec.parent.0);
+            let node = &model.nodes[index];
+            let (force, momentum, parent) = (self.force[index], self.body_momentum[index], node.parent);
             if parent != 0 {
                 self.force[parent].add(&force);
                 self.body_momentum[parent].add(&momentum);
             }
-            let width = model.chains[index].len() - model.chains[parent].len();
-            for dof in body.dof_start..body.dof_start + width {
+            for dof in node.dofs() {
                 self.bias[dof] = kin.axes[dof].dot(&force);
                 self.momentum[dof] = kin.axes[dof].dot(&momentum) + self.armature[dof] * velocity[dof];
             }
         }
     }
 
-    fn update_mass_matrix(&mut self, model: &Model, kin: &Kinematics) {
+    fn update_mass_matrix(&mut self, model: &Model, kin: &Kinematics, free_twigs: u128) {
         self.inertia.copy_from_slice(&self.own);
         for index in (1..model.bodies.len()).rev() {
-            let body = &model.bodies[index];
-            let (inertia, parent) = (self.inertia[index], body.spec.parent.0);
+            let node = &model.nodes[index];
+            let (inertia, parent) = (self.inertia[index], node.parent);
             if parent != 0 {
                 self.inertia[parent].add(&inertia);
             }
             let chain = &model.chains[index];
-            let free_root = matches!(model.bodies[body.root.0].spec.joint, Joint::Free);
-            let width = chain.len() - model.chains[parent].len();
-            for dof in body.dof_start..body.dof_start + width {
+            let free_root = model.nodes[node.root].is_free;
+            for dof in node.dofs() {
                 let momentum = inertia.apply(&kin.axes[dof]);
+                if free_twigs >> dof & 1 == 1 {
+                    self.axis_momentum[dof] = momentum;
+                    self.mass_matrix[model.diagonal(dof)] = kin.axes[dof].dot(&momentum) + self.armature[dof];
+                    continue;
+                }
                 let row = &mut self.mass_matrix[model.row(dof)];
                 // The axes of a free root are unit vectors.
                 let (f, t) = (&momentum.force, &momentum.torque);

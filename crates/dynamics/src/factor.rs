@@ -385,7 +385,7 @@ fn subtract_two_scaled(target: &mut [f64], sources: [&[f64]; 2], scales: [f64; 2
 }
 
 #[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a_chunks, a_rest) = a.as_chunks::<4>();
     let (b_chunks, b_rest) = b.as_chunks::<4>();
     let mut lanes = [0.0; 4];

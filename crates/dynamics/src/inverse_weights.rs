@@ -17,7 +17,7 @@ pub(crate) fn inverse_weights(model: &Model, parameters: &Parameters) -> Inverse
     let mut kin = Kinematics::new(model);
     kin.update(model, &model.reference_state());
     let mut equation = EquationOfMotion::new(model);
-    equation.update(model, parameters, &kin, &[], &vec![0.0; model.nv]);
+    equation.update(model, parameters, &kin, &[], &vec![0.0; model.nv], 0);
     let mut factor = Factor::new(model);
     let rows = u128::MAX >> (128 - model.nv);
     factor.load(&equation.mass_matrix, rows);

@@ -12,24 +12,23 @@ const RETURN_MAX: f64 = 1.0;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ImplicitDrive {
     pub dof: usize,
-    /// Effort is `offset - slope * v`, clamped at `limit`, and along the motion at `fade * (speed_limit - |v|)`.
+    /// Effort is `offset - slope * v`, clamped at `limit`, which fades along the motion from `corner` to `speed_limit`.
     offset: f64,
     slope: f64,
     limit: f64,
     speed_limit: f64,
     /// Speed up to which the limit is the whole one.
     corner: f64,
-    fade: f64,
 }
 
 /// The limits of a joint over one step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct JointLimit {
     pub dof: usize,
-    /// Velocity bounds and the inverse compliance beyond them.
+    /// Velocity bounds and the compliance beyond them.
     low: f64,
     high: f64,
-    inverse_compliance: f64,
+    compliance: f64,
 }
 
 impl ImplicitDrive {
@@ -37,16 +36,7 @@ impl ImplicitDrive {
     pub fn new(dof: usize, drive: &Drive, error: f64, dt: f64) -> Self {
         let slope = drive.stiffness * dt + drive.damping;
         let (limit, speed_limit) = (drive.effort_limit, drive.speed_limit);
-        let fade = limit / ((1.0 - Drive::CORNER) * speed_limit);
-        Self {
-            dof,
-            offset: drive.stiffness * error,
-            slope,
-            limit,
-            speed_limit,
-            corner: Drive::CORNER * speed_limit,
-            fade,
-        }
+        Self { dof, offset: drive.stiffness * error, slope, limit, speed_limit, corner: Drive::CORNER * speed_limit }
     }
 
     /// What caution adds to the derivative in the Hessian: for a saturated drive the secant to where its effort is zero,
@@ -56,13 +46,20 @@ impl ImplicitDrive {
         if slope == 0.0 && self.slope > 0.0 { caution * effort / (self.offset / self.slope - velocity) } else { 0.0 }
     }
 
+    /// The same as [`Self::effort`] where nothing limits it: on an interval, between two velocities of which this is true.
+    #[inline(always)]
+    pub fn straight(&self, velocity: f64) -> Option<(f64, f64)> {
+        let effort = self.offset - self.slope * velocity;
+        (effort.abs() <= self.limit && velocity.abs() <= self.corner).then_some((effort, self.slope))
+    }
+
     /// Effort at a velocity, and its decrease per velocity (0 when saturated).
     #[inline(always)]
     pub fn effort(&self, velocity: f64) -> (f64, f64) {
-        let effort = self.offset - self.slope * velocity;
-        if effort.abs() <= self.limit && velocity.abs() <= self.corner {
-            return (effort, self.slope);
+        if let Some(straight) = self.straight(velocity) {
+            return straight;
         }
+        let effort = self.offset - self.slope * velocity;
         if effort > 0.0 {
             self.accelerating(effort, velocity)
         } else {
@@ -79,7 +76,8 @@ impl ImplicitDrive {
         let (most, slope) = if velocity <= self.corner {
             (self.limit, 0.0)
         } else if velocity < self.speed_limit {
-            (self.fade * (self.speed_limit - velocity), self.fade)
+            let fade = self.limit / ((1.0 - Drive::CORNER) * self.speed_limit);
+            (fade * (self.speed_limit - velocity), fade)
         } else {
             (0.0, 0.0)
         };
@@ -90,19 +88,26 @@ impl ImplicitDrive {
 impl JointLimit {
     /// The limits of a joint at `q`; none if it has no limits.
     pub fn new(dof: usize, hinge: &Hinge, q: f64, inverse_weight: f64, dt: f64) -> Option<Self> {
+        let rate = 1.0 / dt;
         let bound = |gap: f64| {
             // Up to the limit if it is ahead, back at a limited rate if it was passed.
-            if gap >= 0.0 { gap / dt } else { (BAUMGARTE * gap / dt).max(-RETURN_MAX) }
+            if gap >= 0.0 { gap * rate } else { (BAUMGARTE * gap * rate).max(-RETURN_MAX) }
         };
         let (low, high) = (-bound(q - hinge.lower), bound(hinge.upper - q));
         let limited = low > f64::NEG_INFINITY || high < f64::INFINITY;
-        limited.then_some(Self { dof, low, high, inverse_compliance: 1.0 / (COMPLIANCE * inverse_weight) })
+        limited.then_some(Self { dof, low, high, compliance: COMPLIANCE * inverse_weight })
+    }
+
+    /// Whether a velocity stays within the limits.
+    #[inline(always)]
+    pub fn allows(&self, velocity: f64) -> bool {
+        velocity >= self.low && velocity <= self.high
     }
 
     /// Impulse at a velocity, and its decrease per velocity.
     #[inline(always)]
     pub fn impulse(&self, velocity: f64) -> (f64, f64) {
-        let c = self.inverse_compliance;
+        let c = 1.0 / self.compliance;
         if velocity < self.low {
             ((self.low - velocity) * c, c)
         } else if velocity > self.high {

@@ -13,6 +13,9 @@ struct HingeRotation {
     fixed: Matrix3<f64>,
     sine: Matrix3<f64>,
     cosine: Matrix3<f64>,
+    axis: V3,
+    /// Of the joint in the parent.
+    position: V3,
 }
 
 #[derive(Debug, Clone)]
@@ -43,6 +46,8 @@ impl Kinematics {
                     fixed: rotation * outer,
                     sine: rotation * axis.cross_matrix(),
                     cosine: rotation * (Matrix3::identity() - outer),
+                    axis,
+                    position: body.spec.parent_from_body.translation.vector,
                 })
             }
         });
@@ -58,8 +63,8 @@ impl Kinematics {
 
     /// Computes everything for a state.
     pub fn update(&mut self, model: &Model, state: &State) {
-        for (index, body) in model.bodies.iter().enumerate().skip(1) {
-            let (q, v) = (body.qpos_start, body.dof_start);
+        for (index, node) in model.nodes.iter().enumerate().skip(1) {
+            let (q, v, parent) = (node.qpos, node.dof, node.parent);
             let Some(hinge) = &self.hinges[index] else {
                 let qpos = &state.qpos[q..q + 7];
                 let quaternion = Quaternion::new(qpos[3], qpos[4], qpos[5], qpos[6]);
@@ -77,15 +82,13 @@ impl Kinematics {
                     Motion { angular: V3::new(qvel[3], qvel[4], qvel[5]), linear: V3::new(qvel[0], qvel[1], qvel[2]) };
                 continue;
             };
-            let Joint::Hinge(joint) = &body.spec.joint else { continue };
-            let parent = body.spec.parent.0;
             let (sine, cosine) = libm::sincos(state.qpos[q]);
             let parent_rotation = self.rotation[parent];
             let rotation = parent_rotation * (hinge.fixed + hinge.sine * sine + hinge.cosine * cosine);
-            let position = self.position[parent] + parent_rotation * body.spec.parent_from_body.translation.vector;
+            let position = self.position[parent] + parent_rotation * hinge.position;
             // A tree that hangs on the world by a hinge takes its root's constant position.
             let origin = if parent == 0 { position } else { self.origin[parent] };
-            let angular = rotation * joint.axis.into_inner();
+            let angular = rotation * hinge.axis;
             let axis = Motion { angular, linear: (position - origin).cross(&angular) };
             let mut motion = self.motion[parent];
             motion.add_scaled(&axis, state.qvel[v]);
@@ -117,9 +120,9 @@ impl Kinematics {
 
 /// Moves a state along its own velocity for `dt` s: hinges linearly, free bodies by the exponential of their rotation.
 pub(crate) fn integrate(model: &Model, state: &mut State, dt: f64) {
-    for body in &model.bodies[1..] {
-        let (q, v) = (body.qpos_start, body.dof_start);
-        if let Joint::Hinge(_) = body.spec.joint {
+    for node in &model.nodes[1..] {
+        let (q, v) = (node.qpos, node.dof);
+        if !node.is_free {
             state.qpos[q] += dt * state.qvel[v];
             continue;
         }

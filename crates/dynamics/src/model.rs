@@ -26,6 +26,8 @@ pub struct Body {
 #[derive(Debug, Clone)]
 pub struct Model {
     pub(crate) bodies: Vec<Body>,
+    /// Where each body stands, apart from all else that is known of it, for loops over all bodies.
+    pub(crate) nodes: Vec<Node>,
     pub(crate) shapes: Vec<ShapeSpec>,
     pub(crate) gravity: Vector3<f64>,
     pub(crate) nq: usize,
@@ -44,14 +46,36 @@ pub struct Model {
     pub(crate) nominal: Parameters,
 }
 
-/// The shape pairs between two cull groups that may touch.
+/// A body's place in its tree and in the arrays of a state.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Node {
+    pub parent: usize,
+    pub root: usize,
+    pub qpos: usize,
+    pub dof: usize,
+    pub is_free: bool,
+}
+
+impl Node {
+    /// Its degrees of freedom.
+    pub fn dofs(&self) -> std::ops::Range<usize> {
+        self.dof..self.dof + if self.is_free { 6 } else { 1 }
+    }
+}
+
+/// The shape pairs between two cull groups that may touch, in rows: a shape of one group and those of the other one. Rows are
+/// by the shapes of the smaller group, so that few of them rule out many pairs.
 #[derive(Debug, Clone)]
 pub(crate) struct CullGroupPair {
     pub a: usize,
     pub b: usize,
     /// All of these shapes belong to one tree.
     pub one_tree: bool,
-    pub shapes: Vec<(u16, u16)>,
+    /// Rows are by the shapes of `b`.
+    pub by_b: bool,
+    /// A shape and the range of its partners; the pairs of two bodies stand together.
+    pub rows: Vec<(u16, std::ops::Range<usize>)>,
+    pub partners: Vec<u16>,
 }
 
 impl Model {

@@ -2,13 +2,14 @@
 
 mod body_pair;
 mod island;
+mod twigs;
 
 use std::ops::Range;
 
 use crate::contact::Contact;
 use crate::contact_law::Point;
 use crate::equation_of_motion::EquationOfMotion;
-use crate::factor::{Factor, ones};
+use crate::factor::{Factor, dot, ones};
 use crate::input::Input;
 use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::kinematics::Kinematics;
@@ -18,6 +19,7 @@ use crate::spatial::{Force, Motion, V3};
 use crate::spec::Joint;
 use body_pair::{BodyPair, force_of, stiffness_of};
 use island::{Island, Islands};
+use twigs::Twigs;
 
 /// Residual at which the solve limits, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
 pub(crate) const TOLERANCE: f64 = 1e-6;
@@ -69,6 +71,7 @@ pub struct StepReport {
 #[derive(Debug, Clone)]
 pub(crate) struct Solver {
     factor: Factor,
+    twigs: Twigs,
     islands: Islands,
     pairs: Vec<BodyPair>,
     points: Vec<Point>,
@@ -93,6 +96,8 @@ pub(crate) struct Solver {
     caution: f64,
     /// What drives, limits and locks add to the Hessian's diagonal.
     diagonal: Vec<f64>,
+    /// Rows for which the Hessian has been factorised.
+    begun: u128,
     /// Rows whose stiffness has been the same in every iteration, and all that hangs on them: they are eliminated first,
     /// and once.
     settled: u128,
@@ -105,6 +110,7 @@ impl Solver {
         let zeros = || vec![0.0; model.nv];
         Self {
             factor: Factor::new(model),
+            twigs: Twigs::new(model),
             islands: Islands::new(model, CONTACTS_EXPECTED),
             pairs: Vec::with_capacity(CONTACTS_EXPECTED),
             points: Vec::with_capacity(CONTACTS_EXPECTED),
@@ -123,9 +129,15 @@ impl Solver {
             mass_direction: zeros(),
             caution: 0.0,
             diagonal: zeros(),
+            begun: 0,
             settled: 0,
             settled_diagonal: zeros(),
         }
+    }
+
+    /// Finds the twigs that none of these contacts can load; the mass matrix of the problem may leave their rows out.
+    pub fn find_free_twigs(&mut self, model: &Model, contacts: &[Contact]) -> u128 {
+        self.twigs.find_free(model, contacts)
     }
 
     /// Sets up the problem; the velocity of the state is the first guess.
@@ -141,7 +153,7 @@ impl Solver {
             *weight = 1.0 / equation.mass_matrix[model.diagonal(dof)];
         }
         self.momentum_change.fill(0.0);
-        self.settled = 0;
+        (self.begun, self.settled) = (0, 0);
         self.momentum.copy_from_slice(&equation.momentum);
         for pair in &self.pairs {
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.velocity);
@@ -175,7 +187,7 @@ impl Solver {
         self.caution = 0.0;
         let mut done = self.gradient(problem, island, tolerance);
         while !done {
-            if iterations == ITERATIONS_MAX || !self.newton_direction(problem, island, iterations == 0) {
+            if iterations == ITERATIONS_MAX || !self.newton_direction(problem, island) {
                 return (false, iterations);
             }
             iterations += 1;
@@ -233,8 +245,8 @@ impl Solver {
         self.drives.clear();
         self.limits.clear();
         for ((body, drive), &target) in parameters.drives.iter().zip(input.targets) {
-            let body = &model.bodies[body.0];
-            self.drives.push(ImplicitDrive::new(body.dof_start, drive, target - state.qpos[body.qpos_start], dt));
+            let node = &model.nodes[body.0];
+            self.drives.push(ImplicitDrive::new(node.dof, drive, target - state.qpos[node.qpos], dt));
         }
         for body in &model.bodies[1..] {
             if let Joint::Hinge(hinge) = &body.spec.joint {
@@ -337,7 +349,11 @@ impl Solver {
         }
         for run in &island.limits {
             for limit in &self.limits[run.clone()] {
-                let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof]);
+                let velocity = self.velocity[limit.dof];
+                if limit.allows(velocity) {
+                    continue;
+                }
+                let (impulse, stiffness) = limit.impulse(velocity);
                 self.constraint[limit.dof] += impulse;
                 self.diagonal[limit.dof] += stiffness;
             }
@@ -360,27 +376,28 @@ impl Solver {
         }
         let (mut residual, mut momentum, mut forced, mut constrained) = (0.0, 0.0, 0.0, 0.0);
         for run in &island.dofs {
-            let run = run.clone();
-            let (weight, bias) = (&self.weight[run.clone()], &equation.bias[run.clone()]);
-            let (before, change) = (&self.momentum[run.clone()], &self.momentum_change[run.clone()]);
-            let (constraint, out) = (&self.constraint[run.clone()], &mut self.gradient[run.clone()]);
-            for (k, gradient) in out.iter_mut().enumerate() {
-                let bias = dt * bias[k];
+            let inputs = self.weight[run.clone()].iter().zip(&equation.bias[run.clone()]);
+            let sums = self.momentum[run.clone()].iter().zip(&self.momentum_change[run.clone()]);
+            let outputs = self.constraint[run.clone()].iter().zip(&mut self.gradient[run.clone()]);
+            for (k, ((&weight, &bias), ((&before, &change), (&constraint, gradient)))) in
+                inputs.zip(sums.zip(outputs)).enumerate()
+            {
+                let bias = dt * bias;
                 let locked = !input.locked.is_empty() && input.locked[run.start + k];
-                *gradient = if locked { 0.0 } else { change[k] + bias - constraint[k] };
-                let total = before[k] + change[k];
-                residual += weight[k] * *gradient * *gradient;
-                momentum += weight[k] * total * total;
-                forced += weight[k] * bias * bias;
-                constrained += weight[k] * constraint[k] * constraint[k];
+                *gradient = if locked { 0.0 } else { change + bias - constraint };
+                let total = before + change;
+                residual += weight * *gradient * *gradient;
+                momentum += weight * total * total;
+                forced += weight * bias * bias;
+                constrained += weight * constraint * constraint;
             }
         }
         residual <= tolerance * tolerance * momentum.max(forced).max(constrained)
     }
 
     /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.
-    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island, first: bool) -> bool {
-        if !self.factorise(problem, island, first) {
+    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
+        if !self.factorise(problem, island) {
             return false;
         }
         for run in &island.dofs {
@@ -388,7 +405,9 @@ impl Solver {
                 self.direction[dof] = -self.gradient[dof];
             }
         }
-        self.factor.solve(&mut self.direction, island.rows);
+        self.twigs.solve_down(island.rows, problem.kin, &mut self.direction);
+        self.factor.solve(&mut self.direction, island.rows & !self.twigs.free());
+        self.twigs.solve_up(island.rows, problem.kin, &mut self.direction);
         // What the Hessian gives less what stiffness gives of it.
         for run in &island.dofs {
             for dof in run.clone() {
@@ -415,7 +434,7 @@ impl Solver {
 
     /// Builds and factorises the Hessian. Settled rows (in a humanoid: most of what does not stand on the floor, fingers
     /// above all) are not eliminated again.
-    fn factorise(&mut self, problem: &Problem<'_>, island: &Island, first: bool) -> bool {
+    fn factorise(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
         let &Problem { model, equation, input, dt, .. } = problem;
         if self.caution > 0.0 {
             for run in &island.drives {
@@ -441,33 +460,44 @@ impl Solver {
                 changed |= pair.dofs;
             }
         }
+        let first = self.begun & island.rows == 0;
         if first {
+            self.begun |= island.rows;
             self.settled |= island.rows;
         } else {
-            for dof in ones(self.settled & island.rows) {
-                if self.diagonal[dof] != self.settled_diagonal[dof] {
-                    changed |= 1 << dof;
+            for run in &island.dofs {
+                let settled = self.settled_diagonal[run.clone()].iter().zip(&self.diagonal[run.clone()]);
+                for (k, _) in settled.enumerate().filter(|(_, (settled, now))| settled != now) {
+                    changed |= 1 << (run.start + k);
                 }
             }
         }
+        let (twigs, factor, diagonal) = (&mut self.twigs, &mut self.factor, &self.diagonal);
+        let rows = island.rows & !twigs.free();
         if first || changed & self.settled != 0 {
-            self.settled &= !self.factor.reached_from(changed);
+            self.settled &= !factor.reached_from(changed);
+            self.settled &= !twigs.in_part(self.settled);
             let settled = self.settled & island.rows;
-            self.factor.load(&equation.mass_matrix, island.rows);
-            for dof in ones(settled) {
-                self.settled_diagonal[dof] = self.diagonal[dof];
-                self.factor.add(dof, self.diagonal[dof]);
+            factor.load(&equation.mass_matrix, rows);
+            for run in &island.dofs {
+                self.settled_diagonal[run.clone()].copy_from_slice(&diagonal[run.clone()]);
             }
-            if !self.factor.eliminate(settled) {
+            for dof in ones(settled & rows) {
+                factor.add(dof, diagonal[dof]);
+            }
+            if !twigs.eliminate(settled, problem, diagonal, factor) || !factor.eliminate(settled & rows) {
                 return false;
             }
-            self.factor.keep(island.rows & !settled);
+            factor.keep(rows & !settled);
         } else {
-            self.factor.restore(island.rows & !self.settled);
+            factor.restore(rows & !self.settled);
         }
         let rest = island.rows & !self.settled;
-        self.add_stiffness(island, rest);
-        self.factor.eliminate(rest)
+        if !twigs.eliminate(rest, problem, diagonal, factor) {
+            return false;
+        }
+        self.add_stiffness(island, rest & rows);
+        self.factor.eliminate(rest & rows)
     }
 
     /// Adds contacts, and what acts on the degrees of freedom of those rows.
@@ -489,9 +519,7 @@ impl Solver {
 
     /// The objective's slope along the direction, by the gradient at hand.
     fn slope(&self, island: &Island) -> f64 {
-        let of_run = |run: &Range<usize>| -> f64 {
-            self.direction[run.clone()].iter().zip(&self.gradient[run.clone()]).map(|(d, g)| d * g).sum()
-        };
+        let of_run = |run: &Range<usize>| dot(&self.direction[run.clone()], &self.gradient[run.clone()]);
         island.dofs.iter().map(of_run).sum()
     }
 
@@ -506,24 +534,40 @@ impl Solver {
                 linear += self.direction[dof] * self.mass_direction[dof];
             }
         }
+        // What keeps to one straight line over the whole step is added up once; the bits are those of the others.
+        let (mut bent_drives, mut bent_limits) = (0_u128, 0_u128);
+        for index in island.drives.iter().cloned().flatten() {
+            let drive = &self.drives[index];
+            let (v, d) = (self.velocity[drive.dof], self.direction[drive.dof]);
+            match (drive.straight(v - d), drive.straight(v)) {
+                (Some(_), Some((effort, stiffness))) => {
+                    constant -= dt * effort * d;
+                    linear += dt * stiffness * d * d;
+                }
+                _ => bent_drives |= 1 << index,
+            }
+        }
+        for index in island.limits.iter().cloned().flatten() {
+            let limit = &self.limits[index];
+            let (v, d) = (self.velocity[limit.dof], self.direction[limit.dof]);
+            if !(limit.allows(v - d) && limit.allows(v)) {
+                bent_limits |= 1 << index;
+            }
+        }
         let slope_at = |step: f64| {
             let beyond = step - 1.0;
             let (mut slope, mut curvature) = (constant + beyond * linear, linear);
-            for run in &island.drives {
-                for drive in &self.drives[run.clone()] {
-                    let d = self.direction[drive.dof];
-                    let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + beyond * d);
-                    slope -= dt * effort * d;
-                    curvature += dt * stiffness * d * d;
-                }
+            for drive in ones(bent_drives).map(|index| &self.drives[index]) {
+                let d = self.direction[drive.dof];
+                let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + beyond * d);
+                slope -= dt * effort * d;
+                curvature += dt * stiffness * d * d;
             }
-            for run in &island.limits {
-                for limit in &self.limits[run.clone()] {
-                    let d = self.direction[limit.dof];
-                    let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + beyond * d);
-                    slope -= impulse * d;
-                    curvature += stiffness * d * d;
-                }
+            for limit in ones(bent_limits).map(|index| &self.limits[index]) {
+                let d = self.direction[limit.dof];
+                let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + beyond * d);
+                slope -= impulse * d;
+                curvature += stiffness * d * d;
             }
             for &pair in &island.pairs {
                 for point in &self.points[self.pairs[pair].points.0..self.pairs[pair].points.1] {

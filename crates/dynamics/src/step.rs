@@ -12,7 +12,7 @@ use crate::model::{Model, State};
 use crate::parameters::Parameters;
 use crate::solve::{Problem, Solver, StepReport, TOLERANCE};
 use crate::spatial::Velocity;
-use crate::spec::{BodyId, Joint};
+use crate::spec::BodyId;
 use crate::variation::Variation;
 
 /// Farthest that a body may turn in one substep, rad: of the error of a step grows by the square of it. Energy is kept
@@ -114,13 +114,14 @@ impl Dynamics {
     /// How fast the fastest body turns, rad/s, as if the axes above it were at right angles.
     fn turning_rate(&mut self, model: &Model, qvel: &[f64]) -> f64 {
         let mut fastest = 0.0;
-        for (index, body) in model.bodies.iter().enumerate().skip(1) {
-            let dof = body.dof_start;
-            let own: f64 = match body.spec.joint {
-                Joint::Free => qvel[dof + 3..dof + 6].iter().map(|rate| rate * rate).sum(),
-                Joint::Hinge(_) => qvel[dof] * qvel[dof],
+        for (index, node) in model.nodes.iter().enumerate().skip(1) {
+            let dof = node.dof;
+            let own: f64 = if node.is_free {
+                qvel[dof + 3..dof + 6].iter().map(|rate| rate * rate).sum()
+            } else {
+                qvel[dof] * qvel[dof]
             };
-            self.turning[index] = self.turning[body.spec.parent.0] + own;
+            self.turning[index] = self.turning[node.parent] + own;
             fastest = self.turning[index].max(fastest);
         }
         fastest.sqrt()
@@ -161,11 +162,12 @@ impl Dynamics {
     ) {
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
         self.kin.update(model, state);
-        self.equation.update(model, parameters, &self.kin, input.wrenches, &state.qvel);
         let first_contact = self.contacts.len();
-        self.collider.update(model, &self.kin, dt);
+        self.collider.update(&self.kin, dt);
         self.collider.find(model, &parameters.materials, dt, &mut self.contacts);
         let contacts = &mut self.contacts[first_contact..];
+        let free_twigs = self.solver.find_free_twigs(model, contacts);
+        self.equation.update(model, parameters, &self.kin, input.wrenches, &state.qvel, free_twigs);
         let (equation, kin) = (&self.equation, &self.kin);
         let mut problem = Problem { model, parameters, kin, equation, input, dt };
         self.solver.start(&problem, state, contacts);
@@ -248,6 +250,6 @@ impl Dynamics {
     fn update_equation(&mut self, model: &Model, state: &State) {
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
         self.kin.update(model, state);
-        self.equation.update(model, parameters, &self.kin, &[], &state.qvel);
+        self.equation.update(model, parameters, &self.kin, &[], &state.qvel, 0);
     }
 }

@@ -40,6 +40,9 @@ struct Waver {
     scene: Scene,
     dynamics: Dynamics,
     state: State,
+    /// Targets of a robot that does not wave, by drive, rad, and the drives that wave.
+    rest: Vec<f64>,
+    arms: Vec<usize>,
     targets: Vec<f64>,
     step: usize,
 }
@@ -59,8 +62,16 @@ impl Waver {
             state.qpos[ids.qpos] = angle;
         }
         stand_old_bulb_on_bench(&scene, &mut state);
-        let (dynamics, targets) = (Dynamics::new(&scene.model), vec![0.0; scene.robot.joints().len()]);
-        let mut waver = Self { scene, dynamics, state, targets, step: 0 };
+        let (mut rest, mut arms) = (vec![0.0; scene.robot.joints().len()], Vec::new());
+        for ((ids, joint), q0) in scene.robot_ids.joints.iter().zip(scene.robot.joints()).zip(scene.robot.q0()) {
+            let lean = if joint.name.ends_with("ankle_pitch_joint") { ANKLE_LEAN } else { 0.0 };
+            rest[ids.drive] = q0 + lean;
+            if ["shoulder", "elbow", "wrist"].iter().any(|part| joint.name.contains(part)) {
+                arms.push(ids.drive);
+            }
+        }
+        let (dynamics, targets) = (Dynamics::new(&scene.model), rest.clone());
+        let mut waver = Self { scene, dynamics, state, rest, arms, targets, step: 0 };
         waver.play(SETTLE);
         Ok(waver)
     }
@@ -73,17 +84,14 @@ impl Waver {
     }
 
     fn play(&mut self, steps: usize) {
-        let (scene, robot) = (&self.scene, &self.scene.robot);
         for _ in 0..steps {
             let phase = std::f64::consts::TAU * WAVE_RATE * PHYSICS_DT * self.step as f64;
             let wave = WAVE * libm::sin(phase);
-            for ((ids, joint), q0) in scene.robot_ids.joints.iter().zip(robot.joints()).zip(robot.q0()) {
-                let arm = ["shoulder", "elbow", "wrist"].iter().any(|part| joint.name.contains(part));
-                let lean = if joint.name.ends_with("ankle_pitch_joint") { ANKLE_LEAN } else { 0.0 };
-                self.targets[ids.drive] = q0 + lean + if arm { wave } else { 0.0 };
+            for &drive in &self.arms {
+                self.targets[drive] = self.rest[drive] + wave;
             }
             let input = Input { targets: &self.targets, ..Input::default() };
-            self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
+            self.dynamics.step(&self.scene.model, &mut self.state, &input, PHYSICS_DT);
             self.step += 1;
         }
     }

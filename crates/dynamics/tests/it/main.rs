@@ -3,4 +3,5 @@
 
 mod closed_forms;
 mod contact_points;
+mod dense;
 mod refused;

@@ -1,0 +1,253 @@
+//! Fingers that touch nothing, eliminated as articulated bodies.
+//!
+//! A finger's row of the Hessian runs through hand, arm and trunk to the root, but all that these feel of the finger passes
+//! through the hand. So a finger without a contact has no rows in the factor. As in Featherstone's articulated-body algorithm,
+//! its joints are eliminated in the six dimensions of the hand's motion: they give way, and so relieve the hand of a part of
+//! the inertia that the mass matrix ascribes to it. It is the same elimination in fewer operations.
+
+use super::Problem;
+use super::body_pair::force_of;
+use crate::contact::Contact;
+use crate::factor::Factor;
+use crate::kinematics::Kinematics;
+use crate::model::Model;
+use crate::spatial::{Force, Motion};
+use crate::spec::Joint;
+
+/// Degrees of freedom from a free root down to a base, the body that twigs hang on: a row this long costs more than six
+/// dimensions.
+const BASE_DOFS: usize = 16;
+
+type Vector = [f64; 6];
+
+/// The unbranched twigs of a model, by base. What branches keeps its rows in the factor.
+#[derive(Debug, Clone)]
+pub(crate) struct Twigs {
+    bases: Vec<Base>,
+    free: u128,
+}
+
+#[derive(Debug, Clone)]
+struct Base {
+    /// Degrees of freedom from the root down to the body.
+    chain: Vec<u16>,
+    twigs: Vec<Twig>,
+    /// Rows of the twigs that nothing touches in this step.
+    free: u128,
+}
+
+#[derive(Debug, Clone)]
+struct Twig {
+    /// From the base to the tip.
+    links: Vec<Link>,
+    rows: u128,
+    is_free: bool,
+}
+
+/// A joint, and what its elimination leaves.
+#[derive(Debug, Clone)]
+struct Link {
+    dof: usize,
+    axis: Vector,
+    /// Force on the parent for a unit of the joint's effort.
+    response: Vector,
+    /// Of the inertia at the joint, its stiffness included.
+    inverse: f64,
+}
+
+impl Twigs {
+    pub fn new(model: &Model) -> Self {
+        let mut bases = Vec::<Base>::new();
+        for chain in &model.chains {
+            let Some((chain, rest)) = chain.split_at_checked(BASE_DOFS) else { continue };
+            let root = model.bodies[model.dof_body[usize::from(chain[0])]].spec.joint == Joint::Free;
+            if !root || rest.is_empty() {
+                continue;
+            }
+            let at = bases.iter().position(|base| base.chain == chain).unwrap_or_else(|| {
+                bases.push(Base { chain: chain.to_vec(), twigs: Vec::new(), free: 0 });
+                bases.len() - 1
+            });
+            bases[at].push(rest);
+        }
+        for base in &mut bases {
+            base.twigs.retain(|twig| twig.rows.count_ones() as usize == twig.links.len());
+        }
+        Self { bases, free: 0 }
+    }
+
+    /// Finds the twigs that none of these contacts can load, and returns their rows: they are eliminated here.
+    pub fn find_free(&mut self, model: &Model, contacts: &[Contact]) -> u128 {
+        self.free = 0;
+        if self.bases.is_empty() {
+            return 0;
+        }
+        let mut touched = 0_u128;
+        for shape in contacts.iter().flat_map(|contact| [contact.shape_a, contact.shape_b]) {
+            let chain = &model.chains[model.shapes[shape.0].body.0];
+            touched |= chain.get(BASE_DOFS).map_or(0, |&dof| 1 << dof);
+        }
+        for base in &mut self.bases {
+            base.free = 0;
+            for twig in &mut base.twigs {
+                twig.is_free = twig.rows & touched == 0;
+                base.free |= if twig.is_free { twig.rows } else { 0 };
+            }
+            self.free |= base.free;
+        }
+        self.free
+    }
+
+    /// Rows that are eliminated here in this step.
+    pub fn free(&self) -> u128 {
+        self.free
+    }
+
+    /// Free rows of the bases of which some free rows, but not all, are among these.
+    pub fn in_part(&self, rows: u128) -> u128 {
+        let in_part = |base: &&Base| base.free & rows != 0 && base.free & !rows != 0;
+        self.bases.iter().filter(in_part).fold(0, |all, base| all | base.free)
+    }
+
+    /// Eliminates the free ones of these rows, with that on their diagonal, and takes from the factor's rows what their bases
+    /// are relieved of. False if a pivot is not positive.
+    pub fn eliminate(&mut self, rows: u128, problem: &Problem<'_>, diagonal: &[f64], factor: &mut Factor) -> bool {
+        let mut positive = true;
+        let axes = &problem.kin.axes;
+        for base in self.bases.iter_mut().filter(|base| base.free & rows != 0) {
+            let mut relief = [[0.0; 6]; 6];
+            for twig in base.twigs.iter_mut().filter(|twig| twig.is_free) {
+                positive &= twig.eliminate(problem, diagonal, &mut relief);
+            }
+            for (r, &dof) in base.chain.iter().enumerate() {
+                let dof = usize::from(dof);
+                let force = force_of(&relief, &axes[dof]);
+                let of_root = by_root(&force);
+                let columns = &base.chain[..=r];
+                factor.add_to_row(dof, columns, |c| {
+                    if c < 6 { -of_root[c] } else { -axes[usize::from(columns[c])].dot(&force) }
+                });
+            }
+        }
+        positive
+    }
+
+    /// First half of a solve, before that of the factor: from the tips to the bases.
+    pub fn solve_down(&self, rows: u128, kin: &Kinematics, x: &mut [f64]) {
+        for base in self.bases.iter().filter(|base| base.free & rows != 0) {
+            let mut sum = [0.0; 6];
+            for twig in base.twigs.iter().filter(|twig| twig.is_free) {
+                let mut force = [0.0; 6];
+                for link in twig.links.iter().rev() {
+                    let value = x[link.dof] - dot(&link.axis, &force);
+                    force = plus_scaled(&force, &link.response, value);
+                    x[link.dof] = value * link.inverse;
+                }
+                sum = plus_scaled(&sum, &force, 1.0);
+            }
+            let [tx, ty, tz, fx, fy, fz] = sum;
+            let force = Force { torque: [tx, ty, tz].into(), force: [fx, fy, fz].into() };
+            let (root, rest) = base.chain.split_at(6);
+            for (&dof, value) in root.iter().zip(by_root(&force)) {
+                x[usize::from(dof)] -= value;
+            }
+            for dof in rest.iter().map(|&dof| usize::from(dof)) {
+                x[dof] -= kin.axes[dof].dot(&force);
+            }
+        }
+    }
+
+    /// Second half of a solve, after that of the factor: from the bases to the tips.
+    pub fn solve_up(&self, rows: u128, kin: &Kinematics, x: &mut [f64]) {
+        for base in self.bases.iter().filter(|base| base.free & rows != 0) {
+            let root = usize::from(base.chain[0]);
+            let root = &x[root..root + 6];
+            let mut motion =
+                Motion { angular: [root[3], root[4], root[5]].into(), linear: [root[0], root[1], root[2]].into() };
+            for dof in base.chain[6..].iter().map(|&dof| usize::from(dof)) {
+                motion.add_scaled(&kin.axes[dof], x[dof]);
+            }
+            for twig in base.twigs.iter().filter(|twig| twig.is_free) {
+                let mut motion = of_motion(&motion);
+                for link in &twig.links {
+                    let value = x[link.dof] - dot(&link.response, &motion);
+                    motion = plus_scaled(&motion, &link.axis, value);
+                    x[link.dof] = value;
+                }
+            }
+        }
+    }
+}
+
+impl Base {
+    /// Takes in a link, given the degrees of freedom from the base down to it.
+    fn push(&mut self, path: &[u16]) {
+        let at = self.twigs.iter().position(|twig| twig.rows >> path[0] & 1 == 1).unwrap_or_else(|| {
+            self.twigs.push(Twig { links: Vec::new(), rows: 0, is_free: false });
+            self.twigs.len() - 1
+        });
+        let (twig, dof) = (&mut self.twigs[at], path[path.len() - 1]);
+        twig.rows |= 1 << dof;
+        if path.len() == twig.links.len() + 1 {
+            twig.links.push(Link { dof: dof.into(), axis: [0.0; 6], response: [0.0; 6], inverse: 0.0 });
+        }
+    }
+}
+
+impl Twig {
+    /// Adds what the base is relieved of.
+    fn eliminate(&mut self, problem: &Problem<'_>, diagonal: &[f64], sum: &mut [Vector; 6]) -> bool {
+        let &Problem { model, kin, equation, .. } = problem;
+        let mut positive = true;
+        // Inertia that the joints beyond relieve the link of.
+        let mut relief = [[0.0; 6]; 6];
+        let tip = self.links.len() - 1;
+        for (k, link) in self.links.iter_mut().enumerate().rev() {
+            let axis = &kin.axes[link.dof];
+            link.axis = of_motion(axis);
+            let mut felt = of_force(&equation.axis_momentum[link.dof]);
+            let mut inertia = equation.mass_matrix[model.diagonal(link.dof)] + diagonal[link.dof];
+            if k < tip {
+                let relieved = of_force(&force_of(&relief, axis));
+                felt = plus_scaled(&felt, &relieved, -1.0);
+                inertia -= dot(&link.axis, &relieved);
+            }
+            positive &= inertia > 0.0;
+            link.inverse = 1.0 / inertia;
+            link.response = felt.map(|value| value * link.inverse);
+            for (row, value) in relief.iter_mut().zip(link.response) {
+                *row = plus_scaled(row, &felt, value);
+            }
+        }
+        for (row, relief) in sum.iter_mut().zip(&relief) {
+            *row = plus_scaled(row, relief, 1.0);
+        }
+        positive
+    }
+}
+
+/// A force along the axes of a free root, which are unit vectors.
+#[inline(always)]
+fn by_root(f: &Force) -> Vector {
+    [f.force.x, f.force.y, f.force.z, f.torque.x, f.torque.y, f.torque.z]
+}
+
+#[inline(always)]
+fn of_motion(m: &Motion) -> Vector {
+    [m.angular.x, m.angular.y, m.angular.z, m.linear.x, m.linear.y, m.linear.z]
+}
+
+#[inline(always)]
+fn of_force(f: &Force) -> Vector {
+    [f.torque.x, f.torque.y, f.torque.z, f.force.x, f.force.y, f.force.z]
+}
+
+#[inline(always)]
+fn plus_scaled(a: &Vector, b: &Vector, scale: f64) -> Vector {
+    std::array::from_fn(|i| a[i] + b[i] * scale)
+}
+
+#[inline(always)]
+fn dot(a: &Vector, b: &Vector) -> f64 {
+    (a[0] * b[0] + a[2] * b[2] + a[4] * b[4]) + (a[1] * b[1] + a[3] * b[3] + a[5] * b[5])
+}
