@@ -1,15 +1,15 @@
 //! The next velocity as the minimum of one convex function, by Newton's method with a line search.
 
 mod body_pair;
+mod hessian;
 mod island;
+mod line_search;
 mod twigs;
-
-use std::ops::Range;
 
 use crate::contact::Contact;
 use crate::contact_law::Point;
 use crate::equation_of_motion::EquationOfMotion;
-use crate::factor::{Factor, dot, ones};
+use crate::factor::{Factor, dot};
 use crate::input::Input;
 use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::kinematics::Kinematics;
@@ -17,7 +17,7 @@ use crate::model::{Model, State};
 use crate::parameters::Parameters;
 use crate::spatial::{Force, Motion, V3};
 use crate::spec::Joint;
-use body_pair::{BodyPair, force_of, stiffness_of};
+use body_pair::{BodyPair, force_of};
 use island::{Island, Islands};
 use twigs::Twigs;
 
@@ -430,166 +430,6 @@ impl Solver {
             }
         }
         true
-    }
-
-    /// Builds and factorises the Hessian. Settled rows (in a humanoid: most of what does not stand on the floor, fingers
-    /// above all) are not eliminated again.
-    fn factorise(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
-        let &Problem { model, equation, input, dt, .. } = problem;
-        if self.caution > 0.0 {
-            for run in &island.drives {
-                for drive in &self.drives[run.clone()] {
-                    self.diagonal[drive.dof] += dt * drive.extra_stiffness(self.velocity[drive.dof], self.caution);
-                }
-            }
-        }
-        if !input.locked.is_empty() {
-            for dof in ones(island.rows).filter(|&dof| input.locked[dof]) {
-                self.diagonal[dof] += LOCK * equation.mass_matrix[model.diagonal(dof)];
-            }
-        }
-        let mut changed = 0;
-        for &pair in &island.pairs {
-            let pair = &mut self.pairs[pair];
-            let points = &mut self.points[pair.points.0..pair.points.1];
-            if self.caution > 0.0 {
-                points.iter_mut().for_each(|point| point.bound_stiffness(self.caution));
-            }
-            pair.stiffness = stiffness_of(points);
-            if pair.stiffness.is_some() {
-                changed |= pair.dofs;
-            }
-        }
-        let first = self.begun & island.rows == 0;
-        if first {
-            self.begun |= island.rows;
-            self.settled |= island.rows;
-        } else {
-            for run in &island.dofs {
-                let settled = self.settled_diagonal[run.clone()].iter().zip(&self.diagonal[run.clone()]);
-                for (k, _) in settled.enumerate().filter(|(_, (settled, now))| settled != now) {
-                    changed |= 1 << (run.start + k);
-                }
-            }
-        }
-        let (twigs, factor, diagonal) = (&mut self.twigs, &mut self.factor, &self.diagonal);
-        let rows = island.rows & !twigs.free();
-        if first || changed & self.settled != 0 {
-            self.settled &= !factor.reached_from(changed);
-            self.settled &= !twigs.in_part(self.settled);
-            let settled = self.settled & island.rows;
-            factor.load(&equation.mass_matrix, rows);
-            for run in &island.dofs {
-                self.settled_diagonal[run.clone()].copy_from_slice(&diagonal[run.clone()]);
-            }
-            for dof in ones(settled & rows) {
-                factor.add(dof, diagonal[dof]);
-            }
-            if !twigs.eliminate(settled, problem, diagonal, factor) || !factor.eliminate(settled & rows) {
-                return false;
-            }
-            factor.keep(rows & !settled);
-        } else {
-            factor.restore(rows & !self.settled);
-        }
-        let rest = island.rows & !self.settled;
-        if !twigs.eliminate(rest, problem, diagonal, factor) {
-            return false;
-        }
-        self.add_stiffness(island, rest & rows);
-        self.factor.eliminate(rest & rows)
-    }
-
-    /// Adds contacts, and what acts on the degrees of freedom of those rows.
-    fn add_stiffness(&mut self, island: &Island, rows: u128) {
-        for dof in ones(rows) {
-            self.factor.add(dof, self.diagonal[dof]);
-        }
-        for &pair in &island.pairs {
-            let pair = &self.pairs[pair];
-            let Some(stiffness) = &pair.stiffness else { continue };
-            let columns = &self.columns[pair.columns.0..pair.columns.1];
-            let dofs = &self.column_dof[pair.columns.0..pair.columns.1];
-            for (r, column) in columns.iter().enumerate() {
-                let force = force_of(stiffness, column);
-                self.factor.add_to_row(usize::from(dofs[r]), &dofs[..=r], |other| columns[other].dot(&force));
-            }
-        }
-    }
-
-    /// The objective's slope along the direction, by the gradient at hand.
-    fn slope(&self, island: &Island) -> f64 {
-        let of_run = |run: &Range<usize>| dot(&self.direction[run.clone()], &self.gradient[run.clone()]);
-        island.dofs.iter().map(of_run).sum()
-    }
-
-    /// Step length at which the objective's slope along the direction is nearly zero, at most `flat`. The velocity at hand is
-    /// that of the full step, where the slope is positive.
-    fn line_search(&self, problem: &Problem<'_>, island: &Island, flat: f64) -> f64 {
-        let &Problem { equation, dt, .. } = problem;
-        let (mut constant, mut linear) = (0.0, 0.0);
-        for run in &island.dofs {
-            for dof in run.clone() {
-                constant += self.direction[dof] * (self.momentum_change[dof] + dt * equation.bias[dof]);
-                linear += self.direction[dof] * self.mass_direction[dof];
-            }
-        }
-        // What keeps to one straight line over the whole step is added up once; the bits are those of the others.
-        let (mut bent_drives, mut bent_limits) = (0_u128, 0_u128);
-        for index in island.drives.iter().cloned().flatten() {
-            let drive = &self.drives[index];
-            let (v, d) = (self.velocity[drive.dof], self.direction[drive.dof]);
-            match (drive.straight(v - d), drive.straight(v)) {
-                (Some(_), Some((effort, stiffness))) => {
-                    constant -= dt * effort * d;
-                    linear += dt * stiffness * d * d;
-                }
-                _ => bent_drives |= 1 << index,
-            }
-        }
-        for index in island.limits.iter().cloned().flatten() {
-            let limit = &self.limits[index];
-            let (v, d) = (self.velocity[limit.dof], self.direction[limit.dof]);
-            if !(limit.allows(v - d) && limit.allows(v)) {
-                bent_limits |= 1 << index;
-            }
-        }
-        let slope_at = |step: f64| {
-            let beyond = step - 1.0;
-            let (mut slope, mut curvature) = (constant + beyond * linear, linear);
-            for drive in ones(bent_drives).map(|index| &self.drives[index]) {
-                let d = self.direction[drive.dof];
-                let (effort, stiffness) = drive.effort(self.velocity[drive.dof] + beyond * d);
-                slope -= dt * effort * d;
-                curvature += dt * stiffness * d * d;
-            }
-            for limit in ones(bent_limits).map(|index| &self.limits[index]) {
-                let d = self.direction[limit.dof];
-                let (impulse, stiffness) = limit.impulse(self.velocity[limit.dof] + beyond * d);
-                slope -= impulse * d;
-                curvature += stiffness * d * d;
-            }
-            for &pair in &island.pairs {
-                for point in &self.points[self.pairs[pair].points.0..self.pairs[pair].points.1] {
-                    let (s, c) = point.slope(beyond);
-                    slope += s;
-                    curvature += c;
-                }
-            }
-            (slope, curvature)
-        };
-        let (mut slope, mut curvature) = slope_at(1.0);
-        let (mut low, mut high, mut step) = (0.0, 1.0, 1.0);
-        for _ in 0..20 {
-            let newton = step - slope / curvature;
-            step = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
-            (slope, curvature) = slope_at(step);
-            if slope.abs() <= flat {
-                break;
-            }
-            if slope > 0.0 { high = step } else { low = step }
-        }
-        step
     }
 
     fn advance(&mut self, island: &Island, step: f64) {
