@@ -384,10 +384,11 @@ fn box_box(
     // Clipping along the best axis finds no point, or not the one that will meet, where the faces lie past each other: thin
     // boxes as fast as kicking feet would be 40 mm deep in each other a step later.
     let apart = manifold.points.iter().all(|p| p.dist > 0.0) && manifold.local_n1 != Vector::ZERO;
-    if margin > FAST_MARGIN && apart {
-        if let Some(nearest) = contact_support_map_support_map(&a_from_b, &box_a, &box_b, margin) {
-            let (on_a, normal) = (a.position + world(nearest.point1), world(nearest.normal1));
-            out(Point { position: on_a + normal * (0.5 * nearest.dist), normal, distance: nearest.dist });
-        }
+    if margin > FAST_MARGIN
+        && apart
+        && let Some(nearest) = contact_support_map_support_map(&a_from_b, &box_a, &box_b, margin)
+    {
+        let (on_a, normal) = (a.position + world(nearest.point1), world(nearest.normal1));
+        out(Point { position: on_a + normal * (0.5 * nearest.dist), normal, distance: nearest.dist });
     }
 }

@@ -9,7 +9,7 @@ mod twigs;
 use crate::contact::Contact;
 use crate::contact_law::Point;
 use crate::equation_of_motion::EquationOfMotion;
-use crate::factor::{Factor, dot};
+use crate::factor::Factor;
 use crate::input::Input;
 use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::kinematics::Kinematics;
