@@ -45,7 +45,7 @@ use fiatlux_proto::v3::{RunSpec, Version};
 use serde::{Deserialize, Serialize};
 
 pub use error::LedgerError;
-pub use journal::journals;
+pub use journal::{journal_of, journals};
 pub use ledger::{Episode, Ledger, Played, Prefix, State};
 pub use writer::LedgerWriter;
 

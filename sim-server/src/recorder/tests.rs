@@ -113,6 +113,7 @@ fn record(zenoh: &Zenoh, out: &Path) -> (Recorder, mpsc::Receiver<BagReport>) {
         server: Some("lab".into()),
         name: "test".into(),
         naming: Naming::BySession,
+        inside: false,
         on_bag: Box::new(move |report| sender.send(report).expect("the test listens")),
     };
     (Recorder::start(zenoh.clone(), options).expect("a recorder"), reports)

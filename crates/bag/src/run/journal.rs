@@ -23,9 +23,9 @@ const MAX_FILE: u64 = 1 << 30;
 const BEFORE_LINK: &str = ",\"link\":\"";
 const AFTER_LINK: &str = "\"}";
 
-/// File name of a server's journal.
-pub(super) fn file_name(server: &str) -> String {
-    format!("{server}{ENDING}")
+/// The journal of a server in the folder of a run, whether it is there or not.
+pub fn journal_of(folder: &Path, server: &str) -> PathBuf {
+    folder.join(format!("{server}{ENDING}"))
 }
 
 /// The journals in the folder of a run, sorted by name.

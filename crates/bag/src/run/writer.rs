@@ -4,7 +4,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::journal::{Chain, file_name};
+use super::journal::{Chain, journal_of};
 use super::{Event, Ledger, LedgerError, Registration};
 
 /// The one writer of a journal; its server's lock sees to it that there is no other.
@@ -23,7 +23,7 @@ impl LedgerWriter {
     /// # Errors
     /// It is there already, the registration is wrong, or the file cannot be written.
     pub fn create(folder: &Path, registration: Registration) -> Result<Self, LedgerError> {
-        let path = folder.join(file_name(&registration.server));
+        let path = journal_of(folder, &registration.server);
         let wrong = |reason: String| LedgerError::Event { path: path.clone(), reason };
         let (line, chain) = Chain::default().line(&registration).ok_or_else(|| wrong("the run is too large".into()))?;
         let ledger = Ledger::new(registration).map_err(wrong)?;
