@@ -220,7 +220,14 @@ impl RecorderSession {
         }
         // What was sent before the token went may still be on its way.
         let is_done = self.open.is_none() && gone_for >= ACK_PERIOD;
-        (is_done && !std::mem::replace(&mut self.is_done, true)).then_some(Output::Done)
+        if !is_done || std::mem::replace(&mut self.is_done, true) {
+            return None;
+        }
+        let lost = self.order.next_seq().saturating_sub(next_seq) + self.order.waiting() as u64;
+        if lost > 0 {
+            tracing::warn!(lost, "a session is over, and records of it are in no bag");
+        }
+        Some(Output::Done)
     }
 
     /// Number of the first record that is not on disk.
