@@ -51,8 +51,12 @@ fn query<M: Message + Default>(zenoh: &Session, key: String, request: &impl Mess
 }
 
 fn ask_with(zenoh: &Session, key: &str, ask: Ask) -> run_reply::Reply {
+    ask_server(zenoh, "test", key, ask)
+}
+
+fn ask_server(zenoh: &Session, server: &str, key: &str, ask: Ask) -> run_reply::Reply {
     let request = RunRequest { protocol: Some(PROTOCOL), run: "first".into(), key: key.into(), ask: Some(ask) };
-    query::<RunReply>(zenoh, ServerKeys::new("test").run(), &request).reply.unwrap()
+    query::<RunReply>(zenoh, ServerKeys::new(server).run(), &request).reply.unwrap()
 }
 
 fn ask(zenoh: &Session, ask: Ask) -> Result<RunInfo, Refusal> {
@@ -114,11 +118,15 @@ struct Player {
 
 impl Player {
     fn open(zenoh: &Session, episode: u32) -> Self {
-        let info = match ask_with(zenoh, KEY, Ask::Open(episode)) {
+        Self::open_on(zenoh, "test", episode)
+    }
+
+    fn open_on(zenoh: &Session, server: &str, episode: u32) -> Self {
+        let info = match ask_server(zenoh, server, KEY, Ask::Open(episode)) {
             run_reply::Reply::Session(info) => info,
             other => panic!("no session: {other:?}"),
         };
-        let keys = ServerKeys::new("test").session(&info.session);
+        let keys = ServerKeys::new(server).session(&info.session);
         let token = zenoh.liveliness().declare_token(keys.client()).wait().unwrap();
         let (observations, notices) = (subscribe(zenoh, keys.observation()), subscribe(zenoh, keys.notice()));
         Self { zenoh: zenoh.clone(), info, keys, observations, notices, _token: token }
@@ -342,7 +350,9 @@ fn hosted_seeds_are_not_told() {
     player.play(0, 5);
     let rows = zenoh.get(player.keys.truth_rows());
     let rows = rows.payload(StepRecordRequest { from_seq: 0, count: 10 }.encode_to_vec()).wait().unwrap();
-    for reply in rows.iter() {
+    let rows: Vec<_> = rows.iter().collect();
+    assert_eq!(rows.len(), 1);
+    for reply in rows {
         let refusal = Refusal::decode(&*reply.result().unwrap_err().payload().to_bytes()).unwrap();
         assert_eq!(refusal.code(), Code::Closed);
     }
@@ -430,4 +440,63 @@ fn a_damaged_journal_is_left_alone() {
     let (code, _, message) = refused(&zenoh, Ask::Register(spec(&[1])));
     assert!(code == Code::Busy && message.contains("another name"), "{message}");
     assert_eq!(fs::read_to_string(&journal).unwrap(), damaged);
+}
+
+/// Servers that record into one folder share a run: its seeds, what was played, and what an attempt must repeat.
+#[test]
+fn servers_share_a_run() {
+    let folder = folder("shared");
+    let (zenoh, server) = start(&folder);
+    let other = ServerOptions { name: "other".into(), ..options(&folder) };
+    let other = Server::start(zenoh.clone(), other).unwrap();
+    let at_other = |what: Ask| match ask_server(&zenoh, "other", KEY, what) {
+        run_reply::Reply::Run(info) => Ok(info),
+        run_reply::Reply::Refusal(refusal) => Err((refusal.code(), refusal.field)),
+        run_reply::Reply::Session(_) => panic!("a session"),
+    };
+    let hosted = RunSpec { hosted_seeds: 3, ..spec(&[]) };
+    ask(&zenoh, Ask::Register(hosted.clone())).unwrap();
+    let fewer = RunSpec { hosted_seeds: 2, ..spec(&[]) };
+    assert_eq!(at_other(Ask::Register(fewer)), Err((Code::Value, "register.hosted_seeds".into())));
+    at_other(Ask::Register(hosted)).unwrap();
+
+    let player = Player::open(&zenoh, 0);
+    assert_eq!(at_other(Ask::Open(0)), Err((Code::Busy, "open".into())), "open there");
+    player.play(0, u64::MAX).unwrap();
+    player.close();
+    let player = Player::open(&zenoh, 1);
+    player.play(0, 6);
+    player.close();
+    settled(&zenoh);
+    assert_eq!(at_other(Ask::Open(0)), Err((Code::Value, "open".into())), "played there");
+    let player = Player::open(&zenoh, 2);
+    player.play(0, 3);
+    // The first server dies with an episode open; the second goes on with both.
+    drop(server);
+    let player = Player::open_on(&zenoh, "other", 2);
+    player.play(1, u64::MAX).unwrap();
+    player.close();
+    let player = Player::open_on(&zenoh, "other", 1);
+    player.reset(0).unwrap();
+    (0..6).for_each(|step| {
+        player.act(1, step);
+        player.observations.recv_timeout(Duration::from_secs(2)).ok();
+    });
+    let notice = player.notices.recv_timeout(LONG).unwrap();
+    assert!(notice.message.contains("did not repeat"), "{}", notice.message);
+    let until = Instant::now() + LONG;
+    let info = loop {
+        match at_other(Ask::Finish(RunFinish {})) {
+            Ok(info) => break info,
+            Err(refusal) => assert!(refusal.0 == Code::Busy && Instant::now() < until, "{refusal:?}"),
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert!(info.finished && info.episodes.iter().all(|episode| episode.seed == 0), "the first has not finished");
+    let server = Server::start(zenoh.clone(), options(&folder)).unwrap();
+    assert_eq!(refused(&zenoh, Ask::Open(1)).0, Code::Closed);
+    let info = ask(&zenoh, Ask::Finish(RunFinish {})).unwrap();
+    assert!(info.episodes.iter().all(|episode| episode.seed >= 1 << 32));
+    assert_eq!(at_other(Ask::Status(RunStatus {})).unwrap().episodes[2].seed, info.episodes[2].seed);
+    drop((server, other));
 }

@@ -2,14 +2,17 @@
 
 mod attempt;
 mod register;
+mod siblings;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use fiatlux_bag::run::{Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Registration, State, journal_of};
+use fiatlux_bag::run::{
+    Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Prefix, Registration, State, clip, journal_of,
+};
 use fiatlux_link::in_full;
 use fiatlux_proto::keys::is_name;
 use fiatlux_proto::v3::refusal::Code;
@@ -21,12 +24,17 @@ use super::info::VERSION;
 use super::lock;
 use super::plan::{self, Plan};
 pub(super) use attempt::Attempt;
+use siblings::Siblings;
 
 /// Most runs that a server has at once.
 const MAX_RUNS: usize = 1000;
 
 /// Most episodes of all its runs.
 const MAX_EPISODES_OF_ALL: usize = 200_000;
+
+/// How often a start tries to lock its folder, and the time between.
+const LOCK_TRIES: u32 = 5;
+const LOCK_AGAIN: Duration = Duration::from_millis(50);
 
 /// Why a server cannot record.
 #[derive(Debug, Error)]
@@ -78,6 +86,8 @@ struct RunState {
 pub(super) struct Seat {
     run: Arc<Run>,
     episode: u32,
+    /// Rows that it must repeat.
+    prefix: Option<Prefix>,
 }
 
 impl Runs {
@@ -88,14 +98,20 @@ impl Runs {
             move |source| RecordError::Io { action, path, source }
         };
         fs::create_dir_all(folder).map_err(failed("make the folder", folder))?;
-        let path = folder.join(format!("{server}.lock"));
+        let path = lock_of(folder, server);
         let file = File::options().create(true).append(true).open(&path).map_err(failed("open", &path))?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(RecordError::Taken { server: server.into(), folder: folder.into() });
+        let mut tries = LOCK_TRIES;
+        loop {
+            tries -= 1;
+            match file.try_lock() {
+                Ok(()) => break,
+                // Another server may look just now whether this one is alive.
+                Err(TryLockError::WouldBlock) if tries > 0 => std::thread::sleep(LOCK_AGAIN),
+                Err(TryLockError::WouldBlock) => {
+                    return Err(RecordError::Taken { server: server.into(), folder: folder.into() });
+                }
+                Err(TryLockError::Error(error)) => return Err(failed("lock", &path)(error)),
             }
-            Err(TryLockError::Error(error)) => return Err(failed("lock", &path)(error)),
         }
         let mut runs = BTreeMap::new();
         for entry in fs::read_dir(folder).map_err(failed("read the folder", folder))? {
@@ -151,7 +167,9 @@ impl Runs {
             register::check_same(name, &lock(&run.state).writer.ledger().registration().spec, &spec)?;
             return Ok(run);
         }
-        let episodes = register::episodes(&spec)?;
+        let folder = self.folder.join(name);
+        let drawn = Siblings::read(&folder, &self.server)?.episodes(name, &key_sha256, &spec)?;
+        let episodes = drawn.map_or_else(|| register::episodes(&spec), Ok)?;
         let known = lock(&self.runs).values().cloned().collect::<Vec<_>>();
         let all: usize = known.iter().map(|run| lock(&run.state).writer.ledger().episodes().len()).sum();
         if known.len() >= MAX_RUNS || all + episodes.len() > MAX_EPISODES_OF_ALL {
@@ -172,8 +190,7 @@ impl Runs {
             episodes,
             unix_ms: unix_ms(),
         };
-        let writer =
-            LedgerWriter::create(&self.folder.join(name), registration).map_err(|error| not_written(&error))?;
+        let writer = LedgerWriter::create(&folder, registration).map_err(|error| not_written(&error))?;
         let count = writer.ledger().episodes().len();
         tracing::info!(run = name, episodes = count, "a run is registered");
         let run = Arc::new(Run::new(writer));
@@ -211,8 +228,10 @@ impl Run {
     pub fn info(&self) -> RunInfo {
         let mut state = lock(&self.state);
         state.flush();
-        let ledger = state.writer.ledger();
-        let hides_seeds = ledger.is_hosted() && !ledger.is_finished();
+        let ledger = state.ledger();
+        // On another server that has the same seeds the run may go on.
+        let is_over = || ledger.is_finished() && state.siblings().is_ok_and(|others| others.are_finished());
+        let hides_seeds = ledger.is_hosted() && !is_over();
         let planned = &ledger.registration().episodes;
         let episodes = planned.iter().zip(ledger.episodes()).map(|(planned, episode)| {
             let mut message = RunEpisode {
@@ -285,6 +304,9 @@ impl Run {
             }
             State::Waiting => {}
         }
+        let others = state.siblings()?.prefix_of(planned)?;
+        let own = episode.prefix.clone();
+        let prefix = own.into_iter().chain(others).max_by_key(|prefix| prefix.steps);
         let mut plan = plan::check(&register::request(spec, &planned.task, planned.seed))?;
         plan.ticket = Some(RunTicket {
             run: run.clone(),
@@ -294,7 +316,7 @@ impl Run {
             policy_version: spec.policy_version.clone(),
             policy_link: spec.policy_link.clone(),
         });
-        Ok((plan, Seat { run: Arc::clone(self), episode: index }))
+        Ok((plan, Seat { run: Arc::clone(self), episode: index, prefix }))
     }
 
     /// Ends it: what was not decided has failed.
@@ -343,21 +365,45 @@ impl RunState {
     fn ledger(&self) -> &Ledger {
         self.writer.ledger()
     }
+
+    fn siblings(&self) -> Result<Siblings, Refusal> {
+        let folder = self.writer.path().parent().unwrap_or_else(|| Path::new(""));
+        Siblings::read(folder, &self.ledger().registration().server)
+    }
 }
 
 impl Seat {
     /// Begins the episode in a session: that is on disk when this returns.
     pub fn begin(&self, session: &str, ticket: &RunTicket) -> Result<Arc<Attempt>, Refusal> {
-        let Self { run, episode } = self;
+        let Self { run, episode, prefix } = self;
+        let number = ticket.attempt;
         let mut state = lock(&run.state);
-        let prefix = state.ledger().episodes().get(*episode as usize).and_then(|episode| episode.prefix.clone());
-        let event =
-            Event::Opened { episode: *episode, attempt: ticket.attempt, session: session.into(), unix_ms: unix_ms() };
-        state.writer.append(event).map_err(|error| not_written(&error))?;
-        let attempt = Arc::new(Attempt::new(Arc::clone(run), *episode, ticket.attempt, session, prefix));
+        let opened = Event::Opened { episode: *episode, attempt: number, session: session.into(), unix_ms: unix_ms() };
+        state.writer.append(opened).map_err(|error| not_written(&error))?;
+        // Of two servers that were asked at once the later line sees the other.
+        let planned = state.ledger().registration().episodes.get(*episode as usize).cloned();
+        let free = planned.map_or(Ok(None), |planned| state.siblings()?.prefix_of(&planned));
+        if let Err(refusal) = free {
+            state.pending.push_back(Event::Abandoned {
+                episode: *episode,
+                attempt: number,
+                session: session.into(),
+                steps: 0,
+                digest: String::new(),
+                cause: clip(&refusal.message),
+            });
+            state.flush();
+            return Err(refusal);
+        }
+        let attempt = Arc::new(Attempt::new(Arc::clone(run), *episode, number, session, prefix.clone()));
         state.open.insert(*episode, Arc::clone(&attempt));
         Ok(attempt)
     }
+}
+
+/// Held by a server that records into the folder.
+fn lock_of(folder: &Path, server: &str) -> PathBuf {
+    folder.join(format!("{server}.lock"))
 }
 
 /// The journal says why; its client can only wait.
