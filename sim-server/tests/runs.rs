@@ -261,7 +261,7 @@ fn a_later_attempt_repeats_the_one_before() {
     }
     let info = settled(&zenoh);
     assert_eq!((info.episodes[0].state(), info.episodes[0].attempts), (EpisodeState::Unspecified, 1));
-    assert_eq!(info.episodes[0].cause, "aborted");
+    assert!(info.episodes[0].cause.contains("liveliness token"), "{}", info.episodes[0].cause);
     // A shorter one binds no less.
     let player = Player::open(&zenoh, 0);
     assert_eq!(player.play(0, 2), None);
@@ -278,12 +278,8 @@ fn a_later_attempt_repeats_the_one_before() {
     player.close();
     let other = Player::open(&zenoh, 1);
     other.reset(0).unwrap();
-    for step in 0..6 {
-        other.act(1, step);
-        if step < 5 {
-            other.observations.recv_timeout(LONG).unwrap();
-        }
-    }
+    // It leaves the way at once, and is seen at once: there is nothing to find out.
+    other.act(1, 0);
     let notice = other.notices.recv_timeout(LONG).unwrap();
     assert!(notice.message.contains("did not repeat"), "{}", notice.message);
     let info = settled(&zenoh);
@@ -323,10 +319,7 @@ fn a_run_outlives_its_server() {
     assert_eq!((ledger.episodes()[0].lost, ledger.episodes()[0].prefix.as_ref()), (1, None));
     let player = Player::open(&zenoh, 1);
     player.reset(0).unwrap();
-    (0..6).for_each(|step| {
-        player.act(1, step);
-        player.observations.recv_timeout(Duration::from_secs(2)).ok();
-    });
+    player.act(1, 0);
     assert_eq!(settled(&zenoh).episodes[1].cause, "not repeated");
     assert!(server.shutdown(LONG));
 }
@@ -478,10 +471,7 @@ fn servers_share_a_run() {
     player.close();
     let player = Player::open_on(&zenoh, "other", 1);
     player.reset(0).unwrap();
-    (0..6).for_each(|step| {
-        player.act(1, step);
-        player.observations.recv_timeout(Duration::from_secs(2)).ok();
-    });
+    player.act(1, 0);
     let notice = player.notices.recv_timeout(LONG).unwrap();
     assert!(notice.message.contains("did not repeat"), "{}", notice.message);
     let until = Instant::now() + LONG;

@@ -39,6 +39,7 @@
 mod error;
 mod journal;
 mod ledger;
+mod marks;
 mod writer;
 
 use fiatlux_proto::v3::{RunSpec, Version};
@@ -47,6 +48,7 @@ use serde::{Deserialize, Serialize};
 pub use error::LedgerError;
 pub use journal::{journal_of, journals};
 pub use ledger::{Episode, Ledger, Played, Prefix, State};
+pub use marks::Marks;
 pub use writer::LedgerWriter;
 
 /// Most episodes of a run.
@@ -144,6 +146,9 @@ pub enum Event {
         steps: u64,
         /// Digest of the rows up to that one; empty where there was none, not even row 0.
         digest: String,
+        /// What a later attempt is compared with on its way there.
+        #[serde(default)]
+        marks: Marks,
         /// Why.
         cause: String,
     },

@@ -140,7 +140,10 @@ impl Host for Simulation {
         Ok(first)
     }
 
-    fn aborted(&self) -> EpisodeResult {
+    fn aborted(&self, why: &str) -> EpisodeResult {
+        if let Some(attempt) = &self.attempt {
+            attempt.is_cut_short(why);
+        }
         self.run.as_ref().map(|run| record::aborted(&run.episode)).unwrap_or_default()
     }
 }

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use fiatlux_bag::run::{
-    Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Prefix, Registration, State, clip, journal_of,
+    Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, Prefix, Registration, State, clip, journal_of,
 };
 use fiatlux_link::in_full;
 use fiatlux_proto::keys::is_name;
@@ -31,6 +31,9 @@ const MAX_RUNS: usize = 1000;
 
 /// Most episodes of all its runs.
 const MAX_EPISODES_OF_ALL: usize = 200_000;
+
+/// Characters of a cause that a client is told: a reply has many.
+const MAX_CAUSE: usize = 100;
 
 /// How often a start tries to lock its folder, and the time between.
 const LOCK_TRIES: u32 = 5;
@@ -241,7 +244,7 @@ impl Run {
                 ..RunEpisode::default()
             };
             match &episode.state {
-                State::Waiting => message.cause.clone_from(&episode.abandoned),
+                State::Waiting => message.cause = episode.abandoned.chars().take(MAX_CAUSE).collect(),
                 State::Open { .. } => message.state = StateMessage::Open.into(),
                 State::Played(played) => {
                     message.state = StateMessage::Played.into();
@@ -390,6 +393,7 @@ impl Seat {
                 session: session.into(),
                 steps: 0,
                 digest: String::new(),
+                marks: Marks::default(),
                 cause: clip(&refusal.message),
             });
             state.flush();

@@ -17,7 +17,7 @@ const ENDING: &str = ".run.jsonl";
 const MAX_LINE: usize = 2 << 20;
 
 /// Largest journal, bytes: every episode begun as often as it may be.
-const MAX_FILE: u64 = 1 << 30;
+const MAX_FILE: u64 = 2 << 30;
 
 /// What stands between a line's own members and its end, without the link's 64 digits.
 const BEFORE_LINK: &str = ",\"link\":\"";

@@ -6,7 +6,7 @@ use std::path::Path;
 use fiatlux_proto::keys::is_name;
 
 use super::journal::{Chain, Lines};
-use super::{ABANDONED, Event, LedgerError, MAX_ATTEMPTS, MAX_EPISODES, MAX_TEXT, NOT_RUN, Registration};
+use super::{ABANDONED, Event, LedgerError, MAX_ATTEMPTS, MAX_EPISODES, MAX_TEXT, Marks, NOT_RUN, Registration};
 
 /// Where an episode stands.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,6 +51,8 @@ pub struct Prefix {
     pub steps: u64,
     /// Digest of the rows up to that one.
     pub digest: String,
+    /// Short digests on the way there.
+    pub marks: Marks,
 }
 
 /// One episode of the run.
@@ -196,15 +198,16 @@ impl Ledger {
                 let (success, steps) = (*success, *steps);
                 episode.state = State::Played(Played { session, bag, digest, cause, success, steps });
             }
-            Event::Abandoned { session, steps, digest, cause, .. } => {
+            Event::Abandoned { session, steps, digest, marks, cause, .. } => {
                 is_same(session)?;
                 short(cause)?;
                 if !digest.is_empty() && !is_sha256(digest) {
                     return Err("the digest is not 64 hexadecimal digits".into());
                 }
+                marks.check()?;
                 let is_longer = episode.prefix.as_ref().is_none_or(|prefix| *steps > prefix.steps);
                 if !digest.is_empty() && is_longer {
-                    episode.prefix = Some(Prefix { steps: *steps, digest: digest.clone() });
+                    episode.prefix = Some(Prefix { steps: *steps, digest: digest.clone(), marks: marks.clone() });
                 }
                 episode.abandoned.clone_from(cause);
                 episode.state = State::Waiting;

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use fiatlux_bag::run::{
-    ABANDONED, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, NOT_RUN, Planned, Played, Prefix, Registration,
-    State, journals,
+    ABANDONED, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, NOT_RUN, Planned, Played, Prefix,
+    Registration, State, journals,
 };
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{OpenRequest, PropScale, RunSpec};
@@ -48,9 +48,15 @@ fn played(episode: u32, attempt: u32) -> Event {
     }
 }
 
+fn marks(steps: u64) -> Marks {
+    let mut marks = Marks::default();
+    (0..=steps).for_each(|step| marks.push(step, &[step as u8; 32]));
+    marks
+}
+
 fn abandoned(episode: u32, attempt: u32, steps: u64, digest: &str) -> Event {
     let (session, cause) = (format!("s-{episode}-{attempt}"), "the client is gone".into());
-    Event::Abandoned { episode, attempt, session, steps, digest: digest.repeat(32), cause }
+    Event::Abandoned { episode, attempt, session, steps, digest: digest.repeat(32), marks: marks(steps), cause }
 }
 
 /// Of a run in which everything happened.
@@ -81,7 +87,7 @@ fn a_journal_tells_what_became_of_each_episode() {
         matches!(&first.state, State::Played(Played { success: true, steps: 70, bag, .. }) if bag == "S01-e0-a1.mcap")
     );
     // The longest abandoned attempt binds; the one that the server's death ended does not.
-    assert_eq!(first.prefix, Some(Prefix { steps: 9, digest: "0a".repeat(32) }));
+    assert_eq!(first.prefix, Some(Prefix { steps: 9, digest: "0a".repeat(32), marks: marks(9) }));
     assert_eq!((first.attempts, first.lost, first.abandoned.as_str()), (4, 1, "the client is gone"));
     assert_eq!((&second.state, second.lost), (&State::Failed { cause: NOT_RUN.into() }, 1));
     assert_eq!((&third.state, third.attempts), (&State::Failed { cause: NOT_RUN.into() }, 0));

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use fiatlux_bag::run::{Event, NOT_REPEATED, Prefix, clip};
+use fiatlux_bag::run::{Event, Marks, NOT_REPEATED, Prefix, clip};
 use fiatlux_proto::ABORTED;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{EpisodeEnd, EpisodeResult, Refusal};
@@ -29,6 +29,8 @@ struct Progress {
     is_staged: bool,
     /// Step of the last row, and the digest of all so far.
     last: Option<(u64, RowDigest)>,
+    /// Of the digests on the way there.
+    marks: Marks,
     /// It went another way than an earlier attempt.
     differs: bool,
     /// Why it came to no end.
@@ -66,12 +68,14 @@ impl Attempt {
     pub fn row(&self, step: u64, digest: &RowDigest, is_last: bool) -> Result<(), Refusal> {
         let mut progress = lock(&self.progress);
         progress.last = Some((step, digest.clone()));
+        progress.marks.push(step, &digest.bytes());
         let Some(prefix) = &self.prefix else { return Ok(()) };
         let differs = step == prefix.steps && !digest.hex().eq_ignore_ascii_case(&prefix.digest);
-        if differs || is_last && step < prefix.steps {
+        if differs || !prefix.marks.agrees(step, &digest.bytes()) || is_last && step < prefix.steps {
             progress.differs = true;
             let message = format!(
-                "attempt {} did not repeat the rows of an earlier one up to step {}: the episode counts as a failure",
+                "attempt {} did not repeat the rows of an earlier one, which went to step {}: they differ at step {step} or \
+                 before, and the episode counts as a failure",
                 self.number, prefix.steps
             );
             return Err(Refusal::new(Code::Value, "action", message));
@@ -83,7 +87,6 @@ impl Attempt {
     pub fn bag_is_whole(&self, bag: &Path, result: &EpisodeResult) -> bool {
         let EpisodeEnd { cause, digest, success, steps, .. } = result.end.clone().unwrap_or_default();
         if cause == ABORTED {
-            lock(&self.progress).cause.get_or_insert_with(|| ABORTED.into());
             return true;
         }
         if let Err(error) = sync(bag) {
@@ -104,6 +107,11 @@ impl Attempt {
         true
     }
 
+    /// Its session ends it here, for this reason.
+    pub fn is_cut_short(&self, why: &str) {
+        lock(&self.progress).cause.get_or_insert_with(|| clip(why));
+    }
+
     /// Its bag could not be written, for this reason.
     pub fn bag_is_lost(&self, reason: &str) {
         lock(&self.progress).cause = Some(clip(&format!("the recording is lost: {reason}")));
@@ -117,7 +125,8 @@ impl Attempt {
             }
             let unsaid = match progress.last {
                 None => "the session ended before the episode began",
-                Some(_) => "the recording was not completed",
+                // Not even its end was heard of.
+                Some(_) => "the recording is lost: it was not completed in time",
             };
             let (steps, digest) =
                 progress.last.as_ref().map_or((0, String::new()), |(step, digest)| (*step, digest.hex()));
@@ -127,6 +136,7 @@ impl Attempt {
                 session: attempt.session.clone(),
                 steps,
                 digest,
+                marks: progress.marks.clone(),
                 cause: progress.cause.clone().unwrap_or_else(|| unsaid.into()),
             }
         });
