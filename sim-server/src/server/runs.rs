@@ -193,7 +193,10 @@ impl Runs {
             episodes,
             unix_ms: unix_ms(),
         };
-        let writer = LedgerWriter::create(&folder, registration).map_err(|error| not_written(&error))?;
+        let writer = LedgerWriter::create(&folder, registration).map_err(|error| match error {
+            LedgerError::Event { reason, .. } => Refusal::new(Code::Value, "register", reason),
+            error => not_written(&error),
+        })?;
         let count = writer.ledger().episodes().len();
         tracing::info!(run = name, episodes = count, "a run is registered");
         let run = Arc::new(Run::new(writer));

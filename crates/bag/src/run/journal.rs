@@ -72,7 +72,7 @@ impl Chain {
     }
 
     /// Reads a line without its line break, and goes on behind it.
-    fn read<T: DeserializeOwned>(&mut self, line: &[u8]) -> Result<T, String> {
+    pub fn read<T: DeserializeOwned>(&mut self, line: &[u8]) -> Result<T, String> {
         let no_link = || "it does not end in a link of the chain".to_owned();
         let (members, end) = line
             .len()

@@ -26,6 +26,10 @@ impl LedgerWriter {
         let path = journal_of(folder, &registration.server);
         let wrong = |reason: String| LedgerError::Event { path: path.clone(), reason };
         let (line, chain) = Chain::default().line(&registration).ok_or_else(|| wrong("the run is too large".into()))?;
+        // A number that is not finite has no form in JSON.
+        if Chain::default().read(line.trim_end().as_bytes()).ok().as_ref() != Some(&registration) {
+            return Err(wrong("the spec does not read back as it was given; its numbers must be finite".into()));
+        }
         let ledger = Ledger::new(registration).map_err(wrong)?;
         if path.exists() {
             return Err(LedgerError::Exists { path });

@@ -8,7 +8,7 @@ use fiatlux_bag::run::{
     Registration, State, journals,
 };
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v3::{OpenRequest, PropScale, RunSpec};
+use fiatlux_proto::v3::{OpenRequest, PropScale, RunSpec, Sensor};
 
 fn registration() -> Registration {
     let scale = PropScale { socket: 0.1 + 0.2, ..PropScale::default() };
@@ -139,11 +139,15 @@ fn what_does_not_follow_is_refused_and_changes_nothing() {
     assert_eq!((writer.ledger(), fs::read(writer.path()).expect("a file")), (&before, bytes));
     let again = LedgerWriter::create(writer.path().parent().expect("a folder"), registration());
     assert!(matches!(again, Err(LedgerError::Exists { .. })));
+    let sensor = Sensor { rate_hz: f64::INFINITY, ..Sensor::default() };
+    let session = OpenRequest { sensors: vec![sensor], ..OpenRequest::default() };
+    let infinite = RunSpec { session: Some(session), ..RunSpec::default() };
     for wrong in [
         Registration { episodes: Vec::new(), ..registration() },
         Registration { episodes: vec![registration().episodes[0].clone(); 2], ..registration() },
         Registration { run: "../a".into(), ..registration() },
         Registration { key_sha256: "secret".into(), ..registration() },
+        Registration { spec: infinite, ..registration() },
     ] {
         assert!(LedgerWriter::create(&folder("wrong"), wrong).is_err());
     }
