@@ -14,9 +14,9 @@ use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::run_episode::State as EpisodeState;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{
-    Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenRequest, Refusal, ResetReply, ResetRequest,
-    RunFinish, RunInfo, RunReply, RunRequest, RunSpec, RunStatus, SessionInfo, StepRecord, StepRecordRequest,
-    reset_reply, run_reply,
+    Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenReply, OpenRequest, Refusal, ResetReply,
+    ResetRequest, RunFinish, RunInfo, RunReply, RunRequest, RunSpec, RunStatus, SessionInfo, StepRecord,
+    StepRecordRequest, open_reply, reset_reply, run_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_sim::{RecordError, Server, ServerError, ServerOptions};
@@ -126,7 +126,11 @@ impl Player {
             run_reply::Reply::Session(info) => info,
             other => panic!("no session: {other:?}"),
         };
-        let keys = ServerKeys::new(server).session(&info.session);
+        Self::of(zenoh, info)
+    }
+
+    fn of(zenoh: &Session, info: SessionInfo) -> Self {
+        let keys = ServerKeys::new(&info.server).session(&info.session);
         let token = zenoh.liveliness().declare_token(keys.client()).wait().unwrap();
         let (observations, notices) = (subscribe(zenoh, keys.observation()), subscribe(zenoh, keys.notice()));
         Self { zenoh: zenoh.clone(), info, keys, observations, notices, _token: token }
@@ -414,6 +418,26 @@ fn a_bag_that_is_lost_is_not_an_episode() {
     player.close();
     assert_eq!(settled(&zenoh).episodes[0].state(), EpisodeState::Played);
     drop(server);
+}
+
+/// Sessions beside runs are recorded too, whether they asked for it or not.
+#[test]
+fn every_session_is_recorded() {
+    let folder = folder("every");
+    let (zenoh, server) = start(&folder);
+    let request = OpenRequest { protocol: Some(PROTOCOL), task: "S07".into(), seed: 1, ..OpenRequest::default() };
+    let reply: OpenReply = query(&zenoh, ServerKeys::new("test").open(), &request);
+    let Some(open_reply::Reply::Session(info)) = reply.reply else { panic!("{reply:?}") };
+    let bags = folder.join("test").join(&info.session);
+    let player = Player::of(&zenoh, info);
+    let end = player.play(0, u64::MAX).unwrap();
+    player.reset(1).unwrap();
+    player.close();
+    assert!(server.shutdown(LONG));
+    let bag = Bag::open(bags.join("S07-s1-e0.mcap")).unwrap();
+    assert_eq!((bag.result().unwrap().end.as_ref(), bag.header().run.as_ref()), (Some(&end), None));
+    let aborted = Bag::open(bags.join("S07-s1-e1.mcap")).unwrap();
+    assert_eq!(aborted.result().unwrap().end.as_ref().unwrap().cause, "aborted");
 }
 
 /// A journal that was changed by hand is left alone: its run is not taken up, nor is its name given away.
