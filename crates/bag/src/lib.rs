@@ -34,6 +34,7 @@ mod check;
 mod error;
 mod metadata;
 mod resume;
+pub mod run;
 mod scan;
 mod stream;
 pub mod topic;

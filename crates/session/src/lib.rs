@@ -27,7 +27,7 @@
 //!     fn record(&mut self, _: Option<ActionRecord>, _: bool) -> Result<StepRecord, Refusal> {
 //!         Ok(StepRecord::default())
 //!     }
-//!     fn aborted(&self) -> EpisodeResult {
+//!     fn aborted(&self, _: &str) -> EpisodeResult {
 //!         EpisodeResult::default()
 //!     }
 //! }

@@ -331,7 +331,7 @@ impl<H: Host, R> ServerSession<H, R> {
     fn abort(&mut self, why: &str, now: Duration) {
         self.record_step();
         let Some(run) = self.run.take().filter(|run| !run.is_over) else { return };
-        let mut result = self.host.aborted();
+        let mut result = self.host.aborted(why);
         result.missed_steps = run.missed_steps;
         let ending = Event {
             step: run.step,

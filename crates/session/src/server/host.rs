@@ -34,6 +34,7 @@ pub trait Host {
     /// A sensor of the record fails.
     fn record(&mut self, action: Option<ActionRecord>, large: bool) -> Result<StepRecord, Refusal>;
 
-    /// The result of the present episode where it is cut short here, with the cause [`fiatlux_proto::ABORTED`].
-    fn aborted(&self) -> EpisodeResult;
+    /// The result of the present episode where it is cut short here, with the cause [`fiatlux_proto::ABORTED`]; `why` is for
+    /// people.
+    fn aborted(&self, why: &str) -> EpisodeResult;
 }

@@ -51,7 +51,7 @@ impl Host for Counter {
         Ok(StepRecord { step: self.present.step, events: vec![b"the host's".into()], ..StepRecord::default() })
     }
 
-    fn aborted(&self) -> EpisodeResult {
+    fn aborted(&self, _: &str) -> EpisodeResult {
         EpisodeResult { total_reward: 2.5, ..EpisodeResult::default() }
     }
 }

@@ -1,0 +1,89 @@
+//! Short digests along an episode, so that whoever leaves the way of an earlier attempt is seen soon, and not only at its end.
+
+use serde::{Deserialize, Serialize};
+
+/// Most marks of an attempt. With more every second one goes: 6,000 rows keep one in 16.
+const MAX_MARKS: usize = 512;
+
+/// Hexadecimal digits of a mark.
+const DIGITS: usize = 8;
+
+/// The first bytes of the digest at steps 0, `every`, 2 `every`, and so on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Marks {
+    every: u64,
+    /// One after the other.
+    hex: String,
+}
+
+impl Default for Marks {
+    fn default() -> Self {
+        Self { every: 1, hex: String::new() }
+    }
+}
+
+impl Marks {
+    /// Takes the digest of the rows up to a step. Steps come in order, from 0 on.
+    pub fn push(&mut self, step: u64, digest: &[u8; 32]) {
+        if self.hex.len() >= MAX_MARKS * DIGITS {
+            let marks = self.hex.as_bytes().chunks(2 * DIGITS).flat_map(|two| &two[..DIGITS]);
+            self.hex = marks.map(|digit| char::from(*digit)).collect();
+            self.every = self.every.saturating_mul(2);
+        }
+        let place = (self.hex.len() / DIGITS) as u64;
+        if place.checked_mul(self.every) == Some(step) {
+            self.hex.push_str(&mark(digest));
+        }
+    }
+
+    /// Whether the digest of the rows up to a step is the one that was marked. Where there is no mark nothing speaks against
+    /// it.
+    pub fn agrees(&self, step: u64, digest: &[u8; 32]) -> bool {
+        if !step.is_multiple_of(self.every) {
+            return true;
+        }
+        let at = usize::try_from(step / self.every).ok().and_then(|place| place.checked_mul(DIGITS));
+        let marked = at.and_then(|at| self.hex.get(at..at.checked_add(DIGITS)?));
+        marked.is_none_or(|marked| marked == mark(digest))
+    }
+
+    /// What is wrong with marks that were read.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let fits = self.every > 0
+            && self.hex.len() <= MAX_MARKS * DIGITS
+            && self.hex.len().is_multiple_of(DIGITS)
+            && self.hex.bytes().all(|byte| byte.is_ascii_hexdigit());
+        if fits { Ok(()) } else { Err("the marks are not those of an attempt".into()) }
+    }
+}
+
+fn mark(digest: &[u8; 32]) -> String {
+    digest.iter().take(DIGITS / 2).map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn digest(step: u64) -> [u8; 32] {
+        let mut digest = [7; 32];
+        digest[..8].copy_from_slice(&step.wrapping_mul(0x9e37_79b9_7f4a_7c15).to_be_bytes());
+        digest
+    }
+
+    /// However long an attempt is, its marks stay few, and one that leaves its way is seen at the next of them.
+    #[test]
+    fn marks_are_few_and_see_who_leaves_the_way() {
+        for (steps, every) in [(10, 1), (511, 1), (512, 2), (6000, 16), (72_000, 256)] {
+            let mut marks = Marks::default();
+            (0..=steps).for_each(|step| marks.push(step, &digest(step)));
+            assert_eq!((marks.every, marks.check()), (every, Ok(())), "{steps}");
+            assert_eq!((marks.hex.len() / DIGITS) as u64, steps / every + 1);
+            assert!((0..=2 * steps).all(|step| step > steps || marks.agrees(step, &digest(step))));
+            let seen: Vec<u64> = (0..=steps).filter(|step| !marks.agrees(*step, &digest(step + 1))).collect();
+            assert!(seen.iter().copied().eq((0..=steps).step_by(every as usize)), "{steps}");
+            assert!(marks.agrees(u64::MAX, &digest(0)), "nothing is known there");
+        }
+    }
+}

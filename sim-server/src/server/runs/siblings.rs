@@ -1,0 +1,100 @@
+//! What other servers have of a run, where they record into the same folder: one episode is never played twice.
+
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+
+use fiatlux_bag::run::{Ledger, Planned, Prefix, Registration, State, journal_of, journals};
+use fiatlux_link::in_full;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{Refusal, RunSpec};
+
+use super::register;
+
+/// The ledgers of other servers in the folder of one run.
+pub(super) struct Siblings {
+    folder: PathBuf,
+    ledgers: Vec<Ledger>,
+}
+
+impl Siblings {
+    /// Of the run in that folder, which need not be there.
+    pub fn read(folder: &Path, server: &str) -> Result<Self, Refusal> {
+        let own = journal_of(folder, server);
+        let found = if folder.is_dir() { journals(folder) } else { Ok(Vec::new()) };
+        let others = found.map(|found| found.into_iter().filter(|path| *path != own));
+        let ledgers = others.and_then(|paths| paths.map(Ledger::read).collect()).map_err(|error| {
+            tracing::error!(error = in_full(&error), "the journal of another server cannot be read");
+            let message =
+                "the server's folder has a journal of another server of this run that cannot be read; see its log";
+            Refusal::new(Code::Busy, "", message)
+        })?;
+        Ok(Self { folder: folder.into(), ledgers })
+    }
+
+    /// Whether they were registered with the same key and spec; with the episodes that they have, if there are any.
+    pub fn episodes(&self, run: &str, key_sha256: &str, spec: &RunSpec) -> Result<Option<Vec<Planned>>, Refusal> {
+        let mut episodes = None;
+        for ledger in &self.ledgers {
+            let registration = ledger.registration();
+            if !register::is_same(&registration.key_sha256, key_sha256) {
+                let message = format!("run '{run}' has another key on server '{}'; use that one", registration.server);
+                return Err(Refusal::new(Code::Value, "key", message));
+            }
+            register::check_same(run, &registration.spec, spec)?;
+            episodes = Some(registration.episodes.clone());
+        }
+        Ok(episodes)
+    }
+
+    /// Whether an episode is free, as far as they know; with the rows that it has to repeat.
+    pub fn prefix_of(&self, planned: &Planned) -> Result<Option<Prefix>, Refusal> {
+        let refuse = |code, what: String| Err(Refusal::new(code, "open", what));
+        let mut longest: Option<Prefix> = None;
+        for ledger in &self.ledgers {
+            let Registration { server, episodes, .. } = ledger.registration();
+            if ledger.is_finished() {
+                return refuse(Code::Closed, format!("the run is finished on server '{server}'; register another one"));
+            }
+            let Some(at) = episodes.iter().position(|episode| episode == planned) else { continue };
+            let episode = &ledger.episodes()[at];
+            match &episode.state {
+                State::Played(_) => {
+                    return refuse(
+                        Code::Value,
+                        format!("the episode was played on server '{server}'; open another one"),
+                    );
+                }
+                State::Failed { cause } => {
+                    let what = format!("the episode has failed on server '{server}' ({cause}); open another one");
+                    return refuse(Code::Value, what);
+                }
+                State::Open { .. } if is_alive(&self.folder, server) => {
+                    return refuse(
+                        Code::Busy,
+                        format!("the episode is open on server '{server}'; wait until it is closed"),
+                    );
+                }
+                State::Open { .. } | State::Waiting => {}
+            }
+            let known = longest.as_ref().map(|prefix| prefix.steps);
+            if let Some(prefix) =
+                episode.prefix.as_ref().filter(|prefix| known.is_none_or(|steps| prefix.steps > steps))
+            {
+                longest = Some(prefix.clone());
+            }
+        }
+        Ok(longest)
+    }
+
+    /// Whether none of them plays on.
+    pub fn are_finished(&self) -> bool {
+        self.ledgers.iter().all(Ledger::is_finished)
+    }
+}
+
+/// Whether a server of that name holds its lock. What a dead one had open is free.
+fn is_alive(run_folder: &Path, server: &str) -> bool {
+    let Some(folder) = run_folder.parent() else { return false };
+    let Ok(file) = File::open(super::lock_of(folder, server)) else { return false };
+    matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock))
+}
