@@ -42,6 +42,10 @@ pub struct DaemonArgs {
     /// show them in place of our own shapes. Runs whose policies see such pictures are not ranked.
     #[arg(long, value_name = "DIR")]
     meshes: Option<PathBuf>,
+    /// Records every session itself, below this folder, and keeps runs there: the form for ranked runs. Bags of a run go to
+    /// DIR/RUN/, those of other sessions to DIR/SERVER/SESSION/.
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
     #[command(flatten)]
     link: LinkArgs,
 }
@@ -68,6 +72,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
         scene,
         weights: args.weights,
         meshes: args.meshes,
+        record: args.record,
         ..ServerOptions::default()
     };
     options.workers = args.workers.unwrap_or(options.workers);

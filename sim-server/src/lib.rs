@@ -10,4 +10,4 @@ mod rebuild_tests;
 
 pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
 pub use scene::{ExportError, ExportScene};
-pub use server::{Server, ServerError, ServerOptions, joints};
+pub use server::{RecordError, Server, ServerError, ServerOptions, joints};

@@ -29,6 +29,7 @@ const EXAMPLES: &str = "\
 Examples:
   sim-server                                  for policies on this machine
   sim-server -l tcp/0.0.0.0:7447 --name lab   for policies on the network
+  sim-server --name lab --record bags         and keep runs: every episode once, recorded here and not by the client
   sim-server --settings lab.toml              with the flags that a file has; deploy/settings/sim-server.toml shows all
   sim-server export --task S01 -o scene.xml   the same scene for MuJoCo";
 

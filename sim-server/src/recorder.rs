@@ -18,7 +18,7 @@ use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
 use fiatlux_robot::{HandKind, Robot, RobotError};
 use thiserror::Error;
 use zenoh::pubsub::Subscriber;
-use zenoh::sample::SampleKind;
+use zenoh::sample::{Locality, SampleKind};
 use zenoh::{Session as Zenoh, Wait};
 
 use fiatlux_wire::Frames;
@@ -35,6 +35,8 @@ pub enum Naming {
     BySession,
     /// `TASK-sSEED-eEPISODE.mcap`.
     Flat,
+    /// Episodes of a run as `RUN/SERVER-TASK-sSEED-aATTEMPT.mcap`, others as by session.
+    ByRun,
 }
 
 /// What to record, and where to.
@@ -47,6 +49,8 @@ pub struct RecorderOptions {
     pub name: String,
     /// How bags are named.
     pub naming: Naming,
+    /// It hears only what is said on its own Zenoh session, and is heard there alone: nobody else can add a row.
+    pub inside: bool,
     /// Called with each bag that ended, by the thread that wrote it: it must not wait.
     pub on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
 }
@@ -93,6 +97,7 @@ struct Shared {
     out: PathBuf,
     name: String,
     naming: Naming,
+    locality: Locality,
     /// Of the robot with these hands.
     frames: BTreeMap<HandKind, Frames>,
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
@@ -111,13 +116,14 @@ impl Recorder {
     /// # Errors
     /// [`RecorderError`].
     pub fn start(session: Zenoh, options: RecorderOptions) -> Result<Self, RecorderError> {
-        let RecorderOptions { out, server, name, naming, on_bag } = options;
+        let RecorderOptions { out, server, name, naming, inside, on_bag } = options;
+        let locality = if inside { Locality::SessionLocal } else { Locality::Any };
         if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
             return Err(RecorderError::Name(server.clone()));
         }
         let frames_of = |hand| Ok((hand, Frames::new(&Robot::with_hands(hand)?)));
         let frames = HandKind::ALL.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
-        let shared = Arc::new(Shared { out, name, naming, frames, on_bag });
+        let shared = Arc::new(Shared { out, name, naming, locality, frames, on_bag });
         let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
         let mut recorder = Self { tokens: None, workers: Vec::new() };
         for number in 0..cores.div_ceil(CORES_PER_WORKER) {

@@ -11,6 +11,7 @@ mod networks;
 mod plan;
 mod pool;
 mod record;
+mod runs;
 mod scenes;
 mod shared;
 mod shell;
@@ -18,6 +19,7 @@ mod shell;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 pub use info::joints;
+pub use runs::RecordError;
 pub use shell::{Server, ServerError, ServerOptions};
 
 /// A lock that outlives a panic elsewhere: what it guards is then closed, not shared.

@@ -32,6 +32,7 @@ mod bag;
 mod error;
 mod metadata;
 mod resume;
+pub mod run;
 mod scan;
 mod stream;
 pub mod topic;

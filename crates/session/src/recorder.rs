@@ -35,7 +35,8 @@ pub enum Input {
     ServerGone,
     /// The open bag has all rows before this step on disk; 0 where no bag is open.
     OnDisk(u64),
-    /// The open bag cannot be written; what follows of its episode is dropped.
+    /// What was to be written last is not on disk, and its bag is given up: what follows of its episode is dropped. Nothing of
+    /// that is acknowledged. The rows are passed over when a later episode has its bag.
     WriteFailed,
     /// Nothing but the time.
     Tick,
@@ -94,6 +95,10 @@ pub struct RecorderSession {
     gone_at: Option<Duration>,
     is_done: bool,
     acked: u64,
+    /// Number of the record after the last bag that ended.
+    whole_to: u64,
+    /// A bag could not be written: no more than this is acknowledged until another one is open.
+    lost_from: Option<u64>,
     ack_at: Duration,
     /// A bag has ended since the last acknowledgement.
     bag_ended: bool,
@@ -114,9 +119,17 @@ impl Machine for RecorderSession {
             Input::Answered => self.order.answered(now),
             Input::ServerSeen => self.gone_at = None,
             Input::ServerGone => self.gone_at = self.gone_at.or(Some(now)),
-            Input::OnDisk(next_step) => self.on_disk = next_step,
+            Input::OnDisk(next_step) => {
+                self.on_disk = next_step;
+                if self.open.is_none() && self.writes.is_empty() {
+                    self.whole_to = self.order.next_seq();
+                }
+            }
             Input::WriteFailed => {
+                self.lost_from = Some(self.acked.max(self.whole_to));
                 self.open = None;
+                self.first_seq = None;
+                self.bag_ended = false;
                 self.writes.clear();
             }
             Input::Tick => {}
@@ -130,6 +143,13 @@ impl Machine for RecorderSession {
                 Some(Next::StepRecord(record)) => self.write(record),
                 Some(Next::Lost { from, to }) => {
                     let lost = to - from;
+                    if self.open.is_none() {
+                        tracing::warn!(
+                            from,
+                            to,
+                            "records were lost before they were heard of; their episodes have no bag"
+                        );
+                    }
                     self.cut(&format!("{lost} rows were lost: the recorder was away, or too slow, for too long"));
                 }
                 None => return self.poll_server(),
@@ -161,6 +181,8 @@ impl RecorderSession {
             gone_at: None,
             is_done: false,
             acked: 0,
+            whole_to: 0,
+            lost_from: None,
             ack_at: now,
             bag_ended: false,
             now,
@@ -198,11 +220,21 @@ impl RecorderSession {
         }
         // What was sent before the token went may still be on its way.
         let is_done = self.open.is_none() && gone_for >= ACK_PERIOD;
-        (is_done && !std::mem::replace(&mut self.is_done, true)).then_some(Output::Done)
+        if !is_done || std::mem::replace(&mut self.is_done, true) {
+            return None;
+        }
+        let lost = self.order.next_seq().saturating_sub(next_seq) + self.order.waiting() as u64;
+        if lost > 0 {
+            tracing::warn!(lost, "a session is over, and records of it are in no bag");
+        }
+        Some(Output::Done)
     }
 
     /// Number of the first record that is not on disk.
     fn next_seq(&self) -> u64 {
+        if let Some(lost_from) = self.lost_from {
+            return lost_from;
+        }
         match (self.open, self.first_seq) {
             (None, _) => self.order.next_seq(),
             (Some(_), Some(first)) => first.saturating_add(self.on_disk).min(self.order.next_seq()),
@@ -228,6 +260,7 @@ impl RecorderSession {
             let (true, Some(header)) = (begins, record.header.take()) else { return };
             self.open = Some(OpenBag { episode: record.episode, next_step: 0 });
             self.on_disk = 0;
+            self.lost_from = None;
             self.writes.push_back(Write::Open(Box::new(header)));
         }
         self.resumed = None;

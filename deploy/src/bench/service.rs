@@ -138,6 +138,7 @@ impl Service {
             server: Some(SERVER.into()),
             name: SERVER.into(),
             naming: Naming::BySession,
+            inside: false,
             on_bag: Box::new(|_| ()),
         };
         let recorder = recorded.then(|| Recorder::start(link.clone(), options)).transpose().map_err(text)?;

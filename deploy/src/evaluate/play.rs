@@ -31,6 +31,7 @@ pub(super) fn play(
             out: bags.into(),
             server: Some(SERVER.into()),
             naming: Naming::Flat,
+            inside: false,
             // What became of each bag is read from the bags.
             on_bag: Box::new(|_| ()),
             name: SERVER.into(),

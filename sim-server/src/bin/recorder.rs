@@ -68,6 +68,7 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
             server: cli.server,
             name: cli.name,
             naming: if cli.flat { Naming::Flat } else { Naming::BySession },
+            inside: false,
             on_bag: Box::new(move |report| {
                 seen.fetch_or(matches!(report.end, BagEnd::Cut(_)), Ordering::Relaxed);
                 fiatlux_link::print(line(&report) + "\n");

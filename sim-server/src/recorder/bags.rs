@@ -7,8 +7,9 @@ use std::sync::Arc;
 
 use fiatlux_bag::{Bag, BagError, BagWriter, part_of, topic};
 use fiatlux_link::in_full;
+use fiatlux_proto::keys::is_name;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
-use fiatlux_proto::v3::{EpisodeHeader, State, StepRecord};
+use fiatlux_proto::v3::{EpisodeHeader, RunTicket, State, StepRecord};
 use fiatlux_proto::{Message, decode};
 use fiatlux_robot::HandKind;
 use fiatlux_rules::Task;
@@ -41,7 +42,7 @@ impl Bags {
     pub fn new(shared: &Arc<Shared>, server: &str, session: &str) -> Self {
         let folder = match shared.naming {
             Naming::Flat => shared.out.clone(),
-            Naming::BySession => shared.out.join(server).join(session),
+            Naming::BySession | Naming::ByRun => shared.out.join(server).join(session),
         };
         Self { folder, shared: Arc::clone(shared), open: None }
     }
@@ -98,26 +99,32 @@ impl Bags {
     fn start(&mut self, header: &EpisodeHeader) -> Result<(), BagError> {
         // The task's own short name: the header's text may be anything.
         let task = header.task.parse::<Task>().map_or("unknown", Task::short_id);
-        let name = format!("{task}-s{}-e{}", header.seed, header.episode);
+        let ticket = header.run.as_ref().filter(|ticket| self.shared.naming == Naming::ByRun && is_name(&ticket.run));
+        let (folder, name) = match ticket.filter(|_| is_name(&header.server)) {
+            Some(RunTicket { run, attempt, .. }) => {
+                (self.shared.out.join(run), format!("{}-{task}-s{}-a{attempt}", header.server, header.seed))
+            }
+            None => (self.folder.clone(), format!("{task}-s{}-e{}", header.seed, header.episode)),
+        };
         for number in 1..=MAX_SAME_NAME {
             let name = if number == 1 { format!("{name}.mcap") } else { format!("{name}-{number}.mcap") };
-            match BagWriter::create(&self.folder.join(&name), header) {
+            match BagWriter::create(&folder.join(&name), header) {
                 Err(BagError::Exists { .. }) => {}
-                Err(error) => return Err(self.refuse(name, header, error)),
+                Err(error) => return Err(self.refuse(folder.join(name), header, error)),
                 Ok(writer) => {
                     self.open = Some(OpenBag { header: header.clone(), writer });
                     return Ok(());
                 }
             }
         }
-        let error = BagError::Exists { path: self.folder.join(&name) };
-        Err(self.refuse(name, header, error))
+        let path = folder.join(&name);
+        Err(self.refuse(path.clone(), header, BagError::Exists { path }))
     }
 
     /// Reports a bag that cannot be made.
-    fn refuse(&self, name: String, header: &EpisodeHeader, error: BagError) -> BagError {
+    fn refuse(&self, path: PathBuf, header: &EpisodeHeader, error: BagError) -> BagError {
         let end = BagEnd::Cut(in_full(&error));
-        (self.shared.on_bag)(BagReport { path: self.folder.join(name), header: header.clone(), end });
+        (self.shared.on_bag)(BagReport { path, header: header.clone(), end });
         error
     }
 

@@ -113,6 +113,7 @@ fn record(zenoh: &Zenoh, out: &Path) -> (Recorder, mpsc::Receiver<BagReport>) {
         server: Some("lab".into()),
         name: "test".into(),
         naming: Naming::BySession,
+        inside: false,
         on_bag: Box::new(move |report| sender.send(report).expect("the test listens")),
     };
     (Recorder::start(zenoh.clone(), options).expect("a recorder"), reports)
@@ -214,5 +215,26 @@ fn a_server_that_goes_away_leaves_a_cut_bag() {
     let report = next(&reports);
     assert!(matches!(&report.end, BagEnd::Cut(reason) if reason.contains("went away")), "{:?}", report.end);
     assert_eq!(steps(&report.path), Vec::from_iter(0..20));
+    recorder.stop();
+}
+
+/// A bag that cannot be written is reported, and the server is not told that it may forget the rows.
+#[test]
+fn what_is_on_no_disk_is_not_acknowledged() {
+    let zenoh = fiatlux_link::embedded().expect("a session");
+    let out = folder("full");
+    std::fs::create_dir_all(out.join("lab")).expect("a folder");
+    std::fs::write(out.join("lab/7"), "a file in place of the session's folder").expect("a file");
+    let session = FakeSession::open(&zenoh, "7");
+    let (recorder, reports) = record(&zenoh, &out);
+    session.send(&episode(0, 0, 300), |_| true);
+    let report = next(&reports);
+    assert!(matches!(&report.end, BagEnd::Cut(reason) if reason.contains("space")), "{:?}", report.end);
+    thread::sleep(Duration::from_millis(1500));
+    assert_eq!(*session.acked.lock().expect("a lock"), 0);
+    std::fs::remove_file(out.join("lab/7")).expect("a file");
+    session.send(&episode(300, 1, 10), |_| true);
+    assert!(matches!(next(&reports).end, BagEnd::Whole(_)));
+    wait_for_ack(&session, 310);
     recorder.stop();
 }

@@ -149,8 +149,8 @@ impl Worker {
         };
         let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default() };
         let heard = inlet.clone();
-        let records =
-            self.zenoh.declare_subscriber(keys.truth_row()).callback(move |sample| heard.push(&sample)).wait();
+        let records = self.zenoh.declare_subscriber(keys.truth_row()).allowed_origin(self.shared.locality);
+        let records = records.callback(move |sample| heard.push(&sample)).wait();
         let records = records.map_err(|error| warn!(%key, %error, "a session is not recorded")).ok()?;
         debug!(%key, "a session is recorded");
         Some(Followed { keys, inlet, state, bags, _records: records })
@@ -181,7 +181,7 @@ impl Worker {
                 end.0.push(sample);
             }
         };
-        let asked = self.zenoh.get(session.keys.truth_rows());
+        let asked = self.zenoh.get(session.keys.truth_rows()).allowed_destination(self.shared.locality);
         let asked = asked.payload(request).encoding(Encoding::from(encoding("StepRecordRequest")));
         // All replies have one key, and each counts.
         let asked = asked.consolidation(ConsolidationMode::None).timeout(ANSWER_TIMEOUT);
@@ -191,7 +191,7 @@ impl Worker {
     }
 
     fn acknowledge(&self, session: &Followed, ack: Bytes) {
-        let put = self.zenoh.put(session.keys.truth_ack(), ack);
+        let put = self.zenoh.put(session.keys.truth_ack(), ack).allowed_destination(self.shared.locality);
         if let Err(error) = put.encoding(Encoding::from(encoding("StepRecordAck"))).wait() {
             warn!(key = %session.inlet.key, %error, "cannot acknowledge records");
         }

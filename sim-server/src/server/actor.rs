@@ -1,7 +1,7 @@
 //! One session among others: its inbox, which never grows without bound, and its way out.
 
 use std::collections::VecDeque;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fiatlux_proto::keys::SessionKeys;
@@ -13,10 +13,12 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Query;
+use zenoh::sample::Locality;
 use zenoh::{Session as Zenoh, Wait};
 
 use super::host::Simulation;
 use super::lock;
+use super::runs::Attempt;
 
 /// A session whose replies go to Zenoh's queries.
 pub(super) type Session = ServerSession<Simulation, Query>;
@@ -28,6 +30,8 @@ pub(super) struct Actor {
     inbox: Mutex<Inbox>,
     /// Gone once the session is done.
     pub wire: Mutex<Option<Wire>>,
+    /// Of the run whose episode it plays.
+    pub attempt: Option<Arc<Attempt>>,
 }
 
 #[derive(Default)]
@@ -53,8 +57,8 @@ pub(super) enum Side {
 }
 
 impl Actor {
-    pub fn new(id: String, session: Session, wire: Wire) -> Self {
-        Self { id, session: Mutex::new(session), inbox: Mutex::default(), wire: Mutex::new(Some(wire)) }
+    pub fn new(id: String, session: Session, wire: Wire, attempt: Option<Arc<Attempt>>) -> Self {
+        Self { id, session: Mutex::new(session), inbox: Mutex::default(), wire: Mutex::new(Some(wire)), attempt }
     }
 
     /// Takes a message in; returns whether the session has to be scheduled. Messages over the limit are counted and dropped.
@@ -123,21 +127,23 @@ pub(super) struct Wire {
 
 impl Wire {
     /// Every message may be dropped on the way, and is asked for again then: a peer that does not read costs the server
-    /// nothing but that.
-    pub fn declare(zenoh: &Zenoh, keys: &SessionKeys) -> zenoh::Result<Self> {
-        let publisher = |key: String, message: &str, priority: Priority, express: bool| {
+    /// nothing but that. The records of a run are for the server's own recorder: they tell the seed.
+    pub fn declare(zenoh: &Zenoh, keys: &SessionKeys, is_of_run: bool) -> zenoh::Result<Self> {
+        let records_to = if is_of_run { Locality::SessionLocal } else { Locality::Any };
+        let publisher = |key: String, message: &str, priority: Priority, express: bool, to: Locality| {
             zenoh
                 .declare_publisher(key)
                 .encoding(Encoding::from(encoding(message)))
                 .congestion_control(CongestionControl::Drop)
                 .priority(priority)
                 .express(express)
+                .allowed_destination(to)
                 .wait()
         };
         Ok(Self {
-            observation: publisher(keys.observation(), "Observation", Priority::InteractiveHigh, true)?,
-            notice: publisher(keys.notice(), "Notice", Priority::InteractiveHigh, true)?,
-            truth: publisher(keys.truth_row(), "StepRecord", Priority::Data, false)?,
+            observation: publisher(keys.observation(), "Observation", Priority::InteractiveHigh, true, Locality::Any)?,
+            notice: publisher(keys.notice(), "Notice", Priority::InteractiveHigh, true, Locality::Any)?,
+            truth: publisher(keys.truth_row(), "StepRecord", Priority::Data, false, records_to)?,
             _live: zenoh.liveliness().declare_token(keys.live()).wait()?,
         })
     }

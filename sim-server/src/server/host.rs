@@ -3,6 +3,10 @@
 #[cfg(test)]
 pub(super) mod tests;
 
+use std::borrow::Cow;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
 use fiatlux_features::ResNet18;
 use fiatlux_link::in_full;
 use fiatlux_proto::Message;
@@ -16,6 +20,7 @@ use fiatlux_world::Episode;
 use super::info;
 use super::plan::{Plan, SensorPlan};
 use super::record::{self, Record, Seen};
+use super::runs::Attempt;
 use super::scenes::Built;
 
 /// Episodes of one plan, in one scene.
@@ -29,6 +34,8 @@ pub(super) struct Simulation {
     /// Label of the weights of the camera's features; empty without them.
     weights: String,
     run: Option<Run>,
+    /// At an episode of a run.
+    attempt: Option<Arc<Attempt>>,
 }
 
 #[derive(Debug)]
@@ -39,6 +46,8 @@ struct Run {
     observation: Observation,
     /// Some number of the last action was outside the box [-1, 1].
     outside_box: bool,
+    /// Actions on their way to the robot, the next one first.
+    delayed: VecDeque<Vec<f64>>,
 }
 
 impl Simulation {
@@ -46,7 +55,12 @@ impl Simulation {
         let weights = network.as_ref().map(|network| network.label().to_owned()).unwrap_or_default();
         let suite = SensorSuite::new(plan.sensors.all(), plan.setup(&built.scene));
         let suite = suite.with_sight(plan.sensors.sight()).with_network(network);
-        Self { server: server.into(), id: id.into(), plan, built, suite, weights, run: None }
+        Self { server: server.into(), id: id.into(), plan, built, suite, weights, run: None, attempt: None }
+    }
+
+    /// Of a run: it plays one episode, and must repeat what earlier attempts at that had.
+    pub fn of_run(self, attempt: Option<Arc<Attempt>>) -> Self {
+        Self { attempt, ..self }
     }
 
     /// What a client is told of the session, its timeouts aside.
@@ -64,28 +78,40 @@ impl Host for Simulation {
         #[cfg(test)]
         assert_ne!(self.plan.request.policy, tests::PANICS, "a test asked for it");
         self.run = None;
+        self.attempt.as_ref().map_or(Ok(()), |attempt| attempt.stage(episode))?;
         let spec = self.plan.episode(episode);
-        let start = |error: &dyn std::error::Error| Refusal::new(Code::Start, "", in_full(error));
+        let start = |error: &dyn std::error::Error| self.plan.does_not_start("", error);
         let friction = spec.drawn_hand_friction().map(|friction| friction.dynamic_friction);
         let scene = self.built.with_friction(friction).map_err(|error| start(&error))?;
         let episode = Episode::start(scene, &spec).map_err(|error| start(&error))?;
+        note_row(self.attempt.as_deref(), &episode)?;
         let (suite, built) = (&mut self.suite, &self.built);
         let observation = suite
             .begin(episode.scene(), NoiseSeed::of(&spec), || built.visuals(), Lighting::of(&spec.light()))
             .and_then(|()| observe(suite, &episode, self.plan.sensors.due(0)))
             .map_err(|error| sensors_fail(&error))?;
-        let run = Run { episode, record: None, observation, outside_box: false };
+        // Until the first action arrives the staged posture holds.
+        let delayed = VecDeque::from(vec![episode.row().action.clone(); self.plan.action_delay]);
+        let run = Run { episode, record: None, observation, outside_box: false, delayed };
         Ok(&self.run.insert(run).observation)
     }
 
     fn step(&mut self, command: &Command) -> Result<&Observation, Refusal> {
         let run = self.run.as_mut().ok_or_else(no_episode)?;
-        let step = match command {
-            Command::Action(action) => run.episode.step(action),
-            Command::JointTarget(target) => run.episode.step(&run.episode.action_for(target)),
+        let action = match command {
+            Command::Action(action) => Cow::Borrowed(action),
+            Command::JointTarget(target) => Cow::Owned(run.episode.action_for(target)),
         };
-        let step = step.map_err(|error| Refusal::new(Code::Value, "action", in_full(&error)))?;
-        run.outside_box = step.outside_box;
+        // Of the action that arrived, as it is recorded; the row has the one that acts.
+        run.outside_box = action.iter().any(|number| number.abs() > 1.0);
+        let acting = if self.plan.action_delay == 0 {
+            action
+        } else {
+            run.delayed.push_back(action.into_owned());
+            Cow::Owned(run.delayed.pop_front().unwrap_or_default())
+        };
+        run.episode.step(&acting).map_err(|error| Refusal::new(Code::Value, "action", in_full(&error)))?;
+        note_row(self.attempt.as_deref(), &run.episode)?;
         let due = self.plan.sensors.due(run.episode.row().step);
         run.observation = observe(&mut self.suite, &run.episode, due).map_err(|error| sensors_fail(&error))?;
         Ok(&run.observation)
@@ -117,6 +143,12 @@ impl Host for Simulation {
     fn aborted(&self) -> EpisodeResult {
         self.run.as_ref().map(|run| record::aborted(&run.episode)).unwrap_or_default()
     }
+}
+
+/// Tells an attempt at an episode of a run of a row, which may have to be one that was seen before.
+fn note_row(attempt: Option<&Attempt>, episode: &Episode) -> Result<(), Refusal> {
+    let (step, is_last) = (episode.row().step, episode.end().is_some());
+    attempt.map_or(Ok(()), |attempt| attempt.row(step, episode.digest(), is_last))
 }
 
 fn no_episode() -> Refusal {

@@ -83,9 +83,9 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         task: Some(task(plan.task, plan.protocol)),
         episode_protocol: plan.protocol.name().into(),
         mode: plan.mode().into(),
-        seed: plan.seed,
+        seed: if plan.is_hosted() { 0 } else { plan.seed },
         joints: joints(scene),
-        footprints: footprint_messages(scene),
+        footprints: if plan.is_hosted() { Vec::new() } else { footprint_messages(scene) },
         hand_bodies: hand_bodies(&scene.robot),
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
@@ -149,5 +149,6 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         scene_config: if scene.config == SceneConfig::default() { String::new() } else { scene.config.to_toml() },
         request: Some(plan.request.clone()),
         reward: plan.reward_name().into(),
+        run: plan.ticket.clone(),
     }
 }

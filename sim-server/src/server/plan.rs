@@ -3,12 +3,13 @@
 mod sensors;
 
 use fiatlux_features::SIDE_STEP;
+use fiatlux_link::in_full;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{Mode, OpenRequest, Refusal};
+use fiatlux_proto::v3::{Mode, OpenRequest, Refusal, RunTicket, Version};
 use fiatlux_proto::{PROTOCOL, decode, is_compatible, limits};
 use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
-use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds, Variant};
+use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
 
 use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
 
@@ -21,6 +22,9 @@ pub(super) const GAINS: [&str; 2] = ["fiatlux", "sonic"];
 
 /// The side of the camera's image unless a session asks for another, pixels.
 const IMAGE_SIDE: u32 = HEAD_PIXELS as u32;
+
+/// The longest delay of actions that a session may ask for, ms.
+const MAX_ACTION_DELAY_MS: u32 = 100;
 
 /// A session as it was asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,11 +46,30 @@ pub(super) struct Plan {
     pub end_on: Option<Causes>,
     pub thresholds: Thresholds,
     pub reward: Variant,
+    /// Control steps from an action's arrival to the step in which it acts.
+    pub action_delay: usize,
+    /// Of the run whose episode it plays; none where a client opened the session by itself.
+    pub ticket: Option<RunTicket>,
 }
 
 impl Plan {
     pub fn mode(&self) -> Mode {
         if self.real_time { Mode::RealTime } else { Mode::Lockstep }
+    }
+
+    /// Whether the client must not learn the room from what describes the session.
+    pub fn is_hosted(&self) -> bool {
+        self.ticket.as_ref().is_some_and(|ticket| ticket.hosted)
+    }
+
+    /// A refusal of a scene or a start. What stands in the way may tell the room: of a hosted one the log alone has it.
+    pub fn does_not_start(&self, field: &str, error: &dyn std::error::Error) -> Refusal {
+        if self.is_hosted() {
+            tracing::warn!(error = in_full(error), "an episode with a hosted seed does not start");
+            let message = "the episode does not start in its room, which is not told; open the run's next one";
+            return Refusal::new(Code::Start, "", message);
+        }
+        Refusal::new(Code::Start, field, in_full(error))
     }
 
     /// What the shapes of its terms depend on.
@@ -78,18 +101,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
     check(&request)
 }
 
-fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
-    let Some(version) = &request.protocol else {
-        let message = format!("the request names no version; this server speaks {PROTOCOL}; name that one");
-        return Err(Refusal::new(Code::Version, "protocol", message));
-    };
-    if !is_compatible(version) {
-        let message = format!(
-            "the client speaks {version}, this server {PROTOCOL}; use a client of major version {}",
-            PROTOCOL.major
-        );
-        return Err(Refusal::new(Code::Version, "protocol", message));
-    }
+/// Checks a request.
+pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
+    check_version(request.protocol.as_ref())?;
     let unknown = |field: &str, error: String| Refusal::new(Code::Unknown, field, error);
     let real_time = match Mode::try_from(request.mode) {
         Ok(Mode::Unspecified | Mode::Lockstep) => false,
@@ -119,7 +133,25 @@ fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         end_on: end_on(&request.end_on)?,
         thresholds: thresholds(request)?,
         reward: reward(&request.reward)?,
+        action_delay: action_delay(request.action_delay_ms)?,
+        ticket: None,
     })
+}
+
+/// Refuses a client of another major version.
+pub(super) fn check_version(version: Option<&Version>) -> Result<(), Refusal> {
+    let Some(version) = version else {
+        let message = format!("the request names no version; this server speaks {PROTOCOL}; name that one");
+        return Err(Refusal::new(Code::Version, "protocol", message));
+    };
+    if !is_compatible(version) {
+        let message = format!(
+            "the client speaks {version}, this server {PROTOCOL}; use a client of major version {}",
+            PROTOCOL.major
+        );
+        return Err(Refusal::new(Code::Version, "protocol", message));
+    }
+    Ok(())
 }
 
 fn prop_scale(request: &OpenRequest, randomize: &Randomization) -> Result<PropScale, Refusal> {
@@ -145,6 +177,19 @@ fn reward(name: &str) -> Result<Variant, Refusal> {
         let message = format!("there is no reward '{name}'; use one of {}", known.map(reward_name).join(", "));
         Refusal::new(Code::Unknown, "reward", message)
     })
+}
+
+/// In control steps.
+fn action_delay(ms: u32) -> Result<usize, Refusal> {
+    let step_ms = (CONTROL_DT * 1e3).round() as u32;
+    if ms > MAX_ACTION_DELAY_MS || !ms.is_multiple_of(step_ms) {
+        let message = format!(
+            "a delay of {ms} ms; it must be a multiple of {step_ms} ms, the length of a control step, and at most \
+             {MAX_ACTION_DELAY_MS} ms"
+        );
+        return Err(Refusal::new(Code::Value, "action_delay_ms", message));
+    }
+    Ok((ms / step_ms) as usize)
 }
 
 fn image_size(request: &OpenRequest, sensors: &SensorPlan) -> Result<[usize; 2], Refusal> {
@@ -228,7 +273,7 @@ fn thresholds(request: &OpenRequest) -> Result<Thresholds, Refusal> {
 #[cfg(test)]
 mod tests {
     use fiatlux_proto::Message;
-    use fiatlux_proto::v3::{self, Version};
+    use fiatlux_proto::v3;
 
     use super::*;
     use fiatlux_sensing::Sensor;
@@ -248,7 +293,7 @@ mod tests {
         assert_eq!(plan.sensors.all(), Sensors::of_body(Task::S05));
         assert_eq!((plan.image_size, plan.reward), ([256, 256], Variant::Benchmark));
         assert_eq!((plan.end_on, plan.thresholds), (None, Thresholds::default()));
-        assert_eq!(plan.protocol, Protocol::Strict);
+        assert_eq!((plan.protocol, plan.action_delay), (Protocol::Strict, 0));
     }
 
     #[test]
@@ -264,12 +309,14 @@ mod tests {
             end_on: vec!["fall".into(), "time-out".into()],
             thresholds: [("fragility_n".into(), 30.0), ("grip_bodies".into(), 3.0)].into(),
             mode: Mode::RealTime.into(),
+            action_delay_ms: 60,
             ..request()
         };
         let plan = read(&asked.encode_to_vec()).expect("valid");
         assert_eq!(plan.sensors.all(), Sensors::of(&[Sensor::Camera, Sensor::LastAction]));
         assert_eq!((plan.image_size, plan.reward), ([480, 270], Variant::Training));
         assert_eq!((plan.gains, plan.real_time, plan.protocol), (GainSet::Sonic, true, Protocol::Published));
+        assert_eq!(plan.action_delay, 3);
         assert_eq!(plan.end_on, Some(Causes::of(&[Cause::Fall, Cause::TimeOut])));
         assert_eq!((plan.thresholds.fragility_n, plan.thresholds.grip_bodies), (30.0, 3));
     }
@@ -327,6 +374,8 @@ mod tests {
                 "prop_scale",
                 "choose one of the two",
             ),
+            (OpenRequest { action_delay_ms: 30, ..request() }, Code::Value, "action_delay_ms", "a multiple of 20 ms"),
+            (OpenRequest { action_delay_ms: 120, ..request() }, Code::Value, "action_delay_ms", "at most 100 ms"),
             (OpenRequest { reward: "more".into(), ..request() }, Code::Unknown, "reward", "benchmark, training"),
             (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
             (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),

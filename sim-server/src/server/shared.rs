@@ -6,11 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
-use fiatlux_link::in_full;
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{OpenReply, Refusal, ServerInfo, SessionInfo, open_reply};
-use fiatlux_proto::{Bytes, Message, encoding};
+use fiatlux_proto::v3::{
+    OpenReply, Refusal, RunFinish, RunReply, RunRequest, RunStatus, ServerInfo, SessionInfo, open_reply, run_reply,
+    run_request,
+};
+use fiatlux_proto::{Bytes, Message, decode, encoding, limits};
 use fiatlux_session::Machine;
 use fiatlux_session::server::{Input, Output, Timeouts};
 use zenoh::bytes::{Encoding, ZBytes};
@@ -21,9 +23,11 @@ use super::actor::{Actor, Session, Side, Wire};
 use super::host::Simulation;
 use super::lock;
 use super::networks::Networks;
-use super::plan;
+use super::plan::{self, Plan};
 use super::pool::{Answer, AnswerKind, Job, Queue, Timer};
+use super::runs::{Runs, Seat};
 use super::scenes::Scenes;
+use crate::recorder::{BagEnd, BagReport};
 use fiatlux_sensing::Sensors;
 
 /// Inputs that a worker gives a session before others get their turn, and how long they may take.
@@ -48,6 +52,10 @@ pub(super) struct Shared {
     /// A reply waits as long as its query says where the way to the client is full, so workers leave them to another thread.
     pub answers: Queue<Answer>,
     pub timer: Timer,
+    /// None without a folder to record into.
+    pub runs: Option<Runs>,
+    /// Requests to runs. They wait for the disk, so they have a thread of their own.
+    pub run_requests: Queue<Query>,
     pub sessions: RwLock<BTreeMap<String, Arc<Actor>>>,
     /// Sessions that clients have.
     pub open: AtomicUsize,
@@ -179,6 +187,9 @@ impl Shared {
         let removed = sessions.remove(&actor.id);
         drop(sessions);
         let wire = lock(&actor.wire).take();
+        if let Some(attempt) = &actor.attempt {
+            attempt.settle();
+        }
         if removed.is_some() && wire.is_some() {
             tracing::info!(session = actor.id, "session is over");
         }
@@ -210,7 +221,7 @@ impl Shared {
 
     fn open(&self, query: &Query) {
         let bytes = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
-        let answer = match self.try_open(&bytes) {
+        let answer = match plan::read(&bytes).and_then(|plan| self.try_open(plan, None)) {
             Ok(session) => open_reply::Reply::Session(session),
             Err(refusal) => {
                 tracing::info!(refusal.message, "open refused");
@@ -221,8 +232,8 @@ impl Shared {
         self.answer(query.clone(), AnswerKind::Replies("OpenReply", vec![answer]));
     }
 
-    fn try_open(&self, bytes: &[u8]) -> Result<SessionInfo, Refusal> {
-        let plan = plan::read(bytes)?;
+    fn try_open(&self, mut plan: Plan, seat: Option<&Seat>) -> Result<SessionInfo, Refusal> {
+        plan.recorded |= self.runs.is_some();
         if self.closing.load(Ordering::Relaxed) {
             return Err(Refusal::new(Code::Closed, "", "the server shuts down; open a session on another one"));
         }
@@ -240,33 +251,34 @@ impl Shared {
             };
             return Err(Refusal::new(Code::Busy, "", message));
         }
-        let opened = self.open_reserved(plan);
+        let opened = self.open_reserved(plan, seat);
         if opened.is_err() {
             self.open.fetch_sub(1, Ordering::Relaxed);
         }
         opened
     }
 
-    fn open_reserved(&self, plan: plan::Plan) -> Result<SessionInfo, Refusal> {
+    fn open_reserved(&self, plan: Plan, seat: Option<&Seat>) -> Result<SessionInfo, Refusal> {
         let gains = self.scenes.robot(plan.hands).gains(plan.gains);
         let built = self.scenes.get(plan.hands, plan.episode(0).scene(gains));
-        let built = built.map_err(|error| Refusal::new(Code::Start, "seed", in_full(&error)))?;
+        let built = built.map_err(|error| plan.does_not_start("seed", &error))?;
         let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
         let keys = self.keys.session(&id);
         let network =
             plan.sensors.all().meets(Sensors::WITH_FEATURES).then(|| self.networks.get(&plan.request.weights));
         let network = network.transpose()?;
-        let wire = Wire::declare(&self.zenoh, &keys)
+        let wire = Wire::declare(&self.zenoh, &keys, seat.is_some())
             .map_err(|error| Refusal::new(Code::Busy, "", format!("Zenoh refuses the session's keys: {error}")))?;
         let (task, seed, policy) = (plan.task, plan.seed, plan.request.policy.clone());
         let now = self.now();
         let recorded = plan.recorded;
-        let simulation = Simulation::new(&self.name, &id, plan, built, network);
+        let attempt = seat.zip(plan.ticket.as_ref()).map(|(seat, ticket)| seat.begin(&id, ticket)).transpose()?;
+        let simulation = Simulation::new(&self.name, &id, plan, built, network).of_run(attempt.clone());
         let info = simulation.info();
         let session = Session::new(simulation, info, recorded, self.timeouts, now);
         let info = session.info().clone();
         let wake_at = session.wake_at();
-        let actor = Arc::new(Actor::new(id.clone(), session, wire));
+        let actor = Arc::new(Actor::new(id.clone(), session, wire, attempt));
         let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
         sessions.insert(id.clone(), Arc::clone(&actor));
         drop(sessions);
@@ -277,6 +289,79 @@ impl Shared {
         }
         tracing::info!(session = id, %task, seed, policy, "session is open");
         Ok(info)
+    }
+}
+
+impl Shared {
+    /// What the thread does that serves runs.
+    pub fn serve_runs(&self) {
+        while let Some(query) = self.run_requests.next() {
+            let bytes = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
+            let answer = catch_unwind(AssertUnwindSafe(|| self.run_request(&bytes))).unwrap_or_else(|_| {
+                tracing::error!("a request to a run failed; please report this");
+                Err(Refusal::new(Code::Busy, "", "the server failed in this request; see its log"))
+            });
+            let answer = answer.unwrap_or_else(|refusal| {
+                tracing::info!(refusal.field, refusal.message, "request to a run refused");
+                run_reply::Reply::Refusal(refusal)
+            });
+            let answer = RunReply { reply: Some(answer) }.encode_to_vec().into();
+            self.answer(query, AnswerKind::Replies("RunReply", vec![answer]));
+        }
+    }
+
+    fn run_request(&self, bytes: &[u8]) -> Result<run_reply::Reply, Refusal> {
+        let RunRequest { protocol, run, key, ask } =
+            decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
+        plan::check_version(protocol.as_ref())?;
+        let runs = self.runs.as_ref().ok_or_else(|| {
+            let message = "this server keeps no runs; start it with --record DIR, or use another one";
+            Refusal::new(Code::Unknown, "run", message)
+        })?;
+        let ask = ask.ok_or_else(|| {
+            Refusal::new(Code::Value, "ask", "the request asks for nothing; use register, status, open or finish")
+        })?;
+        let run = match &ask {
+            run_request::Ask::Register(spec) => runs.register(&run, &key, spec.clone())?,
+            _ => runs.find(&run, &key)?,
+        };
+        match ask {
+            run_request::Ask::Open(index) => {
+                let (plan, seat) = run.plan(index)?;
+                return self.try_open(plan, Some(&seat)).map(run_reply::Reply::Session);
+            }
+            run_request::Ask::Finish(RunFinish {}) => run.finish()?,
+            run_request::Ask::Register(_) | run_request::Ask::Status(RunStatus {}) => {}
+        }
+        Ok(run_reply::Reply::Run(run.info()))
+    }
+
+    /// What the server's own recorder says of a bag.
+    pub fn take_bag(&self, report: &BagReport) {
+        let path = report.path.display();
+        match &report.end {
+            BagEnd::Whole(_) => tracing::info!(bag = %path, "a bag is whole"),
+            BagEnd::Cut(reason) => tracing::error!(bag = %path, reason, "a bag is cut"),
+        }
+        let (Some(runs), Some(ticket)) = (&self.runs, &report.header.run) else { return };
+        let session = &report.header.session;
+        let Some(attempt) = runs.attempt_of(ticket, session) else {
+            return tracing::warn!(bag = %path, "the attempt that this bag is of has ended already; it does not count");
+        };
+        let is_kept = match &report.end {
+            BagEnd::Whole(result) => attempt.bag_is_whole(&report.path, result),
+            BagEnd::Cut(reason) => {
+                attempt.bag_is_lost(reason);
+                false
+            }
+        };
+        if !is_kept && let Some(actor) = self.find(session) {
+            self.send(
+                &actor,
+                Side::Server,
+                Input::Terminate("its recording is lost; free some space on the server's disk"),
+            );
+        }
     }
 }
 

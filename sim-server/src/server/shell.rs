@@ -1,6 +1,7 @@
 //! A server on a Zenoh session.
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, RwLock};
@@ -9,7 +10,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use fiatlux_proto::keys::{self, ServerKeys};
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{CloseReply, LookReply, OpenReply, Refusal, ResetReply, look_reply, open_reply, reset_reply};
+use fiatlux_proto::v3::{
+    CloseReply, LookReply, OpenReply, Refusal, ResetReply, RunReply, look_reply, open_reply, reset_reply, run_reply,
+};
 use fiatlux_proto::{Bytes, Message, PROTOCOL, limits};
 use fiatlux_render::{MeshError, RobotMeshes};
 use fiatlux_robot::{HandKind, RobotError};
@@ -20,7 +23,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
-use zenoh::sample::{Sample, SampleKind};
+use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Session as Zenoh, Wait};
 
 use super::actor::{Actor, Side};
@@ -28,8 +31,10 @@ use super::info;
 use super::lock;
 use super::networks::Networks;
 use super::pool::{Job, Queue, Timer};
+use super::runs::{RecordError, Runs};
 use super::scenes::{Robots, Scenes};
 use super::shared::{Shared, refuse, reply};
+use crate::recorder::{Naming, Recorder, RecorderError, RecorderOptions};
 
 /// Requests to open or describe that wait for a worker; more are refused.
 const MAX_REQUESTS: usize = 256;
@@ -59,6 +64,8 @@ pub struct ServerOptions {
     pub weights: Option<PathBuf>,
     /// Folder of meshes that the robot is drawn with in place of our own shapes; it is read once, at the start.
     pub meshes: Option<PathBuf>,
+    /// Folder that all sessions are recorded into, by the server itself, and that keeps its runs.
+    pub record: Option<PathBuf>,
 }
 
 impl Default for ServerOptions {
@@ -75,6 +82,7 @@ impl Default for ServerOptions {
             scene: SceneConfig::default(),
             weights: None,
             meshes: None,
+            record: None,
         }
     }
 }
@@ -103,6 +111,12 @@ pub enum ServerError {
     /// The folder of meshes.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] MeshError),
+    /// The folder of recordings.
+    #[error("cannot record")]
+    Record(#[from] RecordError),
+    /// The recorder in the server.
+    #[error("cannot start the recorder")]
+    Recorder(#[from] RecorderError),
     /// Zenoh refused a key.
     #[error("Zenoh refuses {key}: {reason}; is its session still open?")]
     Zenoh {
@@ -124,6 +138,10 @@ pub struct Server {
     endpoints: Vec<Endpoint>,
     /// Its own, and the one that clients of older versions look for.
     alive: Vec<LivelinessToken>,
+    /// The first to go at the end: what was recorded is known to the rest.
+    recorder: Option<Recorder>,
+    /// Nobody else records under this name into this folder while it is held.
+    _lock: Option<File>,
 }
 
 #[expect(dead_code, reason = "held, not read: a declaration ends with its handle")]
@@ -155,6 +173,8 @@ impl Server {
         if is_taken(&zenoh, &server_keys.alive())? {
             return Err(ServerError::Taken(options.name));
         }
+        let recorded = options.record.as_ref().map(|folder| Runs::open(folder, &options.name)).transpose()?;
+        let (runs, lock) = recorded.unzip();
         // Milliseconds since 1970: no earlier server of this name had it.
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let shared = Arc::new(Shared {
@@ -174,6 +194,8 @@ impl Server {
             queue: Queue::default(),
             answers: Queue::default(),
             timer: Timer::default(),
+            runs,
+            run_requests: Queue::default(),
             sessions: RwLock::new(BTreeMap::new()),
             open: AtomicUsize::new(0),
             closing: AtomicBool::new(false),
@@ -181,8 +203,12 @@ impl Server {
             next_id: AtomicU64::new(1),
             start: Instant::now(),
         });
-        let mut server = Self { shared, threads: Vec::new(), endpoints: Vec::new(), alive: Vec::new() };
+        let (threads, endpoints, alive) = (Vec::new(), Vec::new(), Vec::new());
+        let mut server = Self { shared, threads, endpoints, alive, recorder: None, _lock: lock };
         server.start_threads(options.workers).map_err(ServerError::Thread)?;
+        if let Some(out) = options.record {
+            server.record(out)?;
+        }
         server.listen()?;
         for key in [server.shared.keys.alive(), ServerKeys::legacy(&server.shared.name).alive()] {
             let token = server.shared.zenoh.liveliness().declare_token(key.clone()).wait();
@@ -229,6 +255,9 @@ impl Server {
         let answers = std::thread::Builder::new().name("answers".into());
         self.threads.push(answers.spawn(move || shared.send_answers())?);
         let shared = Arc::clone(&self.shared);
+        let runs = std::thread::Builder::new().name("runs".into());
+        self.threads.push(runs.spawn(move || shared.serve_runs())?);
+        let shared = Arc::clone(&self.shared);
         let wake = move || {
             let wake = |actor: Arc<Actor>| {
                 if actor.tick() {
@@ -241,19 +270,37 @@ impl Server {
         Ok(())
     }
 
+    /// Starts the recorder in the server.
+    fn record(&mut self, out: PathBuf) -> Result<(), ServerError> {
+        let shared = Arc::clone(&self.shared);
+        let options = RecorderOptions {
+            out,
+            server: Some(self.shared.name.clone()),
+            name: self.shared.name.clone(),
+            naming: Naming::ByRun,
+            inside: true,
+            on_bag: Box::new(move |report| shared.take_bag(&report)),
+        };
+        self.recorder = Some(Recorder::start(self.shared.zenoh.clone(), options)?);
+        Ok(())
+    }
+
     fn listen(&mut self) -> Result<(), ServerError> {
         let keys = &self.shared.keys;
         let any = keys.session("*");
-        let (describe, open) = (keys.describe(), keys.open());
+        let (describe, open, run) = (keys.describe(), keys.open(), keys.run());
+        // Only the server's own recorder says what is on disk, where it has one.
+        let acks_from = if self.recorder.is_some() { Locality::SessionLocal } else { Locality::Any };
         self.serve(describe, Job::Describe)?;
         self.serve(open, Job::Open)?;
-        self.subscribe(any.action(), Side::Client, Input::Action)?;
-        self.subscribe(any.truth_ack(), Side::Recorder, Input::Ack)?;
+        self.serve_runs(run)?;
+        self.subscribe(any.action(), Side::Client, Locality::Any, Input::Action)?;
+        self.subscribe(any.truth_ack(), Side::Recorder, acks_from, Input::Ack)?;
         self.serve_session(any.reset(), Side::Client, Input::Reset)?;
         self.serve_session(any.close(), Side::Client, Input::Close)?;
         self.serve_session(any.observation(), Side::Client, |_, query| Input::Observation(query))?;
         self.serve_session(any.look(), Side::Client, Input::Look)?;
-        self.serve_session(any.truth_rows(), Side::Recorder, Input::StepRecords)?;
+        self.serve_records(any.truth_rows())?;
         self.watch_clients(any.client())?;
         let legacy = ServerKeys::legacy(&self.shared.name);
         self.refuse_legacy(legacy.open())?;
@@ -263,11 +310,17 @@ impl Server {
     /// Queries of clients of older versions, which would wait in vain otherwise.
     fn refuse_legacy(&mut self, key: String) -> Result<(), ServerError> {
         let message = format!("this server speaks protocol {PROTOCOL} alone; update the client to that version");
-        self.declare_queryable(key, move |query| reject(&query, Code::Version, "protocol", &message))
+        self.declare_queryable(Locality::Any, key, move |query| reject(&query, Code::Version, "protocol", &message))
     }
 
     /// Messages to any session.
-    fn subscribe(&mut self, key: String, side: Side, input: fn(Bytes) -> Input<Query>) -> Result<(), ServerError> {
+    fn subscribe(
+        &mut self,
+        key: String,
+        side: Side,
+        from: Locality,
+        input: fn(Bytes) -> Input<Query>,
+    ) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |sample: Sample| {
             let Some(actor) = session_of(&shared, sample.key_expr().as_str()) else { return };
@@ -278,7 +331,8 @@ impl Server {
                 length => tracing::debug!(length, "a recorder's message is too large"),
             }
         };
-        let subscriber = self.shared.zenoh.declare_subscriber(key.clone()).callback(callback).wait();
+        let subscriber = self.shared.zenoh.declare_subscriber(key.clone()).allowed_origin(from);
+        let subscriber = subscriber.callback(callback).wait();
         self.endpoints.push(Endpoint::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
@@ -290,6 +344,31 @@ impl Server {
         side: Side,
         input: fn(Bytes, Query) -> Input<Query>,
     ) -> Result<(), ServerError> {
+        self.serve_session_to(Locality::Any, key, move |shared, actor, bytes, query| {
+            shared.send(actor, side, input(bytes, query));
+        })
+    }
+
+    /// Records for recorders. Those of a run go to the server's own alone: they tell the seed.
+    fn serve_records(&mut self, key: String) -> Result<(), ServerError> {
+        self.serve_session_to(Locality::SessionLocal, key.clone(), |shared, actor, bytes, query| {
+            shared.send(actor, Side::Recorder, Input::StepRecords(bytes, query));
+        })?;
+        self.serve_session_to(Locality::Remote, key, |shared, actor, bytes, query| {
+            if actor.attempt.is_some() {
+                let message = "the records of a run stay on its server, which records them; read its bags";
+                return reject(&query, Code::Closed, "", message);
+            }
+            shared.send(actor, Side::Recorder, Input::StepRecords(bytes, query));
+        })
+    }
+
+    fn serve_session_to(
+        &mut self,
+        from: Locality,
+        key: String,
+        take: impl Fn(&Shared, &Arc<Actor>, Bytes, Query) + Send + Sync + 'static,
+    ) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |query: Query| {
             let Some(actor) = session_of(&shared, query.key_expr().as_str()) else {
@@ -299,9 +378,24 @@ impl Server {
                 return reject(&query, Code::Malformed, "", "the request is too large");
             }
             let bytes = query.payload().map(own).unwrap_or_default();
-            shared.send(&actor, side, input(bytes, query));
+            take(&shared, &actor, bytes, query);
         };
-        self.declare_queryable(key, callback)
+        self.declare_queryable(from, key, callback)
+    }
+
+    /// Queries to runs.
+    fn serve_runs(&mut self, key: String) -> Result<(), ServerError> {
+        let shared = Arc::clone(&self.shared);
+        let callback = move |query: Query| {
+            if query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE) {
+                reject(&query, Code::Malformed, "", "the request is too large");
+            } else if shared.run_requests.fold(0, |count, _| count + 1) >= MAX_REQUESTS {
+                reject(&query, Code::Busy, "", "too many requests wait; try again later");
+            } else {
+                shared.run_requests.push(query);
+            }
+        };
+        self.declare_queryable(Locality::Any, key, callback)
     }
 
     /// Queries to the server.
@@ -319,15 +413,17 @@ impl Server {
                 shared.queue.push(job(query));
             }
         };
-        self.declare_queryable(key, callback)
+        self.declare_queryable(Locality::Any, key, callback)
     }
 
     fn declare_queryable(
         &mut self,
+        from: Locality,
         key: String,
         callback: impl Fn(Query) + Send + Sync + 'static,
     ) -> Result<(), ServerError> {
-        let queryable = self.shared.zenoh.declare_queryable(key.clone()).callback(callback).wait();
+        let queryable = self.shared.zenoh.declare_queryable(key.clone()).allowed_origin(from);
+        let queryable = queryable.callback(callback).wait();
         self.endpoints.push(Endpoint::Queryable(queryable.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
@@ -350,10 +446,12 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
+        self.recorder = None;
         self.alive.clear();
         self.endpoints.clear();
         self.shared.queue.stop();
         self.shared.answers.stop();
+        self.shared.run_requests.stop();
         self.shared.timer.stop();
         for thread in self.threads.drain(..) {
             // A worker catches what goes wrong in a session; nothing is left to say here.
@@ -394,6 +492,10 @@ fn reject(query: &Query, code: Code, field: &str, message: &str) {
         Some("open") => {
             let answer = OpenReply { reply: Some(open_reply::Reply::Refusal(refused)) };
             reply(query, "OpenReply", answer.encode_to_vec().into());
+        }
+        Some("run") => {
+            let answer = RunReply { reply: Some(run_reply::Reply::Refusal(refused)) };
+            reply(query, "RunReply", answer.encode_to_vec().into());
         }
         Some("reset") => {
             let answer = ResetReply { reply: Some(reset_reply::Reply::Refusal(refused)) };

@@ -3,4 +3,5 @@
 
 mod common;
 mod hostile;
+mod ledger;
 mod round_trip;

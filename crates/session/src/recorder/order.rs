@@ -52,6 +52,8 @@ pub(super) struct Order {
     heard_at: Duration,
     tries: u32,
     lost: Option<(u64, u64)>,
+    /// Nothing was given out yet.
+    is_fresh: bool,
 }
 
 impl Order {
@@ -66,6 +68,7 @@ impl Order {
             heard_at: now,
             tries: 0,
             lost: None,
+            is_fresh: true,
         }
     }
 
@@ -105,6 +108,7 @@ impl Order {
         let record = self.waiting.remove(&self.next)?;
         self.next += 1;
         self.tries = 0;
+        self.is_fresh = false;
         Some(Next::StepRecord(Box::new(record)))
     }
 
@@ -155,8 +159,21 @@ impl Order {
         let is_in_window = window <= self.next;
         if self.tries >= if is_in_window { TRIES_IN_WINDOW } else { TRIES } {
             self.tries = 0;
-            self.lost = Some((self.next, if is_in_window { first } else { window.min(first) }));
+            // A recorder that came late starts where the server does: rows go on being forgotten while it looks.
+            let starts = is_in_window || self.is_fresh && self.is_answer(first);
+            self.lost = Some((self.next, if starts { first } else { window.min(first) }));
         }
+    }
+
+    /// Whether what waits from there on is what a server answered, not a row here and there that was sent just now.
+    fn is_answer(&self, first: u64) -> bool {
+        let in_a_row = self.waiting.keys().zip(first..).take_while(|(seq, expected)| *seq == expected).count();
+        in_a_row as u64 >= MAX_TRUTHS_PER_REQUEST / 2 || in_a_row > 1 && in_a_row == self.waiting.len()
+    }
+
+    /// Records that are here and cannot be given out.
+    pub fn waiting(&self) -> usize {
+        self.waiting.len()
     }
 
     /// Requests of one length one after the other meet the first record that the server has before any other.
@@ -261,6 +278,30 @@ mod tests {
             order.answered(now);
         }
         assert_eq!(order.next(), Some(Next::Lost { from: 1488, to: 1990 }));
+    }
+
+    /// A recorder that starts late begins with the first record that the server has, before more of them are forgotten.
+    #[test]
+    fn a_late_start_begins_where_the_server_does() {
+        for kept in [600..1112, 600..612] {
+            let mut order = Order::new(false, NOW);
+            order.take(record(kept.end - 1), NOW);
+            let mut now = NOW;
+            let mut questions = 0;
+            let found = loop {
+                if let Some(next) = order.next() {
+                    break next;
+                }
+                let request = order.request(now).expect("it asks");
+                // As the server answers: from the first that it has.
+                let from = request.from_seq.max(kept.start);
+                (from..kept.end).take(request.count as usize).for_each(|seq| order.take(record(seq), now));
+                order.answered(now);
+                (now, questions) = (now + AGAIN, questions + 1);
+            };
+            assert_eq!((found, questions), (Next::Lost { from: 0, to: 600 }, TRIES));
+            assert_eq!(seqs(&mut order).first(), Some(&600));
+        }
     }
 
     #[test]

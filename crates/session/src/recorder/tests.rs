@@ -244,3 +244,47 @@ fn a_bag_that_cannot_be_written_is_given_up() {
     assert_eq!(recorder.written(), "o0 0 1 2 o1 0 1 f");
     assert_eq!(recorder.next_seq(0), 11);
 }
+
+/// A disk that is full: the server is never told that it may forget what is on no disk.
+#[test]
+fn what_could_not_be_written_is_not_acknowledged() {
+    let failing = |rows_before: u64, fails_at: &str| {
+        let mut session = RecorderSession::new("r", NOW);
+        let (mut acked, mut now) = (0, NOW);
+        let records = [episode(0, 0, 4), episode(4, 1, 300), episode(304, 2, 2)].concat();
+        let mut after_loss = Vec::new();
+        for record in records {
+            let seq = record.seq;
+            now += ACK_PERIOD;
+            session.handle(Input::StepRecord(record.encode_to_vec().into()), now);
+            while let Some(output) = session.poll() {
+                match output {
+                    Output::Write(write) => {
+                        let name = match &write {
+                            Write::Open(header) => format!("o{}", header.episode),
+                            Write::Row(row) => format!("{}/{}", row.episode, row.step),
+                            Write::Finish(_) => "f".into(),
+                            Write::Cut(_) => "c".into(),
+                        };
+                        // Of a bag that is open, only so many rows are on disk.
+                        let on_disk = if (5..304).contains(&seq) { rows_before } else { 0 };
+                        let fails = name == fails_at && seq >= 4;
+                        session.handle(if fails { Input::WriteFailed } else { Input::OnDisk(on_disk) }, now);
+                    }
+                    Output::Ack(bytes) => acked = StepRecordAck::decode(bytes).expect("an acknowledgement").next_seq,
+                    _ => {}
+                }
+            }
+            if seq == 303 {
+                after_loss.push(acked);
+            }
+        }
+        after_loss.push(acked);
+        after_loss
+    };
+    // The bag cannot be made, a row of it fails, or its end.
+    assert_eq!(failing(0, "o1"), [4, 306]);
+    assert_eq!(failing(0, "1/0"), [4, 306]);
+    assert_eq!(failing(128, "1/200"), [4 + 128, 306]);
+    assert_eq!(failing(256, "f"), [4 + 256, 304 + 0], "nor is the last one, which failed too");
+}

@@ -304,6 +304,35 @@ fn joint_targets_are_recorded_in_action_units() {
     }
 }
 
+/// A delay of 40 ms is the actions of two steps before, and the staged posture until they come; none is what it always was.
+#[test]
+fn delayed_actions_act_later() {
+    let action =
+        |step: u64| -> Vec<f64> { (0..JOINTS).map(|joint| 0.02 * libm::sin(step as f64 + joint as f64)).collect() };
+    let digest = |delay_ms: u32, action: &dyn Fn(u64) -> Vec<f64>| {
+        let mut harness = harness(OpenRequest { action_delay_ms: delay_ms, ..OpenRequest::default() });
+        harness.reset(0);
+        let mut rows = Vec::new();
+        for step in 0..12 {
+            harness.send(&Action { step, action: action(step), ..Action::default() });
+            let record = harness.record();
+            let received = ActionRecord::decode(&*record.action).unwrap().action.unwrap();
+            assert_eq!(received.action, action(step), "recorded as it arrived");
+            rows.push(State::decode(&*record.state).unwrap().action);
+        }
+        let digest = harness.session.host().run.as_ref().unwrap().episode.digest().hex();
+        (digest, rows)
+    };
+    let staged = {
+        let mut harness = harness(OpenRequest::default());
+        harness.reset(0);
+        State::decode(&*harness.record().state).unwrap().action
+    };
+    let (shifted, rows) = digest(0, &|step| if step < 2 { staged.clone() } else { action(step - 2) });
+    assert_eq!(digest(40, &action), (shifted, rows), "shifted by hand");
+    assert_ne!(digest(40, &action).0, digest(0, &action).0);
+}
+
 #[test]
 fn a_flood_gets_a_bounded_answer_and_a_bounded_record() {
     let mut harness = harness(OpenRequest::default());

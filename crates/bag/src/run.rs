@@ -1,0 +1,178 @@
+//! The ledger of a run: which episodes it has, and what became of each.
+//!
+//! A run stands in a folder of its own, `DIR/RUN/`, with its bags and a journal for each server that played a part of it,
+//! `SERVER.run.jsonl`. The journal is only ever appended to, a line of JSON each time, and every line is on disk before
+//! anybody is told of it. Its first line is the [`Registration`], each other one an [`Event`].
+//!
+//! The last member of a line is its `link`: SHA-256 of the link before (of nothing, in the first line) and of the line
+//! without this member. A line that was changed, left out or moved breaks the chain there. What follows the last line break
+//! is a line that was being written when its server died; a reader leaves it out, and [`LedgerWriter::open`] removes it.
+//!
+//! ```
+//! use fiatlux_bag::run::{Event, Ledger, LedgerWriter, Planned, Registration, State, journals};
+//! use fiatlux_proto::PROTOCOL;
+//! use fiatlux_proto::v3::RunSpec;
+//!
+//! let folder = std::env::temp_dir().join(format!("fiatlux-ledger-example-{}", std::process::id()));
+//! # std::fs::remove_dir_all(&folder).ok();
+//! let registration = Registration {
+//!     protocol: PROTOCOL,
+//!     version: "1.0.0".into(),
+//!     server: "lab".into(),
+//!     run: "first".into(),
+//!     key_sha256: "0".repeat(64),
+//!     spec: RunSpec::default(),
+//!     episodes: vec![Planned { task: "S05".into(), seed: 0 }, Planned { task: "S05".into(), seed: 1 }],
+//!     unix_ms: 0,
+//! };
+//! let mut writer = LedgerWriter::create(&folder, registration)?;
+//! writer.append(Event::Opened { episode: 0, attempt: 1, session: "a-1".into(), unix_ms: 1 })?;
+//! assert!(writer.append(Event::Finished { unix_ms: 2 }).is_err(), "an episode is open");
+//!
+//! let ledger = Ledger::read(&journals(&folder)?[0])?;
+//! assert!(matches!(ledger.episodes()[0].state, State::Open { .. }));
+//! assert_eq!(ledger.episodes()[1].state, State::Waiting);
+//! # std::fs::remove_dir_all(&folder).ok();
+//! # Ok::<(), fiatlux_bag::run::LedgerError>(())
+//! ```
+
+mod error;
+mod journal;
+mod ledger;
+mod writer;
+
+use fiatlux_proto::v3::{RunSpec, Version};
+use serde::{Deserialize, Serialize};
+
+pub use error::LedgerError;
+pub use journal::{journal_of, journals};
+pub use ledger::{Episode, Ledger, Played, Prefix, State};
+pub use writer::LedgerWriter;
+
+/// Most episodes of a run.
+pub const MAX_EPISODES: usize = 10_000;
+
+/// So often an episode may be begun; then it has failed.
+pub const MAX_ATTEMPTS: u32 = 20;
+
+/// Longest text of an event, bytes; [`clip`] makes one fit.
+pub const MAX_TEXT: usize = 512;
+
+/// Cause of an episode that nobody began before the run was finished.
+pub const NOT_RUN: &str = "not run";
+/// Cause of an episode that was begun and not played to its end.
+pub const ABANDONED: &str = "abandoned";
+/// Cause of an episode whose later attempt went another way than the one before.
+pub const NOT_REPEATED: &str = "not repeated";
+
+/// What was agreed on before the first episode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Registration {
+    /// Of the server.
+    pub protocol: Version,
+    /// Version of the server's software.
+    pub version: String,
+    /// Name of the server that keeps this journal.
+    pub server: String,
+    /// Name of the run.
+    pub run: String,
+    /// SHA-256 of the run's key, hexadecimal.
+    pub key_sha256: String,
+    /// As the client sent it.
+    pub spec: RunSpec,
+    /// Every episode of the run, hosted seeds included.
+    pub episodes: Vec<Planned>,
+    /// When it was registered, ms since 1970.
+    pub unix_ms: u64,
+}
+
+/// An episode as it was agreed on.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Planned {
+    /// Short name of the task, such as "S05".
+    pub task: String,
+    /// Layout seed of the session.
+    pub seed: u64,
+}
+
+/// What happened in a run. Episodes go by their index in the registration, attempts count from 1.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Event {
+    /// A session is open for the episode.
+    Opened {
+        /// Index.
+        episode: u32,
+        /// Number.
+        attempt: u32,
+        /// Id of the session.
+        session: String,
+        /// When, ms since 1970.
+        unix_ms: u64,
+    },
+    /// The episode was played to its end, and its bag is whole and on disk.
+    Played {
+        /// Index.
+        episode: u32,
+        /// Number.
+        attempt: u32,
+        /// Id of the session.
+        session: String,
+        /// File name of the bag, beside the journal.
+        bag: String,
+        /// Digest of all rows.
+        digest: String,
+        /// What ended it.
+        cause: String,
+        /// By the protocol of the run.
+        success: bool,
+        /// Step of the last row.
+        steps: u64,
+    },
+    /// The session ended before the episode did, or the bag was lost. The episode may be begun again, but must repeat these
+    /// rows.
+    Abandoned {
+        /// Index.
+        episode: u32,
+        /// Number.
+        attempt: u32,
+        /// Id of the session.
+        session: String,
+        /// Step of the last row.
+        steps: u64,
+        /// Digest of the rows up to that one; empty where there was none, not even row 0.
+        digest: String,
+        /// Why.
+        cause: String,
+    },
+    /// The episode counts as a failure.
+    Failed {
+        /// Index.
+        episode: u32,
+        /// Number.
+        attempt: u32,
+        /// Why: such as [`NOT_REPEATED`].
+        cause: String,
+    },
+    /// The server had died and is back. What was open is to be begun again, and binds nothing: it was not the client's fault.
+    Restarted {
+        /// When, ms since 1970.
+        unix_ms: u64,
+    },
+    /// No more episodes are played.
+    Finished {
+        /// When, ms since 1970.
+        unix_ms: u64,
+    },
+}
+
+/// A text cut to [`MAX_TEXT`] bytes.
+pub fn clip(text: &str) -> String {
+    let mut end = text.len().min(MAX_TEXT);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text[..end].to_owned()
+}

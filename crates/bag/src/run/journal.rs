@@ -1,0 +1,135 @@
+//! Lines of a journal, and the chain through them.
+
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use sha2::{Digest, Sha256};
+
+use super::LedgerError;
+
+/// How the name of a journal ends, after the server's.
+const ENDING: &str = ".run.jsonl";
+
+/// Longest line, bytes. The registration of 10,000 episodes takes about 400,000.
+const MAX_LINE: usize = 2 << 20;
+
+/// Largest journal, bytes: every episode begun as often as it may be.
+const MAX_FILE: u64 = 1 << 30;
+
+/// What stands between a line's own members and its end, without the link's 64 digits.
+const BEFORE_LINK: &str = ",\"link\":\"";
+const AFTER_LINK: &str = "\"}";
+
+/// The journal of a server in the folder of a run, whether it is there or not.
+pub fn journal_of(folder: &Path, server: &str) -> PathBuf {
+    folder.join(format!("{server}{ENDING}"))
+}
+
+/// The journals in the folder of a run, sorted by name.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn journals(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {
+    let failed = || LedgerError::io("read the folder", folder);
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed())? {
+        let entry = entry.map_err(failed())?;
+        if entry.file_name().to_str().is_some_and(|name| name.ends_with(ENDING)) {
+            found.push(entry.path());
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// The chain so far: the link of the last line, and where that line ends in the file.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Chain {
+    link: String,
+    /// Bytes of whole lines.
+    pub length: u64,
+    /// Number of whole lines.
+    pub lines: usize,
+}
+
+impl Chain {
+    fn link_of(&self, members: &[u8]) -> String {
+        let hash = Sha256::new().chain_update(&self.link).chain_update(members).finalize();
+        hash.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// The line of an entry, and the chain after it; `None` where the entry is longer than a line may be.
+    pub fn line(&self, entry: &impl Serialize) -> Option<(String, Self)> {
+        let mut members = serde_json::to_string(entry).ok()?;
+        members.pop();
+        let link = self.link_of(members.as_bytes());
+        let line = format!("{members}{BEFORE_LINK}{link}{AFTER_LINK}\n");
+        let length = self.length + line.len() as u64;
+        (line.len() <= MAX_LINE).then(|| (line, Self { link, length, lines: self.lines + 1 }))
+    }
+
+    /// Reads a line without its line break, and goes on behind it.
+    fn read<T: DeserializeOwned>(&mut self, line: &[u8]) -> Result<T, String> {
+        let no_link = || "it does not end in a link of the chain".to_owned();
+        let (members, end) = line
+            .len()
+            .checked_sub(BEFORE_LINK.len() + 64 + AFTER_LINK.len())
+            .and_then(|at| line.split_at_checked(at))
+            .ok_or_else(no_link)?;
+        let link = self.link_of(members);
+        if end != format!("{BEFORE_LINK}{link}{AFTER_LINK}").as_bytes() {
+            return Err("it is not as it was written, or a line before it is missing: the chain breaks here".into());
+        }
+        let entry = serde_json::from_slice(&[members, b"}"].concat());
+        let entry = entry.map_err(|error| format!("it cannot be read ({error})"))?;
+        let (length, lines) = (self.length + line.len() as u64 + 1, self.lines + 1);
+        *self = Self { link, length, lines };
+        Ok(entry)
+    }
+}
+
+/// Reads a journal, a line at a time.
+pub(super) struct Lines<'a> {
+    path: &'a Path,
+    reader: BufReader<File>,
+    buffer: Vec<u8>,
+    pub chain: Chain,
+}
+
+impl<'a> Lines<'a> {
+    pub fn open(path: &'a Path) -> Result<Self, LedgerError> {
+        let file = File::open(path).map_err(LedgerError::io("open", path))?;
+        let size = file.metadata().map_err(LedgerError::io("read", path))?.len();
+        let lines = Self { path, reader: BufReader::new(file), buffer: Vec::new(), chain: Chain::default() };
+        if size > MAX_FILE {
+            return Err(lines.wrong(format!("a journal of {size} bytes; the limit is {MAX_FILE}")));
+        }
+        Ok(lines)
+    }
+
+    /// The next entry; `None` at the end, or where a line was torn.
+    pub fn next<T: DeserializeOwned>(&mut self) -> Result<Option<T>, LedgerError> {
+        self.buffer.clear();
+        let mut line = (&mut self.reader).take(MAX_LINE as u64 + 1);
+        line.read_until(b'\n', &mut self.buffer).map_err(LedgerError::io("read", self.path))?;
+        if self.buffer.len() > MAX_LINE {
+            return Err(self.wrong(format!("it has more than {MAX_LINE} bytes")));
+        }
+        let Some(line) = self.buffer.strip_suffix(b"\n") else { return Ok(None) };
+        let read = self.chain.read(line);
+        read.map(Some).map_err(|reason| self.wrong(reason))
+    }
+
+    /// An error in the line after those that were read.
+    fn wrong(&self, reason: String) -> LedgerError {
+        LedgerError::Line { path: self.path.into(), line: self.chain.lines + 1, reason }
+    }
+
+    /// An error in the line that was read last.
+    pub fn wrong_line(&self, reason: String) -> LedgerError {
+        LedgerError::Line { path: self.path.into(), line: self.chain.lines.max(1), reason }
+    }
+}

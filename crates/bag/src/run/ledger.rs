@@ -1,0 +1,272 @@
+//! What became of each episode.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use fiatlux_proto::keys::is_name;
+
+use super::journal::{Chain, Lines};
+use super::{ABANDONED, Event, LedgerError, MAX_ATTEMPTS, MAX_EPISODES, MAX_TEXT, NOT_RUN, Registration};
+
+/// Where an episode stands.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum State {
+    /// Not begun, or to be begun again.
+    Waiting,
+    /// This session has it. In a journal without a server it is what the server died over.
+    Open {
+        /// Id of the session.
+        session: String,
+    },
+    /// Played to its end and on disk.
+    Played(Played),
+    /// It counts as a failure, for this reason.
+    Failed {
+        /// Such as [`NOT_RUN`], [`ABANDONED`] or [`NOT_REPEATED`](super::NOT_REPEATED).
+        cause: String,
+    },
+}
+
+/// An episode that was played to its end.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Played {
+    /// Id of the session.
+    pub session: String,
+    /// File name of the bag, beside the journal; never a path.
+    pub bag: String,
+    /// Digest of all rows.
+    pub digest: String,
+    /// What ended it.
+    pub cause: String,
+    /// By the protocol of the run.
+    pub success: bool,
+    /// Step of the last row.
+    pub steps: u64,
+}
+
+/// Rows that a later attempt must repeat.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Prefix {
+    /// Step of the last row.
+    pub steps: u64,
+    /// Digest of the rows up to that one.
+    pub digest: String,
+}
+
+/// One episode of the run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Episode {
+    /// Where it stands.
+    pub state: State,
+    /// How often it was begun.
+    pub attempts: u32,
+    /// The longest of the attempts that were abandoned.
+    pub prefix: Option<Prefix>,
+    /// Why the last one was abandoned; empty where none was.
+    pub abandoned: String,
+    /// Attempts that ended because the server died. They bind nothing.
+    pub lost: u32,
+}
+
+/// A run as its journal tells it. A pure value: [`Ledger::apply`] says what an event makes of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ledger {
+    registration: Registration,
+    episodes: Vec<Episode>,
+    finished: bool,
+}
+
+impl Ledger {
+    /// Of a run that was registered now.
+    ///
+    /// # Errors
+    /// What is wrong with the registration.
+    pub fn new(registration: Registration) -> Result<Self, String> {
+        check(&registration)?;
+        let waiting = Episode { state: State::Waiting, attempts: 0, prefix: None, abandoned: String::new(), lost: 0 };
+        let episodes = vec![waiting; registration.episodes.len()];
+        Ok(Self { registration, episodes, finished: false })
+    }
+
+    /// Reads a journal.
+    ///
+    /// # Errors
+    /// It cannot be read, has no registration, or a line is not one that a server wrote there.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, LedgerError> {
+        Self::read_chain(path.as_ref()).map(|(ledger, _)| ledger)
+    }
+
+    pub(super) fn read_chain(path: &Path) -> Result<(Self, Chain), LedgerError> {
+        let mut lines = Lines::open(path)?;
+        let registration = lines.next()?.ok_or_else(|| lines.wrong_line("there is no registration".into()))?;
+        let mut ledger = Self::new(registration).map_err(|reason| lines.wrong_line(reason))?;
+        while let Some(event) = lines.next()? {
+            ledger.apply(&event).map_err(|reason| lines.wrong_line(reason))?;
+        }
+        Ok((ledger, lines.chain))
+    }
+
+    /// What was agreed on.
+    pub fn registration(&self) -> &Registration {
+        &self.registration
+    }
+
+    /// The episodes, in the order of the registration's.
+    pub fn episodes(&self) -> &[Episode] {
+        &self.episodes
+    }
+
+    /// No more episodes are played: none is waiting or open.
+    pub fn is_finished(&self) -> bool {
+        self.finished
+    }
+
+    /// Whether the server drew the seeds.
+    pub fn is_hosted(&self) -> bool {
+        self.registration.spec.hosted_seeds > 0
+    }
+
+    /// Index and state of the episodes that a session has.
+    pub fn open(&self) -> impl Iterator<Item = (u32, &Episode)> {
+        let numbered = (0..).zip(&self.episodes);
+        numbered.filter(|(_, episode)| matches!(episode.state, State::Open { .. }))
+    }
+
+    /// Takes an event in.
+    ///
+    /// # Errors
+    /// It does not follow from what was before; nothing has changed then.
+    pub fn apply(&mut self, event: &Event) -> Result<(), String> {
+        if self.finished {
+            return Err("the run is finished".into());
+        }
+        let (index, attempt) = match event {
+            Event::Opened { episode, attempt, .. }
+            | Event::Played { episode, attempt, .. }
+            | Event::Abandoned { episode, attempt, .. }
+            | Event::Failed { episode, attempt, .. } => (*episode, *attempt),
+            Event::Restarted { .. } => {
+                for episode in &mut self.episodes {
+                    if matches!(episode.state, State::Open { .. }) {
+                        (episode.state, episode.lost) = (State::Waiting, episode.lost + 1);
+                    }
+                }
+                return Ok(());
+            }
+            Event::Finished { .. } => return self.finish(),
+        };
+        let count = self.episodes.len();
+        let episode = self.episodes.get_mut(index as usize);
+        let episode = episode.ok_or_else(|| format!("there is no episode {index}; the run has {count}, from 0 on"))?;
+        if let Event::Opened { session, .. } = event {
+            if episode.state != State::Waiting {
+                return Err(format!("episode {index} is open or decided"));
+            }
+            if attempt != episode.attempts + 1 || attempt > MAX_ATTEMPTS {
+                return Err(format!(
+                    "attempt {attempt} at episode {index} does not follow {}; there are {MAX_ATTEMPTS} at most",
+                    episode.attempts
+                ));
+            }
+            short(session)?;
+            (episode.state, episode.attempts) = (State::Open { session: session.clone() }, attempt);
+            return Ok(());
+        }
+        let State::Open { session: opened } = &episode.state else {
+            return Err(format!("episode {index} is not open"));
+        };
+        if attempt != episode.attempts {
+            return Err(format!("attempt {attempt} at episode {index} is not the one that is open"));
+        }
+        let is_same = |session: &String| match session == opened {
+            true => Ok(()),
+            false => Err(format!("episode {index} is open in another session")),
+        };
+        match event {
+            Event::Played { session, bag, digest, cause, success, steps, .. } => {
+                is_same(session)?;
+                short(cause)?;
+                if !is_file_name(bag) {
+                    return Err(format!("'{}' is not the name of a bag", super::clip(bag)));
+                }
+                if !is_sha256(digest) {
+                    return Err("the digest is not 64 hexadecimal digits".into());
+                }
+                let (session, bag, digest, cause) = (session.clone(), bag.clone(), digest.clone(), cause.clone());
+                let (success, steps) = (*success, *steps);
+                episode.state = State::Played(Played { session, bag, digest, cause, success, steps });
+            }
+            Event::Abandoned { session, steps, digest, cause, .. } => {
+                is_same(session)?;
+                short(cause)?;
+                if !digest.is_empty() && !is_sha256(digest) {
+                    return Err("the digest is not 64 hexadecimal digits".into());
+                }
+                let is_longer = episode.prefix.as_ref().is_none_or(|prefix| *steps > prefix.steps);
+                if !digest.is_empty() && is_longer {
+                    episode.prefix = Some(Prefix { steps: *steps, digest: digest.clone() });
+                }
+                episode.abandoned.clone_from(cause);
+                episode.state = State::Waiting;
+            }
+            Event::Failed { cause, .. } => {
+                short(cause)?;
+                episode.state = State::Failed { cause: cause.clone() };
+            }
+            Event::Opened { .. } | Event::Restarted { .. } | Event::Finished { .. } => {}
+        }
+        if episode.state == State::Waiting && episode.attempts >= MAX_ATTEMPTS {
+            episode.state = State::Failed { cause: ABANDONED.into() };
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), String> {
+        if let Some((index, _)) = self.open().next() {
+            return Err(format!("episode {index} is open"));
+        }
+        for episode in &mut self.episodes {
+            if episode.state == State::Waiting {
+                // The server's death alone leaves no trace of the client's.
+                let begun = episode.attempts > episode.lost;
+                episode.state = State::Failed { cause: if begun { ABANDONED } else { NOT_RUN }.into() };
+            }
+        }
+        self.finished = true;
+        Ok(())
+    }
+}
+
+fn check(registration: &Registration) -> Result<(), String> {
+    let Registration { server, run, key_sha256, episodes, .. } = registration;
+    if !is_name(server) || !is_name(run) {
+        return Err("server or run has a name that is not 1 to 64 letters, digits, - or _".into());
+    }
+    if !is_sha256(key_sha256) {
+        return Err("the key's digest is not 64 hexadecimal digits".into());
+    }
+    if !(1..=MAX_EPISODES).contains(&episodes.len()) {
+        return Err(format!("a run has 1 to {MAX_EPISODES} episodes, this one {}", episodes.len()));
+    }
+    if episodes.iter().any(|episode| !is_name(&episode.task)) {
+        return Err("an episode has a task that is not 1 to 64 letters, digits, - or _".into());
+    }
+    if episodes.iter().collect::<BTreeSet<_>>().len() < episodes.len() {
+        return Err("an episode is there twice".into());
+    }
+    Ok(())
+}
+
+/// A plain file name of a bag: nothing that leads out of the folder.
+fn is_file_name(name: &str) -> bool {
+    let fits = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
+    name.len() <= 255 && name.ends_with(".mcap") && !name.starts_with('.') && name.bytes().all(fits)
+}
+
+fn is_sha256(text: &str) -> bool {
+    text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit())
+}
+
+fn short(text: &str) -> Result<(), String> {
+    if text.len() <= MAX_TEXT { Ok(()) } else { Err(format!("a text has more than {MAX_TEXT} bytes")) }
+}

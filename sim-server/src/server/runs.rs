@@ -1,0 +1,378 @@
+//! Runs: registered once, every episode played once, and all of it in ledgers on disk (`fiatlux_bag::run`).
+
+mod attempt;
+mod register;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::{self, File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use fiatlux_bag::run::{Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Registration, State, journal_of};
+use fiatlux_link::in_full;
+use fiatlux_proto::keys::is_name;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::run_episode::State as StateMessage;
+use fiatlux_proto::v3::{Refusal, RunEpisode, RunInfo, RunSpec, RunTicket};
+use thiserror::Error;
+
+use super::info::VERSION;
+use super::lock;
+use super::plan::{self, Plan};
+pub(super) use attempt::Attempt;
+
+/// Most runs that a server has at once.
+const MAX_RUNS: usize = 1000;
+
+/// Most episodes of all its runs.
+const MAX_EPISODES_OF_ALL: usize = 200_000;
+
+/// Why a server cannot record.
+#[derive(Debug, Error)]
+pub enum RecordError {
+    /// Two servers of one name would write the same journals.
+    #[error(
+        "another server named '{server}' records into {folder}; stop it, or give this one another --name or --record"
+    )]
+    Taken {
+        /// Name of both.
+        server: String,
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// The folder or its lock.
+    #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
+}
+
+/// The runs of a server.
+pub(super) struct Runs {
+    folder: PathBuf,
+    server: String,
+    runs: Mutex<BTreeMap<String, Arc<Run>>>,
+}
+
+/// One run. Its lock is held while a line goes to disk.
+pub(super) struct Run {
+    state: Mutex<RunState>,
+}
+
+struct RunState {
+    writer: LedgerWriter,
+    /// What happened and could not be written yet.
+    pending: VecDeque<Event>,
+    /// Of the episodes that are open, by their index.
+    open: BTreeMap<u32, Arc<Attempt>>,
+}
+
+/// An episode that is to be begun.
+pub(super) struct Seat {
+    run: Arc<Run>,
+    episode: u32,
+}
+
+impl Runs {
+    /// Takes up the runs of the server of that name in a folder, which is made. Nobody else may while the file is held.
+    pub fn open(folder: &Path, server: &str) -> Result<(Self, File), RecordError> {
+        let failed = |action, path: &Path| {
+            let path = path.to_owned();
+            move |source| RecordError::Io { action, path, source }
+        };
+        fs::create_dir_all(folder).map_err(failed("make the folder", folder))?;
+        let path = folder.join(format!("{server}.lock"));
+        let file = File::options().create(true).append(true).open(&path).map_err(failed("open", &path))?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(RecordError::Taken { server: server.into(), folder: folder.into() });
+            }
+            Err(TryLockError::Error(error)) => return Err(failed("lock", &path)(error)),
+        }
+        let mut runs = BTreeMap::new();
+        for entry in fs::read_dir(folder).map_err(failed("read the folder", folder))? {
+            let entry = entry.map_err(failed("read the folder", folder))?;
+            let Some(name) = entry.file_name().to_str().filter(|name| is_name(name)).map(str::to_owned) else {
+                continue;
+            };
+            let journal = journal_of(&entry.path(), server);
+            if !journal.is_file() {
+                continue;
+            }
+            match Run::take_up(&journal, server, &name) {
+                Ok(run) => {
+                    runs.insert(name, Arc::new(run));
+                }
+                // The other runs go on; this one cannot be registered again while its journal is there.
+                Err(error) => tracing::error!(run = name, error = in_full(&error), "a run is not taken up"),
+            }
+        }
+        tracing::info!(folder = %folder.display(), runs = runs.len(), "sessions are recorded here");
+        Ok((Self { folder: folder.into(), server: server.into(), runs: Mutex::new(runs) }, file))
+    }
+
+    /// The run of that name and key.
+    fn get(&self, name: &str, key_sha256: &str) -> Result<Option<Arc<Run>>, Refusal> {
+        let Some(run) = lock(&self.runs).get(name).cloned() else { return Ok(None) };
+        if !register::is_same(&lock(&run.state).writer.ledger().registration().key_sha256, key_sha256) {
+            let message = format!(
+                "the key is not the one of run '{name}'; use the key that it was registered with, or give the new run \
+                 another name"
+            );
+            return Err(Refusal::new(Code::Value, "key", message));
+        }
+        Ok(Some(run))
+    }
+
+    /// The run of that name and key.
+    pub fn find(&self, name: &str, key: &str) -> Result<Arc<Run>, Refusal> {
+        self.get(name, &register::key_digest(key)?)?.ok_or_else(|| {
+            let message = format!("there is no run '{name}' on this server; register it");
+            Refusal::new(Code::Unknown, "run", message)
+        })
+    }
+
+    /// Registers a run, or finds it.
+    pub fn register(&self, name: &str, key: &str, spec: RunSpec) -> Result<Arc<Run>, Refusal> {
+        if !is_name(name) {
+            let message = format!("'{name:.80}' cannot be a run's name; use 1 to 64 letters, digits, - or _");
+            return Err(Refusal::new(Code::Value, "run", message));
+        }
+        let key_sha256 = register::key_digest(key)?;
+        if let Some(run) = self.get(name, &key_sha256)? {
+            register::check_same(name, &lock(&run.state).writer.ledger().registration().spec, &spec)?;
+            return Ok(run);
+        }
+        let episodes = register::episodes(&spec)?;
+        let known = lock(&self.runs).values().cloned().collect::<Vec<_>>();
+        let all: usize = known.iter().map(|run| lock(&run.state).writer.ledger().episodes().len()).sum();
+        if known.len() >= MAX_RUNS || all + episodes.len() > MAX_EPISODES_OF_ALL {
+            let message = format!(
+                "the server has {} runs with {all} episodes and takes {MAX_RUNS} with {MAX_EPISODES_OF_ALL}; move finished \
+                 ones out of its folder and start it again",
+                known.len()
+            );
+            return Err(Refusal::new(Code::Busy, "", message));
+        }
+        let registration = Registration {
+            protocol: fiatlux_proto::PROTOCOL,
+            version: VERSION.into(),
+            server: self.server.clone(),
+            run: name.into(),
+            key_sha256,
+            spec,
+            episodes,
+            unix_ms: unix_ms(),
+        };
+        let writer =
+            LedgerWriter::create(&self.folder.join(name), registration).map_err(|error| not_written(&error))?;
+        let count = writer.ledger().episodes().len();
+        tracing::info!(run = name, episodes = count, "a run is registered");
+        let run = Arc::new(Run::new(writer));
+        lock(&self.runs).insert(name.into(), Arc::clone(&run));
+        Ok(run)
+    }
+
+    /// The attempt that a bag is of; none where it has ended already.
+    pub fn attempt_of(&self, ticket: &RunTicket, session: &str) -> Option<Arc<Attempt>> {
+        let run = lock(&self.runs).get(&ticket.run).cloned()?;
+        let attempt = lock(&run.state).open.get(&ticket.episode).cloned()?;
+        (attempt.session() == session).then_some(attempt)
+    }
+}
+
+impl Run {
+    fn new(writer: LedgerWriter) -> Self {
+        Self { state: Mutex::new(RunState { writer, pending: VecDeque::new(), open: BTreeMap::new() }) }
+    }
+
+    fn take_up(journal: &Path, server: &str, name: &str) -> Result<Self, LedgerError> {
+        let mut writer = LedgerWriter::open(journal)?;
+        let Registration { server: of_server, run, .. } = writer.ledger().registration();
+        if of_server != server || run != name {
+            let reason = format!("it is of run '{run}' on server '{of_server}', and is in the place of another");
+            return Err(LedgerError::Line { path: journal.into(), line: 1, reason });
+        }
+        if writer.ledger().open().next().is_some() {
+            writer.append(Event::Restarted { unix_ms: unix_ms() })?;
+        }
+        Ok(Self::new(writer))
+    }
+
+    /// Where it stands, for its client. Hosted seeds are told when it is finished.
+    pub fn info(&self) -> RunInfo {
+        let mut state = lock(&self.state);
+        state.flush();
+        let ledger = state.writer.ledger();
+        let hides_seeds = ledger.is_hosted() && !ledger.is_finished();
+        let planned = &ledger.registration().episodes;
+        let episodes = planned.iter().zip(ledger.episodes()).map(|(planned, episode)| {
+            let mut message = RunEpisode {
+                task: planned.task.clone(),
+                seed: if hides_seeds { 0 } else { planned.seed },
+                attempts: episode.attempts,
+                ..RunEpisode::default()
+            };
+            match &episode.state {
+                State::Waiting => message.cause.clone_from(&episode.abandoned),
+                State::Open { .. } => message.state = StateMessage::Open.into(),
+                State::Played(played) => {
+                    message.state = StateMessage::Played.into();
+                    message.cause.clone_from(&played.cause);
+                    message.digest.clone_from(&played.digest);
+                    message.success = played.success;
+                }
+                State::Failed { cause } => {
+                    message.state = StateMessage::Failed.into();
+                    message.cause.clone_from(cause);
+                }
+            }
+            message
+        });
+        let Registration { run, spec, .. } = ledger.registration();
+        RunInfo {
+            run: run.clone(),
+            spec: Some(spec.clone()),
+            episodes: episodes.collect(),
+            finished: ledger.is_finished(),
+        }
+    }
+
+    /// The session that an episode is to be played in, where it may be.
+    pub fn plan(self: &Arc<Self>, index: u32) -> Result<(Plan, Seat), Refusal> {
+        let mut state = lock(&self.state);
+        state.flush();
+        let ledger = state.writer.ledger();
+        let Registration { run, version, spec, episodes, .. } = ledger.registration();
+        let wrong = |code, message: String| Err(Refusal::new(code, "open", message));
+        if version != VERSION {
+            let message = format!(
+                "the run was registered with version {version} of the server, this is {VERSION}; start that one, or finish \
+                 the run"
+            );
+            return wrong(Code::Version, message);
+        }
+        if ledger.is_finished() {
+            return wrong(Code::Closed, "the run is finished; register another one".into());
+        }
+        let found = episodes.get(index as usize).zip(ledger.episodes().get(index as usize));
+        let Some((planned, episode)) = found else {
+            return wrong(
+                Code::Value,
+                format!("there is no episode {index}; the run has {}, from 0 on", episodes.len()),
+            );
+        };
+        match &episode.state {
+            State::Open { session } => {
+                let message =
+                    format!("episode {index} is open in session {session}; close that one, or wait until it is");
+                return wrong(Code::Busy, message);
+            }
+            State::Played(_) => return wrong(Code::Value, format!("episode {index} was played; open another one")),
+            State::Failed { cause } => {
+                return wrong(Code::Value, format!("episode {index} has failed ({cause}); open another one"));
+            }
+            State::Waiting if episode.attempts >= MAX_ATTEMPTS => {
+                return wrong(Code::Value, format!("episode {index} was begun {MAX_ATTEMPTS} times; open another one"));
+            }
+            State::Waiting => {}
+        }
+        let mut plan = plan::check(&register::request(spec, &planned.task, planned.seed))?;
+        plan.ticket = Some(RunTicket {
+            run: run.clone(),
+            episode: index,
+            attempt: episode.attempts + 1,
+            hosted: ledger.is_hosted(),
+            policy_version: spec.policy_version.clone(),
+            policy_link: spec.policy_link.clone(),
+        });
+        Ok((plan, Seat { run: Arc::clone(self), episode: index }))
+    }
+
+    /// Ends it: what was not decided has failed.
+    pub fn finish(&self) -> Result<(), Refusal> {
+        let mut state = lock(&self.state);
+        state.flush();
+        if state.writer.ledger().is_finished() {
+            return Ok(());
+        }
+        let open: Vec<u32> = state.writer.ledger().open().map(|(index, _)| index).collect();
+        if let Some(first) = open.first() {
+            let message = format!(
+                "{} episodes are open or their bags are being written, the first is {first}; close their sessions, and ask \
+                 again in a moment",
+                open.len()
+            );
+            return Err(Refusal::new(Code::Busy, "finish", message));
+        }
+        state.writer.append(Event::Finished { unix_ms: unix_ms() }).map_err(|error| not_written(&error))?;
+        tracing::info!(run = state.writer.ledger().registration().run, "a run is finished");
+        Ok(())
+    }
+
+    /// Notes how an attempt ended.
+    fn end(&self, episode: u32, event: Event) {
+        let mut state = lock(&self.state);
+        state.open.remove(&episode);
+        state.pending.push_back(event);
+        state.flush();
+    }
+}
+
+impl RunState {
+    /// Writes what is pending. What a full disk does not take stays, and its episode open, until there is room.
+    fn flush(&mut self) {
+        while let Some(event) = self.pending.pop_front() {
+            let Err(error) = self.writer.append(event.clone()) else { continue };
+            tracing::error!(error = in_full(&error), ?event, "an event of a run is not written");
+            if !matches!(error, LedgerError::Event { .. }) {
+                self.pending.push_front(event);
+                break;
+            }
+        }
+    }
+
+    fn ledger(&self) -> &Ledger {
+        self.writer.ledger()
+    }
+}
+
+impl Seat {
+    /// Begins the episode in a session: that is on disk when this returns.
+    pub fn begin(&self, session: &str, ticket: &RunTicket) -> Result<Arc<Attempt>, Refusal> {
+        let Self { run, episode } = self;
+        let mut state = lock(&run.state);
+        let prefix = state.ledger().episodes().get(*episode as usize).and_then(|episode| episode.prefix.clone());
+        let event =
+            Event::Opened { episode: *episode, attempt: ticket.attempt, session: session.into(), unix_ms: unix_ms() };
+        state.writer.append(event).map_err(|error| not_written(&error))?;
+        let attempt = Arc::new(Attempt::new(Arc::clone(run), *episode, ticket.attempt, session, prefix));
+        state.open.insert(*episode, Arc::clone(&attempt));
+        Ok(attempt)
+    }
+}
+
+/// The journal says why; its client can only wait.
+fn not_written(error: &LedgerError) -> Refusal {
+    tracing::error!(error = in_full(error), "the ledger of a run cannot be written");
+    let message = match error {
+        LedgerError::Exists { .. } => {
+            "the server's folder has a run of that name that it could not take up; see its log, or give the run another name"
+        }
+        _ => "the server cannot write the run's journal; free some space there, see its log, and ask again",
+    };
+    Refusal::new(Code::Busy, "", message)
+}
+
+fn unix_ms() -> u64 {
+    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since_epoch.as_millis()).unwrap_or(u64::MAX)
+}

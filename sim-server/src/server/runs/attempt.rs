@@ -1,0 +1,158 @@
+//! One attempt at an episode of a run, in one session.
+
+use std::fs::File;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use fiatlux_bag::run::{Event, NOT_REPEATED, Prefix, clip};
+use fiatlux_proto::ABORTED;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{EpisodeEnd, EpisodeResult, Refusal};
+use fiatlux_rules::RowDigest;
+
+use super::Run;
+use crate::server::lock;
+
+/// What the simulation, the recorder and the end of a session say of the attempt.
+pub(in crate::server) struct Attempt {
+    run: Arc<Run>,
+    episode: u32,
+    number: u32,
+    session: String,
+    /// Rows of earlier attempts, which this one must repeat.
+    prefix: Option<Prefix>,
+    progress: Mutex<Progress>,
+}
+
+#[derive(Default)]
+struct Progress {
+    is_staged: bool,
+    /// Step of the last row, and the digest of all so far.
+    last: Option<(u64, RowDigest)>,
+    /// It went another way than an earlier attempt.
+    differs: bool,
+    /// Why it came to no end.
+    cause: Option<String>,
+    /// The ledger has its end.
+    is_decided: bool,
+}
+
+impl Attempt {
+    pub(super) fn new(run: Arc<Run>, episode: u32, number: u32, session: &str, prefix: Option<Prefix>) -> Self {
+        Self { run, episode, number, session: session.into(), prefix, progress: Mutex::default() }
+    }
+
+    pub fn session(&self) -> &str {
+        &self.session
+    }
+
+    /// Whether the session may stage that episode: one, and once.
+    pub fn stage(&self, episode: u64) -> Result<(), Refusal> {
+        if episode != 0 {
+            let message = format!("a session of a run has episode 0 alone, not {episode}; open the run's next episode");
+            return Err(Refusal::new(Code::Value, "episode", message));
+        }
+        if std::mem::replace(&mut lock(&self.progress).is_staged, true) {
+            let message = "a session of a run has one episode, which is over; close it and open the run's next episode";
+            return Err(Refusal::new(Code::Value, "episode", message));
+        }
+        Ok(())
+    }
+
+    /// Takes note of a row before it is shown to anybody.
+    ///
+    /// # Errors
+    /// It is not what an earlier attempt had.
+    pub fn row(&self, step: u64, digest: &RowDigest, is_last: bool) -> Result<(), Refusal> {
+        let mut progress = lock(&self.progress);
+        progress.last = Some((step, digest.clone()));
+        let Some(prefix) = &self.prefix else { return Ok(()) };
+        let differs = step == prefix.steps && !digest.hex().eq_ignore_ascii_case(&prefix.digest);
+        if differs || is_last && step < prefix.steps {
+            progress.differs = true;
+            let message = format!(
+                "attempt {} did not repeat the rows of an earlier one up to step {}: the episode counts as a failure",
+                self.number, prefix.steps
+            );
+            return Err(Refusal::new(Code::Value, "action", message));
+        }
+        Ok(())
+    }
+
+    /// Its bag is whole. Returns whether the session can go on: a bag that cannot be brought to disk is lost.
+    pub fn bag_is_whole(&self, bag: &Path, result: &EpisodeResult) -> bool {
+        let EpisodeEnd { cause, digest, success, steps, .. } = result.end.clone().unwrap_or_default();
+        if cause == ABORTED {
+            lock(&self.progress).cause.get_or_insert_with(|| ABORTED.into());
+            return true;
+        }
+        if let Err(error) = sync(bag) {
+            self.bag_is_lost(&format!("cannot bring {} to disk: {error}", bag.display()));
+            return false;
+        }
+        let name = bag.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        self.decide(|attempt, _| Event::Played {
+            episode: attempt.episode,
+            attempt: attempt.number,
+            session: attempt.session.clone(),
+            bag: name,
+            digest,
+            cause: clip(&cause),
+            success,
+            steps,
+        });
+        true
+    }
+
+    /// Its bag could not be written, for this reason.
+    pub fn bag_is_lost(&self, reason: &str) {
+        lock(&self.progress).cause = Some(clip(&format!("the recording is lost: {reason}")));
+    }
+
+    /// Its session is over: what has not come to an end is abandoned.
+    pub fn settle(&self) {
+        self.decide(|attempt, progress| {
+            if progress.differs {
+                return Event::Failed { episode: attempt.episode, attempt: attempt.number, cause: NOT_REPEATED.into() };
+            }
+            let unsaid = match progress.last {
+                None => "the session ended before the episode began",
+                Some(_) => "the recording was not completed",
+            };
+            let (steps, digest) =
+                progress.last.as_ref().map_or((0, String::new()), |(step, digest)| (*step, digest.hex()));
+            Event::Abandoned {
+                episode: attempt.episode,
+                attempt: attempt.number,
+                session: attempt.session.clone(),
+                steps,
+                digest,
+                cause: progress.cause.clone().unwrap_or_else(|| unsaid.into()),
+            }
+        });
+    }
+
+    /// Only the first decision counts.
+    fn decide(&self, event: impl FnOnce(&Self, &Progress) -> Event) {
+        let mut progress = lock(&self.progress);
+        if std::mem::replace(&mut progress.is_decided, true) {
+            return;
+        }
+        let event = event(self, &progress);
+        drop(progress);
+        tracing::info!(?event, "an attempt at an episode of a run has ended");
+        self.run.end(self.episode, event);
+    }
+}
+
+impl std::fmt::Debug for Attempt {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Attempt").field("episode", &self.episode).field("number", &self.number).finish_non_exhaustive()
+    }
+}
+
+/// A file and its name.
+fn sync(path: &Path) -> std::io::Result<()> {
+    File::open(path)?.sync_all()?;
+    path.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())
+}

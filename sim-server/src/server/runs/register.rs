@@ -1,0 +1,164 @@
+//! What a client registers, checked field by field.
+
+use std::collections::BTreeSet;
+
+use fiatlux_bag::run::{MAX_EPISODES, Planned};
+use fiatlux_proto::PROTOCOL;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{OpenRequest, Refusal, RunSpec};
+use fiatlux_rules::Task;
+use sha2::{Digest, Sha256};
+
+use crate::server::plan;
+
+/// Longest name or version of a policy, bytes.
+const MAX_NAME: usize = 128;
+/// Longest link, bytes.
+const MAX_LINK: usize = 512;
+/// Fewest and most digits of a key.
+const KEY_DIGITS: [usize; 2] = [32, 64];
+/// The subtasks of the benchmark.
+const SUBTASKS: usize = 12;
+/// Seeds of a run that names none.
+const PUBLIC_SEEDS: [u64; 4] = [0, 1, 2, 3];
+/// Hosted seeds start here: nobody finds one by trying, and the published ones are far away.
+const LEAST_HOSTED: u64 = 1 << 32;
+/// And have so many bits: JSON keeps them.
+const HOSTED_BITS: u32 = 53;
+
+/// SHA-256 of a key, hexadecimal.
+pub(super) fn key_digest(key: &str) -> Result<String, Refusal> {
+    let [least, most] = KEY_DIGITS;
+    if !(least..=most).contains(&key.len()) || !key.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+        let message = format!("a key has {least} to {most} hexadecimal digits; draw one at random and keep it");
+        return Err(Refusal::new(Code::Value, "key", message));
+    }
+    Ok(Sha256::digest(key).iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Compares without a hint, by the time it takes, of where the two differ.
+pub(super) fn is_same(one: &str, other: &str) -> bool {
+    let differing = one.bytes().zip(other.bytes()).fold(0, |bits, (one, other)| bits | (one ^ other));
+    one.len() == other.len() && std::hint::black_box(differing) == 0
+}
+
+/// Refuses a spec that differs from the one a run was registered with.
+pub(super) fn check_same(run: &str, registered: &RunSpec, asked: &RunSpec) -> Result<(), Refusal> {
+    let fields = [
+        ("policy", registered.policy == asked.policy),
+        ("policy_version", registered.policy_version == asked.policy_version),
+        ("policy_link", registered.policy_link == asked.policy_link),
+        ("session", registered.session == asked.session),
+        ("tasks", registered.tasks == asked.tasks),
+        ("seeds", registered.seeds == asked.seeds),
+        ("hosted_seeds", registered.hosted_seeds == asked.hosted_seeds),
+    ];
+    match fields.iter().find(|(_, is_same)| !is_same) {
+        None => Ok(()),
+        Some((field, _)) => {
+            let message = format!(
+                "run '{run}' was registered with another {field}; register what it had, or give the new run another name"
+            );
+            Err(Refusal::new(Code::Value, &format!("register.{field}"), message))
+        }
+    }
+}
+
+/// What the session of an episode is opened with.
+pub(super) fn request(spec: &RunSpec, task: &str, seed: u64) -> OpenRequest {
+    OpenRequest {
+        protocol: Some(PROTOCOL),
+        policy: spec.policy.clone(),
+        task: task.into(),
+        seed,
+        recorded: true,
+        ..spec.session.clone().unwrap_or_default()
+    }
+}
+
+/// The episodes of a new run; hosted seeds are drawn here.
+pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
+    let wrong = |field: &str, message: String| Refusal::new(Code::Value, &format!("register.{field}"), message);
+    for (field, text, least, most) in [
+        ("policy", &spec.policy, 1, MAX_NAME),
+        ("policy_version", &spec.policy_version, 0, MAX_NAME),
+        ("policy_link", &spec.policy_link, 0, MAX_LINK),
+    ] {
+        if !(least..=most).contains(&text.len()) || text.chars().any(char::is_control) {
+            return Err(wrong(field, format!("it has {least} to {most} bytes, in one line")));
+        }
+    }
+    let session = spec.session.clone().unwrap_or_default();
+    for (field, is_set) in [
+        ("session.policy", !session.policy.is_empty()),
+        ("session.task", !session.task.is_empty()),
+        ("session.seed", session.seed != 0),
+        ("session.recorded", session.recorded),
+    ] {
+        if is_set {
+            return Err(wrong(field, "it is the run's own; leave it out".into()));
+        }
+    }
+    let named = if spec.tasks.is_empty() { None } else { Some(&spec.tasks) };
+    let tasks: Vec<Task> = match named {
+        None => Task::ALL.into_iter().take(SUBTASKS).collect(),
+        Some(names) => names
+            .iter()
+            .map(|name| name.parse::<Task>())
+            .collect::<Result<_, _>>()
+            .map_err(|error| Refusal::new(Code::Unknown, "register.tasks", error.to_string()))?,
+    };
+    if tasks.iter().map(|task| task.short_id()).collect::<BTreeSet<_>>().len() < tasks.len() {
+        return Err(wrong("tasks", "a task is there twice; name each once".into()));
+    }
+    if spec.hosted_seeds > 0 && !spec.seeds.is_empty() {
+        return Err(wrong("seeds", "seeds are both named and to be drawn; leave one of the two out".into()));
+    }
+    let count = match (spec.hosted_seeds, spec.seeds.len()) {
+        (0, 0) => PUBLIC_SEEDS.len(),
+        (0, named) => named,
+        (hosted, _) => hosted as usize,
+    };
+    if tasks.len().saturating_mul(count) > MAX_EPISODES {
+        let field = if spec.hosted_seeds > 0 { "hosted_seeds" } else { "seeds" };
+        let message = format!("{} tasks in {count} seeds are more than {MAX_EPISODES} episodes", tasks.len());
+        return Err(wrong(field, message + "; ask for fewer"));
+    }
+    let mut seeds = match (spec.hosted_seeds, spec.seeds.len()) {
+        (0, 0) => PUBLIC_SEEDS.to_vec(),
+        (0, _) => spec.seeds.clone(),
+        (hosted, _) => draw(hosted as usize)?,
+    };
+    // In the order in which they were named.
+    let mut seen = BTreeSet::new();
+    seeds.retain(|seed| seen.insert(*seed));
+    if seeds.len() < count {
+        return Err(wrong("seeds", "a seed is there twice; name each once".into()));
+    }
+    for task in &tasks {
+        plan::check(&request(spec, task.short_id(), seeds[0])).map_err(|refusal| {
+            // Task and seed are right: what is wrong is in the session.
+            Refusal { field: format!("register.session.{}", refusal.field), ..refusal }
+        })?;
+    }
+    let of_seed = |seed: u64| tasks.iter().map(move |task| Planned { task: task.short_id().into(), seed });
+    Ok(seeds.into_iter().flat_map(of_seed).collect())
+}
+
+/// Different seeds from the system's random source.
+fn draw(count: usize) -> Result<Vec<u64>, Refusal> {
+    let mut seeds = BTreeSet::new();
+    let mut drawn = Vec::with_capacity(count);
+    while drawn.len() < count {
+        let number = getrandom::u64().map_err(|error| {
+            let message =
+                format!("the server's system gives no random numbers ({error}); name seeds, or use another server");
+            Refusal::new(Code::Busy, "register.hosted_seeds", message)
+        })?;
+        let seed = number >> (u64::BITS - HOSTED_BITS);
+        if seed >= LEAST_HOSTED && seeds.insert(seed) {
+            drawn.push(seed);
+        }
+    }
+    Ok(drawn)
+}

@@ -1,0 +1,433 @@
+//! Runs on a server, by a client of raw messages: what counts, what may be tried again, and what nobody is told.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use fiatlux_bag::run::{Ledger, LedgerError, Prefix, State, journal_of};
+use fiatlux_bag::{Bag, Completeness};
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_proto::keys::{ServerKeys, SessionKeys};
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::run_episode::State as EpisodeState;
+use fiatlux_proto::v3::run_request::Ask;
+use fiatlux_proto::v3::{
+    Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenRequest, Refusal, ResetReply, ResetRequest,
+    RunFinish, RunInfo, RunReply, RunRequest, RunSpec, RunStatus, SessionInfo, StepRecord, StepRecordRequest,
+    reset_reply, run_reply,
+};
+use fiatlux_proto::{Message, PROTOCOL};
+use fiatlux_sim::{RecordError, Server, ServerError, ServerOptions};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
+
+const LONG: Duration = Duration::from_secs(20);
+const KEY: &str = "0123456789abcdef0123456789abcdef";
+const JOINTS: usize = 53;
+
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("runs").join(name);
+    let _ = fs::remove_dir_all(&folder);
+    folder
+}
+
+fn options(folder: &Path) -> ServerOptions {
+    let grace = Duration::from_millis(300);
+    ServerOptions { name: "test".into(), workers: 2, grace, record: Some(folder.into()), ..ServerOptions::default() }
+}
+
+fn start(folder: &Path) -> (Session, Server) {
+    let zenoh = fiatlux_link::embedded().unwrap();
+    let server = Server::start(zenoh.clone(), options(folder)).unwrap();
+    (zenoh, server)
+}
+
+fn query<M: Message + Default>(zenoh: &Session, key: String, request: &impl Message) -> M {
+    let replies = zenoh.get(key).payload(request.encode_to_vec()).wait().unwrap();
+    M::decode(&*replies.recv_timeout(LONG).unwrap().unwrap().result().unwrap().payload().to_bytes()).unwrap()
+}
+
+fn ask_with(zenoh: &Session, key: &str, ask: Ask) -> run_reply::Reply {
+    let request = RunRequest { protocol: Some(PROTOCOL), run: "first".into(), key: key.into(), ask: Some(ask) };
+    query::<RunReply>(zenoh, ServerKeys::new("test").run(), &request).reply.unwrap()
+}
+
+fn ask(zenoh: &Session, ask: Ask) -> Result<RunInfo, Refusal> {
+    match ask_with(zenoh, KEY, ask) {
+        run_reply::Reply::Run(info) => Ok(info),
+        run_reply::Reply::Refusal(refusal) => Err(refusal),
+        run_reply::Reply::Session(_) => panic!("a session"),
+    }
+}
+
+fn refused(zenoh: &Session, what: Ask) -> (Code, String, String) {
+    match ask_with(zenoh, KEY, what) {
+        run_reply::Reply::Refusal(refusal) => (refusal.code(), refusal.field, refusal.message),
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+fn status(zenoh: &Session) -> RunInfo {
+    ask(zenoh, Ask::Status(RunStatus {})).unwrap()
+}
+
+/// Waits until no episode is open.
+fn settled(zenoh: &Session) -> RunInfo {
+    let until = Instant::now() + LONG;
+    loop {
+        let info = status(zenoh);
+        if info.episodes.iter().all(|episode| episode.state() != EpisodeState::Open) {
+            return info;
+        }
+        assert!(Instant::now() < until, "{info:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// One task in these seeds.
+fn spec(seeds: &[u64]) -> RunSpec {
+    RunSpec {
+        policy: "tiny".into(),
+        policy_version: "1".into(),
+        tasks: vec!["S07".into()],
+        seeds: seeds.into(),
+        ..RunSpec::default()
+    }
+}
+
+/// Two ways through an episode; both fall.
+fn action(way: u64, step: u64) -> Vec<f64> {
+    (0..JOINTS).map(|joint| 0.3 * (step as f64 * 0.1 + (joint as u64 + way) as f64).sin()).collect()
+}
+
+struct Player {
+    zenoh: Session,
+    info: SessionInfo,
+    keys: SessionKeys,
+    observations: Receiver<Observation>,
+    notices: Receiver<Notice>,
+    _token: LivelinessToken,
+}
+
+impl Player {
+    fn open(zenoh: &Session, episode: u32) -> Self {
+        let info = match ask_with(zenoh, KEY, Ask::Open(episode)) {
+            run_reply::Reply::Session(info) => info,
+            other => panic!("no session: {other:?}"),
+        };
+        let keys = ServerKeys::new("test").session(&info.session);
+        let token = zenoh.liveliness().declare_token(keys.client()).wait().unwrap();
+        let (observations, notices) = (subscribe(zenoh, keys.observation()), subscribe(zenoh, keys.notice()));
+        Self { zenoh: zenoh.clone(), info, keys, observations, notices, _token: token }
+    }
+
+    fn reset(&self, episode: u64) -> Result<Observation, Refusal> {
+        let reply: ResetReply = query(&self.zenoh, self.keys.reset(), &ResetRequest { episode });
+        match reply.reply.unwrap() {
+            reset_reply::Reply::Observation(observation) => Ok(observation),
+            reset_reply::Reply::Refusal(refusal) => Err(refusal),
+        }
+    }
+
+    fn act(&self, way: u64, step: u64) {
+        let action = Action { step, action: action(way, step), ..Action::default() };
+        self.zenoh.put(self.keys.action(), action.encode_to_vec()).wait().unwrap();
+    }
+
+    /// Goes a way for so many steps, or to its end.
+    fn play(&self, way: u64, steps: u64) -> Option<EpisodeEnd> {
+        self.reset(0).unwrap();
+        for step in 0..steps {
+            self.act(way, step);
+            let observation = self.observations.recv_timeout(LONG).unwrap();
+            assert_eq!(observation.step, step + 1);
+            if observation.end.is_some() {
+                return observation.end;
+            }
+        }
+        None
+    }
+
+    fn close(self) {
+        let _: CloseReply = query(&self.zenoh, self.keys.close(), &CloseRequest {});
+    }
+}
+
+fn subscribe<M: Message + Default + 'static>(zenoh: &Session, key: String) -> Receiver<M> {
+    let (send, receive) = channel();
+    let callback = move |sample: Sample| {
+        let _ = send.send(M::decode(&*sample.payload().to_bytes()).unwrap());
+    };
+    zenoh.declare_subscriber(key).callback(callback).background().wait().unwrap();
+    receive
+}
+
+#[test]
+fn every_episode_is_played_once() {
+    let folder = folder("once");
+    let (zenoh, server) = start(&folder);
+    let info = ask(&zenoh, Ask::Register(spec(&[1, 2]))).unwrap();
+    assert_eq!(ask(&zenoh, Ask::Register(spec(&[1, 2]))), Ok(info.clone()), "taken up");
+    assert_eq!(info.episodes.iter().map(|episode| episode.seed).collect::<Vec<_>>(), [1, 2]);
+
+    let player = Player::open(&zenoh, 0);
+    assert!(player.info.seed == 1 && !player.info.footprints.is_empty());
+    let (code, field, message) = refused(&zenoh, Ask::Open(0));
+    assert!(code == Code::Busy && field == "open" && message.contains(&player.info.session), "{message}");
+    assert_eq!(refused(&zenoh, Ask::Finish(RunFinish {})).0, Code::Busy);
+    assert_eq!(player.reset(1).unwrap_err().field, "episode");
+    let end = player.play(0, u64::MAX).unwrap();
+    assert_eq!(player.reset(0).unwrap_err().field, "episode", "once");
+    player.close();
+    let info = settled(&zenoh);
+    let first = &info.episodes[0];
+    assert_eq!((first.state(), &first.cause, &first.digest), (EpisodeState::Played, &end.cause, &end.digest));
+    assert_eq!((first.attempts, first.success, info.finished), (1, false, false));
+    assert_eq!(refused(&zenoh, Ask::Open(0)).0, Code::Value);
+    let info = ask(&zenoh, Ask::Finish(RunFinish {})).unwrap();
+    assert!(info.finished && info.episodes[1].state() == EpisodeState::Failed && info.episodes[1].cause == "not run");
+    assert_eq!(ask(&zenoh, Ask::Finish(RunFinish {})), Ok(info), "finished once");
+    assert_eq!(refused(&zenoh, Ask::Open(1)).0, Code::Closed);
+    assert!(server.shutdown(LONG));
+
+    let ledger = Ledger::read(journal_of(&folder.join("first"), "test")).unwrap();
+    let State::Played(played) = &ledger.episodes()[0].state else { panic!("{ledger:?}") };
+    let bag = Bag::open(folder.join("first").join(&played.bag)).unwrap();
+    assert_eq!(bag.completeness(), &Completeness::Whole);
+    let ticket = bag.header().run.clone().unwrap();
+    assert_eq!((ticket.run.as_str(), ticket.episode, ticket.attempt, ticket.hosted), ("first", 0, 1, false));
+    assert_eq!((played.bag.as_str(), ticket.policy_version.as_str()), ("test-S07-s1-a1.mcap", "1"));
+}
+
+#[test]
+fn what_does_not_fit_is_refused_by_field() {
+    let (zenoh, _server) = start(&folder("fields"));
+    assert_eq!(refused(&zenoh, Ask::Status(RunStatus {})).0, Code::Unknown);
+    let session = |session: OpenRequest| RunSpec { session: Some(session), ..spec(&[1]) };
+    let cases = [
+        (RunSpec { policy: String::new(), ..spec(&[1]) }, "register.policy"),
+        (RunSpec { policy_link: "a".repeat(600), ..spec(&[1]) }, "register.policy_link"),
+        (RunSpec { tasks: vec!["S99".into()], ..spec(&[1]) }, "register.tasks"),
+        (RunSpec { tasks: vec!["S07".into(), "s07".into()], ..spec(&[1]) }, "register.tasks"),
+        (spec(&[1, 1]), "register.seeds"),
+        (RunSpec { hosted_seeds: 2, ..spec(&[1]) }, "register.seeds"),
+        (RunSpec { hosted_seeds: u32::MAX, ..spec(&[]) }, "register.hosted_seeds"),
+        (session(OpenRequest { seed: 3, ..OpenRequest::default() }), "register.session.seed"),
+        (session(OpenRequest { recorded: true, ..OpenRequest::default() }), "register.session.recorded"),
+        (session(OpenRequest { action_delay_ms: 30, ..OpenRequest::default() }), "register.session.action_delay_ms"),
+    ];
+    for (spec, expected) in cases {
+        let (_, field, message) = refused(&zenoh, Ask::Register(spec));
+        assert!(field == expected && !message.is_empty(), "{expected}: {field}: {message}");
+    }
+    for key in ["", "short", &"g".repeat(32), &"0".repeat(65)] {
+        let run_reply::Reply::Refusal(refusal) = ask_with(&zenoh, key, Ask::Register(spec(&[1]))) else {
+            panic!("registered")
+        };
+        assert_eq!(refusal.field, "key");
+    }
+    ask(&zenoh, Ask::Register(spec(&[1]))).unwrap();
+    assert_eq!(refused(&zenoh, Ask::Register(spec(&[2]))).1, "register.seeds");
+    let other = "f".repeat(32);
+    for what in [Ask::Register(spec(&[1])), Ask::Status(RunStatus {}), Ask::Open(0), Ask::Finish(RunFinish {})] {
+        let run_reply::Reply::Refusal(refusal) = ask_with(&zenoh, &other, what) else { panic!("with another key") };
+        assert_eq!((refusal.code(), refusal.field.as_str()), (Code::Value, "key"));
+    }
+    assert_eq!(refused(&zenoh, Ask::Open(1)).0, Code::Value);
+}
+
+/// An attempt that broke off may be made again, where it goes the way that it went before.
+#[test]
+fn a_later_attempt_repeats_the_one_before() {
+    let folder = folder("again");
+    let (zenoh, server) = start(&folder);
+    ask(&zenoh, Ask::Register(spec(&[1, 2]))).unwrap();
+    for episode in [0, 1] {
+        let player = Player::open(&zenoh, episode);
+        assert_eq!(player.play(0, 6), None);
+        // The client dies.
+        drop(player);
+    }
+    let info = settled(&zenoh);
+    assert_eq!((info.episodes[0].state(), info.episodes[0].attempts), (EpisodeState::Unspecified, 1));
+    assert_eq!(info.episodes[0].cause, "aborted");
+    // A shorter one binds no less.
+    let player = Player::open(&zenoh, 0);
+    assert_eq!(player.play(0, 2), None);
+    player.close();
+    settled(&zenoh);
+    let prefix = || {
+        let ledger = Ledger::read(journal_of(&folder.join("first"), "test")).unwrap();
+        ledger.episodes()[0].prefix.clone()
+    };
+    assert!(matches!(prefix(), Some(Prefix { steps: 6, .. })));
+
+    let player = Player::open(&zenoh, 0);
+    let end = player.play(0, u64::MAX).unwrap();
+    player.close();
+    let other = Player::open(&zenoh, 1);
+    other.reset(0).unwrap();
+    for step in 0..6 {
+        other.act(1, step);
+        if step < 5 {
+            other.observations.recv_timeout(LONG).unwrap();
+        }
+    }
+    let notice = other.notices.recv_timeout(LONG).unwrap();
+    assert!(notice.message.contains("did not repeat"), "{}", notice.message);
+    let info = settled(&zenoh);
+    let [first, second] = &info.episodes[..] else { panic!("two episodes") };
+    assert_eq!((first.state(), &first.digest, first.attempts), (EpisodeState::Played, &end.digest, 3));
+    assert_eq!((second.state(), second.cause.as_str()), (EpisodeState::Failed, "not repeated"));
+    assert!(other.observations.try_recv().is_err(), "what differs is not shown");
+    assert!(server.shutdown(LONG));
+}
+
+/// A server that died is back: what was open binds nothing, what was abandoned still does.
+#[test]
+fn a_run_outlives_its_server() {
+    let folder = folder("outlives");
+    let (zenoh, server) = start(&folder);
+    ask(&zenoh, Ask::Register(spec(&[1, 2]))).unwrap();
+    let player = Player::open(&zenoh, 1);
+    player.play(0, 6);
+    player.close();
+    settled(&zenoh);
+    let player = Player::open(&zenoh, 0);
+    player.play(0, 6);
+    drop(server);
+    // As far as it got with a line.
+    let journal = journal_of(&folder.join("first"), "test");
+    let written = fs::read(&journal).unwrap();
+    fs::write(&journal, [&written[..], b"{\"event\":\"pl"].concat()).unwrap();
+
+    let (zenoh, server) = start(&folder);
+    let info = ask(&zenoh, Ask::Register(spec(&[1, 2]))).unwrap();
+    assert_eq!((info.episodes[0].state(), info.episodes[0].attempts), (EpisodeState::Unspecified, 1));
+    let player = Player::open(&zenoh, 0);
+    let end = player.play(1, u64::MAX).unwrap();
+    player.close();
+    assert_eq!(settled(&zenoh).episodes[0].digest, end.digest);
+    let ledger = Ledger::read(&journal).unwrap();
+    assert_eq!((ledger.episodes()[0].lost, ledger.episodes()[0].prefix.as_ref()), (1, None));
+    let player = Player::open(&zenoh, 1);
+    player.reset(0).unwrap();
+    (0..6).for_each(|step| {
+        player.act(1, step);
+        player.observations.recv_timeout(Duration::from_secs(2)).ok();
+    });
+    assert_eq!(settled(&zenoh).episodes[1].cause, "not repeated");
+    assert!(server.shutdown(LONG));
+}
+
+/// Nothing that reaches a client on the network tells a hosted seed before the run is over.
+#[test]
+fn hosted_seeds_are_not_told() {
+    let folder = folder("hosted");
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let endpoint = vec![format!("tcp/127.0.0.1:{port}")];
+    let listens = LinkArgs { listen: endpoint.clone(), ..LinkArgs::default() }.open(Role::Server).unwrap();
+    let server = Server::start(listens, options(&folder)).unwrap();
+    let zenoh = LinkArgs { connect: endpoint, ..LinkArgs::default() }.open(Role::Client).unwrap();
+    let heard: Receiver<StepRecord> = subscribe(&zenoh, "fiatlux/v3/test/s/*/truth/row".into());
+    let hosted = RunSpec { hosted_seeds: 2, ..spec(&[]) };
+    let info = ask(&zenoh, Ask::Register(hosted.clone())).unwrap();
+    assert!(info.episodes.len() == 2 && info.episodes.iter().all(|episode| episode.seed == 0));
+
+    let player = Player::open(&zenoh, 0);
+    assert!(player.info.seed == 0 && player.info.footprints.is_empty());
+    player.play(0, 5);
+    let rows = zenoh.get(player.keys.truth_rows());
+    let rows = rows.payload(StepRecordRequest { from_seq: 0, count: 10 }.encode_to_vec()).wait().unwrap();
+    for reply in rows.iter() {
+        let refusal = Refusal::decode(&*reply.result().unwrap_err().payload().to_bytes()).unwrap();
+        assert_eq!(refusal.code(), Code::Closed);
+    }
+    player.close();
+    let info = settled(&zenoh);
+    assert!(info.episodes.iter().all(|episode| episode.seed == 0));
+    assert!(heard.try_recv().is_err(), "rows stay on the server");
+    let player = Player::open(&zenoh, 0);
+    player.play(0, u64::MAX).unwrap();
+    player.close();
+    settled(&zenoh);
+
+    let info = ask(&zenoh, Ask::Finish(RunFinish {})).unwrap();
+    let seeds: Vec<u64> = info.episodes.iter().map(|episode| episode.seed).collect();
+    assert!(seeds[0] != seeds[1] && seeds.iter().all(|seed| (1 << 32..1 << 53).contains(seed)), "{seeds:?}");
+    let ledger = Ledger::read(journal_of(&folder.join("first"), "test")).unwrap();
+    let State::Played(played) = &ledger.episodes()[0].state else { panic!("{ledger:?}") };
+    let bag = Bag::open(folder.join("first").join(&played.bag)).unwrap();
+    assert!(bag.header().seed == seeds[0] && bag.header().run.as_ref().unwrap().hosted);
+    drop(server);
+}
+
+#[test]
+fn one_server_of_a_name_records_into_a_folder() {
+    let folder = folder("locked");
+    let (_, server) = start(&folder);
+    // On another network: the name is free there.
+    let other = fiatlux_link::embedded().unwrap();
+    let refused = Server::start(other.clone(), options(&folder));
+    assert!(matches!(refused, Err(ServerError::Record(RecordError::Taken { .. }))));
+    let named = ServerOptions { name: "other".into(), ..options(&folder) };
+    drop(Server::start(other.clone(), named).unwrap());
+    drop(server);
+    drop(Server::start(other, options(&folder)).unwrap());
+}
+
+#[test]
+fn a_server_without_a_folder_keeps_no_runs() {
+    let zenoh = fiatlux_link::embedded().unwrap();
+    let options = ServerOptions { record: None, ..options(Path::new("")) };
+    let _server = Server::start(zenoh.clone(), options).unwrap();
+    let (code, _, message) = refused(&zenoh, Ask::Register(spec(&[1])));
+    assert!(code == Code::Unknown && message.contains("--record DIR"), "{message}");
+}
+
+/// A bag that cannot be written ends the session, and its episode is abandoned for that reason.
+#[test]
+fn a_bag_that_is_lost_is_not_an_episode() {
+    let folder = folder("lost");
+    let (zenoh, server) = start(&folder);
+    ask(&zenoh, Ask::Register(spec(&[1]))).unwrap();
+    // The journal goes on in the file that it has open.
+    fs::rename(folder.join("first"), folder.join("moved")).unwrap();
+    fs::write(folder.join("first"), "a file in place of the folder").unwrap();
+    let player = Player::open(&zenoh, 0);
+    player.reset(0).unwrap();
+    let notice = player.notices.recv_timeout(LONG).unwrap();
+    assert!(notice.message.contains("its recording is lost"), "{}", notice.message);
+    let info = settled(&zenoh);
+    assert_eq!(info.episodes[0].state(), EpisodeState::Unspecified);
+    assert!(info.episodes[0].cause.starts_with("the recording is lost: "), "{}", info.episodes[0].cause);
+    fs::remove_file(folder.join("first")).unwrap();
+    fs::rename(folder.join("moved"), folder.join("first")).unwrap();
+    let player = Player::open(&zenoh, 0);
+    player.play(0, u64::MAX).unwrap();
+    player.close();
+    assert_eq!(settled(&zenoh).episodes[0].state(), EpisodeState::Played);
+    drop(server);
+}
+
+/// A journal that was changed by hand is left alone: its run is not taken up, nor is its name given away.
+#[test]
+fn a_damaged_journal_is_left_alone() {
+    let folder = folder("damaged");
+    let (zenoh, server) = start(&folder);
+    ask(&zenoh, Ask::Register(spec(&[1]))).unwrap();
+    drop(server);
+    let journal = journal_of(&folder.join("first"), "test");
+    let damaged = fs::read_to_string(&journal).unwrap().replace("\"seed\":1", "\"seed\":2");
+    fs::write(&journal, &damaged).unwrap();
+    assert!(matches!(Ledger::read(&journal), Err(LedgerError::Line { line: 1, .. })));
+    drop(zenoh);
+    let (zenoh, _server) = start(&folder);
+    assert_eq!(refused(&zenoh, Ask::Status(RunStatus {})).0, Code::Unknown);
+    let (code, _, message) = refused(&zenoh, Ask::Register(spec(&[1])));
+    assert!(code == Code::Busy && message.contains("another name"), "{message}");
+    assert_eq!(fs::read_to_string(&journal).unwrap(), damaged);
+}
