@@ -16,11 +16,11 @@ pub struct LinkArgs {
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated [a client's default: tcp/127.0.0.1:7447]
-    #[arg(short = 'e', long, value_name = "ENDPOINT", value_parser = endpoint)]
+    #[arg(short = 'e', long, value_name = "ENDPOINT", value_parser = parse_endpoint)]
     pub connect: Vec<String>,
     /// Listen on this endpoint, such as tcp/0.0.0.0:7447; may be repeated [a server's default, unless it has -e:
     /// tcp/127.0.0.1:7447]
-    #[arg(short, long, value_name = "ENDPOINT", value_parser = endpoint)]
+    #[arg(short, long, value_name = "ENDPOINT", value_parser = parse_endpoint)]
     pub listen: Vec<String>,
     /// Part in the Zenoh network [default: client for a program that connects to one server, else peer]
     #[arg(long, value_name = "MODE")]
@@ -30,8 +30,11 @@ pub struct LinkArgs {
     pub no_multicast_scouting: bool,
 }
 
-/// What is wrong with an endpoint is wrong usage; clap names the flag.
-fn endpoint(text: &str) -> Result<String, String> {
+/// Checks an endpoint such as `tcp/HOST:PORT`, as a value of a flag: a wrong one is wrong usage.
+///
+/// # Errors
+/// What is wrong with it, and how it is written.
+pub fn parse_endpoint(text: &str) -> Result<String, String> {
     config::check_endpoint(text).map(|()| text.into()).map_err(|reason| config::advise(&reason))
 }
 

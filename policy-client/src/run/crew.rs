@@ -10,8 +10,9 @@ use std::thread::Scope;
 use std::time::{Duration, Instant};
 
 use fiatlux_proto::keys::{any_alive, server_of};
-use fiatlux_proto::v3::{EpisodeEnd, RunEpisode, RunInfo, ServerInfo};
+use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::run_episode::State as Ledger;
+use fiatlux_proto::v3::{EpisodeEnd, RunEpisode, RunInfo, ServerInfo};
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::SampleKind;
@@ -34,6 +35,9 @@ const ASKING_PERIOD: Duration = Duration::from_millis(500);
 
 /// A server that does not take the run within this time, and says nothing against it, is not waited for.
 const JOINING_TIME: Duration = Duration::from_secs(15);
+
+/// How long a server may take to end the run: it waits for clients that are gone.
+const FINISHING_TIME: Duration = Duration::from_secs(30);
 
 /// Between two looks at everything.
 const TICK: Duration = Duration::from_millis(50);
@@ -395,9 +399,21 @@ impl<'scope, 'env> Crew<'scope, 'env> {
     fn finish(&mut self) {
         let live: Vec<String> = self.scheduler.live().map(str::to_owned).collect();
         let asked = self.scheduler.moment() + 1;
+        let start = Instant::now();
         let mut finished = !live.is_empty();
         for server in live {
-            match self.calls.finish(&server) {
+            let said = loop {
+                match self.calls.finish(&server) {
+                    // A session that was broken off there is still open.
+                    Err(ClientError::Refused { code: Code::Busy, .. })
+                        if start.elapsed() < FINISHING_TIME && !self.stop.load(Ordering::Relaxed) =>
+                    {
+                        std::thread::sleep(ASKING_PERIOD);
+                    }
+                    said => break said,
+                }
+            };
+            match said {
                 Ok(info) => self.on_ledger(&server, asked, &info),
                 Err(error) => {
                     tracing::warn!("the run is not ended on server {server}: {error}");

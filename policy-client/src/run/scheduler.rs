@@ -30,6 +30,8 @@ pub(super) enum Standing {
 pub(super) enum Setback {
     /// The server has no room for it.
     Busy,
+    /// It is open there for someone else.
+    Held,
     /// We broke it off.
     BrokenOff,
     /// The server does not open it, for this reason: its ledger tells more.
@@ -207,7 +209,9 @@ impl Scheduler {
         let is_live = self.servers.get(&server).is_some_and(Server::is_live);
         match setback {
             // It is the server's failure, not the episode's.
-            Setback::Busy | Setback::Refused(_) | Setback::Failed(_) if !is_live => episode.standing = Standing::Waiting,
+            Setback::Busy | Setback::Held | Setback::Refused(_) | Setback::Failed(_) if !is_live => {
+                episode.standing = Standing::Waiting;
+            }
             Setback::Busy => {
                 episode.standing = Standing::Waiting;
                 let load = self.playing().filter(|(_, name)| *name == server).count();
@@ -219,6 +223,7 @@ impl Scheduler {
                     self.episodes[index].standing = Standing::Held { server };
                 }
             }
+            Setback::Held => episode.standing = Standing::Held { server },
             Setback::BrokenOff => episode.standing = Standing::Waiting,
             Setback::Refused(reason) => {
                 episode.fail(reason);

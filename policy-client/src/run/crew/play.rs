@@ -56,6 +56,7 @@ impl Job {
 pub(super) fn setback(error: &ClientError) -> Setback {
     match error {
         ClientError::Stopped => Setback::BrokenOff,
+        ClientError::Refused { code: Code::Busy, field, .. } if field == "open" => Setback::Held,
         ClientError::Refused { code: Code::Busy, .. } => Setback::Busy,
         ClientError::Refused { .. } => Setback::Refused(error.to_string()),
         // A deterministic policy would do the same again.

@@ -194,6 +194,20 @@ fn a_refused_episode_waits_for_the_ledgers_word() {
     assert!(run.is_over());
 }
 
+/// The session of a client that died stays open for a while; that is not the episode's failure.
+#[test]
+fn an_episode_that_is_open_elsewhere_is_waited_for() {
+    let mut run = scheduler(1, &[("a", 1)]);
+    for _ in 0..=MAX_TRIES {
+        assert_eq!(on(&hand_out(&mut run)), [(0, "a")]);
+        run.set_back(0, Setback::Held);
+        assert_eq!((run.next(), run.to_ask()), (None, vec!["a".into()]));
+        tell(&mut run, "a", "o");
+        assert_eq!(run.next(), None);
+        tell(&mut run, "a", ".");
+    }
+}
+
 /// A server that joins late takes its part.
 #[test]
 fn a_server_that_appears_later_joins() {
