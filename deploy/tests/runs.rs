@@ -150,7 +150,10 @@ fn a_run_survives_the_loss_of_a_server() {
         let on_second = |server: &&str| *server == "lab-2";
         let there = progress.playing.iter().map(|episode| episode.server.as_str()).filter(on_second).count();
         seen.extend(progress.servers.iter().cloned());
-        if progress.done >= 2 && there > 0 && let Some((server, link)) = second.take() {
+        if progress.done >= 2
+            && there > 0
+            && let Some((server, link)) = second.take()
+        {
             lost = progress.playing.clone();
             // As where its process is killed: the way to it goes first.
             link.close().wait().unwrap();
@@ -203,7 +206,10 @@ fn a_stopped_run_is_resumed_by_its_key() {
     let mut stranger = options(&folder, "lab");
     stranger.file.key = "f".repeat(32);
     let error = Client::evaluate(&link, &stranger, slow(0), &mut |_| (), &AtomicBool::new(false)).unwrap_err();
-    assert!(matches!(&error, RunError::Client(error) if error.to_string().contains("the key is not the one")), "{error}");
+    assert!(
+        matches!(&error, RunError::Client(error) if error.to_string().contains("the key is not the one")),
+        "{error}"
+    );
     let other = RunSpec { policy: "other".into(), ..spec() };
     assert!(RunFile::open(&folder.join("RUN.toml"), &other).is_err());
 }

@@ -5,8 +5,8 @@
 //! in [`policies::by_name`].
 pub mod balance;
 mod client;
-pub mod policies;
 mod lists;
+pub mod policies;
 mod policy;
 mod run;
 mod session_args;

@@ -38,7 +38,10 @@ fn wrong_usage_exits_with_2_and_says_what_is_right() {
         (&["inspect", "--task", "S05", "--out", "src"], "folder src holds other files; name another one with --out"),
         (&["inspect", "--task", "S05", "--seconds", "0"], "write seconds, such as 10"),
         (&["run", "--policy", "zero", "--task", "S01", "--seed", "-1"], "seed -1 is negative; seeds are whole numbers"),
-        (&["run", "--policy", "zero", "--task", "S01", "-e", "lab:7447"], "write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"),
+        (
+            &["run", "--policy", "zero", "--task", "S01", "-e", "lab:7447"],
+            "write tcp/HOST:PORT, such as tcp/127.0.0.1:7447",
+        ),
         (&["evaluate", "--policy", "walk"], "use one of zero, random, hold, stand, replay:BAG"),
         (&["evaluate", "--policy", "zero", "--seeds", "0", "--hosted", "4"], "cannot be used with"),
         (&["evaluate", "--policy", "zero", "--tasks", "S13"], "there is no task 'S13'"),

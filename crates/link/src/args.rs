@@ -79,12 +79,17 @@ mod tests {
     fn a_wrong_endpoint_is_wrong_usage() {
         for flag in ["-e", "-l"] {
             let parse = |endpoint| Cli::try_parse_from(["x", flag, endpoint]);
-            assert!(parse("tcp/lab:7447").is_ok_and(|cli| [cli.link.connect, cli.link.listen].concat() == ["tcp/lab:7447"]));
+            assert!(
+                parse("tcp/lab:7447").is_ok_and(|cli| [cli.link.connect, cli.link.listen].concat() == ["tcp/lab:7447"])
+            );
             for (endpoint, part) in [("127.0.0.1:7447", "is no endpoint"), ("udp/lab:1", "udp is not built in")] {
                 let error = parse(endpoint).expect_err("refused");
                 let text = error.to_string();
                 assert_eq!((error.kind(), error.exit_code()), (ErrorKind::ValueValidation, 2));
-                assert!(text.contains(part) && text.contains("write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"), "{text}");
+                assert!(
+                    text.contains(part) && text.contains("write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"),
+                    "{text}"
+                );
             }
         }
     }

@@ -55,7 +55,8 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     };
     for (flag, endpoints) in [("--connect", &args.connect), ("--listen", &args.listen)] {
         for endpoint in endpoints {
-            let refuse = |reason: String| LinkError::Endpoint { flag, endpoint: endpoint.clone(), reason: advise(&reason) };
+            let refuse =
+                |reason: String| LinkError::Endpoint { flag, endpoint: endpoint.clone(), reason: advise(&reason) };
             check_endpoint(endpoint).map_err(refuse)?;
         }
     }

@@ -85,10 +85,8 @@ pub fn evaluate_external(
             return outcome(options, &journal, &ledger, false);
         }
     }
-    let endpoint = fiatlux_link::choose_port(&options.listen).map_err(|source| EvaluateError::Port {
-        endpoint: options.listen.clone(),
-        source,
-    })?;
+    let endpoint = fiatlux_link::choose_port(&options.listen)
+        .map_err(|source| EvaluateError::Port { endpoint: options.listen.clone(), source })?;
     let link = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server)?;
     let server = ServerOptions {
         name: options.name.clone(),

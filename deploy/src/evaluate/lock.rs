@@ -24,9 +24,10 @@ impl Lock {
         let file = File::options().create(true).append(true).open(&path).map_err(|error| folder(&path, error))?;
         match file.try_lock() {
             Ok(()) => Ok(Self { _file: file }),
-            Err(TryLockError::WouldBlock) => {
-                Err(folder(out, "another evaluation is at work in it; wait for its end, or name another folder with --out"))
-            }
+            Err(TryLockError::WouldBlock) => Err(folder(
+                out,
+                "another evaluation is at work in it; wait for its end, or name another folder with --out",
+            )),
             Err(TryLockError::Error(error)) => Err(folder(&path, error)),
         }
     }

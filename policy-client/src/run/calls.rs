@@ -72,12 +72,8 @@ impl Calls<'_> {
     }
 
     fn ask(&self, server: &str, what: Ask, timeout_s: f64) -> Result<run_reply::Reply, ClientError> {
-        let request = RunRequest {
-            protocol: Some(PROTOCOL),
-            run: self.run.into(),
-            key: self.key.into(),
-            ask: Some(what),
-        };
+        let request =
+            RunRequest { protocol: Some(PROTOCOL), run: self.run.into(), key: self.key.into(), ask: Some(what) };
         let bytes = ask(self.link, &ServerKeys::new(server).run(), "RunRequest", &request, timeout_s)?;
         let reply = decode::<RunReply>(&bytes, MAX_SERVER_MESSAGE).map_err(ClientError::unreadable(server))?;
         match reply.reply {

@@ -245,11 +245,8 @@ impl<'scope, 'env> Crew<'scope, 'env> {
     }
 
     fn on_joined(&mut self, server: &str, asked: u64, info: &ServerInfo, run: &RunInfo) {
-        let build = Build {
-            version: info.version.clone(),
-            model: info.model_digest.clone(),
-            scene: info.scene_digest.clone(),
-        };
+        let build =
+            Build { version: info.version.clone(), model: info.model_digest.clone(), scene: info.scene_digest.clone() };
         let same_build = self.build.as_ref().is_none_or(|first| *first == build);
         let same_run = |(left, right): (&RunEpisode, &RunEpisode)| left.task == right.task && left.seed == right.seed;
         let same_episodes = self.episodes.is_empty()
@@ -257,7 +254,9 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             || self.episodes.len() == run.episodes.len() && self.episodes.iter().zip(&run.episodes).all(same_run);
         if run.episodes.is_empty() || !same_build || !same_episodes {
             let reason = match (same_build, run.episodes.is_empty()) {
-                (false, _) => format!("server {server} is of another version, or has another robot or scene, than the others"),
+                (false, _) => {
+                    format!("server {server} is of another version, or has another robot or scene, than the others")
+                }
                 (_, true) => format!("server {server} says that the run has no episodes"),
                 _ => format!("server {server} has other episodes in this run than the others"),
             };
@@ -346,7 +345,9 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                 known.missing_since = None;
                 self.scheduler.server_leaves(name);
                 if known.took_part {
-                    tracing::warn!("server {name} is gone; what it has not finished is played elsewhere, or when it is back");
+                    tracing::warn!(
+                        "server {name} is gone; what it has not finished is played elsewhere, or when it is back"
+                    );
                 }
             }
         }
@@ -363,7 +364,8 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                 continue;
             }
             (known.is_asked, known.asked_at) = (true, Some(Instant::now()));
-            let (calls, sender, server, spec) = (self.calls, self.sender.clone(), name.clone(), &self.options.file.spec);
+            let (calls, sender, server, spec) =
+                (self.calls, self.sender.clone(), name.clone(), &self.options.file.spec);
             self.scope.spawn(move || {
                 let event = if joins {
                     let said = calls.describe(&server).and_then(|info| {
@@ -474,8 +476,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                 server: None,
             };
             if let Standing::Decided { server, entry } = standing {
-                outcome.fate =
-                    if entry.state() == Ledger::Played { EpisodeFate::Played } else { EpisodeFate::Failed };
+                outcome.fate = if entry.state() == Ledger::Played { EpisodeFate::Played } else { EpisodeFate::Failed };
                 outcome.cause.clone_from(&entry.cause);
                 outcome.digest.clone_from(&entry.digest);
                 (outcome.success, outcome.attempts, outcome.server) =

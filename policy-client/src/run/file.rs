@@ -164,13 +164,7 @@ mod tests {
             ..OpenRequest::default()
         };
         let tasks = vec!["S01".into(), "climb".into()];
-        RunSpec {
-            policy: "a/b ü".into(),
-            tasks,
-            seeds: vec![0, 7],
-            session: Some(session),
-            ..RunSpec::default()
-        }
+        RunSpec { policy: "a/b ü".into(), tasks, seeds: vec![0, 7], session: Some(session), ..RunSpec::default() }
     }
 
     #[test]

@@ -87,7 +87,8 @@ impl Scheduler {
 
     /// A server is there, or there again.
     pub(super) fn server_joins(&mut self, name: &str, room: usize) {
-        self.servers.insert(name.into(), Server { presence: Presence::Live, full_room: room.max(1), room: room.max(1) });
+        self.servers
+            .insert(name.into(), Server { presence: Presence::Live, full_room: room.max(1), room: room.max(1) });
     }
 
     /// A server cannot be seen for the moment.

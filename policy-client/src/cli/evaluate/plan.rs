@@ -1,7 +1,7 @@
 //! What a run is to play, from its flags.
 
-use fiatlux_policy::policies::{self, Replay};
 use fiatlux_policy::Policy;
+use fiatlux_policy::policies::{self, Replay};
 use fiatlux_proto::v3::{OpenRequest, RunSpec};
 use fiatlux_rules::Task;
 
@@ -43,7 +43,9 @@ fn replay(args: &EvaluateArgs, policy: &Replay) -> Result<RunSpec, Failure> {
         return refuse("a bag holds one episode: leave --tasks, --seeds and --hosted out");
     }
     if policy.header().episode != 0 {
-        return refuse("the bag is of a later episode of its session, and a run has only the first: use policy-client run");
+        return refuse(
+            "the bag is of a later episode of its session, and a run has only the first: use policy-client run",
+        );
     }
     let request = policy.request();
     Ok(RunSpec {

@@ -79,7 +79,11 @@ fn table(outcome: &RunOutcome, policy: &str) -> String {
     let width = rows.iter().map(|(task, _)| task.len()).max().unwrap_or(0).max("task".len());
     let mut text = format!("{policy}, run {}, on {}\n\n", outcome.run, outcome.servers.join(", "));
     // Text in memory takes every line.
-    let _ = writeln!(text, "{:width$}  {:>9}  {:>7}  {:>6}  {:>4}  ended by", "task", "played", "success", "failed", "lost");
+    let _ = writeln!(
+        text,
+        "{:width$}  {:>9}  {:>7}  {:>6}  {:>4}  ended by",
+        "task", "played", "success", "failed", "lost"
+    );
     let mut line = |task: &str, [played, all, success, failed, lost]: [usize; 5], causes: &str| {
         let played = format!("{played}/{all}");
         let line = format!("{task:width$}  {played:>9}  {success:>7}  {failed:>6}  {lost:>4}  {causes}");
