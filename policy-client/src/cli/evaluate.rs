@@ -12,6 +12,9 @@ use fiatlux_rules::{CONTROL_DT, Task};
 
 use super::Failure;
 
+/// Episodes under way that the progress line names.
+const MOST_SHOWN: usize = 3;
+
 /// Options of `evaluate`.
 #[derive(Debug, Args)]
 #[command(after_help = "What happens:
@@ -93,7 +96,9 @@ fn seeds(text: &str) -> Result<SeedList, String> {
 pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     let spec = plan::spec(args)?;
     let stop = stop_on_signal()?;
-    let link = args.connection.open(Role::Client)?;
+    // Of several servers one may be down at the start: it is waited for while the others play.
+    let role = if args.connection.connect.len() > 1 { Role::Server } else { Role::Client };
+    let link = args.connection.open(role)?;
     let file = RunFile::open(&args.run_file, &spec).map_err(|error| match error {
         RunFileError::Other { .. } => Failure::Usage(error.to_string()),
         other => other.into(),
@@ -131,12 +136,15 @@ fn look(line: &ProgressLine, progress: &RunProgress) -> String {
     if servers.is_empty() {
         text += ", waiting for a server";
     }
-    for episode in playing {
+    for episode in playing.iter().take(MOST_SHOWN) {
         let seed = episode.seed.map_or_else(String::new, |seed| format!("/{seed}"));
         text += &format!("  {}{seed} at {:.0} s", episode.task, episode.step as f64 * CONTROL_DT);
         if servers.len() > 1 {
             text += &format!(" on {}", episode.server);
         }
+    }
+    if let Some(more @ 1..) = playing.len().checked_sub(MOST_SHOWN) {
+        text += &format!("  and {more} more");
     }
     text
 }

@@ -39,6 +39,10 @@ const JOINING_TIME: Duration = Duration::from_secs(15);
 /// How long a server may take to end the run: it waits for clients that are gone.
 const FINISHING_TIME: Duration = Duration::from_secs(30);
 
+/// Servers that are there at the start are given this time to be heard of, and so long to take the run, so that it is spread
+/// over all of them.
+const SETTLING_TIMES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(3)];
+
 /// Between two looks at everything.
 const TICK: Duration = Duration::from_millis(50);
 
@@ -51,7 +55,7 @@ type MakePolicy<'a> = dyn Fn() -> Result<Box<dyn Policy>, PolicyError> + Sync + 
 enum Event {
     Token { server: String, is_there: bool },
     Joined { server: String, asked: u64, said: Result<Box<(ServerInfo, RunInfo)>, ClientError> },
-    Told { server: String, asked: u64, said: Result<RunInfo, ClientError> },
+    Told { server: String, asked: u64, said: Result<Box<RunInfo>, ClientError> },
     Opened(usize),
     Over { index: usize, steps: u64, end: Result<EpisodeEnd, ClientError> },
 }
@@ -170,6 +174,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
     fn play_on(&mut self, progress: &mut dyn FnMut(&RunProgress)) -> Result<(), RunError> {
         let start = Instant::now();
         let (mut reported, mut last_seen) = (start, start);
+        let mut has_begun = false;
         loop {
             match self.events.recv_timeout(TICK) {
                 Ok(event) => self.on(event)?,
@@ -198,7 +203,8 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             for index in self.scheduler.strays() {
                 self.break_off(index);
             }
-            while let Some((index, server)) = self.scheduler.next() {
+            has_begun |= self.is_settled(start.elapsed());
+            while has_begun && let Some((index, server)) = self.scheduler.next() {
                 self.begin(index, server);
             }
             if reported.elapsed() >= REPORT_PERIOD {
@@ -339,6 +345,12 @@ impl<'scope, 'env> Crew<'scope, 'env> {
         Err(self.problem.take().unwrap_or_else(gone).into())
     }
 
+    fn is_settled(&self, elapsed: Duration) -> bool {
+        let [heard_of, joined] = SETTLING_TIMES;
+        let joins = |known: &Known| known.is_there && !known.has_joined && !known.refused;
+        elapsed >= heard_of && (elapsed >= joined || !self.servers.values().any(joins))
+    }
+
     fn miss_servers(&mut self) {
         for (name, known) in &mut self.servers {
             if known.missing_since.is_some_and(|since| since.elapsed() >= MISSING_TIME) {
@@ -374,7 +386,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                     });
                     Event::Joined { server, asked, said }
                 } else {
-                    Event::Told { asked, said: calls.status(&server), server }
+                    Event::Told { asked, said: calls.status(&server).map(Box::new), server }
                 };
                 let _ = sender.send(event);
             });
