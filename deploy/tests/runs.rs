@@ -266,6 +266,30 @@ fn what_a_policy_cannot_play_is_lost() {
     assert!(outcome.finished && failed == 1, "{outcome:?}");
 }
 
+/// A policy that fits no session of the run is an error of the whole, not of one episode after the other.
+#[test]
+fn a_policy_that_does_not_fit_ends_the_call() {
+    struct Unfit;
+    impl Policy for Unfit {
+        fn name(&self) -> String {
+            "slow".into()
+        }
+        fn reset(&mut self, _: &SessionInfo, _: &Observation) -> Result<(), PolicyError> {
+            Err(PolicyError::Sensor { policy: "slow", sensor: "camera" })
+        }
+        fn act(&mut self, _: &Observation) -> Result<Command, PolicyError> {
+            Ok(Command::Action(Vec::new()))
+        }
+    }
+    let (folder, link) = (folder("unfit"), fiatlux_link::embedded().unwrap());
+    let _server = server(&link, "lab", &folder);
+    let make = || Ok(Box::new(Unfit) as Box<dyn Policy>);
+    let error = Client::evaluate(&link, &options(&folder, "lab"), make, &mut |_| (), &AtomicBool::new(false));
+    assert!(matches!(error, Err(RunError::Policy(PolicyError::Sensor { sensor: "camera", .. }))), "{error:?}");
+    let outcome = play(&link, &options(&folder, "lab"), 0, &mut |_| (), &AtomicBool::new(false));
+    assert_eq!(digests(&outcome), undisturbed(), "nothing is lost by it");
+}
+
 /// The seeds are the server's secret until the end.
 #[test]
 fn hosted_seeds_are_told_at_the_end() {

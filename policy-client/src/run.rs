@@ -68,7 +68,8 @@ impl Client {
     ///
     /// use fiatlux_link::{LinkArgs, Role};
     /// use fiatlux_policy::{Client, RunFile, RunOptions, policies::Zero};
-    ///     ///
+    /// use fiatlux_proto::v3::RunSpec;
+    ///
     /// let spec = RunSpec { policy: "mine".into(), seeds: vec![0, 1, 2, 3], ..RunSpec::default() };
     /// let options = RunOptions::new(RunFile::open("RUN.toml".as_ref(), &spec)?);
     /// let link = LinkArgs { connect: vec!["tcp/192.168.1.7:7447".into()], ..LinkArgs::default() }.open(Role::Client)?;

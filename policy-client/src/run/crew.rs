@@ -161,10 +161,11 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             }
         }
         played?;
-        let stopped = self.stop.load(Ordering::Relaxed) && !self.scheduler.is_over();
+        let is_over = !self.episodes.is_empty() && self.scheduler.is_over();
+        let stopped = self.stop.load(Ordering::Relaxed) && !is_over;
         let is_lost = |(standing, _): (&Standing, _)| *standing == Standing::Lost;
         let may_finish = self.options.give_up_lost || !self.scheduler.standings().any(is_lost);
-        if !stopped && self.scheduler.is_over() && may_finish && !self.finished {
+        if is_over && may_finish && !self.finished {
             self.finish();
         }
         progress(&self.look());

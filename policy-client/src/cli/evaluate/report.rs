@@ -32,14 +32,16 @@ pub fn tell(outcome: &RunOutcome, run_file: &Path) {
     }
     let lost: Vec<_> = outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Lost).collect();
     let left = lost.len();
-    if outcome.stopped {
+    if outcome.stopped && outcome.episodes.is_empty() {
+        eprintln!("stopped before the run was registered");
+    } else if outcome.stopped {
         eprintln!("stopped with {left} of {} episodes to play; nothing is lost", outcome.episodes.len());
     } else {
         lost.iter().for_each(|episode| eprintln!("lost: {}: {}", name(episode), episode.cause));
     }
     let file = run_file.display();
     if outcome.finished {
-        eprintln!("run {} is over; {file} is of no more use", outcome.run);
+        eprintln!("run {} is over; name another file than {file} with --run-file for another run", outcome.run);
     } else {
         eprintln!("run {} is not over: the same command goes on with it, by its key in {file}", outcome.run);
     }
