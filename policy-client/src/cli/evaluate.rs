@@ -96,13 +96,18 @@ fn seeds(text: &str) -> Result<SeedList, String> {
 pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     let spec = plan::spec(args)?;
     let stop = stop_on_signal()?;
+    let open = || {
+        RunFile::open(&args.run_file, &spec).map_err(|error| match error {
+            RunFileError::Other { .. } => Failure::Usage(error.to_string()),
+            other => other.into(),
+        })
+    };
+    // A file that does not fit is told of at once; a new one is written when there is someone to register with.
+    let known = if args.run_file.exists() { Some(open()?) } else { None };
     // Of several servers one may be down at the start: it is waited for while the others play.
     let role = if args.connection.connect.len() > 1 { Role::Server } else { Role::Client };
     let link = args.connection.open(role)?;
-    let file = RunFile::open(&args.run_file, &spec).map_err(|error| match error {
-        RunFileError::Other { .. } => Failure::Usage(error.to_string()),
-        other => other.into(),
-    })?;
+    let file = known.map_or_else(open, Ok)?;
     let options = RunOptions {
         server: args.server.clone(),
         parallel: args.parallel.map(usize::from),

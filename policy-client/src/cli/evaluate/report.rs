@@ -84,7 +84,7 @@ fn table(outcome: &RunOutcome, policy: &str) -> String {
     let _ = writeln!(
         text,
         "{:width$}  {:>9}  {:>7}  {:>6}  {:>4}  ended by",
-        "task", "played", "success", "failed", "lost"
+        "task", "played", "success", "failed", "left"
     );
     let mut line = |task: &str, [played, all, success, failed, lost]: [usize; 5], causes: &str| {
         let played = format!("{played}/{all}");
