@@ -2,6 +2,9 @@
 //!
 //! Every episode is a session like any other: the policy sees messages only, and the scorer sees bags only.
 mod done;
+mod external;
+mod lock;
+mod losses;
 mod play;
 mod progress;
 
@@ -17,6 +20,9 @@ use fiatlux_scorer::{GradeOptions, Results, ScoreError, grade};
 use fiatlux_sim::{RecorderError, ServerError, ServerOptions};
 use thiserror::Error;
 
+pub use external::{ExternalOptions, ExternalProgress, evaluate_external};
+use lock::Lock;
+use losses::Played;
 pub use progress::Progress;
 
 /// Name of the server in this process.
@@ -107,8 +113,8 @@ pub enum EvaluateError {
     /// The folder of meshes.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] fiatlux_render::MeshError),
-    /// No Zenoh session within the process.
-    #[error("cannot open a Zenoh session within this process")]
+    /// No Zenoh session.
+    #[error("cannot open a Zenoh session")]
     Link(#[from] fiatlux_link::LinkError),
     /// The server did not start.
     #[error("cannot start the server")]
@@ -122,6 +128,18 @@ pub enum EvaluateError {
         /// What happened to each.
         lost: String,
     },
+    /// No port is free to listen on.
+    #[error("no free port for {endpoint}; name another endpoint of this machine with --listen tcp/HOST:PORT")]
+    Port {
+        /// As asked for.
+        endpoint: String,
+        /// What the system says.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The ledger of a run.
+    #[error("cannot read how far the run is")]
+    Ledger(#[from] fiatlux_bag::run::LedgerError),
     /// The bags cannot be graded.
     #[error("cannot grade the bags")]
     Score(#[from] ScoreError),
@@ -141,6 +159,7 @@ pub fn evaluate(
     policies::by_name(&options.policy)?;
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
+    let _lock = Lock::take(&options.out)?;
     let jobs: Vec<Job> =
         options.tasks.iter().flat_map(|&task| options.seeds.iter().map(move |&seed| Job { task, seed })).collect();
     // A client that failed keeps its place until the grace time is over.
@@ -154,19 +173,21 @@ pub fn evaluate(
     };
     let todo = done::not_done(&jobs, &bags, options)?;
     let resumed = jobs.len() - todo.len();
-    let failed = if todo.is_empty() { Vec::new() } else { play::play(&todo, &bags, server, options, stop, progress)? };
-    let reason = |job: &Job| failed.iter().find(|(other, _)| other == job).map(|(_, reason)| reason.as_str());
+    let played = match todo.is_empty() {
+        true => Played::default(),
+        false => play::play(&todo, &bags, server, options, stop, progress)?,
+    };
     let (recorded, missing): (Vec<Job>, Vec<Job>) = jobs.iter().partition(|job| bags.join(job.bag_name()).exists());
-    let mut lost: Vec<String> =
-        missing.iter().filter_map(|job| Some(format!("{} seed {}: {}", job.task, job.seed, reason(job)?))).collect();
+    let mut lost = played.lost(&missing);
     if recorded.is_empty() {
-        return Err(EvaluateError::Nothing { lost: lost.join("\n  ") });
+        let lost = if lost.is_empty() { "it was stopped before one was over".into() } else { lost.join("\n  ") };
+        return Err(EvaluateError::Nothing { lost });
     }
     let results = grade_bags(&recorded, &bags, options)?;
     lost.extend(results.excluded.iter().map(|bag| {
         // Why its client gave up says more than that the bag is aborted.
         let job = jobs.iter().find(|job| bag.bag.ends_with(&job.bag_name()));
-        format!("{}: {}", bag.bag, job.and_then(reason).unwrap_or(&bag.detail))
+        format!("{}: {}", bag.bag, job.and_then(|job| played.reason(*job)).unwrap_or(&bag.detail))
     }));
     Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
 }

@@ -36,7 +36,7 @@ enum Command {
     /// and report.html are left in the output folder; the table goes to stdout. Ctrl-C stops cleanly and grades what is
     /// finished; the same command again goes on from there.
     #[command(after_help = evaluate_command::EXAMPLES)]
-    Evaluate(evaluate_command::EvaluateArgs),
+    Evaluate(Box<evaluate_command::EvaluateArgs>),
     /// Makes a video, a folder of pictures or a still of recorded episodes.
     ///
     /// Needs no graphics driver. A video goes through ffmpeg where PATH has one; without it the frames are left as PNG files.

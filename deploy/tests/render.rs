@@ -202,7 +202,17 @@ fn what_is_there_is_kept() {
     fs::write(mine.join("notes.txt"), "mine").unwrap();
     check(&render(&[text(&bag), "-o", text(&mine), "--force"]), 1, &["holds other things"]);
     assert_eq!(names(&mine), ["0000.png", "notes.txt"]);
-    check(&render(&[text(&bag), "-o", text(&folder.join("no/clip"))]), 1, &["its folder is not there"]);
+    let below = text(&still).to_owned() + "/clip";
+    check(&render(&[text(&bag), "-o", &below]), 1, &["a part of its path is a file"]);
+}
+
+#[test]
+fn a_missing_folder_is_made() {
+    let folder = folder("made");
+    let bag = bag(&folder);
+    let still = folder.join("not/yet/still.png");
+    check(&render(&[text(&bag), "-o", text(&still), "--at", "0.1"]), 0, &[]);
+    assert_eq!(decode(&still).0, SIZE);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The commands.
 
+pub mod evaluate;
 pub mod inspect;
 pub mod list;
 pub mod plan;

@@ -4,7 +4,7 @@
 mod discover;
 mod error;
 mod mailbox;
-mod query;
+pub(crate) mod query;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,12 +26,13 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
 use crate::{Policy, PolicyError, RoundTrips};
+pub(crate) use discover::{DISCOVERY_S, live_servers};
 pub use discover::{describe_servers, find_server};
 pub use error::ClientError;
 use mailbox::Mailbox;
 
 /// The time that a server has to answer `open`; it may build the scene first, s.
-const OPEN_TIMEOUT_S: f64 = 60.0;
+pub(crate) const OPEN_TIMEOUT_S: f64 = 60.0;
 
 /// The time that a server has to answer a look: features of a large image take some tenths of a second, s.
 const LOOK_TIMEOUT_S: f64 = 5.0;
@@ -78,12 +79,17 @@ impl Client {
         let request = OpenRequest { protocol: Some(PROTOCOL), ..request };
         let bytes = query::ask(link, &ServerKeys::new(&server).open(), "OpenRequest", &request, OPEN_TIMEOUT_S)?;
         let reply = decode::<OpenReply>(&bytes, MAX_SERVER_MESSAGE).map_err(ClientError::unreadable(&server))?;
-        let info = match reply.reply {
-            Some(open_reply::Reply::Session(info)) => check(info)?,
-            Some(open_reply::Reply::Refusal(refusal)) => return Err(ClientError::refused(&server, refusal)),
-            None => return Err(ClientError::Session { reason: "the reply is empty".into() }),
-        };
-        let keys = ServerKeys::new(&server).session(&info.session);
+        match reply.reply {
+            Some(open_reply::Reply::Session(info)) => Self::enter(link, &server, info),
+            Some(open_reply::Reply::Refusal(refusal)) => Err(ClientError::refused(&server, refusal)),
+            None => Err(ClientError::Session { reason: "the reply is empty".into() }),
+        }
+    }
+
+    /// Takes part in a session that the server has opened for this client.
+    pub(crate) fn enter(link: &Session, server: &str, info: SessionInfo) -> Result<Self, ClientError> {
+        let info = check(info)?;
+        let keys = ServerKeys::new(server).session(&info.session);
         let token = link.liveliness().declare_token(keys.client()).wait().map_err(ClientError::zenoh)?;
         let mailbox = Arc::new(Mailbox::default());
         let subscribers = [

@@ -1,17 +1,23 @@
 //! Policies and their session loop.
 //!
 //! A [`Policy`] turns observations into commands. [`Client`] opens a session on a server and runs episodes of it;
-//! [`ClientSession`](fiatlux_session::ClientSession) holds the rules of the exchange and does no I/O. A new policy is one file in `policies/`, with a line
+//! [`Client::evaluate`] plays a whole run; [`ClientSession`](fiatlux_session::ClientSession) holds the rules of the exchange and does no I/O. A new policy is one file in `policies/`, with a line
 //! in [`policies::by_name`].
 pub mod balance;
 mod client;
+mod lists;
 pub mod policies;
 mod policy;
+mod run;
 mod session_args;
 mod stats;
 
 pub use client::{Client, ClientError, describe_servers, find_server};
 pub use fiatlux_session::{Command, SessionFailure};
+pub use lists::{parse_seed, parse_seeds, parse_tasks};
 pub use policy::{Policy, PolicyError};
+pub use run::{
+    EpisodeFate, EpisodeOutcome, Playing, RunError, RunFile, RunFileError, RunOptions, RunOutcome, RunProgress,
+};
 pub use session_args::SessionArgs;
 pub use stats::RoundTrips;

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 
 use cli::plan::RunArgs;
-use cli::{Failure, list, run};
+use cli::{Failure, evaluate, list, run};
 
 /// Runs policies on a simulation server
 #[derive(Debug, Parser)]
@@ -21,8 +21,9 @@ use cli::{Failure, list, run};
   policy-client run --policy zero --task S08 --seed 0
   policy-client run --policy stand --task S01 --episodes 3 -e tcp/192.168.1.7:7447
   policy-client run --policy replay:bags/S08-s0-e0.mcap
+  policy-client evaluate --policy stand -e tcp/192.168.1.7:7447
 
-Results go to stdout, progress and log to stderr. Exit codes: 0 ok, 1 failed, 2 usage."
+Results go to stdout, progress and log to stderr. Exit codes: 0 ok, 1 failed, 2 usage, 3 a run that is not all played."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -33,6 +34,8 @@ struct Cli {
 enum Subcommand {
     /// Run episodes of a task with a policy
     Run(Box<RunArgs>),
+    /// Play a whole run: a policy through all tasks and seeds, on servers elsewhere
+    Evaluate(Box<evaluate::EvaluateArgs>),
     /// Show what a policy receives in a session: live, and as pictures
     Inspect(Box<cli::inspect::InspectArgs>),
     /// List the servers that can be reached
@@ -44,12 +47,18 @@ fn main() -> ExitCode {
     fiatlux_link::init_quiet_log();
     let done = match cli.command {
         Subcommand::Run(args) => run::run(&args),
+        Subcommand::Evaluate(args) => return exit(evaluate::evaluate(&args), ExitCode::from(3)),
         Subcommand::Inspect(args) => cli::inspect::inspect(&args),
         Subcommand::List(args) => list::list(&args),
     };
+    exit(done, ExitCode::FAILURE)
+}
+
+/// The end of the program; `short` where the work was done in part.
+fn exit(done: Result<bool, Failure>, short: ExitCode) -> ExitCode {
     match done {
         Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
+        Ok(false) => short,
         Err(Failure::Usage(message)) => Cli::command().error(clap::error::ErrorKind::ValueValidation, message).exit(),
         Err(Failure::Failed(error)) => {
             eprintln!("error: {error:#}");

@@ -29,7 +29,7 @@ fn run(args: &[&str]) -> (i32, String, String) {
 
 #[test]
 fn wrong_usage_exits_with_2_and_says_what_is_right() {
-    let cases: [(&[&str], &str); 8] = [
+    let cases: [(&[&str], &str); 13] = [
         (&["run", "--policy", "walk", "--task", "S01"], "use one of zero, random, hold, stand, replay:BAG"),
         (&["run", "--policy", "zero"], "name a task"),
         (&["run", "--policy", "zero", "--task", "S01", "--set", "fragility"], "write NAME=VALUE"),
@@ -37,6 +37,14 @@ fn wrong_usage_exits_with_2_and_says_what_is_right() {
         (&["inspect", "--task", "S05", "--policy", "walk"], "use one of zero, random, hold, stand, replay:BAG"),
         (&["inspect", "--task", "S05", "--out", "src"], "folder src holds other files; name another one with --out"),
         (&["inspect", "--task", "S05", "--seconds", "0"], "write seconds, such as 10"),
+        (&["run", "--policy", "zero", "--task", "S01", "--seed", "-1"], "seed -1 is negative; seeds are whole numbers"),
+        (
+            &["run", "--policy", "zero", "--task", "S01", "-e", "lab:7447"],
+            "write tcp/HOST:PORT, such as tcp/127.0.0.1:7447",
+        ),
+        (&["evaluate", "--policy", "walk"], "use one of zero, random, hold, stand, replay:BAG"),
+        (&["evaluate", "--policy", "zero", "--seeds", "0", "--hosted", "4"], "cannot be used with"),
+        (&["evaluate", "--policy", "zero", "--tasks", "S13"], "there is no task 'S13'"),
         (&[], "Usage: policy-client"),
     ];
     for (args, part) in cases {
@@ -121,6 +129,26 @@ fn a_replay_compares_digests() {
         assert_eq!(found, code, "{stdout}{stderr}");
         assert!(stdout.contains(words) && stdout.contains("seed 5 episode 2"), "{stdout}");
     }
+}
+
+/// A server that keeps no runs says so in time, and a run file is left as it was.
+#[test]
+fn a_server_without_runs_is_named() {
+    let ([link, _], endpoint) = tcp();
+    let _server = FakeServer::new(&link, "lab", 0);
+    let file = std::env::temp_dir().join(format!("fiatlux-command-run-{}.toml", std::process::id()));
+    let path = file.display().to_string();
+    let evaluate = |policy: &str| {
+        run(&["evaluate", "--policy", policy, "--tasks", "S01", "--seeds", "0", "--run-file", &path, "-e", &endpoint])
+    };
+    let (code, stdout, stderr) = evaluate("zero");
+    assert_eq!((code, stdout.as_str()), (1, ""), "{stderr}");
+    assert!(stderr.contains("fiatlux/v3/lab/run was not answered"), "{stderr}");
+    let text = std::fs::read(&file).expect("it is there");
+    let (code, _, stderr) = evaluate("random");
+    assert!(code == 2 && stderr.contains("which differs in the policy") && stderr.contains("--run-file"), "{stderr}");
+    assert_eq!(std::fs::read(&file).expect("it is there"), text);
+    std::fs::remove_file(file).expect("removes");
 }
 
 #[cfg(unix)]

@@ -16,11 +16,11 @@ pub struct LinkArgs {
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated [a client's default: tcp/127.0.0.1:7447]
-    #[arg(short = 'e', long, value_name = "ENDPOINT")]
+    #[arg(short = 'e', long, value_name = "ENDPOINT", value_parser = parse_endpoint)]
     pub connect: Vec<String>,
     /// Listen on this endpoint, such as tcp/0.0.0.0:7447; may be repeated [a server's default, unless it has -e:
     /// tcp/127.0.0.1:7447]
-    #[arg(short, long, value_name = "ENDPOINT")]
+    #[arg(short, long, value_name = "ENDPOINT", value_parser = parse_endpoint)]
     pub listen: Vec<String>,
     /// Part in the Zenoh network [default: client for a program that connects to one server, else peer]
     #[arg(long, value_name = "MODE")]
@@ -28,6 +28,14 @@ pub struct LinkArgs {
     /// Turn multicast scouting off where a config file turns it on; without a config file it is off
     #[arg(long)]
     pub no_multicast_scouting: bool,
+}
+
+/// Checks an endpoint such as `tcp/HOST:PORT`, as a value of a flag: a wrong one is wrong usage.
+///
+/// # Errors
+/// What is wrong with it, and how it is written.
+pub fn parse_endpoint(text: &str) -> Result<String, String> {
+    config::check_endpoint(text).map(|()| text.into()).map_err(|reason| config::advise(&reason))
 }
 
 /// Part of a program in the Zenoh network.
@@ -51,5 +59,38 @@ impl LinkArgs {
         let config = config::layered(self, role)?;
         let plan = config::Plan::of(&config);
         zenoh::open(config).wait().map_err(|source| plan.explain(&source.to_string()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use clap::error::ErrorKind;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Cli {
+        #[command(flatten)]
+        link: LinkArgs,
+    }
+
+    #[test]
+    fn a_wrong_endpoint_is_wrong_usage() {
+        for flag in ["-e", "-l"] {
+            let parse = |endpoint| Cli::try_parse_from(["x", flag, endpoint]);
+            assert!(
+                parse("tcp/lab:7447").is_ok_and(|cli| [cli.link.connect, cli.link.listen].concat() == ["tcp/lab:7447"])
+            );
+            for (endpoint, part) in [("127.0.0.1:7447", "is no endpoint"), ("udp/lab:1", "udp is not built in")] {
+                let error = parse(endpoint).expect_err("refused");
+                let text = error.to_string();
+                assert_eq!((error.kind(), error.exit_code()), (ErrorKind::ValueValidation, 2));
+                assert!(
+                    text.contains(part) && text.contains("write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"),
+                    "{text}"
+                );
+            }
+        }
     }
 }

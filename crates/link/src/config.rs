@@ -54,7 +54,11 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
             .map_err(|source| LinkError::ConfigFile { path: path.clone(), reason: source.to_string() })?,
     };
     for (flag, endpoints) in [("--connect", &args.connect), ("--listen", &args.listen)] {
-        endpoints.iter().try_for_each(|endpoint| check_endpoint(flag, endpoint))?;
+        for endpoint in endpoints {
+            let refuse =
+                |reason: String| LinkError::Endpoint { flag, endpoint: endpoint.clone(), reason: advise(&reason) };
+            check_endpoint(endpoint).map_err(refuse)?;
+        }
     }
 
     if let Some(mode) = args.mode {
@@ -135,15 +139,20 @@ impl Plan {
     }
 }
 
-fn check_endpoint(flag: &'static str, endpoint: &str) -> Result<(), LinkError> {
-    let refuse = |reason: String| LinkError::Endpoint { flag, endpoint: endpoint.to_string(), reason };
-    let parsed: EndPoint = endpoint.parse().map_err(|_| refuse("is no endpoint".to_string()))?;
+/// Says what is wrong with an endpoint.
+pub fn check_endpoint(endpoint: &str) -> Result<(), String> {
+    let parsed: EndPoint = endpoint.parse().map_err(|_| "is no endpoint".to_string())?;
     let protocol = parsed.protocol().as_str().to_string();
     if PROTOCOLS.contains(&protocol.as_str()) {
         Ok(())
     } else {
-        Err(refuse(format!("the protocol {protocol} is not built in, only {}", PROTOCOLS.join(", "))))
+        Err(format!("the protocol {protocol} is not built in, only {}", PROTOCOLS.join(", ")))
     }
+}
+
+/// What is wrong with an endpoint, and how it is written.
+pub fn advise(reason: &str) -> String {
+    format!("{reason}; write tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
 }
 
 /// Whether the config says nothing else there than Zenoh's defaults.

@@ -26,13 +26,13 @@ pub enum LinkError {
         reason: String,
     },
     /// An endpoint cannot be read, or its protocol is not built in.
-    #[error("{flag} {endpoint}: {reason}; write tcp/HOST:PORT, such as {}", crate::DEFAULT_ENDPOINT)]
+    #[error("{flag} {endpoint}: {reason}")]
     Endpoint {
         /// The flag that it was given with.
         flag: &'static str,
         /// As given.
         endpoint: String,
-        /// What is wrong.
+        /// What is wrong, and how it is written.
         reason: String,
     },
     /// Nothing answers where the session should connect.

@@ -27,7 +27,7 @@ mod signal;
 
 use zenoh::{Session, Wait};
 
-pub use args::{LinkArgs, LinkMode};
+pub use args::{LinkArgs, LinkMode, parse_endpoint};
 pub use config::Role;
 pub use error::LinkError;
 pub use in_full::in_full;

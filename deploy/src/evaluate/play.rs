@@ -2,20 +2,20 @@
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
 use fiatlux_policy::{Client, ClientError, policies};
-use fiatlux_sim::{Naming, Recorder, RecorderOptions, Server, ServerOptions};
+use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, Server, ServerOptions};
 
-use super::{EvaluateError, EvaluateOptions, Job, Progress, SERVER};
+use super::{EvaluateError, EvaluateOptions, Job, Played, Progress, SERVER};
 
 /// How often progress is reported.
 const REPORT_PERIOD: Duration = Duration::from_millis(250);
 /// How long bags may take to close after the last episode.
 const CLOSING_TIME: Duration = Duration::from_secs(15);
 
-/// Plays the jobs; returns why some failed.
+/// Plays the jobs; returns what became of them.
 pub(super) fn play(
     jobs: &[Job],
     bags: &Path,
@@ -23,8 +23,9 @@ pub(super) fn play(
     options: &EvaluateOptions,
     stop: &Arc<AtomicBool>,
     progress: &mut dyn FnMut(&Progress),
-) -> Result<Vec<(Job, String)>, EvaluateError> {
+) -> Result<Played, EvaluateError> {
     let link = fiatlux_link::embedded()?;
+    let (unwritten, reports) = mpsc::channel();
     let recorder = Recorder::start(
         link.clone(),
         RecorderOptions {
@@ -32,8 +33,8 @@ pub(super) fn play(
             server: Some(SERVER.into()),
             naming: Naming::Flat,
             inside: false,
-            // What became of each bag is read from the bags.
-            on_bag: Box::new(|_| ()),
+            // What became of whole bags is read from the bags.
+            on_bag: Box::new(move |report| note_cut(&report, &unwritten)),
             name: SERVER.into(),
         },
     )?;
@@ -62,7 +63,16 @@ pub(super) fn play(
     server.shutdown(CLOSING_TIME);
     recorder.stop();
     progress(&board.look());
-    Ok(board.failed())
+    let (over, failed) = board.over();
+    Ok(Played { over, failed, unwritten: reports.try_iter().collect() })
+}
+
+/// Notes why a bag is not whole.
+fn note_cut(report: &BagReport, unwritten: &mpsc::Sender<(Job, String)>) {
+    if let (BagEnd::Cut(reason), Ok(task)) = (&report.end, report.header.task.parse()) {
+        // Nobody listens any more where the evaluation has failed.
+        let _ = unwritten.send((Job { task, seed: report.header.seed }, reason.clone()));
+    }
 }
 
 /// Plays one episode in a session of its own.
@@ -98,6 +108,7 @@ struct BoardState {
     /// Job and step at each seat.
     seats: Vec<Option<(Job, u64)>>,
     failed: Vec<(Job, String)>,
+    over: Vec<Job>,
 }
 
 impl<'a> Board<'a> {
@@ -129,6 +140,9 @@ impl<'a> Board<'a> {
         let Some((job, step)) = state.seats[seat].take() else { return };
         state.finished += 1;
         state.steps += step;
+        if !matches!(error, Some(ClientError::Stopped)) {
+            state.over.push(job);
+        }
         if let Some(error) = error.filter(|error| !matches!(error, ClientError::Stopped)) {
             state.failed.push((job, error.to_string()));
         }
@@ -148,7 +162,9 @@ impl<'a> Board<'a> {
         }
     }
 
-    fn failed(&self) -> Vec<(Job, String)> {
-        self.state().failed.clone()
+    /// Episodes that are over, and why clients gave up.
+    fn over(&self) -> (Vec<Job>, Vec<(Job, String)>) {
+        let state = self.state();
+        (state.over.clone(), state.failed.clone())
     }
 }

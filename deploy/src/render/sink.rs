@@ -52,8 +52,8 @@ impl Output {
         let Some(parent) = path.file_name().and(path.parent()) else {
             return refuse("it has no name; name a file or a new folder");
         };
-        if !parent.as_os_str().is_empty() && !parent.is_dir() {
-            return refuse("its folder is not there; make it first");
+        if parent.ancestors().any(|folder| folder.is_file()) {
+            return refuse("a part of its path is a file; choose another name");
         }
         let Ok(found) = fs::symlink_metadata(path) else { return Ok(()) };
         if !force {
@@ -85,6 +85,9 @@ pub(super) struct Sink {
 impl Sink {
     pub fn create(output: &Output, force: bool, picture: &Picture, fps: u32) -> Result<Self, RenderError> {
         output.check(force)?;
+        if let Some(folder) = output.path().parent() {
+            fs::create_dir_all(folder).map_err(RenderError::io("make the folder", folder))?;
+        }
         let part = part_of(output.path());
         let encoder = match output {
             Output::Video { ffmpeg, .. } => Some(Encoder::start(ffmpeg, &part, picture, fps)?),

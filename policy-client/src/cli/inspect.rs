@@ -50,7 +50,7 @@ pub struct InspectArgs {
     #[arg(long)]
     joints: bool,
     /// Seed of the layout
-    #[arg(short, long, default_value_t = 0)]
+    #[arg(short, long, default_value_t = 0, value_parser = fiatlux_policy::parse_seed, allow_hyphen_values = true)]
     seed: u64,
     /// Index of the episode; with the seed it draws start and noise
     #[arg(long, value_name = "INDEX", default_value_t = 0)]

@@ -3,7 +3,7 @@
 use clap::Args;
 use fiatlux_link::LinkArgs;
 use fiatlux_policy::policies::{self, Replay};
-use fiatlux_policy::{Policy, SessionArgs};
+use fiatlux_policy::{Policy, SessionArgs, parse_seed};
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, policy};
@@ -33,7 +33,7 @@ pub struct RunArgs {
     #[arg(short, long)]
     pub task: Option<String>,
     /// Seed of the layout [default: 0]
-    #[arg(short, long)]
+    #[arg(short, long, value_parser = parse_seed, allow_hyphen_values = true)]
     pub seed: Option<u64>,
     /// Index of the first episode; with the seed it draws start and noise [default: 0]
     #[arg(long, value_name = "INDEX")]

@@ -13,7 +13,7 @@ use zenoh::{Session, Wait};
 use super::ClientError;
 
 /// Tokens take a moment to arrive after a connection. For so long a server is looked for, s.
-const DISCOVERY_S: f64 = 5.0;
+pub(crate) const DISCOVERY_S: f64 = 5.0;
 
 /// One look takes so long at most.
 const LOOK: Duration = Duration::from_millis(500);
@@ -25,7 +25,7 @@ const LOOK: Duration = Duration::from_millis(500);
 pub fn find_server(link: &Session, wanted: Option<&str>) -> Result<String, ClientError> {
     let start = Instant::now();
     loop {
-        let found: Vec<String> = look(link, &any_alive())?.into_iter().collect();
+        let found: Vec<String> = live_servers(link)?.into_iter().collect();
         match (wanted, found.as_slice()) {
             (Some(name), _) if found.iter().any(|other| other == name) => return Ok(name.into()),
             (None, [only]) => return Ok(only.clone()),
@@ -77,6 +77,11 @@ pub fn describe_servers(link: &Session) -> Result<Vec<ServerInfo>, ClientError> 
         std::thread::sleep(LOOK);
     }
     Ok(servers.into_values().collect())
+}
+
+/// Names of the servers whose tokens are there now.
+pub(crate) fn live_servers(link: &Session) -> Result<BTreeSet<String>, ClientError> {
+    look(link, &any_alive())
 }
 
 fn look(link: &Session, tokens: &str) -> Result<BTreeSet<String>, ClientError> {

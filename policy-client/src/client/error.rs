@@ -1,5 +1,6 @@
 //! What can go wrong between a client and its server.
 
+use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Refusal, Version};
 use fiatlux_proto::{DecodeError, PROTOCOL};
 use fiatlux_session::SessionFailure;
@@ -46,6 +47,8 @@ pub enum ClientError {
     Refused {
         /// Name of the server.
         server: String,
+        /// Kind of the refusal.
+        code: Code,
         /// Field of the request; may be empty.
         field: String,
         /// The server's words, with what to do.
@@ -102,15 +105,15 @@ pub enum ClientError {
 }
 
 impl ClientError {
-    pub(super) fn zenoh(source: zenoh::Error) -> Self {
+    pub(crate) fn zenoh(source: zenoh::Error) -> Self {
         Self::Zenoh { reason: source.to_string() }
     }
 
-    pub(super) fn unreadable(server: &str) -> impl FnOnce(DecodeError) -> Self {
+    pub(crate) fn unreadable(server: &str) -> impl FnOnce(DecodeError) -> Self {
         move |source| Self::Unreadable { server: server.into(), source }
     }
 
-    pub(super) fn refused(server: &str, refusal: Refusal) -> Self {
-        Self::Refused { server: server.into(), field: refusal.field, message: refusal.message }
+    pub(crate) fn refused(server: &str, refusal: Refusal) -> Self {
+        Self::Refused { server: server.into(), code: refusal.code(), field: refusal.field, message: refusal.message }
     }
 }

@@ -1,0 +1,218 @@
+//! A policy that connects from elsewhere: a server that records its run here, and the grading of it.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use fiatlux_bag::run::{Ledger, State, journal_of};
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_rules::Task;
+use fiatlux_scorer::{GradeOptions, Results, grade};
+use fiatlux_sim::{Server, ServerOptions};
+
+use super::lock::Lock;
+use super::{EvaluateError, Outcome, folder};
+
+/// Between two looks at the ledger.
+const PERIOD: Duration = Duration::from_millis(250);
+/// How long bags may take to close when the server stops.
+const CLOSING_TIME: Duration = Duration::from_secs(15);
+/// The client's last question is answered before the server goes.
+const FAREWELL: Duration = Duration::from_millis(500);
+
+/// Where a run from elsewhere is waited for.
+#[derive(Debug, Clone)]
+pub struct ExternalOptions {
+    /// Name of the server.
+    pub name: String,
+    /// Where it listens, such as `tcp/127.0.0.1:0`, where port 0 is a free one.
+    pub listen: String,
+    /// Folder for bags, results and report. It holds one run; one that is not over is taken up again.
+    pub out: PathBuf,
+    /// Threads that step episodes.
+    pub workers: usize,
+    /// Folder of the weights that a session may name.
+    pub weights: Option<PathBuf>,
+    /// Folder of meshes that the robot is drawn with in place of our own shapes.
+    pub meshes: Option<PathBuf>,
+}
+
+/// How far a run from elsewhere is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ExternalProgress {
+    /// The server can be reached there, and no run is registered.
+    Waiting {
+        /// Endpoint that clients connect to.
+        endpoint: String,
+    },
+    /// A run is under way.
+    Playing {
+        /// Name of the run.
+        run: String,
+        /// Name of its policy.
+        policy: String,
+        /// Episodes of the run.
+        episodes: usize,
+        /// Episodes that are decided.
+        done: usize,
+        /// Those of them that succeeded.
+        successes: usize,
+        /// Task and seed of those that are open.
+        open: Vec<(String, u64)>,
+        /// Control steps of those that were played since the start of this call.
+        steps: u64,
+        /// Most steps that could still follow: every episode goes on to its horizon.
+        steps_left: u64,
+    },
+}
+
+/// Serves one run and grades it when it is over. `stop` ends it early: what is played by then is graded, and a later call
+/// with the same options goes on.
+///
+/// # Errors
+/// [`EvaluateError`]; the run stays as it is.
+pub fn evaluate_external(
+    options: &ExternalOptions,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(&ExternalProgress),
+) -> Result<Outcome, EvaluateError> {
+    let runs = options.out.join("runs");
+    std::fs::create_dir_all(&runs).map_err(|error| folder(&runs, error))?;
+    let _lock = Lock::take(&options.out)?;
+    if let Some(journal) = find_run(&runs, &options.name)? {
+        let ledger = read(&journal)?;
+        if ledger.is_finished() {
+            return outcome(options, &journal, &ledger, false);
+        }
+    }
+    let endpoint = fiatlux_link::choose_port(&options.listen)
+        .map_err(|source| EvaluateError::Port { endpoint: options.listen.clone(), source })?;
+    let link = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server)?;
+    let server = ServerOptions {
+        name: options.name.clone(),
+        workers: options.workers,
+        weights: options.weights.clone(),
+        meshes: options.meshes.clone(),
+        record: Some(runs.clone()),
+        ..ServerOptions::default()
+    };
+    let server = Server::start(link, server)?;
+    progress(&ExternalProgress::Waiting { endpoint: endpoint.clone() });
+    let watched = watch(options, &runs, &endpoint, stop, progress);
+    if !server.shutdown(CLOSING_TIME) {
+        tracing::warn!("not everything was recorded within {} s", CLOSING_TIME.as_secs());
+    }
+    match watched? {
+        // What was open is decided, or to be begun again, now that the server is gone.
+        Some(journal) => outcome(options, &journal, &read(&journal)?, stop.load(Ordering::Relaxed)),
+        None => Err(EvaluateError::Nothing { lost: "no run was registered".into() }),
+    }
+}
+
+/// Looks at the run until it is over, or `stop`; its journal, where there is one.
+fn watch(
+    options: &ExternalOptions,
+    runs: &Path,
+    endpoint: &str,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(&ExternalProgress),
+) -> Result<Option<PathBuf>, EvaluateError> {
+    let mut journal = None;
+    // Steps that were played before.
+    let mut steps_before = None;
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(PERIOD);
+        if journal.is_none() {
+            journal = find_run(runs, &options.name)?;
+        }
+        let Some(journal) = &journal else {
+            progress(&ExternalProgress::Waiting { endpoint: endpoint.into() });
+            continue;
+        };
+        let ledger = read(journal)?;
+        let before = *steps_before.get_or_insert_with(|| steps(&ledger));
+        progress(&look(&ledger, before));
+        if ledger.is_finished() {
+            std::thread::sleep(FAREWELL);
+            break;
+        }
+    }
+    Ok(journal)
+}
+
+/// Journal of the first run in a folder that is not over, or else of the first one.
+fn find_run(runs: &Path, server: &str) -> Result<Option<PathBuf>, EvaluateError> {
+    let entries = std::fs::read_dir(runs).map_err(|error| folder(runs, error))?;
+    let mut journals: Vec<PathBuf> = entries.flatten().map(|entry| journal_of(&entry.path(), server)).collect();
+    journals.retain(|journal| journal.is_file());
+    journals.sort();
+    let is_over = |journal: &&PathBuf| Ledger::read(journal).is_ok_and(|ledger| ledger.is_finished());
+    Ok(journals.iter().find(|journal| !is_over(journal)).or(journals.first()).cloned())
+}
+
+fn read(journal: &Path) -> Result<Ledger, EvaluateError> {
+    Ok(Ledger::read(journal)?)
+}
+
+fn steps(ledger: &Ledger) -> u64 {
+    let steps = |state: &State| if let State::Played(played) = state { played.steps } else { 0 };
+    ledger.episodes().iter().map(|episode| steps(&episode.state)).sum()
+}
+
+fn look(ledger: &Ledger, steps_before: u64) -> ExternalProgress {
+    let registration = ledger.registration();
+    let (mut done, mut successes, mut open, mut steps_left) = (0, 0, Vec::new(), 0);
+    for (episode, planned) in ledger.episodes().iter().zip(&registration.episodes) {
+        let horizon = planned.task.parse::<Task>().map_or(0, |task| task.horizon_steps());
+        match &episode.state {
+            State::Played(played) => {
+                done += 1;
+                successes += usize::from(played.success);
+            }
+            State::Failed { .. } => done += 1,
+            State::Open { .. } => {
+                open.push((planned.task.clone(), planned.seed));
+                steps_left += horizon;
+            }
+            State::Waiting => steps_left += horizon,
+        }
+    }
+    ExternalProgress::Playing {
+        run: registration.run.clone(),
+        policy: registration.spec.policy.clone(),
+        episodes: ledger.episodes().len(),
+        done,
+        successes,
+        open,
+        steps: steps(ledger).saturating_sub(steps_before),
+        steps_left,
+    }
+}
+
+/// Grades what was played.
+fn outcome(
+    options: &ExternalOptions,
+    journal: &Path,
+    ledger: &Ledger,
+    stopped: bool,
+) -> Result<Outcome, EvaluateError> {
+    let bags = journal.parent().unwrap_or(Path::new(""));
+    let mut paths = Vec::new();
+    let mut lost = Vec::new();
+    for (episode, planned) in ledger.episodes().iter().zip(&ledger.registration().episodes) {
+        match &episode.state {
+            State::Played(played) => paths.push(bags.join(&played.bag)),
+            State::Failed { cause } => lost.push(format!("{} seed {}: {cause}", planned.task, planned.seed)),
+            State::Waiting | State::Open { .. } => {}
+        }
+    }
+    if paths.is_empty() {
+        let lost = if lost.is_empty() { "no episode was played to its end".into() } else { lost.join("\n  ") };
+        return Err(EvaluateError::Nothing { lost });
+    }
+    let grading =
+        GradeOptions { workers: options.workers, relative_to: options.out.clone(), ..GradeOptions::default() };
+    let results: Results = grade(&paths, &grading, &|_| {})?;
+    lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
+    Ok(Outcome { results, resumed: 0, lost, stopped: stopped && !ledger.is_finished() })
+}

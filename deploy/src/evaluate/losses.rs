@@ -1,0 +1,58 @@
+//! Why episodes have no bag.
+
+use super::Job;
+
+/// What became of the episodes that were played.
+#[derive(Debug, Default)]
+pub(super) struct Played {
+    /// Episodes that were begun and are over.
+    pub over: Vec<Job>,
+    /// Why a client gave up.
+    pub failed: Vec<(Job, String)>,
+    /// Why a bag could not be written whole.
+    pub unwritten: Vec<(Job, String)>,
+}
+
+impl Played {
+    /// Why an episode that was played is not recorded whole. Why its client gave up says more than what that did to its bag.
+    pub(super) fn reason(&self, job: Job) -> Option<&str> {
+        let mut reasons = self.failed.iter().chain(&self.unwritten);
+        reasons.find(|(other, _)| *other == job).map(|(_, reason)| reason.as_str())
+    }
+
+    /// A line for each episode that was played and has no bag; none for those that a stop came before.
+    pub(super) fn lost(&self, missing: &[Job]) -> Vec<String> {
+        let played = missing.iter().filter(|job| self.over.contains(job) || self.reason(**job).is_some());
+        let line = |job: &Job| {
+            let reason = self.reason(*job).unwrap_or("its bag was not written; check the disk and its free space");
+            format!("{} seed {}: {reason}", job.task, job.seed)
+        };
+        played.map(line).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_rules::Task;
+
+    use super::*;
+
+    /// A full disk leaves no episode without a line, whichever way its bag was lost.
+    #[test]
+    fn every_episode_without_a_bag_is_named() {
+        let jobs = [0, 1, 2, 3, 4].map(|seed| Job { task: Task::S01, seed });
+        let played = Played {
+            over: jobs[..3].to_vec(),
+            failed: vec![(jobs[1], "silence".into()), (jobs[3], "a refusal".into())],
+            unwritten: vec![(jobs[0], "no space left".into()), (jobs[1], "it is aborted".into())],
+        };
+        let expected = [
+            "S01 seed 0: no space left",
+            "S01 seed 1: silence",
+            "S01 seed 2: its bag was not written; check the disk and its free space",
+            "S01 seed 3: a refusal",
+        ];
+        assert_eq!(played.lost(&jobs), expected, "and the last one was never begun");
+        assert!(Played::default().lost(&jobs).is_empty());
+    }
+}

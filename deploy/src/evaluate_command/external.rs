@@ -1,0 +1,98 @@
+//! `fiatlux evaluate --external`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::OnceLock;
+
+use anyhow::Context;
+use fiatlux::evaluate::{EvaluateError, ExternalOptions, ExternalProgress, evaluate_external};
+use fiatlux_link::ProgressLine;
+use fiatlux_proto::keys::is_name;
+use fiatlux_proto::v3::OpenRequest;
+
+use super::{EvaluateArgs, finish, workers};
+
+/// Reads a server's name.
+pub(super) fn name(text: &str) -> Result<String, String> {
+    if is_name(text) { Ok(text.into()) } else { Err("use 1 to 64 letters, digits, - or _".into()) }
+}
+
+/// Serves one run, and writes and prints what came of it.
+pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
+    let mut session = args.session.clone();
+    let weights = session.split_weights();
+    let mut asked = OpenRequest::default();
+    session.apply(&mut asked);
+    asked.weights.clear();
+    if asked != OpenRequest::default() {
+        eprintln!(
+            "error: what sessions are opened with is the client's choice: give these flags to policy-client evaluate\n\n\
+             For more information, try '--help'."
+        );
+        return Ok(ExitCode::from(2));
+    }
+    let options = ExternalOptions {
+        name: args.name.clone(),
+        listen: args.listen.clone(),
+        out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(&args.name)),
+        workers: workers(args),
+        weights,
+        meshes: args.meshes.clone(),
+    };
+    let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let endpoint = OnceLock::new();
+    // The time since the run was registered is what counts.
+    let mut line = None;
+    let outcome = evaluate_external(&options, &stop, &mut |progress| match progress {
+        ExternalProgress::Waiting { endpoint: at } => {
+            if endpoint.set(at.clone()).is_ok() {
+                greet(args, at);
+            }
+        }
+        playing => {
+            let line = line.get_or_insert_with(ProgressLine::default);
+            line.show(|| look(line, playing));
+        }
+    });
+    if let Some(line) = line {
+        line.clear();
+    }
+    let listen = endpoint.get().unwrap_or(&options.listen);
+    let again = format!(
+        "it goes on with `fiatlux evaluate --external --name {} --listen {listen} --out {}`, and the client with its same \
+         command",
+        options.name,
+        options.out.display()
+    );
+    if let Err(EvaluateError::Nothing { .. }) = &outcome
+        && stop.load(std::sync::atomic::Ordering::Relaxed)
+    {
+        eprintln!("stopped before the end; {again}");
+    }
+    finish(args, &options.out, &outcome?, &again)
+}
+
+/// The one line that a client needs.
+fn greet(args: &EvaluateArgs, endpoint: &str) {
+    let reachable = endpoint.replace("0.0.0.0", "ADDRESS-OF-THIS-MACHINE").replace("[::]", "ADDRESS-OF-THIS-MACHINE");
+    let line = format!("policy-client evaluate --policy NAME -e {reachable} --server {}\n", args.name);
+    if args.json {
+        eprint!("{line}");
+    } else {
+        fiatlux_link::print(line);
+    }
+    eprintln!("waiting for a run; that line starts it, with the name of a policy");
+}
+
+fn look(line: &ProgressLine, progress: &ExternalProgress) -> String {
+    let ExternalProgress::Playing { run, policy, episodes, done, successes, open, steps, steps_left } = progress else {
+        return "waiting for a run".into();
+    };
+    let left = if *steps > 0 { line.left(*steps, steps + steps_left) } else { "?".into() };
+    let mut text =
+        format!("{policy}, run {run}: {done}/{episodes} episodes, {successes} succeeded, at most {left} left");
+    for (task, seed) in open {
+        text += &format!("  {task}/{seed}");
+    }
+    text
+}

@@ -1,0 +1,155 @@
+//! `policy-client evaluate`.
+
+mod plan;
+mod report;
+
+use std::path::PathBuf;
+
+use clap::Args;
+use fiatlux_link::{LinkArgs, ProgressLine, Role, stop_on_signal};
+use fiatlux_policy::{Client, RunFile, RunFileError, RunOptions, RunProgress, SessionArgs, parse_seeds, parse_tasks};
+use fiatlux_rules::{CONTROL_DT, Task};
+
+use super::Failure;
+
+/// Episodes under way that the progress line names.
+const MOST_SHOWN: usize = 3;
+
+/// Options of `evaluate`.
+#[derive(Debug, Args)]
+#[command(after_help = "What happens:
+  The run is registered on the server, under a name and a secret key that are drawn here and kept in the run file. Each
+  episode, one for each task and seed, is then played once, several at a time, and recorded by the server, which
+  keeps the score. With the run file the same command goes on after Ctrl-C, a crash or the loss of a server; an
+  episode that was cut off is played again from its start, and the server compares its rows. When all is played the
+  run is ended: nothing can be added to it.
+
+Several servers:
+  --server lab plays on all servers named lab or lab-SOMETHING that can be reached. If one is lost, its episodes go to
+  the others; one that appears later joins. Hosted seeds are drawn by one server, which then has to play the whole run.
+
+Examples:
+  policy-client evaluate --policy stand -e tcp/192.168.1.7:7447
+  policy-client evaluate --policy stand -e tcp/lab:7447 --tasks S01,S05 --seeds 0..9 --parallel 4
+  policy-client evaluate --policy stand -e tcp/lab:7447 --hosted 4 --policy-version 1.2 --link https://example.org/stand
+  policy-client evaluate --policy zero -e tcp/a:7447 -e tcp/b:7447 --server lab --run-file zero.toml
+
+A policy of your own, in Rust: `fiatlux_policy::Client::evaluate`.
+
+Exit codes: 0 all played, 1 failed, 2 usage, 3 some episodes were not played or count as failures, or stopped by Ctrl-C;
+130 where Ctrl-C is pressed twice.")]
+pub struct EvaluateArgs {
+    /// Name of the policy: zero, random, hold, stand, or replay:BAG for the one episode of a bag
+    #[arg(short, long, value_name = "NAME")]
+    policy: String,
+    /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb [default: all]
+    #[arg(short, long, value_name = "LIST", value_parser = tasks)]
+    tasks: Option<TaskList>,
+    /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 [default: 0..3]
+    #[arg(short, long, value_name = "LIST", value_parser = seeds, allow_hyphen_values = true)]
+    seeds: Option<SeedList>,
+    /// So many seeds that the server draws when the run is registered, and tells when it is over
+    #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    hosted: Option<u32>,
+    /// Name of the server, or of a group of servers; not needed where there is only one
+    #[arg(long, value_name = "NAME")]
+    server: Option<String>,
+    /// Episodes at once, over all servers [default: as many as the servers take, at most 8 each]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    parallel: Option<u16>,
+    /// Version of the policy, for the record
+    #[arg(long, value_name = "VERSION", default_value = "")]
+    policy_version: String,
+    /// Where the policy is described, for the record
+    #[arg(long = "link", value_name = "URL", default_value = "")]
+    policy_link: String,
+    /// File with the run's name and secret key; drawn where it is not there
+    #[arg(long, value_name = "PATH", default_value = "RUN.toml")]
+    run_file: PathBuf,
+    /// End the run also where episodes could not be played: they count as failures and cannot be played any more
+    #[arg(long)]
+    finish: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    session: SessionArgs,
+    #[command(flatten)]
+    connection: LinkArgs,
+}
+
+#[derive(Debug, Clone)]
+struct TaskList(Vec<Task>);
+
+#[derive(Debug, Clone)]
+struct SeedList(Vec<u64>);
+
+fn tasks(text: &str) -> Result<TaskList, String> {
+    parse_tasks(text).map(TaskList)
+}
+
+fn seeds(text: &str) -> Result<SeedList, String> {
+    parse_seeds(text).map(SeedList)
+}
+
+/// Plays the run and prints what came of it; whether all of it was played.
+pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
+    let spec = plan::spec(args)?;
+    let stop = stop_on_signal()?;
+    let open = || {
+        RunFile::open(&args.run_file, &spec).map_err(|error| match error {
+            RunFileError::Other { .. } => Failure::Usage(error.to_string()),
+            other => other.into(),
+        })
+    };
+    // A file that does not fit is told of at once; a new one is written when there is someone to register with.
+    let known = if args.run_file.exists() { Some(open()?) } else { None };
+    // Of several servers one may be down at the start: it is waited for while the others play.
+    let role = if args.connection.connect.len() > 1 { Role::Server } else { Role::Client };
+    let link = args.connection.open(role)?;
+    let file = known.map_or_else(open, Ok)?;
+    let options = RunOptions {
+        server: args.server.clone(),
+        parallel: args.parallel.map(usize::from),
+        give_up_lost: args.finish,
+        ..RunOptions::new(file)
+    };
+    let line = ProgressLine::default();
+    let make_policy = || fiatlux_policy::policies::by_name(&args.policy);
+    let mut progress = |progress: &RunProgress| line.show(|| look(&line, progress));
+    let outcome = Client::evaluate(&link, &options, make_policy, &mut progress, &stop);
+    line.clear();
+    let outcome = outcome?;
+    report::print(&outcome, &args.policy, args.json);
+    report::tell(&outcome, &args.run_file);
+    Ok(outcome.is_whole() && outcome.finished)
+}
+
+fn look(line: &ProgressLine, progress: &RunProgress) -> String {
+    let RunProgress { episodes, done, successes, lost, held, steps, steps_left, playing, servers } = progress;
+    if *episodes == 0 {
+        return "the run is being registered".into();
+    }
+    let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
+    let mut text = format!("{done}/{episodes} episodes, {successes} succeeded, {rate:.0} steps/s, at most {left} left");
+    if *lost > 0 {
+        text += &format!(", {lost} lost");
+    }
+    if *held > 0 {
+        text += &format!(", {held} open for another client of this run");
+    }
+    if servers.is_empty() {
+        text += ", waiting for a server";
+    }
+    for episode in playing.iter().take(MOST_SHOWN) {
+        let seed = episode.seed.map_or_else(String::new, |seed| format!("/{seed}"));
+        text += &format!("  {}{seed} at {:.0} s", episode.task, episode.step as f64 * CONTROL_DT);
+        if servers.len() > 1 {
+            text += &format!(" on {}", episode.server);
+        }
+    }
+    if let Some(more @ 1..) = playing.len().checked_sub(MOST_SHOWN) {
+        text += &format!("  and {more} more");
+    }
+    text
+}

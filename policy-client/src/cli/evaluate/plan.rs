@@ -1,0 +1,66 @@
+//! What a run is to play, from its flags.
+
+use fiatlux_policy::Policy;
+use fiatlux_policy::policies::{self, Replay};
+use fiatlux_proto::v3::{OpenRequest, RunSpec};
+use fiatlux_rules::Task;
+
+use super::EvaluateArgs;
+use crate::cli::{Failure, policy};
+
+/// Seeds of the published protocol.
+const PUBLISHED_SEEDS: [u64; 4] = [0, 1, 2, 3];
+
+/// What is registered.
+pub fn spec(args: &EvaluateArgs) -> Result<RunSpec, Failure> {
+    let mut spec = match policies::replayed_bag(&args.policy) {
+        Some(path) => replay(args, &Replay::open(path)?)?,
+        None => {
+            let policy = policy(&args.policy)?;
+            let session = OpenRequest { sensors: policy.sensors(), ..OpenRequest::default() };
+            let tasks = args.tasks.as_ref().map_or(&Task::SUBTASKS[..], |tasks| &tasks.0);
+            let seeds = args.seeds.as_ref().map_or(&PUBLISHED_SEEDS[..], |seeds| &seeds.0);
+            RunSpec {
+                policy: policy.name(),
+                tasks: tasks.iter().map(ToString::to_string).collect(),
+                seeds: if args.hosted.is_some() { Vec::new() } else { seeds.to_vec() },
+                hosted_seeds: args.hosted.unwrap_or(0),
+                session: Some(session),
+                ..RunSpec::default()
+            }
+        }
+    };
+    args.session.apply(spec.session.get_or_insert_default());
+    spec.policy_version.clone_from(&args.policy_version);
+    spec.policy_link.clone_from(&args.policy_link);
+    Ok(spec)
+}
+
+/// The one episode of a bag.
+fn replay(args: &EvaluateArgs, policy: &Replay) -> Result<RunSpec, Failure> {
+    let refuse = |message: &str| Err(Failure::Usage(message.into()));
+    if args.tasks.is_some() || args.seeds.is_some() || args.hosted.is_some() {
+        return refuse("a bag holds one episode: leave --tasks, --seeds and --hosted out");
+    }
+    if policy.header().episode != 0 {
+        return refuse(
+            "the bag is of a later episode of its session, and a run has only the first: use policy-client run",
+        );
+    }
+    let request = policy.request();
+    Ok(RunSpec {
+        policy: policy.name(),
+        tasks: vec![request.task.clone()],
+        seeds: vec![request.seed],
+        // The run says these itself.
+        session: Some(OpenRequest {
+            protocol: None,
+            policy: String::new(),
+            task: String::new(),
+            seed: 0,
+            recorded: false,
+            ..request
+        }),
+        ..RunSpec::default()
+    })
+}

@@ -1,0 +1,148 @@
+//! A run: one policy through the whole benchmark, on one server or on several at once.
+
+mod calls;
+mod crew;
+mod file;
+mod outcome;
+mod scheduler;
+
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use thiserror::Error;
+use zenoh::Session;
+
+use crate::client::{DISCOVERY_S, live_servers};
+use crate::{Client, ClientError, Policy, PolicyError, find_server};
+use calls::Calls;
+use crew::Crew;
+pub use file::{RunFile, RunFileError};
+pub use outcome::{EpisodeFate, EpisodeOutcome, Playing, RunOutcome, RunProgress};
+
+/// How a run is played.
+#[derive(Debug, Clone)]
+pub struct RunOptions {
+    /// Name, key and contents of the run: see [`RunFile::open`].
+    pub file: RunFile,
+    /// Name of the server, or of a group: `lab` stands for the servers `lab`, `lab-1`, `lab-west` and so on. `None` for the
+    /// only server there is.
+    pub server: Option<String>,
+    /// Episodes at once, over all servers; `None` for as many as the servers take, but no more than eight a server.
+    pub parallel: Option<usize>,
+    /// Ends the run also where episodes could not be played. They count as failures then, and nobody can play them any more.
+    pub give_up_lost: bool,
+    /// How long to wait for a server when all are gone.
+    pub patience: Duration,
+}
+
+impl RunOptions {
+    /// As it is played where nothing else is said.
+    pub fn new(file: RunFile) -> Self {
+        Self { file, server: None, parallel: None, give_up_lost: false, patience: Duration::from_secs(60) }
+    }
+}
+
+/// Why a run could not be played. What was played until then stays so: the same call goes on from there.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// No server takes the run.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    /// The policy cannot be made, or works in none of the run's sessions.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+}
+
+impl Client {
+    /// Plays a run to its end, several episodes at once, on one server or on all servers of a group. An episode whose server
+    /// is lost goes to another one; a server that appears later joins. Called again with the same [`RunFile`], it goes on where
+    /// the run stands, whichever side died.
+    ///
+    /// `make_policy` is called for each attempt at an episode, in the thread that plays it, so that nothing leaks from one to
+    /// the next; share what is dear to make, such as weights, through an `Arc`. The policy must be deterministic: an
+    /// episode that was cut off is played again, and the server compares its rows. `progress` is told how far the run is a few
+    /// times a second. A `stop` that becomes true ends the call soon, not the run.
+    ///
+    /// ```no_run
+    /// use std::sync::atomic::AtomicBool;
+    ///
+    /// use fiatlux_link::{LinkArgs, Role};
+    /// use fiatlux_policy::{Client, RunFile, RunOptions, policies::Zero};
+    /// use fiatlux_proto::v3::RunSpec;
+    ///
+    /// let spec = RunSpec { policy: "mine".into(), seeds: vec![0, 1, 2, 3], ..RunSpec::default() };
+    /// let options = RunOptions::new(RunFile::open("RUN.toml".as_ref(), &spec)?);
+    /// let link = LinkArgs { connect: vec!["tcp/192.168.1.7:7447".into()], ..LinkArgs::default() }.open(Role::Client)?;
+    /// let make_policy = || Ok(Box::new(Zero::default()) as _);
+    /// let outcome = Client::evaluate(&link, &options, make_policy, &mut |_| (), &AtomicBool::new(false))?;
+    /// for episode in &outcome.episodes {
+    ///     println!("{} {:?}: {}", episode.task, episode.seed, episode.cause);
+    /// }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`RunError`]. Episodes that go wrong are no error: the outcome lists them.
+    pub fn evaluate(
+        link: &Session,
+        options: &RunOptions,
+        make_policy: impl Fn() -> Result<Box<dyn Policy>, PolicyError> + Sync,
+        progress: &mut dyn FnMut(&RunProgress),
+        stop: &AtomicBool,
+    ) -> Result<RunOutcome, RunError> {
+        // A policy that cannot be made is an error before anything is registered.
+        drop(make_policy()?);
+        let group = Group::find(link, options)?;
+        let calls = Calls { link, run: &options.file.run, key: &options.file.key };
+        std::thread::scope(|scope| Crew::new(scope, calls, options, &make_policy, group, stop)?.play(progress))
+    }
+}
+
+/// The servers that may take part, by name.
+#[derive(Debug, Clone)]
+struct Group {
+    name: String,
+    /// Also servers whose names begin with the name and a hyphen.
+    is_open: bool,
+}
+
+impl Group {
+    /// Waits until one of the servers that are asked for is there.
+    fn find(link: &Session, options: &RunOptions) -> Result<Self, ClientError> {
+        let Some(name) = &options.server else {
+            return Ok(Self { name: find_server(link, None)?, is_open: false });
+        };
+        // Every server would draw seeds of its own.
+        let group = Self { name: name.clone(), is_open: options.file.spec.hosted_seeds == 0 };
+        let start = Instant::now();
+        loop {
+            let found = live_servers(link)?;
+            if found.iter().any(|server| group.has(server)) {
+                return Ok(group);
+            }
+            if start.elapsed().as_secs_f64() >= DISCOVERY_S {
+                let found = found.into_iter().collect();
+                return Err(ClientError::NotThere { name: name.clone(), found, waited_s: DISCOVERY_S });
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    fn has(&self, server: &str) -> bool {
+        let tail = server.strip_prefix(self.name.as_str());
+        tail.is_some_and(|tail| tail.is_empty() || self.is_open && tail.starts_with('-'))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_group_has_the_servers_that_its_name_begins() {
+        let group = Group { name: "lab".into(), is_open: true };
+        assert!(["lab", "lab-1", "lab-west-2"].iter().all(|name| group.has(name)));
+        assert!(["laboratory", "la", "my-lab", "lab_1"].iter().all(|name| !group.has(name)));
+        assert!(!Group { is_open: false, ..group }.has("lab-1"));
+    }
+}

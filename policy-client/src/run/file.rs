@@ -1,0 +1,202 @@
+//! The small file by which a run is taken up again.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+
+use fiatlux_proto::v3::RunSpec;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Bytes of a run's key, which is written in hexadecimal digits.
+const KEY_BYTES: usize = 16;
+
+/// Largest file that is read, bytes: thousands of seeds fit.
+const MAX_FILE: u64 = 1 << 20;
+
+/// First line of the file.
+const HEAD: &str = "# A run of `policy-client evaluate`. The same command with this file goes on with it.\n\
+                    # Keep it to yourself: whoever has the key can go on with the run too.\n";
+
+/// A run's name, its secret key, and what is played.
+#[derive(Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunFile {
+    /// Name of the run.
+    pub run: String,
+    /// Its secret: hexadecimal digits.
+    pub key: String,
+    /// What is played.
+    pub spec: RunSpec,
+}
+
+/// Why a run has no file.
+#[derive(Debug, Error)]
+pub enum RunFileError {
+    /// The system refuses.
+    #[error("cannot {what} the run file {}; name another one with --run-file", path.display())]
+    Io {
+        /// `read`, `create` or the like.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        #[source]
+        source: std::io::Error,
+    },
+    /// It is not the file of a run.
+    #[error("{} is not the file of a run: {reason}; name another one with --run-file", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// It belongs to another run.
+    #[error(
+        "{} belongs to the run {run}, which differs in {}; repeat its command to go on with it, or name another file with \
+         --run-file to begin a new run", path.display(), differs.join(", ")
+    )]
+    Other {
+        /// The file.
+        path: PathBuf,
+        /// Name of its run.
+        run: String,
+        /// What differs.
+        differs: Vec<&'static str>,
+    },
+}
+
+impl RunFile {
+    /// The run of a file. Where there is no file, a new run with a key of its own is drawn and written, for its owner's eyes
+    /// only (mode 0600). A file is never changed afterwards.
+    ///
+    /// # Errors
+    /// [`RunFileError`]: above all a file of a run that plays something else.
+    pub fn open(path: &Path, spec: &RunSpec) -> Result<Self, RunFileError> {
+        let io = |what| move |source| RunFileError::Io { what, path: path.into(), source };
+        match File::open(path) {
+            Ok(file) => {
+                let mut text = String::new();
+                file.take(MAX_FILE).read_to_string(&mut text).map_err(io("read"))?;
+                let content = |reason: String| RunFileError::Content { path: path.into(), reason };
+                let found: Self = toml::from_str(&text).map_err(|error| content(error.message().into()))?;
+                match differences(&found.spec, spec) {
+                    differs if differs.is_empty() => Ok(found),
+                    differs => Err(RunFileError::Other { path: path.into(), run: found.run, differs }),
+                }
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                let run = Self::draw(spec).map_err(io("draw a key for"))?;
+                run.write(path).map_err(io("create"))?;
+                Ok(run)
+            }
+            Err(error) => Err(io("read")(error)),
+        }
+    }
+
+    /// A new run under the policy's name, with a key that nobody can guess.
+    fn draw(spec: &RunSpec) -> std::io::Result<Self> {
+        let mut bytes = [0; KEY_BYTES + 4];
+        File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+        let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+        let (key, tail) = bytes.split_at(KEY_BYTES);
+        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
+        let policy: String = spec.policy.chars().map(plain).take(40).collect();
+        Ok(Self { run: format!("{policy}-{}", hex(tail)), key: hex(key), spec: spec.clone() })
+    }
+
+    /// Not over another file.
+    fn write(&self, path: &Path) -> std::io::Result<()> {
+        let text = toml::to_string(self).map_err(std::io::Error::other)?;
+        let mut options = OpenOptions::new();
+        options.write(true).create_new(true);
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+        let mut file = options.open(path)?;
+        let written = file.write_all(format!("{HEAD}{text}").as_bytes()).and_then(|()| file.sync_all());
+        // A part of a key is of no use to anyone.
+        written.inspect_err(|_| drop(std::fs::remove_file(path)))
+    }
+}
+
+/// The key is not for logs.
+impl std::fmt::Debug for RunFile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("RunFile").field("run", &self.run).field("spec", &self.spec).finish_non_exhaustive()
+    }
+}
+
+/// Names of what two runs do not have in common.
+fn differences(left: &RunSpec, right: &RunSpec) -> Vec<&'static str> {
+    [
+        ("the policy", left.policy == right.policy),
+        ("the policy's version", left.policy_version == right.policy_version),
+        ("the link", left.policy_link == right.policy_link),
+        ("the tasks", left.tasks == right.tasks),
+        ("the seeds", (&left.seeds, left.hosted_seeds) == (&right.seeds, right.hosted_seeds)),
+        ("what its sessions are opened with", left.session == right.session),
+    ]
+    .into_iter()
+    .filter(|(_, same)| !same)
+    .map(|(name, _)| name)
+    .collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
+    use fiatlux_proto::v3::OpenRequest;
+
+    use super::*;
+
+    fn path(name: &str) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("fiatlux-run-{name}-{}.toml", std::process::id()));
+        let _ = std::fs::remove_file(&path);
+        path
+    }
+
+    fn spec() -> RunSpec {
+        let session = OpenRequest {
+            sensors: vec!["lidar".into()],
+            thresholds: [("fragility_n".to_string(), 30.5)].into(),
+            ..OpenRequest::default()
+        };
+        let tasks = vec!["S01".into(), "climb".into()];
+        RunSpec { policy: "a/b ü".into(), tasks, seeds: vec![0, 7], session: Some(session), ..RunSpec::default() }
+    }
+
+    #[test]
+    fn the_same_command_finds_its_run_again() {
+        let path = path("same");
+        let first = RunFile::open(&path, &spec()).unwrap();
+        assert!(first.run.starts_with("a_b__-") && fiatlux_proto::keys::is_name(&first.run), "{}", first.run);
+        assert!(first.key.len() == 32 && first.key.bytes().all(|byte| byte.is_ascii_hexdigit()));
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        assert_eq!(RunFile::open(&path, &spec()).unwrap(), first);
+        assert!(!format!("{first:?}").contains(&first.key));
+        std::fs::remove_file(&path).unwrap();
+        assert_ne!(RunFile::open(&path, &spec()).unwrap().key, first.key, "drawn anew");
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn the_file_of_another_run_is_left_as_it_is() {
+        let path = path("other");
+        RunFile::open(&path, &spec()).unwrap();
+        let text = std::fs::read(&path).unwrap();
+        let other = RunSpec { policy: "zero".into(), seeds: vec![1], ..spec() };
+        let error = RunFile::open(&path, &other).unwrap_err().to_string();
+        assert!(error.contains("which differs in the policy, the seeds;") && error.contains("--run-file"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), text);
+        for wrong in ["run = 3", "not toml", ""] {
+            std::fs::write(&path, wrong).unwrap();
+            let error = RunFile::open(&path, &spec()).unwrap_err().to_string();
+            assert!(error.contains("is not the file of a run"), "{error}");
+        }
+        std::fs::remove_file(&path).unwrap();
+        let nowhere = path.join("RUN.toml");
+        assert!(matches!(RunFile::open(&nowhere, &spec()), Err(RunFileError::Io { what: "create", .. })));
+    }
+}

@@ -1,0 +1,308 @@
+//! Which episode is opened next, and on which server. No I/O and no clock: the caller says what happened.
+
+use std::collections::BTreeMap;
+
+use fiatlux_proto::v3::RunEpisode;
+use fiatlux_proto::v3::run_episode::State as Ledger;
+
+/// An episode that fails so often is given up.
+pub(super) const MAX_TRIES: u32 = 3;
+
+/// Where an episode stands.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Standing {
+    /// To be opened.
+    Waiting,
+    /// Played by us on that server since that moment, or about to be.
+    Playing { server: String, since: u64 },
+    /// Open on that server for someone else: a client that died, or one that plays the same run at the same time.
+    Held { server: String },
+    /// Played by us to its end at that moment; the server has not said yet that it is on disk.
+    Ended { server: String, since: u64 },
+    /// In a server's ledger, played or failed.
+    Decided { server: String, entry: RunEpisode },
+    /// Given up for now.
+    Lost,
+}
+
+/// Why an episode that was handed out was not played to its end.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Setback {
+    /// The server has no room for it.
+    Busy,
+    /// It is open there for someone else.
+    Held,
+    /// We broke it off.
+    BrokenOff,
+    /// The server does not open it, for this reason: its ledger tells more.
+    Refused(String),
+    /// It went wrong in a way that may not come again.
+    Failed(String),
+    /// It would go wrong again.
+    Hopeless(String),
+}
+
+#[derive(Debug, Clone)]
+struct Episode {
+    standing: Standing,
+    tries: u32,
+    /// Where it was begun last: a server can compare the rows of a new attempt with those of the old one.
+    home: Option<String>,
+    problem: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Presence {
+    Live,
+    /// Its token is missing for the moment: it gets no new episode, and keeps what it has.
+    Missing,
+    Gone,
+}
+
+#[derive(Debug, Clone)]
+struct Server {
+    presence: Presence,
+    /// Episodes that it can play at once for us, as it said itself.
+    full_room: usize,
+    /// The same, as far as it was not too busy: it grows again with each episode that ends.
+    room: usize,
+}
+
+/// The episodes of a run and the servers that play it.
+#[derive(Debug, Clone)]
+pub(super) struct Scheduler {
+    episodes: Vec<Episode>,
+    servers: BTreeMap<String, Server>,
+    /// Most episodes at once.
+    parallel: usize,
+    /// Counts what we begin and end, so that an answer can be told from one that is older.
+    moment: u64,
+}
+
+impl Scheduler {
+    pub(super) fn new(episodes: usize, parallel: usize) -> Self {
+        let episode = Episode { standing: Standing::Waiting, tries: 0, home: None, problem: None };
+        Self { episodes: vec![episode; episodes], servers: BTreeMap::new(), parallel, moment: 0 }
+    }
+
+    /// A server is there, or there again.
+    pub(super) fn server_joins(&mut self, name: &str, room: usize) {
+        self.servers
+            .insert(name.into(), Server { presence: Presence::Live, full_room: room.max(1), room: room.max(1) });
+    }
+
+    /// A server cannot be seen for the moment.
+    pub(super) fn server_is_missed(&mut self, name: &str) {
+        if let Some(server) = self.servers.get_mut(name) {
+            server.presence = Presence::Missing;
+        }
+    }
+
+    /// A server is gone. What it has not confirmed may be played elsewhere.
+    pub(super) fn server_leaves(&mut self, name: &str) {
+        let Some(server) = self.servers.get_mut(name) else { return };
+        server.presence = Presence::Gone;
+        for episode in &mut self.episodes {
+            if let Standing::Held { server } | Standing::Ended { server, .. } = &episode.standing
+                && server == name
+            {
+                episode.standing = Standing::Waiting;
+            }
+        }
+    }
+
+    /// The present moment, for [`Scheduler::told`].
+    pub(super) fn moment(&self) -> u64 {
+        self.moment
+    }
+
+    /// What the ledger of a server says in answer to a question of that moment. Returns the episodes of ours that it no
+    /// longer plays, or that are decided elsewhere: they are to be broken off.
+    pub(super) fn told(&mut self, name: &str, asked: u64, ledger: &[RunEpisode]) -> Vec<usize> {
+        let mut broken_off = Vec::new();
+        for (index, (episode, entry)) in self.episodes.iter_mut().zip(ledger).enumerate() {
+            let decided = Standing::Decided { server: name.into(), entry: entry.clone() };
+            match (entry.state(), &episode.standing) {
+                (Ledger::Played, Standing::Decided { entry, .. }) if entry.state() == Ledger::Played => {}
+                (Ledger::Played, standing) => {
+                    if matches!(standing, Standing::Playing { server, .. } if server != name) {
+                        broken_off.push(index);
+                    }
+                    episode.standing = decided;
+                }
+                // A failure says less than an episode that is played elsewhere.
+                (Ledger::Failed, Standing::Decided { .. }) => {}
+                (Ledger::Failed, Standing::Playing { server, .. } | Standing::Ended { server, .. })
+                    if server != name => {}
+                (Ledger::Failed, _) => episode.standing = decided,
+                (Ledger::Open, Standing::Waiting) => episode.standing = Standing::Held { server: name.into() },
+                (Ledger::Open, _) => {}
+                (Ledger::Unspecified, Standing::Held { server }) if server == name => {
+                    episode.standing = Standing::Waiting;
+                    episode.home = Some(name.into());
+                }
+                (Ledger::Unspecified, Standing::Playing { server, since }) if server == name && *since < asked => {
+                    broken_off.push(index);
+                }
+                (Ledger::Unspecified, Standing::Ended { server, since }) if server == name && *since < asked => {
+                    episode.fail(format!("server {name} could not record it whole"));
+                }
+                (Ledger::Unspecified, _) => {}
+            }
+        }
+        broken_off
+    }
+
+    /// The next episode to open, and where: the first of those with the fewest failures, on the server where it was begun
+    /// or else on the one with the smallest part of its room in use. It counts as played from now on.
+    pub(super) fn next(&mut self) -> Option<(usize, String)> {
+        if self.playing().count() >= self.parallel {
+            return None;
+        }
+        let waiting = self.episodes.iter().enumerate().filter(|(_, episode)| episode.standing == Standing::Waiting);
+        let (index, episode) = waiting.min_by_key(|(index, episode)| (episode.tries, *index))?;
+        let mut loads: BTreeMap<&str, usize> = BTreeMap::new();
+        for (_, server) in self.playing() {
+            *loads.entry(server).or_default() += 1;
+        }
+        let load = |name: &str| loads.get(name).copied().unwrap_or(0);
+        let has_room = |(name, server): &(&String, &Server)| server.is_live() && load(name) < server.room;
+        let home = episode.home.as_ref().and_then(|home| self.servers.get_key_value(home));
+        let least = || {
+            let free = self.servers.iter().filter(has_room);
+            free.min_by(|(a, left), (b, right)| (load(a) * right.room).cmp(&(load(b) * left.room)))
+        };
+        let (name, _) = home.filter(has_room).or_else(least)?;
+        let name = name.clone();
+        self.moment += 1;
+        self.episodes[index].standing = Standing::Playing { server: name.clone(), since: u64::MAX };
+        Some((index, name))
+    }
+
+    /// The session of an episode is open.
+    pub(super) fn opened(&mut self, index: usize) {
+        self.moment += 1;
+        if let Standing::Playing { server, since } = &mut self.episodes[index].standing {
+            *since = self.moment;
+            self.episodes[index].home = Some(server.clone());
+        }
+    }
+
+    /// An episode was played to its end.
+    pub(super) fn ended(&mut self, index: usize) {
+        self.moment += 1;
+        let standing = &mut self.episodes[index].standing;
+        if let Standing::Playing { server, .. } = standing {
+            let server = std::mem::take(server);
+            if let Some(server) = self.servers.get_mut(&server) {
+                server.room = (server.room + 1).min(server.full_room);
+            }
+            *standing = Standing::Ended { server, since: self.moment };
+        }
+    }
+
+    /// An episode was not played to its end.
+    pub(super) fn set_back(&mut self, index: usize, setback: Setback) {
+        let busy = self.playing().count();
+        let Some(episode) = self.episodes.get_mut(index) else { return };
+        let Standing::Playing { server, .. } = &episode.standing else { return };
+        let server = server.clone();
+        let is_live = self.servers.get(&server).is_some_and(Server::is_live);
+        match setback {
+            // It is the server's failure, not the episode's.
+            Setback::Busy | Setback::Held | Setback::Refused(_) | Setback::Failed(_) if !is_live => {
+                episode.standing = Standing::Waiting;
+            }
+            Setback::Busy => {
+                episode.standing = Standing::Waiting;
+                let load = self.playing().filter(|(_, name)| *name == server).count();
+                if let Some(server) = self.servers.get_mut(&server) {
+                    server.room = load.max(1);
+                }
+                // With nothing else under way there is no end of an episode to wait for: its ledger is asked first.
+                if busy <= 1 {
+                    self.episodes[index].standing = Standing::Held { server };
+                }
+            }
+            Setback::Held => episode.standing = Standing::Held { server },
+            Setback::BrokenOff => episode.standing = Standing::Waiting,
+            Setback::Refused(reason) => {
+                episode.fail(reason);
+                if episode.standing == Standing::Waiting {
+                    episode.standing = Standing::Held { server };
+                }
+            }
+            Setback::Failed(reason) => episode.fail(reason),
+            Setback::Hopeless(reason) => {
+                episode.standing = Standing::Lost;
+                episode.problem = Some(reason);
+            }
+        }
+    }
+
+    /// Episodes that we play on a server that is gone, while another one is there: they are to be broken off.
+    pub(super) fn strays(&self) -> Vec<usize> {
+        if !self.has_server() {
+            return Vec::new();
+        }
+        let is_gone = |name: &str| self.servers.get(name).is_none_or(|server| server.presence == Presence::Gone);
+        self.playing().filter(|(_, server)| is_gone(server)).map(|(index, _)| index).collect()
+    }
+
+    /// Servers whose ledger would tell something new.
+    pub(super) fn to_ask(&self) -> Vec<String> {
+        let asks = |name: &str| {
+            self.episodes.iter().any(|episode| match &episode.standing {
+                Standing::Held { server } | Standing::Ended { server, .. } => server == name,
+                _ => false,
+            })
+        };
+        let live = self.servers.iter().filter(|(_, server)| server.is_live());
+        live.map(|(name, _)| name.clone()).filter(|name| asks(name)).collect()
+    }
+
+    /// Whether there is any server.
+    pub(super) fn has_server(&self) -> bool {
+        self.servers.values().any(Server::is_live)
+    }
+
+    /// Whether nothing is left to do: each episode is decided or given up.
+    pub(super) fn is_over(&self) -> bool {
+        let is_over = |episode: &Episode| matches!(episode.standing, Standing::Decided { .. } | Standing::Lost);
+        self.episodes.iter().all(is_over)
+    }
+
+    /// Where each episode stands, and what went wrong with it last.
+    pub(super) fn standings(&self) -> impl Iterator<Item = (&Standing, Option<&str>)> {
+        self.episodes.iter().map(|episode| (&episode.standing, episode.problem.as_deref()))
+    }
+
+    /// Servers that are there.
+    pub(super) fn live(&self) -> impl Iterator<Item = &str> {
+        self.servers.iter().filter(|(_, server)| server.is_live()).map(|(name, _)| name.as_str())
+    }
+
+    fn playing(&self) -> impl Iterator<Item = (usize, &str)> {
+        self.episodes.iter().enumerate().filter_map(|(index, episode)| match &episode.standing {
+            Standing::Playing { server, .. } => Some((index, server.as_str())),
+            _ => None,
+        })
+    }
+}
+
+impl Server {
+    fn is_live(&self) -> bool {
+        self.presence == Presence::Live
+    }
+}
+
+impl Episode {
+    fn fail(&mut self, reason: String) {
+        self.tries += 1;
+        self.problem = Some(reason);
+        self.standing = if self.tries < MAX_TRIES { Standing::Waiting } else { Standing::Lost };
+    }
+}
+
+#[cfg(test)]
+mod tests;
