@@ -69,16 +69,28 @@ fn every_command_works() {
     let scratch = Scratch::new("readme");
     let bin = stage(&scratch);
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
-    let mut background = Vec::new();
-    let other_port = free_port().to_string();
+    let (mut background, mut external) = (Vec::new(), None);
+    let (other_port, third_port) = (free_port().to_string(), free_port().to_string());
     for line in blocks(&readme(), "sh").iter().flat_map(|block| block.lines()) {
         let line = match line.contains("0.0.0.0") || line.contains("192.168.1.7") {
-            true => {
-                line.replace("0.0.0.0", "127.0.0.1").replace("192.168.1.7", "127.0.0.1").replace("7447", &other_port)
-            }
+            true => line
+                .replace("0.0.0.0", "127.0.0.1")
+                .replace("192.168.1.7", "127.0.0.1")
+                .replace("7447", &other_port)
+                .replace("7448", &third_port),
             false => line.to_owned(),
         };
+        // One episode of the run is enough here.
+        let line = if line.contains("policy-client evaluate") { line + " --tasks S07 --seeds 0" } else { line };
         let words: Vec<&str> = line.split_whitespace().collect();
+        if line.contains("evaluate --external") {
+            let out = scratch.path().join("results/bench").display().to_string();
+            let args: Vec<&str> = words[1..].iter().copied().chain(["--out", &out]).collect();
+            let mut running = Running::start("fiatlux", &args, &scratch);
+            running.wait_for("policy-client evaluate");
+            external = Some(running);
+            continue;
+        }
         let daemon = ["sim-server", "recorder"].into_iter().find(|name| words[0] == format!("target/release/{name}"));
         match daemon {
             _ if line == "cargo test --workspace" => {}
@@ -104,4 +116,7 @@ fn every_command_works() {
         }
     }
     assert!(scratch.path().join("results/zero/report.html").exists());
+    let (status, _) = external.unwrap().finish(std::time::Duration::from_secs(60));
+    assert!(status.success(), "{status}");
+    assert!(scratch.path().join("results/bench/results.json").exists());
 }
