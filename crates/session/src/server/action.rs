@@ -219,7 +219,7 @@ impl<H: Host, R> ServerSession<H, R> {
             let message = format!("the server is {:.3} s behind the clock and goes on from now", behind.as_secs_f64());
             self.note("lost", "time", message.clone());
             let remedy = "ask for fewer sensors or looks, or run fewer sessions on this server";
-            self.notify(NoticeCode::Unspecified, 1, "", message, remedy, now);
+            self.notify(NoticeCode::Late, 1, "", message, remedy, now);
         }
         self.advance(received, Arrival { held, lateness_s: lateness.as_secs_f64() }, now);
     }
