@@ -200,6 +200,7 @@ fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHead
         weights: recorded.weights.clone(),
         meshes: recorded.meshes.clone(),
         request: recorded.request.clone(),
+        run: recorded.run.clone(),
         randomization,
         ..simulated
     }
