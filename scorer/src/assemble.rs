@@ -71,22 +71,22 @@ pub(crate) fn assemble_run(
 ) -> Result<Results, ScoreError> {
     let (mut entries, mut excluded, mut lost) = (Vec::new(), Vec::new(), BTreeMap::new());
     for (index, Judged { bag, content }) in judged {
-        let (fault, content) = match content {
-            Err(fault) => (Some(fault), None),
+        let ((reason, detail), content) = match content {
+            Err(fault) => (fault, None),
             Ok(Content { header, damage, graded }) => {
                 let altered = || run.disagreement(index, &header, &graded).map(|detail| (Fault::Altered, detail));
-                (fault(damage, &graded).or_else(altered), Some((header, graded)))
+                match fault(damage, &graded).or_else(altered) {
+                    Some(fault) => (fault, Some((header, graded))),
+                    None => {
+                        entries.push(Entry { bag, header, graded });
+                        continue;
+                    }
+                }
             }
         };
-        match (fault, content) {
-            (Some((reason, detail)), content) => {
-                let content = content.as_ref().map(|(header, graded)| (header, graded));
-                excluded.push(excluded_bag(bag, reason, detail.clone(), content));
-                lost.insert(index, (reason, detail));
-            }
-            (None, Some((header, graded))) => entries.push(Entry { bag, header, graded }),
-            (None, None) => {}
-        }
+        let content = content.as_ref().map(|(header, graded)| (header, graded));
+        excluded.push(excluded_bag(bag, reason, detail.clone(), content));
+        lost.insert(index, (reason, detail));
     }
     sort(&mut entries);
     let failures = run.failures(&lost);
