@@ -3,15 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use fiatlux_proto::v3;
-use fiatlux_rules::{Benchmark, Episode, ROW_LAYOUT, Rate, SubtaskScore, Summary, Task};
+use fiatlux_rules::{Benchmark, Episode, Protocol, ROW_LAYOUT, Rate, SeedScore, Spread, SubtaskScore, Summary, Task};
 
 use crate::conditions::compared;
 use crate::episode::Graded;
 use crate::flaw::Flaw;
 use crate::results::{
-    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions,
+    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, Score, SeedRow, TaskResult,
+    Versions,
 };
-use crate::{Conditions, GradeOptions, ScoreError};
+use crate::run::{Run, failed};
+use crate::{Conditions, GradeOptions, ScoreError, Series};
 
 /// What became of one bag.
 #[derive(Debug)]
@@ -56,45 +58,117 @@ pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Re
             },
         }
     }
-    entries.sort_by(|a, b| a.key().cmp(&b.key()).then_with(|| a.bag.cmp(&b.bag)));
+    sort(&mut entries);
     let entries = without_copies(entries, &mut excluded)?;
+    roll_up(entries, excluded, None, options)
+}
+
+/// The same for a run, from the bags of the episodes that were played, each with the episode's index.
+pub(crate) fn assemble_run(
+    run: &Run,
+    judged: Vec<(usize, Judged)>,
+    options: &GradeOptions,
+) -> Result<Results, ScoreError> {
+    let (mut entries, mut excluded, mut lost) = (Vec::new(), Vec::new(), BTreeMap::new());
+    for (index, Judged { bag, content }) in judged {
+        let ((reason, detail), content) = match content {
+            Err(fault) => (fault, None),
+            Ok(Content { header, damage, graded }) => {
+                let altered = || run.disagreement(index, &header, &graded).map(|detail| (Fault::Altered, detail));
+                match fault(damage, &graded).or_else(altered) {
+                    Some(fault) => (fault, Some((header, graded))),
+                    None => {
+                        entries.push(Entry { bag, header, graded });
+                        continue;
+                    }
+                }
+            }
+        };
+        let content = content.as_ref().map(|(header, graded)| (header, graded));
+        excluded.push(excluded_bag(bag, reason, detail.clone(), content));
+        lost.insert(index, (reason, detail));
+    }
+    sort(&mut entries);
+    let failures = run.failures(&lost);
+    roll_up(entries, excluded, Some((run, failures)), options)
+}
+
+fn sort(entries: &mut [Entry]) {
+    entries.sort_by(|a, b| a.key().cmp(&b.key()).then_with(|| a.bag.cmp(&b.bag)));
+}
+
+/// Results of what counts: sorted entries, and the failures of a run.
+fn roll_up(
+    entries: Vec<Entry>,
+    mut excluded: Vec<ExcludedBag>,
+    run: Option<(&Run, Vec<RunFailure>)>,
+    options: &GradeOptions,
+) -> Result<Results, ScoreError> {
     check_conditions(&entries)?;
     excluded.sort_by(|a, b| a.bag.cmp(&b.bag));
+    let failures: Vec<(Task, &RunFailure)> = run
+        .iter()
+        .flat_map(|(run, failures)| failures.iter().map(|failure| (run.episodes[failure.index as usize].task, failure)))
+        .collect();
+    let failed = || failures.iter().map(|(task, failure)| Episode { seed: failure.seed, summary: failed(*task) });
 
     let episode = |entry: &Entry, summary| Episode { seed: entry.header.seed, summary };
-    let episodes: Vec<Episode> = entries.iter().map(|entry| episode(entry, entry.graded.summary)).collect();
+    let with_rows: Vec<Episode> = entries.iter().map(|entry| episode(entry, entry.graded.summary)).collect();
+    let episodes: Vec<Episode> = with_rows.iter().copied().chain(failed()).collect();
+    let conditions = match (entries.first(), &run) {
+        (Some(entry), _) => {
+            Conditions::new(&entry.header, &entry.graded.thresholds, &options.set, options.published_counting)
+        }
+        (None, Some((run, _))) => Conditions::unplayed(run.spec()),
+        (None, None) => Conditions::default(),
+    };
     let strict: Option<Vec<Episode>> =
         entries.iter().map(|entry| entry.graded.strict.map(|summary| episode(entry, summary))).collect();
-    let strict = strict.filter(|episodes| !episodes.is_empty());
+    let is_strict = !entries.is_empty() || conditions.protocol == Protocol::Strict.name();
+    let strict = strict.filter(|_| is_strict).map(|strict| strict.into_iter().chain(failed()).collect::<Vec<_>>());
+    let seeds: BTreeSet<u64> = match &run {
+        Some((run, _)) => run.seeds(),
+        None => entries.iter().map(|entry| entry.header.seed).collect(),
+    };
+    let registered = run.is_some().then_some(&seeds);
     let benchmark = Benchmark::of(&episodes);
-    let benchmark_strict = strict.as_deref().map(Benchmark::of);
-    let seeds: BTreeSet<u64> = entries.iter().map(|entry| entry.header.seed).collect();
-    let conditions = entries.first().map_or_else(Conditions::default, |entry| {
-        Conditions::new(&entry.header, &entry.graded.thresholds, &options.set, options.published_counting)
-    });
     let (subtasks, extra_tasks): (Vec<_>, Vec<_>) = benchmark
         .subtasks
         .iter()
         .map(|score| {
             let strict = strict.as_deref().and_then(|episodes| SubtaskScore::of(score.task, episodes));
-            (Task::SUBTASKS.contains(&score.task), task_result(score, strict.as_ref(), &entries))
+            let played = SubtaskScore::of(score.task, &with_rows);
+            let ends = ends(score.task, &entries, &failures);
+            (Task::SUBTASKS.contains(&score.task), task_result(score, strict.as_ref(), played.as_ref(), ends))
         })
         .partition(|(is_subtask, _)| *is_subtask);
-    let versions = versions(&entries);
-    Ok(Results {
-        policy: entries.first().map(|entry| entry.header.policy.clone()).unwrap_or_default(),
-        seeds: seeds.into_iter().collect(),
-        score: score(&benchmark),
-        score_strict: benchmark_strict.as_ref().map(score),
+    let policy = entries.first().map(|entry| entry.header.policy.as_str());
+    let policy = policy.or(run.as_ref().map(|(run, _)| run.policy())).unwrap_or_default().to_owned();
+    let results = Results {
+        policy,
+        score: score(&episodes, registered),
+        score_strict: strict.as_deref().map(|strict| score(strict, registered)),
         subtasks: subtasks.into_iter().map(|(_, result)| result).collect(),
         missing: benchmark.missing.iter().map(Task::to_string).collect(),
         overall: overall(&episodes, strict.as_deref()),
         extra_tasks: extra_tasks.into_iter().map(|(_, result)| result).collect(),
-        episodes: entries.into_iter().map(episode_row).collect(),
         excluded,
         conditions,
-        versions,
-    })
+        versions: versions(&entries),
+        episodes: rows(entries, &failures, strict.is_some()),
+        seeds: seeds.into_iter().collect(),
+        run: None,
+    };
+    drop(failures);
+    Ok(Results { run: run.map(|(run, failures)| run.result(failures, options.folder())), ..results })
+}
+
+/// Rows of all episodes, by task, seed and index.
+fn rows(entries: Vec<Entry>, failures: &[(Task, &RunFailure)], is_strict: bool) -> Vec<EpisodeRow> {
+    let failed = failures.iter().map(|(task, failure)| ((*task, failure.seed, 0), failed_row(failure, is_strict)));
+    let mut rows: Vec<_> = entries.into_iter().map(|entry| (entry.key(), episode_row(entry))).chain(failed).collect();
+    rows.sort_by_key(|(key, _)| *key);
+    rows.into_iter().map(|(_, row)| row).collect()
 }
 
 fn fault(damage: Option<(Fault, String)>, graded: &Graded) -> Option<(Fault, String)> {
@@ -181,9 +255,16 @@ fn check_conditions(entries: &[Entry]) -> Result<(), ScoreError> {
     Ok(())
 }
 
-fn score(benchmark: &Benchmark) -> Score {
-    let weight_total = Task::SUBTASKS.into_iter().map(Task::weight).sum();
-    let seed_row = |seed: &fiatlux_rules::SeedScore| SeedRow {
+/// S of some episodes. In a run, whose seeds are given, all twelve subtasks count under each of them.
+fn score(episodes: &[Episode], registered: Option<&BTreeSet<u64>>) -> Score {
+    let weight_total: f64 = Task::SUBTASKS.into_iter().map(Task::weight).sum();
+    let ran = Benchmark::of(episodes).per_seed;
+    let per_seed: Vec<SeedScore> = match registered {
+        None => ran,
+        Some(seeds) => seeds.iter().map(|&seed| of_all(seed, &ran, weight_total)).collect(),
+    };
+    let spread = Spread::of(&per_seed.iter().map(|seed| seed.score).collect::<Vec<_>>());
+    let seed_row = |seed: &SeedScore| SeedRow {
         seed: seed.seed,
         score: seed.score,
         weight_covered: seed.weight_covered,
@@ -191,17 +272,37 @@ fn score(benchmark: &Benchmark) -> Score {
         missing: seed.missing.iter().map(Task::to_string).collect(),
     };
     Score {
-        mean: benchmark.score.map(|score| score.mean),
-        std: benchmark.score.and_then(|score| score.std),
-        per_seed: benchmark.per_seed.iter().map(seed_row).collect(),
+        mean: spread.map(|score| score.mean),
+        std: spread.and_then(|score| score.std),
+        per_seed: per_seed.iter().map(seed_row).collect(),
     }
 }
 
-fn task_result(score: &SubtaskScore, strict: Option<&SubtaskScore>, entries: &[Entry]) -> TaskResult {
-    let mut ends = BTreeMap::new();
-    for entry in entries.iter().filter(|entry| entry.graded.summary.task == score.task) {
-        *ends.entry(entry.graded.end.clone()).or_insert(0) += 1;
+/// The score under a seed where a missing subtask counts as 0.
+fn of_all(seed: u64, ran: &[SeedScore], weight_total: f64) -> SeedScore {
+    let none = || SeedScore { seed, score: 0.0, weight_covered: 0.0, missing: Task::SUBTASKS.into() };
+    let ran = ran.iter().find(|ran| ran.seed == seed).cloned().unwrap_or_else(none);
+    match ran.missing.is_empty() {
+        true => ran,
+        false => SeedScore { score: ran.score * ran.weight_covered / weight_total, ..ran },
     }
+}
+
+fn ends(task: Task, entries: &[Entry], failures: &[(Task, &RunFailure)]) -> BTreeMap<String, u64> {
+    let of_entries = entries.iter().filter(|entry| entry.graded.summary.task == task).map(|entry| &entry.graded.end);
+    let of_failures = failures.iter().filter(|(other, _)| *other == task).map(|(_, failure)| &failure.cause);
+    let mut ends = BTreeMap::new();
+    of_entries.chain(of_failures).for_each(|end| *ends.entry(end.clone()).or_insert(0) += 1);
+    ends
+}
+
+/// `played` are the episodes that have rows: a failure without any has no length and no effort.
+fn task_result(
+    score: &SubtaskScore,
+    strict: Option<&SubtaskScore>,
+    played: Option<&SubtaskScore>,
+    ends: BTreeMap<String, u64>,
+) -> TaskResult {
     let value = |rate: Rate| rate.value().unwrap_or_default();
     let interval = |rate: Rate| rate.interval().unwrap_or([0.0, 1.0]);
     TaskResult {
@@ -216,8 +317,8 @@ fn task_result(score: &SubtaskScore, strict: Option<&SubtaskScore>, entries: &[E
         broken_rate: value(score.broken),
         dropped_rate: value(score.dropped),
         peak_hand_force_n: score.peak_hand_force_n,
-        control_effort: score.control_effort,
-        mean_steps: score.mean_steps,
+        control_effort: played.map_or(0.0, |played| played.control_effort),
+        mean_steps: played.map_or(0.0, |played| played.mean_steps),
         episodes: score.success.trials,
         episode_score: score.episode_score,
         success_interval: interval(score.success),
@@ -272,6 +373,7 @@ fn episode_row(entry: Entry) -> EpisodeRow {
         end: graded.end,
         state_digest: graded.digest,
         bag,
+        failure: None,
         episode: header.episode,
         causes: graded.causes,
         strict_success: strict.map(|strict| strict.success),
@@ -282,6 +384,36 @@ fn episode_row(entry: Entry) -> EpisodeRow {
         steps_in_gate: graded.steps_in_gate,
         notes: graded.notes,
         series: graded.series,
+    }
+}
+
+/// A failure of a run that has no rows.
+fn failed_row(failure: &RunFailure, is_strict: bool) -> EpisodeRow {
+    EpisodeRow {
+        task: failure.task.clone(),
+        seed: failure.seed,
+        success: false,
+        clean: false,
+        broken: false,
+        dropped: false,
+        gate_progress: 0.0,
+        peak_hand_force_n: 0.0,
+        control_effort: 0.0,
+        steps: 0,
+        end: failure.cause.clone(),
+        state_digest: String::new(),
+        bag: String::new(),
+        failure: Some(failure.cause.clone()),
+        episode: 0,
+        causes: Vec::new(),
+        strict_success: is_strict.then_some(false),
+        strict_clean: is_strict.then_some(false),
+        strict_progress: is_strict.then_some(0.0),
+        strict_end: is_strict.then(|| failure.cause.clone()),
+        strict_steps: is_strict.then_some(0),
+        steps_in_gate: 0,
+        notes: Some(failure.detail.clone()).filter(|detail| !detail.is_empty()).into_iter().collect(),
+        series: Series::default(),
     }
 }
 

@@ -273,7 +273,10 @@ pub fn compare(a: &Path, b: &Path, any_conditions: bool) -> Result<Comparison, C
 fn read(path: &Path) -> Result<(PathBuf, Run), CompareError> {
     let file = if path.is_dir() { path.join("results.json") } else { path.to_owned() };
     let text = std::fs::read(&file).map_err(|source| CompareError::Read { file: file.clone(), source })?;
-    let run: Run = serde_json::from_slice(&text).map_err(|source| CompareError::Form { file: file.clone(), source })?;
+    let mut run: Run =
+        serde_json::from_slice(&text).map_err(|source| CompareError::Form { file: file.clone(), source })?;
+    // Earlier scorers left it out, for there was none.
+    run.conditions.entry("action_delay_ms".into()).or_insert(0.into());
     let found = run.versions.get("results").and_then(Value::as_u64).unwrap_or_default();
     if found != u64::from(RESULTS_VERSION) {
         return Err(CompareError::Version { file, found });

@@ -52,6 +52,9 @@ pub struct Conditions {
     /// them.
     #[serde(default)]
     pub meshes: String,
+    /// By how much every action is delayed, ms.
+    #[serde(default)]
+    pub action_delay_ms: u32,
     /// What ended the episodes, where that was the session's own choice; else empty, and it was the task's.
     pub end_on_overridden: Vec<String>,
     /// Whether the run has a place in the ranking of its four words: there is no deviation.
@@ -87,6 +90,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
         ("sensors", listed(&sensors(header))),
         ("weights", quoted(weights(header))),
         ("meshes", quoted(meshes(header))),
+        ("action_delay_ms", action_delay_ms(header).to_string()),
         ("end_on", end_on),
         ("model_digest", quoted(&header.model_digest)),
         ("scene_digest", quoted(&header.scene_digest)),
@@ -140,6 +144,9 @@ impl Conditions {
         if !meshes(header).is_empty() {
             deviations.push("the robot is drawn with meshes of the user's own".into());
         }
+        if action_delay_ms(header) > 0 {
+            deviations.push(format!("actions are delayed by {} ms", action_delay_ms(header)));
+        }
         if header.end_on_overridden {
             deviations.push(format!("episodes ended on {}", listed(&header.end_on)));
         }
@@ -166,6 +173,7 @@ impl Conditions {
             sensors: sensors(header),
             weights: weights(header).into(),
             meshes: meshes(header).into(),
+            action_delay_ms: action_delay_ms(header),
             end_on_overridden: if header.end_on_overridden { header.end_on.clone() } else { Vec::new() },
             ranked: deviations.is_empty(),
             deviations,
@@ -176,15 +184,32 @@ impl Conditions {
             scene_digest: header.scene_digest.clone(),
         }
     }
+
+    /// Of a run without a single bag to tell more.
+    pub(crate) fn unplayed(spec: &v3::RunSpec) -> Self {
+        let request = spec.session.clone().unwrap_or_default();
+        let header = v3::EpisodeHeader { mode: request.mode, ..v3::EpisodeHeader::default() };
+        Self {
+            protocol: if request.episode_protocol.is_empty() { "strict".into() } else { request.episode_protocol },
+            seeds: if spec.hosted_seeds > 0 { "hosted" } else { "public" }.into(),
+            observations: "unknown".into(),
+            time: time(&header).into(),
+            deviations: vec!["no episode has a bag, which would tell its conditions".into()],
+            ..Self::default()
+        }
+    }
 }
 
 fn protocol(header: &v3::EpisodeHeader) -> &str {
     &header.episode_protocol
 }
 
-/// Headers do not say who chose the seed yet: it was the one who asked for the episode.
-fn seeds(_: &v3::EpisodeHeader) -> &'static str {
-    "public"
+fn seeds(header: &v3::EpisodeHeader) -> &'static str {
+    if header.run.as_ref().is_some_and(|run| run.hosted) { "hosted" } else { "public" }
+}
+
+fn action_delay_ms(header: &v3::EpisodeHeader) -> u32 {
+    header.request.as_ref().map_or(0, |request| request.action_delay_ms)
 }
 
 fn observations(header: &v3::EpisodeHeader) -> &'static str {
@@ -330,6 +355,7 @@ mod tests {
         let default = v3::Randomization::default();
         let sized = v3::PropScale { ladder_z: 1.05, ..v3::PropScale::default() };
         let request = v3::OpenRequest { prop_scale: Some(sized), ..v3::OpenRequest::default() };
+        let delayed = v3::OpenRequest { action_delay_ms: 40, ..v3::OpenRequest::default() };
         let sensing = |sensor: v3::Sensor| v3::EpisodeHeader { sensors: vec![sensor], ..header() };
         let seeded = v3::EpisodeHeader { weights: "fiatlux-resnet18-seeded/1:0".into(), ..sensing("flat".into()) };
         let cases = [
@@ -338,6 +364,7 @@ mod tests {
             (random(v3::Randomization { exact_sensors: true, ..default }), "sensors are exact", "other"),
             (random(v3::Randomization { prop_scale: true, ..default }), "sizes of props are random", "standard"),
             (v3::EpisodeHeader { request: Some(request), ..header() }, "sizes of props are ladder_z 1.05", "standard"),
+            (v3::EpisodeHeader { request: Some(delayed), ..header() }, "actions are delayed by 40 ms", "standard"),
             (
                 v3::EpisodeHeader { scene_config: "[bench]".into(), ..header() },
                 "the scene is not the pinned one",
@@ -369,6 +396,10 @@ mod tests {
                 v3::EpisodeHeader { mode: v3::Mode::RealTime.into(), ..header() },
                 ["strict", "public", "standard", "real time"],
             ),
+            (
+                v3::EpisodeHeader { run: Some(v3::RunTicket { hosted: true, ..v3::RunTicket::default() }), ..header() },
+                ["strict", "hosted", "standard", "lockstep"],
+            ),
         ] {
             let conditions = new(header);
             assert!(conditions.ranked, "{:?}", conditions.deviations);
@@ -383,6 +414,12 @@ mod tests {
         let mut recorded = header();
         recorded.sensors.push(in_bag);
         assert_eq!(compared(&recorded), compared(&header()), "what the bag alone has");
+        let delayed = |action_delay_ms| v3::EpisodeHeader {
+            request: Some(v3::OpenRequest { action_delay_ms, ..v3::OpenRequest::default() }),
+            ..header()
+        };
+        assert_ne!(compared(&delayed(20)), compared(&delayed(40)), "the delay");
+        assert_eq!(compared(&delayed(0)), compared(&header()));
     }
 
     /// Other meshes are other conditions for a policy that sees pictures of them, and for no other.

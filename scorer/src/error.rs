@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use fiatlux_rules::ThresholdError;
+use fiatlux_bag::run::LedgerError;
+use fiatlux_rules::{ThresholdError, UnknownTask};
 use thiserror::Error;
 
 /// Why no results came of a grading.
@@ -56,6 +57,37 @@ pub enum ScoreError {
         first_bag: String,
         /// Another bag.
         second_bag: String,
+    },
+    /// Runs among the paths, but not one run alone.
+    #[error(
+        "a run is graded by itself, in its own folder; name one of {} (or, to grade bags as loose ones, the files)",
+        .0.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ")
+    )]
+    Runs(Vec<PathBuf>),
+    /// A journal of the run.
+    #[error("the run cannot be read")]
+    Ledger(#[from] LedgerError),
+    /// Journals of different runs in one folder.
+    #[error(
+        "{} and {} are not journals of one run: the {field} differs; keep each run in a folder of its own",
+        first.display(), second.display()
+    )]
+    Journals {
+        /// A journal.
+        first: PathBuf,
+        /// Another journal.
+        second: PathBuf,
+        /// What differs.
+        field: &'static str,
+    },
+    /// A run of tasks that this version does not know.
+    #[error("{} has a task of another version; grade the run with the scorer of that version", path.display())]
+    Task {
+        /// The journal.
+        path: PathBuf,
+        /// The task.
+        #[source]
+        source: UnknownTask,
     },
     /// A worker died.
     #[error("a grading thread ended early; this is a fault of the scorer, please report the bags")]

@@ -2,15 +2,31 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use fiatlux_bag::run::journals;
+
 use crate::ScoreError;
 
-/// Bags and recordings that were never finished.
+/// Bags, recordings that were never finished, and runs.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Found {
     /// `*.mcap`, and files that were named one by one.
     pub bags: Vec<PathBuf>,
     /// `*.mcap.part`.
     pub unfinished: Vec<PathBuf>,
+    /// Folders that have the journal of a run; what is in them is found as well.
+    pub runs: Vec<PathBuf>,
+}
+
+impl Found {
+    /// The run that all of it belongs to; `None` where there are loose bags only.
+    pub fn run(&self) -> Result<Option<&Path>, ScoreError> {
+        let Some(first) = self.runs.first() else { return Ok(None) };
+        let is_inside = |path: &PathBuf| path.starts_with(first);
+        match self.runs.len() == 1 && self.bags.iter().chain(&self.unfinished).all(is_inside) {
+            true => Ok(Some(first)),
+            false => Err(ScoreError::Runs(self.runs.clone())),
+        }
+    }
 }
 
 /// Looks through files and folders, folders to any depth. Sorted, each file once.
@@ -26,11 +42,11 @@ pub(crate) fn find(paths: &[PathBuf]) -> Result<Found, ScoreError> {
             found.bags.push(path.clone());
         }
     }
-    for list in [&mut found.bags, &mut found.unfinished] {
+    for list in [&mut found.bags, &mut found.unfinished, &mut found.runs] {
         list.sort();
         list.dedup();
     }
-    if found.bags.is_empty() && found.unfinished.is_empty() {
+    if found.bags.is_empty() && found.unfinished.is_empty() && found.runs.is_empty() {
         let names: Vec<_> = paths.iter().map(|path| path.display().to_string()).collect();
         return Err(ScoreError::NoBags(names.join(", ")));
     }
@@ -39,6 +55,9 @@ pub(crate) fn find(paths: &[PathBuf]) -> Result<Found, ScoreError> {
 
 fn search(folder: &Path, found: &mut Found) -> Result<(), ScoreError> {
     let fail = |source| ScoreError::Path { path: folder.to_path_buf(), source };
+    if !journals(folder)?.is_empty() {
+        found.runs.push(folder.to_path_buf());
+    }
     for entry in folder.read_dir().map_err(fail)? {
         let entry = entry.map_err(fail)?;
         let path = entry.path();

@@ -6,9 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use fiatlux_rules::Thresholds;
 
-use crate::assemble::{Judged, assemble};
+use crate::assemble::{Judged, assemble, assemble_run};
 use crate::find::{find, relative};
 use crate::results::{Fault, Results};
+use crate::run::Run;
 use crate::{ScoreError, bag};
 
 /// How to grade.
@@ -22,6 +23,13 @@ pub struct GradeOptions {
     pub workers: usize,
     /// The folder that bags are named from: that of the results. Empty for the current one.
     pub relative_to: PathBuf,
+}
+
+impl GradeOptions {
+    /// The folder that bags are named from.
+    pub(crate) fn folder(&self) -> &Path {
+        if self.relative_to.as_os_str().is_empty() { Path::new(".") } else { &self.relative_to }
+    }
 }
 
 /// How far a grading is.
@@ -42,9 +50,12 @@ pub struct Progress {
 /// Bags that are cut, aborted, altered or unreadable are listed in [`Results::excluded`] and not scored; so are further
 /// copies of an episode. The results depend on the bags, their names and the options only.
 ///
+/// A folder with the journal of a run is graded as that run ([`Results::run`]): each episode that was registered counts, by
+/// the bag that a journal names, or else as a failure. Other bags in the folder do not count.
+///
 /// # Errors
-/// [`ScoreError`]: a threshold or path that is not there, no bag at all, bags of different conditions, or two different
-/// recordings of one episode.
+/// [`ScoreError`]: a threshold or path that is not there, no bag at all, bags of different conditions, two different
+/// recordings of one episode, a journal that cannot be read, or a run together with other runs or bags.
 pub fn grade(
     paths: &[PathBuf],
     options: &GradeOptions,
@@ -53,7 +64,10 @@ pub fn grade(
     let mut thresholds = Thresholds::default();
     options.set.iter().try_for_each(|assignment| thresholds.set(assignment))?;
     let found = find(paths)?;
-    let folder = if options.relative_to.as_os_str().is_empty() { Path::new(".") } else { &options.relative_to };
+    let folder = options.folder();
+    if let Some(run) = found.run()? {
+        return grade_run(&Run::read(run)?, options, progress);
+    }
 
     let unfinished = found.unfinished.iter().map(|path| Judged {
         bag: relative(path, folder),
@@ -64,6 +78,18 @@ pub fn grade(
     judged
         .extend(found.bags.iter().zip(contents).map(|(path, content)| Judged { bag: relative(path, folder), content }));
     assemble(judged, options)
+}
+
+fn grade_run(run: &Run, options: &GradeOptions, progress: &(dyn Fn(Progress) + Sync)) -> Result<Results, ScoreError> {
+    let (there, lost): (Vec<_>, Vec<_>) = run.bags().into_iter().partition(|(_, path)| path.is_file());
+    let paths: Vec<PathBuf> = there.iter().map(|(_, path)| path.clone()).collect();
+    let read = there.into_iter().zip(each_bag(&paths, options, progress)?);
+    let gone =
+        || Err((Fault::Lost, "the journal says that it was played, and the bag is not there; bring it back".into()));
+    let all = read.chain(lost.into_iter().map(|lost| (lost, gone())));
+    let judged =
+        all.map(|((index, path), content)| (index, Judged { bag: relative(&path, options.folder()), content }));
+    assemble_run(run, judged.collect(), options)
 }
 
 type Content = Result<crate::assemble::Content, (Fault, String)>;

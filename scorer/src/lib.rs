@@ -3,7 +3,7 @@
 //! [`grade`] reads bags and gives [`Results`], which serialise to `results.json` (`RESULTS.md` has the fields). Every
 //! number comes from the rows of `/state` through [`fiatlux_rules`], never from the recorded result, so thresholds can
 //! change without a new run. A bag that does not agree with itself (checksums, header, rows, result: see [`Flaw`]) is not
-//! scored.
+//! scored. The folder of a run is graded as the run: each of its episodes counts, as its journals say.
 //!
 //! [`tables`] and [`report`] write results down. The same bags give the same bytes in all of them.
 //! [`compare()`] tests two results against each other. [`verify()`] runs an episode again on a server. The scorer never links the simulator.
@@ -39,6 +39,7 @@ mod flaw;
 mod grade;
 pub mod report;
 mod results;
+mod run;
 mod series;
 pub mod tables;
 mod verify;
@@ -50,7 +51,8 @@ pub use error::ScoreError;
 pub use flaw::{Difference, Flaw};
 pub use grade::{GradeOptions, Progress, grade};
 pub use results::{
-    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, Score, SeedRow, TaskResult, Versions,
+    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, SeedRow,
+    TaskResult, Versions,
 };
 pub use series::{Held, MAX_BUCKETS, Series};
 pub use verify::{Verification, VerifyError, verify};

@@ -38,6 +38,10 @@ enum Command {
 /// and scene). Bags that are cut, aborted, or do not agree with themselves (checksums, header, rows, result) are listed
 /// with the reason and not scored; the exit code is then 3. A second copy of an episode with the same rows is listed and
 /// passed over; two different recordings of one episode are an error.
+///
+/// The folder of a run, with its journals (*.run.jsonl), is graded as the run: every episode that was registered counts, and
+/// one that was not played to its end is a failure. S is over all twelve subtasks. A played episode whose bag is missing or
+/// altered is a failure, too, and the exit code is 3.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   scorer grade runs/zero                               the table

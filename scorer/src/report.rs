@@ -12,7 +12,7 @@ use std::fmt::Write;
 
 use markup::{escape, percent};
 
-use crate::tables::{conditions_line, count, seed_count};
+use crate::tables::{conditions_line, count, run_line, seed_count};
 use crate::{RateRow, Results, Score};
 
 const STYLE: &str = include_str!("report/style.css");
@@ -54,6 +54,11 @@ fn headline(out: &mut String, results: &Results) {
         escape(&seed_count(results)),
         escape(&conditions_line(&results.conditions).replacen('b', "B", 1)),
     );
+    if let Some(run) = &results.run {
+        for line in std::iter::once(&run_line(run)).chain(&run.notes) {
+            let _ = writeln!(out, "<p class=\"soft\">{}.</p>", escape(line));
+        }
+    }
     warnings(out, results);
     out.push_str("<div class=\"cards\">\n");
     let overall = &results.overall;
@@ -93,10 +98,11 @@ fn warnings(out: &mut String, results: &Results) {
         warn("Not ranked: this run is not played as the benchmark has it.", &text);
     }
     if !results.missing.is_empty() && !results.subtasks.is_empty() {
-        let text = format!(
-            "{} did not run under every seed; what did not run is outside the score, not zero.",
-            results.missing.join(", ")
-        );
+        let how = match results.run {
+            Some(_) => "are not in the run; they count as 0 in its score.",
+            None => "did not run under every seed; what did not run is outside the score, not zero.",
+        };
+        let text = format!("{} {how}", results.missing.join(", "));
         warn("Missing subtasks.", &text);
     }
     if results.has_data_loss() {

@@ -24,7 +24,8 @@ pub struct Results {
     pub score_strict: Option<Score>,
     /// The subtasks that ran, in order.
     pub subtasks: Vec<TaskResult>,
-    /// Subtasks that did not run under one of the seeds or more; they are outside the score.
+    /// Subtasks that did not run under one of the seeds or more; they are outside the score. In a run: that were not
+    /// registered; they score 0.
     pub missing: Vec<String>,
     /// Scored episodes, by task, seed and index.
     pub episodes: Vec<EpisodeRow>,
@@ -38,10 +39,13 @@ pub struct Results {
     pub conditions: Conditions,
     /// What made and what graded the bags.
     pub versions: Versions,
+    /// The run, where the folder of one was graded; `null` for loose bags.
+    #[serde(default)]
+    pub run: Option<RunResult>,
 }
 
 impl Results {
-    /// Whether bags were left out that would have counted. A second copy of a scored one is no loss.
+    /// Whether bags were left out that would have counted. A second copy of a scored one is no loss, nor are a run's failures.
     pub fn has_data_loss(&self) -> bool {
         self.excluded.iter().any(|bag| bag.reason != Fault::Duplicate)
     }
@@ -53,6 +57,56 @@ impl Results {
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
+}
+
+/// A run: every episode that was registered counts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunResult {
+    /// Its name.
+    pub name: String,
+    /// Its folder, from that of the results.
+    pub folder: String,
+    /// Version of the policy, as it was registered.
+    pub policy_version: String,
+    /// Where the policy is described, as it was registered.
+    pub policy_link: String,
+    /// Servers that have a journal of it, by name.
+    pub servers: Vec<String>,
+    /// All of them say that no more episodes are played.
+    pub finished: bool,
+    /// The server drew the seeds after registration.
+    pub hosted: bool,
+    /// Episodes in all.
+    pub registered: u64,
+    /// Those that were graded from their bags.
+    pub played: u64,
+    /// How many of the others failed by each cause.
+    pub failed: BTreeMap<String, u64>,
+    /// Episodes that were begun more than once.
+    pub repeated: u64,
+    /// Those among them that were begun again because a server had died.
+    pub begun_again: u64,
+    /// Each episode that counts as a failure without rows, by index.
+    pub failures: Vec<RunFailure>,
+    /// What a reader should know, such as an episode that two servers played.
+    pub notes: Vec<String>,
+}
+
+/// An episode of a run that counts as a failure without rows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunFailure {
+    /// Its index in the run.
+    pub index: u64,
+    /// `S01`.
+    pub task: String,
+    /// Seed of the layout.
+    pub seed: u64,
+    /// As the journal says: `not run`, `abandoned`, `not repeated`, `open`; `bag lost` or `altered` where it was played.
+    pub cause: String,
+    /// What more is known; may be empty.
+    pub detail: String,
+    /// How often it was begun.
+    pub attempts: u32,
 }
 
 /// The benchmark score over the layout seeds.
@@ -71,9 +125,9 @@ pub struct Score {
 pub struct SeedRow {
     /// Seed of the layout.
     pub seed: u64,
-    /// Weighted mean over the subtasks that ran, 0 to 1.
+    /// Weighted mean over the subtasks that ran, 0 to 1; over all twelve in a run.
     pub score: f64,
-    /// Sum of the weights of the subtasks that ran.
+    /// Sum of the weights of the subtasks that ran, or were registered.
     pub weight_covered: f64,
     /// Sum of all weights.
     pub weight_total: f64,
@@ -106,9 +160,9 @@ pub struct TaskResult {
     pub dropped_rate: f64,
     /// Largest force of a bulb on a hand body in any episode, N.
     pub peak_hand_force_n: f64,
-    /// Mean over the episodes of the mean sum of squared actions.
+    /// Mean of the mean sum of squared actions over the episodes that have rows.
     pub control_effort: f64,
-    /// Mean length in control steps.
+    /// Mean length of the episodes that have rows, control steps.
     pub mean_steps: f64,
     /// Number of scored episodes.
     pub episodes: u64,
@@ -167,8 +221,12 @@ pub struct EpisodeRow {
     pub end: String,
     /// Digest of its rows, hexadecimal.
     pub state_digest: String,
-    /// The bag, from the folder of the results.
+    /// The bag, from the folder of the results; empty where the episode of a run has none that counts.
     pub bag: String,
+    /// Why an episode of a run counts as a failure although it has no rows that count, see [`RunFailure::cause`]; `null`
+    /// where it was graded from its rows.
+    #[serde(default)]
+    pub failure: Option<String>,
     /// The episode's index; with the seed it draws reset and noise.
     pub episode: u64,
     /// All conditions in force that its last row met.
@@ -238,6 +296,8 @@ pub enum Fault {
     Altered,
     /// A second copy of an episode that is scored.
     Duplicate,
+    /// The journal of the run names it, and it is not there.
+    Lost,
 }
 
 impl Fault {
@@ -250,6 +310,7 @@ impl Fault {
             Fault::Aborted => "aborted",
             Fault::Altered => "altered",
             Fault::Duplicate => "duplicate",
+            Fault::Lost => "lost",
         }
     }
 }

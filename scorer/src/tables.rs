@@ -8,7 +8,7 @@ pub use csv::csv;
 pub use latex::latex;
 pub use text::text;
 
-use crate::{Conditions, Results};
+use crate::{Conditions, Results, RunResult};
 
 /// Layout seeds in few characters: `0-3`, `0, 2, 7`.
 pub(crate) fn seeds(seeds: &[u64]) -> String {
@@ -46,6 +46,17 @@ pub(crate) fn conditions_line(conditions: &Conditions) -> String {
         true => words,
         false => format!("{words}; NOT RANKED: {}", conditions.deviations.join("; ")),
     }
+}
+
+/// `Run first: 48 episodes registered, 46 played, 2 failed (abandoned 1, not run 1)`.
+pub(crate) fn run_line(run: &RunResult) -> String {
+    let RunResult { name, registered, played, finished, .. } = run;
+    let failed: u64 = run.failed.values().sum();
+    let causes: Vec<_> = run.failed.iter().map(|(cause, count)| format!("{cause} {count}")).collect();
+    let causes = if causes.is_empty() { String::new() } else { format!(" ({})", causes.join(", ")) };
+    let rest = if *finished { "" } else { "; NOT FINISHED: episodes that are still to be played count as failures" };
+    let registered = count(*registered as usize, "episode");
+    format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
 }
 
 /// A count with its noun.

@@ -200,6 +200,7 @@ fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHead
         weights: recorded.weights.clone(),
         meshes: recorded.meshes.clone(),
         request: recorded.request.clone(),
+        run: recorded.run.clone(),
         randomization,
         ..simulated
     }
@@ -285,4 +286,25 @@ fn check_mode(bag: &Bag, wrong: &dyn Fn(String) -> VerifyError) -> Result<(), Ve
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_proto::v3::RunTicket;
+
+    use super::*;
+
+    /// A second run belongs to no run; a delay is asked for again.
+    #[test]
+    fn the_header_of_an_episode_of_a_run_is_no_difference() {
+        let request = OpenRequest { action_delay_ms: 40, policy: "zero".into(), ..OpenRequest::default() };
+        let ticket = RunTicket { run: "first".into(), episode: 3, attempt: 2, hosted: true, ..RunTicket::default() };
+        let recorded = EpisodeHeader { seed: 1 << 40, request: Some(request), ..EpisodeHeader::default() };
+        let recorded = EpisodeHeader { run: Some(ticket), ..recorded };
+        let simulated = EpisodeHeader { run: None, session: "other".into(), ..recorded.clone() };
+        assert_eq!(first_difference(&comparable(simulated.clone(), &recorded), &recorded), None);
+        let other = EpisodeHeader { seed: 1, ..simulated };
+        let difference = first_difference(&comparable(other, &recorded), &recorded);
+        assert_eq!(difference.map(|difference| difference.field), Some("seed".into()));
+    }
 }

@@ -75,6 +75,13 @@ fn chip(out: &mut String, cause: &str) {
 fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64) {
     let index = if episode.episode == 0 { String::new() } else { format!(", episode {}", episode.episode) };
     let _ = write!(out, "<article class=\"episode\"><header><b>Seed {}{index}</b>", episode.seed);
+    if let Some(cause) = &episode.failure {
+        out.push_str("<span class=\"verdict\">");
+        chip(out, cause);
+        let notes = escape(&episode.notes.join("; "));
+        let _ = write!(out, "</span></header><footer>a failure without rows that count<br>{notes}</footer></article>");
+        return;
+    }
     let ended = |out: &mut String, protocol: &str, end: &str, steps: u64, progress: f64| {
         let _ = write!(out, "<span class=\"verdict\"><span class=\"soft\">{protocol}</span> ");
         chip(out, end);

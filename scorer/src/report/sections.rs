@@ -127,6 +127,7 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
             ("Noise", if c.noise { "on" } else { "off" }.into()),
             ("Does not vary", if c.fixed.is_empty() { "nothing".into() } else { c.fixed.join(", ") }),
             ("Sizes of props", c.prop_scale.clone()),
+            ("Delay of actions", format!("{} ms", c.action_delay_ms)),
             ("Ends on", ends),
             ("Counting", if c.published_counting { "as published" } else { "from the reset state" }.into()),
         ],
@@ -203,9 +204,12 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
     };
     out.push_str("<h2>How to get these numbers again</h2>\n<div class=\"panel\">");
     show(out, "Grade the same bags, from the folder that this page was written to", &grade_command(results, &options));
-    if let Some(episode) = results.episodes.first() {
+    if let Some(episode) = results.episodes.iter().find(|episode| episode.failure.is_none()) {
         let command = format!("scorer verify {} -e tcp/HOST:7447", shell_word(&episode.bag));
         show(out, "Simulate one of them again on a server, and compare bit for bit", &command);
+    }
+    // The episodes of a run are those of its server.
+    if !results.episodes.is_empty() && results.run.is_none() {
         let mut tasks: Vec<&str> = results.episodes.iter().map(|episode| episode.task.as_str()).collect();
         tasks.dedup();
         let tasks =
@@ -228,6 +232,9 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
 
 /// Names folders in place of bags, where all of a folder's bags are graded anyway.
 fn grade_command(results: &Results, options: &str) -> String {
+    if let Some(run) = &results.run {
+        return format!("scorer grade {}{options} --html report.html", shell_word(&run.folder));
+    }
     let bags = results.episodes.iter().map(|e| e.bag.as_str()).chain(results.excluded.iter().map(|e| e.bag.as_str()));
     let mut folders: Vec<&str> = bags.map(|bag| bag.rsplit_once('/').map_or(".", |(folder, _)| folder)).collect();
     folders.sort_unstable();

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{conditions_line, count, seed_count};
+use super::{conditions_line, count, run_line, seed_count};
 use crate::{Fault, RateRow, Results, Score, TaskResult};
 
 const WIDTH: usize = 100;
@@ -20,7 +20,11 @@ pub fn text(results: &Results) -> String {
         table(&mut out, &results.extra_tasks, false);
     }
     if !results.episodes.is_empty() && !results.missing.is_empty() {
-        let list = format!("Missing under at least one seed, and outside its score: {}", results.missing.join(", "));
+        let how = match results.run {
+            Some(_) => "Not registered, and 0 in the score",
+            None => "Missing under at least one seed, and outside its score",
+        };
+        let list = format!("{how}: {}", results.missing.join(", "));
         let _ = writeln!(out, "\n{}", wrapped(&list, ""));
     }
     excluded(&mut out, results);
@@ -34,7 +38,13 @@ fn headline(out: &mut String, results: &Results) {
         return;
     }
     let _ = writeln!(out, "Policy {}: {episodes}, {}", results.policy, seed_count(results));
-    let _ = writeln!(out, "{}\n", wrapped(&conditions_line(&results.conditions), "  "));
+    let _ = writeln!(out, "{}", wrapped(&conditions_line(&results.conditions), "  "));
+    if let Some(run) = &results.run {
+        for line in std::iter::once(run_line(run)).chain(run.notes.iter().map(|note| format!("Note: {note}"))) {
+            let _ = writeln!(out, "{}", wrapped(&line, "  "));
+        }
+    }
+    out.push('\n');
     let overall = &results.overall;
     let rate = |name: &str, rate: &RateRow| match (rate.rate, rate.interval) {
         (Some(value), Some([low, high])) => format!(
@@ -109,10 +119,11 @@ fn excluded(out: &mut String, results: &Results) {
     if results.excluded.is_empty() {
         return;
     }
-    let _ = writeln!(out, "\nNot scored ({})", count(results.excluded.len(), "bag"));
+    let failed = if results.run.is_some() { ", each a failure" } else { "" };
+    let _ = writeln!(out, "\nNot scored ({}{failed})", count(results.excluded.len(), "bag"));
     for bag in &results.excluded {
         let what = match (&bag.task, bag.seed, bag.reason) {
-            (_, _, Fault::Unreadable | Fault::Unfinished) | (None, ..) | (_, None, _) => String::new(),
+            (_, _, Fault::Unreadable | Fault::Unfinished | Fault::Lost) | (None, ..) | (_, None, _) => String::new(),
             (Some(task), Some(seed), _) => {
                 format!(" ({task}, seed {seed}: {} steps, progress {:.2})", bag.steps, bag.gate_progress)
             }

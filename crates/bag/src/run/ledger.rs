@@ -68,6 +68,8 @@ pub struct Episode {
     pub abandoned: String,
     /// Attempts that ended because the server died. They bind nothing.
     pub lost: u32,
+    /// When the first attempt that binds was begun, ms since 1970.
+    pub opened_ms: Option<u64>,
 }
 
 /// A run as its journal tells it. A pure value: [`Ledger::apply`] says what an event makes of it.
@@ -85,7 +87,14 @@ impl Ledger {
     /// What is wrong with the registration.
     pub fn new(registration: Registration) -> Result<Self, String> {
         check(&registration)?;
-        let waiting = Episode { state: State::Waiting, attempts: 0, prefix: None, abandoned: String::new(), lost: 0 };
+        let waiting = Episode {
+            state: State::Waiting,
+            attempts: 0,
+            prefix: None,
+            abandoned: String::new(),
+            lost: 0,
+            opened_ms: None,
+        };
         let episodes = vec![waiting; registration.episodes.len()];
         Ok(Self { registration, episodes, finished: false })
     }
@@ -151,6 +160,7 @@ impl Ledger {
                 for episode in &mut self.episodes {
                     if matches!(episode.state, State::Open { .. }) {
                         (episode.state, episode.lost) = (State::Waiting, episode.lost + 1);
+                        episode.opened_ms = episode.opened_ms.filter(|_| episode.attempts > episode.lost);
                     }
                 }
                 return Ok(());
@@ -160,7 +170,7 @@ impl Ledger {
         let count = self.episodes.len();
         let episode = self.episodes.get_mut(index as usize);
         let episode = episode.ok_or_else(|| format!("there is no episode {index}; the run has {count}, from 0 on"))?;
-        if let Event::Opened { session, .. } = event {
+        if let Event::Opened { session, unix_ms, .. } = event {
             if episode.state != State::Waiting {
                 return Err(format!("episode {index} is open or decided"));
             }
@@ -172,6 +182,7 @@ impl Ledger {
             }
             short(session)?;
             (episode.state, episode.attempts) = (State::Open { session: session.clone() }, attempt);
+            episode.opened_ms.get_or_insert(*unix_ms);
             return Ok(());
         }
         let State::Open { session: opened } = &episode.state else {

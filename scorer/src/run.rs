@@ -1,0 +1,250 @@
+//! The folder of a run: what its journals say of each episode, over all servers that played a part of it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use fiatlux_bag::run::{ABANDONED, Episode, Ledger, NOT_RUN, Played, Registration, State, journals};
+use fiatlux_proto::v3::{EpisodeHeader, RunTicket};
+use fiatlux_rules::{Summary, Task};
+
+use crate::ScoreError;
+use crate::episode::Graded;
+use crate::find::relative;
+use crate::results::{Fault, RunFailure, RunResult};
+
+/// Cause of an episode that a session had when the journal ended.
+const OPEN: &str = "open";
+/// Cause of an episode that was played, but whose bag is missing or cannot be scored.
+const BAG_LOST: &str = "bag lost";
+
+/// A run as all of its journals tell it.
+#[derive(Debug)]
+pub(crate) struct Run {
+    folder: PathBuf,
+    /// Of the first journal; the others agree in what is used here.
+    registration: Registration,
+    servers: BTreeSet<String>,
+    finished: bool,
+    /// By index.
+    pub episodes: Vec<Standing>,
+    notes: Vec<String>,
+}
+
+/// Where an episode stands.
+#[derive(Debug)]
+pub(crate) struct Standing {
+    pub task: Task,
+    pub seed: u64,
+    /// Over all servers.
+    attempts: u32,
+    /// Those among them that a server's death ended.
+    lost: u32,
+    pub outcome: Outcome,
+}
+
+#[derive(Debug)]
+pub(crate) enum Outcome {
+    /// With the number of the attempt.
+    Played(Played, u32),
+    /// Cause, and what more is known of it.
+    Failed(String, String),
+}
+
+impl Run {
+    /// Reads the journals in the folder of a run.
+    pub fn read(folder: &Path) -> Result<Self, ScoreError> {
+        let paths = journals(folder)?;
+        let ledgers = paths.iter().map(Ledger::read).collect::<Result<Vec<_>, _>>()?;
+        let no_journal = || ScoreError::NoBags(folder.display().to_string());
+        let first = ledgers.first().ok_or_else(no_journal)?.registration().clone();
+        for (path, ledger) in paths.iter().zip(&ledgers) {
+            if let Some(field) = different(&first, ledger.registration()) {
+                return Err(ScoreError::Journals { first: paths[0].clone(), second: path.clone(), field });
+            }
+        }
+        let mut notes = Vec::new();
+        let mut episodes = Vec::with_capacity(first.episodes.len());
+        for (index, planned) in first.episodes.iter().enumerate() {
+            let task = planned.task.parse().map_err(|source| ScoreError::Task { path: paths[0].clone(), source })?;
+            let on = ledgers.iter().map(|ledger| (&*ledger.registration().server, &ledger.episodes()[index]));
+            let on: Vec<(&str, &Episode)> = on.collect();
+            let name = format!("{task}, seed {}", planned.seed);
+            episodes.push(Standing {
+                task,
+                seed: planned.seed,
+                attempts: on.iter().map(|(_, episode)| episode.attempts).sum(),
+                lost: on.iter().map(|(_, episode)| episode.lost).sum(),
+                outcome: outcome(&name, on, &mut notes),
+            });
+        }
+        Ok(Self {
+            folder: folder.into(),
+            servers: ledgers.iter().map(|ledger| ledger.registration().server.clone()).collect(),
+            finished: ledgers.iter().all(Ledger::is_finished),
+            registration: first,
+            episodes,
+            notes,
+        })
+    }
+
+    /// Index and bag of each episode that was played, whether the bag is there or not.
+    pub fn bags(&self) -> Vec<(usize, PathBuf)> {
+        let bag = |(index, episode): (usize, &Standing)| match &episode.outcome {
+            Outcome::Played(played, _) => Some((index, self.folder.join(&played.bag))),
+            Outcome::Failed(..) => None,
+        };
+        self.episodes.iter().enumerate().filter_map(bag).collect()
+    }
+
+    /// What the policy calls itself.
+    pub fn policy(&self) -> &str {
+        &self.registration.spec.policy
+    }
+
+    /// What the run was registered with.
+    pub fn spec(&self) -> &fiatlux_proto::v3::RunSpec {
+        &self.registration.spec
+    }
+
+    /// Seeds of all episodes, played or not.
+    pub fn seeds(&self) -> BTreeSet<u64> {
+        self.episodes.iter().map(|episode| episode.seed).collect()
+    }
+
+    /// In what a bag is not the one that the journal names for this episode.
+    pub fn disagreement(&self, index: usize, header: &EpisodeHeader, graded: &Graded) -> Option<String> {
+        let episode = self.episodes.get(index)?;
+        let Outcome::Played(played, attempt) = &episode.outcome else { return None };
+        let RunTicket { run, episode: place, attempt: ticket_attempt, hosted, policy_version, policy_link } =
+            header.run.clone().unwrap_or_default();
+        let Registration { run: name, spec, .. } = &self.registration;
+        let fields = [
+            ("its run", run, name.clone()),
+            ("its index in the run", place.to_string(), index.to_string()),
+            ("its attempt", ticket_attempt.to_string(), attempt.to_string()),
+            ("its task", graded.summary.task.to_string(), episode.task.to_string()),
+            ("its seed", header.seed.to_string(), episode.seed.to_string()),
+            ("whether its seed is hosted", hosted.to_string(), (spec.hosted_seeds > 0).to_string()),
+            ("its policy", header.policy.clone(), spec.policy.clone()),
+            ("its policy's version", policy_version, spec.policy_version.clone()),
+            ("its policy's link", policy_link, spec.policy_link.clone()),
+            ("the digest of its rows", graded.digest.to_ascii_lowercase(), played.digest.to_ascii_lowercase()),
+        ];
+        let (field, found, expected) = fields.into_iter().find(|(_, found, expected)| found != expected)?;
+        Some(format!("the bag is not the one in the journal: {field} is '{found}', the journal has '{expected}'"))
+    }
+
+    /// The episodes that count as failures, by index: those of the journals, and those whose bags are `lost`.
+    pub fn failures(&self, lost: &BTreeMap<usize, (Fault, String)>) -> Vec<RunFailure> {
+        let failure = |(index, episode): (usize, &Standing)| {
+            let (cause, detail) = match (&episode.outcome, lost.get(&index)) {
+                (Outcome::Played(..), None) => return None,
+                (Outcome::Played(..), Some((Fault::Altered, detail))) => {
+                    (Fault::Altered.name().to_owned(), detail.clone())
+                }
+                (Outcome::Played(..), Some((_, detail))) => (BAG_LOST.to_owned(), detail.clone()),
+                (Outcome::Failed(cause, detail), _) => (cause.clone(), detail.clone()),
+            };
+            Some(RunFailure {
+                index: index as u64,
+                task: episode.task.to_string(),
+                seed: episode.seed,
+                cause,
+                detail,
+                attempts: episode.attempts,
+            })
+        };
+        self.episodes.iter().enumerate().filter_map(failure).collect()
+    }
+
+    /// The run for a reader.
+    pub fn result(&self, failures: Vec<RunFailure>, relative_to: &Path) -> RunResult {
+        let spec = &self.registration.spec;
+        let mut failed = BTreeMap::new();
+        failures.iter().for_each(|failure| *failed.entry(failure.cause.clone()).or_insert(0) += 1);
+        let count = |is: fn(&Standing) -> bool| self.episodes.iter().filter(|episode| is(episode)).count() as u64;
+        let folder = relative(&self.folder, relative_to);
+        RunResult {
+            name: self.registration.run.clone(),
+            folder: if folder.is_empty() { ".".into() } else { folder },
+            policy_version: spec.policy_version.clone(),
+            policy_link: spec.policy_link.clone(),
+            servers: self.servers.iter().cloned().collect(),
+            finished: self.finished,
+            hosted: spec.hosted_seeds > 0,
+            registered: self.episodes.len() as u64,
+            played: (self.episodes.len() - failures.len()) as u64,
+            failed,
+            repeated: count(|episode| episode.attempts > 1),
+            begun_again: count(|episode| episode.lost > 0),
+            failures,
+            notes: self.notes.clone(),
+        }
+    }
+}
+
+/// What an episode amounts to that counts as a failure.
+pub(crate) fn failed(task: Task) -> Summary {
+    Summary {
+        task,
+        success: false,
+        broken: false,
+        dropped: false,
+        gate_progress: 0.0,
+        peak_hand_force_n: 0.0,
+        control_effort: 0.0,
+        steps: 0,
+        end: None,
+        reached_working_height: false,
+    }
+}
+
+/// The field in which two servers were not registered for the same run.
+fn different(first: &Registration, second: &Registration) -> Option<&'static str> {
+    let fields = [
+        ("name", first.run == second.run),
+        ("key", first.key_sha256 == second.key_sha256),
+        ("spec", first.spec == second.spec),
+        ("list of episodes", first.episodes == second.episodes),
+    ];
+    fields.into_iter().find(|(_, is_same)| !is_same).map(|(field, _)| field)
+}
+
+/// What became of an episode on all servers. The first attempt counts, so of two plays the one that was begun first does.
+fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> Outcome {
+    let begun = |episode: &Episode| episode.opened_ms.unwrap_or(u64::MAX);
+    let played = on.iter().filter_map(|(server, episode)| match &episode.state {
+        State::Played(played) => Some((*server, *episode, played)),
+        _ => None,
+    });
+    let Some((server, episode, played)) = played.min_by_key(|(server, episode, _)| (begun(episode), *server)) else {
+        return failure(&on);
+    };
+    for (other, also) in on.iter().filter(|(other, _)| *other != server) {
+        match also.state {
+            State::Played(_) => {
+                notes.push(format!("{name} was played on {server} and on {other}; {server} began it first and counts"));
+            }
+            _ if begun(also) < begun(episode) => {
+                notes.push(format!("{name} was begun on {other} before it was begun and played on {server}"));
+            }
+            _ => {}
+        }
+    }
+    Outcome::Played(played.clone(), episode.attempts)
+}
+
+/// Of what servers say of an episode that none played, what tells most: `not run` is what all say that did not begin it.
+fn failure(on: &[(&str, &Episode)]) -> Outcome {
+    let said = on.iter().map(|(_, episode)| match &episode.state {
+        State::Failed { cause } if cause == NOT_RUN => (0, cause.as_str()),
+        State::Failed { cause } if cause == ABANDONED => (2, cause.as_str()),
+        State::Failed { cause } => (3, cause.as_str()),
+        State::Waiting if episode.attempts > episode.lost => (2, ABANDONED),
+        State::Open { .. } => (1, OPEN),
+        State::Waiting | State::Played(_) => (0, NOT_RUN),
+    });
+    let (rank, cause) = said.max_by_key(|(rank, _)| *rank).unwrap_or((0, NOT_RUN));
+    let why = on.iter().map(|(_, episode)| &episode.abandoned).find(|why| rank == 2 && !why.is_empty());
+    Outcome::Failed(cause.to_owned(), why.cloned().unwrap_or_default())
+}
