@@ -9,8 +9,8 @@ use anyhow::Context;
 use clap::Args;
 use fiatlux::evaluate::{EvaluateOptions, Outcome, Progress, evaluate};
 use fiatlux_link::ProgressLine;
-use fiatlux_policy::{SessionArgs, parse_seeds, parse_tasks, policies};
-use fiatlux_rules::{CONTROL_DT, Task};
+use fiatlux_policy::{SeedList, SessionArgs, TaskList, policies};
+use fiatlux_rules::CONTROL_DT;
 use fiatlux_scorer::{report, tables};
 
 /// Shown below the options.
@@ -41,10 +41,10 @@ pub struct EvaluateArgs {
           value_parser = fiatlux_link::parse_endpoint)]
     listen: String,
     /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb.
-    #[arg(long, default_value = "all", value_parser = tasks)]
+    #[arg(long, default_value = "all")]
     tasks: TaskList,
     /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7.
-    #[arg(long, default_value = "0..3", value_parser = seeds, allow_hyphen_values = true)]
+    #[arg(long, default_value = "0..3", allow_hyphen_values = true)]
     seeds: SeedList,
     /// Output folder [default: results/POLICY; with --external results/NAME].
     #[arg(long)]
@@ -61,20 +61,6 @@ pub struct EvaluateArgs {
     meshes: Option<PathBuf>,
     #[command(flatten)]
     session: SessionArgs,
-}
-
-#[derive(Debug, Clone)]
-struct TaskList(Vec<Task>);
-
-#[derive(Debug, Clone)]
-struct SeedList(Vec<u64>);
-
-fn tasks(text: &str) -> Result<TaskList, String> {
-    parse_tasks(text).map(TaskList)
-}
-
-fn seeds(text: &str) -> Result<SeedList, String> {
-    parse_seeds(text).map(SeedList)
 }
 
 fn policy(name: &str) -> Result<String, String> {

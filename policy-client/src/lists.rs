@@ -1,5 +1,7 @@
 //! Lists of tasks and seeds, as commands take them.
 
+use std::str::FromStr;
+
 use fiatlux_rules::Task;
 
 /// Most seeds in one range: more rooms than anyone has time for.
@@ -21,6 +23,30 @@ pub fn parse_tasks(text: &str) -> Result<Vec<Task>, String> {
     tasks.sort();
     tasks.dedup();
     Ok(tasks)
+}
+
+/// An argument that is a list of tasks, read by [`parse_tasks`].
+#[derive(Debug, Clone)]
+pub struct TaskList(pub Vec<Task>);
+
+/// An argument that is a list of seeds, read by [`parse_seeds`].
+#[derive(Debug, Clone)]
+pub struct SeedList(pub Vec<u64>);
+
+impl FromStr for TaskList {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        parse_tasks(text).map(Self)
+    }
+}
+
+impl FromStr for SeedList {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        parse_seeds(text).map(Self)
+    }
 }
 
 /// Reads a seed.

@@ -278,7 +278,7 @@ impl ClientSession {
                 }
             }
             Code::Malformed | Code::Size | Code::Value | Code::Step => self.refused(notice),
-            Code::Rate | Code::Unspecified => self.problem = Some(notice.message),
+            Code::Rate | Code::Late | Code::Unspecified => self.problem = Some(notice.message),
         }
     }
 

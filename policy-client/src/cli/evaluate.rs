@@ -7,8 +7,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use fiatlux_link::{LinkArgs, ProgressLine, Role, stop_on_signal};
-use fiatlux_policy::{Client, RunFile, RunFileError, RunOptions, RunProgress, SessionArgs, parse_seeds, parse_tasks};
-use fiatlux_rules::{CONTROL_DT, Task};
+use fiatlux_policy::{Client, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs, TaskList};
+use fiatlux_rules::CONTROL_DT;
 
 use super::Failure;
 
@@ -43,10 +43,10 @@ pub struct EvaluateArgs {
     #[arg(short, long, value_name = "NAME")]
     policy: String,
     /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb [default: all]
-    #[arg(short, long, value_name = "LIST", value_parser = tasks)]
+    #[arg(short, long, value_name = "LIST")]
     tasks: Option<TaskList>,
     /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 [default: 0..3]
-    #[arg(short, long, value_name = "LIST", value_parser = seeds, allow_hyphen_values = true)]
+    #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
     seeds: Option<SeedList>,
     /// So many seeds that the server draws when the run is registered, and tells when it is over
     #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = clap::value_parser!(u32).range(1..=10_000))]
@@ -76,20 +76,6 @@ pub struct EvaluateArgs {
     session: SessionArgs,
     #[command(flatten)]
     connection: LinkArgs,
-}
-
-#[derive(Debug, Clone)]
-struct TaskList(Vec<Task>);
-
-#[derive(Debug, Clone)]
-struct SeedList(Vec<u64>);
-
-fn tasks(text: &str) -> Result<TaskList, String> {
-    parse_tasks(text).map(TaskList)
-}
-
-fn seeds(text: &str) -> Result<SeedList, String> {
-    parse_seeds(text).map(SeedList)
 }
 
 /// Plays the run and prints what came of it; whether all of it was played.

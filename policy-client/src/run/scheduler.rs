@@ -121,7 +121,9 @@ impl Scheduler {
     pub(super) fn told(&mut self, name: &str, asked: u64, ledger: &[RunEpisode]) -> Vec<usize> {
         let mut broken_off = Vec::new();
         for (index, (episode, entry)) in self.episodes.iter_mut().zip(ledger).enumerate() {
-            let decided = Standing::Decided { server: name.into(), entry: entry.clone() };
+            // Servers with one folder tell of each other's episodes.
+            let by = if entry.server.is_empty() { name } else { &entry.server };
+            let decided = Standing::Decided { server: by.into(), entry: entry.clone() };
             match (entry.state(), &episode.standing) {
                 (Ledger::Played, Standing::Decided { entry, .. }) if entry.state() == Ledger::Played => {}
                 (Ledger::Played, standing) => {

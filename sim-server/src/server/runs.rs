@@ -235,8 +235,9 @@ impl Run {
         let mut state = lock(&self.state);
         state.flush();
         let ledger = state.ledger();
+        let siblings = state.siblings().ok();
         // On another server that has the same seeds the run may go on.
-        let is_over = || ledger.is_finished() && state.siblings().is_ok_and(|others| others.are_finished());
+        let is_over = || ledger.is_finished() && siblings.as_ref().is_some_and(Siblings::are_finished);
         let hides_seeds = ledger.is_hosted() && !is_over();
         let planned = &ledger.registration().episodes;
         let episodes = planned.iter().zip(ledger.episodes()).map(|(planned, episode)| {
@@ -246,7 +247,13 @@ impl Run {
                 attempts: episode.attempts,
                 ..RunEpisode::default()
             };
-            match &episode.state {
+            let own = (ledger.registration().server.as_str(), &episode.state);
+            let elsewhere = || siblings.as_ref()?.decided(planned);
+            let (server, state) = match own.1 {
+                State::Waiting => elsewhere().unwrap_or(own),
+                _ => own,
+            };
+            match state {
                 State::Waiting => message.cause = episode.abandoned.chars().take(MAX_CAUSE).collect(),
                 State::Open { .. } => message.state = StateMessage::Open.into(),
                 State::Played(played) => {
@@ -254,10 +261,12 @@ impl Run {
                     message.cause.clone_from(&played.cause);
                     message.digest.clone_from(&played.digest);
                     message.success = played.success;
+                    message.server = server.into();
                 }
                 State::Failed { cause } => {
                     message.state = StateMessage::Failed.into();
                     message.cause.clone_from(cause);
+                    message.server = server.into();
                 }
             }
             message

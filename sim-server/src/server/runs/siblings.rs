@@ -86,10 +86,23 @@ impl Siblings {
         Ok(longest)
     }
 
+    /// What became of an episode on one of them, where it is decided there; with that server's name.
+    pub fn decided(&self, planned: &Planned) -> Option<(&str, &State)> {
+        let decided = || self.ledgers.iter().filter_map(|ledger| state_of(ledger, planned));
+        let played = decided().find(|(_, state)| matches!(state, State::Played(_)));
+        played.or_else(|| decided().find(|(_, state)| matches!(state, State::Failed { .. })))
+    }
+
     /// Whether none of them plays on.
     pub fn are_finished(&self) -> bool {
         self.ledgers.iter().all(Ledger::is_finished)
     }
+}
+
+fn state_of<'a>(ledger: &'a Ledger, planned: &Planned) -> Option<(&'a str, &'a State)> {
+    let Registration { server, episodes, .. } = ledger.registration();
+    let at = episodes.iter().position(|episode| episode == planned)?;
+    Some((server, &ledger.episodes()[at].state))
 }
 
 /// Whether a server of that name holds its lock. What a dead one had open is free.
