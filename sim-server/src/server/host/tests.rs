@@ -556,7 +556,7 @@ fn real_time_steps_by_the_clock() {
     // A server that cannot keep up goes on from now.
     harness.now += 95 * MS;
     let sent = harness.give(Input::Tick);
-    assert_eq!(sent, [notice_of(notice::Code::Unspecified), observation(4), record(4)]);
+    assert_eq!(sent, [notice_of(notice::Code::Late), observation(4), record(4)]);
     assert_eq!(harness.session.wake_at(), Some(harness.now + 20 * MS));
     harness.close();
     assert_eq!(harness.result().missed_steps, 2);
