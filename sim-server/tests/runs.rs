@@ -1,11 +1,14 @@
 //! Runs on a server, by a client of raw messages: what counts, what may be tried again, and what nobody is told.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod common;
+
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
+use common::subscribe;
 use fiatlux_bag::run::{Ledger, LedgerError, Prefix, State, journal_of};
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_link::{LinkArgs, Role};
@@ -21,7 +24,6 @@ use fiatlux_proto::v3::{
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_sim::{RecordError, Server, ServerError, ServerOptions};
 use zenoh::liveliness::LivelinessToken;
-use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 const LONG: Duration = Duration::from_secs(20);
@@ -166,15 +168,6 @@ impl Player {
     fn close(self) {
         let _: CloseReply = query(&self.zenoh, self.keys.close(), &CloseRequest {});
     }
-}
-
-fn subscribe<M: Message + Default + 'static>(zenoh: &Session, key: String) -> Receiver<M> {
-    let (send, receive) = channel();
-    let callback = move |sample: Sample| {
-        let _ = send.send(M::decode(&*sample.payload().to_bytes()).unwrap());
-    };
-    zenoh.declare_subscriber(key).callback(callback).background().wait().unwrap();
-    receive
 }
 
 #[test]

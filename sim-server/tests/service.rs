@@ -1,10 +1,13 @@
 //! A server and a client of raw messages in one process: what the protocol promises, over a real Zenoh session.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod common;
+
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
+use common::subscribe;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::{
@@ -114,15 +117,6 @@ impl Client {
     fn truths(&self, from_seq: u64, count: u64) -> Vec<StepRecord> {
         query(&self.zenoh, self.keys.truth_rows(), &StepRecordRequest { from_seq, count })
     }
-}
-
-fn subscribe<M: Message + Default + 'static>(zenoh: &Session, key: String) -> Receiver<M> {
-    let (send, receive) = channel();
-    let callback = move |sample: Sample| {
-        let _ = send.send(M::decode(&*sample.payload().to_bytes()).unwrap());
-    };
-    zenoh.declare_subscriber(key).callback(callback).background().wait().unwrap();
-    receive
 }
 
 fn action(step: u64) -> [f64; JOINTS] {

@@ -1,6 +1,6 @@
 //! The ledger of a run: which episodes it has, and what became of each.
 //!
-//! A run stands in a folder of its own, `DIR/RUN/`, with its bags and a journal for each server that played a part of it,
+//! A run has a folder of its own, `DIR/RUN/`, with its bags and a journal for each server that played a part of it,
 //! `SERVER.run.jsonl`. The journal is only ever appended to, a line of JSON each time, and every line is on disk before
 //! anybody is told of it. Its first line is the [`Registration`], each other one an [`Event`].
 //!
@@ -105,9 +105,9 @@ pub struct Planned {
 pub enum Event {
     /// A session is open for the episode.
     Opened {
-        /// Index.
+        /// Index of the episode in the registration.
         episode: u32,
-        /// Number.
+        /// Number of the attempt, from 1.
         attempt: u32,
         /// Id of the session.
         session: String,
@@ -116,13 +116,13 @@ pub enum Event {
     },
     /// The episode was played to its end, and its bag is whole and on disk.
     Played {
-        /// Index.
+        /// Index of the episode in the registration.
         episode: u32,
-        /// Number.
+        /// Number of the attempt, from 1.
         attempt: u32,
         /// Id of the session.
         session: String,
-        /// File name of the bag, beside the journal.
+        /// File name of the bag, in the journal's folder.
         bag: String,
         /// Digest of all rows.
         digest: String,
@@ -136,9 +136,9 @@ pub enum Event {
     /// The session ended before the episode did, or the bag was lost. The episode may be begun again, but must repeat these
     /// rows.
     Abandoned {
-        /// Index.
+        /// Index of the episode in the registration.
         episode: u32,
-        /// Number.
+        /// Number of the attempt, from 1.
         attempt: u32,
         /// Id of the session.
         session: String,
@@ -149,14 +149,14 @@ pub enum Event {
         /// What a later attempt is compared with on its way there.
         #[serde(default)]
         marks: Marks,
-        /// Why.
+        /// Why it ended early.
         cause: String,
     },
     /// The episode counts as a failure.
     Failed {
-        /// Index.
+        /// Index of the episode in the registration.
         episode: u32,
-        /// Number.
+        /// Number of the attempt, from 1.
         attempt: u32,
         /// Why: such as [`NOT_REPEATED`].
         cause: String,

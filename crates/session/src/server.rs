@@ -223,9 +223,8 @@ impl<H: Host, R> ServerSession<H, R> {
     }
 
     fn pass_time(&mut self, now: Duration) {
-        if let Some(notice) = self.notices.due(now) {
-            self.outputs.push_back(Output::Notice(notice.encode_to_vec().into()));
-        }
+        let due = self.notices.due(now);
+        self.send_notice(due);
         if self.phase == Phase::Open {
             self.step_by_the_clock(now);
             self.stop_waiting_for_recorder(now);
@@ -320,9 +319,8 @@ impl<H: Host, R> ServerSession<H, R> {
         }
         self.abort(why, now);
         // Nobody may listen when its time has come.
-        if let Some(notice) = self.notices.flush() {
-            self.outputs.push_back(Output::Notice(notice.encode_to_vec().into()));
-        }
+        let held = self.notices.flush();
+        self.send_notice(held);
         self.phase = Phase::Draining(now);
         self.outputs.push_back(Output::Closed);
     }
@@ -384,9 +382,12 @@ impl<H: Host, R> ServerSession<H, R> {
         let (episode, step) = self.run.as_ref().map_or((0, 0), |run| (run.episode, run.step));
         let (field, remedy) = (field.to_owned(), remedy.to_owned());
         let notice = Notice { code: code.into(), episode, step, field, message, remedy, count };
-        if let Some(notice) = self.notices.offer(notice, now) {
-            self.outputs.push_back(Output::Notice(notice.encode_to_vec().into()));
-        }
+        let offered = self.notices.offer(notice, now);
+        self.send_notice(offered);
+    }
+
+    fn send_notice(&mut self, notice: Option<Notice>) {
+        self.outputs.extend(notice.map(|notice| Output::Notice(notice.encode_to_vec().into())));
     }
 
     /// Notes what happened between two rows.

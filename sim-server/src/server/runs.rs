@@ -235,12 +235,14 @@ impl Run {
         let mut state = lock(&self.state);
         state.flush();
         let ledger = state.ledger();
-        let siblings = state.siblings().ok();
+        let is_waiting = ledger.episodes().iter().any(|episode| episode.state == State::Waiting);
+        let asks_siblings = is_waiting || ledger.is_hosted() && ledger.is_finished();
+        let siblings = if asks_siblings { state.siblings().ok() } else { None };
         // On another server that has the same seeds the run may go on.
         let is_over = || ledger.is_finished() && siblings.as_ref().is_some_and(Siblings::are_finished);
         let hides_seeds = ledger.is_hosted() && !is_over();
         let planned = &ledger.registration().episodes;
-        let episodes = planned.iter().zip(ledger.episodes()).map(|(planned, episode)| {
+        let episodes = planned.iter().zip(ledger.episodes()).enumerate().map(|(index, (planned, episode))| {
             let mut message = RunEpisode {
                 task: planned.task.clone(),
                 seed: if hides_seeds { 0 } else { planned.seed },
@@ -248,7 +250,7 @@ impl Run {
                 ..RunEpisode::default()
             };
             let own = (ledger.registration().server.as_str(), &episode.state);
-            let elsewhere = || siblings.as_ref()?.decided(planned);
+            let elsewhere = || siblings.as_ref()?.decided(index, planned);
             let (server, state) = match own.1 {
                 State::Waiting => elsewhere().unwrap_or(own),
                 _ => own,
@@ -319,7 +321,7 @@ impl Run {
             }
             State::Waiting => {}
         }
-        let others = state.siblings()?.prefix_of(planned)?;
+        let others = state.siblings()?.prefix_of(index as usize, planned)?;
         let own = episode.prefix.clone();
         let prefix = own.into_iter().chain(others).max_by_key(|prefix| prefix.steps);
         let mut plan = plan::check(&register::request(spec, &planned.task, planned.seed))?;
@@ -396,8 +398,9 @@ impl Seat {
         let opened = Event::Opened { episode: *episode, attempt: number, session: session.into(), unix_ms: unix_ms() };
         state.writer.append(opened).map_err(|error| not_written(&error))?;
         // Of two servers that were asked at once the later line sees the other.
-        let planned = state.ledger().registration().episodes.get(*episode as usize).cloned();
-        let free = planned.map_or(Ok(None), |planned| state.siblings()?.prefix_of(&planned));
+        let index = *episode as usize;
+        let planned = state.ledger().registration().episodes.get(index).cloned();
+        let free = planned.map_or(Ok(None), |planned| state.siblings()?.prefix_of(index, &planned));
         if let Err(refusal) = free {
             state.pending.push_back(Event::Abandoned {
                 episode: *episode,

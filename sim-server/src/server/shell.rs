@@ -291,9 +291,12 @@ impl Server {
         let (describe, open, run) = (keys.describe(), keys.open(), keys.run());
         // Only the server's own recorder says what is on disk, where it has one.
         let acks_from = if self.recorder.is_some() { Locality::SessionLocal } else { Locality::Any };
-        self.serve(describe, Job::Describe)?;
-        self.serve(open, Job::Open)?;
-        self.serve_runs(run)?;
+        let jobs =
+            |shared: &Shared| shared.queue.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))));
+        self.serve(describe, jobs, |shared, query| shared.queue.push(Job::Describe(query)))?;
+        self.serve(open, jobs, |shared, query| shared.queue.push(Job::Open(query)))?;
+        let requests = |shared: &Shared| shared.run_requests.fold(0, |count, _| count + 1);
+        self.serve(run, requests, |shared, query| shared.run_requests.push(query))?;
         self.subscribe(any.action(), Side::Client, Locality::Any, Input::Action)?;
         self.subscribe(any.truth_ack(), Side::Recorder, acks_from, Input::Ack)?;
         self.serve_session(any.reset(), Side::Client, Input::Reset)?;
@@ -383,34 +386,21 @@ impl Server {
         self.declare_queryable(from, key, callback)
     }
 
-    /// Queries to runs.
-    fn serve_runs(&mut self, key: String) -> Result<(), ServerError> {
+    /// Queries to the server: `waiting` counts those that are queued already, `push` queues one more.
+    fn serve(
+        &mut self,
+        key: String,
+        waiting: fn(&Shared) -> usize,
+        push: fn(&Shared, Query),
+    ) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |query: Query| {
             if query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE) {
                 reject(&query, Code::Malformed, "", "the request is too large");
-            } else if shared.run_requests.fold(0, |count, _| count + 1) >= MAX_REQUESTS {
+            } else if waiting(&shared) >= MAX_REQUESTS {
                 reject(&query, Code::Busy, "", "too many requests wait; try again later");
             } else {
-                shared.run_requests.push(query);
-            }
-        };
-        self.declare_queryable(Locality::Any, key, callback)
-    }
-
-    /// Queries to the server.
-    fn serve(&mut self, key: String, job: fn(Query) -> Job) -> Result<(), ServerError> {
-        let shared = Arc::clone(&self.shared);
-        let callback = move |query: Query| {
-            let too_large = query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE);
-            if too_large {
-                reject(&query, Code::Malformed, "", "the request is too large");
-            } else if shared.queue.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))))
-                >= MAX_REQUESTS
-            {
-                reject(&query, Code::Busy, "", "too many requests wait; try again later");
-            } else {
-                shared.queue.push(job(query));
+                push(&shared, query);
             }
         };
         self.declare_queryable(Locality::Any, key, callback)

@@ -3,7 +3,7 @@
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
-use fiatlux_bag::run::{Ledger, Planned, Prefix, Registration, State, journal_of, journals};
+use fiatlux_bag::run::{Episode, Ledger, Planned, Prefix, State, journal_of, journals};
 use fiatlux_link::in_full;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Refusal, RunSpec};
@@ -47,16 +47,15 @@ impl Siblings {
     }
 
     /// Whether an episode is free, as far as they know; with the rows that it has to repeat.
-    pub fn prefix_of(&self, planned: &Planned) -> Result<Option<Prefix>, Refusal> {
+    pub fn prefix_of(&self, index: usize, planned: &Planned) -> Result<Option<Prefix>, Refusal> {
         let refuse = |code, what: String| Err(Refusal::new(code, "open", what));
         let mut longest: Option<Prefix> = None;
         for ledger in &self.ledgers {
-            let Registration { server, episodes, .. } = ledger.registration();
+            let server = &ledger.registration().server;
             if ledger.is_finished() {
                 return refuse(Code::Closed, format!("the run is finished on server '{server}'; register another one"));
             }
-            let Some(at) = episodes.iter().position(|episode| episode == planned) else { continue };
-            let episode = &ledger.episodes()[at];
+            let Some(episode) = episode_at(ledger, index, planned) else { continue };
             match &episode.state {
                 State::Played(_) => {
                     return refuse(
@@ -87,10 +86,15 @@ impl Siblings {
     }
 
     /// What became of an episode on one of them, where it is decided there; with that server's name.
-    pub fn decided(&self, planned: &Planned) -> Option<(&str, &State)> {
-        let decided = || self.ledgers.iter().filter_map(|ledger| state_of(ledger, planned));
-        let played = decided().find(|(_, state)| matches!(state, State::Played(_)));
-        played.or_else(|| decided().find(|(_, state)| matches!(state, State::Failed { .. })))
+    pub fn decided(&self, index: usize, planned: &Planned) -> Option<(&str, &State)> {
+        let states = || {
+            self.ledgers.iter().filter_map(|ledger| {
+                let episode = episode_at(ledger, index, planned)?;
+                Some((ledger.registration().server.as_str(), &episode.state))
+            })
+        };
+        let played = states().find(|(_, state)| matches!(state, State::Played(_)));
+        played.or_else(|| states().find(|(_, state)| matches!(state, State::Failed { .. })))
     }
 
     /// Whether none of them plays on.
@@ -99,10 +103,11 @@ impl Siblings {
     }
 }
 
-fn state_of<'a>(ledger: &'a Ledger, planned: &Planned) -> Option<(&'a str, &'a State)> {
-    let Registration { server, episodes, .. } = ledger.registration();
-    let at = episodes.iter().position(|episode| episode == planned)?;
-    Some((server, &ledger.episodes()[at].state))
+/// The episode in another server's ledger. One spec gives one order, so it stands at the same index, unless the servers drew
+/// seeds of their own.
+fn episode_at<'a>(ledger: &'a Ledger, index: usize, planned: &Planned) -> Option<&'a Episode> {
+    ledger.registration().episodes.get(index).filter(|other| *other == planned)?;
+    ledger.episodes().get(index)
 }
 
 /// Whether a server of that name holds its lock. What a dead one had open is free.
