@@ -3,12 +3,14 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 21] = [
+const IN_METADATA: [&str; 23] = [
     "EpisodeHeader",
     "OpenRequest",
+    "Hello",
     "RunSpec",
     "RunTicket",
     "EpisodeResult",
+    "Signature",
     "EpisodeEnd",
     "Judgement",
     "Version",

@@ -1,5 +1,6 @@
 //! Benchmarks: how fast each part is, measured over the same work as its rival.
 
+pub mod batch;
 mod case;
 mod machine;
 mod mujoco;

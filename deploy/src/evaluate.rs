@@ -166,7 +166,8 @@ pub fn evaluate(
     let server = ServerOptions {
         name: SERVER.into(),
         workers: options.workers,
-        capacity: jobs.len().max(1),
+        // Half of the places are kept for clients that have none, and all of these are one.
+        capacity: 2 * jobs.len().max(1),
         weights: options.weights.clone(),
         meshes: options.meshes.clone(),
         ..ServerOptions::default()

@@ -50,7 +50,7 @@ pub struct EvaluateArgs {
     #[arg(long)]
     out: Option<PathBuf>,
     /// Episodes at once, and with --external threads that step them [default: one a core].
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    #[arg(long, value_parser = fiatlux_link::whole::<u16>(1..=256))]
     workers: Option<u16>,
     /// Prints results.json in place of the table.
     #[arg(long)]
@@ -135,8 +135,8 @@ fn look(line: &ProgressLine, progress: &Progress) -> String {
 }
 
 fn write_results(out: &Path, outcome: &Outcome) -> anyhow::Result<()> {
-    for (name, text) in [("results.json", outcome.results.to_json()?), ("report.html", report::html(&outcome.results))]
-    {
+    let page = report::html_in(&outcome.results, out);
+    for (name, text) in [("results.json", outcome.results.to_json()?), ("report.html", page)] {
         let path = out.join(name);
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }

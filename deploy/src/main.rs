@@ -1,7 +1,9 @@
 //! The command `fiatlux`. Results on stdout, progress and errors on stderr; exit code 0 ok, 1 failed, 2 usage, 3 finished
 //! with data loss.
 mod evaluate_command;
+mod keys_command;
 mod render_command;
+mod view_command;
 
 use std::alloc::System;
 use std::fmt::Display;
@@ -9,6 +11,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
+use fiatlux::bench::batch::{self, BatchOptions};
 use fiatlux::bench::sensors::{self, SensorOptions};
 use fiatlux::bench::service::{self, ServiceOptions};
 use fiatlux::bench::violence::{self, ViolenceOptions};
@@ -43,6 +46,18 @@ enum Command {
     /// Ctrl-C ends the clip early and leaves what is drawn.
     #[command(after_help = render_command::EXAMPLES)]
     Render(render_command::RenderArgs),
+    /// Shows recorded episodes in the browser: in 3D, with a time bar, conditions that light up as they hold, and contact forces.
+    ///
+    /// Serves this machine alone, on 127.0.0.1, until Ctrl-C; needs no account and no network.
+    #[command(after_help = view_command::EXAMPLES)]
+    View(view_command::ViewArgs),
+    /// Makes keys, certificates and Zenoh configs, so that each program may do its part on a network and nothing else.
+    #[command(after_help = keys_command::EXAMPLES)]
+    Keys(keys_command::KeysArgs),
+    /// Passes messages on between programs, and holds them to the access control of its config.
+    ///
+    /// When it is ready it prints one line on stdout; interrupted (SIGINT, SIGTERM) it exits with 0.
+    Router(keys_command::RouterArgs),
     /// Measures speeds.
     #[command(subcommand)]
     Bench(Bench),
@@ -59,6 +74,9 @@ enum Bench {
     Violence(ViolenceArgs),
     /// Control steps per second of sessions: in one process, over TCP, and with many client processes.
     Service(ServiceArgs),
+    /// Control steps per second of many worlds in step: against a single world, against processes of their own, with
+    /// proprioception, and of walking.
+    Batch(BatchArgs),
 }
 
 #[derive(Debug, Args)]
@@ -80,13 +98,13 @@ struct WorldArgs {
 #[derive(Debug, Args)]
 struct ViolenceArgs {
     /// Runs of 10 s under violent targets, spread over all tasks and patterns.
-    #[arg(long, default_value_t = 1000)]
+    #[arg(long, default_value_t = 1000, value_parser = fiatlux_link::whole::<u64>(0..))]
     runs: u64,
     /// Random starts of 1 s each in the room.
-    #[arg(long, default_value_t = 20_000)]
+    #[arg(long, default_value_t = 20_000, value_parser = fiatlux_link::whole::<u64>(0..))]
     starts: u64,
     /// Threads; results do not depend on it [default: all cores]
-    #[arg(long)]
+    #[arg(long, value_parser = fiatlux_link::whole::<usize>(1..=1024))]
     threads: Option<usize>,
     /// Measures nothing; writes starts, targets and scenes into this folder, for `tests/oracle/violence.py`.
     #[arg(long, value_name = "FOLDER")]
@@ -115,7 +133,7 @@ struct SensorArgs {
 #[derive(Debug, Args)]
 struct ServiceArgs {
     /// Sessions of the case with many of them.
-    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u16).range(2..=1024))]
+    #[arg(long, default_value_t = 32, value_parser = fiatlux_link::whole::<u16>(2..=1024))]
     sessions: u16,
     /// Seconds that client processes are watched for.
     #[arg(long, default_value_t = 15.0, value_parser = positive)]
@@ -128,6 +146,25 @@ struct ServiceArgs {
     json: bool,
 }
 
+#[derive(Debug, Args)]
+struct BatchArgs {
+    /// Worlds of each batch.
+    #[arg(long, default_value_t = 256, value_parser = fiatlux_link::whole::<u16>(1..=65_535))]
+    worlds: u16,
+    /// Threads, and processes that they are compared with [default: all cores]
+    #[arg(long, value_parser = fiatlux_link::whole::<u16>(1..=1024))]
+    threads: Option<u16>,
+    /// Seconds that each measurement of a round takes.
+    #[arg(long, default_value_t = 2.0, value_parser = positive)]
+    seconds: f64,
+    /// Prints JSON in place of the table.
+    #[arg(long)]
+    json: bool,
+    /// What a process of the comparison does: steps its share of the worlds and prints its rate.
+    #[arg(long, hide = true)]
+    share: bool,
+}
+
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
@@ -136,12 +173,16 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 fn main() -> ExitCode {
-    let done = match Cli::parse().command {
+    let done = match fiatlux_link::parse::<Cli>().command {
         Command::Evaluate(args) => evaluate_command::run(&args),
         Command::Render(args) => render_command::run(&args),
+        Command::View(args) => view_command::run(&args),
+        Command::Keys(args) => keys_command::keys(args).map(|()| ExitCode::SUCCESS),
+        Command::Router(args) => keys_command::router(args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::World(args)) => bench_world(args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::Sensors(args)) => bench_sensors(args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::Violence(args)) => bench_violence(&args).map(|()| ExitCode::SUCCESS),
+        Command::Bench(Bench::Batch(args)) => bench_batch(&args).map(|()| ExitCode::SUCCESS),
         Command::Bench(Bench::Service(args)) => bench_service(args).map(|()| ExitCode::SUCCESS),
     };
     match done {
@@ -160,6 +201,17 @@ fn bench_service(args: ServiceArgs) -> anyhow::Result<()> {
     let report =
         service::run(&ServiceOptions { sessions: args.sessions.into(), seconds: args.seconds, policy_client })?;
     show(&report, args.json)
+}
+
+fn bench_batch(args: &BatchArgs) -> anyhow::Result<()> {
+    let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let threads = args.threads.map_or_else(cores, usize::from).min(args.worlds.into());
+    let options = BatchOptions { worlds: args.worlds.into(), threads, seconds: args.seconds };
+    if args.share {
+        println!("{}", batch::run_share(&options)?);
+        return Ok(());
+    }
+    show(&batch::run(&options)?, args.json)
 }
 
 fn bench_sensors(args: SensorArgs) -> anyhow::Result<()> {
@@ -191,4 +243,15 @@ fn show(report: &(impl Serialize + Display), as_json: bool) -> anyhow::Result<()
         print!("{report}");
     }
     Ok(())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_name_their_range() {
+        fiatlux_link::check_whole_numbers::<Cli>().unwrap();
+    }
 }

@@ -16,8 +16,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_bag::{Bag, BagError, Completeness};
-use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
+use fiatlux_replay::{Rows, differences};
 use fiatlux_robot::{HandKind, Robot, RobotError};
 use fiatlux_rules::{CONTROL_DT, Row};
 use fiatlux_wire::{RebuildError, light_of, robot_of, scene_of};
@@ -25,7 +25,7 @@ use fiatlux_world::Scene;
 use thiserror::Error;
 
 use draw::{Job, Stage, draw};
-use rows::{Rows, Spot};
+use rows::Spot;
 use sink::Sink;
 use view::{Rig, Subject};
 
@@ -335,16 +335,6 @@ impl Episode {
         let rows = Rows::new(&self.bag, self.scene.robot_layout()).take(last).enumerate();
         rows.filter(move |(index, _)| wanted.next_if_eq(index).is_some())
     }
-}
-
-/// Where the scene may differ from the one that was recorded, as sentences.
-fn differences(header: &EpisodeHeader, scene: &Scene) -> Vec<String> {
-    let digests = [
-        ("robot", header.model_digest.as_str(), scene.robot.digest().to_owned()),
-        ("room", header.scene_digest.as_str(), scene.config.digest()),
-    ];
-    let other = digests.into_iter().filter(|(_, theirs, ours)| theirs != ours);
-    other.map(|(what, _, _)| format!("it was recorded with another {what} than this program draws")).collect()
 }
 
 /// The row of a still: at a time, or in the middle.

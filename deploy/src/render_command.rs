@@ -50,7 +50,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<[usize; 2]>,
     /// Frames a second of the video. A bag has 50 rows a second, and a frame is a row.
-    #[arg(long, default_value_t = 25, value_parser = clap::value_parser!(u32).range(1..=50))]
+    #[arg(long, default_value_t = 25, value_parser = fiatlux_link::whole::<u32>(1..=50))]
     fps: u32,
     /// Times real time that it plays at.
     #[arg(long, default_value_t = 1.0, value_parser = speed)]
@@ -66,10 +66,10 @@ pub struct RenderArgs {
     at: Option<f64>,
     /// Samples a pixel, each way: 1 is fast, 2 has smoother edges and takes about four times as long [default: 1; 3 for
     /// a still]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=4))]
+    #[arg(long, value_name = "N", value_parser = fiatlux_link::whole::<u8>(1..=4))]
     samples: Option<u8>,
     /// Threads that draw [default: one a core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64))]
+    #[arg(long, value_name = "N", value_parser = fiatlux_link::whole::<u8>(1..=64))]
     workers: Option<u8>,
     /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj such as those of Unitree's description, to show
     /// in place of our own shapes.

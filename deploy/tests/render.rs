@@ -1,84 +1,20 @@
 //! Clips of made-up episodes: through the program where its words and exit codes matter, through the library elsewhere.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod common;
+
 use std::fs;
 use std::num::NonZeroUsize;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output as Done};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use common::{bag, begin, check, folder, header, rows, text, write};
 use fiatlux::render::{Clip, Output, Picture, RenderError, RenderOptions, Span, View};
-use fiatlux_bag::{BagWriter, topic};
-use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult};
-use fiatlux_proto::{Message, PROTOCOL};
-use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Row, Task};
-use fiatlux_wire::{domain_sample_message, state_message};
-use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
-use nalgebra::Translation3;
+use fiatlux_proto::v3::EpisodeHeader;
 
 const SIZE: [usize; 2] = [96, 54];
-
-/// A folder of one test, empty.
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder).unwrap();
-    folder
-}
-
-fn episode() -> Episode {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
-    let spec = EpisodeSpec::new(Task::S05, 0, 0);
-    let gains = robot.gains(GainSet::Fiatlux);
-    let scene = Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap();
-    Episode::start(Arc::new(scene), &spec).unwrap()
-}
-
-fn header() -> EpisodeHeader {
-    EpisodeHeader {
-        domain_sample: Some(domain_sample_message(&episode().domain_sample())),
-        protocol: Some(PROTOCOL),
-        task: "S05".into(),
-        gains: "fiatlux".into(),
-        hands: "inspire".into(),
-        model_digest: Robot::g1_inspire().unwrap().digest().into(),
-        scene_digest: SceneConfig::default().digest(),
-        ..EpisodeHeader::default()
-    }
-}
-
-/// The robot of a start state slides sideways.
-fn rows(count: u64) -> Vec<Row> {
-    let episode = episode();
-    let row = |step: u64| {
-        let mut row = episode.row().clone();
-        row.step = step;
-        row.robot.pose = Translation3::new(0.0, 0.05 * step as f64, 0.0) * row.robot.pose;
-        row
-    };
-    (0..count).map(row).collect()
-}
-
-fn begin(path: &Path, header: &EpisodeHeader, rows: &[Row]) -> BagWriter {
-    let mut writer = BagWriter::create(path, header).unwrap();
-    for row in rows {
-        writer.message(topic::STATE, row.step, &state_message(row).encode_to_vec()).unwrap();
-    }
-    writer
-}
-
-fn write(path: &Path, header: &EpisodeHeader, rows: &[Row]) -> PathBuf {
-    let end = EpisodeEnd { cause: "time-out".into(), steps: rows.len() as u64 - 1, ..EpisodeEnd::default() };
-    begin(path, header, rows).finish(&EpisodeResult { end: Some(end), ..EpisodeResult::default() }).unwrap();
-    path.into()
-}
-
-fn bag(folder: &Path) -> PathBuf {
-    write(&folder.join("S05.mcap"), &header(), &rows(9))
-}
 
 /// Runs `fiatlux render` with small pictures and no program in `PATH`.
 fn render(args: &[&str]) -> Done {
@@ -88,19 +24,6 @@ fn render(args: &[&str]) -> Done {
         command.args(["--size", "96x54"]);
     }
     command.args(args).env("PATH", "").output().unwrap()
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-#[track_caller]
-fn check(done: &Done, code: i32, words: &[&str]) {
-    let said = String::from_utf8_lossy(&done.stderr);
-    assert_eq!(done.status.code(), Some(code), "{said}");
-    for word in words {
-        assert!(said.contains(word), "'{word}' is not in: {said}");
-    }
 }
 
 /// Files in a folder, by name.
@@ -223,7 +146,7 @@ fn wrong_options() {
     let out = text(&out);
     let cases: &[(&[&str], &str)] = &[
         (&["-o", out, "--fps", "30"], "use --fps 50, 25, 10, 5, 2, 1"),
-        (&["-o", out, "--fps", "60"], "60 is not in 1..=50"),
+        (&["-o", out, "--fps", "60"], "give a whole number from 1 to 50"),
         (&["-o", "clip.gif"], "NAME.mp4 for a video"),
         (&["-o", out, "--size", "1280x721"], "even numbers"),
         (&["-o", out, "--eye", "1,2,3"], "--target"),

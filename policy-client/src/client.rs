@@ -1,6 +1,7 @@
 //! A client on a Zenoh session: finds a server, opens a session on it, and carries messages between it and a
 //! [`ClientSession`].
 
+mod access;
 mod discover;
 mod error;
 mod mailbox;
@@ -11,25 +12,31 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
+use fiatlux_access::{Channel, Label, RowsKey, Secrets, Side};
+use fiatlux_link::BusyWait;
 use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{
     CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
     SessionInfo, look_reply, open_reply,
 };
-use fiatlux_proto::{Bytes, ObservationLayout, PROTOCOL, decode, encoding, is_compatible};
+use fiatlux_proto::{Bytes, Message as _, ObservationLayout, PROTOCOL, decode, encoding, is_compatible};
 use fiatlux_session::client::{Answer, Input, Output};
 use fiatlux_session::{ClientSession, Machine, SessionFailure};
+use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
+use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
 use crate::{Policy, PolicyError, RoundTrips};
+pub use access::{Access, AccessArgs};
 pub(crate) use discover::{DISCOVERY_S, live_servers};
 pub use discover::{describe_servers, find_server};
 pub use error::ClientError;
 use mailbox::Mailbox;
+use query::{Content, Greeted, Sealing};
 
 /// The time that a server has to answer `open`; it may build the scene first, s.
 pub(crate) const OPEN_TIMEOUT_S: f64 = 60.0;
@@ -48,6 +55,9 @@ const RESET_TIMEOUT: Duration = Duration::from_secs(15);
 
 const LAST_OBSERVATION_TIMEOUT: Duration = Duration::from_secs(2);
 
+/// The server closes a session that is not claimed within 2 s; each try to claim it takes so long at most, s.
+const CLAIM_TIMEOUT_S: f64 = 0.5;
+
 /// A stop that is asked for is noticed within this time.
 const STOP_PERIOD: Duration = Duration::from_millis(50);
 
@@ -60,13 +70,16 @@ pub struct Client {
     info: SessionInfo,
     mailbox: Arc<Mailbox>,
     actions: Publisher<'static>,
+    sealing: Sealing,
+    /// Opens the session's records, where it is a replay.
+    rows: Option<RowsKey>,
     state: ClientSession,
     origin: Instant,
     round_trips: RoundTrips,
     /// Who is told of the server's notices; the log otherwise.
     notices: Option<Sender<Notice>>,
     _token: LivelinessToken,
-    _subscribers: [Subscriber<()>; 2],
+    _subscribers: [Subscriber<()>; 3],
 }
 
 impl Client {
@@ -75,33 +88,76 @@ impl Client {
     /// # Errors
     /// [`ClientError`]: no server or several, a request that is refused, another version.
     pub fn open(link: &Session, server: Option<&str>, request: OpenRequest) -> Result<Self, ClientError> {
+        Self::open_with(link, server, request, &Access::default())
+    }
+
+    /// The same with keys and tokens: a server that is not the one they name is refused.
+    ///
+    /// # Errors
+    /// As for [`Client::open`]; [`ClientError::Handshake`] and [`ClientError::UnknownServer`] for a server of another key.
+    pub fn open_with(
+        link: &Session,
+        server: Option<&str>,
+        request: OpenRequest,
+        access: &Access,
+    ) -> Result<Self, ClientError> {
         let server = find_server(link, server)?;
-        let request = OpenRequest { protocol: Some(PROTOCOL), ..request };
-        let bytes = query::ask(link, &ServerKeys::new(&server).open(), "OpenRequest", &request, OPEN_TIMEOUT_S)?;
-        let reply = decode::<OpenReply>(&bytes, MAX_SERVER_MESSAGE).map_err(ClientError::unreadable(&server))?;
-        match reply.reply {
-            Some(open_reply::Reply::Session(info)) => Self::enter(link, &server, info),
-            Some(open_reply::Reply::Refusal(refusal)) => Err(ClientError::refused(&server, refusal)),
-            None => Err(ClientError::Session { reason: "the reply is empty".into() }),
+        let is_replay = request.replay;
+        let key = ServerKeys::new(&server).open();
+        let (info, secrets) = query::greet(
+            link,
+            &server,
+            access,
+            [&key, "OpenRequest"],
+            OPEN_TIMEOUT_S,
+            |hello| OpenRequest { protocol: Some(PROTOCOL), hello: Some(hello), ..request }.encode_to_vec(),
+            |_| Vec::new(),
+            |reply| {
+                let bytes = reply.result().ok()?.payload().to_bytes();
+                let reply = decode::<OpenReply>(&bytes, MAX_SERVER_MESSAGE);
+                Some(reply.map_err(ClientError::unreadable(&server)).and_then(|OpenReply { reply, welcome }| {
+                    let content = match reply {
+                        Some(open_reply::Reply::Session(info)) => Ok(info),
+                        Some(open_reply::Reply::Refusal(refusal)) => Err(refusal),
+                        None => return Err(ClientError::Session { reason: "the reply is empty".into() }),
+                    };
+                    Ok(Greeted { content, is_sealed: false, welcome })
+                }))
+            },
+        )?;
+        let mut client = Self::enter(link, &server, info, &secrets)?;
+        if is_replay {
+            client.rows = Some(RowsKey::of_opener(&secrets).map_err(ClientError::handshake(&server))?);
         }
+        Ok(client)
     }
 
     /// Takes part in a session that the server has opened for this client.
-    pub(crate) fn enter(link: &Session, server: &str, info: SessionInfo) -> Result<Self, ClientError> {
+    pub(crate) fn enter(
+        link: &Session,
+        server: &str,
+        info: SessionInfo,
+        secrets: &Secrets,
+    ) -> Result<Self, ClientError> {
         let info = check(info)?;
+        let channel = Channel::new(secrets, Side::Client).map_err(ClientError::handshake(server))?;
+        let sealing = Sealing::new(channel);
         let keys = ServerKeys::new(server).session(&info.session);
         let token = link.liveliness().declare_token(keys.client()).wait().map_err(ClientError::zenoh)?;
         let mailbox = Arc::new(Mailbox::default());
         let subscribers = [
-            subscribe(link, keys.observation(), &mailbox, Input::Observation)?,
-            subscribe(link, keys.notice(), &mailbox, Input::Notice)?,
+            subscribe(link, keys.observation(), "observation", &sealing, &mailbox, Input::Observation)?,
+            subscribe(link, keys.notice(), "notice", &sealing, &mailbox, Input::Notice)?,
+            watch(link, keys.live(), &mailbox)?,
         ];
         let actions = link.declare_publisher(keys.action()).encoding(encoding("Action"));
         // The server waits for nothing else: no batching, and ahead of whatever else is on the link.
         let actions = actions.express(true).priority(Priority::RealTime).congestion_control(CongestionControl::Block);
         let actions = actions.wait().map_err(ClientError::zenoh)?;
-        Ok(Self {
+        let client = Self {
             link: link.clone(),
+            sealing,
+            rows: None,
             state: ClientSession::new(&info),
             keys,
             info,
@@ -112,7 +168,26 @@ impl Client {
             notices: None,
             _token: token,
             _subscribers: subscribers,
-        })
+        };
+        client.claim();
+        Ok(client)
+    }
+
+    /// Shows the server that somebody has the session, which it does not keep for long otherwise.
+    fn claim(&self) {
+        let (server, key) = (&self.info.server, self.keys.observation());
+        for _ in 0..3 {
+            let said = self.sealing.ask(&self.link, server, &key, "observation", "", &CloseRequest {}, CLAIM_TIMEOUT_S);
+            // That no episode runs is an answer.
+            if !matches!(said, Err(ClientError::Unanswered { .. })) {
+                return;
+            }
+        }
+    }
+
+    /// Opens the records of a session that is a replay: nobody else can.
+    pub fn take_rows_key(&mut self) -> Option<RowsKey> {
+        self.rows.take()
     }
 
     /// The session as the server described it.
@@ -144,6 +219,7 @@ impl Client {
     ) -> Result<EpisodeEnd, ClientError> {
         let mut present: Option<Box<Observation>> = None;
         let mut is_reset = false;
+        let mut busy = BusyWait::default();
         self.state.handle(Input::Start(episode), self.now());
         loop {
             if stop.load(Ordering::Relaxed) {
@@ -161,17 +237,29 @@ impl Client {
                     Output::Failed(failure) => return Err(failed(failure, policy)),
                     Output::RoundTrip(time) => self.round_trips.push(time.as_secs_f64()),
                     Output::Observation(observation) => present = Some(observation),
-                    Output::Action(bytes) => self.actions.put(bytes).wait().map_err(ClientError::zenoh)?,
-                    Output::Reset(bytes) => self.post(&self.keys.reset(), bytes, RESET_TIMEOUT, Input::Reset)?,
+                    Output::Action(bytes) => {
+                        let (attachment, _) = self.sealing.seal("action", &bytes);
+                        self.actions.put(bytes).attachment(attachment).wait().map_err(ClientError::zenoh)?;
+                    }
+                    Output::Reset(bytes) => {
+                        self.post(&self.keys.reset(), "reset", bytes, RESET_TIMEOUT, Input::Reset)?;
+                    }
                     Output::AskObservation => {
                         let (key, timeout) = (self.keys.observation(), LAST_OBSERVATION_TIMEOUT);
-                        self.post(&key, Bytes::new(), timeout, Input::LastObservation)?;
+                        self.post(&key, "observation", Bytes::new(), timeout, Input::LastObservation)?;
                     }
                 }
             }
+            if let Some(step) = self.state.next_step()
+                && let Some(command) = policy.foresee(step)
+            {
+                progress(step);
+                self.state.handle(Input::Command(command), self.now());
+                continue;
+            }
             let Some(observation) = &present else {
                 let wake = self.state.wake_at().map_or(STOP_PERIOD, |at| at.saturating_sub(self.now()));
-                self.mailbox.wait(wake.min(STOP_PERIOD));
+                self.mailbox.wait(wake.min(STOP_PERIOD), &mut busy);
                 continue;
             };
             if !is_reset {
@@ -193,6 +281,9 @@ impl Client {
                 policy.act(&observation)?
             };
             present = None;
+            if let Some(chunk) = policy.source() {
+                self.state.handle(Input::Chunk(Box::new(chunk)), self.now());
+            }
             self.state.handle(Input::Command(command), self.now());
         }
     }
@@ -202,7 +293,9 @@ impl Client {
     /// # Errors
     /// The server does not answer, or has closed the session already.
     pub fn close(self) -> Result<(), ClientError> {
-        let bytes = query::ask(&self.link, &self.keys.close(), "CloseRequest", &CloseRequest {}, CLOSE_TIMEOUT_S)?;
+        let (server, key) = (&self.info.server, self.keys.close());
+        let bytes =
+            self.sealing.ask(&self.link, server, &key, "close", "CloseRequest", &CloseRequest {}, CLOSE_TIMEOUT_S)?;
         let reply = decode::<CloseReply>(&bytes, MAX_SERVER_MESSAGE);
         match reply.map_err(ClientError::unreadable(&self.info.server))?.refusal {
             Some(refusal) => Err(ClientError::refused(&self.info.server, refusal)),
@@ -223,7 +316,8 @@ impl Client {
         let server = &self.info.server;
         let mut tries = 1;
         let bytes = loop {
-            match query::ask(&self.link, &self.keys.look(), "LookRequest", &request, LOOK_TIMEOUT_S) {
+            let key = self.keys.look();
+            match self.sealing.ask(&self.link, server, &key, "look", "LookRequest", &request, LOOK_TIMEOUT_S) {
                 // The question or its answer may have been lost.
                 Err(ClientError::Unanswered { .. }) if tries < LOOK_TRIES => tries += 1,
                 answered => break answered?,
@@ -256,8 +350,15 @@ impl Client {
         }
     }
 
-    fn post(&self, key: &str, bytes: Bytes, timeout: Duration, end: fn(Answer) -> Input) -> Result<(), ClientError> {
-        query::post(&self.link, key, bytes, timeout, &self.mailbox, end)
+    fn post(
+        &self,
+        key: &str,
+        label: &str,
+        bytes: Bytes,
+        timeout: Duration,
+        end: fn(Answer) -> Input,
+    ) -> Result<(), ClientError> {
+        query::post(&self.link, [key, label], bytes, timeout, &self.sealing, &self.mailbox, end)
     }
 
     /// A receiver that is gone misses it.
@@ -285,13 +386,35 @@ fn failed(failure: SessionFailure, policy: &dyn Policy) -> ClientError {
 fn subscribe(
     link: &Session,
     key: String,
+    label: &'static str,
+    sealing: &Sealing,
     mailbox: &Arc<Mailbox>,
     input: fn(Bytes) -> Input,
 ) -> Result<Subscriber<()>, ClientError> {
-    let mailbox = Arc::clone(mailbox);
-    let receive =
-        move |sample: zenoh::sample::Sample| mailbox.put(input(sample.payload().to_bytes().into_owned().into()));
+    let (mailbox, sealing) = (Arc::clone(mailbox), sealing.clone());
+    let receive = move |sample: zenoh::sample::Sample| {
+        let bytes = sample.payload().to_bytes();
+        let attachment = sample.attachment().map(ZBytes::to_bytes).unwrap_or_default();
+        // What others say on the server's keys is nothing to this client; the channel counts it.
+        if sealing.lock().open(Label::Message(label), &bytes, &attachment).is_ok() {
+            mailbox.put(input(bytes.into_owned().into()));
+        }
+    };
     link.declare_subscriber(key).callback(receive).wait().map_err(ClientError::zenoh)
+}
+
+impl Content for SessionInfo {
+    fn id(&self) -> &str {
+        &self.session
+    }
+}
+
+/// Follows the server's token of the session.
+fn watch(link: &Session, key: String, mailbox: &Arc<Mailbox>) -> Result<Subscriber<()>, ClientError> {
+    let mailbox = Arc::clone(mailbox);
+    let receive = move |sample: zenoh::sample::Sample| mailbox.put(Input::ServerSeen(sample.kind() == SampleKind::Put));
+    let subscriber = link.liveliness().declare_subscriber(key).history(true).callback(receive);
+    subscriber.wait().map_err(ClientError::zenoh)
 }
 
 /// Refuses a session that a policy could not work in.

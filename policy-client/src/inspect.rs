@@ -22,7 +22,7 @@ use std::path::PathBuf;
 use std::sync::mpsc;
 
 use fiatlux_link::{print, stop_on_signal};
-use fiatlux_policy::{Client, ClientError, Policy};
+use fiatlux_policy::{Access, Client, ClientError, Policy};
 use fiatlux_proto::v3::{OpenRequest, Sensor};
 use thiserror::Error;
 
@@ -38,6 +38,7 @@ pub struct Inspection {
     pub request: OpenRequest,
     pub episode: u64,
     pub server: Option<String>,
+    pub access: Access,
     /// Simulated time at most, s.
     pub seconds: f64,
     /// Where the pictures and the observation go.
@@ -70,9 +71,9 @@ pub fn default_sensors() -> impl Iterator<Item = Sensor> {
 
 /// Runs the episode, prints what came of it, and writes the files.
 pub fn inspect(inspection: Inspection, link: &zenoh::Session) -> Result<(), InspectError> {
-    let Inspection { policy, request, episode, server, seconds, folder, joints, json } = inspection;
+    let Inspection { policy, request, episode, server, access, seconds, folder, joints, json } = inspection;
     let stop = stop_on_signal()?;
-    let mut client = Client::open(link, server.as_deref(), request)?;
+    let mut client = Client::open_with(link, server.as_deref(), request, &access)?;
     let (sender, notices) = mpsc::channel();
     client.send_notices(sender);
     let mut state = State::new(client.info().clone(), policy.name(), episode);

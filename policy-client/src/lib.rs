@@ -12,7 +12,7 @@ mod run;
 mod session_args;
 mod stats;
 
-pub use client::{Client, ClientError, describe_servers, find_server};
+pub use client::{Access, AccessArgs, Client, ClientError, describe_servers, find_server};
 pub use fiatlux_session::{Command, SessionFailure};
 pub use lists::{SeedList, TaskList, parse_seed, parse_seeds, parse_tasks};
 pub use policy::{Policy, PolicyError};

@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 
 use cli::plan::RunArgs;
+use cli::run::Played;
 use cli::{Failure, evaluate, list, run};
 
 /// Runs policies on a simulation server
@@ -21,9 +22,11 @@ use cli::{Failure, evaluate, list, run};
   policy-client run --policy zero --task S08 --seed 0
   policy-client run --policy stand --task S01 --episodes 3 -e tcp/192.168.1.7:7447
   policy-client run --policy replay:bags/S08-s0-e0.mcap
+  policy-client probe --dialect gr00t --model tcp://lab:5555
   policy-client evaluate --policy stand -e tcp/192.168.1.7:7447
 
-Results go to stdout, progress and log to stderr. Exit codes: 0 ok, 1 failed, 2 usage, 3 a run that is not all played."
+Results go to stdout, progress and log to stderr. Exit codes: 0 ok, 1 failed, 2 usage, 3 a run that is not all played,
+or a recording that is cut."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -38,17 +41,23 @@ enum Subcommand {
     Evaluate(Box<evaluate::EvaluateArgs>),
     /// Show what a policy receives in a session: live, and as pictures
     Inspect(Box<cli::inspect::InspectArgs>),
-    /// List the servers that can be reached
+    /// Ask a model server what it is, and for one chunk; nothing moves
+    Probe(Box<cli::probe::ProbeArgs>),
+    /// List the servers that can be reached, or the policies
     List(list::ListArgs),
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = fiatlux_link::parse();
     fiatlux_link::init_quiet_log();
     let done = match cli.command {
-        Subcommand::Run(args) => run::run(&args),
+        Subcommand::Run(args) => match run::run(&args) {
+            Ok(Played::Cut) => return ExitCode::from(3),
+            played => played.map(|played| matches!(played, Played::Whole)),
+        },
         Subcommand::Evaluate(args) => return exit(evaluate::evaluate(&args), ExitCode::from(3)),
         Subcommand::Inspect(args) => cli::inspect::inspect(&args),
+        Subcommand::Probe(args) => cli::probe::probe(&args),
         Subcommand::List(args) => list::list(&args),
     };
     exit(done, ExitCode::FAILURE)
@@ -64,5 +73,16 @@ fn exit(done: Result<bool, Failure>, short: ExitCode) -> ExitCode {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_name_their_range() {
+        fiatlux_link::check_whole_numbers::<Cli>().unwrap();
     }
 }

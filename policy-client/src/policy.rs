@@ -1,6 +1,6 @@
 //! What a policy is.
 
-use fiatlux_proto::v3::{Observation, Sensor, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_session::Command;
 use thiserror::Error;
 
@@ -15,6 +15,11 @@ pub trait Policy: Send {
     /// The sensors it needs; none for those of the robot's own body. A session that is opened for it has these.
     fn sensors(&self) -> Vec<Sensor> {
         Vec::new()
+    }
+
+    /// Width and height of the cameras' images that it needs, pixels; none for the usual ones.
+    fn image_size(&self) -> Option<[u32; 2]> {
+        None
     }
 
     /// Sensors of the session that it wants to see of this step beside what the observation has: it is shown them in the
@@ -35,6 +40,17 @@ pub trait Policy: Send {
     /// # Errors
     /// The policy cannot go on.
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError>;
+
+    /// Where the command that [`Policy::act`] gave last comes from, for the record: of a policy that plays a model's chunks.
+    fn source(&mut self) -> Option<Chunk> {
+        None
+    }
+
+    /// The command of a step whose observation it does not need, as a recording has it. In lockstep such commands are sent
+    /// ahead, and [`Policy::act`] is asked for the rest alone.
+    fn foresee(&self, _step: u64) -> Option<Command> {
+        None
+    }
 }
 
 /// Why a policy cannot be made or go on.
@@ -69,6 +85,23 @@ pub enum PolicyError {
     /// The controller refuses.
     #[error("the balance controller cannot go on")]
     Balance(#[from] BalanceError),
+    /// The whole-body controller refuses.
+    #[error("the whole-body controller cannot go on")]
+    Wbc(#[from] fiatlux_wbc::WbcError),
+    /// The model server refuses, does not fit, or is lost.
+    #[error("policy vla cannot go on")]
+    Bridge(#[from] fiatlux_bridge::BridgeError),
+    /// A controller of others refuses.
+    #[error("the foreign controller cannot be played")]
+    Foreign(#[from] fiatlux_foreign::ForeignError),
+    /// A word of a policy's name cannot be read.
+    #[error("cannot read '{word}' as NAME=VALUE; use names of {fields}")]
+    Words {
+        /// As it was given.
+        word: String,
+        /// The known names.
+        fields: &'static str,
+    },
     /// A bag cannot be read.
     #[error("the bag to be replayed cannot be read")]
     Bag(#[from] fiatlux_bag::BagError),
@@ -95,4 +128,11 @@ pub enum PolicyError {
         /// Step of the observation that it answers.
         step: u64,
     },
+}
+
+impl PolicyError {
+    /// A policy was asked for a command before [`Policy::reset`].
+    pub(crate) fn not_reset(policy: &'static str) -> Self {
+        Self::Unfit { policy, reason: "it was not reset; reset it first".into() }
+    }
 }

@@ -13,8 +13,8 @@ use thiserror::Error;
 use zenoh::Session;
 
 use crate::client::{DISCOVERY_S, live_servers};
-use crate::{Client, ClientError, Policy, PolicyError, find_server};
-use calls::Calls;
+use crate::{Access, Client, ClientError, Policy, PolicyError, find_server};
+use calls::{Calls, Links};
 use crew::Crew;
 pub use file::{RunFile, RunFileError};
 pub use outcome::{EpisodeFate, EpisodeOutcome, Playing, RunOutcome, RunProgress};
@@ -31,14 +31,23 @@ pub struct RunOptions {
     pub parallel: Option<usize>,
     /// Ends the run also where episodes could not be played. They count as failures then, and nobody can play them any more.
     pub give_up_lost: bool,
-    /// How long to wait for a server when all are gone.
+    /// How long to wait where all servers are gone, or where those that are there let nothing be played.
     pub patience: Duration,
+    /// Keys and tokens.
+    pub access: Access,
 }
 
 impl RunOptions {
     /// As it is played where nothing else is said.
     pub fn new(file: RunFile) -> Self {
-        Self { file, server: None, parallel: None, give_up_lost: false, patience: Duration::from_secs(60) }
+        Self {
+            file,
+            server: None,
+            parallel: None,
+            give_up_lost: false,
+            patience: Duration::from_secs(60),
+            access: Access::default(),
+        }
     }
 }
 
@@ -93,7 +102,9 @@ impl Client {
         // A policy that cannot be made is an error before anything is registered.
         drop(make_policy()?);
         let group = Group::find(link, options)?;
-        let calls = Calls { link, run: &options.file.run, key: &options.file.key };
+        let links = Links::default();
+        let (run, key, access) = (&options.file.run, &options.file.key, &options.access);
+        let calls = Calls { link, run, key, access, links: &links };
         std::thread::scope(|scope| Crew::new(scope, calls, options, &make_policy, group, stop)?.play(progress))
     }
 }

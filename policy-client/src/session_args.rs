@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use fiatlux_link::whole;
 use fiatlux_proto::v3::{OpenRequest, PropScale, Sensor};
 
 /// Flags that say what a session is to be. Each one that is given goes before what is there.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Session")]
 pub struct SessionArgs {
-    /// Named set of gains of the joints' drives: fiatlux or sonic
+    /// Named set of gains of the joints' drives: fiatlux, sonic, gear or gear-lerobot
     #[arg(long, value_name = "NAME")]
     gains: Option<String>,
     /// Hands: inspire, or bare for welded fingers and a robot of 29 joints
@@ -29,6 +30,9 @@ pub struct SessionArgs {
     /// Weights of the camera's features: a safetensors file in the server's folder of weights; without it seeded ones
     #[arg(long, value_name = "FILE")]
     weights: Option<String>,
+    /// Time from the arrival of an action to its effect, ms: 0, 20, ... 100, to see how a policy bears latency [default: 0]
+    #[arg(long, value_name = "MS", value_parser = whole::<u32>(0..=100))]
+    action_delay: Option<u32>,
     /// By which rulebook episodes end: strict, whose bags have both verdicts, or published [default: strict]
     #[arg(long, value_name = "NAME")]
     protocol: Option<String>,
@@ -88,6 +92,7 @@ impl SessionArgs {
         set(&mut request.weights, &self.weights);
         set(&mut request.reward, &self.reward);
         set(&mut request.episode_protocol, &self.protocol);
+        request.action_delay_ms = self.action_delay.unwrap_or(request.action_delay_ms);
         if !self.sensors.is_empty() {
             request.sensors.clone_from(&self.sensors);
         }

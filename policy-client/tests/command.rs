@@ -30,11 +30,17 @@ fn run(args: &[&str]) -> (i32, String, String) {
 #[test]
 fn wrong_usage_exits_with_2_and_says_what_is_right() {
     let cases: [(&[&str], &str); 13] = [
-        (&["run", "--policy", "walk", "--task", "S01"], "use one of zero, random, hold, stand, replay:BAG"),
+        (
+            &["run", "--policy", "waddle", "--task", "S01"],
+            "use one of zero, random, hold, stand, wbc, walk, vla, gear:DIR, sonic:DIR, replay:BAG",
+        ),
         (&["run", "--policy", "zero"], "name a task"),
         (&["run", "--policy", "zero", "--task", "S01", "--set", "fragility"], "write NAME=VALUE"),
         (&["run", "--policy", "zero", "--task", "S01", "--episodes", "0"], "--episodes"),
-        (&["inspect", "--task", "S05", "--policy", "walk"], "use one of zero, random, hold, stand, replay:BAG"),
+        (
+            &["inspect", "--task", "S05", "--policy", "waddle"],
+            "use one of zero, random, hold, stand, wbc, walk, vla, gear:DIR, sonic:DIR, replay:BAG",
+        ),
         (&["inspect", "--task", "S05", "--out", "src"], "folder src holds other files; name another one with --out"),
         (&["inspect", "--task", "S05", "--seconds", "0"], "write seconds, such as 10"),
         (&["run", "--policy", "zero", "--task", "S01", "--seed", "-1"], "seed -1 is negative; seeds are whole numbers"),
@@ -42,7 +48,10 @@ fn wrong_usage_exits_with_2_and_says_what_is_right() {
             &["run", "--policy", "zero", "--task", "S01", "-e", "lab:7447"],
             "write tcp/HOST:PORT, such as tcp/127.0.0.1:7447",
         ),
-        (&["evaluate", "--policy", "walk"], "use one of zero, random, hold, stand, replay:BAG"),
+        (
+            &["evaluate", "--policy", "waddle"],
+            "use one of zero, random, hold, stand, wbc, walk, vla, gear:DIR, sonic:DIR, replay:BAG",
+        ),
         (&["evaluate", "--policy", "zero", "--seeds", "0", "--hosted", "4"], "cannot be used with"),
         (&["evaluate", "--policy", "zero", "--tasks", "S13"], "there is no task 'S13'"),
         (&[], "Usage: policy-client"),

@@ -30,6 +30,11 @@ pub fn any_session(server: Option<&str>) -> String {
     format!("{ROOT}/{}/s/*/live", server.unwrap_or("*"))
 }
 
+/// Records of all sessions of all servers, or of one.
+pub fn any_truth_row(server: Option<&str>) -> String {
+    ServerKeys::new(server.unwrap_or("*")).session("*").truth_row()
+}
+
 /// Server named by the key of a liveliness token, whichever root that has.
 pub fn server_of(key: &str) -> Option<&str> {
     let below = key.strip_prefix(ROOT).or_else(|| key.strip_prefix(LEGACY_ROOT))?;

@@ -52,6 +52,14 @@ pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descrip
 /// The cause in an [`EpisodeEnd`](v3::EpisodeEnd) of an episode that no row ended: its client or its server cut it short.
 pub const ABORTED: &str = "aborted";
 
+/// Number of an encoded [`StepRecord`](v3::StepRecord), without the rest being read. Its field comes first; 0 is left out.
+pub fn record_seq(mut record: &[u8]) -> u64 {
+    match record.split_off_first() {
+        Some(0x08) => prost::encoding::decode_varint(&mut record).unwrap_or_default(),
+        _ => 0,
+    }
+}
+
 /// Encoding of a payload, by the message's name: `application/protobuf;fiatlux.v3.Action`.
 pub fn encoding(message: &str) -> String {
     format!("application/protobuf;fiatlux.v3.{message}")

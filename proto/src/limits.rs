@@ -5,6 +5,15 @@ use std::time::Duration;
 /// Largest request or action that a server reads, bytes. An action takes about 450.
 pub const MAX_CLIENT_MESSAGE: usize = 16 * 1024;
 
+/// Numbers of a model's chunk in an action; a larger chunk is recorded without them.
+pub const MAX_CHUNK_NUMBERS: usize = 3_300;
+
+/// Keys of a chunk, and bytes of each.
+pub const MAX_CHUNK_KEYS: [usize; 2] = [32, 64];
+
+/// Bytes of a chunk's `problem`.
+pub const MAX_CHUNK_PROBLEM: usize = 256;
+
 /// Largest message that a client or a recorder reads, bytes. A truth takes about 8,000.
 pub const MAX_SERVER_MESSAGE: usize = 4 * 1024 * 1024;
 

@@ -180,7 +180,9 @@ fn fault(damage: Option<(Fault, String)>, graded: &Graded) -> Option<(Fault, Str
     let reason = match flaw {
         Flaw::Aborted => Fault::Aborted,
         Flaw::Unended | Flaw::Gap(_) => Fault::Cut,
-        Flaw::Header { .. } | Flaw::Identity { .. } | Flaw::Altered { .. } | Flaw::Result(_) => Fault::Altered,
+        Flaw::Header { .. } | Flaw::Identity { .. } | Flaw::Signature | Flaw::Altered { .. } | Flaw::Result(_) => {
+            Fault::Altered
+        }
         Flaw::Unbound | Flaw::Row { .. } | Flaw::NotFinite => Fault::Unreadable,
     };
     Some((reason, flaw.to_string()))
@@ -383,6 +385,7 @@ fn episode_row(entry: Entry) -> EpisodeRow {
         strict_steps: strict.map(|strict| strict.steps),
         steps_in_gate: graded.steps_in_gate,
         notes: graded.notes,
+        signed_by: graded.signer.map(|key| key.to_string()),
         series: graded.series,
     }
 }
@@ -413,6 +416,7 @@ fn failed_row(failure: &RunFailure, is_strict: bool) -> EpisodeRow {
         strict_steps: is_strict.then_some(0),
         steps_in_gate: 0,
         notes: Some(failure.detail.clone()).filter(|detail| !detail.is_empty()).into_iter().collect(),
+        signed_by: None,
         series: Series::default(),
     }
 }

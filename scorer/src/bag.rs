@@ -22,6 +22,12 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
     let unreadable = |error: &dyn std::error::Error| (Fault::Unreadable, in_full(error));
     let bag = Bag::open(path).map_err(|error| unreadable(&error))?;
     let header = bag.header();
+    if header.request.as_ref().is_some_and(|request| request.replay) {
+        return Err((
+            Fault::Unreadable,
+            "it is of a replay, which is there to be compared and counts for nothing".into(),
+        ));
+    }
     let mut grader =
         Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
     let layout = layout_of(header).map_err(|error| unreadable(&error))?;

@@ -1,5 +1,6 @@
 //! One episode graded from its rows. No file is read here.
 
+use fiatlux_access::{PublicKey, Signer, signer_of};
 use fiatlux_proto::{ABORTED, PROTOCOL, is_compatible, v3};
 use fiatlux_rules::{JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, ThresholdError, Thresholds};
 use fiatlux_wire::{WireError, end_message, header_digest, judgement_message, read_geometry, read_identity, reward_of};
@@ -61,6 +62,8 @@ pub struct Graded {
     pub series: Series,
     /// What a reader should know about it.
     pub notes: Vec<String>,
+    /// The server whose signed word the result is; `None` where it is not signed.
+    pub signer: Option<PublicKey>,
     /// Why it is not scored; `None` where it is.
     pub flaw: Option<Flaw>,
 }
@@ -163,7 +166,8 @@ impl Grader {
         let strict = (self.judges.protocol() == Protocol::Strict).then(|| self.judges.of(Protocol::Strict));
         let digest = self.digest.hex();
         let recorded = result.and_then(|result| result.end.as_ref());
-        let flaw = self.flaw(result, &digest);
+        let signer = result.map_or(Signer::Nobody, signer_of);
+        let flaw = self.flaw(result, signer, &digest);
         let mut notes = Vec::new();
         let (end, causes) = match (&summary.end, recorded) {
             (Some(end), _) => {
@@ -205,11 +209,12 @@ impl Grader {
             causes,
             digest,
             notes,
+            signer: signer.key(),
             flaw,
         }
     }
 
-    fn flaw(&self, result: Option<&v3::EpisodeResult>, digest: &str) -> Option<Flaw> {
+    fn flaw(&self, result: Option<&v3::EpisodeResult>, signer: Signer, digest: &str) -> Option<Flaw> {
         let recorded = result.and_then(|result| Some((result, result.end.as_ref()?)));
         let Some((result, end)) = recorded else { return self.row_flaw.clone().or(Some(Flaw::Unended)) };
         if end.cause == ABORTED {
@@ -223,6 +228,9 @@ impl Grader {
         }
         if !result.header_digest.eq_ignore_ascii_case(&self.header_digest) {
             return Some(Flaw::Header { header: self.header_digest.clone(), result: result.header_digest.clone() });
+        }
+        if signer == Signer::Mismatch {
+            return Some(Flaw::Signature);
         }
         if let Some(gap) = &self.gap {
             return Some(Flaw::Gap(format!("rows are missing: {gap}")));
@@ -258,6 +266,7 @@ impl Grader {
             published: Some(judgement_message(self.judges.of(Protocol::Published))),
             strict: strict.map(judgement_message),
             header_digest: self.header_digest.clone(),
+            signature: recorded.signature.clone(),
         };
         first_difference(&found, recorded).map(Flaw::Result)
     }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use fiatlux_bag::FindError;
 use fiatlux_bag::run::LedgerError;
 use fiatlux_rules::{ThresholdError, UnknownTask};
 use thiserror::Error;
@@ -13,14 +14,8 @@ pub enum ScoreError {
     #[error("--set cannot be used")]
     Threshold(#[from] ThresholdError),
     /// A path cannot be listed or found.
-    #[error("cannot look into {path}; check that it exists and may be read", path = path.display())]
-    Path {
-        /// The path.
-        path: PathBuf,
-        /// What the system says.
-        #[source]
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Path(#[from] FindError),
     /// Nothing to grade.
     #[error("there is no bag in {0}; name files or folders that hold *.mcap")]
     NoBags(String),

@@ -2,50 +2,13 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use fiatlux_bag::run::journals;
+use fiatlux_bag::BagFiles;
 
 use crate::ScoreError;
 
-/// Bags, recordings that were never finished, and runs.
-#[derive(Debug, Default, PartialEq, Eq)]
-pub(crate) struct Found {
-    /// `*.mcap`, and files that were named one by one.
-    pub bags: Vec<PathBuf>,
-    /// `*.mcap.part`.
-    pub unfinished: Vec<PathBuf>,
-    /// Folders that have the journal of a run; what is in them is found as well.
-    pub runs: Vec<PathBuf>,
-}
-
-impl Found {
-    /// The run that all of it belongs to; `None` where there are loose bags only.
-    pub fn run(&self) -> Result<Option<&Path>, ScoreError> {
-        let Some(first) = self.runs.first() else { return Ok(None) };
-        let is_inside = |path: &PathBuf| path.starts_with(first);
-        match self.runs.len() == 1 && self.bags.iter().chain(&self.unfinished).all(is_inside) {
-            true => Ok(Some(first)),
-            false => Err(ScoreError::Runs(self.runs.clone())),
-        }
-    }
-}
-
-/// Looks through files and folders, folders to any depth. Sorted, each file once.
-pub(crate) fn find(paths: &[PathBuf]) -> Result<Found, ScoreError> {
-    let mut found = Found::default();
-    for path in paths {
-        let fail = |source| ScoreError::Path { path: path.clone(), source };
-        if path.metadata().map_err(fail)?.is_dir() {
-            search(path, &mut found)?;
-        } else if is_unfinished(path) {
-            found.unfinished.push(path.clone());
-        } else {
-            found.bags.push(path.clone());
-        }
-    }
-    for list in [&mut found.bags, &mut found.unfinished, &mut found.runs] {
-        list.sort();
-        list.dedup();
-    }
+/// What there is to grade in files and folders.
+pub(crate) fn find(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
+    let found = BagFiles::find(paths)?;
     if found.bags.is_empty() && found.unfinished.is_empty() && found.runs.is_empty() {
         let names: Vec<_> = paths.iter().map(|path| path.display().to_string()).collect();
         return Err(ScoreError::NoBags(names.join(", ")));
@@ -53,31 +16,14 @@ pub(crate) fn find(paths: &[PathBuf]) -> Result<Found, ScoreError> {
     Ok(found)
 }
 
-fn search(folder: &Path, found: &mut Found) -> Result<(), ScoreError> {
-    let fail = |source| ScoreError::Path { path: folder.to_path_buf(), source };
-    if !journals(folder)?.is_empty() {
-        found.runs.push(folder.to_path_buf());
+/// The run that all of it belongs to; `None` where there are loose bags only.
+pub(crate) fn run_of(found: &BagFiles) -> Result<Option<&Path>, ScoreError> {
+    let Some(first) = found.runs.first() else { return Ok(None) };
+    let is_inside = |path: &PathBuf| path.starts_with(first);
+    match found.runs.len() == 1 && found.bags.iter().chain(&found.unfinished).all(is_inside) {
+        true => Ok(Some(first)),
+        false => Err(ScoreError::Runs(found.runs.clone())),
     }
-    for entry in folder.read_dir().map_err(fail)? {
-        let entry = entry.map_err(fail)?;
-        let path = entry.path();
-        // A link to a folder above would never end.
-        let is_link = entry.file_type().map_err(fail)?.is_symlink();
-        if path.is_dir() {
-            if !is_link {
-                search(&path, found)?;
-            }
-        } else if is_unfinished(&path) {
-            found.unfinished.push(path);
-        } else if path.extension().is_some_and(|extension| extension == "mcap") {
-            found.bags.push(path);
-        }
-    }
-    Ok(())
-}
-
-fn is_unfinished(path: &Path) -> bool {
-    path.to_string_lossy().ends_with(".mcap.part")
 }
 
 /// A path as seen from a folder, with `/` between its parts; as it is where the two have no common root.

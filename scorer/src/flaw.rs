@@ -32,6 +32,8 @@ pub enum Flaw {
         /// The header's own `digest_context`.
         said: String,
     },
+    /// Its signature is not one of its result.
+    Signature,
     /// Its rows are not those that the result was made of.
     Altered {
         /// Digest of its rows.
@@ -86,6 +88,9 @@ impl std::fmt::Display for Flaw {
                      it says {said}"
                 )
             }
+            Flaw::Signature => f.write_str(
+                "its signature does not fit its result: one of the two was changed, or the signature is of another bag",
+            ),
             Flaw::Altered { rows, result } => {
                 let (rows, result) = (short(rows), short(result));
                 write!(f, "the bag's numbers were changed: its rows have digest {rows}, its result says {result}")

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use fiatlux_rules::Thresholds;
 
 use crate::assemble::{Judged, assemble, assemble_run};
-use crate::find::{find, relative};
+use crate::find::{find, relative, run_of};
 use crate::results::{Fault, Results};
 use crate::run::Run;
 use crate::{ScoreError, bag};
@@ -65,7 +65,7 @@ pub fn grade(
     options.set.iter().try_for_each(|assignment| thresholds.set(assignment))?;
     let found = find(paths)?;
     let folder = options.folder();
-    if let Some(run) = found.run()? {
+    if let Some(run) = run_of(&found)? {
         return grade_run(&Run::read(run)?, options, progress);
     }
 

@@ -6,7 +6,9 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
+use fiatlux_access::{KnownServers, PublicKey};
 use fiatlux_link::{LinkArgs, ProgressLine};
+use fiatlux_policy::AccessArgs;
 use fiatlux_scorer::{GradeOptions, Results, ScoreError, compare, grade, report, tables, verify};
 
 const FAILED: u8 = 1;
@@ -74,7 +76,8 @@ struct GradeArgs {
     #[arg(long)]
     published_counting: bool,
     /// Threads [default: one for each core]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
+          value_parser = fiatlux_link::whole::<usize>(0..=1024))]
     workers: usize,
 }
 
@@ -113,7 +116,8 @@ struct CompareArgs {
 ///
 /// First checks the bag as grade does. Then opens a session with the conditions in its header, sends its actions once more
 /// and compares header, rows and result of the second run with the bag's. What differs first is named with both values.
-/// Exit code 0: equal to the last bit; 1: it differs, or could not be run.
+/// Says which server signed the bag. Exit code 0: equal to the last bit, and signed by a trusted server where --signers names
+/// some; 1: it differs, or could not be run.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
   scorer verify results/zero/bags/S01-s0-e0.mcap -e tcp/127.0.0.1:7447")]
@@ -124,13 +128,19 @@ struct VerifyArgs {
     /// Name of the server, where several are there
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
+    /// File with the keys of servers whose signatures you trust, a line NAME ed25519:BASE64 each; a bag that none of them
+    /// signed differs
+    #[arg(long, value_name = "FILE")]
+    signers: Option<PathBuf>,
+    #[command(flatten)]
+    access: AccessArgs,
     #[command(flatten)]
     link: LinkArgs,
 }
 
 fn main() -> ExitCode {
     fiatlux_link::init_quiet_log();
-    let done = match Cli::parse().command {
+    let done = match fiatlux_link::parse::<Cli>().command {
         Command::Grade(args) => run_grade(&args),
         Command::Compare(args) => run_compare(&args),
         Command::Verify(args) => run_verify(&args),
@@ -162,7 +172,10 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     line.clear();
     let results = graded?;
     if let Some(file) = &args.html {
-        write(file, &report::html(&results))?;
+        // Replays are looked for where the names of bags begin.
+        let is_base = args.out.as_deref().is_none_or(|out| folder(out) == folder(file));
+        let page = if is_base { report::html_in(&results, &folder(file)) } else { report::html(&results) };
+        write(file, &page)?;
     }
     let text = formatted(&results, args)?;
     match &args.out {
@@ -189,18 +202,34 @@ fn run_compare(args: &CompareArgs) -> Result<ExitCode> {
 
 fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let access = args.access.read()?;
+    let signers = args.signers.as_deref().map(KnownServers::read).transpose()?;
     let line = ProgressLine::default();
     let verified = verify(
         &args.bag,
         &args.link,
         args.server.as_deref(),
+        &access,
         &mut |step, steps| line.show(|| format!("step {step} of {steps}, {} left", line.left(step, steps))),
         &stop,
     );
     line.clear();
     let verified = verified?;
-    print(&verified.to_string())?;
-    Ok(if verified.is_equal() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    let (said, is_trusted) = signature(verified.signer.as_ref(), signers.as_ref());
+    print(&format!("{verified}{said}\n"))?;
+    Ok(if verified.is_equal() && is_trusted { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+}
+
+/// Whose word the bag is, and whether that is enough: where no file says who is trusted, anybody's is.
+fn signature(signer: Option<&PublicKey>, signers: Option<&KnownServers>) -> (String, bool) {
+    match (signer, signers) {
+        (None, signers) => ("not signed".into(), signers.is_none()),
+        (Some(key), None) => (format!("signed by {key}; --signers FILE says whom you trust"), true),
+        (Some(key), Some(signers)) => match signers.name_of(key) {
+            Some(name) => (format!("signed by {name}, {key}"), true),
+            None => (format!("signed by {key}, which is not among the trusted keys"), false),
+        },
+    }
 }
 
 fn make(folder: &Path) -> Result<()> {
@@ -219,5 +248,16 @@ fn print(text: &str) -> Result<()> {
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("cannot write to stdout"),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_name_their_range() {
+        fiatlux_link::check_whole_numbers::<Cli>().unwrap();
     }
 }

@@ -9,6 +9,7 @@ mod overview;
 mod sections;
 
 use std::fmt::Write;
+use std::path::Path;
 
 use markup::{escape, percent};
 
@@ -19,6 +20,17 @@ const STYLE: &str = include_str!("report/style.css");
 
 /// The page.
 pub fn html(results: &Results) -> String {
+    page(results, &|_| false)
+}
+
+/// The page for a folder. Where the replay of an episode stands next to its bag, named as the bag but with `.html`, the
+/// episode has a link to it.
+pub fn html_in(results: &Results, folder: &Path) -> String {
+    page(results, &|replay| folder.join(replay).is_file())
+}
+
+/// `has_replay` says whether a file is there, by its path from the page's folder.
+fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
     let mut out = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" \
@@ -31,7 +43,7 @@ pub fn html(results: &Results) -> String {
     }
     sections::extra_tasks(&mut out, results);
     if !results.episodes.is_empty() {
-        episodes::section(&mut out, results);
+        episodes::section(&mut out, results, has_replay);
     }
     sections::excluded(&mut out, results);
     sections::conditions(&mut out, results);

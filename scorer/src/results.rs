@@ -245,6 +245,9 @@ pub struct EpisodeRow {
     pub steps_in_gate: u64,
     /// What a reader should know.
     pub notes: Vec<String>,
+    /// Key of the server that signed the result, `ed25519:BASE64`; `null` where it is not signed.
+    #[serde(default)]
+    pub signed_by: Option<String>,
     /// Its figure, for reports.
     #[serde(skip)]
     pub series: Series,

@@ -80,7 +80,8 @@ impl Run {
         Ok(Self {
             folder: folder.into(),
             servers: ledgers.iter().map(|ledger| ledger.registration().server.clone()).collect(),
-            finished: ledgers.iter().all(Ledger::is_finished),
+            // One that has ended it is enough: the others begin no episode from then on, and one of them may be dead.
+            finished: ledgers.iter().any(Ledger::is_finished),
             registration: first,
             episodes,
             notes,

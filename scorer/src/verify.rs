@@ -7,10 +7,11 @@ use std::fmt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use fiatlux_access::PublicKey;
 use fiatlux_bag::{Bag, BagError, Messages};
 use fiatlux_link::{LinkArgs, LinkError, Role};
 use fiatlux_policy::policies::Replay;
-use fiatlux_policy::{Client, ClientError, PolicyError};
+use fiatlux_policy::{Access, Client, ClientError, PolicyError};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Mode, OpenRequest, State, StepRecord};
@@ -62,6 +63,8 @@ pub enum VerifyError {
 pub struct Verification {
     /// How the recorded episode ended, which its rows have been found to say.
     pub recorded: EpisodeEnd,
+    /// The server whose signed word that is; `None` where the bag is not signed.
+    pub signer: Option<PublicKey>,
     /// How the second run ended; `None` where the bag has no action for its last steps.
     pub simulated: Option<EpisodeEnd>,
     /// The first field of the header in which the server's own differs: another model, scene, room or rulebook.
@@ -118,11 +121,13 @@ struct Comparison<'a> {
     has_header: bool,
     has_result: bool,
     records: u64,
+    rows: Rows,
 }
 
 impl<'a> Comparison<'a> {
-    fn new(bag: &'a Bag, result: &'a EpisodeResult) -> Self {
+    fn new(bag: &'a Bag, result: &'a EpisodeResult, rows: Rows) -> Self {
         Self {
+            rows,
             header: bag.header(),
             result,
             states: bag.states(),
@@ -144,14 +149,14 @@ impl<'a> Comparison<'a> {
             self.header_difference = first_difference(&comparable(header, self.header), self.header)
                 .or_else(|| first_difference(&EpisodeHeader { digest_context, ..self.header.clone() }, self.header));
         }
-        if self.row_difference.is_none() && !record.state.is_empty() {
+        if self.rows == Rows::All && self.row_difference.is_none() && !record.state.is_empty() {
             self.row_difference = self.row(record.step, &record.state)?.map(|difference| (record.step, difference));
         }
         if let Some(result) = record.result {
             self.has_result = true;
-            // Of the bag's own header, and of real time, which the second run does not keep.
-            let (header_digest, missed_steps) = (self.result.header_digest.clone(), self.result.missed_steps);
-            let result = EpisodeResult { header_digest, missed_steps, ..result };
+            // Of the bag's own header, of real time, which the second run does not keep, and of the bag's own server.
+            let EpisodeResult { header_digest, missed_steps, signature, .. } = self.result.clone();
+            let result = EpisodeResult { header_digest, missed_steps, signature, ..result };
             self.result_difference = first_difference(&result, self.result);
         }
         Ok(())
@@ -216,6 +221,7 @@ pub fn verify(
     path: &Path,
     link: &LinkArgs,
     server: Option<&str>,
+    access: &Access,
     progress: &mut dyn FnMut(u64, u64),
     stop: &AtomicBool,
 ) -> Result<Verification, VerifyError> {
@@ -229,48 +235,104 @@ pub fn verify(
     let ended = bag.result().and_then(|result| Some((result, result.end.clone()?)));
     let (result, recorded) = ended.ok_or_else(|| wrong("the recording has no result".into()))?;
     check_mode(&bag, &wrong)?;
-    let mut replay = Replay::open(path)?;
     let session = link.open(Role::Client)?;
-    // Sensors change no row, and some take long.
-    let request = OpenRequest { sensors: vec!["last_action".into()], weights: String::new(), ..replay.request() };
-    let mut client = Client::open(&session, server, request)?;
-    let keys = ServerKeys::new(&client.info().server).session(&client.info().session);
-    let mut records = Records::follow(&session, keys).map_err(VerifyError::Follow)?;
-    let mut comparison = Comparison::new(&bag, result);
-    let mut reread = Ok(());
-    let mut on_step = |step| {
-        while let (Ok(()), Some(record)) = (&reread, records.next()) {
-            reread = comparison.take(record);
+    let mut run_again = |rows| {
+        let recorded = recorded.clone();
+        let signer = content.graded.signer;
+        SecondRun { path, bag: &bag, result, recorded, signer, session: &session, server, access, rows }
+            .play(progress, stop)
+    };
+    // The digest is over all rows: only where it differs are they looked at, one by one, and where
+    // the first or the last can no longer be had.
+    match run_again(Rows::FirstAndLast) {
+        Ok(whole) if whole.simulated.as_ref().is_some_and(|end| end.digest == whole.recorded.digest) => Ok(whole),
+        Ok(_) | Err(VerifyError::Lost { .. }) => run_again(Rows::All),
+        Err(error) => Err(error),
+    }
+}
+
+/// The rows of a second run that are asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rows {
+    /// Those that have the header and the result.
+    FirstAndLast,
+    All,
+}
+
+/// A recorded episode that is played once more.
+struct SecondRun<'a> {
+    path: &'a Path,
+    bag: &'a Bag,
+    result: &'a EpisodeResult,
+    recorded: EpisodeEnd,
+    signer: Option<PublicKey>,
+    session: &'a zenoh::Session,
+    server: Option<&'a str>,
+    access: &'a Access,
+    rows: Rows,
+}
+
+impl SecondRun<'_> {
+    fn play(self, progress: &mut dyn FnMut(u64, u64), stop: &AtomicBool) -> Result<Verification, VerifyError> {
+        let Self { path, bag, result, recorded, signer, session, server, access, rows } = self;
+        let mut replay = Replay::open(path)?;
+        // Sensors change no row, and some take long.
+        let request = OpenRequest { sensors: vec!["last_action".into()], weights: String::new(), ..replay.request() };
+        // Its rows are for this client alone.
+        let request = OpenRequest { replay: true, recorded: false, ..request };
+        let mut client = Client::open_with(session, server, request, access)?;
+        let keys = ServerKeys::new(&client.info().server).session(&client.info().session);
+        let key = client.take_rows_key().ok_or(VerifyError::Lost { next_seq: 0 })?;
+        let mut records = Records::of(session, keys, key, rows == Rows::All).map_err(VerifyError::Follow)?;
+        let mut comparison = Comparison::new(bag, result, rows);
+        let mut reread = Ok(());
+        let mut on_step = |step| {
+            if rows == Rows::FirstAndLast && step == 0 {
+                // It is kept for a while.
+                reread = records.get(0).map_or(Ok(()), |record| comparison.take(record));
+            }
+            while let (Ok(()), Some(record)) = (&reread, records.next()) {
+                reread = comparison.take(record);
+            }
+            progress(step, recorded.steps);
+        };
+        let run = client.run_episode(bag.header().episode, &mut replay, &mut on_step, stop);
+        reread?;
+        let simulated = match run {
+            Ok(end) => Some(end),
+            // It did not end where the recorded one did.
+            Err(ClientError::Policy(PolicyError::Ended { .. })) => None,
+            Err(error) => return Err(error.into()),
+        };
+        let steps = simulated.as_ref().map_or(recorded.steps, |end| end.steps);
+        match rows {
+            Rows::FirstAndLast => {
+                let last = records.get(steps).ok_or(VerifyError::Lost { next_seq: steps })?;
+                comparison.take(last)?;
+            }
+            Rows::All => {
+                while comparison.records <= steps {
+                    let record = records.wait().ok_or(VerifyError::Lost { next_seq: comparison.records })?;
+                    comparison.take(record)?;
+                }
+            }
         }
-        progress(step, recorded.steps);
-    };
-    let run = client.run_episode(content.header.episode, &mut replay, &mut on_step, stop);
-    reread?;
-    let simulated = match run {
-        Ok(end) => Some(end),
-        // It did not end where the recorded one did.
-        Err(ClientError::Policy(PolicyError::Ended { .. })) => None,
-        Err(error) => return Err(error.into()),
-    };
-    let rows = simulated.as_ref().map_or(recorded.steps, |end| end.steps).saturating_add(1);
-    while comparison.records < rows {
-        let record = records.wait().ok_or(VerifyError::Lost { next_seq: comparison.records })?;
-        comparison.take(record)?;
+        if simulated.is_some() && !comparison.is_complete() {
+            return Err(VerifyError::Lost { next_seq: comparison.records });
+        }
+        if let Err(error) = client.close() {
+            // The answer is there; the server ends the session by itself.
+            warn!("the session could not be closed: {error}");
+        }
+        Ok(Verification {
+            recorded,
+            signer,
+            simulated,
+            header: comparison.header_difference,
+            row: comparison.row_difference,
+            result: comparison.result_difference,
+        })
     }
-    if simulated.is_some() && !comparison.is_complete() {
-        return Err(VerifyError::Lost { next_seq: comparison.records });
-    }
-    if let Err(error) = client.close() {
-        // The answer is there; the server ends the session by itself.
-        warn!("the session could not be closed: {error}");
-    }
-    Ok(Verification {
-        recorded,
-        simulated,
-        header: comparison.header_difference,
-        row: comparison.row_difference,
-        result: comparison.result_difference,
-    })
 }
 
 /// Only in real time is an action held or late.

@@ -5,6 +5,7 @@ mod common;
 use std::process::Command;
 
 use common::{Folder, Story, begin, header, result, rows, sealed};
+use fiatlux_access::{Identity, sign_result};
 use fiatlux_bag::topic;
 use fiatlux_proto::v3::{self, EpisodeHeader, EpisodeResult};
 use fiatlux_proto::{Message, PROTOCOL};
@@ -233,6 +234,27 @@ fn rows_and_results_of_different_bags_do_not_mix() {
     writer.finish(&result_a).expect("finished");
     let refused = graded(&folder).excluded.remove(0);
     assert!(refused.detail.contains("2 messages on /result in place of one"), "{}", refused.detail);
+}
+
+/// Whose word a result is can be neither changed nor copied; who signed is told with the scores.
+#[test]
+fn signatures_fit_one_result() {
+    let (header_a, rows_a, mut result_a) = episode();
+    let server = Identity::generate().expect("an identity");
+    sign_result(&server, &mut result_a);
+    let folder = Folder::new("bound-signed");
+    begin(&folder.0.join("a.mcap"), &header_a, &rows_a).finish(&result_a).expect("finished");
+    assert_eq!(graded(&folder).episodes[0].signed_by, Some(server.public().to_string()));
+
+    let (header_b, rows_b) = (header(Task::S01, 4), rows(Task::S01, 4, Story::Succeeds(30)));
+    let copied = EpisodeResult { signature: result_a.signature.clone(), ..result(&header_b, &rows_b) };
+    assert!(detail("copied", &header_b, &rows_b, &copied).contains("signature does not fit"));
+    let mut other = result_a.clone();
+    other.signature.as_mut().expect("signed").key = Identity::generate().expect("drawn").public().as_bytes().to_vec();
+    assert!(detail("other-key", &header_a, &rows_a, &other).contains("signature does not fit"));
+    // To take it away is to say nothing of a server.
+    let bare = EpisodeResult { signature: None, ..result_a };
+    assert_eq!(refusal("bare", &header_a, &rows_a, &bare), None);
 }
 
 /// A number that is not finite is named with its row: no server records one, and the bag is not cut.

@@ -177,6 +177,20 @@ fn an_episode_that_diverged_is_graded_as_a_failure() {
     assert!(page.contains("b-diverged\">diverged") && page.contains(".b-diverged {") && page.contains(".f-diverged {"));
 }
 
+/// The page says how to see an episode, and has a link where its replay stands next to its bag.
+#[test]
+fn a_page_leads_to_replays() {
+    let folder = Folder::new("replays");
+    let (head, all) = (header(Task::S02, 0), rows(Task::S02, 0, Story::Succeeds(30)));
+    begin(&bag(&folder, "a b"), &head, &all).finish(&result(&head, &all)).expect("finished");
+    let results = graded(&folder);
+    let page = report::html(&results);
+    assert!(page.contains("fiatlux view &#39;a b.mcap&#39;") && !page.contains("3D replay"));
+    assert_eq!(report::html_in(&results, &folder.0), page);
+    std::fs::write(folder.0.join("a b.html"), "a replay").expect("written");
+    assert!(report::html_in(&results, &folder.0).contains("<a href=\"a%20b.html\">3D replay</a>"));
+}
+
 /// A bag of a version before is refused by that version, not by what its fields lack.
 #[test]
 fn bags_of_older_protocols_are_refused_with_the_remedy() {

@@ -275,6 +275,10 @@ fn a_run_that_is_not_finished_says_so() {
         "Run first: 12 episodes registered, 1 played, 11 failed (abandoned 1, not run 9, open 1); NOT FINISHED"
     ));
     assert!(results.missing.is_empty() && results.subtasks.len() == 12);
+    let latex = tables::latex(&results);
+    assert!(latex.contains("Run first: 12 episodes registered, 1 played, 11 failed"), "{latex}");
+    let csv = tables::csv(&results);
+    assert!(csv.lines().nth(1).is_some_and(|line| line.ends_with(",first,12,1,false")), "{csv}");
     let weight = Task::S01.weight() / Task::SUBTASKS.into_iter().map(Task::weight).sum::<f64>();
     assert!((results.score.mean.expect("a score") - weight).abs() < 1e-15);
     assert_eq!(results.conditions.seeds, "hosted");

@@ -2,12 +2,14 @@
 
 use std::io::Write as _;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
 use clap::Args;
-use fiatlux_link::{DEFAULT_ENDPOINT, LinkArgs, LinkMode, Role};
-use fiatlux_sim::{Server, ServerOptions};
+use fiatlux_access::{Identity, RecorderKey, Tokens};
+use fiatlux_link::{LinkArgs, Role, whole};
+use fiatlux_sim::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::SceneConfig;
 use zenoh::Wait;
 
@@ -21,10 +23,10 @@ pub struct DaemonArgs {
     #[arg(long, default_value = "local")]
     name: String,
     /// Threads that step sessions [default: one for each core].
-    #[arg(long)]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=1024))]
     workers: Option<usize>,
     /// Sessions that can be open at once.
-    #[arg(long, default_value_t = 64)]
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = whole::<usize>(1..=65_536))]
     capacity: usize,
     /// How long a session waits for a client that is gone, s.
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
@@ -46,6 +48,16 @@ pub struct DaemonArgs {
     /// DIR/RUN/, those of other sessions to DIR/SERVER/SESSION/.
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
+    /// File with the key of the recorders that are processes of their own (`fiatlux keys` makes one). Without it, and without
+    /// --record, sessions cannot be recorded, and records stay in the server.
+    #[arg(long, value_name = "FILE", conflicts_with = "record")]
+    recorder_key: Option<PathBuf>,
+    /// File with the server's own key, by which clients know it (`fiatlux keys` makes one) [default: drawn at each start]
+    #[arg(long, value_name = "FILE")]
+    identity: Option<PathBuf>,
+    /// File of those who may open sessions, a line ID SECRET LIMIT each [default: everybody may]
+    #[arg(long, value_name = "FILE")]
+    tokens: Option<PathBuf>,
     #[command(flatten)]
     link: LinkArgs,
 }
@@ -55,7 +67,8 @@ fn seconds(text: &str) -> Result<Duration, String> {
     parsed.map(Duration::from_secs_f64).ok_or_else(|| "it is a number of seconds from 0.01 to 1e6".into())
 }
 
-pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
+/// Serves until it is told to stop; whether recorders have everything then.
+pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     fiatlux_link::init_log();
     let scene = match &args.scene {
         None => SceneConfig::default(),
@@ -73,6 +86,12 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
         weights: args.weights,
         meshes: args.meshes,
         record: args.record,
+        records_to: match &args.recorder_key {
+            Some(path) => RecordsTo::Recorders(RecorderKey::read(path)?),
+            None => RecordsTo::Nobody,
+        },
+        identity: args.identity.as_deref().map(Identity::read).transpose()?.map(Arc::new),
+        tokens: args.tokens.as_deref().map(Tokens::read).transpose()?,
         ..ServerOptions::default()
     };
     options.workers = args.workers.unwrap_or(options.workers);
@@ -87,28 +106,18 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<()> {
     let zenoh = link.open(Role::Server)?;
     let server = Server::start(zenoh.clone(), options)?;
     let mut stdout = std::io::stdout();
-    writeln!(stdout, "{} as {}", reachable(&link), server.name())?;
+    writeln!(stdout, "{} as {}", link.place(Role::Server)?, server.name())?;
     stdout.flush()?;
 
     fiatlux_link::wait_for(&stop);
     tracing::info!("interrupted: {} sessions are ended", server.open_sessions());
-    if !server.shutdown(SHUTDOWN) {
-        tracing::warn!("a recorder has not taken everything within {} s; its bag is cut", SHUTDOWN.as_secs());
+    let is_whole = server.shutdown(SHUTDOWN);
+    if !is_whole {
+        eprintln!(
+            "recorders have not taken all records of the sessions above within {} s; their bags are cut",
+            SHUTDOWN.as_secs()
+        );
     }
-    zenoh.close().wait().map_err(|error| anyhow::anyhow!("cannot close the Zenoh session: {error}"))
-}
-
-/// Where clients find the server.
-fn reachable(link: &LinkArgs) -> String {
-    if !link.listen.is_empty() {
-        format!("listening on {}", link.listen.join(", "))
-    } else if !link.connect.is_empty() {
-        format!("connected to {}", link.connect.join(", "))
-    } else if let Some(path) = &link.config {
-        format!("listening as {} says", path.display())
-    } else if link.mode == Some(LinkMode::Client) {
-        format!("connected to {DEFAULT_ENDPOINT}")
-    } else {
-        format!("listening on {DEFAULT_ENDPOINT}")
-    }
+    zenoh.close().wait().map_err(|error| anyhow::anyhow!("cannot close the Zenoh session: {error}"))?;
+    Ok(is_whole)
 }

@@ -8,6 +8,6 @@ pub use mjcf::{MjcfOptions, OptionSet, to_mjcf};
 #[cfg(test)]
 mod rebuild_tests;
 
-pub use recorder::{BagEnd, BagReport, Naming, Recorder, RecorderError, RecorderOptions};
+pub use recorder::{BagEnd, BagReport, Naming, OnLoss, Recorder, RecorderError, RecorderOptions, RecordsFrom};
 pub use scene::{ExportError, ExportScene};
-pub use server::{RecordError, Server, ServerError, ServerOptions, joints};
+pub use server::{RecordError, RecordsTo, Server, ServerError, ServerOptions, joints};

@@ -15,7 +15,7 @@ use fiatlux_sim::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
 ///
 /// Without a subcommand it serves sessions over Zenoh until it is interrupted, on the loopback interface unless -l or -e
 /// say otherwise. When it is ready it prints one line on stdout; its log goes to stderr. Interrupted (SIGINT, SIGTERM) it
-/// ends what runs, lets recorders finish, and exits with 0.
+/// ends what runs, lets recorders finish, and exits with 0, or with 3 where a recorder has not got everything.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 struct Cli {
@@ -48,7 +48,7 @@ struct Export {
     #[arg(long, required_unless_present = "robot_only")]
     task: Option<Task>,
     /// Layout seed.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = fiatlux_link::whole::<u64>(0..))]
     seed: u64,
     /// In place of a task: the robot in its standing posture, without room and props.
     #[arg(long, conflicts_with_all = ["task", "seed"])]
@@ -84,14 +84,18 @@ fn timestep(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Finished with data loss.
+const LOSS: u8 = 3;
+
 fn main() -> ExitCode {
     let cli: Cli = fiatlux_link::parse_with_settings();
     let done = match &cli.command {
-        Some(Command::Export(export)) => run_export(export),
+        Some(Command::Export(export)) => run_export(export).map(|()| true),
         None => daemon::run(cli.daemon),
     };
     match done {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(LOSS),
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE
@@ -130,5 +134,10 @@ mod tests {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/settings/sim-server.toml");
         fiatlux_link::check_example::<Cli>(path.as_ref()).unwrap();
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn whole_numbers_name_their_range() {
+        fiatlux_link::check_whole_numbers::<Cli>().unwrap();
     }
 }

@@ -8,12 +8,13 @@ mod worker;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::mpsc::{self, Sender};
+use std::sync::{Arc, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 
-use fiatlux_proto::keys::{any_session, is_name};
+use fiatlux_access::RecorderKey;
+use fiatlux_proto::keys::{any_session, any_truth_row, is_name};
 use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
 use fiatlux_robot::{HandKind, Robot, RobotError};
 use thiserror::Error;
@@ -22,10 +23,12 @@ use zenoh::sample::{Locality, SampleKind};
 use zenoh::{Session as Zenoh, Wait};
 
 use fiatlux_wire::Frames;
-use worker::{Worker, WorkerEvent};
+use worker::{Inlets, Worker, WorkerEvent};
 
 /// Cores that one worker serves.
 const CORES_PER_WORKER: usize = 4;
+/// Sessions that are followed although no record has come of them: anybody on the network can announce one.
+const MAX_UNHEARD: usize = 1024;
 
 /// How bags are named below the folder they go to. A name that is taken gets a number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -39,6 +42,18 @@ pub enum Naming {
     ByRun,
 }
 
+/// Whose records it writes.
+#[derive(Debug, Clone)]
+pub enum RecordsFrom {
+    /// Those that are said on its own Zenoh session; it is heard there alone, and nobody else can add a row.
+    ThisProcess,
+    /// Those of servers that have this key. What others say on the same keys is dropped.
+    Servers(RecorderKey),
+}
+
+/// Is told the key of a session, and how many of its records are in no bag.
+pub type OnLoss = Box<dyn Fn(&str, u64) + Send + Sync>;
+
 /// What to record, and where to.
 pub struct RecorderOptions {
     /// Folder of the bags.
@@ -49,10 +64,12 @@ pub struct RecorderOptions {
     pub name: String,
     /// How bags are named.
     pub naming: Naming,
-    /// It hears only what is said on its own Zenoh session, and is heard there alone: nobody else can add a row.
-    pub inside: bool,
+    /// Whose records it writes.
+    pub records: RecordsFrom,
     /// Called with each bag that ended, by the thread that wrote it: it must not wait.
     pub on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
+    /// Called as `on_bag` is.
+    pub on_loss: OnLoss,
 }
 
 /// How a bag ended.
@@ -98,14 +115,19 @@ struct Shared {
     name: String,
     naming: Naming,
     locality: Locality,
+    /// Unseals records; none where they come from this process.
+    key: Option<RecorderKey>,
     /// Of the robot with these hands.
     frames: BTreeMap<HandKind, Frames>,
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
+    on_loss: OnLoss,
+    inlets: Inlets,
 }
 
 /// A recorder at work. Dropped, it goes on to the end of what it has received, as [`Recorder::stop`] does.
 pub struct Recorder {
-    tokens: Option<Subscriber<()>>,
+    /// To the sessions' tokens and to their records.
+    subscriptions: Vec<Subscriber<()>>,
     workers: Vec<(Sender<WorkerEvent>, JoinHandle<Vec<PathBuf>>)>,
 }
 
@@ -116,24 +138,37 @@ impl Recorder {
     /// # Errors
     /// [`RecorderError`].
     pub fn start(session: Zenoh, options: RecorderOptions) -> Result<Self, RecorderError> {
-        let RecorderOptions { out, server, name, naming, inside, on_bag } = options;
-        let locality = if inside { Locality::SessionLocal } else { Locality::Any };
+        let RecorderOptions { out, server, name, naming, records, on_bag, on_loss } = options;
+        let (locality, key) = match records {
+            RecordsFrom::ThisProcess => (Locality::SessionLocal, None),
+            RecordsFrom::Servers(key) => (Locality::Any, Some(key)),
+        };
         if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
             return Err(RecorderError::Name(server.clone()));
         }
         let frames_of = |hand| Ok((hand, Frames::new(&Robot::with_hands(hand)?)));
         let frames = HandKind::ALL.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
-        let shared = Arc::new(Shared { out, name, naming, locality, frames, on_bag });
+        let inlets = Inlets::default();
+        let shared = Arc::new(Shared { out, name, naming, locality, key, frames, on_bag, on_loss, inlets });
         let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
-        let mut recorder = Self { tokens: None, workers: Vec::new() };
-        for number in 0..cores.div_ceil(CORES_PER_WORKER) {
+        let mut recorder = Self { subscriptions: Vec::new(), workers: Vec::new() };
+        let workers = cores.div_ceil(CORES_PER_WORKER);
+        for number in 0..workers {
             let (queue, inbox) = mpsc::channel();
             let (zenoh, shared) = (session.clone(), Arc::clone(&shared));
-            let worker = Worker { zenoh, shared, inbox, queue: queue.clone(), start: Instant::now() };
+            let (start, max_unheard) = (Instant::now(), MAX_UNHEARD.div_ceil(workers));
+            let worker = Worker { zenoh, shared, inbox, queue: queue.clone(), start, max_unheard };
             let thread = thread::Builder::new().name(format!("recorder-{number}")).spawn(move || worker.run());
             recorder.workers.push((queue, thread.map_err(RecorderError::Thread)?));
         }
         let queues: Vec<_> = recorder.workers.iter().map(|(queue, _)| queue.clone()).collect();
+        let records = session.declare_subscriber(any_truth_row(server.as_deref())).allowed_origin(shared.locality);
+        let records = records.callback(move |sample| {
+            let inlets = shared.inlets.read().unwrap_or_else(PoisonError::into_inner);
+            if let Some(inlet) = inlets.get(sample.key_expr().as_str()) {
+                inlet.push(&sample);
+            }
+        });
         let tokens = session.liveliness().declare_subscriber(any_session(server.as_deref())).history(true);
         let tokens = tokens.callback(move |sample| {
             let key: Arc<str> = sample.key_expr().as_str().into();
@@ -143,7 +178,8 @@ impl Recorder {
             // The worker may be gone.
             let _ = queues[place % queues.len()].send(event);
         });
-        recorder.tokens = Some(tokens.wait().map_err(|error| RecorderError::Zenoh(error.to_string()))?);
+        let failed = |error: zenoh::Error| RecorderError::Zenoh(error.to_string());
+        recorder.subscriptions = vec![records.wait().map_err(failed)?, tokens.wait().map_err(failed)?];
         Ok(recorder)
     }
 
@@ -154,7 +190,7 @@ impl Recorder {
     }
 
     fn end(&mut self) -> Vec<PathBuf> {
-        self.tokens = None;
+        self.subscriptions.clear();
         for (queue, _) in &self.workers {
             let _ = queue.send(WorkerEvent::Stop);
         }

@@ -2,12 +2,18 @@
 //!
 //! [`Server`] puts them on a Zenoh session, in one process with its clients or on the network. A session itself is a
 //! state machine without I/O (`fiatlux_session::ServerSession`) over a simulation (`host`); a fixed pool of workers runs it
-//! (`pool`, `actor`), and Zenoh's callbacks only put messages into inboxes (`shell`). What goes wrong in a session stays in it.
+//! (`pool`, `actor`), and Zenoh's callbacks only check messages and put them into inboxes (`listen`). What goes wrong in a session stays in it.
 
 mod actor;
+mod gate;
+mod guest;
 mod host;
 mod info;
+mod links;
+mod listen;
 mod networks;
+mod opens;
+mod places;
 mod plan;
 mod pool;
 mod record;
@@ -20,7 +26,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 pub use info::joints;
 pub use runs::RecordError;
-pub use shell::{Server, ServerError, ServerOptions};
+pub use shell::{RecordsTo, Server, ServerError, ServerOptions};
 
 /// A lock that outlives a panic elsewhere: what it guards is then closed, not shared.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
-use common::subscribe;
+use common::{Keys, ask_run, ask_run_as, ask_sealed, channel_of, open_session, subscribe, subscribe_sealed};
+use fiatlux_access::{Label, run_identity};
 use fiatlux_bag::run::{Ledger, LedgerError, Prefix, State, journal_of};
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_link::{LinkArgs, Role};
@@ -17,9 +18,8 @@ use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::run_episode::State as EpisodeState;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{
-    Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenReply, OpenRequest, Refusal, ResetReply,
-    ResetRequest, RunFinish, RunInfo, RunReply, RunRequest, RunSpec, RunStatus, SessionInfo, StepRecord,
-    StepRecordRequest, open_reply, reset_reply, run_reply,
+    Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenRequest, Refusal, ResetReply, ResetRequest,
+    RunFinish, RunInfo, RunSpec, RunStatus, SessionInfo, StepRecord, StepRecordRequest, reset_reply, run_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_sim::{RecordError, Server, ServerError, ServerOptions};
@@ -47,18 +47,20 @@ fn start(folder: &Path) -> (Session, Server) {
     (zenoh, server)
 }
 
-fn query<M: Message + Default>(zenoh: &Session, key: String, request: &impl Message) -> M {
-    let replies = zenoh.get(key).payload(request.encode_to_vec()).wait().unwrap();
-    M::decode(&*replies.recv_timeout(LONG).unwrap().unwrap().result().unwrap().payload().to_bytes()).unwrap()
-}
-
 fn ask_with(zenoh: &Session, key: &str, ask: Ask) -> run_reply::Reply {
     ask_server(zenoh, "test", key, ask)
 }
 
 fn ask_server(zenoh: &Session, server: &str, key: &str, ask: Ask) -> run_reply::Reply {
-    let request = RunRequest { protocol: Some(PROTOCOL), run: "first".into(), key: key.into(), ask: Some(ask) };
-    query::<RunReply>(zenoh, ServerKeys::new(server).run(), &request).reply.unwrap()
+    without_link(ask_run(zenoh, server, ["first", key], ask).0)
+}
+
+/// Each request has a link of its own.
+fn without_link(reply: run_reply::Reply) -> run_reply::Reply {
+    match reply {
+        run_reply::Reply::Run(info) => run_reply::Reply::Run(RunInfo { link: String::new(), ..info }),
+        other => other,
+    }
 }
 
 fn ask(zenoh: &Session, ask: Ask) -> Result<RunInfo, Refusal> {
@@ -113,6 +115,7 @@ struct Player {
     zenoh: Session,
     info: SessionInfo,
     keys: SessionKeys,
+    sealing: Keys,
     observations: Receiver<Observation>,
     notices: Receiver<Notice>,
     _token: LivelinessToken,
@@ -124,22 +127,23 @@ impl Player {
     }
 
     fn open_on(zenoh: &Session, server: &str, episode: u32) -> Self {
-        let info = match ask_server(zenoh, server, KEY, Ask::Open(episode)) {
-            run_reply::Reply::Session(info) => info,
-            other => panic!("no session: {other:?}"),
-        };
-        Self::of(zenoh, info)
+        match ask_run(zenoh, server, ["first", KEY], Ask::Open(episode)) {
+            (run_reply::Reply::Session(info), Some(secrets)) => Self::of(zenoh, info, channel_of(&secrets)),
+            (other, _) => panic!("no session: {other:?}"),
+        }
     }
 
-    fn of(zenoh: &Session, info: SessionInfo) -> Self {
+    fn of(zenoh: &Session, info: SessionInfo, sealing: Keys) -> Self {
         let keys = ServerKeys::new(&info.server).session(&info.session);
         let token = zenoh.liveliness().declare_token(keys.client()).wait().unwrap();
-        let (observations, notices) = (subscribe(zenoh, keys.observation()), subscribe(zenoh, keys.notice()));
-        Self { zenoh: zenoh.clone(), info, keys, observations, notices, _token: token }
+        let observations = subscribe_sealed(zenoh, keys.observation(), &sealing);
+        let notices = subscribe_sealed(zenoh, keys.notice(), &sealing);
+        Self { zenoh: zenoh.clone(), info, keys, sealing, observations, notices, _token: token }
     }
 
     fn reset(&self, episode: u64) -> Result<Observation, Refusal> {
-        let reply: ResetReply = query(&self.zenoh, self.keys.reset(), &ResetRequest { episode });
+        let request = ResetRequest { episode }.encode_to_vec();
+        let reply: ResetReply = ask_sealed(&self.zenoh, &self.sealing, &self.keys.reset(), request).unwrap()?;
         match reply.reply.unwrap() {
             reset_reply::Reply::Observation(observation) => Ok(observation),
             reset_reply::Reply::Refusal(refusal) => Err(refusal),
@@ -148,7 +152,9 @@ impl Player {
 
     fn act(&self, way: u64, step: u64) {
         let action = Action { step, action: action(way, step), ..Action::default() };
-        self.zenoh.put(self.keys.action(), action.encode_to_vec()).wait().unwrap();
+        let bytes = action.encode_to_vec();
+        let attachment = self.sealing.lock().unwrap().seal(Label::Message("action"), &bytes).to_vec();
+        self.zenoh.put(self.keys.action(), bytes).attachment(attachment).wait().unwrap();
     }
 
     /// Goes a way for so many steps, or to its end.
@@ -166,7 +172,8 @@ impl Player {
     }
 
     fn close(self) {
-        let _: CloseReply = query(&self.zenoh, self.keys.close(), &CloseRequest {});
+        let request = CloseRequest {}.encode_to_vec();
+        let _: Option<Result<CloseReply, _>> = ask_sealed(&self.zenoh, &self.sealing, &self.keys.close(), request);
     }
 }
 
@@ -229,7 +236,9 @@ fn what_does_not_fit_is_refused_by_field() {
         assert!(field == expected && !message.is_empty(), "{expected}: {field}: {message}");
     }
     for key in ["", "short", &"g".repeat(32), &"0".repeat(65)] {
-        let run_reply::Reply::Refusal(refusal) = ask_with(&zenoh, key, Ask::Register(spec(&[1]))) else {
+        let (run_reply::Reply::Refusal(refusal), _) =
+            ask_run_as(&zenoh, "test", "first", &run_identity(KEY).unwrap(), key, Ask::Register(spec(&[1])))
+        else {
             panic!("registered")
         };
         assert_eq!(refusal.field, "key");
@@ -419,10 +428,9 @@ fn every_session_is_recorded() {
     let folder = folder("every");
     let (zenoh, server) = start(&folder);
     let request = OpenRequest { protocol: Some(PROTOCOL), task: "S07".into(), seed: 1, ..OpenRequest::default() };
-    let reply: OpenReply = query(&zenoh, ServerKeys::new("test").open(), &request);
-    let Some(open_reply::Reply::Session(info)) = reply.reply else { panic!("{reply:?}") };
+    let (info, secrets) = open_session(&zenoh, "test", &request).unwrap();
     let bags = folder.join("test").join(&info.session);
-    let player = Player::of(&zenoh, info);
+    let player = Player::of(&zenoh, info, channel_of(&secrets));
     let end = player.play(0, u64::MAX).unwrap();
     player.reset(1).unwrap();
     player.close();
@@ -499,7 +507,8 @@ fn servers_share_a_run() {
         }
         std::thread::sleep(Duration::from_millis(20));
     };
-    assert!(info.finished && info.episodes.iter().all(|episode| episode.seed == 0), "the first has not finished");
+    // The first is dead, and begins nothing more of a run that has ended.
+    assert!(info.finished && info.episodes.iter().all(|episode| episode.seed >= 1 << 32));
     let server = Server::start(zenoh.clone(), options(&folder)).unwrap();
     assert_eq!(refused(&zenoh, Ask::Open(1)).0, Code::Closed);
     let info = ask(&zenoh, Ask::Finish(RunFinish {})).unwrap();

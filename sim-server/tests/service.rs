@@ -7,7 +7,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-use common::subscribe;
+use common::{Keys, ask_sealed, channel_of, open_session, rows_key, subscribe, subscribe_sealed};
+use fiatlux_access::{Label, RecorderKey, RowsKey};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::{
@@ -18,7 +19,7 @@ use fiatlux_proto::v3::{
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{RobotLayout, Row, RowDigest, Task};
-use fiatlux_sim::{Server, ServerError, ServerOptions};
+use fiatlux_sim::{RecordsTo, Server, ServerError, ServerOptions};
 use fiatlux_wire::{header_digest, read_identity, read_row};
 use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
 use zenoh::liveliness::LivelinessToken;
@@ -50,12 +51,7 @@ fn query<M: Message + Default>(zenoh: &Session, key: String, request: &impl Mess
 }
 
 fn open(zenoh: &Session, request: &OpenRequest) -> Result<SessionInfo, (refusal::Code, String)> {
-    let mut replies: Vec<OpenReply> = query(zenoh, ServerKeys::new("test").open(), request);
-    assert_eq!(replies.len(), 1);
-    match replies.remove(0).reply.unwrap() {
-        open_reply::Reply::Session(session) => Ok(session),
-        open_reply::Reply::Refusal(refusal) => Err((refusal.code(), refusal.message)),
-    }
+    open_session(zenoh, "test", request).map(|(info, _)| info).map_err(|refusal| (refusal.code(), refusal.message))
 }
 
 fn request(task: &str) -> OpenRequest {
@@ -67,6 +63,9 @@ struct Client {
     zenoh: Session,
     info: SessionInfo,
     keys: SessionKeys,
+    sealing: Keys,
+    /// Where records are sealed.
+    rows: Option<RowsKey>,
     observations: Receiver<Observation>,
     notices: Receiver<Notice>,
     token: Option<LivelinessToken>,
@@ -74,32 +73,43 @@ struct Client {
 
 impl Client {
     fn open(zenoh: &Session, request: &OpenRequest) -> Self {
-        let info = open(zenoh, request).unwrap();
+        let (info, secrets) = open_session(zenoh, "test", request).unwrap();
         let keys = ServerKeys::new("test").session(&info.session);
+        let sealing = channel_of(&secrets);
         let token = Some(zenoh.liveliness().declare_token(keys.client()).wait().unwrap());
-        let observations = subscribe(zenoh, keys.observation());
-        let notices = subscribe(zenoh, keys.notice());
-        Self { zenoh: zenoh.clone(), info, keys, observations, notices, token }
+        let observations = subscribe_sealed(zenoh, keys.observation(), &sealing);
+        let notices = subscribe_sealed(zenoh, keys.notice(), &sealing);
+        let client = Self { zenoh: zenoh.clone(), info, keys, sealing, rows: None, observations, notices, token };
+        // A session that nobody claims is closed.
+        assert!(client.ask::<Observation>(client.keys.observation(), Vec::new()).is_err(), "no episode runs");
+        client
+    }
+
+    fn ask<M: Message + Default>(&self, key: String, payload: Vec<u8>) -> Result<M, Refusal> {
+        ask_sealed(&self.zenoh, &self.sealing, &key, payload).expect("the server answers")
     }
 
     fn reset(&self, episode: u64) -> Result<Observation, refusal::Code> {
-        let mut replies: Vec<ResetReply> = query(&self.zenoh, self.keys.reset(), &ResetRequest { episode });
-        match replies.remove(0).reply.unwrap() {
+        let reply: ResetReply = self.ask(self.keys.reset(), ResetRequest { episode }.encode_to_vec()).unwrap();
+        match reply.reply.unwrap() {
             reset_reply::Reply::Observation(observation) => Ok(observation),
             reset_reply::Reply::Refusal(refusal) => Err(refusal.code()),
         }
     }
 
     fn close(&self) -> CloseReply {
-        query(&self.zenoh, self.keys.close(), &CloseRequest {}).remove(0)
+        self.ask(self.keys.close(), Vec::new()).unwrap()
     }
 
     fn send(&self, bytes: Vec<u8>) {
-        self.zenoh.put(self.keys.action(), bytes).wait().unwrap();
+        let attachment = self.sealing.lock().unwrap().seal(Label::Message("action"), &bytes).to_vec();
+        self.zenoh.put(self.keys.action(), bytes).attachment(attachment).wait().unwrap();
     }
 
     fn act(&self, episode: u64, step: u64) {
-        self.send(Action { episode, step, action: action(step).to_vec(), joint_target: vec![] }.encode_to_vec());
+        self.send(
+            Action { episode, step, action: action(step).to_vec(), joint_target: vec![], chunk: None }.encode_to_vec(),
+        );
     }
 
     fn next(&self) -> Observation {
@@ -115,7 +125,13 @@ impl Client {
     }
 
     fn truths(&self, from_seq: u64, count: u64) -> Vec<StepRecord> {
-        query(&self.zenoh, self.keys.truth_rows(), &StepRecordRequest { from_seq, count })
+        let request = StepRecordRequest { from_seq, count };
+        let Some(rows) = &self.rows else { return query(&self.zenoh, self.keys.truth_rows(), &request) };
+        let request = request.encode_to_vec();
+        let proof = rows.prove("rows", &request).to_vec();
+        let sealed = common::replies(&self.zenoh, &self.keys.truth_rows(), request, proof);
+        let open = |sealed: Vec<u8>| StepRecord::decode(&*rows.open(&sealed).unwrap()).unwrap();
+        sealed.into_iter().map(|reply| open(reply.unwrap().0)).collect()
     }
 }
 
@@ -342,9 +358,13 @@ fn an_episode_over_tcp() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let endpoint = vec![format!("tcp/127.0.0.1:{port}")];
     let listens = LinkArgs { listen: endpoint.clone(), ..LinkArgs::default() }.open(Role::Server).unwrap();
-    let server = Server::start(listens, ServerOptions { grace: Duration::from_millis(100), ..options() }).unwrap();
+    let key = RecorderKey::generate().unwrap();
+    let records_to = RecordsTo::Recorders(key.clone());
+    let options = ServerOptions { grace: Duration::from_millis(100), records_to, ..options() };
+    let server = Server::start(listens, options).unwrap();
     let connects = LinkArgs { connect: endpoint, ..LinkArgs::default() }.open(Role::Client).unwrap();
-    let client = Client::open(&connects, &request("S05"));
+    let mut client = Client::open(&connects, &request("S05"));
+    client.rows = Some(rows_key(&key, &client.info));
     client.reset(0).unwrap();
     for step in 0..40 {
         client.act(0, step);
@@ -420,7 +440,7 @@ fn a_client_of_an_older_version_is_told_to_update() {
     let bytes = described.result().unwrap_err().payload().to_bytes();
     assert_eq!(Refusal::decode(&*bytes).unwrap(), refused);
     assert_eq!((refused.code(), refused.field.as_str()), (refusal::Code::Version, "protocol"));
-    assert!(refused.message.contains("speaks protocol 3.3") && refused.message.contains("update the client"));
+    assert!(refused.message.contains("speaks protocol 3.5") && refused.message.contains("update the client"));
 }
 
 /// A query that names no server gets one reply from each, and none of them opens a session.

@@ -100,7 +100,7 @@ fn pass_messages(from: &Session, to: &Session, keys: &[&str], counts: &Arc<Count
             if !counts.loses() {
                 let put =
                     to.put(sample.key_expr().clone(), sample.payload().clone()).encoding(sample.encoding().clone());
-                drop(put.express(true).wait());
+                drop(put.attachment(sample.attachment().cloned()).express(true).wait());
             }
         });
         subscriber.background().wait().unwrap();
@@ -117,7 +117,11 @@ fn pass_queries(from: &Session, to: &Session, counts: &Arc<Counts>) {
         let (to, counts) = (to.clone(), Arc::clone(&counts));
         std::thread::spawn(move || {
             let payload = query.payload().cloned().unwrap_or_else(ZBytes::new);
-            let ask = to.get(query.selector()).payload(payload).timeout(Duration::from_secs(20));
+            let ask = to
+                .get(query.selector())
+                .payload(payload)
+                .attachment(query.attachment().cloned())
+                .timeout(Duration::from_secs(20));
             // Some answers are several replies of one key.
             let ask = ask.target(QueryTarget::All).consolidation(ConsolidationMode::None);
             let Ok(replies) = ask.wait() else { return };
@@ -126,7 +130,10 @@ fn pass_queries(from: &Session, to: &Session, counts: &Arc<Counts>) {
                     continue;
                 }
                 match reply.into_result() {
-                    Ok(sample) => drop(query.reply(sample.key_expr().clone(), sample.payload().clone()).wait()),
+                    Ok(sample) => {
+                        let reply = query.reply(sample.key_expr().clone(), sample.payload().clone());
+                        drop(reply.attachment(sample.attachment().cloned()).wait());
+                    }
                     Err(error) => drop(query.reply_err(error.payload().clone()).wait()),
                 }
             }

@@ -10,6 +10,8 @@ mod hostile;
 mod links;
 #[path = "faults/raw.rs"]
 mod raw;
+#[path = "faults/strangers.rs"]
+mod strangers;
 
 /// An episode of 6,000 steps, some four seconds: long enough for something to happen to it.
 const LONG: [&str; 4] = ["--policy", "zero", "--task", "S08"];

@@ -1,4 +1,4 @@
-//! Runs every command of the README, and compares its program with the example that it names.
+//! Runs every command of the README and of the pages that go on from it, and compares their program with its example.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use std::path::{Path, PathBuf};
@@ -6,38 +6,41 @@ use std::process::{Command, Stdio};
 
 use fiatlux_tests::programs::{Running, Scratch, free_port, program};
 
-/// The README's fenced blocks in a language, in order.
-fn blocks(readme: &str, language: &str) -> Vec<String> {
+/// Pages in the order in which a reader takes them: commands use what earlier ones made.
+const PAGES: [&str; 6] = [
+    "README.md",
+    "docs/machines.md",
+    "docs/observations.md",
+    "docs/policies.md",
+    "docs/bags.md",
+    "docs/performance.md",
+];
+
+/// The fenced blocks of a text in a language, in order.
+fn blocks(text: &str, language: &str) -> Vec<String> {
     let opening = format!("\n```{language}\n");
-    readme.split(&opening).skip(1).map(|rest| rest.split("\n```").next().unwrap().to_owned()).collect()
+    text.split(&opening).skip(1).map(|rest| rest.split("\n```").next().unwrap().to_owned()).collect()
 }
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().into()
 }
 
-fn readme() -> String {
-    std::fs::read_to_string(repository().join("README.md")).unwrap()
+fn pages() -> String {
+    PAGES.map(|page| std::fs::read_to_string(repository().join(page)).unwrap()).concat()
 }
 
 #[test]
 fn the_policy_is_the_example() {
     let example = std::fs::read_to_string(repository().join("policy-client/examples/wave.rs")).unwrap();
-    let [shown] = &blocks(&readme(), "rust")[..] else { panic!("one program") };
-    assert!(example.contains(shown), "the README's policy is not that of policy-client/examples/wave.rs");
+    let [shown] = &blocks(&pages(), "rust")[..] else { panic!("one program") };
+    assert!(example.contains(shown), "the policy of docs/policies.md is not that of policy-client/examples/wave.rs");
 }
 
-/// A folder in which the README's commands find what they name: programs of the profile under test below
+/// A folder in which the commands find what they name: programs of the profile under test below
 /// `target/release`, and a `cargo` that runs them.
 fn stage(scratch: &Scratch) -> PathBuf {
     let programs = program("fiatlux").parent().unwrap().to_owned();
-    let build = ["build", "--quiet", "--locked", "-p", "fiatlux-policy", "--example", "wave", "--target-dir"];
-    let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(build).arg(programs.parent().unwrap()).current_dir(repository());
-    if programs.ends_with("release") {
-        cargo.arg("--release");
-    }
-    assert!(cargo.status().unwrap().success());
     let folder = scratch.path();
     std::fs::create_dir_all(folder.join("target")).unwrap();
     std::os::unix::fs::symlink(&programs, folder.join("target/release")).unwrap();
@@ -62,7 +65,7 @@ fn stage(scratch: &Scratch) -> PathBuf {
     bin
 }
 
-/// Commands run in the order of the page. Servers and recorders go on until the end; the second pair of machines is this
+/// Commands run in the order of the pages. Servers and recorders go on until the end; the second pair of machines is this
 /// one, at another port. `cargo test --workspace` is what runs this.
 #[test]
 fn every_command_works() {
@@ -71,7 +74,7 @@ fn every_command_works() {
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
     let (mut background, mut external) = (Vec::new(), None);
     let (other_port, third_port) = (free_port().to_string(), free_port().to_string());
-    for line in blocks(&readme(), "sh").iter().flat_map(|block| block.lines()) {
+    for line in blocks(&pages(), "sh").iter().flat_map(|block| block.lines()) {
         let line = match line.contains("0.0.0.0") || line.contains("192.168.1.7") {
             true => line
                 .replace("0.0.0.0", "127.0.0.1")
@@ -95,9 +98,13 @@ fn every_command_works() {
         match daemon {
             _ if line == "cargo test --workspace" => {}
             Some(name) if words.get(1) != Some(&"export") => {
-                let bags = scratch.path().join("bags").display().to_string();
-                let args: Vec<&str> =
-                    words[1..].iter().map(|word| if *word == "bags" { &*bags } else { word }).collect();
+                let is_path = |word: &str| word == "bags" || word.starts_with("keys/");
+                let place = |word: &&str| match is_path(word) {
+                    true => scratch.path().join(word).display().to_string(),
+                    false => (*word).to_owned(),
+                };
+                let args: Vec<String> = words[1..].iter().map(place).collect();
+                let args: Vec<&str> = args.iter().map(String::as_str).collect();
                 let mut running = Running::start(name, &args, &scratch);
                 if name == "sim-server" {
                     running.wait_for("listening on");

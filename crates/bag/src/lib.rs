@@ -32,6 +32,7 @@
 mod bag;
 mod check;
 mod error;
+mod find;
 mod metadata;
 mod resume;
 pub mod run;
@@ -42,6 +43,7 @@ mod writer;
 
 pub use bag::{Bag, Completeness};
 pub use error::BagError;
+pub use find::{BagFiles, FindError};
 pub use resume::Resumed;
 pub use stream::{Messages, Seen};
 pub use writer::{BagWriter, ROWS_PER_CHUNK, part_of};

@@ -46,6 +46,7 @@ use fiatlux_proto::v3::{RunSpec, Version};
 use serde::{Deserialize, Serialize};
 
 pub use error::LedgerError;
+pub(crate) use journal::is_journal;
 pub use journal::{journal_of, journals};
 pub use ledger::{Episode, Ledger, Played, Prefix, State};
 pub use marks::Marks;

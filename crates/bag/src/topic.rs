@@ -11,7 +11,7 @@ pub const STATE: &str = "/state";
 pub const EVENT: &str = "/event";
 /// `fiatlux.v3.EpisodeResult`, the last message.
 pub const RESULT: &str = "/result";
-/// `fiatlux.v3.ActionRecord`, from row 1 on.
+/// `fiatlux.v3.ActionRecord`, from row 1 on; with the chunk that it comes from, where a model server made it.
 pub const ACTION: &str = "/action";
 /// `fiatlux.v3.Observation`, each row.
 pub const OBSERVATION: &str = "/observation";

@@ -113,4 +113,4 @@ pub use solve::StepReport;
 pub use spatial::{Velocity, Wrench};
 pub use spec::{BodyId, BodySpec, Drive, Geometry, Hinge, Joint, Material, ShapeId, ShapeSpec};
 pub use step::Dynamics;
-pub use variation::{BodyVariation, DriveVariation, Variation};
+pub use variation::{BodyVariation, DriveVariation, PreparedVariation, Variation};

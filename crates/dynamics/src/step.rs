@@ -1,5 +1,7 @@
 //! One physics step, and what can be read after it.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Vector3};
 
 use crate::collide::Collider;
@@ -13,7 +15,7 @@ use crate::parameters::Parameters;
 use crate::solve::{Problem, Solver, StepReport, TOLERANCE};
 use crate::spatial::Velocity;
 use crate::spec::BodyId;
-use crate::variation::Variation;
+use crate::variation::{PreparedVariation, Variation};
 
 /// Farthest that a body may turn in one substep, rad: of the error of a step grows by the square of it. Energy is kept
 /// within 0.5 % in 0.1 s of free flight with every joint at 15 rad/s, and within 1 % at 30 rad/s.
@@ -42,7 +44,7 @@ pub struct Dynamics {
     /// The state at the start of the step, for a second try.
     before: State,
     /// In place of the model's nominal parameters.
-    varied: Option<Box<Parameters>>,
+    varied: Option<Arc<Parameters>>,
 }
 
 impl Dynamics {
@@ -71,8 +73,31 @@ impl Dynamics {
     /// A body, shape or drive that the model lacks, or a number that is not finite or out of range. The world then keeps
     /// what it had.
     pub fn set_variation(&mut self, model: &Model, variation: &Variation) -> Result<(), ModelError> {
-        self.varied = if variation.is_empty() { None } else { Some(Box::new(variation.parameters(model)?)) };
+        self.varied = variation.prepare(model)?.0;
         Ok(())
+    }
+
+    /// The same with a variation that was prepared for this model: at no cost, so that worlds can take turns.
+    ///
+    /// # Panics
+    /// If it was prepared for a model with other bodies or shapes.
+    pub fn vary(&mut self, variation: &PreparedVariation) {
+        if let Some(varied) = &variation.0 {
+            let fits = varied.inverse_weights.dofs.len() == self.mean_velocity.len()
+                && varied.bodies.len() == self.turning.len()
+                && varied.drives.len() == self.efforts.len();
+            assert!(fits, "a variation prepared for this model");
+        }
+        self.varied.clone_from(&variation.0);
+    }
+
+    /// Whether this world differs from its model by just this variation.
+    pub fn has_variation(&self, variation: &PreparedVariation) -> bool {
+        match (&self.varied, &variation.0) {
+            (None, None) => true,
+            (Some(ours), Some(other)) => Arc::ptr_eq(ours, other),
+            _ => false,
+        }
     }
 
     /// Computes poses and velocities of a state, to read without a step.

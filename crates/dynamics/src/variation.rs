@@ -1,5 +1,7 @@
 //! How one world differs from the model that it shares with others, for training on varied bodies, drives and surfaces.
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 
 use crate::check::{check_finite, check_friction, check_value};
@@ -41,6 +43,11 @@ pub struct DriveVariation {
     pub effort_limit: f64,
 }
 
+/// A variation worked out for one model, for many worlds to share and to take turns with
+/// ([`Dynamics::vary`](crate::Dynamics::vary)). The default changes nothing.
+#[derive(Debug, Clone, Default)]
+pub struct PreparedVariation(pub(crate) Option<Arc<Parameters>>);
+
 impl Default for BodyVariation {
     fn default() -> Self {
         Self { mass: 1.0, com_offset: Vector3::zeros() }
@@ -55,12 +62,21 @@ impl Default for DriveVariation {
 
 impl Variation {
     /// Whether it changes nothing.
-    pub(crate) fn is_empty(&self) -> bool {
+    fn is_empty(&self) -> bool {
         self.bodies.is_empty() && self.drives.is_empty() && self.frictions.is_empty()
     }
 
+    /// Works it out for a model. That takes about as long as building the model's constants.
+    ///
+    /// # Errors
+    /// A body, shape or drive that the model lacks, or a number that is not finite or out of range.
+    pub fn prepare(&self, model: &Model) -> Result<PreparedVariation, ModelError> {
+        let parameters = if self.is_empty() { None } else { Some(Arc::new(self.parameters(model)?)) };
+        Ok(PreparedVariation(parameters))
+    }
+
     /// The parameters of a world of that model.
-    pub(crate) fn parameters(&self, model: &Model) -> Result<Parameters, ModelError> {
+    fn parameters(&self, model: &Model) -> Result<Parameters, ModelError> {
         let (nominal, mut varied) = (&model.nominal, model.nominal.clone());
         for &(id, variation) in &self.bodies {
             let name = &model.bodies.get(id.0).ok_or_else(|| missing("body", id.0))?.spec.name;

@@ -25,65 +25,14 @@ pub enum FeatureError {
         /// The largest size that is read.
         limit: u64,
     },
-    /// The file is no safetensors file, or is cut within its header.
-    #[error("the weights are no safetensors file: {problem}; write them with safetensors.torch.save_file")]
-    Format {
-        /// What is wrong, with what was expected and found.
-        problem: String,
-    },
-    /// A tensor that the network needs is not there.
-    #[error(
-        "the weights lack the tensor '{tensor}', expected with shape {shape:?}; save torchvision's \
-         resnet18().state_dict()"
-    )]
-    Missing {
-        /// Its name.
-        tensor: String,
-        /// Its shape.
-        shape: Vec<usize>,
-    },
+    /// The file is not a safetensors file, or does not hold this network's tensors.
+    #[error(transparent)]
+    File(#[from] fiatlux_safetensors::SafetensorsError),
     /// A tensor that this network does not have: the file is of another network.
     #[error("the weights have a tensor '{tensor}' that ResNet-18 has not; save torchvision's resnet18().state_dict()")]
     Unexpected {
         /// Its name.
         tensor: String,
-    },
-    /// A tensor has another shape.
-    #[error(
-        "tensor '{tensor}': expected shape {expected:?}, found {found:?}; save torchvision's resnet18().state_dict()"
-    )]
-    Shape {
-        /// Its name.
-        tensor: String,
-        /// The network's shape.
-        expected: Vec<usize>,
-        /// The file's shape.
-        found: Vec<u64>,
-    },
-    /// A tensor has another type of number.
-    #[error("tensor '{tensor}': expected dtype F32, found {found}; convert the state dict with .float() before saving")]
-    Type {
-        /// Its name.
-        tensor: String,
-        /// The file's type.
-        found: String,
-    },
-    /// A tensor's place in the file is not of its size, or not in the file.
-    #[error(
-        "tensor '{tensor}': expected {expected} bytes within the {data} bytes of data, found bytes {begin} to {end}; \
-         the file is cut or damaged: copy it again"
-    )]
-    Extent {
-        /// Its name.
-        tensor: String,
-        /// Bytes of its shape.
-        expected: u64,
-        /// Bytes behind the header.
-        data: u64,
-        /// Where the header says it begins.
-        begin: u64,
-        /// Where the header says it ends.
-        end: u64,
     },
     /// A tensor holds a number that no network can use.
     #[error(

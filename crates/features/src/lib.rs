@@ -32,7 +32,6 @@ mod gemm;
 mod layers;
 mod network;
 mod plane;
-mod safetensors;
 mod tiles;
 mod weights;
 mod winograd;

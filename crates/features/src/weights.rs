@@ -3,13 +3,13 @@
 use std::io::Read;
 use std::path::Path;
 
+use fiatlux_safetensors::File;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
 use sha2::{Digest, Sha256};
 
 use crate::FeatureError;
 use crate::layers::{Layer, NORM_TENSORS, Network, network};
-use crate::safetensors;
 
 /// Name and version of the generator of seeded weights; the seed follows behind a colon.
 pub const SEEDED_NAME: &str = "fiatlux-resnet18-seeded/1";
@@ -49,15 +49,15 @@ impl Weights {
 
     /// Like [`Weights::from_safetensors`], from a file's bytes.
     pub fn from_safetensors_bytes(bytes: &[u8]) -> Result<Self, FeatureError> {
-        let file = safetensors::File::parse(bytes)?;
+        let file = File::parse(bytes)?;
         let network = network().try_map(|layer| read_layer(&file, layer))?;
         let known = |name: &str| {
             name.starts_with("fc.")
                 || name.ends_with(".num_batches_tracked")
                 || network.iter().any(|filled| filled.layer.tensors().iter().any(|(tensor, _)| tensor == name))
         };
-        if let Some(name) = file.entries.keys().find(|name| !known(name)) {
-            return Err(FeatureError::Unexpected { tensor: name.clone() });
+        if let Some(name) = file.names().find(|name| !known(name)) {
+            return Err(FeatureError::Unexpected { tensor: name.into() });
         }
         let digest: String = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
         Ok(Self { network, label: format!("safetensors:{digest}") })
@@ -91,7 +91,7 @@ impl Weights {
 
     /// The weights as the bytes of a safetensors file, without the classifier.
     pub fn to_safetensors(&self) -> Vec<u8> {
-        safetensors::write(self.network.iter().flat_map(|Filled { layer, tensors }| {
+        fiatlux_safetensors::write(self.network.iter().flat_map(|Filled { layer, tensors }| {
             layer.tensors().into_iter().zip(tensors).map(|((name, shape), numbers)| (name, shape, numbers.as_slice()))
         }))
     }
@@ -101,7 +101,7 @@ impl Weights {
     }
 }
 
-fn read_layer(file: &safetensors::File<'_>, layer: &Layer) -> Result<Filled, FeatureError> {
+fn read_layer(file: &File<'_>, layer: &Layer) -> Result<Filled, FeatureError> {
     let mut tensors = <[Vec<f32>; 5]>::default();
     for ((name, shape), numbers) in layer.tensors().into_iter().zip(&mut tensors) {
         *numbers = file.tensor(&name, &shape)?;

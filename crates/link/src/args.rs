@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use zenoh::{Session, Wait};
 
-use crate::LinkError;
 use crate::config::{self, Role};
+use crate::{LinkError, exposure};
 
 /// Where a program finds the others.
 #[derive(Debug, Clone, Default, Args)]
@@ -15,7 +15,8 @@ pub struct LinkArgs {
     /// Zenoh config file (json5); the flags below override it
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated [a client's default: tcp/127.0.0.1:7447]
+    /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated [a client's default: tcp/127.0.0.1:7447].
+    /// Also unixsock-stream/PATH, and with the certificates of a config file (`fiatlux keys`) quic/
     #[arg(short = 'e', long, value_name = "ENDPOINT", value_parser = parse_endpoint)]
     pub connect: Vec<String>,
     /// Listen on this endpoint, such as tcp/0.0.0.0:7447; may be repeated [a server's default, unless it has -e:
@@ -57,8 +58,19 @@ impl LinkArgs {
     /// [`LinkError`]: a config, an endpoint, or nothing answers.
     pub fn open(&self, role: Role) -> Result<Session, LinkError> {
         let config = config::layered(self, role)?;
+        for endpoint in exposure::exposed(&config) {
+            tracing::warn!("{}", exposure::warning(&endpoint));
+        }
         let plan = config::Plan::of(&config);
         zenoh::open(config).wait().map_err(|source| plan.explain(&source.to_string()))
+    }
+
+    /// Where others find a program that opened its session so: `listening on ENDPOINT` or `connected to ENDPOINT`.
+    ///
+    /// # Errors
+    /// [`LinkError`]: a config or an endpoint.
+    pub fn place(&self, role: Role) -> Result<String, LinkError> {
+        config::layered(self, role).map(|config| config::place(&config))
     }
 }
 
@@ -82,7 +94,7 @@ mod tests {
             assert!(
                 parse("tcp/lab:7447").is_ok_and(|cli| [cli.link.connect, cli.link.listen].concat() == ["tcp/lab:7447"])
             );
-            for (endpoint, part) in [("127.0.0.1:7447", "is no endpoint"), ("udp/lab:1", "udp is not built in")] {
+            for (endpoint, part) in [("127.0.0.1:7447", "is not an endpoint"), ("ws/lab:1", "ws is not built in")] {
                 let error = parse(endpoint).expect_err("refused");
                 let text = error.to_string();
                 assert_eq!((error.kind(), error.exit_code()), (ErrorKind::ValueValidation, 2));

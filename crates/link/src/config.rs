@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 use zenoh::Config;
 use zenoh::config::EndPoint;
 
+use crate::honoured;
 use crate::{CONNECT_TIMEOUT_S, DEFAULT_ENDPOINT, LinkArgs, LinkError, LinkMode};
 
 /// What a program does in the service.
@@ -18,18 +19,19 @@ pub enum Role {
 /// Largest message that is put together from parts, bytes: twice what a message of ours may have.
 const MAX_MESSAGE: usize = 2 * fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 
-/// Protocols that are built in.
-const PROTOCOLS: &[&str] = &["tcp"];
+/// Protocols that are built in. `quic` needs certificates in the config.
+const PROTOCOLS: &[&str] = &["tcp", "quic", "unixsock-stream"];
 
 const MODE: &str = "mode";
-const CONNECT: &str = "connect/endpoints";
+pub const CONNECT: &str = "connect/endpoints";
 const CONNECT_TIMEOUT: &str = "connect/timeout_ms";
 const CONNECT_EXIT: &str = "connect/exit_on_failure";
 const CONNECT_RETRY: &str = "connect/retry";
-const LISTEN: &str = "listen/endpoints";
+pub const LISTEN: &str = "listen/endpoints";
 const MULTICAST: &str = "scouting/multicast/enabled";
 const GOSSIP: &str = "scouting/gossip/enabled";
 const MESSAGE_SIZE: &str = "transport/link/rx/max_message_size";
+const TLS: &str = "transport/link/tls";
 
 /// Config of a session that reaches nobody outside the process.
 pub fn embedded() -> Result<Config, LinkError> {
@@ -50,8 +52,12 @@ pub fn embedded() -> Result<Config, LinkError> {
 pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     let mut config = match &args.config {
         None => Config::default(),
-        Some(path) => Config::from_file(path)
-            .map_err(|source| LinkError::ConfigFile { path: path.clone(), reason: source.to_string() })?,
+        Some(path) => {
+            let config = Config::from_file(path)
+                .map_err(|source| LinkError::ConfigFile { path: path.clone(), reason: source.to_string() })?;
+            honoured::check_keys(path, &config)?;
+            config
+        }
     };
     for (flag, endpoints) in [("--connect", &args.connect), ("--listen", &args.listen)] {
         for endpoint in endpoints {
@@ -107,8 +113,46 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
         set_where_silent(&mut config, CONNECT_TIMEOUT, json!(-1))?;
         set_where_silent(&mut config, CONNECT_EXIT, json!(false))?;
     }
+    honoured::check(&config)?;
+    check_certificates(&config)?;
     Ok(config)
 }
+
+/// Refuses an encrypted endpoint that the config has no certificate for. What this program connects to may have one of a
+/// public authority, so there only mutual TLS asks for a certificate of its own.
+fn check_certificates(config: &Config) -> Result<(), LinkError> {
+    let has = |key: &str| {
+        [key.to_owned(), format!("{key}_base64")].iter().any(|key| !get(config, &format!("{TLS}/{key}")).is_null())
+    };
+    let mutual = get(config, &format!("{TLS}/enable_mtls")) == true;
+    for (setting, side, is_needed) in [(LISTEN, "listen", true), (CONNECT, "connect", mutual)] {
+        let encrypted = endpoints(&get(config, setting)).into_iter().find(|endpoint| is_encrypted(endpoint));
+        let Some(endpoint) = encrypted.filter(|_| is_needed) else { continue };
+        // An endpoint may bring its own: quic/HOST:PORT#listen_certificate_file=...
+        let own = endpoint.split_once('#').map_or("", |(_, own)| own);
+        for part in ["certificate", "private_key"] {
+            let key = format!("{side}_{part}");
+            if !has(&key) && !own.contains(&key) {
+                return Err(LinkError::Certificate { endpoint, key: format!("{TLS}/{key}") });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether what goes over an endpoint is encrypted.
+pub fn is_encrypted(endpoint: &str) -> bool {
+    endpoint.starts_with("quic/")
+}
+
+/// Where a session of that config listens, or else where it connects.
+pub fn place(config: &Config) -> String {
+    let [listens, connects] = [LISTEN, CONNECT].map(|key| endpoints(&get(config, key)).join(", "));
+    if listens.is_empty() { format!("connected to {connects}") } else { format!("listening on {listens}") }
+}
+
+/// How Zenoh and its TLS library speak of certificates that do not fit.
+const TLS_FAILURES: &[&str] = &["certificate", "private key"];
 
 /// What a config asks for, to explain a failure with.
 #[derive(Debug)]
@@ -122,17 +166,31 @@ impl Plan {
     /// Of that config.
     pub fn of(config: &Config) -> Self {
         let timeout_s = get(config, CONNECT_TIMEOUT).as_f64().unwrap_or(0.0) / 1000.0;
-        Self { connect: names(&get(config, CONNECT)), listen: names(&get(config, LISTEN)), timeout_s }
+        let [connect, listen] = [CONNECT, LISTEN].map(|key| endpoints(&get(config, key)).join(", "));
+        Self { connect, listen, timeout_s }
     }
 
     /// The error behind what Zenoh says.
     pub fn explain(&self, reason: &str) -> LinkError {
         let reason = reason.split(" at /").next().unwrap_or(reason).to_string();
         let text = reason.to_lowercase();
+        if TLS_FAILURES.iter().any(|part| text.contains(part)) {
+            return LinkError::Tls {
+                endpoints: [self.listen.as_str(), self.connect.as_str()].join(" ").trim().to_owned(),
+                reason,
+            };
+        }
         if !self.listen.is_empty() && (text.contains("listener") || text.contains("address already in use")) {
             return LinkError::Listen { endpoints: self.listen.clone(), reason };
         }
         if !self.connect.is_empty() && (text.contains("connect") || text.contains("timeout")) {
+            // Zenoh logs why a handshake failed, and reports that the time is over.
+            let tls = if self.connect.split(", ").any(is_encrypted) {
+                "; or the certificates do not fit, or are expired: RUST_LOG=zenoh=warn shows more"
+            } else {
+                ""
+            };
+            let reason = reason + tls;
             return LinkError::Connect { endpoints: self.connect.clone(), timeout_s: self.timeout_s, reason };
         }
         LinkError::Open { reason }
@@ -141,13 +199,22 @@ impl Plan {
 
 /// Says what is wrong with an endpoint.
 pub fn check_endpoint(endpoint: &str) -> Result<(), String> {
-    let parsed: EndPoint = endpoint.parse().map_err(|_| "is no endpoint".to_string())?;
-    let protocol = parsed.protocol().as_str().to_string();
-    if PROTOCOLS.contains(&protocol.as_str()) {
-        Ok(())
-    } else {
-        Err(format!("the protocol {protocol} is not built in, only {}", PROTOCOLS.join(", ")))
-    }
+    let parsed: EndPoint = endpoint.parse().map_err(|_| "is not an endpoint".to_string())?;
+    check_protocol(parsed.protocol().as_str())
+}
+
+/// Says why a protocol is not built in.
+pub fn check_protocol(protocol: &str) -> Result<(), String> {
+    let why = match protocol {
+        // Zenoh 1.10 reads and writes one TLS connection from two threads without a lock, which rustls forbids: programs died
+        // of it under load (eclipse-zenoh/zenoh, issue 2557).
+        "tls" => " (Zenoh's TLS link corrupts memory; quic/ is TLS 1.3 with the same certificates)",
+        // Zenoh sends nothing again over it, its own declarations neither.
+        "udp" => " (Zenoh repeats nothing that is lost on it; quic/ does)",
+        _ if PROTOCOLS.contains(&protocol) => return Ok(()),
+        _ => "",
+    };
+    Err(format!("the protocol {protocol} is not built in{why}, only {}", PROTOCOLS.join(", ")))
 }
 
 /// What is wrong with an endpoint, and how it is written.
@@ -156,7 +223,7 @@ pub fn advise(reason: &str) -> String {
 }
 
 /// Whether the config says nothing else there than Zenoh's defaults.
-fn is_silent(config: &Config, key: &'static str) -> bool {
+pub fn is_silent(config: &Config, key: &str) -> bool {
     get(config, key) == get(&Config::default(), key)
 }
 
@@ -169,22 +236,21 @@ fn set(config: &mut Config, key: &'static str, value: &Value) -> Result<(), Link
     config.insert_json5(key, &value).map_err(|source| LinkError::Setting { key, value, reason: source.to_string() })
 }
 
-fn get(config: &Config, key: &str) -> Value {
+pub fn get(config: &Config, key: &str) -> Value {
     config.get_json(key).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
 /// All endpoints in a setting, whichever of Zenoh's forms it has.
-fn names(setting: &Value) -> String {
+pub fn endpoints(setting: &Value) -> Vec<String> {
     match setting {
-        Value::String(name) => name.clone(),
-        Value::Array(parts) => join(parts.iter()),
-        Value::Object(parts) => join(parts.values()),
-        _ => String::new(),
+        Value::String(endpoint) => vec![endpoint.clone()],
+        Value::Array(parts) => parts.iter().flat_map(endpoints).collect(),
+        // By mode, or a group of locators with its strategy.
+        Value::Object(parts) => {
+            parts.iter().filter(|(key, _)| *key != "strategy").flat_map(|(_, part)| endpoints(part)).collect()
+        }
+        _ => Vec::new(),
     }
-}
-
-fn join<'a>(parts: impl Iterator<Item = &'a Value>) -> String {
-    parts.map(names).filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -235,8 +301,11 @@ mod tests {
 
     #[test]
     fn what_is_wrong_is_named() {
-        for (endpoint, part) in [("tcp", "is no endpoint"), ("udp/127.0.0.1:7447", "the protocol udp is not built in")]
-        {
+        for (endpoint, part) in [
+            ("tcp", "is not an endpoint"),
+            ("ws/127.0.0.1:7447", "the protocol ws is not built in"),
+            ("tls/lab:1", "quic/ is TLS 1.3"),
+        ] {
             let args = LinkArgs { connect: vec![endpoint.to_string()], ..LinkArgs::default() };
             let message = layered(&args, Role::Client).expect_err("refused").to_string();
             assert!(message.contains(endpoint) && message.contains(part), "{message}");

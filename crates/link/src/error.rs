@@ -25,10 +25,42 @@ pub enum LinkError {
         /// What Zenoh says.
         reason: String,
     },
+    /// The config asks for what this build does not have, or for what would have no effect.
+    #[error("{key}: {reason}; {remedy}")]
+    NotHonoured {
+        /// Path of the setting.
+        key: &'static str,
+        /// Why.
+        reason: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// An encrypted endpoint without a certificate.
+    #[error(
+        "{endpoint} needs a certificate, and the config has no {key}; \
+         `fiatlux keys --out DIR` makes certificates and configs: start with -c DIR/CONFIG.json5"
+    )]
+    Certificate {
+        /// The endpoint.
+        endpoint: String,
+        /// Path of the setting.
+        key: String,
+    },
+    /// Certificates that cannot be read or that the other side does not take.
+    #[error(
+        "no TLS connection at {endpoints} ({reason}); both sides need certificates of the same `fiatlux keys --out DIR`, \
+         whose --host names the address; are they expired?"
+    )]
+    Tls {
+        /// Where.
+        endpoints: String,
+        /// What Zenoh says.
+        reason: String,
+    },
     /// An endpoint cannot be read, or its protocol is not built in.
     #[error("{flag} {endpoint}: {reason}")]
     Endpoint {
-        /// The flag that it was given with.
+        /// The flag or setting that it was given with.
         flag: &'static str,
         /// As given.
         endpoint: String,

@@ -15,10 +15,14 @@
 //! assert_eq!(sample.payload().try_to_string().expect("text"), "hello");
 //! ```
 mod args;
+mod busy_wait;
 mod config;
 mod error;
+mod exposure;
+mod honoured;
 mod in_full;
 mod log;
+mod parse;
 mod ports;
 mod print;
 mod progress;
@@ -28,10 +32,12 @@ mod signal;
 use zenoh::{Session, Wait};
 
 pub use args::{LinkArgs, LinkMode, parse_endpoint};
+pub use busy_wait::BusyWait;
 pub use config::Role;
 pub use error::LinkError;
 pub use in_full::in_full;
 pub use log::{init_log, init_quiet_log};
+pub use parse::{check_whole_numbers, parse, whole};
 pub use ports::choose_port;
 pub use print::print;
 pub use progress::ProgressLine;

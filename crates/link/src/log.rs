@@ -4,15 +4,16 @@ use std::io::IsTerminal;
 
 use tracing_subscriber::EnvFilter;
 
-/// Warnings of everything, and what our own programs do. Zenoh warns at each start that gossip is off; it is meant to be.
-const DEFAULT_FILTER: &str = "warn,zenoh::net::routing::hat::peer=error,\
+/// Warnings of everything but Zenoh, and what our own programs do. Zenoh warns of each try to connect and of each query
+/// that a cut ended, with places in its source; our own messages say what came of it.
+const DEFAULT_FILTER: &str = "warn,zenoh=error,\
     fiatlux=info,sim_server=info,recorder=info,policy_client=info,scorer=info";
 
 /// Without what our own programs do.
-const QUIET_FILTER: &str = "warn,zenoh::net::routing::hat::peer=error";
+const QUIET_FILTER: &str = "warn,zenoh=error";
 
 /// Sends the log to stderr, so that stdout holds results alone. The environment variable `RUST_LOG` chooses what is
-/// logged; without it, warnings of Zenoh and what our own programs do. A second call does nothing.
+/// logged; without it, errors of Zenoh and what our own programs do. A second call does nothing.
 pub fn init_log() {
     init(DEFAULT_FILTER);
 }

@@ -99,7 +99,7 @@ fn command<C: CommandFactory>() -> Command {
             .value_name("BOOL"),
         _ => arg,
     };
-    C::command().mut_args(switch).arg(settings)
+    crate::parse::lets_flags_judge_numbers(C::command()).mut_args(switch).arg(settings)
 }
 
 /// The command without what it requires.

@@ -48,6 +48,52 @@ fn a_server_whose_port_is_taken_says_so() {
     assert!(matches!(&error, Some(LinkError::Listen { endpoints, .. }) if *endpoints == endpoint), "{error:?}");
 }
 
+/// Guards that an encrypted endpoint says what it needs, by flag and by config, before anything is opened.
+#[test]
+fn an_endpoint_without_its_certificate_says_what_to_do() {
+    let endpoint = "quic/127.0.0.1:0";
+    let error = LinkArgs { listen: vec![endpoint.into()], ..LinkArgs::default() }.open(Role::Server).err();
+    let message = error.expect("refused").to_string();
+    assert!(message.starts_with(endpoint) && message.contains("transport/link/tls/listen_certificate"), "{message}");
+    assert!(message.contains("fiatlux keys --out DIR"), "{message}");
+    let path = std::env::temp_dir().join(format!("fiatlux-link-mtls-{}.json5", std::process::id()));
+    std::fs::write(&path, "{transport: {link: {tls: {enable_mtls: true, connect_certificate_base64: 'QUJD'}}}}")
+        .expect("writes");
+    let connect = vec!["quic/127.0.0.1:1".to_owned()];
+    let error = LinkArgs { config: Some(path.clone()), connect, ..LinkArgs::default() }.open(Role::Client).err();
+    let message = error.expect("refused").to_string();
+    assert!(message.contains("the config has no transport/link/tls/connect_private_key"), "{message}");
+    std::fs::remove_file(path).expect("removes");
+}
+
+/// Guards that users and passwords of a config file are asked for.
+#[test]
+fn a_listener_with_a_list_of_users_asks_for_them() {
+    let folder = std::env::temp_dir().join(format!("fiatlux-link-users-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let write = |name: &str, text: String| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).expect("writes");
+        path
+    };
+    let users = write("users", "policy:secret\n".into());
+    let usrpwd =
+        |text: String| format!("{{transport: {{auth: {{usrpwd: {{{text}}}}}}}, connect: {{timeout_ms: 1500}}}}");
+    let server = write("server.json5", usrpwd(format!("dictionary_file: '{}'", users.display())));
+    let right = write("right.json5", usrpwd("user: 'policy', password: 'secret'".into()));
+    let wrong = write("wrong.json5", usrpwd("user: 'policy', password: 'guess'".into()));
+    let endpoint = free_endpoint();
+    let listen = LinkArgs { config: Some(server), listen: vec![endpoint.clone()], ..LinkArgs::default() };
+    let _server = listen.open(Role::Server).expect("listens");
+    let connect =
+        |config| LinkArgs { config, connect: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Client);
+    connect(Some(right)).expect("connects");
+    for config in [Some(wrong), None] {
+        assert!(matches!(connect(config), Err(LinkError::Connect { .. })));
+    }
+    std::fs::remove_dir_all(folder).expect("removes");
+}
+
 #[test]
 fn a_client_comes_back_to_a_server_that_was_restarted() {
     let endpoint = free_endpoint();

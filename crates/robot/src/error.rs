@@ -41,7 +41,7 @@ pub enum RobotError {
         found: usize,
     },
     /// A gain set that does not exist.
-    #[error("gain set '{0}' is unknown; use 'fiatlux' or 'sonic'")]
+    #[error("gain set '{0}' is unknown; use 'fiatlux', 'sonic', 'gear' or 'gear-lerobot'")]
     GainSet(String),
     /// The gains handed over were made for another robot.
     #[error("gains are for {found} joints, the robot has {expected}; start from Robot::gains")]

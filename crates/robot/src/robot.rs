@@ -232,6 +232,9 @@ impl Robot {
         match set {
             GainSet::Fiatlux => Gains(self.joints.iter().map(|j| j.gains).collect()),
             GainSet::Sonic => self.sonic.clone(),
+            GainSet::Gear | GainSet::GearLerobot => {
+                Gains(self.joints.iter().map(|joint| joint.gains.of_gear(&joint.name, set)).collect())
+            }
         }
     }
 }

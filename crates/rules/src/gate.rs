@@ -114,6 +114,9 @@ impl Gate {
 }
 
 impl Criteria {
+    /// Of no gate.
+    pub(crate) const NONE: Self = Self { held: [false; MAX_CRITERIA], len: 0 };
+
     /// One entry a criterion.
     pub fn as_slice(&self) -> &[bool] {
         &self.held[..self.len]

@@ -56,6 +56,25 @@ pub struct Judge {
     verdict: Verdict,
 }
 
+/// Before any row.
+const UNJUDGED: Verdict = Verdict {
+    step: 0,
+    criteria: Criteria::NONE,
+    count: 0,
+    best_count: 0,
+    progress: 0.0,
+    sustained: 0,
+    success: false,
+    conditions: Causes::NONE,
+    broken: false,
+    dropped: false,
+    leapt: false,
+    reached_working_height: false,
+    peak_hand_force_n: 0.0,
+    peak_substep_force_n: 0.0,
+    end: None,
+};
+
 impl Judge {
     /// A judge that has seen nothing; [`Judge::start`] shows it row 0.
     pub fn new(
@@ -79,24 +98,16 @@ impl Judge {
             held_for: [0; MAX_CRITERIA],
             squared_actions: 0.0,
             first_met: [None; Cause::ALL.len()],
-            verdict: Verdict {
-                step: 0,
-                criteria: Criteria::default(),
-                count: 0,
-                best_count: 0,
-                progress: 0.0,
-                sustained: 0,
-                success: false,
-                conditions: Causes::NONE,
-                broken: false,
-                dropped: false,
-                leapt: false,
-                reached_working_height: false,
-                peak_hand_force_n: 0.0,
-                peak_substep_force_n: 0.0,
-                end: None,
-            },
+            verdict: UNJUDGED,
         }
+    }
+
+    /// Forgets all rows, and keeps what was chosen.
+    fn forget(&mut self) {
+        (self.first_row, self.first_step, self.start_count) = (None, 0, None);
+        (self.motion, self.evidence) = (BulbMotion::default(), Evidence::default());
+        (self.held_for, self.squared_actions) = ([0; MAX_CRITERIA], 0.0);
+        (self.first_met, self.verdict) = ([None; Cause::ALL.len()], UNJUDGED);
     }
 
     /// The rulebook that it goes by.
@@ -154,8 +165,7 @@ impl Judge {
 
     /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it beside c0.
     pub fn start(&mut self, row: &Row) -> &Verdict {
-        let (thresholds, geometry) = (self.thresholds.clone(), self.geometry.clone());
-        *self = Self::new(self.protocol, self.task, thresholds, geometry, self.options);
+        self.forget();
         self.first_step = row.step;
         self.evidence = self.see(row);
         let criteria = self.gate().evaluate(self.protocol, row, &self.context());

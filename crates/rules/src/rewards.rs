@@ -59,7 +59,10 @@ impl Rewards {
             *term = Term::unpaid(ledger.spec());
             ledger.start(row, &context);
         }
-        self.before = Some(Box::new(row.clone()));
+        match &mut self.before {
+            Some(before) => before.as_mut().clone_from(row),
+            None => self.before = Some(Box::new(row.clone())),
+        }
     }
 
     /// What the next row pays, after the judge has judged it. Show it no row after the episode's end: it would pay.

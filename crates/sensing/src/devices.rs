@@ -37,7 +37,7 @@ pub enum SenseError {
 }
 
 /// Something and the step of the row that it was last made for.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Made<T> {
     by: T,
     step: Option<u64>,
@@ -54,7 +54,7 @@ impl<T> Made<T> {
     }
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Studio {
     visuals: Arc<Visuals>,
     lighting: Lighting,
@@ -71,6 +71,22 @@ pub(crate) struct Devices {
     lidars: Vec<(Sight, Made<Lidar>)>,
     studio: Option<Studio>,
     network: Option<Made<ResNet18>>,
+}
+
+impl Clone for Devices {
+    fn clone(&self) -> Self {
+        // A network keeps the features of its own images alone.
+        let network = self.network.as_ref().map(|network| Made::new(network.by.twin()));
+        let Self { sight, image_size, body, lidars, studio, .. } = self;
+        Self {
+            sight: *sight,
+            image_size: *image_size,
+            body: body.clone(),
+            lidars: lidars.clone(),
+            studio: studio.clone(),
+            network,
+        }
+    }
 }
 
 impl Devices {
@@ -112,6 +128,20 @@ impl Devices {
             network.step = None;
         }
         Ok(())
+    }
+
+    /// Another episode in the same scene.
+    pub fn restart(&mut self, noise: Option<NoiseSeed>) {
+        if let Some(body) = &mut self.body {
+            body.by.0.restart(noise);
+            body.step = None;
+        }
+        self.lidars.iter_mut().for_each(|(_, lidar)| lidar.step = None);
+        let cameras = self.studio.iter_mut().flat_map(|studio| &mut studio.cameras);
+        cameras.for_each(|(_, camera)| camera.step = None);
+        if let Some(network) = &mut self.network {
+            network.step = None;
+        }
     }
 
     /// What the robot senses of its own body.

@@ -67,6 +67,11 @@ impl Observer {
         Self { q0, noise: noise.map(Noise::new) }
     }
 
+    /// Begins another episode of the same robot.
+    pub fn restart(&mut self, noise: Option<NoiseSeed>) {
+        self.noise = noise.map(Noise::new);
+    }
+
     /// Writes what the robot senses in a row.
     pub fn observe(&mut self, row: &Row, sensed: &mut Proprioception) {
         let world_from_pelvis = &row.robot.pose.rotation;

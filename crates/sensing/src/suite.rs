@@ -14,7 +14,7 @@ use crate::sensor::Out;
 use crate::{NoiseSeed, SenseError, Sensor, Sensors, Setup, Sight, View};
 
 /// The sensors of one robot, episode after episode. What is computed in a row is kept until the next one.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct SensorSuite {
     sensors: Sensors,
     lengths: [usize; Sensor::ALL.len()],
@@ -59,6 +59,11 @@ impl SensorSuite {
         lighting: Lighting,
     ) -> Result<(), SenseError> {
         self.devices.begin(self.sensors, scene, noise, visuals, lighting)
+    }
+
+    /// Another episode begins in the same scene and light. Allocates nothing.
+    pub fn restart(&mut self, noise: Option<NoiseSeed>) {
+        self.devices.restart(noise);
     }
 
     /// How many numbers a sensor has.

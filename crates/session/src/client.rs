@@ -7,14 +7,14 @@ mod tests;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use fiatlux_proto::limits::{MAX_SERVER_MESSAGE, RECORDER_TIMEOUT};
+use fiatlux_proto::limits::{MAX_SERVER_MESSAGE, MAX_WAITING_MESSAGES, RECORDER_TIMEOUT};
 use fiatlux_proto::v3::notice::Code;
 use fiatlux_proto::v3::{
-    EpisodeEnd, Mode, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
+    Chunk, EpisodeEnd, Mode, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
 };
-use fiatlux_proto::{Bytes, Message, ObservationLayout, TermError, decode};
+use fiatlux_proto::{Bytes, Message, ObservationLayout, PROTOCOL, TermError, decode};
 
-use crate::command::Command;
+use crate::command::{Command, check_chunk};
 use crate::machine::Machine;
 pub use failure::SessionFailure;
 
@@ -28,6 +28,16 @@ const QUERY_TIMEOUT: Duration = Duration::from_secs(16);
 /// So many refusals of one action, or messages that cannot be read, without an observation between them are no accident.
 const MAX_REFUSALS: u32 = 3;
 
+/// An action is not sent again earlier, however short round trips are.
+const SHORTEST_WAIT: Duration = Duration::from_millis(20);
+
+/// Actions that a client may send ahead of their observations: half of what may wait in a session, so that all of them may
+/// be sent again.
+const MAX_AHEAD: usize = MAX_WAITING_MESSAGES / 2;
+
+/// A server whose token is away for so long, and that says nothing meanwhile, is gone.
+const AWAY: Duration = Duration::from_secs(5);
+
 /// Each so many tries the last observation is asked for too.
 const ASK_EVERY: u32 = 4;
 
@@ -39,8 +49,10 @@ pub type Answer = Option<Result<Bytes, Bytes>>;
 pub enum Input {
     /// Start this episode; one that runs is given up.
     Start(u64),
-    /// The policy's answer to the last [`Output::Observation`].
+    /// The policy's answer to the last [`Output::Observation`], or for [`ClientSession::next_step`].
     Command(Command),
+    /// Where the next command comes from, for the record. A server that does not know it gets none.
+    Chunk(Box<Chunk>),
     /// A message on `observation`.
     Observation(Bytes),
     /// A message on `notice`.
@@ -49,6 +61,8 @@ pub enum Input {
     Reset(Answer),
     /// The query `observation` has ended.
     LastObservation(Answer),
+    /// The server's token of the session has come, or gone.
+    ServerSeen(bool),
     /// Nothing but the time.
     Tick,
 }
@@ -81,8 +95,8 @@ enum Phase {
     Resetting { out: bool, until: Duration },
     /// The policy has to answer the observation of that step.
     Acting { step: u64 },
-    /// The action of that step is out.
-    Waiting { step: u64, action: Bytes, again: Duration },
+    /// The action of that step is out, and those of the steps that follow; at least one.
+    Waiting { step: u64, actions: VecDeque<Bytes>, again: Duration },
 }
 
 /// One client's session.
@@ -102,14 +116,20 @@ pub struct ClientSession {
     wait: Duration,
     tries: u32,
     refusals: u32,
+    /// Since when the server's token is gone.
+    away: Option<Duration>,
     /// Query `observation` is out.
     asking: bool,
     /// The server's words that the session, or its recording, is lost.
     lost: Option<SessionFailure>,
+    /// Where the next command comes from.
+    chunk: Option<Chunk>,
     /// The last thing that went wrong, to explain a silence with.
     problem: Option<String>,
     /// When the action went out first.
     sent_at: Duration,
+    /// Smoothed time between an action and its observation.
+    round_trip: Option<Duration>,
 }
 
 impl Machine for ClientSession {
@@ -120,6 +140,7 @@ impl Machine for ClientSession {
         match input {
             Input::Start(episode) => self.start(episode, now),
             Input::Command(command) => self.act(command, now),
+            Input::Chunk(chunk) => self.chunk = Some(*chunk),
             Input::Observation(bytes) => self.on_observation(&bytes, now),
             Input::Notice(bytes) => self.on_notice(&bytes),
             Input::Reset(Some(Ok(bytes))) => self.on_reset_reply(&bytes, now),
@@ -132,6 +153,8 @@ impl Machine for ClientSession {
                     None => self.on_observation_refused(None),
                 }
             }
+            Input::ServerSeen(true) => self.away = None,
+            Input::ServerSeen(false) => self.away = self.away.or(Some(now)),
             Input::Tick => {}
         }
         self.pass_time(now);
@@ -144,7 +167,9 @@ impl Machine for ClientSession {
     fn wake_at(&self) -> Option<Duration> {
         match self.phase {
             Phase::Idle | Phase::Acting { .. } => None,
-            Phase::Resetting { until: at, .. } | Phase::Waiting { again: at, .. } => Some(at),
+            Phase::Resetting { until: at, .. } | Phase::Waiting { again: at, .. } => {
+                Some(self.away.map_or(at, |since| at.min(since + AWAY)))
+            }
         }
     }
 }
@@ -168,10 +193,23 @@ impl ClientSession {
             wait: resend,
             tries: 0,
             refusals: 0,
+            away: None,
             asking: false,
             lost: None,
+            chunk: None,
             problem: None,
             sent_at: Duration::ZERO,
+            round_trip: None,
+        }
+    }
+
+    /// The step whose command may be given before its observation is there: in lockstep, where the policy needs none.
+    pub fn next_step(&self) -> Option<u64> {
+        match &self.phase {
+            Phase::Waiting { step, actions, .. } if actions.len() < MAX_AHEAD && !self.is_real_time() => {
+                Some(step + actions.len() as u64)
+            }
+            _ => None,
         }
     }
 
@@ -192,21 +230,33 @@ impl ClientSession {
     fn start(&mut self, episode: u64, now: Duration) {
         self.episode = episode;
         self.outputs.clear();
-        (self.asking, self.lost, self.problem) = (false, None, None);
+        (self.asking, self.lost, self.problem, self.chunk) = (false, None, None, None);
         self.came_forward(now);
         self.ask_reset(now);
     }
 
     fn act(&mut self, command: Command, now: Duration) {
-        let Phase::Acting { step } = self.phase else { return };
+        let ahead = self.next_step();
+        let Some(step) = ahead.or(match self.phase {
+            Phase::Acting { step } => Some(step),
+            _ => None,
+        }) else {
+            return;
+        };
         if let Err(error) = command.check(&self.info) {
             return self.fail(SessionFailure::command(step, &error));
         }
-        let action = Bytes::from(command.into_action(self.episode, step).encode_to_vec());
+        let mut action = command.into_action(self.episode, step);
+        let knows_chunks = self.info.protocol.is_some_and(|peer| peer.major == PROTOCOL.major && peer.minor >= 5);
+        action.chunk = self.chunk.take().filter(|chunk| knows_chunks && check_chunk(chunk).is_ok());
+        let action = Bytes::from(action.encode_to_vec());
         self.outputs.push_back(Output::Action(action.clone()));
+        if let Phase::Waiting { actions, .. } = &mut self.phase {
+            return actions.push_back(action);
+        }
         self.came_forward(now);
         self.sent_at = now;
-        self.phase = Phase::Waiting { step, action, again: now + self.wait };
+        self.phase = Phase::Waiting { step, actions: VecDeque::from([action]), again: now + self.wait };
         if self.lost.is_some() {
             self.ask_observation();
         }
@@ -277,6 +327,8 @@ impl ClientSession {
                     self.ask_observation();
                 }
             }
+            // One that was lost on the way: those behind it come too early, until it is sent again.
+            Code::Step if self.is_ahead() => self.problem = Some(notice.message),
             Code::Malformed | Code::Size | Code::Value | Code::Step => self.refused(notice),
             Code::Rate | Code::Late | Code::Unspecified => self.problem = Some(notice.message),
         }
@@ -286,6 +338,11 @@ impl ClientSession {
         if self.wake_at().is_none_or(|at| now < at) {
             return;
         }
+        if self.away.is_some_and(|since| now >= since + AWAY) {
+            let server = &self.info.server;
+            let message = format!("server {server} is gone: its token has been away for {} s", AWAY.as_secs());
+            return self.fail(SessionFailure::Lost { message, remedy: "start it again, or use another one".into() });
+        }
         if now.saturating_sub(self.since) >= self.silence {
             return self.fail(self.silent());
         }
@@ -294,14 +351,14 @@ impl ClientSession {
         let real_time = self.is_real_time();
         match &mut self.phase {
             Phase::Resetting { .. } => self.ask_reset(now),
-            Phase::Waiting { step, action, again } => {
+            Phase::Waiting { step, actions, again } => {
                 *again = now + self.wait;
                 // Once the clock runs, an action that comes again only comes late.
                 let send = !real_time || *step == 0;
                 if send {
-                    self.outputs.push_back(Output::Action(action.clone()));
+                    self.outputs.extend(actions.iter().cloned().map(Output::Action));
                 }
-                if !send || self.tries.is_multiple_of(ASK_EVERY) {
+                if !send || actions.len() > 1 || self.tries.is_multiple_of(ASK_EVERY) {
                     self.ask_observation();
                 }
             }
@@ -313,29 +370,38 @@ impl ClientSession {
         if observation.episode != self.episode {
             return;
         }
-        match &self.phase {
+        let real_time = self.is_real_time();
+        match &mut self.phase {
             // Others are old or come twice.
-            Phase::Waiting { step, .. } if observation.step > *step => {
-                if !self.is_real_time() && observation.step != step + 1 {
-                    let (expected, found) = (step + 1, observation.step);
+            Phase::Waiting { step, actions, .. } if observation.step > *step => {
+                let answered = observation.step - *step;
+                if !real_time && answered > actions.len() as u64 {
+                    let (expected, found) = (*step + 1, observation.step);
                     return self.fail(SessionFailure::Order { expected, found });
                 }
-                self.outputs.push_back(Output::RoundTrip(now.saturating_sub(self.sent_at)));
+                if answered < actions.len() as u64 && observation.end.is_none() {
+                    *step = observation.step;
+                    actions.drain(..answered as usize);
+                    return self.came_forward(now);
+                }
+                if actions.len() == 1 {
+                    self.measure(now.saturating_sub(self.sent_at));
+                }
                 self.accept(observation, now);
             }
             // In real time the newest one counts.
-            Phase::Acting { step } if self.is_real_time() && observation.step > *step => {
+            Phase::Acting { step } if real_time && observation.step > *step => {
                 self.accept(observation, now);
             }
             // The server answers: it is there, and its session too.
-            Phase::Waiting { .. } => self.lost = None,
+            Phase::Waiting { .. } => (self.lost, self.away) = (None, None),
             _ => {}
         }
     }
 
     fn accept(&mut self, mut observation: Observation, now: Duration) {
         self.came_forward(now);
-        self.lost = None;
+        (self.lost, self.away) = (None, None);
         match observation.end.take() {
             Some(end) => {
                 self.phase = Phase::Idle;
@@ -403,8 +469,24 @@ impl ClientSession {
 
     fn came_forward(&mut self, now: Duration) {
         self.since = now;
-        self.wait = self.resend;
+        // A message that is lost is missed early where the others are quick.
+        self.wait = self.round_trip.map_or(self.resend, |time| (4 * time).max(SHORTEST_WAIT).min(self.resend));
         (self.tries, self.refusals) = (0, 0);
+        if let Phase::Waiting { again, .. } = &mut self.phase {
+            *again = now + self.wait;
+        }
+    }
+
+    /// Takes in the time of a step there and back, which a message that was sent again lengthens.
+    fn measure(&mut self, time: Duration) {
+        self.outputs.push_back(Output::RoundTrip(time));
+        if self.tries == 0 {
+            self.round_trip = Some(self.round_trip.map_or(time, |known| (7 * known + time) / 8));
+        }
+    }
+
+    fn is_ahead(&self) -> bool {
+        matches!(&self.phase, Phase::Waiting { actions, .. } if actions.len() > 1)
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a policy asks of the robot, and the one check of it at both ends of a session.
 
-use fiatlux_proto::v3::{Action, Joint, SessionInfo};
+use fiatlux_proto::limits::{MAX_CHUNK_KEYS, MAX_CHUNK_NUMBERS, MAX_CHUNK_PROBLEM};
+use fiatlux_proto::v3::{Action, Chunk, Joint, SessionInfo};
 use thiserror::Error;
 
 /// What the robot is told to do for one step: a number for each joint, in the order of `SessionInfo.joints`.
@@ -59,6 +60,12 @@ pub enum CommandError {
         /// The largest that is taken.
         high: f64,
     },
+    /// What is said of a model's chunk cannot be.
+    #[error("chunk {problem}")]
+    Chunk {
+        /// What is wrong with it.
+        problem: &'static str,
+    },
 }
 
 impl CommandError {
@@ -66,6 +73,7 @@ impl CommandError {
     pub fn field(&self) -> &'static str {
         match self {
             Self::Form { .. } => "action",
+            Self::Chunk { .. } => "chunk",
             Self::Length { field, .. } | Self::NotFinite { field, .. } | Self::Range { field, .. } => field,
         }
     }
@@ -75,6 +83,7 @@ impl CommandError {
         match self {
             Self::Range { field: "action", .. } => "clip the action, whose usual range is [-1, 1]",
             Self::Range { .. } => "clip joint targets to the limits of the joints",
+            Self::Chunk { .. } => "send the chunk as PROTOCOL.md has it, or none",
             _ => "fill one of action and joint_target with a finite number for each joint",
         }
     }
@@ -91,7 +100,9 @@ impl Command {
             (true, false) => Self::JointTarget(action.joint_target.clone()),
             (neither, _) => return Err(CommandError::Form { both: !neither }),
         };
-        command.check(info).map(|()| command)
+        command.check(info)?;
+        action.chunk.as_ref().map_or(Ok(()), check_chunk)?;
+        Ok(command)
     }
 
     /// Whether a session takes it.
@@ -132,6 +143,66 @@ impl Command {
             Self::Action(numbers) => (numbers, Vec::new()),
             Self::JointTarget(numbers) => (Vec::new(), numbers),
         };
-        Action { episode, step, action, joint_target }
+        Action { episode, step, action, joint_target, chunk: None }
+    }
+}
+
+/// Whether what is said of a model's chunk is within its bounds.
+pub(crate) fn check_chunk(chunk: &Chunk) -> Result<(), CommandError> {
+    let is_time = |time: f64| time.is_finite() && time >= 0.0;
+    let count = chunk.values.len();
+    let width = chunk.width as usize;
+    let [most_keys, longest_key] = MAX_CHUNK_KEYS;
+    let checks = [
+        (count <= MAX_CHUNK_NUMBERS, "has too many numbers"),
+        (if width == 0 { count == 0 } else { count.is_multiple_of(width) }, "has numbers that do not fill its rows"),
+        (chunk.values.iter().all(|number| number.is_finite()), "has a number that is not finite"),
+        (is_time(chunk.age_s) && is_time(chunk.latency_s), "has a time that cannot be"),
+        (chunk.server_s.is_none_or(is_time), "has a time that cannot be"),
+        (chunk.keys.len() <= most_keys, "has too many keys"),
+        (chunk.keys.iter().all(|key| key.len() <= longest_key), "has a key that is too long"),
+        (chunk.problem.len() <= MAX_CHUNK_PROBLEM, "has a problem that is too long"),
+    ];
+    match checks.iter().find(|(holds, _)| !holds) {
+        Some((_, problem)) => Err(CommandError::Chunk { problem }),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each bound is one: within it a chunk is taken, beyond it refused by its field.
+    #[test]
+    fn chunks_are_bounded() {
+        let good = Chunk {
+            values: vec![0.5; 3300],
+            width: 33,
+            keys: vec!["k".repeat(64); 32],
+            problem: "p".repeat(256),
+            server_s: Some(0.1),
+            ..Chunk::default()
+        };
+        assert_eq!(check_chunk(&good), Ok(()));
+        assert_eq!(check_chunk(&Chunk::default()), Ok(()));
+        let wrong: [fn(&mut Chunk); 9] = [
+            |chunk| chunk.values.resize(3333, 0.0),
+            |chunk| chunk.values.truncate(34),
+            |chunk| chunk.width = 0,
+            |chunk| chunk.values[7] = f32::NAN,
+            |chunk| chunk.age_s = -1.0,
+            |chunk| chunk.latency_s = f64::INFINITY,
+            |chunk| chunk.server_s = Some(f64::NAN),
+            |chunk| chunk.keys.push(String::new()),
+            |chunk| chunk.problem.push('p'),
+        ];
+        let info = SessionInfo { joints: vec![Joint::default()], action_scale: 1.0, ..SessionInfo::default() };
+        for change in wrong {
+            let mut chunk = good.clone();
+            change(&mut chunk);
+            let action = Action { action: vec![0.0], chunk: Some(chunk), ..Action::default() };
+            assert_eq!(Command::of(&action, &info).map_err(|error| error.field()), Err("chunk"));
+        }
     }
 }

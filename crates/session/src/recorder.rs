@@ -52,6 +52,8 @@ pub enum Output {
     Request(Bytes),
     /// Publish this [`StepRecordAck`] on `truth/ack`.
     Ack(Bytes),
+    /// So many records are in no bag: they were gone before they were heard of, or their bag had to be given up.
+    Lost(u64),
     /// Nothing more comes, and no bag is open.
     Done,
 }
@@ -94,6 +96,7 @@ pub struct RecorderSession {
     /// Since when the session's token is gone.
     gone_at: Option<Duration>,
     is_done: bool,
+    told_lost: bool,
     acked: u64,
     /// Number of the record after the last bag that ended.
     whole_to: u64,
@@ -144,11 +147,7 @@ impl Machine for RecorderSession {
                 Some(Next::Lost { from, to }) => {
                     let lost = to - from;
                     if self.open.is_none() {
-                        tracing::warn!(
-                            from,
-                            to,
-                            "records were lost before they were heard of; their episodes have no bag"
-                        );
+                        return Some(Output::Lost(lost));
                     }
                     self.cut(&format!("{lost} rows were lost: the recorder was away, or too slow, for too long"));
                 }
@@ -180,6 +179,7 @@ impl RecorderSession {
             writes: VecDeque::new(),
             gone_at: None,
             is_done: false,
+            told_lost: false,
             acked: 0,
             whole_to: 0,
             lost_from: None,
@@ -187,6 +187,11 @@ impl RecorderSession {
             bag_ended: false,
             now,
         }
+    }
+
+    /// A session of which there are whole bags and no open one. What the server no longer has is in them.
+    pub fn again(name: &str, now: Duration) -> Self {
+        Self { order: Order::new(true, now), ..Self::new(name, now) }
     }
 
     /// A session with an open bag of that header that has the rows before `next_step` on disk.
@@ -209,7 +214,7 @@ impl RecorderSession {
         let is_due = std::mem::take(&mut self.bag_ended) || next_seq >= self.acked + RECORDS_PER_ACK;
         if is_due && next_seq != self.acked || self.now >= self.ack_at {
             self.acked = next_seq;
-            self.ack_at = self.now + ACK_PERIOD / 2;
+            self.ack_at = self.now + self.order.pace(ACK_PERIOD / 2, self.now);
             let ack = StepRecordAck { recorder: self.name.clone(), next_seq };
             return Some(Output::Ack(ack.encode_to_vec().into()));
         }
@@ -220,13 +225,14 @@ impl RecorderSession {
         }
         // What was sent before the token went may still be on its way.
         let is_done = self.open.is_none() && gone_for >= ACK_PERIOD;
-        if !is_done || std::mem::replace(&mut self.is_done, true) {
+        if !is_done || self.is_done {
             return None;
         }
         let lost = self.order.next_seq().saturating_sub(next_seq) + self.order.waiting() as u64;
-        if lost > 0 {
-            tracing::warn!(lost, "a session is over, and records of it are in no bag");
+        if lost > 0 && !std::mem::replace(&mut self.told_lost, true) {
+            return Some(Output::Lost(lost));
         }
+        self.is_done = true;
         Some(Output::Done)
     }
 
@@ -273,13 +279,13 @@ impl RecorderSession {
             let (next, step) = (open.next_step, record.step);
             return self.cut(&format!("row {step} came after row {}", next.saturating_sub(1)));
         }
-        if is_row && place < open.next_step {
-            // On disk already.
-            return;
-        }
-        open.next_step += u64::from(is_row);
         let result = record.result.take();
-        self.writes.push_back(Write::Row(record));
+        let is_on_disk = is_row && place < open.next_step;
+        if !is_on_disk {
+            open.next_step += u64::from(is_row);
+            self.writes.push_back(Write::Row(record));
+        }
+        // The last row may be there without the result that came with it.
         if let Some(result) = result {
             self.open = None;
             self.first_seq = None;

@@ -331,6 +331,7 @@ impl<H: Host, R> ServerSession<H, R> {
         let Some(run) = self.run.take().filter(|run| !run.is_over) else { return };
         let mut result = self.host.aborted(why);
         result.missed_steps = run.missed_steps;
+        self.host.sign(&mut result);
         let ending = Event {
             step: run.step,
             kind: "end".into(),

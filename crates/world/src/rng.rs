@@ -30,6 +30,8 @@ pub enum Stream {
     Props,
     /// Trials of benchmarks and tests; no episode draws from it.
     Trial,
+    /// Worlds of a batch; by its seed and the world's index.
+    Batch,
 }
 
 impl Stream {
@@ -42,6 +44,7 @@ impl Stream {
             Stream::Tint => "tint",
             Stream::Props => "props",
             Stream::Trial => "trial",
+            Stream::Batch => "batch",
         }
     }
 }
@@ -112,6 +115,7 @@ mod tests {
             (Stream::Light, 0, 0),
             (Stream::Tint, 0, 0),
             (Stream::Props, 0, 0),
+            (Stream::Batch, 0, 0),
             (Stream::Reset, 1, 0),
             (Stream::Reset, 0, 1),
         ];

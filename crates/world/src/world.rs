@@ -5,7 +5,7 @@ mod sensed;
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Dynamics, Input, State, Variation, Wrench};
+use fiatlux_dynamics::{BodyId, Dynamics, Input, PreparedVariation, State, Variation, Wrench};
 use fiatlux_rules::{AttachmentRow, BodyRow, Row};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -119,10 +119,22 @@ impl World {
     /// # Errors
     /// [`WorldError::Variation`]: a part that the model lacks, or a number out of range. The world keeps what it had.
     pub fn set_variation(&mut self, variation: &Variation) -> Result<(), WorldError> {
-        self.dynamics.set_variation(&self.scene.model, variation)?;
+        self.vary(&variation.prepare(&self.scene.model)?);
+        Ok(())
+    }
+
+    /// The same with a variation that was prepared for the scene's model: worlds that take turns on one `World` each bring
+    /// theirs.
+    ///
+    /// # Panics
+    /// If it was prepared for a model with other bodies or shapes.
+    pub fn vary(&mut self, variation: &PreparedVariation) {
+        if self.dynamics.has_variation(variation) {
+            return;
+        }
+        self.dynamics.vary(variation);
         // The centre of mass may be elsewhere now.
         self.row.com_velocity = self.dynamics.com_velocity(&self.scene.model, self.scene.robot_ids.root);
-        Ok(())
     }
 
     /// Goes to the state of a row. From there the world runs exactly as the one that measured it. What follows from the state
@@ -279,14 +291,19 @@ impl World {
     }
 
     /// Advances another world of the same scene by one control step: `row` is its state, before and after. A batch of many
-    /// worlds is one `World` a thread, which stays in the cache, and a row each.
+    /// worlds is one `World` a thread, which stays in the cache, and a row each. A world that varies brings its variation
+    /// first ([`World::vary`]).
     ///
     /// # Errors
-    /// As [`World::reset_to`] and [`World::step`]; `row` is unchanged.
-    pub fn step_row(&mut self, row: &mut Row, action: &[f64], joint_target: &[f64]) -> Result<(), WorldError> {
+    /// As [`World::reset_to`] and [`World::step_with`]; `row` is unchanged.
+    pub fn step_row(&mut self, row: &mut Row, input: &ControlInput<'_>) -> Result<(), WorldError> {
         // The step measures all that follows from the state; once is enough.
         self.set_state(row)?;
-        self.step(action, joint_target)?;
+        if !input.wrenches.is_empty() {
+            // They act where the bodies are now; the last ones were another world's.
+            self.dynamics.update(&self.scene.model, &self.state);
+        }
+        self.step_with(input)?;
         row.clone_from(&self.row);
         Ok(())
     }

@@ -11,7 +11,7 @@ use fiatlux_link::{LinkArgs, Role, choose_port};
 use fiatlux_policy::{Client, policies};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::OpenRequest;
-use fiatlux_sim::{Naming, Recorder, RecorderOptions, Server, ServerOptions};
+use fiatlux_sim::{Naming, Recorder, RecorderOptions, RecordsFrom, RecordsTo, Server, ServerOptions};
 use serde::Serialize;
 use zenoh::{Session, Wait};
 
@@ -138,11 +138,17 @@ impl Service {
             server: Some(SERVER.into()),
             name: SERVER.into(),
             naming: Naming::BySession,
-            inside: false,
+            records: RecordsFrom::ThisProcess,
             on_bag: Box::new(|_| ()),
+            on_loss: Box::new(|_, _| ()),
         };
         let recorder = recorded.then(|| Recorder::start(link.clone(), options)).transpose().map_err(text)?;
-        let options = ServerOptions { name: SERVER.into(), capacity: 1024, ..ServerOptions::default() };
+        let options = ServerOptions {
+            name: SERVER.into(),
+            capacity: 1024,
+            records_to: RecordsTo::ThisProcess,
+            ..ServerOptions::default()
+        };
         let server = Server::start(link.clone(), options).map_err(text)?;
         Ok(Self { link, server, recorder, folder })
     }

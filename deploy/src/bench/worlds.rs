@@ -4,7 +4,7 @@ use std::sync::Barrier;
 use std::thread;
 use std::time::Instant;
 
-use fiatlux_world::{SUBSTEPS, World};
+use fiatlux_world::{ControlInput, SUBSTEPS, World};
 use stats_alloc::INSTRUMENTED_SYSTEM;
 
 use super::case::standing_world;
@@ -73,7 +73,7 @@ fn in_turns(stage: &mut World, start: &World, targets: &[f64]) {
     let mut rows = vec![start.row().clone(); WORLDS / THREADS];
     for _ in 0..CONTROL_STEPS {
         for row in &mut rows {
-            stage.step_row(row, &action, targets).expect("a row of this scene");
+            stage.step_row(row, &ControlInput::new(&action, targets)).expect("a row of this scene");
         }
     }
 }
@@ -90,7 +90,7 @@ fn one_after_another(stage: &mut World, start: &World, targets: &[f64]) {
 }
 
 /// Bytes on the heap now; 0 where the process has not installed the counting allocator.
-fn heap() -> usize {
+pub(super) fn heap() -> usize {
     let stats = INSTRUMENTED_SYSTEM.stats();
     stats.bytes_allocated.saturating_sub(stats.bytes_deallocated)
 }

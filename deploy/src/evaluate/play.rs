@@ -6,7 +6,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
 use fiatlux_policy::{Client, ClientError, policies};
-use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, Server, ServerOptions};
+use fiatlux_sim::{
+    BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom, RecordsTo, Server, ServerOptions,
+};
 
 use super::{EvaluateError, EvaluateOptions, Job, Played, Progress, SERVER};
 
@@ -32,12 +34,15 @@ pub(super) fn play(
             out: bags.into(),
             server: Some(SERVER.into()),
             naming: Naming::Flat,
-            inside: false,
+            records: RecordsFrom::ThisProcess,
             // What became of whole bags is read from the bags.
             on_bag: Box::new(move |report| note_cut(&report, &unwritten)),
+            // An episode without a bag is named at the end.
+            on_loss: Box::new(|_, _| ()),
             name: SERVER.into(),
         },
     )?;
+    let server = ServerOptions { records_to: RecordsTo::ThisProcess, ..server };
     let server = Server::start(link.clone(), server)?;
     let board = Board::new(jobs, options.workers);
     std::thread::scope(|scope| {

@@ -1,6 +1,5 @@
 //! Where frames go: a video, a folder of PNG files, or one PNG file. Each has another name until it is whole.
 
-use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -9,6 +8,7 @@ use super::RenderError;
 use super::draw::Form;
 use super::encoder::Encoder;
 use super::view::Picture;
+use crate::part_of;
 
 /// What is made of the frames.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -150,13 +150,6 @@ impl Drop for Sink {
 /// Name of a frame's file.
 pub(super) fn frame_name(index: u64) -> String {
     format!("{index:04}.png")
-}
-
-/// A name beside `path` that no other process uses.
-fn part_of(path: &Path) -> PathBuf {
-    let mut name = path.file_name().map_or_else(OsString::new, OsString::from);
-    name.push(format!(".{}.part", std::process::id()));
-    path.with_file_name(name)
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), RenderError> {

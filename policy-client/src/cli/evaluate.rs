@@ -4,13 +4,17 @@ mod plan;
 mod report;
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 use fiatlux_link::{LinkArgs, ProgressLine, Role, stop_on_signal};
-use fiatlux_policy::{Client, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs, TaskList};
+use fiatlux_policy::policies::VlaArgs;
+use fiatlux_policy::{
+    AccessArgs, Client, Policy, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs, TaskList,
+};
 use fiatlux_rules::CONTROL_DT;
 
-use super::Failure;
+use super::{Failure, model_server};
 
 /// Episodes under way that the progress line names.
 const MOST_SHOWN: usize = 3;
@@ -32,6 +36,7 @@ Examples:
   policy-client evaluate --policy stand -e tcp/192.168.1.7:7447
   policy-client evaluate --policy stand -e tcp/lab:7447 --tasks S01,S05 --seeds 0..9 --parallel 4
   policy-client evaluate --policy stand -e tcp/lab:7447 --hosted 4 --policy-version 1.2 --link https://example.org/stand
+  policy-client evaluate --policy vla --dialect gr00t --model tcp://lab:5555 -e tcp/lab:7447
   policy-client evaluate --policy zero -e tcp/a:7447 -e tcp/b:7447 --server lab --run-file zero.toml
 
 A policy of your own, in Rust: `fiatlux_policy::Client::evaluate`.
@@ -39,7 +44,8 @@ A policy of your own, in Rust: `fiatlux_policy::Client::evaluate`.
 Exit codes: 0 all played, 1 failed, 2 usage, 3 some episodes were not played or count as failures, or stopped by Ctrl-C;
 130 where Ctrl-C is pressed twice.")]
 pub struct EvaluateArgs {
-    /// Name of the policy: zero, random, hold, stand, or replay:BAG for the one episode of a bag
+    /// Name of the policy: zero, random, hold, stand, walk, vla with --dialect and --model, or replay:BAG for the one episode of
+    /// a bag
     #[arg(short, long, value_name = "NAME")]
     policy: String,
     /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb [default: all]
@@ -49,13 +55,13 @@ pub struct EvaluateArgs {
     #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
     seeds: Option<SeedList>,
     /// So many seeds that the server draws when the run is registered, and tells when it is over
-    #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = fiatlux_link::whole::<u32>(1..=10_000))]
     hosted: Option<u32>,
     /// Name of the server, or of a group of servers; not needed where there is only one
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
     /// Episodes at once, over all servers [default: as many as the servers take, at most 8 each]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = fiatlux_link::whole::<u16>(1..=1024))]
     parallel: Option<u16>,
     /// Version of the policy, for the record
     #[arg(long, value_name = "VERSION", default_value = "")]
@@ -69,18 +75,26 @@ pub struct EvaluateArgs {
     /// End the run also where episodes could not be played: they count as failures and cannot be played any more
     #[arg(long)]
     finish: bool,
+    /// How long to wait for servers that are gone, do not answer, or let nothing be played, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = fiatlux_link::whole::<u32>(1..=86_400))]
+    patience: u32,
     /// Print JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    vla: VlaArgs,
+    #[command(flatten)]
     session: SessionArgs,
+    #[command(flatten)]
+    access: AccessArgs,
     #[command(flatten)]
     connection: LinkArgs,
 }
 
 /// Plays the run and prints what came of it; whether all of it was played.
 pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
-    let spec = plan::spec(args)?;
+    let model = model_server(&args.policy, &args.vla, false)?;
+    let spec = plan::spec(args, model.as_ref())?;
     let stop = stop_on_signal()?;
     let open = || {
         RunFile::open(&args.run_file, &spec).map_err(|error| match error {
@@ -98,10 +112,15 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
         server: args.server.clone(),
         parallel: args.parallel.map(usize::from),
         give_up_lost: args.finish,
+        access: args.access.read()?,
+        patience: Duration::from_secs(args.patience.into()),
         ..RunOptions::new(file)
     };
     let line = ProgressLine::default();
-    let make_policy = || fiatlux_policy::policies::by_name(&args.policy);
+    let make_policy = || match &model {
+        Some(source) => Ok(Box::new(source.policy()) as Box<dyn Policy>),
+        None => fiatlux_policy::policies::by_name(&args.policy),
+    };
     let mut progress = |progress: &RunProgress| line.show(|| look(&line, progress));
     let outcome = Client::evaluate(&link, &options, make_policy, &mut progress, &stop);
     line.clear();

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use fiatlux_link::{LinkArgs, Role, in_full};
 use fiatlux_policy::policies::{self, Replay};
-use fiatlux_policy::{Policy, SessionArgs};
+use fiatlux_policy::{AccessArgs, Policy, SessionArgs};
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, policy};
@@ -53,7 +53,7 @@ pub struct InspectArgs {
     #[arg(short, long, default_value_t = 0, value_parser = fiatlux_policy::parse_seed, allow_hyphen_values = true)]
     seed: u64,
     /// Index of the episode; with the seed it draws start and noise
-    #[arg(long, value_name = "INDEX", default_value_t = 0)]
+    #[arg(long, value_name = "INDEX", default_value_t = 0, value_parser = fiatlux_link::whole::<u64>(0..))]
     episode: u64,
     /// Name of the server; not needed where there is only one
     #[arg(long, value_name = "NAME")]
@@ -67,6 +67,8 @@ pub struct InspectArgs {
     #[command(flatten)]
     session: SessionArgs,
     #[command(flatten)]
+    access: AccessArgs,
+    #[command(flatten)]
     link: LinkArgs,
 }
 
@@ -77,9 +79,9 @@ pub fn inspect(args: &InspectArgs) -> Result<bool, Failure> {
     inspect::check(&folder, args.force).map_err(|error| Failure::Usage(in_full(&error)))?;
     let request = request(args, policy.as_ref(), base);
     let link = args.link.open(Role::Client)?;
-    let server = args.server.clone();
+    let (server, access) = (args.server.clone(), args.access.read()?);
     let (seconds, joints, json) = (args.seconds, args.joints, args.json);
-    inspect::inspect(Inspection { policy, request, episode, server, seconds, folder, joints, json }, &link)?;
+    inspect::inspect(Inspection { policy, request, episode, server, access, seconds, folder, joints, json }, &link)?;
     Ok(true)
 }
 

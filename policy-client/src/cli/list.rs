@@ -2,7 +2,7 @@
 
 use clap::Args;
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_policy::describe_servers;
+use fiatlux_policy::{describe_servers, policies};
 use fiatlux_proto::v3::ServerInfo;
 use serde_json::{Value, json};
 
@@ -14,12 +14,19 @@ pub struct ListArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// List the policies that come with the program instead
+    #[arg(long)]
+    policies: bool,
     #[command(flatten)]
     link: LinkArgs,
 }
 
-/// Prints the servers; false if there is none.
+/// Prints the servers, or the policies; false if there is none.
 pub fn list(args: &ListArgs) -> Result<bool, Failure> {
+    if args.policies {
+        list_policies(args.json);
+        return Ok(true);
+    }
     let link = args.link.open(Role::Client)?;
     let servers = describe_servers(&link)?;
     if args.json {
@@ -41,6 +48,17 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
         );
     }
     Ok(!servers.is_empty())
+}
+
+fn list_policies(json: bool) {
+    if json {
+        let policy = |(name, does): &(&str, &str)| json!({ "policy": name, "does": does });
+        println!("{:#}", Value::Array(policies::NAMES.iter().map(policy).collect()));
+        return;
+    }
+    for (name, does) in policies::NAMES {
+        println!("{name:<12}{does}");
+    }
 }
 
 fn as_json(server: &ServerInfo) -> Value {

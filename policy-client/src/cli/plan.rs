@@ -2,11 +2,11 @@
 
 use clap::Args;
 use fiatlux_link::LinkArgs;
-use fiatlux_policy::policies::{self, Replay};
-use fiatlux_policy::{Policy, SessionArgs, parse_seed};
+use fiatlux_policy::policies::{self, Replay, VlaArgs};
+use fiatlux_policy::{AccessArgs, Policy, SessionArgs, parse_seed};
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
-use super::{Failure, policy};
+use super::{Failure, model_server, policy};
 
 /// Options of `run`.
 #[derive(Debug, Args)]
@@ -15,6 +15,9 @@ use super::{Failure, policy};
   random      uniform in [-1, 1], drawn from seed and episode
   hold        keeps the posture of the start
   stand       keeps the robot upright on level ground
+  wbc         walks, turns and bends on --command
+  walk        walks to where S05, S07 or S09 ends, by the privileged observation
+  vla         plays the chunks of a model server: --dialect, --model, --map; docs/bridges.md
   replay:BAG  sends a recorded episode's actions once more. Task, seed, episode and everything about the session are
               the bag's unless given. It runs in lockstep unless --real-time is given, also when the bag was
               recorded in real time. At the end the digest is compared with the bag's.
@@ -24,11 +27,17 @@ Examples:
   policy-client run --policy random --task S01 --seed 3 --episodes 10 --json
   policy-client run --policy hold --task S06 --set fragility_n=30 --end-on fall,time-out
   policy-client run --policy stand --task S05 --recorded --record camera,lidar
+  policy-client run --policy wbc --command vx=0.4,wz=0.2 --task S07
+  policy-client run --policy vla --dialect gr00t --model tcp://lab:5555 --task S05
   policy-client run --policy replay:bags/S08-s0-e0.mcap -e tcp/192.168.1.7:7447")]
 pub struct RunArgs {
     /// Name of the policy, see below
     #[arg(short, long, value_name = "NAME")]
     pub policy: String,
+    /// What the policy wbc is to do: vx, vy (m/s), wz (rad/s), height (m), roll, pitch, yaw of the torso (rad), such as
+    /// vx=0.4,wz=0.2 [default: stand]
+    #[arg(long, value_name = "LIST")]
+    pub command: Option<String>,
     /// Task: S01 to S12, replace, climb
     #[arg(short, long)]
     pub task: Option<String>,
@@ -36,10 +45,10 @@ pub struct RunArgs {
     #[arg(short, long, value_parser = parse_seed, allow_hyphen_values = true)]
     pub seed: Option<u64>,
     /// Index of the first episode; with the seed it draws start and noise [default: 0]
-    #[arg(long, value_name = "INDEX")]
+    #[arg(long, value_name = "INDEX", value_parser = fiatlux_link::whole::<u64>(0..))]
     pub episode: Option<u64>,
     /// Number of episodes, one after the other [default: 1]
-    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = fiatlux_link::whole::<u64>(1..))]
     pub episodes: Option<u64>,
     /// Name of the server; not needed where there is only one
     #[arg(long, value_name = "NAME")]
@@ -54,7 +63,11 @@ pub struct RunArgs {
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
+    pub vla: VlaArgs,
+    #[command(flatten)]
     pub session: SessionArgs,
+    #[command(flatten)]
+    pub access: AccessArgs,
     #[command(flatten)]
     pub link: LinkArgs,
 }
@@ -75,10 +88,22 @@ pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
     match policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, Replay::open(path)?),
         None => {
-            let policy = policy(&args.policy)?;
+            let name = args.command.as_ref().map(|command| format!("{}:{command}", args.policy));
             let task = args.task.clone().ok_or_else(|| Failure::Usage("name a task: --task S01 to S12".into()))?;
-            let sensors = policy.sensors();
-            let request = request(args, OpenRequest { policy: policy.name(), task, sensors, ..OpenRequest::default() });
+            let policy = match model_server(&args.policy, &args.vla, args.real_time)? {
+                Some(source) => Box::new(source.policy()),
+                None => policy(name.as_deref().unwrap_or(&args.policy))?,
+            };
+            let [image_width, image_height] = policy.image_size().unwrap_or_default();
+            let wanted = OpenRequest {
+                policy: policy.name(),
+                task,
+                sensors: policy.sensors(),
+                image_width,
+                image_height,
+                ..OpenRequest::default()
+            };
+            let request = request(args, wanted);
             Ok(Plan {
                 policy,
                 request,

@@ -1,20 +1,44 @@
 //! `policy-client run`.
 
+use std::sync::mpsc;
 use std::time::Instant;
 
 use fiatlux_link::{ProgressLine, Role, stop_on_signal};
 use fiatlux_policy::{Client, ClientError};
+use fiatlux_proto::v3::Notice;
+use fiatlux_proto::v3::notice::Code;
 
 use super::Failure;
 use super::plan::{RunArgs, plan};
 use super::report::{Episode, Report};
 
-/// Runs the episodes and prints what came of them; false if a replay's digest differs.
-pub fn run(args: &RunArgs) -> Result<bool, Failure> {
+/// What came of a run.
+pub enum Played {
+    /// All of it, as it was asked for.
+    Whole,
+    /// All of it, but a recorder did not get every row.
+    Cut,
+    /// A replay's digest is not that of its recording.
+    Differs,
+}
+
+/// Logs a notice of the server; of one that says that a recording is cut, a line for the end.
+fn pass_on(Notice { code, episode, step, field, message, remedy, .. }: Notice) -> Option<String> {
+    tracing::warn!("notice of the server, episode {episode} step {step}: {message}; {remedy}");
+    let is_cut = code == i32::from(Code::Lost) && field == "recorded";
+    is_cut.then(|| format!("episode {episode} from step {step} on: {message}"))
+}
+
+/// Runs the episodes and prints what came of them.
+pub fn run(args: &RunArgs) -> Result<Played, Failure> {
     let mut plan = plan(args)?;
     let stop = stop_on_signal()?;
+    let access = args.access.read()?;
     let link = args.link.open(Role::Client)?;
-    let mut client = Client::open(&link, args.server.as_deref(), plan.request)?;
+    let mut client = Client::open_with(&link, args.server.as_deref(), plan.request, &access)?;
+    let (sender, notices) = mpsc::channel();
+    client.send_notices(sender);
+    let mut cut = Vec::new();
     let horizon = client.info().task.as_ref().map_or(0, |task| task.horizon_steps);
     let mut report = Report::new(&plan.policy.name(), client.info(), plan.digest);
     let mut failure = None;
@@ -29,6 +53,7 @@ pub fn run(args: &RunArgs) -> Result<bool, Failure> {
         };
         let end = client.run_episode(index, plan.policy.as_mut(), &mut progress, &stop);
         line.clear();
+        cut.extend(notices.try_iter().filter_map(pass_on));
         match end {
             Ok(end) => report.add(Episode { index, end, wall_s: start.elapsed().as_secs_f64() }, args.json),
             Err(error) => {
@@ -42,8 +67,13 @@ pub fn run(args: &RunArgs) -> Result<bool, Failure> {
     if let Err(error) = client.close() {
         tracing::debug!("the session was not closed: {error}");
     }
+    cut.extend(notices.try_iter().filter_map(pass_on));
+    for recording in &cut {
+        eprintln!("recording cut: {recording}");
+    }
     match failure {
-        None => Ok(report.is_equal()),
+        None if !cut.is_empty() && report.is_equal() => Ok(Played::Cut),
+        None => Ok(if report.is_equal() { Played::Whole } else { Played::Differs }),
         Some(ClientError::Stopped) => Err(anyhow::anyhow!("stopped; the session is closed").into()),
         Some(error) => Err(error.into()),
     }

@@ -87,6 +87,23 @@ pub enum ClientError {
         /// How long was waited, s.
         waited_s: f64,
     },
+    /// Somebody answers in its place, or it has another key.
+    #[error("server {server} is not greeted")]
+    Handshake {
+        /// Name of the server.
+        server: String,
+        /// Why.
+        #[source]
+        source: fiatlux_access::HandshakeError,
+    },
+    /// It is not among the known ones.
+    #[error(
+        "server {server} is not in the file of known servers; add a line '{server} ed25519:...' with the key that it prints"
+    )]
+    UnknownServer {
+        /// Name of the server.
+        server: String,
+    },
     /// The episode cannot go on.
     #[error(transparent)]
     Episode(#[from] SessionFailure),
@@ -107,6 +124,10 @@ pub enum ClientError {
 impl ClientError {
     pub(crate) fn zenoh(source: zenoh::Error) -> Self {
         Self::Zenoh { reason: source.to_string() }
+    }
+
+    pub(crate) fn handshake(server: &str) -> impl FnOnce(fiatlux_access::HandshakeError) -> Self {
+        move |source| Self::Handshake { server: server.into(), source }
     }
 
     pub(crate) fn unreadable(server: &str) -> impl FnOnce(DecodeError) -> Self {

@@ -1,9 +1,11 @@
 //! What came in from Zenoh's threads and waits for the client's.
 
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use fiatlux_link::BusyWait;
 use fiatlux_session::client::Input;
 
 /// Messages that wait at most; the oldest go first, for the newest matter.
@@ -13,6 +15,8 @@ const CAPACITY: usize = 64;
 #[derive(Debug, Default)]
 pub struct Mailbox {
     queue: Mutex<VecDeque<Input>>,
+    /// Whether something waits: looked at without the lock.
+    has_mail: AtomicBool,
     filled: Condvar,
 }
 
@@ -25,16 +29,22 @@ impl Mailbox {
             queue.remove(old.unwrap_or(0));
         }
         queue.push_back(input);
+        self.has_mail.store(true, Ordering::Release);
         drop(queue);
         self.filled.notify_one();
     }
 
     pub fn take(&self) -> Option<Input> {
-        self.lock().pop_front()
+        let mut queue = self.lock();
+        self.has_mail.store(queue.len() > 1, Ordering::Release);
+        queue.pop_front()
     }
 
     /// Waits until something is there, or for that long.
-    pub fn wait(&self, longest: Duration) {
+    pub fn wait(&self, longest: Duration, busy: &mut BusyWait) {
+        if longest.is_zero() || busy.until(|| self.has_mail.load(Ordering::Acquire)) {
+            return;
+        }
         let queue = self.lock();
         // Woken, or not: the caller looks.
         drop(self.filled.wait_timeout_while(queue, longest, |queue| queue.is_empty()));

@@ -1,63 +1,226 @@
-//! Queries: those that are waited for, and those whose end comes by mail.
+//! Queries: those that are waited for, and those whose end comes by mail. Anybody may answer a query, so an answer is taken when
+//! it is the server's, and others are passed over.
 
-use std::sync::Arc;
+use std::cell::RefCell;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use fiatlux_proto::keys::server_of;
+use fiatlux_access::{Channel, Greeting, Label, Reply as Replied, SEAL_BYTES, Secrets, proof};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
-use fiatlux_proto::v3::Refusal;
+use fiatlux_proto::v3::{Hello, Refusal, Welcome};
 use fiatlux_proto::{Bytes, Message, decode, encoding};
 use fiatlux_session::client::{Answer, Input};
+use zenoh::bytes::ZBytes;
 use zenoh::qos::Priority;
-use zenoh::query::Reply;
+use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 use zenoh::{Session, Wait};
 
-use super::ClientError;
 use super::mailbox::Mailbox;
+use super::{Access, ClientError};
 
 /// Just after a connection, queries find nobody for a moment. For so long they are sent again, s.
 const PATIENCE_S: f64 = 3.0;
 
-/// Asks and waits for the answer.
-pub fn ask(
+/// A question, as it is sent each time.
+pub struct Question<'a> {
+    pub key: &'a str,
+    /// Name of its message.
+    pub message: &'a str,
+    pub payload: Bytes,
+    pub attachment: Vec<u8>,
+    pub timeout_s: f64,
+}
+
+/// The keys of a session, for all threads that talk in it.
+#[derive(Debug, Clone)]
+pub struct Sealing(Arc<Mutex<Channel>>);
+
+impl Sealing {
+    pub fn new(channel: Channel) -> Self {
+        Self(Arc::new(Mutex::new(channel)))
+    }
+
+    pub fn lock(&self) -> MutexGuard<'_, Channel> {
+        // It is whole whatever a thread that held it did.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The attachment of a message, and the number by which its answer is known.
+    pub fn seal(&self, label: &str, payload: &[u8]) -> (Vec<u8>, u64) {
+        let attachment = self.lock().seal(Label::Message(label), payload);
+        let mut number = [0; 8];
+        number.copy_from_slice(&attachment[..8]);
+        debug_assert_eq!(attachment.len(), SEAL_BYTES);
+        (attachment.to_vec(), u64::from_le_bytes(number))
+    }
+
+    /// The server's answer to the query of that number; `None` for what others say.
+    pub fn answer(&self, label: &str, number: u64, reply: &Reply) -> Option<Result<Bytes, Bytes>> {
+        let sample = reply.result().ok()?;
+        let attachment = sample.attachment().map(ZBytes::to_bytes).unwrap_or_default();
+        let payload: Bytes = sample.payload().to_bytes().into_owned().into();
+        let opens = |label| self.lock().open(Label::Reply(label, number), &payload, &attachment).is_ok();
+        if opens(label) {
+            return Some(Ok(payload));
+        }
+        opens("refusal").then_some(Err(payload))
+    }
+
+    /// Asks on a key of a session, and waits for the server's answer.
+    pub fn ask(
+        &self,
+        link: &Session,
+        server: &str,
+        key: &str,
+        label: &str,
+        message: &str,
+        request: &impl Message,
+        timeout_s: f64,
+    ) -> Result<Bytes, ClientError> {
+        let payload = Bytes::from(request.encode_to_vec());
+        let (attachment, number) = self.seal(label, &payload);
+        let question = Question { key, message, payload, attachment, timeout_s };
+        let refused = |bytes: Bytes| match decode::<Refusal>(&bytes, MAX_SERVER_MESSAGE) {
+            Ok(refusal) => ClientError::refused(server, refusal),
+            Err(source) => ClientError::Unreadable { server: server.into(), source },
+        };
+        ask(link, &question, |reply| Some(self.answer(label, number, reply)?.map_err(refused)), || false)
+    }
+}
+
+/// Asks until `take` has taken an answer. Where a query has ended without one, it is sent again for a while, unless the caller
+/// knows enough.
+pub fn ask<T>(
     link: &Session,
-    key: &str,
-    name: &str,
-    request: &impl Message,
-    timeout_s: f64,
-) -> Result<Bytes, ClientError> {
+    question: &Question<'_>,
+    mut take: impl FnMut(&Reply) -> Option<Result<T, ClientError>>,
+    knows_enough: impl Fn() -> bool,
+) -> Result<T, ClientError> {
+    let Question { key, message, payload, attachment, timeout_s } = question;
     let start = Instant::now();
     loop {
-        let query = link.get(key).payload(request.encode_to_vec()).encoding(encoding(name));
-        let replies = query.timeout(Duration::from_secs_f64(timeout_s)).wait().map_err(ClientError::zenoh)?;
-        let unanswered = |waited_s: f64| ClientError::Unanswered { key: key.into(), waited_s: waited_s.round() };
-        let waited_s = start.elapsed().as_secs_f64();
-        if let Ok(reply) = replies.recv() {
-            return answer(&reply).map_err(|bytes| match decode::<Refusal>(&bytes, MAX_SERVER_MESSAGE) {
-                Ok(refusal) => ClientError::refused(server_of(key).unwrap_or_default(), refusal),
-                // Zenoh's own word for a time-out is an error reply too.
-                Err(_) => unanswered(waited_s.max(timeout_s)),
-            });
+        let query = link.get(*key).payload(payload.clone()).encoding(encoding(message)).attachment(attachment.clone());
+        let query = query.target(QueryTarget::All).consolidation(ConsolidationMode::None);
+        let replies = query.timeout(Duration::from_secs_f64(*timeout_s)).wait().map_err(ClientError::zenoh)?;
+        while let Ok(reply) = replies.recv() {
+            if let Some(taken) = take(&reply) {
+                return taken;
+            }
         }
-        if waited_s > PATIENCE_S.min(timeout_s) {
-            return Err(unanswered(waited_s));
+        let waited_s = start.elapsed().as_secs_f64();
+        if waited_s > PATIENCE_S.min(*timeout_s) || knows_enough() {
+            return Err(ClientError::Unanswered { key: (*key).into(), waited_s: waited_s.round() });
         }
         std::thread::sleep(Duration::from_millis(100));
     }
 }
 
-/// Asks; the first answer, or that there is none, is put into the mailbox.
+/// What a reply to a greeting holds.
+pub struct Greeted<T> {
+    pub content: Result<T, Refusal>,
+    /// It came over a link, which nobody else can use.
+    pub is_sealed: bool,
+    pub welcome: Option<Welcome>,
+}
+
+/// What a server says of a session or a run when it greets a client.
+pub trait Content: Message {
+    /// By which it is known.
+    fn id(&self) -> &str;
+}
+
+/// Greets a server: asks with a hello, and takes the first answer that it has signed. `request` makes the request's payload of
+/// the hello, `attach` what goes before the token's proof in its attachment, `read` reads an answer.
+pub fn greet<T: Content>(
+    link: &Session,
+    server: &str,
+    access: &Access,
+    [key, message]: [&str; 2],
+    timeout_s: f64,
+    request: impl FnOnce(Hello) -> Vec<u8>,
+    attach: impl FnOnce(&[u8]) -> Vec<u8>,
+    mut read: impl FnMut(&Reply) -> Option<Result<Greeted<T>, ClientError>>,
+) -> Result<(T, Secrets), ClientError> {
+    let expected = access.key_of(server)?;
+    let greeting =
+        Greeting::new(&link.zid().to_string(), access.token.as_ref()).map_err(ClientError::handshake(server))?;
+    let payload = Bytes::from(request(greeting.hello()));
+    let mut attachment = attach(&payload);
+    if let Some(token) = &access.token {
+        attachment.extend(proof(token.secret(), &payload));
+    }
+    // The last one that cannot be trusted, for where no other comes.
+    let doubtful = RefCell::new(None);
+    let doubt = |error| *doubtful.borrow_mut() = Some(error);
+    let question = Question { key, message, payload, attachment, timeout_s };
+    let taken = ask(
+        link,
+        &question,
+        |reply| {
+            let greeted = match read(reply)? {
+                Ok(greeted) => greeted,
+                Err(error) => {
+                    doubt(error);
+                    return None;
+                }
+            };
+            if greeted.is_sealed
+                && let Err(refusal) = greeted.content
+            {
+                return Some(Err(ClientError::refused(server, refusal)));
+            }
+            let (id, content) = match &greeted.content {
+                Ok(content) => (content.id(), content.encode_to_vec()),
+                Err(refusal) => ("", refusal.encode_to_vec()),
+            };
+            let replied = Replied { request: &question.payload, server, id, content: &content };
+            let welcome = greeted.welcome.as_ref();
+            match (greeting.verify(replied, welcome.unwrap_or(&Welcome::default()), expected.as_ref()), greeted.content)
+            {
+                (Ok(verified), Ok(content)) => Some(Ok((content, verified))),
+                (Ok(_), Err(refusal)) => Some(Err(ClientError::refused(server, refusal))),
+                (Err(_), Err(refusal)) if welcome.is_none() => {
+                    doubt(ClientError::refused(server, refusal));
+                    None
+                }
+                (Err(error), _) => {
+                    doubt(ClientError::handshake(server)(error));
+                    None
+                }
+            }
+        },
+        || doubtful.borrow().is_some(),
+    );
+    let (content, verified) = match (taken, doubtful.take()) {
+        (Err(ClientError::Unanswered { .. }), Some(error)) => return Err(error),
+        (taken, _) => taken?,
+    };
+    if expected.is_none() {
+        tracing::info!(server, key = %verified.server(), "the server's key was not checked: --server-key names it");
+    }
+    Ok((content, greeting.agree(&verified).map_err(ClientError::handshake(server))?))
+}
+
+/// Asks; the first answer of the server, or that there is none, is put into the mailbox.
 pub fn post(
     link: &Session,
-    key: &str,
+    [key, label]: [&str; 2],
     request: Bytes,
     timeout: Duration,
+    sealing: &Sealing,
     mailbox: &Arc<Mailbox>,
     input: fn(Answer) -> Input,
 ) -> Result<(), ClientError> {
+    let (attachment, number) = sealing.seal(label, &request);
     let mut end = End { mailbox: Arc::clone(mailbox), input, answered: false };
-    let receive = move |reply: Reply| end.answer(Some(answer(&reply)));
-    let query = link.get(key).payload(request).timeout(timeout);
+    let (sealing, label) = (sealing.clone(), label.to_owned());
+    let receive = move |reply: Reply| {
+        if let Some(answer) = sealing.answer(&label, number, &reply) {
+            end.answer(Some(answer));
+        }
+    };
+    let query = link.get(key).payload(request).attachment(attachment).timeout(timeout);
+    let query = query.target(QueryTarget::All).consolidation(ConsolidationMode::None);
     // As actions: what is sent first arrives first.
     query.priority(Priority::RealTime).express(true).callback_mut(receive).wait().map_err(ClientError::zenoh)
 }
@@ -80,12 +243,5 @@ impl End {
 impl Drop for End {
     fn drop(&mut self) {
         self.answer(None);
-    }
-}
-
-fn answer(reply: &Reply) -> Result<Bytes, Bytes> {
-    match reply.result() {
-        Ok(sample) => Ok(sample.payload().to_bytes().into_owned().into()),
-        Err(error) => Err(error.payload().to_bytes().into_owned().into()),
     }
 }

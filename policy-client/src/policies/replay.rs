@@ -80,7 +80,11 @@ impl Policy for Replay {
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let command = usize::try_from(observation.step).ok().and_then(|step| self.commands.get(step));
-        command.cloned().ok_or(PolicyError::Ended { actions: self.commands.len(), step: observation.step })
+        let command = self.foresee(observation.step);
+        command.ok_or(PolicyError::Ended { actions: self.commands.len(), step: observation.step })
+    }
+
+    fn foresee(&self, step: u64) -> Option<Command> {
+        usize::try_from(step).ok().and_then(|step| self.commands.get(step)).cloned()
     }
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use fiatlux_proto::v3::{Observation, Proprioception, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 
+use super::body;
 use crate::balance::{Balance, Sensed};
 use crate::{Command, Policy, PolicyError};
 
@@ -20,10 +21,7 @@ impl Policy for Stand {
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        proprioception(first)?;
-        if first.last_action.is_empty() {
-            return Err(PolicyError::Sensor { policy: "stand", sensor: "last_action" });
-        }
+        let staged = body::staged("stand", info, first)?;
         let unfit = |reason: String| PolicyError::Unfit { policy: "stand", reason };
         let joints = info.joints.iter().map(|joint| joint.name.as_str());
         let robot = Robot::with_joints(joints).map_err(|error| unfit(format!("{error}; use another policy")))?;
@@ -36,15 +34,13 @@ impl Policy for Stand {
         let own = robot.gains(Default::default());
         let gains = Gains(info.joints.iter().zip(&own.0).map(gain).collect());
         let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
-        let target = |(q0, action): (&f64, &f32)| q0 + info.action_scale * f64::from(*action);
-        let staged: Vec<f64> = q0.iter().zip(&first.last_action).map(target).collect();
         self.balance = Some(Balance::new(Arc::new(robot), gains, &q0, &staged)?);
         Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let (Some(balance), sensed) = (&mut self.balance, proprioception(observation)?) else {
-            return Err(PolicyError::Unfit { policy: "stand", reason: "it was not reset; reset it first".into() });
+            return Err(PolicyError::not_reset("stand"));
         };
         let joint_position: Vec<f64> = sensed.joint_position.iter().map(|&angle| f64::from(angle)).collect();
         let sensed = Sensed {

@@ -3,6 +3,7 @@ use fiatlux_proto::v3::{
     Action, ActionRecord, EpisodeHeader, EpisodeResult, Joint, Observation, Proprioception, SessionInfo,
 };
 use fiatlux_proto::{Message, PROTOCOL};
+use fiatlux_robot::{GainSet, JointGains, Robot};
 
 use super::*;
 use crate::Command;
@@ -65,9 +66,12 @@ fn random_is_uniform_in_the_box() {
 
 #[test]
 fn an_unknown_name_is_answered_with_the_known_ones() {
-    for name in ["walk", "", "replay:", "replay"] {
+    for name in ["waddle", "", "replay:", "replay", "gear", "gear:", "sonic:"] {
         let message = by_name(name).err().expect("refused").to_string();
-        assert!(message.contains("zero, random, hold, stand, replay:BAG"), "{message}");
+        assert!(
+            message.contains("zero, random, hold, stand, wbc, walk, vla, gear:DIR, sonic:DIR, replay:BAG"),
+            "{message}"
+        );
     }
     assert!(matches!(by_name("replay:/nowhere.mcap"), Err(PolicyError::Bag(_))));
 }
@@ -107,21 +111,18 @@ fn replay_sends_what_was_recorded_and_no_more() {
     assert!(matches!(replay.reset(&other, &Observation::default()), Err(PolicyError::Unfit { .. })));
 }
 
-/// In the standing posture at rest the controller is content: no target is far from the posture.
-#[test]
-fn stand_answers_with_targets_of_all_joints() {
-    let robot = fiatlux_robot::Robot::g1_inspire().expect("loads");
-    let joint = |(joint, q0): (&fiatlux_robot::Joint, &f64)| Joint {
+/// A session of a robot that stands in its posture at rest, and its first observation.
+fn standing(robot: &Robot, gains: GainSet) -> (SessionInfo, Observation) {
+    let joint = |((joint, q0), gains): ((&fiatlux_robot::Joint, &f64), JointGains)| Joint {
         name: joint.name.clone(),
         q0: *q0,
-        stiffness: joint.gains.stiffness,
-        damping: joint.gains.damping,
-        effort_limit: joint.gains.effort_limit,
+        stiffness: gains.stiffness,
+        damping: gains.damping,
+        effort_limit: gains.effort_limit,
         ..Joint::default()
     };
-    let joints: Vec<Joint> = robot.joints().iter().zip(robot.q0()).map(joint).collect();
+    let joints: Vec<Joint> = robot.joints().iter().zip(robot.q0()).zip(robot.gains(gains).0).map(joint).collect();
     let count = joints.len();
-    let info = SessionInfo { joints, action_scale: 0.5, ..SessionInfo::default() };
     let first = Observation {
         proprioception: Some(Proprioception {
             base_angular_velocity: vec![0.0; 3],
@@ -134,6 +135,15 @@ fn stand_answers_with_targets_of_all_joints() {
         last_action: vec![0.0; count],
         ..Observation::default()
     };
+    (SessionInfo { joints, action_scale: 0.5, control_dt: 0.02, ..SessionInfo::default() }, first)
+}
+
+/// In the standing posture at rest the controller is content: no target is far from the posture.
+#[test]
+fn stand_answers_with_targets_of_all_joints() {
+    let robot = Robot::g1_inspire().expect("loads");
+    let (info, first) = standing(&robot, GainSet::default());
+    let count = info.joints.len();
     let mut stand = by_name("stand").expect("known");
     stand.reset(&info, &first).expect("resets");
     let Command::JointTarget(targets) = stand.act(&first).expect("acts") else { panic!("actions") };
@@ -144,4 +154,68 @@ fn stand_answers_with_targets_of_all_joints() {
     let blind = Observation { proprioception: None, ..first.clone() };
     assert!(matches!(stand.reset(&info, &blind), Err(PolicyError::Sensor { sensor: "proprioception", .. })));
     assert!(matches!(stand.reset(&session(0), &first), Err(PolicyError::Unfit { .. })));
+}
+
+/// Small networks that Python wrote.
+const NETWORKS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/foreign/tests/fixtures");
+
+/// What a foreign controller commands in its first step: targets of all joints.
+fn foreign_targets(words: &str, robot: &Robot, gains: GainSet) -> Result<Vec<f64>, String> {
+    let (kind, words) = words.split_once(',').unwrap_or((words, ""));
+    let said = |error: PolicyError| match std::error::Error::source(&error) {
+        Some(source) => format!("{error}: {source}"),
+        None => error.to_string(),
+    };
+    let mut policy = by_name(&format!("{kind}:{NETWORKS},{words}")).map_err(said)?;
+    let (info, mut first) = standing(robot, gains);
+    first.last_action.fill(0.5);
+    policy.reset(&info, &first).map_err(said)?;
+    match policy.act(&first).map_err(said)? {
+        Command::JointTarget(targets) => Ok(targets),
+        Command::Action(_) => Err("actions".into()),
+    }
+}
+
+/// Each moves its joints and leaves the rest in the staged posture, 0.25 rad from the standing one here.
+#[test]
+fn foreign_controllers_move_their_own_joints() {
+    for name in Robot::NAMES {
+        let robot = Robot::by_name(name).expect("loads");
+        for (words, gains, moved) in [
+            ("gear,vx=0.3", GainSet::Gear, 15),
+            // Legs and waist of the benchmark have the gains of GEAR's makers.
+            ("gear,height=0.7", GainSet::Fiatlux, 15),
+            ("gear,reading=lerobot", GainSet::GearLerobot, 15),
+            ("gear,reading=lerobot,gains=any", GainSet::Fiatlux, 15),
+            ("sonic", GainSet::Sonic, 29),
+            ("sonic,gains=any", GainSet::Fiatlux, 29),
+        ] {
+            let targets = foreign_targets(words, &robot, gains).expect(words);
+            assert_eq!(targets.len(), robot.q0().len());
+            for (joint, (target, q0)) in targets.iter().zip(robot.q0()).enumerate() {
+                assert_eq!((target - q0 - 0.25).abs() < 1e-9, joint >= moved, "{words} joint {joint}");
+            }
+        }
+    }
+}
+
+#[test]
+fn foreign_controllers_refuse_what_does_not_fit() {
+    let robot = Robot::g1_inspire().expect("loads");
+    for (words, gains, said) in [
+        ("sonic", GainSet::Fiatlux, "open the session with --gains sonic"),
+        ("gear,reading=lerobot", GainSet::Gear, "--gains gear-lerobot"),
+        ("gear,reading=mine", GainSet::Gear, "'reading=mine'"),
+        ("gear,speed=1", GainSet::Gear, "use names of reading, gains, vx"),
+        ("gear,vx=inf", GainSet::Gear, "'vx=inf'"),
+        ("sonic,vx=1", GainSet::Sonic, "use names of token, gains"),
+        ("sonic,gains=soft", GainSet::Sonic, "'gains=soft'"),
+        ("sonic,token=/nowhere.txt", GainSet::Sonic, "/nowhere.txt"),
+    ] {
+        let message = foreign_targets(words, &robot, gains).expect_err(words);
+        assert!(message.contains(said), "{words}: {message}");
+    }
+    let error = by_name("gear:/nowhere").err().expect("refused");
+    let source = std::error::Error::source(&error).expect("a cause").to_string();
+    assert!(source.contains("/nowhere/Balance.onnx") && source.contains("weights are not shipped"), "{source}");
 }

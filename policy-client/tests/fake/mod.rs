@@ -1,10 +1,11 @@
 //! A small server that counts instead of simulating.
 
 use std::net::TcpListener;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use fiatlux_access::{Channel, Identity, Label, Reply, Side, welcome};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::{
@@ -55,8 +56,11 @@ impl FakeServer {
         };
         let info = ServerInfo { protocol: Some(PROTOCOL), server: name.into(), ..ServerInfo::default() };
         let server = name.to_owned();
+        let sealing: Sealing = Arc::default();
+        let (identity, opened) = (Identity::generate().expect("a key"), Arc::clone(&sealing));
         let open = move |bytes: &[u8]| {
             let request: OpenRequest = decode(bytes, 1 << 16).expect("a request");
+            let hello = request.hello.clone().expect("a hello");
             let unknown = request.sensors.iter().find(|sensor| sensor.name == "smell");
             let reply = if let Some(sensor) = unknown {
                 let message = format!("sensor '{}' does not exist; ask for camera", sensor.name);
@@ -71,7 +75,14 @@ impl FakeServer {
                     ..session_info(&server)
                 })
             };
-            OpenReply { reply: Some(reply) }.encode_to_vec()
+            let (id, content) = match &reply {
+                open_reply::Reply::Session(info) => ("1", info.encode_to_vec()),
+                open_reply::Reply::Refusal(refusal) => ("", refusal.encode_to_vec()),
+            };
+            let said = Reply { request: bytes, server: &server, id, content: &content };
+            let (welcome, secrets) = welcome(&identity, &hello, said).expect("a hello");
+            *opened.lock().expect("a lock") = Some(Channel::new(&secrets, Side::Server).expect("keys"));
+            OpenReply { reply: Some(reply), welcome: Some(welcome) }.encode_to_vec()
         };
         let reset = {
             let (steps, episode, present) = (Arc::clone(&steps), Arc::clone(&episode), present.clone());
@@ -98,22 +109,27 @@ impl FakeServer {
         let queryables = vec![
             queryable(link, keys.describe(), move |_| info.encode_to_vec()),
             queryable(link, keys.open(), open),
-            queryable(link, session.reset(), reset),
-            queryable(link, session.observation(), move |_| last().encode_to_vec()),
-            queryable(link, session.look(), look),
-            queryable(link, session.close(), close),
+            sealed(link, session.reset(), &sealing, reset),
+            sealed(link, session.observation(), &sealing, move |_| last().encode_to_vec()),
+            sealed(link, session.look(), &sealing, look),
+            sealed(link, session.close(), &sealing, close),
         ];
         let publisher = link.declare_publisher(session.observation()).express(true).wait().expect("declares");
         let counted = Arc::clone(&steps);
         let act = move |sample: zenoh::sample::Sample| {
-            let action: Action = decode(&sample.payload().to_bytes(), 1 << 16).expect("an action");
+            let bytes = sample.payload().to_bytes();
+            let attachment = sample.attachment().map(|bytes| bytes.to_bytes().into_owned()).unwrap_or_default();
+            with(&sealing, |channel| channel.open(Label::Message("action"), &bytes, &attachment)).expect("sealed");
+            let action: Action = decode(&bytes, 1 << 16).expect("an action");
             if lose > 0 && received.fetch_add(1, Ordering::Relaxed) % lose == lose - 1 {
                 return;
             }
             let step = counted.load(Ordering::Relaxed);
             assert!(action.step == step || action.step + 1 == step, "action {} at step {step}", action.step);
             counted.store(action.step + 1, Ordering::Relaxed);
-            publisher.put(present().encode_to_vec()).wait().expect("publishes");
+            let bytes = present().encode_to_vec();
+            let attachment = with(&sealing, |channel| channel.seal(Label::Message("observation"), &bytes));
+            publisher.put(bytes).attachment(attachment.to_vec()).wait().expect("publishes");
         };
         Self {
             steps,
@@ -123,6 +139,32 @@ impl FakeServer {
             _actions: link.declare_subscriber(session.action()).callback(act).wait().expect("declares"),
         }
     }
+}
+
+/// The keys of the session, once it is open.
+type Sealing = Arc<Mutex<Option<Channel>>>;
+
+fn sealed(
+    link: &Session,
+    key: String,
+    sealing: &Sealing,
+    answer: impl Fn(&[u8]) -> Vec<u8> + Send + Sync + 'static,
+) -> Queryable<()> {
+    let (sealing, label) = (Arc::clone(sealing), key.rsplit('/').next().expect("a part").to_owned());
+    let reply = move |query: Query| {
+        let bytes = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+        let attachment = query.attachment().map(|bytes| bytes.to_bytes().into_owned()).unwrap_or_default();
+        let number = with(&sealing, |channel| channel.open(Label::Message(&label), &bytes, &attachment));
+        let Ok(number) = number else { return };
+        let answer = answer(&bytes);
+        let attachment = with(&sealing, |channel| channel.seal(Label::Reply(&label, number), &answer));
+        query.reply(query.key_expr().clone(), answer).attachment(attachment.to_vec()).wait().expect("replies");
+    };
+    link.declare_queryable(key).callback(reply).wait().expect("declares")
+}
+
+fn with<T>(sealing: &Sealing, act: impl FnOnce(&mut Channel) -> T) -> T {
+    act(sealing.lock().expect("a lock").as_mut().expect("an open session"))
 }
 
 fn queryable(link: &Session, key: String, answer: impl Fn(&[u8]) -> Vec<u8> + Send + Sync + 'static) -> Queryable<()> {

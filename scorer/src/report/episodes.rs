@@ -5,12 +5,12 @@ use std::fmt::Write;
 use fiatlux_rules::{CONTROL_DT, Protocol, Task};
 
 use super::figure::figure;
-use super::markup::{cause_class, escape, words};
+use super::markup::{cause_class, escape, link, words};
 use crate::tables::count;
 use crate::{EpisodeRow, Results};
 
 /// All episodes, a fold a task. Few tasks are shown unfolded.
-pub(super) fn section(out: &mut String, results: &Results) {
+pub(super) fn section(out: &mut String, results: &Results, has_replay: &dyn Fn(&str) -> bool) {
     out.push_str(
         "<h2>Episodes</h2>\n<p class=\"soft small\">For each episode: which criteria of the gate held when, and the largest \
          contact force of a bulb on any body of either hand. Colours at the right end are the causes of the end.</p>\n\
@@ -20,11 +20,11 @@ pub(super) fn section(out: &mut String, results: &Results) {
     let limit_n = results.conditions.thresholds.get("fragility_n").copied().unwrap_or(50.0);
     let groups: Vec<&[EpisodeRow]> = results.episodes.chunk_by(|a, b| a.task == b.task).collect();
     for episodes in &groups {
-        group(out, episodes, limit_n, groups.len() <= 2);
+        group(out, episodes, limit_n, groups.len() <= 2, has_replay);
     }
 }
 
-fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool) {
+fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, has_replay: &dyn Fn(&str) -> bool) {
     let id = &episodes[0].task;
     let passed = episodes.iter().filter(|episode| episode.strict_success.unwrap_or(episode.clean)).count();
     let progress = episodes.iter().map(|episode| episode.strict_progress.unwrap_or(episode.gate_progress)).sum::<f64>();
@@ -64,7 +64,7 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool) {
         );
     }
     out.push_str("<div class=\"episodes\">");
-    episodes.iter().for_each(|episode| card(out, episode, limit_n));
+    episodes.iter().for_each(|episode| card(out, episode, limit_n, has_replay));
     out.push_str("</div></div></details>\n");
 }
 
@@ -72,7 +72,7 @@ fn chip(out: &mut String, cause: &str) {
     let _ = write!(out, "<span class=\"chip b-{}\">{}</span>", cause_class(cause), escape(cause));
 }
 
-fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64) {
+fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, has_replay: &dyn Fn(&str) -> bool) {
     let index = if episode.episode == 0 { String::new() } else { format!(", episode {}", episode.episode) };
     let _ = write!(out, "<article class=\"episode\"><header><b>Seed {}{index}</b>", episode.seed);
     if let Some(cause) = &episode.failure {
@@ -111,6 +111,10 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64) {
     let _ = write!(out, "<footer>{}", escape(&notes.join("; ")));
     if !notes.is_empty() {
         out.push_str("<br>");
+    }
+    let replay = format!("{}.html", episode.bag.strip_suffix(".mcap").unwrap_or(&episode.bag));
+    if has_replay(&replay) {
+        let _ = write!(out, "<a href=\"{}\">3D replay</a> \u{b7} ", link(&replay));
     }
     let short: String = episode.state_digest.chars().take(16).collect();
     let _ = write!(

@@ -28,6 +28,12 @@ pub(super) fn shell_word(text: &str) -> String {
     if !text.is_empty() && text.chars().all(plain) { text.into() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
+/// A path as the address of a link. What could be read as a scheme or a question is spelt out in bytes.
+pub(super) fn link(path: &str) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.~/".contains(&byte);
+    path.bytes().map(|byte| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") }).collect()
+}
+
 /// `old_bulb_held` as a person writes it.
 pub(super) fn words(name: &str) -> String {
     escape(&name.replace('_', " "))
@@ -73,6 +79,12 @@ mod tests {
         assert_eq!(escape("a\u{202e}b\0"), "a\u{fffd}b\u{fffd}");
         assert_eq!(shell_word("runs/zero"), "runs/zero");
         assert_eq!(shell_word("a'; rm x"), "'a'\\''; rm x'");
+    }
+
+    #[test]
+    fn a_path_is_no_scheme_in_a_link() {
+        assert_eq!(link("../bags/S05-s0-e0.html"), "../bags/S05-s0-e0.html");
+        assert_eq!(link("javascript:a?b#c\"d e.html"), "javascript%3Aa%3Fb%23c%22d%20e.html");
     }
 
     #[test]

@@ -207,6 +207,7 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
     if let Some(episode) = results.episodes.iter().find(|episode| episode.failure.is_none()) {
         let command = format!("scorer verify {} -e tcp/HOST:7447", shell_word(&episode.bag));
         show(out, "Simulate one of them again on a server, and compare bit for bit", &command);
+        show(out, "Watch one of them in 3D, in a browser", &format!("fiatlux view {}", shell_word(&episode.bag)));
     }
     // The episodes of a run are those of its server.
     if !results.episodes.is_empty() && results.run.is_none() {
@@ -224,7 +225,7 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
         show(out, "Run the policy again", &command);
     }
     out.push_str(
-        "<p class=\"soft small\">The same bags and options give the same bytes, of this page too. An episode's digest is a \
+        "<p class=\"soft small\">The same bags and options give the same bytes, of this page too but for its links to replays. An episode's digest is a \
          SHA-256 chain over all numbers of its rows: equal digests mean that every joint, body and force was equal to the \
          last bit at every step.</p></div>\n",
     );

@@ -4,11 +4,13 @@ use crate::Results;
 
 const HEAD: &str = "policy,task,seed,episode,success,clean,broken,dropped,gate_progress,peak_hand_force_n,control_effort,\
                     steps,end,steps_in_gate,state_digest,bag,benchmark_version,strict_success,strict_clean,\
-                    strict_progress,strict_end,strict_steps";
+                    strict_progress,strict_end,strict_steps,run,run_registered,run_played,run_finished";
 
-/// One line an episode, under a line with the names of the fields in `results.json`.
+/// One line an episode, under a line with the names of the fields in `results.json`. Where the episodes are those of a run,
+/// each line says of which, and how many were registered and played: an episode that was not played has no line.
 pub fn csv(results: &Results) -> String {
     let mut lines = vec![HEAD.to_owned()];
+    let run = results.run.as_ref();
     for e in &results.episodes {
         let fields = [
             quoted(&results.policy),
@@ -33,6 +35,10 @@ pub fn csv(results: &Results) -> String {
             or_empty(&e.strict_progress),
             quoted(e.strict_end.as_deref().unwrap_or_default()),
             or_empty(&e.strict_steps),
+            quoted(run.map_or("", |run| run.name.as_str())),
+            or_empty(&run.map(|run| run.registered)),
+            or_empty(&run.map(|run| run.played)),
+            or_empty(&run.map(|run| run.finished)),
         ];
         lines.push(fields.join(","));
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{conditions_line, count, seed_count};
+use super::{conditions_line, count, run_line, seed_count};
 use crate::{RateRow, Results, TaskResult};
 
 /// A `table` environment that can be pasted as it is.
@@ -10,11 +10,12 @@ pub fn latex(results: &Results) -> String {
     let mut out = String::from("% needs \\usepackage{booktabs}\n\\begin{table}[t]\n\\centering\n\\small\n");
     let conditions = conditions_line(&results.conditions);
     let episodes = count(results.episodes.len(), "episode");
+    let run = results.run.as_ref().map(|run| format!(" {}.", escape(&run_line(run)))).unwrap_or_default();
     let _ = writeln!(
         out,
         "\\caption{{Fiatlux results of policy \\emph{{{}}}: {episodes}, {}, {}. CSR: clean success rate; SR: success \
          rate; $\\bar\\rho$: mean gate progress; $s$: mean and sample standard deviation over the seeds; each by the \
-         strict and by the published gates.}}",
+         strict and by the published gates.{run}}}",
         escape(&results.policy),
         escape(&seed_count(results)),
         escape(&conditions),

@@ -7,13 +7,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::Parser;
+use fiatlux_access::RecorderKey;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::v3::EpisodeEnd;
-use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions};
+use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
 
 /// Records the sessions of simulation servers, an episode in an MCAP file each.
 ///
-/// Prints a line for each bag that ended. Exit codes: 0 all whole, 1 failed, 2 usage, 3 some bags are cut.
+/// Prints a line for each bag that ended, and for each session of which records are in no bag. Exit codes: 0 all whole,
+/// 1 failed, 2 usage, 3 some bags are cut or records lost.
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXAMPLES)]
 struct Cli {
@@ -29,14 +31,17 @@ struct Cli {
     /// All bags in one folder, in place of SERVER/SESSION/
     #[arg(long)]
     flat: bool,
+    /// File with the key that the servers have, too (`fiatlux keys` makes one): records are sealed by it
+    #[arg(long, value_name = "FILE")]
+    recorder_key: PathBuf,
     #[command(flatten)]
     link: LinkArgs,
 }
 
 const EXAMPLES: &str = "\
 Examples:
-  recorder --out bags                     sessions of the server on this machine
-  recorder --settings recorder.toml       with the flags that a file has; deploy/settings/recorder.toml shows all";
+  recorder --out bags --recorder-key recorder.key    sessions of the server on this machine
+  recorder --settings recorder.toml                  with the flags that a file has; deploy/settings/recorder.toml shows all";
 
 /// Finished with data loss.
 const CUT: u8 = 3;
@@ -58,9 +63,11 @@ fn main() -> ExitCode {
 fn run(cli: Cli) -> anyhow::Result<bool> {
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for signals")?;
     std::fs::create_dir_all(&cli.out).with_context(|| format!("cannot make the folder {}", cli.out.display()))?;
+    let key = RecorderKey::read(&cli.recorder_key)?;
     let session = cli.link.open(Role::Client)?;
+    tracing::info!("bags go to {}; Ctrl-C finishes them", cli.out.display());
     let any_cut = Arc::new(AtomicBool::new(false));
-    let seen = Arc::clone(&any_cut);
+    let [seen, missed] = [Arc::clone(&any_cut), Arc::clone(&any_cut)];
     let recorder = Recorder::start(
         session,
         RecorderOptions {
@@ -68,10 +75,14 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
             server: cli.server,
             name: cli.name,
             naming: if cli.flat { Naming::Flat } else { Naming::BySession },
-            inside: false,
+            records: RecordsFrom::Servers(key),
             on_bag: Box::new(move |report| {
                 seen.fetch_or(matches!(report.end, BagEnd::Cut(_)), Ordering::Relaxed);
                 fiatlux_link::print(line(&report) + "\n");
+            }),
+            on_loss: Box::new(move |session, records| {
+                missed.store(true, Ordering::Relaxed);
+                fiatlux_link::print(format!("{session}: lost: {records} records are in no bag\n"));
             }),
         },
     )?;

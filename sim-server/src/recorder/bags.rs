@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use fiatlux_bag::{Bag, BagError, BagWriter, part_of, topic};
+use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, part_of, topic};
 use fiatlux_link::in_full;
 use fiatlux_proto::keys::is_name;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
@@ -21,6 +21,9 @@ use fiatlux_wire::{Frames, hands_named, layout_of, read_row};
 
 /// Rows from one set of poses to the next: 25 Hz.
 const ROWS_PER_FRAMES: u64 = 2;
+
+/// A session that goes on has one of its bags among so many of the folder.
+const LATEST: usize = 64;
 
 /// Most bags of one name in a folder.
 const MAX_SAME_NAME: u32 = 10_000;
@@ -49,16 +52,11 @@ impl Bags {
 
     /// Takes up the bag that an earlier recorder left of this session, if there is one.
     pub fn resume(&mut self, server: &str, session: &str) -> Option<(EpisodeHeader, u64)> {
-        let mut names: Vec<PathBuf> =
-            fs::read_dir(&self.folder).ok()?.filter_map(|entry| entry.ok()).map(|entry| entry.path()).collect();
-        names.sort();
         // The last episode of the session: what is left of earlier ones was given up.
-        let episode_of = |part: &PathBuf| {
-            let bag = part.extension().filter(|extension| *extension == "part").and_then(|_| Bag::open(part).ok())?;
-            let header = bag.header();
-            (header.server == server && header.session == session).then_some(header.episode)
-        };
-        let (_, part) = names.iter().filter_map(|part| Some((episode_of(part)?, part))).max_by_key(|(e, _)| *e)?;
+        let mut parts = self.files("part");
+        parts.sort();
+        let of_session = |part: PathBuf| Some((header_of(&part, server, session)?.episode, part));
+        let (_, part) = parts.into_iter().filter_map(of_session).max_by_key(|(episode, _)| *episode)?;
         match BagWriter::resume(&part.with_extension("")) {
             Ok(resumed) => {
                 let next_step = resumed.writer.next_step();
@@ -70,6 +68,20 @@ impl Bags {
                 None
             }
         }
+    }
+
+    /// Whether an earlier recorder has finished bags of this session here: its first rows are on disk then.
+    pub fn are_begun(&self, server: &str, session: &str) -> bool {
+        let modified = |bag: &PathBuf| fs::metadata(bag).and_then(|found| found.modified()).ok();
+        let mut bags: Vec<_> = self.files("mcap").into_iter().map(|bag| (modified(&bag), bag)).collect();
+        bags.sort();
+        bags.iter().rev().take(LATEST).any(|(_, bag)| header_of(bag, server, session).is_some())
+    }
+
+    /// The folder's files with this extension, in no order.
+    fn files(&self, extension: &str) -> Vec<PathBuf> {
+        let paths = fs::read_dir(&self.folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+        paths.filter(|path| path.extension().is_some_and(|found| found == extension)).collect()
     }
 
     /// The step after the last row on disk of the open bag.
@@ -108,9 +120,12 @@ impl Bags {
         };
         for number in 1..=MAX_SAME_NAME {
             let name = if number == 1 { format!("{name}.mcap") } else { format!("{name}-{number}.mcap") };
-            match BagWriter::create(&folder.join(&name), header) {
+            let path = folder.join(&name);
+            match BagWriter::create(&path, header) {
+                // An earlier recorder had finished it, and died before the server knew: what comes is on disk.
+                Err(BagError::Exists { .. }) if is_whole(&path, header) => return Ok(()),
                 Err(BagError::Exists { .. }) => {}
-                Err(error) => return Err(self.refuse(folder.join(name), header, error)),
+                Err(error) => return Err(self.refuse(path, header, error)),
                 Ok(writer) => {
                     self.open = Some(OpenBag { header: header.clone(), writer });
                     return Ok(());
@@ -166,6 +181,18 @@ impl Bags {
             None => warn!(error = error as &dyn std::error::Error, "an episode is not recorded"),
         }
     }
+}
+
+/// The header of a bag, where that is one of this session.
+fn header_of(bag: &Path, server: &str, session: &str) -> Option<EpisodeHeader> {
+    let bag = Bag::open(bag).ok()?;
+    let header = bag.header();
+    (header.server == server && header.session == session).then(|| header.clone())
+}
+
+/// Whether the whole bag of this very episode is there.
+fn is_whole(path: &Path, header: &EpisodeHeader) -> bool {
+    Bag::open(path).is_ok_and(|bag| bag.header() == header && *bag.completeness() == Completeness::Whole)
 }
 
 /// Encoded poses of a row; none where the record has none, or no readable one, or the robot is not known here.

@@ -113,8 +113,9 @@ fn record(zenoh: &Zenoh, out: &Path) -> (Recorder, mpsc::Receiver<BagReport>) {
         server: Some("lab".into()),
         name: "test".into(),
         naming: Naming::BySession,
-        inside: false,
-        on_bag: Box::new(move |report| sender.send(report).expect("the test listens")),
+        records: RecordsFrom::ThisProcess,
+        on_bag: Box::new(move |report| drop(sender.send(report))),
+        on_loss: Box::new(|_, _| ()),
     };
     (Recorder::start(zenoh.clone(), options).expect("a recorder"), reports)
 }
@@ -181,6 +182,23 @@ fn a_recorder_that_comes_back_goes_on() {
     assert!(matches!(report.end, BagEnd::Whole(_)), "{:?}", report.end);
     assert_eq!(steps(&report.path), Vec::from_iter(0..400));
     assert!(recorder.stop().is_empty() && !left[0].exists());
+}
+
+/// Guards the recorder that died after it finished a bag and before the server knew of it.
+#[test]
+fn a_bag_that_was_finished_is_not_written_again() {
+    let zenoh = fiatlux_link::embedded().expect("a session");
+    let out = folder("finished");
+    for _ in 0..2 {
+        let session = FakeSession::open(&zenoh, "7");
+        let (recorder, _reports) = record(&zenoh, &out);
+        session.send(&episode(0, 0, 20), |_| true);
+        wait_for_ack(&session, 20);
+        assert!(recorder.stop().is_empty());
+    }
+    let files =
+        std::fs::read_dir(out.join("lab/7")).expect("the folder").map(|entry| entry.expect("a file").file_name());
+    assert_eq!(Vec::from_iter(files), ["S01-s0-e0.mcap"]);
 }
 
 #[test]

@@ -2,19 +2,19 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
+use fiatlux_access::RowsKey;
 use fiatlux_proto::keys::SessionKeys;
 use fiatlux_proto::{Bytes, encoding};
 use fiatlux_session::recorder::{Input, MAX_WAITING, Output};
 use fiatlux_session::{Machine, RecorderSession};
 use tracing::{debug, info, warn};
 use zenoh::bytes::{Encoding, ZBytes};
-use zenoh::pubsub::Subscriber;
-use zenoh::query::{ConsolidationMode, Reply};
+use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 use zenoh::sample::Sample;
 use zenoh::{Session as Zenoh, Wait};
 
@@ -43,20 +43,44 @@ pub(super) enum WorkerEvent {
 
 /// Puts a session's records into the queue. Those over the limit are dropped, and asked for again.
 #[derive(Clone)]
-struct Inlet {
+pub(super) struct Inlet {
     key: Arc<str>,
     queue: Sender<WorkerEvent>,
     queued: Arc<AtomicUsize>,
 }
 
 impl Inlet {
-    fn push(&self, sample: &Sample) {
+    pub fn push(&self, sample: &Sample) {
         if self.queued.fetch_add(1, Ordering::Relaxed) >= MAX_WAITING {
             self.queued.fetch_sub(1, Ordering::Relaxed);
             return;
         }
         // The worker may be gone.
         let _ = self.queue.send(WorkerEvent::StepRecord(Arc::clone(&self.key), sample.payload().clone()));
+    }
+}
+
+/// The inlets of all sessions that are followed, by the key of their records.
+///
+/// One subscription serves them all: to Zenoh each further one costs as much as there are, and anybody can announce sessions.
+pub(super) type Inlets = RwLock<BTreeMap<String, Inlet>>;
+
+/// A session's place among the inlets.
+struct Listed {
+    shared: Arc<Shared>,
+    key: String,
+}
+
+impl Listed {
+    fn new(shared: &Arc<Shared>, key: String, inlet: Inlet) -> Self {
+        shared.inlets.write().unwrap_or_else(PoisonError::into_inner).insert(key.clone(), inlet);
+        Self { shared: Arc::clone(shared), key }
+    }
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        self.shared.inlets.write().unwrap_or_else(PoisonError::into_inner).remove(&self.key);
     }
 }
 
@@ -75,7 +99,14 @@ struct Followed {
     inlet: Inlet,
     state: RecorderSession,
     bags: Bags,
-    _records: Subscriber<()>,
+    /// Unseals its records.
+    rows: Option<RowsKey>,
+    /// Its token was withdrawn, by whomever.
+    is_gone: bool,
+    /// A record of it has come.
+    is_heard: bool,
+    since: Duration,
+    _listed: Listed,
 }
 
 /// A worker's thread.
@@ -85,6 +116,8 @@ pub(super) struct Worker {
     pub inbox: Receiver<WorkerEvent>,
     pub queue: Sender<WorkerEvent>,
     pub start: Instant,
+    /// Sessions that it follows of which no record has come.
+    pub max_unheard: usize,
 }
 
 impl Worker {
@@ -112,19 +145,40 @@ impl Worker {
     fn handle(&self, sessions: &mut BTreeMap<Arc<str>, Followed>, event: WorkerEvent, now: Duration) {
         let (key, input) = match event {
             WorkerEvent::Live(key) => {
-                if !sessions.contains_key(&key)
-                    && let Some(session) = self.follow(&key, now)
-                {
-                    sessions.insert(Arc::clone(&key), session);
+                if !sessions.contains_key(&key) {
+                    make_room(sessions, self.max_unheard);
+                    if let Some(session) = self.follow(&key, now) {
+                        sessions.insert(Arc::clone(&key), session);
+                    }
+                }
+                if let Some(session) = sessions.get_mut(&key) {
+                    session.is_gone = false;
                 }
                 (key, Input::ServerSeen)
             }
-            WorkerEvent::Gone(key) => (key, Input::ServerGone),
-            WorkerEvent::StepRecord(key, bytes) => {
-                if let Some(session) = sessions.get(&key) {
-                    session.inlet.queued.fetch_sub(1, Ordering::Relaxed);
+            WorkerEvent::Gone(key) => {
+                if let Some(session) = sessions.get_mut(&key) {
+                    session.is_gone = true;
                 }
-                (key, Input::StepRecord(bytes.to_bytes().into_owned().into()))
+                (key, Input::ServerGone)
+            }
+            WorkerEvent::StepRecord(key, bytes) => {
+                let Some(session) = sessions.get_mut(&key) else { return };
+                session.inlet.queued.fetch_sub(1, Ordering::Relaxed);
+                let record = match &session.rows {
+                    None => Some(bytes.to_bytes().into_owned()),
+                    Some(rows) => rows.open(&bytes.to_bytes()),
+                };
+                let Some(record) = record else {
+                    return debug!(%key, "a record that is not the server's is dropped");
+                };
+                session.is_heard = true;
+                if session.is_gone {
+                    // Whoever withdrew the token: the server is gone once it has been silent for as long.
+                    session.state.handle(Input::ServerSeen, now);
+                    session.state.handle(Input::ServerGone, now);
+                }
+                (key, Input::StepRecord(record.into()))
             }
             WorkerEvent::Answered(key) => (key, Input::Answered),
             WorkerEvent::Stop => return,
@@ -145,15 +199,15 @@ impl Worker {
                 info!(%key, next_step, "an unfinished bag is taken up");
                 RecorderSession::resume(name, header, next_step, now)
             }
+            None if bags.are_begun(server, session) => RecorderSession::again(name, now),
             None => RecorderSession::new(name, now),
         };
+        let sealed_by = self.shared.key.as_ref().map(|key| RowsKey::of_recorder(key, server, session)).transpose();
+        let rows = sealed_by.map_err(|error| warn!(%key, %error, "a session is not recorded")).ok()?;
         let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default() };
-        let heard = inlet.clone();
-        let records = self.zenoh.declare_subscriber(keys.truth_row()).allowed_origin(self.shared.locality);
-        let records = records.callback(move |sample| heard.push(&sample)).wait();
-        let records = records.map_err(|error| warn!(%key, %error, "a session is not recorded")).ok()?;
+        let listed = Listed::new(&self.shared, keys.truth_row(), inlet.clone());
         debug!(%key, "a session is recorded");
-        Some(Followed { keys, inlet, state, bags, _records: records })
+        Some(Followed { keys, inlet, state, bags, rows, is_gone: false, is_heard: false, since: now, _listed: listed })
     }
 
     /// Gives a session an input and does what it wants done; returns whether it goes on.
@@ -163,6 +217,7 @@ impl Worker {
             match output {
                 Output::Request(request) => self.ask(session, request),
                 Output::Ack(ack) => self.acknowledge(session, ack),
+                Output::Lost(records) => (self.shared.on_loss)(&session.inlet.key, records),
                 Output::Done => return false,
                 Output::Write(write) => {
                     let written = session.bags.write(write);
@@ -182,7 +237,12 @@ impl Worker {
             }
         };
         let asked = self.zenoh.get(session.keys.truth_rows()).allowed_destination(self.shared.locality);
-        let asked = asked.payload(request).encoding(Encoding::from(encoding("StepRecordRequest")));
+        let proof = session.rows.as_ref().map(|rows| rows.prove("rows", &request).to_vec());
+        let asked = asked
+            .payload(request)
+            .attachment(proof)
+            .target(QueryTarget::All)
+            .encoding(Encoding::from(encoding("StepRecordRequest")));
         // All replies have one key, and each counts.
         let asked = asked.consolidation(ConsolidationMode::None).timeout(ANSWER_TIMEOUT);
         if let Err(error) = asked.callback(take).wait() {
@@ -191,9 +251,24 @@ impl Worker {
     }
 
     fn acknowledge(&self, session: &Followed, ack: Bytes) {
-        let put = self.zenoh.put(session.keys.truth_ack(), ack).allowed_destination(self.shared.locality);
+        let proof = session.rows.as_ref().map(|rows| rows.prove("ack", &ack).to_vec());
+        let put =
+            self.zenoh.put(session.keys.truth_ack(), ack).attachment(proof).allowed_destination(self.shared.locality);
         if let Err(error) = put.encoding(Encoding::from(encoding("StepRecordAck"))).wait() {
             warn!(key = %session.inlet.key, %error, "cannot acknowledge records");
         }
+    }
+}
+
+/// Follows the oldest session no more of which nothing has come, where there are too many of them.
+fn make_room(sessions: &mut BTreeMap<Arc<str>, Followed>, max_unheard: usize) {
+    let unheard = || sessions.iter().filter(|(_, session)| !session.is_heard);
+    if unheard().count() < max_unheard {
+        return;
+    }
+    let oldest = unheard().min_by_key(|(_, session)| session.since).map(|(key, _)| Arc::clone(key));
+    if let Some(key) = oldest {
+        debug!(%key, "too many sessions are announced; this one has sent no record and is followed no more");
+        sessions.remove(&key);
     }
 }

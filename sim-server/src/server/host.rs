@@ -7,6 +7,7 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use fiatlux_access::{Identity, sign_result};
 use fiatlux_features::ResNet18;
 use fiatlux_link::in_full;
 use fiatlux_proto::Message;
@@ -36,6 +37,8 @@ pub(super) struct Simulation {
     run: Option<Run>,
     /// At an episode of a run.
     attempt: Option<Arc<Attempt>>,
+    /// Signs the results.
+    signer: Option<Arc<Identity>>,
 }
 
 #[derive(Debug)]
@@ -55,12 +58,27 @@ impl Simulation {
         let weights = network.as_ref().map(|network| network.label().to_owned()).unwrap_or_default();
         let suite = SensorSuite::new(plan.sensors.all(), plan.setup(&built.scene));
         let suite = suite.with_sight(plan.sensors.sight()).with_network(network);
-        Self { server: server.into(), id: id.into(), plan, built, suite, weights, run: None, attempt: None }
+        Self {
+            server: server.into(),
+            id: id.into(),
+            plan,
+            built,
+            suite,
+            weights,
+            run: None,
+            attempt: None,
+            signer: None,
+        }
     }
 
     /// Of a run: it plays one episode, and must repeat what earlier attempts at that had.
     pub fn of_run(self, attempt: Option<Arc<Attempt>>) -> Self {
         Self { attempt, ..self }
+    }
+
+    /// Its results are signed.
+    pub fn signed_by(self, signer: Option<Arc<Identity>>) -> Self {
+        Self { signer, ..self }
     }
 
     /// What a client is told of the session, its timeouts aside.
@@ -145,6 +163,12 @@ impl Host for Simulation {
             attempt.is_cut_short(why);
         }
         self.run.as_ref().map(|run| record::aborted(&run.episode, run.record.as_ref())).unwrap_or_default()
+    }
+
+    fn sign(&self, result: &mut EpisodeResult) {
+        if let Some(signer) = &self.signer {
+            sign_result(signer, result);
+        }
     }
 }
 

@@ -2,12 +2,12 @@
 
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
-use fiatlux_robot::{HandKind, JointGains, Robot};
+use fiatlux_robot::{GainSet, HandKind, JointGains, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, ROW_LAYOUT, Task};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
 
-use super::plan::{GAINS, Plan};
+use super::plan::Plan;
 use fiatlux_wire::{domain_sample_message, drive_message, footprint_messages, geometry_message};
 
 /// Version of the software.
@@ -21,7 +21,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
         server: name.into(),
         tasks: Task::ALL.into_iter().map(|name| task(name, Protocol::default())).collect(),
         sensors: Sensor::ALL.map(|sensor| sensor.name().into()).into(),
-        gains: GAINS.map(Into::into).into(),
+        gains: GainSet::ALL.map(|set| set.name().into()).into(),
         capacity: u32::try_from(capacity).unwrap_or(u32::MAX),
         open_sessions: 0,
         model_digest: robot.digest().into(),

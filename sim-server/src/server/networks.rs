@@ -101,7 +101,7 @@ mod tests {
             assert!(refused(&networks, outside).contains("is no name of a file"), "{outside}");
         }
         assert!(refused(&networks, "missing").contains("missing"));
-        assert!(refused(&networks, "wrong").contains("no safetensors file"));
+        assert!(refused(&networks, "wrong").contains("not a safetensors file"));
         assert!(refused(&Networks::new(None), "wrong").contains("--weights DIR"));
         std::fs::remove_dir_all(folder).expect("removed");
     }

@@ -4,9 +4,11 @@ mod sensors;
 
 use fiatlux_features::SIDE_STEP;
 use fiatlux_link::in_full;
+#[cfg(test)]
+use fiatlux_proto::decode;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Mode, OpenRequest, Refusal, RunTicket, Version};
-use fiatlux_proto::{PROTOCOL, decode, is_compatible, limits};
+use fiatlux_proto::{PROTOCOL, is_compatible, limits};
 use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
@@ -16,9 +18,6 @@ use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
 use fiatlux_sensing::{Sensors, Setup};
 use fiatlux_wire as wire;
 pub(super) use sensors::SensorPlan;
-
-/// Names of the gains.
-pub(super) const GAINS: [&str; 2] = ["fiatlux", "sonic"];
 
 /// The side of the camera's image unless a session asks for another, pixels.
 const IMAGE_SIDE: u32 = HEAD_PIXELS as u32;
@@ -96,6 +95,7 @@ impl Plan {
 }
 
 /// Reads and checks a request.
+#[cfg(test)]
 pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
     let request: OpenRequest = decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
     check(&request)
@@ -223,7 +223,8 @@ fn gains(name: &str) -> Result<GainSet, Refusal> {
         return Ok(GainSet::default());
     }
     let unknown = |_| {
-        let message = format!("there are no gains '{name}'; use one of {}", GAINS.join(", "));
+        let known = GainSet::ALL.map(GainSet::name).join(", ");
+        let message = format!("there are no gains '{name}'; use one of {known}");
         Refusal::new(Code::Unknown, "gains", message)
     };
     name.parse().map_err(unknown)
@@ -327,12 +328,12 @@ mod tests {
         let list = |name: &str| vec![name.to_owned()];
         let flat = || named(&["flat"]);
         let cases = [
-            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.3"),
+            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.5"),
             (
                 OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
                 Code::Version,
                 "protocol",
-                "the client speaks 2.3, this server 3.3",
+                "the client speaks 2.3, this server 3.5",
             ),
             (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
             (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),

@@ -1,20 +1,25 @@
 //! Workers and a timer: who runs a session, and when.
 
-use std::cmp::Ordering;
+use std::cmp;
 use std::collections::{BinaryHeap, VecDeque};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
+use fiatlux_access::SEAL_BYTES;
+use fiatlux_link::BusyWait;
 use fiatlux_proto::Bytes;
 use zenoh::query::Query;
 
 use super::actor::Actor;
 use super::lock;
+use super::opens::Digest;
 
 /// What a worker does.
 pub(super) enum Job {
     Run(Arc<Actor>),
-    Open(Query),
+    /// A request, and the digest by which it is known.
+    Open(Bytes, Vec<u8>, Digest),
     Describe(Query),
 }
 
@@ -28,7 +33,7 @@ impl Answer {
     pub fn bytes(&self) -> usize {
         match &self.kind {
             AnswerKind::Replies(_, replies) => replies.iter().map(Bytes::len).sum(),
-            AnswerKind::Own(_, _, bytes) | AnswerKind::Refusal(bytes) => bytes.len(),
+            AnswerKind::Own(_, _, bytes, _) | AnswerKind::Refusal(bytes) => bytes.len(),
         }
     }
 }
@@ -36,39 +41,76 @@ impl Answer {
 pub(super) enum AnswerKind {
     /// Messages of that name.
     Replies(&'static str, Vec<Bytes>),
-    /// A message of that name, on that key: of replies with one key, a query for all servers may keep the last alone.
-    Own(String, &'static str, Bytes),
+    /// A message of that name, on that key: of replies with one key, a query for all servers may keep the last alone. With
+    /// its attachment, if it has one.
+    Own(String, &'static str, Bytes, Option<[u8; SEAL_BYTES]>),
     /// A refusal where there is no other form for it.
     Refusal(Bytes),
 }
 
 /// Work for threads, in the order in which it came.
 pub(super) struct Queue<T> {
-    state: Mutex<(VecDeque<T>, bool)>,
+    state: Mutex<QueueState<T>>,
+    /// Whether `next` has something to return: looked at without the lock.
+    is_ready: AtomicBool,
     changed: Condvar,
+}
+
+struct QueueState<T> {
+    work: VecDeque<T>,
+    is_stopped: bool,
+    /// One thread looks for work before it sleeps, and need not be woken.
+    is_watched: bool,
 }
 
 impl<T> Default for Queue<T> {
     fn default() -> Self {
-        Self { state: Mutex::new((VecDeque::new(), false)), changed: Condvar::new() }
+        let state = QueueState { work: VecDeque::new(), is_stopped: false, is_watched: false };
+        Self { state: Mutex::new(state), is_ready: AtomicBool::new(false), changed: Condvar::new() }
     }
 }
 
 impl<T> Queue<T> {
     pub fn push(&self, work: T) {
-        lock(&self.state).0.push_back(work);
-        self.changed.notify_one();
+        let mut state = lock(&self.state);
+        state.work.push_back(work);
+        self.is_ready.store(true, Ordering::Release);
+        let is_seen = state.is_watched && state.work.len() == 1;
+        drop(state);
+        if !is_seen {
+            self.changed.notify_one();
+        }
     }
 
     /// What comes next; none once the queue is stopped.
     pub fn next(&self) -> Option<T> {
+        self.next_after(|| false)
+    }
+
+    /// The same, for a thread that looks for a moment before it sleeps.
+    pub fn next_soon(&self, busy: &mut BusyWait) -> Option<T> {
+        self.next_after(|| busy.until(|| self.is_ready.load(Ordering::Acquire)))
+    }
+
+    fn next_after(&self, mut watch: impl FnMut() -> bool) -> Option<T> {
         let mut state = lock(&self.state);
         loop {
-            if state.1 {
+            if state.is_stopped {
                 return None;
             }
-            if let Some(work) = state.0.pop_front() {
+            if let Some(work) = state.work.pop_front() {
+                self.is_ready.store(!state.work.is_empty(), Ordering::Release);
                 return Some(work);
+            }
+            if !state.is_watched {
+                state.is_watched = true;
+                drop(state);
+                let found = watch();
+                state = lock(&self.state);
+                state.is_watched = false;
+                if found || state.is_stopped || !state.work.is_empty() {
+                    continue;
+                }
             }
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
@@ -76,13 +118,14 @@ impl<T> Queue<T> {
 
     /// Looks at what waits.
     pub fn fold<B>(&self, start: B, look: impl Fn(B, &T) -> B) -> B {
-        lock(&self.state).0.iter().fold(start, look)
+        lock(&self.state).work.iter().fold(start, look)
     }
 
     pub fn stop(&self) {
         let mut state = lock(&self.state);
-        state.1 = true;
-        state.0.clear();
+        state.is_stopped = true;
+        state.work.clear();
+        self.is_ready.store(true, Ordering::Release);
         self.changed.notify_all();
     }
 }
@@ -145,14 +188,14 @@ impl PartialEq for Alarm {
 impl Eq for Alarm {}
 
 impl PartialOrd for Alarm {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+    fn partial_cmp(&self, other: &Self) -> Option<cmp::Ordering> {
         Some(self.cmp(other))
     }
 }
 
 /// The earliest is the greatest, as the heap has it.
 impl Ord for Alarm {
-    fn cmp(&self, other: &Self) -> Ordering {
+    fn cmp(&self, other: &Self) -> cmp::Ordering {
         other.at.cmp(&self.at)
     }
 }

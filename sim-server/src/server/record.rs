@@ -162,5 +162,6 @@ fn result(episode: &Episode, end: EpisodeEnd, header_digest: String) -> EpisodeR
         published: Some(judgement_message(judges.of(Protocol::Published))),
         strict,
         header_digest,
+        signature: None,
     }
 }

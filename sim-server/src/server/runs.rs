@@ -153,7 +153,7 @@ impl Runs {
 
     /// The run of that name and key.
     pub fn find(&self, name: &str, key: &str) -> Result<Arc<Run>, Refusal> {
-        self.get(name, &register::key_digest(key)?)?.ok_or_else(|| {
+        self.get(name, &register::key_digest(key))?.ok_or_else(|| {
             let message = format!("there is no run '{name}' on this server; register it");
             Refusal::new(Code::Unknown, "run", message)
         })
@@ -165,7 +165,7 @@ impl Runs {
             let message = format!("'{name:.80}' cannot be a run's name; use 1 to 64 letters, digits, - or _");
             return Err(Refusal::new(Code::Value, "run", message));
         }
-        let key_sha256 = register::key_digest(key)?;
+        let key_sha256 = register::key_digest(key);
         if let Some(run) = self.get(name, &key_sha256)? {
             register::check_same(name, &lock(&run.state).writer.ledger().registration().spec, &spec)?;
             return Ok(run);
@@ -231,9 +231,12 @@ impl Run {
     }
 
     /// Where it stands, for its client. Hosted seeds are told when it is finished.
-    pub fn info(&self) -> RunInfo {
+    ///
+    /// # Errors
+    /// What has happened cannot be written: nobody is told of it then.
+    pub fn info(&self) -> Result<RunInfo, Refusal> {
         let mut state = lock(&self.state);
-        state.flush();
+        state.flush()?;
         let ledger = state.ledger();
         let is_waiting = ledger.episodes().iter().any(|episode| episode.state == State::Waiting);
         let asks_siblings = is_waiting || ledger.is_hosted() && ledger.is_finished();
@@ -274,18 +277,19 @@ impl Run {
             message
         });
         let Registration { run, spec, .. } = ledger.registration();
-        RunInfo {
+        Ok(RunInfo {
             run: run.clone(),
             spec: Some(spec.clone()),
             episodes: episodes.collect(),
             finished: ledger.is_finished(),
-        }
+            link: String::new(),
+        })
     }
 
     /// The session that an episode is to be played in, where it may be.
     pub fn plan(self: &Arc<Self>, index: u32) -> Result<(Plan, Seat), Refusal> {
         let mut state = lock(&self.state);
-        state.flush();
+        state.flush()?;
         let ledger = state.writer.ledger();
         let Registration { run, version, spec, episodes, .. } = ledger.registration();
         let wrong = |code, message: String| Err(Refusal::new(code, "open", message));
@@ -339,7 +343,7 @@ impl Run {
     /// Ends it: what was not decided has failed.
     pub fn finish(&self) -> Result<(), Refusal> {
         let mut state = lock(&self.state);
-        state.flush();
+        state.flush()?;
         if state.writer.ledger().is_finished() {
             return Ok(());
         }
@@ -362,21 +366,23 @@ impl Run {
         let mut state = lock(&self.state);
         state.open.remove(&episode);
         state.pending.push_back(event);
-        state.flush();
+        // Its client asks for the state, and is told.
+        let _ = state.flush();
     }
 }
 
 impl RunState {
     /// Writes what is pending. What a full disk does not take stays, and its episode open, until there is room.
-    fn flush(&mut self) {
+    fn flush(&mut self) -> Result<(), Refusal> {
         while let Some(event) = self.pending.pop_front() {
             let Err(error) = self.writer.append(event.clone()) else { continue };
-            tracing::error!(error = in_full(&error), ?event, "an event of a run is not written");
             if !matches!(error, LedgerError::Event { .. }) {
                 self.pending.push_front(event);
-                break;
+                return Err(not_written(&error));
             }
+            tracing::error!(error = in_full(&error), ?event, "an event of a run is not written");
         }
+        Ok(())
     }
 
     fn ledger(&self) -> &Ledger {
@@ -411,7 +417,7 @@ impl Seat {
                 marks: Marks::default(),
                 cause: clip(&refusal.message),
             });
-            state.flush();
+            state.flush()?;
             return Err(refusal);
         }
         let attempt = Arc::new(Attempt::new(Arc::clone(run), *episode, number, session, prefix.clone()));
@@ -425,16 +431,18 @@ fn lock_of(folder: &Path, server: &str) -> PathBuf {
     folder.join(format!("{server}.lock"))
 }
 
-/// The journal says why; its client can only wait.
+/// The log says why. A client stops, for there is nothing to be played that would count.
 fn not_written(error: &LedgerError) -> Refusal {
     tracing::error!(error = in_full(error), "the ledger of a run cannot be written");
     let message = match error {
         LedgerError::Exists { .. } => {
             "the server's folder has a run of that name that it could not take up; see its log, or give the run another name"
         }
-        _ => "the server cannot write the run's journal; free some space there, see its log, and ask again",
+        _ => {
+            "the server cannot write the run's journal; free some space on its disk, see its log, and go on with the run"
+        }
     };
-    Refusal::new(Code::Busy, "", message)
+    Refusal::new(Code::Busy, "journal", message)
 }
 
 fn unix_ms() -> u64 {

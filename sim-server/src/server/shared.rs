@@ -1,28 +1,33 @@
 //! What all parts of a server share, and what its workers do with it.
 
 use std::collections::BTreeMap;
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
+use fiatlux_access::{Channel, Identity, RecorderKey, RowsKey, Side as End, Tokens};
+use fiatlux_link::BusyWait;
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{
-    OpenReply, Refusal, RunFinish, RunReply, RunRequest, RunStatus, ServerInfo, SessionInfo, open_reply, run_reply,
-    run_request,
-};
-use fiatlux_proto::{Bytes, Message, decode, encoding, limits};
+use fiatlux_proto::v3::{OpenReply, OpenRequest, Refusal, ServerInfo, SessionInfo, Welcome, open_reply};
+use fiatlux_proto::{Bytes, Message, decode, encoding, limits, record_seq};
 use fiatlux_session::Machine;
 use fiatlux_session::server::{Input, Output, Timeouts};
-use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::bytes::Encoding;
 use zenoh::query::Query;
 use zenoh::{Session as Zenoh, Wait};
 
-use super::actor::{Actor, Session, Side, Wire};
+use super::actor::{Actor, Asker, Session, Side, Wire};
+use super::gate::Gate;
+use super::guest::Guest;
 use super::host::Simulation;
+use super::links::{Links, RunJob};
 use super::lock;
 use super::networks::Networks;
+use super::opens::{Begun, Digest, Opens};
+use super::places::{CLAIM_TIME, NoPlace, Places};
 use super::plan::{self, Plan};
 use super::pool::{Answer, AnswerKind, Job, Queue, Timer};
 use super::runs::{Runs, Seat};
@@ -36,6 +41,8 @@ const TURN_TIME: Duration = Duration::from_millis(20);
 /// Queries whose replies wait to be sent, and the bytes of these replies.
 const MAX_ANSWERS: usize = 1024;
 const MAX_ANSWER_BYTES: usize = 64 << 20;
+/// Sessions that are over and whose clients may still ask.
+const MAX_FORMER: usize = 256;
 /// Sessions that may wait for their recorder, for each one that may be open.
 const DRAINING_PER_OPEN: usize = 3;
 
@@ -55,10 +62,26 @@ pub(super) struct Shared {
     /// None without a folder to record into.
     pub runs: Option<Runs>,
     /// Requests to runs. They wait for the disk, so they have a thread of their own.
-    pub run_requests: Queue<Query>,
+    pub run_requests: Queue<RunJob>,
     pub sessions: RwLock<BTreeMap<String, Arc<Actor>>>,
+    /// Guards of sessions that are over, the oldest first: their clients are told so.
+    pub former: Mutex<VecDeque<(String, Arc<Gate>)>>,
     /// Sessions that clients have.
-    pub open: AtomicUsize,
+    pub places: Places,
+    pub identity: Arc<Identity>,
+    /// The identity, where it was given and so outlives the server: it signs results.
+    pub signer: Option<Arc<Identity>>,
+    /// Who may open sessions; none where everybody may.
+    pub tokens: Option<Tokens>,
+    /// Of the recorders that are processes of their own.
+    pub recorder_key: Option<RecorderKey>,
+    /// There is a recorder: sessions may ask to be recorded.
+    pub has_recorder: bool,
+    /// Requests that begin something.
+    pub opens: Opens,
+    pub links: Links,
+    /// Messages to sessions that were refused as not their client's.
+    pub refused: AtomicU64,
     pub closing: AtomicBool,
     /// Makes the ids of sessions differ from those of an earlier server of the same name.
     pub id_prefix: String,
@@ -82,7 +105,7 @@ impl Shared {
     }
 
     /// Gives a session an input, and a worker the session.
-    pub fn send(&self, actor: &Arc<Actor>, side: Side, input: Input<Query>) {
+    pub fn send(&self, actor: &Arc<Actor>, side: Side, input: Input<Asker>) {
         if actor.push(side, input) {
             self.queue.push(Job::Run(Arc::clone(actor)));
         }
@@ -90,10 +113,11 @@ impl Shared {
 
     /// What a worker's thread does.
     pub fn work(&self) {
-        while let Some(job) = self.queue.next() {
+        let mut busy = BusyWait::default();
+        while let Some(job) = self.queue.next_soon(&mut busy) {
             let done = catch_unwind(AssertUnwindSafe(|| match &job {
                 Job::Run(actor) => self.run(actor),
-                Job::Open(query) => self.open(query),
+                Job::Open(payload, attachment, digest) => self.open(payload, attachment, *digest),
                 Job::Describe(query) => self.describe(query),
             }));
             if done.is_err()
@@ -101,6 +125,12 @@ impl Shared {
             {
                 tracing::error!(session = actor.id, "a session failed and is closed; please report this");
                 self.give_up(actor);
+            }
+            if done.is_err()
+                && let Job::Open(_, _, digest) = &job
+            {
+                tracing::error!("a request to open failed; please report this");
+                self.opens.forget(digest);
             }
         }
     }
@@ -111,12 +141,18 @@ impl Shared {
         let mut done = wire.is_none();
         let mut parked = false;
         let begun = Instant::now();
+        if actor.is_unclaimed(self.now()) {
+            session.handle(Input::Terminate("nobody has claimed it"), self.now());
+            while let Some(output) = session.poll() {
+                done |= self.emit(actor, wire.as_ref(), output);
+            }
+        }
         for _ in 0..TURN {
             if begun.elapsed() > TURN_TIME {
                 break;
             }
             let Some(input) = actor.take() else {
-                if let Some(at) = session.wake_at()
+                if let Some(at) = actor.wake_at(&session, self.now())
                     && actor.wakes_earlier(at)
                 {
                     self.timer.set(at, actor);
@@ -130,7 +166,7 @@ impl Shared {
             };
             session.handle(input, self.now());
             while let Some(output) = session.poll() {
-                done |= self.emit(wire.as_ref(), output);
+                done |= self.emit(actor, wire.as_ref(), output);
             }
         }
         drop((session, wire));
@@ -142,28 +178,51 @@ impl Shared {
     }
 
     /// Sends what a session has to say; returns whether that was the last of it.
-    fn emit(&self, wire: Option<&Wire>, output: Output<Query>) -> bool {
-        let put = |publish: fn(&Wire) -> &zenoh::pubsub::Publisher<'static>, bytes: Bytes| {
-            if let Some(Err(error)) = wire.map(|wire| publish(wire).put(bytes).wait()) {
+    fn emit(&self, actor: &Actor, wire: Option<&Wire>, output: Output<Asker>) -> bool {
+        let put = |publish: fn(&Wire) -> &zenoh::pubsub::Publisher<'static>, label: Option<&str>, bytes: Bytes| {
+            let Some(wire) = wire else { return };
+            let attachment = label.map(|label| actor.gate.seal(label, &bytes).to_vec());
+            if let Err(error) = publish(wire).put(bytes).attachment(attachment).wait() {
                 tracing::debug!(%error, "a message is lost");
             }
         };
         match output {
-            Output::Observation(bytes) => put(|wire| &wire.observation, bytes),
-            Output::Notice(bytes) => put(|wire| &wire.notice, bytes),
-            Output::StepRecord(bytes) => put(|wire| &wire.truth, bytes),
-            Output::Reply(query, message, replies) => self.answer(query, AnswerKind::Replies(message, replies)),
-            Output::Refuse(query, bytes) => self.answer(query, AnswerKind::Refusal(bytes)),
-            Output::Closed => {
-                self.open.fetch_sub(1, Ordering::Relaxed);
+            Output::Observation(bytes) => put(|wire| &wire.observation, Some("observation"), bytes),
+            Output::Notice(bytes) => put(|wire| &wire.notice, Some("notice"), bytes),
+            Output::StepRecord(bytes) => {
+                actor.next_seq.store(record_seq(&bytes).saturating_add(1), Ordering::Relaxed);
+                put(|wire| &wire.truth, None, sealed(actor, bytes));
             }
+            Output::Reply(Asker::Recorder(query), message, replies) => {
+                let replies = replies.into_iter().map(|record| sealed(actor, record)).collect();
+                self.answer(query, AnswerKind::Replies(message, replies));
+            }
+            Output::Reply(Asker::Client(label, number), message, replies) => {
+                replies.into_iter().take(1).for_each(|bytes| {
+                    self.answer_client(&actor.gate, label, number, message, bytes);
+                });
+            }
+            Output::Refuse(Asker::Recorder(query), bytes) => self.answer(query, AnswerKind::Refusal(bytes)),
+            Output::Refuse(Asker::Client(_, number), bytes) => {
+                self.answer_client(&actor.gate, "refusal", number, "Refusal", bytes);
+            }
+            Output::Closed => self.places.leave(&actor.id),
             Output::Done => return true,
         }
         false
     }
 
+    /// Answers a query of a session's client, and all copies of it.
+    pub fn answer_client(&self, gate: &Gate, label: &str, number: u64, message: &'static str, bytes: Bytes) {
+        let (sealed, queries) = gate.answer(label, number, message, bytes);
+        for query in queries {
+            let key = query.key_expr().to_string();
+            self.answer(query, AnswerKind::Own(key, message, sealed.bytes.clone(), Some(sealed.attachment)));
+        }
+    }
+
     /// Replies over the limit are dropped: their client asks again.
-    fn answer(&self, query: Query, kind: AnswerKind) {
+    pub fn answer(&self, query: Query, kind: AnswerKind) {
         let (waiting, bytes) = self.answers.fold((0, 0), |(count, bytes), answer| (count + 1, bytes + answer.bytes()));
         if waiting < MAX_ANSWERS && bytes < MAX_ANSWER_BYTES {
             self.answers.push(Answer { query, kind });
@@ -177,7 +236,9 @@ impl Shared {
                 AnswerKind::Replies(message, replies) => {
                     replies.into_iter().for_each(|bytes| reply(&query, message, bytes));
                 }
-                AnswerKind::Own(key, message, bytes) => reply_on(&key, &query, message, bytes),
+                AnswerKind::Own(key, message, bytes, attachment) => {
+                    reply_on(&key, &query, message, bytes, attachment.map(|bytes| bytes.to_vec()));
+                }
                 AnswerKind::Refusal(bytes) => refuse(&query, bytes),
             }
         }
@@ -187,6 +248,14 @@ impl Shared {
         let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
         let removed = sessions.remove(&actor.id);
         drop(sessions);
+        self.places.leave(&actor.id);
+        actor.gate.forget_all();
+        let mut former = lock(&self.former);
+        if former.len() >= MAX_FORMER {
+            former.pop_front();
+        }
+        former.push_back((actor.id.clone(), Arc::clone(&actor.gate)));
+        drop(former);
         let wire = lock(&actor.wire).take();
         if let Some(attempt) = &actor.attempt {
             attempt.settle();
@@ -198,147 +267,144 @@ impl Shared {
 
     /// Closes a session that panicked, as far as it still can.
     fn give_up(&self, actor: &Actor) {
-        let mut closed = false;
-        let told = catch_unwind(AssertUnwindSafe(|| {
+        // What fails in it fails once more; the session is removed in any case.
+        let _ = catch_unwind(AssertUnwindSafe(|| {
             let (mut session, wire) = (lock(&actor.session), lock(&actor.wire));
             session.handle(Input::Terminate("the server failed in this session"), self.now());
             while let Some(output) = session.poll() {
-                closed |= matches!(output, Output::Closed);
-                self.emit(wire.as_ref(), output);
+                self.emit(actor, wire.as_ref(), output);
             }
         }));
-        // Closing fails only where the session was open; its slot is free again.
-        if told.is_err() && !closed {
-            self.open.fetch_sub(1, Ordering::Relaxed);
-        }
         self.remove(actor);
     }
 
     fn describe(&self, query: &Query) {
-        let open_sessions = u32::try_from(self.open.load(Ordering::Relaxed)).unwrap_or(u32::MAX);
+        let open_sessions = u32::try_from(self.places.count()).unwrap_or(u32::MAX);
         let info = ServerInfo { open_sessions, ..self.info.clone() };
-        self.answer(query.clone(), AnswerKind::Own(self.keys.describe(), "ServerInfo", info.encode_to_vec().into()));
+        self.answer(
+            query.clone(),
+            AnswerKind::Own(self.keys.describe(), "ServerInfo", info.encode_to_vec().into(), None),
+        );
     }
 
-    fn open(&self, query: &Query) {
-        let bytes = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
-        let key = self.keys.open();
-        let plan = names_one_server(query, &key).and_then(|()| plan::read(&bytes));
-        let answer = match plan.and_then(|plan| self.try_open(plan, None)) {
-            Ok(session) => open_reply::Reply::Session(session),
+    fn open(&self, payload: &[u8], attachment: &[u8], digest: Digest) {
+        let request = decode::<OpenRequest>(payload, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error));
+        let hello = request.as_ref().ok().and_then(|request| request.hello.clone());
+        let opened = request.and_then(|request| {
+            plan::check_version(request.protocol.as_ref())?;
+            let guest = self.admit(hello.as_ref(), request.protocol.as_ref(), payload, attachment)?;
+            self.try_open(plan::check(&OpenRequest { hello: None, ..request })?, None, &guest)
+        });
+        let answer = match opened {
+            Ok((info, welcome)) => OpenReply { reply: Some(open_reply::Reply::Session(info)), welcome: Some(welcome) },
             Err(refusal) => {
                 tracing::info!(refusal.message, "open refused");
-                open_reply::Reply::Refusal(refusal)
+                let welcome = self.sign(hello.as_ref(), payload, &refusal);
+                OpenReply { reply: Some(open_reply::Reply::Refusal(refusal)), welcome }
             }
         };
-        let answer = OpenReply { reply: Some(answer) }.encode_to_vec().into();
-        self.answer(query.clone(), AnswerKind::Own(key, "OpenReply", answer));
+        let bytes = answer.encode_to_vec().into();
+        self.answer_all(digest, &self.keys.open(), Begun { message: "OpenReply", bytes, attachment: None });
     }
 
-    fn try_open(&self, mut plan: Plan, seat: Option<&Seat>) -> Result<SessionInfo, Refusal> {
-        plan.recorded |= self.runs.is_some();
+    /// Answers a request that begins something, and all copies of it.
+    pub fn answer_all(&self, digest: Digest, key: &str, begun: Begun) {
+        for query in self.opens.answer(digest, begun.clone()) {
+            let Begun { message, bytes, attachment } = begun.clone();
+            self.answer(query, AnswerKind::Own(key.into(), message, bytes, attachment));
+        }
+    }
+
+    /// Opens a session for a guest; says how it is greeted.
+    pub fn try_open(
+        &self,
+        mut plan: Plan,
+        seat: Option<&Seat>,
+        guest: &Guest<'_>,
+    ) -> Result<(SessionInfo, Welcome), Refusal> {
+        if plan.request.replay {
+            plan.recorded = false;
+        } else if self.runs.is_some() {
+            plan.recorded = true;
+        } else if plan.recorded && !self.has_recorder {
+            let message = "this server has no recorder; start it with --record DIR, or with --recorder-key FILE and a \
+                           recorder that has the same key, or leave `recorded` out";
+            return Err(Refusal::new(Code::Value, "recorded", message));
+        }
         if self.closing.load(Ordering::Relaxed) {
             return Err(Refusal::new(Code::Closed, "", "the server shuts down; open a session on another one"));
         }
-        let capacity = self.capacity;
         let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner).len();
-        let reserve = |open: usize| (open < capacity && sessions <= capacity * DRAINING_PER_OPEN).then_some(open + 1);
-        if self.open.fetch_update(Ordering::Relaxed, Ordering::Relaxed, reserve).is_err() {
-            let message = if self.open.load(Ordering::Relaxed) < capacity {
-                "the server is busy: too many closed sessions still wait for their recorder; try again in 10 s".into()
-            } else {
-                format!(
-                    "the server is busy: as many sessions are open as it has room for, {capacity}; close one, try again \
-                     later, or start it with a larger --capacity"
-                )
-            };
+        if sessions > self.capacity * DRAINING_PER_OPEN {
+            let message =
+                "the server is busy: too many closed sessions still wait for their recorder; try again in 10 s";
             return Err(Refusal::new(Code::Busy, "", message));
         }
-        let opened = self.open_reserved(plan, seat);
+        let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
+        let is_claimed = |id: &str| self.find(id).is_some_and(|actor| actor.gate.is_claimed());
+        let place = self.places.take(&id, &guest.peer, guest.limit, is_claimed, self.now());
+        let leaves = place.map_err(|why| Refusal::new(Code::Busy, "", no_place(why, self.capacity)))?;
+        if let Some(actor) = leaves.and_then(|id| self.find(&id)) {
+            self.send(&actor, Side::Server, Input::Terminate("nobody has claimed it, and another one needs its place"));
+        }
+        let opened = self.open_reserved(plan, seat, guest, &id);
         if opened.is_err() {
-            self.open.fetch_sub(1, Ordering::Relaxed);
+            self.places.leave(&id);
         }
         opened
     }
 
-    fn open_reserved(&self, plan: Plan, seat: Option<&Seat>) -> Result<SessionInfo, Refusal> {
+    fn open_reserved(
+        &self,
+        plan: Plan,
+        seat: Option<&Seat>,
+        guest: &Guest<'_>,
+        id: &str,
+    ) -> Result<(SessionInfo, Welcome), Refusal> {
         let gains = self.scenes.robot(plan.hands).gains(plan.gains);
         let built = self.scenes.get(plan.hands, plan.episode(0).scene(gains));
         let built = built.map_err(|error| plan.does_not_start("seed", &error))?;
-        let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
-        let keys = self.keys.session(&id);
+        let keys = self.keys.session(id);
         let network =
             plan.sensors.all().meets(Sensors::WITH_FEATURES).then(|| self.networks.get(&plan.request.weights));
         let network = network.transpose()?;
-        let wire = Wire::declare(&self.zenoh, &keys, seat.is_some())
+        let is_replay = plan.request.replay;
+        let is_sealed = is_replay || self.recorder_key.is_some();
+        let wire = Wire::declare(&self.zenoh, &keys, is_sealed, is_replay)
             .map_err(|error| Refusal::new(Code::Busy, "", format!("Zenoh refuses the session's keys: {error}")))?;
         let (task, seed, policy) = (plan.task, plan.seed, plan.request.policy.clone());
         let now = self.now();
         let recorded = plan.recorded;
-        let attempt = seat.zip(plan.ticket.as_ref()).map(|(seat, ticket)| seat.begin(&id, ticket)).transpose()?;
-        let simulation = Simulation::new(&self.name, &id, plan, built, network).of_run(attempt.clone());
+        let attempt = seat.zip(plan.ticket.as_ref()).map(|(seat, ticket)| seat.begin(id, ticket)).transpose()?;
+        let simulation = Simulation::new(&self.name, id, plan, built, network);
+        let simulation = simulation.of_run(attempt.clone()).signed_by(self.signer.clone());
         let info = simulation.info();
         let session = Session::new(simulation, info, recorded, self.timeouts, now);
         let info = session.info().clone();
-        let wake_at = session.wake_at();
-        let actor = Arc::new(Actor::new(id.clone(), session, wire, attempt));
-        let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
-        sessions.insert(id.clone(), Arc::clone(&actor));
-        drop(sessions);
-        if let Some(at) = wake_at
-            && actor.wakes_earlier(at)
-        {
-            self.timer.set(at, &actor);
-        }
-        tracing::info!(session = id, %task, seed, policy, "session is open");
-        Ok(info)
-    }
-}
-
-impl Shared {
-    /// What the thread does that serves runs.
-    pub fn serve_runs(&self) {
-        while let Some(query) = self.run_requests.next() {
-            let bytes = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
-            let key = self.keys.run();
-            let request = || names_one_server(&query, &key).and_then(|()| self.run_request(&bytes));
-            let answer = catch_unwind(AssertUnwindSafe(request)).unwrap_or_else(|_| {
-                tracing::error!("a request to a run failed; please report this");
-                Err(Refusal::new(Code::Busy, "", "the server failed in this request; see its log"))
-            });
-            let answer = answer.unwrap_or_else(|refusal| {
-                tracing::info!(refusal.field, refusal.message, "request to a run refused");
-                run_reply::Reply::Refusal(refusal)
-            });
-            let answer = RunReply { reply: Some(answer) }.encode_to_vec().into();
-            self.answer(query, AnswerKind::Own(key, "RunReply", answer));
-        }
-    }
-
-    fn run_request(&self, bytes: &[u8]) -> Result<run_reply::Reply, Refusal> {
-        let RunRequest { protocol, run, key, ask } =
-            decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
-        plan::check_version(protocol.as_ref())?;
-        let runs = self.runs.as_ref().ok_or_else(|| {
-            let message = "this server keeps no runs; start it with --record DIR, or use another one";
-            Refusal::new(Code::Unknown, "run", message)
-        })?;
-        let ask = ask.ok_or_else(|| {
-            Refusal::new(Code::Value, "ask", "the request asks for nothing; use register, status, open or finish")
-        })?;
-        let run = match &ask {
-            run_request::Ask::Register(spec) => runs.register(&run, &key, spec.clone())?,
-            _ => runs.find(&run, &key)?,
+        let (welcome, secrets) = guest.welcome(&self.identity, &self.name, id, &info.encode_to_vec())?;
+        let rows = match &self.recorder_key {
+            _ if is_replay => Some(RowsKey::of_opener(&secrets)),
+            Some(key) => Some(RowsKey::of_recorder(key, &self.name, id)),
+            None => None,
         };
-        match ask {
-            run_request::Ask::Open(index) => {
-                let (plan, seat) = run.plan(index)?;
-                return self.try_open(plan, Some(&seat)).map(run_reply::Reply::Session);
-            }
-            run_request::Ask::Finish(RunFinish {}) => run.finish()?,
-            run_request::Ask::Register(_) | run_request::Ask::Status(RunStatus {}) => {}
-        }
-        Ok(run_reply::Reply::Run(run.info()))
+        let rows = rows.transpose().map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
+        let channel = Channel::new(&secrets, End::Server);
+        let channel = channel.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
+        let mut actor = Actor::new(id.into(), session, wire, Gate::new(channel), self.now() + CLAIM_TIME);
+        (actor.attempt, actor.rows, actor.is_replay) = (attempt, rows, is_replay);
+        let actor = Arc::new(actor);
+        let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
+        sessions.insert(id.into(), Arc::clone(&actor));
+        drop(sessions);
+        // Looked at once, it sets the timer itself.
+        let ends = !self.places.has(id);
+        self.send(
+            &actor,
+            Side::Server,
+            if ends { Input::Terminate("another one needs its place") } else { Input::Tick },
+        );
+        tracing::info!(session = id, %task, seed, policy, "session is open");
+        Ok((info, welcome))
     }
 
     /// What the server's own recorder says of a bag.
@@ -370,8 +436,32 @@ impl Shared {
     }
 }
 
+/// A record as it leaves: sealed where it can leave the process.
+fn sealed(actor: &Actor, record: Bytes) -> Bytes {
+    match &actor.rows {
+        Some(rows) => rows.seal(record_seq(&record), &record).into(),
+        None => record,
+    }
+}
+
+fn no_place(why: NoPlace, capacity: usize) -> String {
+    match why {
+        NoPlace::Full => format!(
+            "the server is busy: as many sessions are open as it has room for, {capacity}; close one, try again later, or \
+             start it with a larger --capacity"
+        ),
+        NoPlace::Kept => format!(
+            "the server is busy: half of its {capacity} places are kept for clients that have none; close a session, try \
+             again later, or start it with a larger --capacity"
+        ),
+        NoPlace::Limit(limit) => format!(
+            "as many sessions are open with this token as it grants, {limit}; close one, or ask the server's owner for more"
+        ),
+    }
+}
+
 /// Refuses a query for several servers: each that it reaches would do what it asks for.
-fn names_one_server(query: &Query, key: &str) -> Result<(), Refusal> {
+pub(super) fn names_one_server(query: &Query, key: &str) -> Result<(), Refusal> {
     if query.key_expr().as_str() == key {
         return Ok(());
     }
@@ -381,11 +471,11 @@ fn names_one_server(query: &Query, key: &str) -> Result<(), Refusal> {
 
 /// Answers a query.
 pub(super) fn reply(query: &Query, message: &str, bytes: Bytes) {
-    reply_on(query.key_expr().as_str(), query, message, bytes);
+    reply_on(query.key_expr().as_str(), query, message, bytes, None);
 }
 
-fn reply_on(key: &str, query: &Query, message: &str, bytes: Bytes) {
-    let sent = query.reply(key, bytes).encoding(Encoding::from(encoding(message))).wait();
+fn reply_on(key: &str, query: &Query, message: &str, bytes: Bytes, attachment: Option<Vec<u8>>) {
+    let sent = query.reply(key, bytes).encoding(Encoding::from(encoding(message))).attachment(attachment).wait();
     if let Err(error) = sent {
         tracing::debug!(%error, key = %query.key_expr(), "a reply is lost");
     }

@@ -1,45 +1,54 @@
 //! A server on a Zenoh session.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, RwLock};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, RwLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use fiatlux_access::{AccessError, Identity, RecorderKey, Tokens};
 use fiatlux_proto::keys::{self, ServerKeys};
-use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{
-    CloseReply, LookReply, OpenReply, Refusal, ResetReply, RunReply, look_reply, open_reply, reset_reply, run_reply,
-};
-use fiatlux_proto::{Bytes, Message, PROTOCOL, limits};
 use fiatlux_render::{MeshError, RobotMeshes};
 use fiatlux_robot::{HandKind, RobotError};
 use fiatlux_session::server::{Input, Timeouts};
 use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
-use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
-use zenoh::query::{Query, Queryable};
-use zenoh::sample::{Locality, Sample, SampleKind};
+use zenoh::query::Queryable;
 use zenoh::{Session as Zenoh, Wait};
 
 use super::actor::{Actor, Side};
 use super::info;
+use super::links::Links;
 use super::lock;
 use super::networks::Networks;
+use super::opens::Opens;
+use super::places::Places;
 use super::pool::{Job, Queue, Timer};
 use super::runs::{RecordError, Runs};
 use super::scenes::{Robots, Scenes};
-use super::shared::{Shared, refuse, reply};
-use crate::recorder::{Naming, Recorder, RecorderError, RecorderOptions};
+use super::shared::Shared;
+use crate::recorder::{Naming, Recorder, RecorderError, RecorderOptions, RecordsFrom};
 
-/// Requests to open or describe that wait for a worker; more are refused.
-const MAX_REQUESTS: usize = 256;
+/// A reply to a client that does not read holds its thread until Zenoh gives that client up, after seconds.
+const ANSWERING_THREADS: usize = 8;
 /// How long a start looks for another server of its name.
 const LOOK_FOR_OTHERS: Duration = Duration::from_millis(500);
+
+/// Who gets the records of a server that does not record itself.
+#[derive(Debug, Clone, Default)]
+pub enum RecordsTo {
+    /// Nobody: sessions cannot ask to be recorded. What is on the server's own Zenoh session may still follow.
+    #[default]
+    Nobody,
+    /// A recorder on the server's own Zenoh session; they do not leave it.
+    ThisProcess,
+    /// Recorders that have this key; for others they are sealed.
+    Recorders(RecorderKey),
+}
 
 /// Choices of a server.
 #[derive(Debug, Clone)]
@@ -66,6 +75,12 @@ pub struct ServerOptions {
     pub meshes: Option<PathBuf>,
     /// Folder that all sessions are recorded into, by the server itself, and that keeps its runs.
     pub record: Option<PathBuf>,
+    /// Who gets the records, where the server does not record itself.
+    pub records_to: RecordsTo,
+    /// By which clients know the server; drawn at the start where none is given.
+    pub identity: Option<Arc<Identity>>,
+    /// Who may open sessions, and how many; none where everybody may.
+    pub tokens: Option<Tokens>,
 }
 
 impl Default for ServerOptions {
@@ -83,6 +98,9 @@ impl Default for ServerOptions {
             weights: None,
             meshes: None,
             record: None,
+            records_to: RecordsTo::default(),
+            identity: None,
+            tokens: None,
         }
     }
 }
@@ -114,6 +132,9 @@ pub enum ServerError {
     /// The folder of recordings.
     #[error("cannot record")]
     Record(#[from] RecordError),
+    /// The system gives no key.
+    #[error("cannot draw the server's identity")]
+    Identity(#[from] AccessError),
     /// The recorder in the server.
     #[error("cannot start the recorder")]
     Recorder(#[from] RecorderError),
@@ -132,10 +153,10 @@ pub enum ServerError {
 
 /// A server that runs until it is shut down or dropped.
 pub struct Server {
-    shared: Arc<Shared>,
+    pub(super) shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
     /// What receives messages; the first to go at the end.
-    endpoints: Vec<Endpoint>,
+    pub(super) endpoints: Vec<Endpoint>,
     /// Its own, and the one that clients of older versions look for.
     alive: Vec<LivelinessToken>,
     /// The first to go at the end: what was recorded is known to the rest.
@@ -145,7 +166,7 @@ pub struct Server {
 }
 
 #[expect(dead_code, reason = "held, not read: a declaration ends with its handle")]
-enum Endpoint {
+pub(super) enum Endpoint {
     Subscriber(Subscriber<()>),
     Queryable(Queryable<()>),
 }
@@ -175,6 +196,14 @@ impl Server {
         }
         let recorded = options.record.as_ref().map(|folder| Runs::open(folder, &options.name)).transpose()?;
         let (runs, lock) = recorded.unzip();
+        let signer = options.identity.clone();
+        let identity = options.identity.map_or_else(|| Identity::generate().map(Arc::new), Ok)?;
+        tracing::info!(server = options.name, key = %identity.public(), "clients know this server by its key");
+        let has_recorder = runs.is_some() || !matches!(options.records_to, RecordsTo::Nobody);
+        let recorder_key = match options.records_to {
+            RecordsTo::Recorders(key) if runs.is_none() => Some(key),
+            _ => None,
+        };
         // Milliseconds since 1970: no earlier server of this name had it.
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let shared = Arc::new(Shared {
@@ -197,7 +226,16 @@ impl Server {
             runs,
             run_requests: Queue::default(),
             sessions: RwLock::new(BTreeMap::new()),
-            open: AtomicUsize::new(0),
+            former: Mutex::new(VecDeque::new()),
+            places: Places::new(options.capacity),
+            identity,
+            signer,
+            tokens: options.tokens,
+            recorder_key,
+            has_recorder,
+            opens: Opens::default(),
+            links: Links::default(),
+            refused: AtomicU64::new(0),
             closing: AtomicBool::new(false),
             id_prefix: format!("{:x}", since_epoch.as_millis()),
             next_id: AtomicU64::new(1),
@@ -224,7 +262,12 @@ impl Server {
 
     /// Sessions that are open now.
     pub fn open_sessions(&self) -> usize {
-        self.shared.open.load(Ordering::Relaxed)
+        self.shared.places.count()
+    }
+
+    /// Messages to sessions that were not of their clients, or came once more, since its start.
+    pub fn refused_messages(&self) -> u64 {
+        self.shared.refused.load(Ordering::Relaxed)
     }
 
     /// Aborts what runs, then waits until recorders have everything, at most for `deadline`. Returns whether they do.
@@ -239,6 +282,10 @@ impl Server {
         loop {
             let whole = self.shared.all().iter().all(settled);
             if whole || Instant::now() >= until {
+                for actor in self.shared.all().iter().filter(|actor| !settled(actor)) {
+                    let session = lock(&actor.session).info().session.clone();
+                    tracing::error!(session, "a recorder has not taken all records of a session");
+                }
                 return whole;
             }
             std::thread::sleep(Duration::from_millis(10));
@@ -251,9 +298,11 @@ impl Server {
             let thread = std::thread::Builder::new().name(format!("session-{worker}"));
             self.threads.push(thread.spawn(move || shared.work())?);
         }
-        let shared = Arc::clone(&self.shared);
-        let answers = std::thread::Builder::new().name("answers".into());
-        self.threads.push(answers.spawn(move || shared.send_answers())?);
+        for number in 0..ANSWERING_THREADS {
+            let shared = Arc::clone(&self.shared);
+            let answers = std::thread::Builder::new().name(format!("answers-{number}"));
+            self.threads.push(answers.spawn(move || shared.send_answers())?);
+        }
         let shared = Arc::clone(&self.shared);
         let runs = std::thread::Builder::new().name("runs".into());
         self.threads.push(runs.spawn(move || shared.serve_runs())?);
@@ -278,158 +327,13 @@ impl Server {
             server: Some(self.shared.name.clone()),
             name: self.shared.name.clone(),
             naming: Naming::ByRun,
-            inside: true,
+            records: RecordsFrom::ThisProcess,
             on_bag: Box::new(move |report| shared.take_bag(&report)),
+            on_loss: Box::new(|session, records| {
+                tracing::error!(session, records, "records of a session are in no bag");
+            }),
         };
         self.recorder = Some(Recorder::start(self.shared.zenoh.clone(), options)?);
-        Ok(())
-    }
-
-    fn listen(&mut self) -> Result<(), ServerError> {
-        let keys = &self.shared.keys;
-        let any = keys.session("*");
-        let (describe, open, run) = (keys.describe(), keys.open(), keys.run());
-        // Only the server's own recorder says what is on disk, where it has one.
-        let acks_from = if self.recorder.is_some() { Locality::SessionLocal } else { Locality::Any };
-        let jobs =
-            |shared: &Shared| shared.queue.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))));
-        self.serve(describe, jobs, |shared, query| shared.queue.push(Job::Describe(query)))?;
-        self.serve(open, jobs, |shared, query| shared.queue.push(Job::Open(query)))?;
-        let requests = |shared: &Shared| shared.run_requests.fold(0, |count, _| count + 1);
-        self.serve(run, requests, |shared, query| shared.run_requests.push(query))?;
-        self.subscribe(any.action(), Side::Client, Locality::Any, Input::Action)?;
-        self.subscribe(any.truth_ack(), Side::Recorder, acks_from, Input::Ack)?;
-        self.serve_session(any.reset(), Side::Client, Input::Reset)?;
-        self.serve_session(any.close(), Side::Client, Input::Close)?;
-        self.serve_session(any.observation(), Side::Client, |_, query| Input::Observation(query))?;
-        self.serve_session(any.look(), Side::Client, Input::Look)?;
-        self.serve_records(any.truth_rows())?;
-        self.watch_clients(any.client())?;
-        let legacy = ServerKeys::legacy(&self.shared.name);
-        self.refuse_legacy(legacy.open())?;
-        self.refuse_legacy(legacy.describe())
-    }
-
-    /// Queries of clients of older versions, which would wait in vain otherwise.
-    fn refuse_legacy(&mut self, key: String) -> Result<(), ServerError> {
-        let message = format!("this server speaks protocol {PROTOCOL} alone; update the client to that version");
-        self.declare_queryable(Locality::Any, key, move |query| reject(&query, Code::Version, "protocol", &message))
-    }
-
-    /// Messages to any session.
-    fn subscribe(
-        &mut self,
-        key: String,
-        side: Side,
-        from: Locality,
-        input: fn(Bytes) -> Input<Query>,
-    ) -> Result<(), ServerError> {
-        let shared = Arc::clone(&self.shared);
-        let callback = move |sample: Sample| {
-            let Some(actor) = session_of(&shared, sample.key_expr().as_str()) else { return };
-            let bytes = sample.payload();
-            match bytes.len() {
-                length if length <= limits::MAX_CLIENT_MESSAGE => shared.send(&actor, side, input(own(bytes))),
-                length if side == Side::Client => shared.send(&actor, side, Input::TooLarge(length)),
-                length => tracing::debug!(length, "a recorder's message is too large"),
-            }
-        };
-        let subscriber = self.shared.zenoh.declare_subscriber(key.clone()).allowed_origin(from);
-        let subscriber = subscriber.callback(callback).wait();
-        self.endpoints.push(Endpoint::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
-        Ok(())
-    }
-
-    /// Queries to any session.
-    fn serve_session(
-        &mut self,
-        key: String,
-        side: Side,
-        input: fn(Bytes, Query) -> Input<Query>,
-    ) -> Result<(), ServerError> {
-        self.serve_session_to(Locality::Any, key, move |shared, actor, bytes, query| {
-            shared.send(actor, side, input(bytes, query));
-        })
-    }
-
-    /// Records for recorders. Those of a run go to the server's own alone: they tell the seed.
-    fn serve_records(&mut self, key: String) -> Result<(), ServerError> {
-        self.serve_session_to(Locality::SessionLocal, key.clone(), |shared, actor, bytes, query| {
-            shared.send(actor, Side::Recorder, Input::StepRecords(bytes, query));
-        })?;
-        self.serve_session_to(Locality::Remote, key, |shared, actor, bytes, query| {
-            if actor.attempt.is_some() {
-                let message = "the records of a run stay on its server, which records them; read its bags";
-                return reject(&query, Code::Closed, "", message);
-            }
-            shared.send(actor, Side::Recorder, Input::StepRecords(bytes, query));
-        })
-    }
-
-    fn serve_session_to(
-        &mut self,
-        from: Locality,
-        key: String,
-        take: impl Fn(&Shared, &Arc<Actor>, Bytes, Query) + Send + Sync + 'static,
-    ) -> Result<(), ServerError> {
-        let shared = Arc::clone(&self.shared);
-        let callback = move |query: Query| {
-            let Some(actor) = session_of(&shared, query.key_expr().as_str()) else {
-                return reject(&query, Code::Closed, "", "there is no such session; open one");
-            };
-            if query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE) {
-                return reject(&query, Code::Malformed, "", "the request is too large");
-            }
-            let bytes = query.payload().map(own).unwrap_or_default();
-            take(&shared, &actor, bytes, query);
-        };
-        self.declare_queryable(from, key, callback)
-    }
-
-    /// Queries to the server: `waiting` counts those that are queued already, `push` queues one more.
-    fn serve(
-        &mut self,
-        key: String,
-        waiting: fn(&Shared) -> usize,
-        push: fn(&Shared, Query),
-    ) -> Result<(), ServerError> {
-        let shared = Arc::clone(&self.shared);
-        let callback = move |query: Query| {
-            if query.payload().is_some_and(|bytes| bytes.len() > limits::MAX_CLIENT_MESSAGE) {
-                reject(&query, Code::Malformed, "", "the request is too large");
-            } else if waiting(&shared) >= MAX_REQUESTS {
-                reject(&query, Code::Busy, "", "too many requests wait; try again later");
-            } else {
-                push(&shared, query);
-            }
-        };
-        self.declare_queryable(Locality::Any, key, callback)
-    }
-
-    fn declare_queryable(
-        &mut self,
-        from: Locality,
-        key: String,
-        callback: impl Fn(Query) + Send + Sync + 'static,
-    ) -> Result<(), ServerError> {
-        let queryable = self.shared.zenoh.declare_queryable(key.clone()).allowed_origin(from);
-        let queryable = queryable.callback(callback).wait();
-        self.endpoints.push(Endpoint::Queryable(queryable.map_err(|error| refused(&key, error.as_ref()))?));
-        Ok(())
-    }
-
-    /// Liveliness tokens of clients.
-    fn watch_clients(&mut self, key: String) -> Result<(), ServerError> {
-        let shared = Arc::clone(&self.shared);
-        let callback = move |sample: Sample| {
-            if let Some(actor) = session_of(&shared, sample.key_expr().as_str()) {
-                let seen = sample.kind() == SampleKind::Put;
-                shared.send(&actor, Side::Server, if seen { Input::ClientSeen } else { Input::ClientGone });
-            }
-        };
-        let subscriber = self.shared.zenoh.liveliness().declare_subscriber(key.clone()).history(true);
-        let subscriber = subscriber.callback(callback).wait();
-        self.endpoints.push(Endpoint::Subscriber(subscriber.map_err(|error| refused(&key, error.as_ref()))?));
         Ok(())
     }
 }
@@ -460,53 +364,16 @@ fn is_taken(zenoh: &Zenoh, alive: &str) -> Result<bool, ServerError> {
     Ok(tokens.into_iter().any(|token| token.result().is_ok()))
 }
 
-fn refused(key: &str, error: &(dyn std::error::Error + Send + Sync)) -> ServerError {
+/// What Zenoh says of a key.
+pub(super) fn refused(key: &str, error: &(dyn std::error::Error + Send + Sync)) -> ServerError {
     ServerError::Zenoh { key: key.into(), reason: error.to_string() }
-}
-
-/// A message of Zenoh's, as the session takes it.
-fn own(bytes: &ZBytes) -> Bytes {
-    bytes.to_bytes().into_owned().into()
-}
-
-fn session_of(shared: &Shared, key: &str) -> Option<Arc<Actor>> {
-    let (_, _, id) = keys::SessionKeys::of(key)?;
-    shared.find(id)
-}
-
-/// A refusal that needs no session, in the form that the query's key asks for.
-fn reject(query: &Query, code: Code, field: &str, message: &str) {
-    let refused = Refusal::new(code, field, message);
-    let key = query.key_expr().as_str();
-    match key.rsplit('/').next() {
-        Some("open") => {
-            let answer = OpenReply { reply: Some(open_reply::Reply::Refusal(refused)) };
-            reply(query, "OpenReply", answer.encode_to_vec().into());
-        }
-        Some("run") => {
-            let answer = RunReply { reply: Some(run_reply::Reply::Refusal(refused)) };
-            reply(query, "RunReply", answer.encode_to_vec().into());
-        }
-        Some("reset") => {
-            let answer = ResetReply { reply: Some(reset_reply::Reply::Refusal(refused)) };
-            reply(query, "ResetReply", answer.encode_to_vec().into());
-        }
-        Some("look") => {
-            let answer = LookReply { reply: Some(look_reply::Reply::Refusal(refused)) };
-            reply(query, "LookReply", answer.encode_to_vec().into());
-        }
-        Some("close") => {
-            let answer = CloseReply { refusal: Some(refused) };
-            reply(query, "CloseReply", answer.encode_to_vec().into());
-        }
-        _ => refuse(query, refused.encode_to_vec().into()),
-    }
 }
 
 #[cfg(test)]
 mod tests {
-    use fiatlux_proto::PROTOCOL;
-    use fiatlux_proto::v3::OpenRequest;
+    use fiatlux_access::{Channel, Greeting, Label, Reply, Side as End};
+    use fiatlux_proto::v3::{OpenReply, OpenRequest, ResetReply, open_reply, reset_reply};
+    use fiatlux_proto::{Message, PROTOCOL};
 
     use super::*;
     use crate::server::host::tests::PANICS;
@@ -518,22 +385,36 @@ mod tests {
         let zenoh = fiatlux_link::embedded().unwrap();
         let options = ServerOptions { name: "panics".into(), workers: 1, capacity: 2, ..ServerOptions::default() };
         let server = Server::start(zenoh.clone(), options).unwrap();
+        let mut channels = Vec::new();
+        // Each is a peer of its own: half of the places are kept for those that have none.
+        let policy_peer = |policy: &str| if policy == PANICS { "a" } else { "b" };
         for policy in [PANICS, "sound"] {
-            let (task, policy) = ("S07".into(), policy.into());
-            let request = OpenRequest { protocol: Some(PROTOCOL), task, policy, ..OpenRequest::default() };
-            let replies = zenoh.get(server.shared.keys.open()).payload(request.encode_to_vec()).wait().unwrap();
-            assert!(replies.recv().unwrap().result().is_ok());
+            let (task, policy): (_, String) = ("S07".into(), policy.into());
+            let greeting = Greeting::new(policy_peer(&policy), None).unwrap();
+            let hello = Some(greeting.hello());
+            let request = OpenRequest { protocol: Some(PROTOCOL), task, policy, hello, ..OpenRequest::default() };
+            let request = request.encode_to_vec();
+            let replies = zenoh.get(server.shared.keys.open()).payload(request.clone()).wait().unwrap();
+            let reply = replies.recv().unwrap();
+            let reply = OpenReply::decode(&*reply.result().unwrap().payload().to_bytes()).unwrap();
+            let Some(open_reply::Reply::Session(info)) = reply.reply else { panic!("{reply:?}") };
+            let content = info.encode_to_vec();
+            let said = Reply { request: &request, server: "panics", id: &info.session, content: &content };
+            let verified = greeting.verify(said, &reply.welcome.unwrap(), None).unwrap();
+            channels.push(Channel::new(&greeting.agree(&verified).unwrap(), End::Client).unwrap());
         }
+        let mut channels = channels.into_iter();
+        let mut seal = || channels.next().unwrap().seal(Label::Message("reset"), b"").to_vec();
         let [faulty, other] = <[_; 2]>::try_from(server.shared.all()).unwrap_or_else(|_| panic!("two sessions"));
         let key = server.shared.keys.session(&faulty.id).reset();
-        let _unanswered = zenoh.get(key).wait().unwrap();
+        let _unanswered = zenoh.get(key).attachment(seal()).wait().unwrap();
         let until = Instant::now() + Duration::from_secs(10);
         while server.shared.find(&faulty.id).is_some() && Instant::now() < until {
             std::thread::sleep(Duration::from_millis(1));
         }
         assert_eq!((server.shared.all().len(), server.open_sessions()), (1, 1));
         let key = server.shared.keys.session(&other.id).reset();
-        let reply = zenoh.get(key).wait().unwrap().recv().unwrap();
+        let reply = zenoh.get(key).attachment(seal()).wait().unwrap().recv().unwrap();
         let reply = ResetReply::decode(&*reply.result().unwrap().payload().to_bytes()).unwrap();
         assert!(matches!(reply.reply, Some(reset_reply::Reply::Observation(_))));
     }

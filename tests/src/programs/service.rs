@@ -6,6 +6,7 @@ use std::sync::mpsc::{self, Receiver};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use fiatlux_access::RecorderKey;
 use fiatlux_proto::Message;
 use fiatlux_proto::keys::{ROOT, SessionKeys};
 use fiatlux_proto::v3::Observation;
@@ -29,8 +30,13 @@ impl Service {
     /// Starts a server with these options more, and waits until it can be found.
     pub fn start(name: &str, args: &[&str]) -> Self {
         let folder = Scratch::new(name);
+        let key = recorder_key(&folder);
+        let key = key.display().to_string();
         let mut all = vec!["--name", "test", "-l", "tcp/127.0.0.1:0"];
         all.extend(args);
+        if !args.contains(&"--record") {
+            all.extend(["--recorder-key", &key]);
+        }
         let mut server = Running::start("sim-server", &all, &folder);
         let line = server.wait_for("listening on tcp/127.0.0.1:");
         let port = line.split(':').nth(1).and_then(|rest| rest.split(' ').next()).and_then(|port| port.parse().ok());
@@ -43,7 +49,9 @@ impl Service {
         let folder = Scratch::new(name);
         let port = free_port();
         let router = router(port, &folder);
-        let mut server = Running::start("sim-server", &["--name", "test", "-e", &endpoint(port)], &folder);
+        let key = recorder_key(&folder).display().to_string();
+        let mut server =
+            Running::start("sim-server", &["--name", "test", "-e", &endpoint(port), "--recorder-key", &key], &folder);
         server.wait_for("connected to tcp/127.0.0.1:");
         (Self { server, port, folder }, router)
     }
@@ -51,6 +59,11 @@ impl Service {
     /// Folder of the bags.
     pub fn bags(&self) -> PathBuf {
         self.folder.path().join("bags")
+    }
+
+    /// The key that the server and its recorders have.
+    pub fn recorder_key(&self) -> PathBuf {
+        recorder_key(&self.folder)
     }
 
     /// A recorder of this server.
@@ -81,10 +94,20 @@ pub fn router(port: u16, folder: &Scratch) -> Running {
     router
 }
 
+/// The file of a folder's recorder key; made where there is none.
+fn recorder_key(folder: &Scratch) -> PathBuf {
+    let path = folder.path().join("recorder.key");
+    if !path.exists() {
+        RecorderKey::generate().unwrap().write(&path).unwrap();
+    }
+    path
+}
+
 /// A recorder that connects to that port; its bags go to `bags` in the folder.
 pub fn record(port: u16, folder: &Scratch) -> Running {
     let bags = folder.path().join("bags").display().to_string();
-    Running::start("recorder", &["--out", &bags, "-e", &endpoint(port)], folder)
+    let key = recorder_key(folder).display().to_string();
+    Running::start("recorder", &["--out", &bags, "--recorder-key", &key, "-e", &endpoint(port)], folder)
 }
 
 /// A policy client that connects to that port: `run --json` with these options.

@@ -136,3 +136,38 @@ fn a_second_run_names_what_a_forger_changed() {
     let (code, text) = verify(&service, &held);
     assert!(code == Some(1) && text.contains("the action of step 5 is one of real time"), "{text}");
 }
+
+/// Guards verification on every kind of server: one that records itself, one whose recorder follows all sessions, and one whose
+/// recorder is away. A replay's records come to whoever opened it, and no bag is made of it.
+#[test]
+fn whoever_records_a_second_run_is_compared() {
+    let idle = Service::start("verify-idle", &[]);
+    let mut recorder = idle.record();
+    idle.play(&["--policy", "random", "--task", "S01", "--seed", "3", "--recorded"]);
+    recorder.wait_for(".mcap");
+    let bag = idle.folder.files(".mcap").remove(0);
+    let mut parts = Parts::of(&bag);
+    parts.states[7].joint_effort[3] += 1e-12;
+    parts.seal();
+    let forged = parts.write(&bag.with_file_name("forged.mcap"));
+    let bags = std::env::temp_dir().join(format!("fiatlux-verify-bags-{}", std::process::id()));
+    let itself = Service::start("verify-itself", &["--record", &bags.display().to_string()]);
+    let compare = |service: &Service, what: &str| {
+        let (code, text) = verify(service, &bag);
+        assert!(code == Some(0) && text.starts_with("equal: "), "{what}: {text}");
+        let (code, text) = verify(service, &forged);
+        assert!(code == Some(1) && text.contains("row 7: joint_effort of "), "{what}: {text}");
+    };
+    compare(&itself, "records itself");
+    compare(&idle, "a recorder follows");
+    recorder.signal("TERM");
+    assert!(recorder.finish(PATIENCE).0.success());
+    compare(&idle, "the recorder is away");
+    assert_eq!(idle.folder.files(".mcap").len(), 2, "no bag of a second run");
+    assert!(!std::fs::read_dir(&bags).is_ok_and(|folders| {
+        folders
+            .flatten()
+            .any(|entry| entry.path().is_dir() && std::fs::read_dir(entry.path()).is_ok_and(|f| f.count() > 0))
+    }));
+    drop(std::fs::remove_dir_all(&bags));
+}

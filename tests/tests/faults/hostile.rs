@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use fiatlux_access::{RecorderKey, RowsKey};
 use fiatlux_proto::v3::notice::Code;
 use fiatlux_proto::v3::refusal::Code as Refused;
 use fiatlux_proto::v3::{
@@ -10,9 +11,10 @@ use fiatlux_proto::v3::{
 use fiatlux_proto::{Message, PROTOCOL, limits};
 use fiatlux_tests::programs::{PATIENCE, Service, Watch, alone, connect, grade, played};
 use zenoh::Wait;
+use zenoh::query::{ConsolidationMode, Reply};
 
 use super::LONG;
-use super::raw::{JOINTS, Raw, action, ask, noise, open, request};
+use super::raw::{JOINTS, Raw, action, ask, ask_with, noise, open, request};
 
 /// Each bad action in step 3 of episode 0, and what its notice names: code, field, a part of its words.
 fn bad_actions() -> Vec<(&'static str, Vec<u8>, Code, &'static str, &'static str)> {
@@ -116,8 +118,8 @@ fn hostile_requests_to_open() {
     let set = |name: &str, value: f64| [(name.to_owned(), value)].into();
     let version = Version { major: PROTOCOL.major + 1, minor: 4 };
     let cases: [(OpenRequest, Refused, &str, &[&str]); 11] = [
-        (OpenRequest { protocol: Some(version), ..request("S01") }, Refused::Version, "protocol", &["4.4", "3.3"]),
-        (OpenRequest { protocol: None, ..request("S01") }, Refused::Version, "protocol", &["3.3"]),
+        (OpenRequest { protocol: Some(version), ..request("S01") }, Refused::Version, "protocol", &["4.4", "3.5"]),
+        (OpenRequest { protocol: None, ..request("S01") }, Refused::Version, "protocol", &["3.5"]),
         (request("S99"), Refused::Unknown, "task", &["S99", "S01"]),
         (
             OpenRequest { sensors: vec!["smell".into()], ..request("S01") },
@@ -164,10 +166,10 @@ fn hostile_requests_to_open() {
     let busy = open(&link, request("S01").encode_to_vec()).unwrap_err();
     assert_eq!(busy.code(), Refused::Busy, "{busy:?}");
     assert!(busy.message.contains("--capacity"), "{busy:?}");
-    let reply = ask::<CloseReply>(&raw.link, &raw.keys.close(), noise(1, 30)).remove(0).unwrap();
+    let reply = raw.ask::<CloseReply>(&raw.keys.close(), noise(1, 30)).unwrap();
     assert_eq!(reply.refusal.unwrap().code(), Refused::Malformed, "the session stays");
     raw.step(0);
-    assert_eq!(ask::<CloseReply>(&raw.link, &raw.keys.close(), Vec::new()), [Ok(CloseReply::default())]);
+    assert_eq!(raw.ask::<CloseReply>(&raw.keys.close(), Vec::new()), Ok(CloseReply::default()));
     open(&link, request("S01").encode_to_vec()).unwrap();
 }
 
@@ -191,15 +193,33 @@ fn a_hostile_recorder() {
             link.put(keys.truth_ack(), garbage).wait().unwrap();
         }
     }
+    let key = RecorderKey::read(&service.recorder_key()).unwrap();
+    let rows = RowsKey::of_recorder(&key, "test", &session).unwrap();
+    // One that has the key lies no better.
+    for next_seq in [u64::MAX, u64::MAX / 2, 1 << 32, 100_000] {
+        let ack = StepRecordAck { recorder: "liar".into(), next_seq }.encode_to_vec();
+        let proof = rows.prove("ack", &ack).to_vec();
+        link.put(keys.truth_ack(), ack).attachment(proof).wait().unwrap();
+    }
     let truths = |from_seq, count| {
         let request = StepRecordRequest { from_seq, count }.encode_to_vec();
-        ask::<StepRecord>(&link, &keys.truth_rows(), request).into_iter().map(Result::unwrap).collect::<Vec<_>>()
+        let proof = rows.prove("rows", &request).to_vec();
+        let query = link.get(keys.truth_rows()).payload(request).attachment(proof);
+        let replies = query.consolidation(ConsolidationMode::None).wait().unwrap();
+        let open = |reply: Reply| {
+            StepRecord::decode(&*rows.open(&reply.result().unwrap().payload().to_bytes()).unwrap()).unwrap()
+        };
+        replies.iter().map(open).collect::<Vec<_>>()
     };
     let all = truths(0, u64::MAX);
     assert!(all.len() as u64 <= limits::MAX_TRUTHS_PER_REQUEST, "{}", all.len());
     assert!(truths(u64::MAX, u64::MAX).is_empty() && truths(1 << 40, 1).is_empty());
     let refused = ask::<StepRecord>(&link, &keys.truth_rows(), noise(3, 50)).remove(0).unwrap_err();
-    assert_eq!(refused.code(), Refused::Malformed);
+    assert_eq!(refused.code(), Refused::Closed, "without the key");
+    let garbage = noise(3, 50);
+    let proof = rows.prove("rows", &garbage).to_vec();
+    let refused = ask_with::<StepRecord>(&link, &keys.truth_rows(), garbage, Some(proof)).remove(0).unwrap_err();
+    assert_eq!(refused.code(), Refused::Malformed, "{refused:?}");
     assert!(client.is_running(), "all that came during the episode");
 
     assert_eq!(played(&mut client), alone(&LONG));

@@ -2,7 +2,8 @@
 
 use fiatlux_tests::lossy::LossyProxy;
 use fiatlux_tests::programs::{
-    PATIENCE, Played, Service, Watch, alone, client, free_port, grade, played, record, router,
+    PATIENCE, Played, Running, Scratch, Service, Watch, alone, client, endpoint, free_port, grade, played, record,
+    router,
 };
 
 use super::LONG;
@@ -24,6 +25,27 @@ fn the_router_dies_and_comes_back() {
     assert_eq!((code, results["excluded"].as_array().unwrap().len()), (0, 0), "{results:#}");
     assert_eq!(results["episodes"][0]["state_digest"], alone(&LONG)[0].digest);
     assert!(service.server.is_running());
+    for log in [service.server.log(), client.log(), recorder.log()] {
+        assert!(!log.contains("Query not found") && !log.contains(".cargo/registry"), "{log}");
+    }
+}
+
+/// Guards that where nothing listens our own error is all that is said.
+#[test]
+fn a_refused_connection_is_one_line() {
+    let folder = Scratch::new("refused");
+    let (endpoint, bags) = (endpoint(free_port()), folder.path().join("bags").display().to_string());
+    let key = folder.path().join("recorder.key");
+    fiatlux_access::RecorderKey::generate().unwrap().write(&key).unwrap();
+    let key = key.display().to_string();
+    let recorder = ["--out", &bags, "--recorder-key", &key];
+    for (program, args) in [("policy-client", &["list"][..]), ("recorder", &recorder)] {
+        let mut running = Running::start(program, &[args, &["-e", &endpoint]].concat(), &folder);
+        let (status, text) = running.finish(PATIENCE);
+        let log = running.log();
+        assert_eq!((status.code(), text.as_str(), log.lines().count()), (Some(1), "", 1), "{log}");
+        assert!(log.starts_with(&format!("error: nothing answers at {endpoint} within 5 s")), "{log}");
+    }
 }
 
 /// Episodes that together take some 500 messages there and back.

@@ -1,8 +1,10 @@
 //! A peer that says exactly what a test tells it to.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use fiatlux_access::{Channel, Greeting, Label, Reply as Said, Secrets, Side};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::{
     Action, Notice, Observation, OpenReply, OpenRequest, Refusal, ResetReply, ResetRequest, SessionInfo, open_reply,
@@ -25,7 +27,18 @@ pub fn request(task: &str) -> OpenRequest {
 
 /// All replies to a query; an error reply is a [`Refusal`].
 pub fn ask<M: Message + Default>(link: &Session, key: &str, payload: Vec<u8>) -> Vec<Result<M, Refusal>> {
-    let replies = link.get(key).payload(payload).consolidation(ConsolidationMode::None).wait().unwrap();
+    ask_with(link, key, payload, None)
+}
+
+/// The same with an attachment.
+pub fn ask_with<M: Message + Default>(
+    link: &Session,
+    key: &str,
+    payload: Vec<u8>,
+    attachment: Option<Vec<u8>>,
+) -> Vec<Result<M, Refusal>> {
+    let query = link.get(key).payload(payload).attachment(attachment).consolidation(ConsolidationMode::None);
+    let replies = query.wait().unwrap();
     let read = |reply: Reply| match reply.result() {
         Ok(sample) => Ok(M::decode(&*sample.payload().to_bytes()).unwrap()),
         Err(error) => Err(Refusal::decode(&*error.payload().to_bytes()).unwrap()),
@@ -33,12 +46,29 @@ pub fn ask<M: Message + Default>(link: &Session, key: &str, payload: Vec<u8>) ->
     replies.iter().map(read).collect()
 }
 
-/// Sends bytes as an open request.
+/// Sends bytes as an open request: a request that can be read gets a hello.
 pub fn open(link: &Session, payload: Vec<u8>) -> Result<SessionInfo, Refusal> {
-    let mut replies = ask::<OpenReply>(link, &ServerKeys::new("test").open(), payload);
+    open_with_keys(link, payload).map(|(info, _)| info)
+}
+
+fn open_with_keys(link: &Session, payload: Vec<u8>) -> Result<(SessionInfo, Option<Secrets>), Refusal> {
+    let greeting = Greeting::new(&link.zid().to_string(), None).unwrap();
+    let request = fiatlux_proto::decode::<OpenRequest>(&payload, usize::MAX);
+    let payload = match request {
+        Ok(request) => OpenRequest { hello: Some(greeting.hello()), ..request }.encode_to_vec(),
+        Err(_) => payload,
+    };
+    let mut replies = ask::<OpenReply>(link, &ServerKeys::new("test").open(), payload.clone());
     assert_eq!(replies.len(), 1, "one answer to each request");
-    match replies.remove(0).unwrap().reply.unwrap() {
-        open_reply::Reply::Session(session) => Ok(session),
+    let OpenReply { reply, welcome } = replies.remove(0).unwrap();
+    match reply.unwrap() {
+        open_reply::Reply::Session(info) => {
+            let content = info.encode_to_vec();
+            let said = Said { request: &payload, server: "test", id: &info.session, content: &content };
+            let verified = greeting.verify(said, &welcome.unwrap(), None).unwrap();
+            let secrets = greeting.agree(&verified).unwrap();
+            Ok((info, Some(secrets)))
+        }
         open_reply::Reply::Refusal(refusal) => Err(refusal),
     }
 }
@@ -47,6 +77,7 @@ pub fn open(link: &Session, payload: Vec<u8>) -> Result<SessionInfo, Refusal> {
 pub struct Raw {
     pub link: Session,
     pub keys: SessionKeys,
+    channel: Arc<Mutex<Channel>>,
     observations: Receiver<Observation>,
     notices: Receiver<Notice>,
     _token: LivelinessToken,
@@ -56,19 +87,44 @@ impl Raw {
     /// Opens a session on the server at that port, and resets it to episode 0.
     pub fn open(port: u16, request: &OpenRequest) -> Self {
         let link = connect(port);
-        let info = open(&link, request.encode_to_vec()).unwrap();
+        let (info, secrets) = open_with_keys(&link, request.encode_to_vec()).unwrap();
+        let channel = Arc::new(Mutex::new(Channel::new(&secrets.unwrap(), Side::Client).unwrap()));
         let keys = ServerKeys::new("test").session(&info.session);
-        let observations = subscribe(&link, keys.observation());
-        let notices = subscribe(&link, keys.notice());
+        let observations = subscribe(&link, keys.observation(), &channel);
+        let notices = subscribe(&link, keys.notice(), &channel);
         let token = link.liveliness().declare_token(keys.client()).wait().unwrap();
-        let reset = ask::<ResetReply>(&link, &keys.reset(), ResetRequest { episode: 0 }.encode_to_vec()).remove(0);
+        let raw = Self { link, keys, channel, observations, notices, _token: token };
+        let reset = raw.ask::<ResetReply>(&raw.keys.reset(), ResetRequest { episode: 0 }.encode_to_vec());
         assert!(matches!(reset.unwrap().reply, Some(reset_reply::Reply::Observation(_))));
-        Self { link, keys, observations, notices, _token: token }
+        raw
+    }
+
+    /// Asks on a key of the session.
+    pub fn ask<M: Message + Default>(&self, key: &str, payload: Vec<u8>) -> Result<M, Refusal> {
+        let label = key.rsplit('/').next().unwrap();
+        let attachment = self.channel.lock().unwrap().seal(Label::Message(label), &payload).to_vec();
+        let number = u64::from_le_bytes(attachment[..8].try_into().unwrap());
+        let query = self.link.get(key).payload(payload).attachment(attachment);
+        for reply in query.consolidation(ConsolidationMode::None).wait().unwrap() {
+            let Ok(sample) = reply.result() else { continue };
+            let payload = sample.payload().to_bytes();
+            let attachment = sample.attachment().unwrap().to_bytes();
+            let opens =
+                |label| self.channel.lock().unwrap().open(Label::Reply(label, number), &payload, &attachment).is_ok();
+            if opens(label) {
+                return Ok(M::decode(&*payload).unwrap());
+            }
+            if opens("refusal") {
+                return Err(Refusal::decode(&*payload).unwrap());
+            }
+        }
+        panic!("the server does not answer {key}")
     }
 
     /// Publishes bytes as an action. They are sent, whatever else is on the way.
     pub fn send(&self, payload: Vec<u8>) {
-        let put = self.link.put(self.keys.action(), payload);
+        let attachment = self.channel.lock().unwrap().seal(Label::Message("action"), &payload).to_vec();
+        let put = self.link.put(self.keys.action(), payload).attachment(attachment);
         put.congestion_control(zenoh::qos::CongestionControl::Block).wait().unwrap();
     }
 
@@ -98,7 +154,7 @@ impl Raw {
 
 /// A valid action.
 pub fn action(episode: u64, step: u64) -> Action {
-    Action { episode, step, action: vec![0.0; JOINTS], joint_target: Vec::new() }
+    Action { episode, step, action: vec![0.0; JOINTS], joint_target: Vec::new(), chunk: None }
 }
 
 /// Bytes without a pattern, always the same ones.
@@ -111,9 +167,15 @@ pub fn noise(seed: u64, length: usize) -> Vec<u8> {
     (0..length).map(|_| next()).collect()
 }
 
-fn subscribe<M: Message + Default + 'static>(link: &Session, key: String) -> Receiver<M> {
+fn subscribe<M: Message + Default + 'static>(link: &Session, key: String, keys: &Arc<Mutex<Channel>>) -> Receiver<M> {
     let (sender, receiver) = channel();
-    let callback = move |sample: Sample| drop(sender.send(M::decode(&*sample.payload().to_bytes()).unwrap()));
+    let (keys, label) = (Arc::clone(keys), key.rsplit('/').next().unwrap().to_owned());
+    let callback = move |sample: Sample| {
+        let (payload, attachment) = (sample.payload().to_bytes(), sample.attachment().unwrap().to_bytes());
+        if keys.lock().unwrap().open(Label::Message(&label), &payload, &attachment).is_ok() {
+            drop(sender.send(M::decode(&*payload).unwrap()));
+        }
+    };
     link.declare_subscriber(key).callback(callback).background().wait().unwrap();
     receiver
 }

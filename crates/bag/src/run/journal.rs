@@ -37,12 +37,17 @@ pub fn journals(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).map_err(failed())? {
         let entry = entry.map_err(failed())?;
-        if entry.file_name().to_str().is_some_and(|name| name.ends_with(ENDING)) {
+        if is_journal(&entry.path()) {
             found.push(entry.path());
         }
     }
     found.sort();
     Ok(found)
+}
+
+/// Whether a file has the name of a journal.
+pub(crate) fn is_journal(path: &Path) -> bool {
+    path.file_name().and_then(|name| name.to_str()).is_some_and(|name| name.ends_with(ENDING))
 }
 
 /// The chain so far: the link of the last line, and where that line ends in the file.

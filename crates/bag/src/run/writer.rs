@@ -76,22 +76,27 @@ impl LedgerWriter {
     /// # Errors
     /// It does not follow from what was before, or cannot be written; the ledger is as it was then.
     pub fn append(&mut self, event: Event) -> Result<(), LedgerError> {
-        if self.broken {
+        if self.broken && self.undo().is_err() {
             return Err(LedgerError::Broken { path: self.path.clone() });
         }
+        self.broken = false;
         let wrong = |reason: String| LedgerError::Event { path: self.path.clone(), reason };
         let mut after = self.ledger.clone();
         after.apply(&event).map_err(wrong)?;
         let (line, chain) = self.chain.line(&event).ok_or_else(|| wrong("the event is too long".into()))?;
         let written = self.file.write_all(line.as_bytes()).and_then(|()| self.file.sync_data());
         if let Err(error) = written {
-            // What of it reached the file must not stand before the next line.
-            let undone = self.file.set_len(self.chain.length).and_then(|()| self.file.sync_data());
-            self.broken = undone.is_err();
+            self.broken = self.undo().is_err();
             return Err(LedgerError::io("write", &self.path)(error));
         }
         (self.ledger, self.chain) = (after, chain);
         Ok(())
+    }
+
+    /// What of a line reached the file must not stand before the next one.
+    fn undo(&self) -> std::io::Result<()> {
+        self.file.set_len(self.chain.length)?;
+        self.file.sync_data()
     }
 }
 

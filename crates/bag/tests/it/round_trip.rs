@@ -76,12 +76,25 @@ fn names() {
     assert!(error.starts_with("cannot open ") && error.contains("none.mcap"), "{error}");
 }
 
+/// Guards that a recorder that was killed before it wrote leaves nothing behind, and that a part being written is left alone.
+#[test]
+fn an_empty_part_is_taken_over() {
+    let path = folder("empty").join("a.mcap");
+    std::fs::write(part_of(&path), []).expect("an empty part");
+    let writer = BagWriter::create(&path, &header()).expect("a new bag");
+    drop(writer);
+    assert!(matches!(BagWriter::create(&path, &header()), Err(BagError::Exists { .. })), "it has a header");
+    std::fs::write(part_of(&path), []).expect("an empty part");
+    let other = std::fs::File::open(part_of(&path)).expect("the part");
+    other.lock().expect("nobody has it");
+    assert!(matches!(BagWriter::create(&path, &header()), Err(BagError::Exists { .. })), "somebody is about to write");
+}
+
 #[test]
 fn what_metadata_cannot_hold_is_refused() {
     let path = folder("values").join("a.mcap");
     let odd = EpisodeHeader { control_dt: f64::NAN, ..header() };
     assert!(matches!(BagWriter::create(&path, &odd), Err(BagError::Values { what: "header" })));
-    std::fs::remove_file(part_of(&path)).expect("the part");
     let writer = BagWriter::create(&path, &header()).expect("a new bag");
     let odd = EpisodeResult { total_reward: f64::INFINITY, ..result(1) };
     assert!(matches!(writer.finish(&odd), Err(BagError::Values { what: "result" })));

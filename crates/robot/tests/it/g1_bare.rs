@@ -19,7 +19,7 @@ fn body_joints_and_gains_are_those_of_the_whole_robot() {
         assert_eq!(bare.links()[ours.link].joint, Some(joint));
     }
     assert_eq!(bare.q0(), &whole.q0()[..29]);
-    for set in [GainSet::Fiatlux, GainSet::Sonic] {
+    for set in GainSet::ALL {
         assert_eq!(bare.gains(set).0, whole.gains(set).0[..29]);
     }
     assert_ne!(bare.digest(), whole.digest());

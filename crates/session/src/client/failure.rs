@@ -88,6 +88,7 @@ impl SessionFailure {
         let problem = match error {
             CommandError::Form { .. } => "without a number".into(),
             CommandError::Length { found, expected, .. } => format!("of {found} numbers, not {expected},"),
+            CommandError::Chunk { problem } => format!("whose chunk {problem}"),
             CommandError::NotFinite { value, joint, .. } => format!("{value} for joint {joint}"),
             CommandError::Range { value, joint, low, high, .. } => {
                 format!("{value:?} for joint {joint}, not from {low} to {high},")

@@ -64,6 +64,29 @@ fn answer(session: &mut ClientSession, outputs: &[Output], step: u64, now_s: f64
     assert_eq!(outputs.iter().filter_map(step_of).collect::<Vec<_>>(), [step]);
 }
 
+/// A chunk goes with the next command and with no other; a server of 3.4 gets none, and one out of bounds is left out.
+#[test]
+fn a_chunk_goes_with_one_command() {
+    for (minor, latency_s, is_sent) in [(5, 0.1, true), (4, 0.1, false), (5, f64::NAN, false)] {
+        let protocol = Some(fiatlux_proto::v3::Version { major: 3, minor });
+        let mut session = ClientSession::new(&SessionInfo { protocol, ..info(2, false) });
+        give(&mut session, Input::Start(3), 0.0);
+        give(&mut session, reset_replied(observation(3, 0)), 0.0);
+        let chunk = Chunk { index: 7, latency_s, ..Chunk::default() };
+        give(&mut session, Input::Chunk(Box::new(chunk.clone())), 0.0);
+        let mut sent = |now_s| {
+            let outputs = give(&mut session, Input::Command(Command::Action(vec![0.0; 2])), now_s);
+            let Some(Output::Action(bytes)) = outputs.first() else { panic!("{outputs:?}") };
+            decode::<Action>(bytes, 1 << 16).expect("an action").chunk
+        };
+        assert_eq!(sent(0.0), is_sent.then_some(chunk));
+        publish(&mut session, &observation(3, 1), 0.02);
+        let outputs = give(&mut session, Input::Command(Command::Action(vec![0.0; 2])), 0.03);
+        let Some(Output::Action(bytes)) = outputs.first() else { panic!("{outputs:?}") };
+        assert_eq!(decode::<Action>(bytes, 1 << 16).expect("an action").chunk, None);
+    }
+}
+
 #[test]
 fn each_observation_is_answered_once_whatever_comes_twice_or_late() {
     let mut session = waiting(false);
@@ -122,6 +145,65 @@ fn an_action_that_is_refused_again_and_again_ends_the_run_with_the_servers_words
     let [Output::Failed(failure)] = &found[..] else { panic!("no failure") };
     let message = failure.to_string();
     assert!(message.contains("step 4") && message.contains("NaN (field 'action'); send numbers"), "{message}");
+}
+
+/// As many as may wait in a session, and none in real time.
+#[test]
+fn actions_are_sent_ahead_up_to_a_bound() {
+    let mut session = waiting(false);
+    let mut sent = Vec::new();
+    while let Some(step) = session.next_step() {
+        let outputs = give(&mut session, Input::Command(Command::Action(vec![0.0; 2])), 0.0);
+        assert_eq!(outputs.iter().filter_map(step_of).collect::<Vec<_>>(), [step]);
+        sent.push(step);
+    }
+    assert_eq!(sent, (1..MAX_AHEAD as u64).collect::<Vec<_>>());
+    // An observation answers its action and those before; a refusal of what came too early ends nothing.
+    assert_eq!(publish(&mut session, &observation(3, 5), 0.01), []);
+    let early = Notice { code: Code::Step.into(), episode: 3, ..Notice::default() }.encode_to_vec();
+    (0..9).for_each(|_| assert_eq!(give(&mut session, Input::Notice(early.clone().into()), 0.01), []));
+    assert_eq!(session.next_step(), Some(MAX_AHEAD as u64));
+    let again = give(&mut session, Input::Tick, 1.0);
+    assert_eq!(again.iter().filter_map(step_of).collect::<Vec<_>>(), (5..MAX_AHEAD as u64).collect::<Vec<_>>());
+    assert!(again.contains(&Output::AskObservation));
+    let found = publish(&mut session, &observation(3, MAX_AHEAD as u64 + 1), 1.0);
+    assert!(matches!(found[..], [Output::Failed(SessionFailure::Order { .. })]), "{found:?}");
+    assert_eq!(waiting(true).next_step(), None);
+}
+
+/// Where round trips are short, a lost message is missed early.
+#[test]
+fn an_action_is_sent_again_after_a_few_round_trips() {
+    let mut session = waiting(false);
+    let mut now_s = 0.0;
+    for step in 1..20 {
+        now_s += 0.01;
+        let new = publish(&mut session, &observation(3, step), now_s);
+        answer(&mut session, &new, step, now_s);
+    }
+    let again = session.wake_at().expect("a time").as_secs_f64() - now_s;
+    assert!((again - 0.04).abs() < 1e-6, "{again} s");
+}
+
+/// A token that is away says so early; a server that answers is there, whoever withdrew its token.
+#[test]
+fn a_server_without_its_token_is_given_up_early() {
+    for answers in [false, true] {
+        let mut session = waiting(false);
+        assert_eq!(give(&mut session, Input::ServerSeen(false), 1.0), give(&mut waiting(false), Input::Tick, 1.0));
+        let failure = loop {
+            let now_s = session.wake_at().expect("a time").as_secs_f64();
+            let outputs = give(&mut session, Input::Tick, now_s);
+            if answers {
+                publish(&mut session, &observation(3, 0), now_s);
+            }
+            if let [Output::Failed(failure)] = &outputs[..] {
+                break (now_s, failure.to_string());
+            }
+        };
+        assert_eq!(failure.0.round(), if answers { 20.0 } else { 6.0 }, "{}", failure.1);
+        assert_eq!(failure.1.contains("server lab is gone"), !answers);
+    }
 }
 
 #[test]

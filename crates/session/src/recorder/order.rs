@@ -12,6 +12,9 @@ pub const MAX_WAITING: usize = 1024;
 /// A session from which nothing came for so long is asked whether there is more.
 const QUIET: Duration = Duration::from_secs(1);
 
+/// A session from which nothing came at all is asked less and less often, at last this often: anybody can announce one.
+const SILENT: Duration = Duration::from_secs(5);
+
 /// Between two questions for the same record.
 const AGAIN: Duration = Duration::from_millis(200);
 
@@ -50,6 +53,9 @@ pub(super) struct Order {
     /// Not before this.
     ask_at: Duration,
     heard_at: Duration,
+    since: Duration,
+    /// A record has come, in order or not.
+    is_heard: bool,
     tries: u32,
     lost: Option<(u64, u64)>,
     /// Nothing was given out yet.
@@ -66,6 +72,8 @@ impl Order {
             asked: None,
             ask_at: now,
             heard_at: now,
+            since: now,
+            is_heard: false,
             tries: 0,
             lost: None,
             is_fresh: true,
@@ -80,6 +88,7 @@ impl Order {
     /// Takes a record in, in whatever order, however often.
     pub fn take(&mut self, record: StepRecord, now: Duration) {
         self.heard_at = now;
+        self.is_heard = true;
         let seq = record.seq;
         let is_old = seq < self.next && self.searching.is_none();
         if is_old || self.waiting.contains_key(&seq) {
@@ -122,7 +131,7 @@ impl Order {
             (None, Some(first)) if *first > self.next => {
                 StepRecordRequest { from_seq: self.next, count: (first - self.next).min(MAX_TRUTHS_PER_REQUEST) }
             }
-            (None, None) if now >= self.heard_at + QUIET => {
+            (None, None) if now >= self.heard_at + self.pace(QUIET, self.heard_at) => {
                 StepRecordRequest { from_seq: self.next, count: MAX_TRUTHS_PER_REQUEST }
             }
             (None, _) => return None,
@@ -133,9 +142,15 @@ impl Order {
 
     /// When there may be something to ask for, if nothing comes before.
     pub fn wake_at(&self) -> Option<Duration> {
-        let quiet =
-            if self.searching.is_none() && self.waiting.is_empty() { self.heard_at + QUIET } else { self.ask_at };
+        let is_idle = self.searching.is_none() && self.waiting.is_empty();
+        let quiet = if is_idle { self.heard_at + self.pace(QUIET, self.heard_at) } else { self.ask_at };
         self.asked.is_none().then(|| quiet.max(self.ask_at))
+    }
+
+    /// Time from one message to the session to the next, at a moment: the usual one, or longer and longer where no record has
+    /// come.
+    pub fn pace(&self, usual: Duration, now: Duration) -> Duration {
+        if self.is_heard { usual } else { now.saturating_sub(self.since).clamp(usual, SILENT) }
     }
 
     /// The answer to the request is complete; its records were taken in.

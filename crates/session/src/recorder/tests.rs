@@ -30,6 +30,8 @@ struct Harness {
     /// What was to be written: `o` for a new bag, steps, `f` for its end, `c` for a cut.
     written: Vec<String>,
     request: Option<StepRecordRequest>,
+    /// Records that it said were in no bag.
+    lost: u64,
     is_done: bool,
 }
 
@@ -44,7 +46,7 @@ impl Harness {
     }
 
     fn of(session: RecorderSession) -> Self {
-        Self { session, now: NOW, written: Vec::new(), request: None, is_done: false }
+        Self { session, now: NOW, written: Vec::new(), request: None, lost: 0, is_done: false }
     }
 
     fn give(&mut self, input: Input) {
@@ -62,6 +64,7 @@ impl Harness {
                 Output::Ack(bytes) => {
                     assert_eq!(StepRecordAck::decode(bytes).expect("an acknowledgement").recorder, "r");
                 }
+                Output::Lost(records) => self.lost += records,
                 Output::Done => self.is_done = true,
             }
         }
@@ -157,6 +160,18 @@ fn lost_rows_cut_the_bag_and_the_next_episode_is_whole() {
 }
 
 #[test]
+fn records_that_are_in_no_bag_are_told() {
+    let mut recorder = Harness::new();
+    recorder.take(episode(9, 1, 2));
+    while recorder.lost == 0 {
+        assert!(recorder.request().is_some() && recorder.now < NOW + Duration::from_secs(20));
+        recorder.give(Input::Answered);
+        recorder.now += Duration::from_secs(1);
+    }
+    assert_eq!((recorder.lost, recorder.written().as_str()), (9, "o1 0 1 f"));
+}
+
+#[test]
 fn a_bag_is_taken_up_where_it_was_left() {
     // The server still has rows that are on disk, the first one among them or not.
     for first_kept in [0, 2, 4] {
@@ -168,6 +183,26 @@ fn a_bag_is_taken_up_where_it_was_left() {
         assert_eq!(recorder.written(), "4 5 f", "from {first_kept}");
         assert_eq!(recorder.next_seq(0), 6);
     }
+}
+
+/// Guards the recorder that died between two bags: what the server has forgotten is not lost.
+#[test]
+fn a_recorder_goes_on_between_two_bags() {
+    let mut recorder = Harness::of(RecorderSession::again("r", NOW));
+    assert!(recorder.request().is_some());
+    recorder.take(episode(100, 3, 2));
+    recorder.give(Input::Answered);
+    assert_eq!((recorder.written(), recorder.lost, recorder.next_seq(0)), ("o3 0 1 f".into(), 0, 102));
+}
+
+/// Guards the recorder that died with all rows on disk and without the result.
+#[test]
+fn the_result_alone_ends_a_resumed_bag() {
+    let mut recorder = Harness::resumed();
+    assert!(recorder.request().is_some());
+    recorder.take(episode(0, 0, 4));
+    recorder.give(Input::Answered);
+    assert_eq!((recorder.written(), recorder.next_seq(0)), ("f".into(), 4));
 }
 
 #[test]

@@ -191,6 +191,7 @@ impl<H: Host, R> ServerSession<H, R> {
                 record.events.splice(0..0, events.iter().map(Message::encode_to_vec));
                 if let (Some(result), Some(run)) = (&mut record.result, &self.run) {
                     result.missed_steps = run.missed_steps;
+                    self.host.sign(result);
                 }
                 self.publish_record(record, at);
             }

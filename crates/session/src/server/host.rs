@@ -37,4 +37,7 @@ pub trait Host {
     /// The result of the present episode where it is cut short here, with the cause [`fiatlux_proto::ABORTED`]; `why` is for
     /// people.
     fn aborted(&self, why: &str) -> EpisodeResult;
+
+    /// Signs a result that nothing is added to any more. By default results are not signed.
+    fn sign(&self, _result: &mut EpisodeResult) {}
 }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, BodyVariation, DriveVariation, Variation, Wrench};
+use fiatlux_dynamics::{BodyId, BodyVariation, DriveVariation, PreparedVariation, Variation, Wrench};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Limb, Protocol, Row, Task, Thresholds};
 use fiatlux_world::{
@@ -63,8 +63,26 @@ fn worlds_that_take_turns_run_as_alone() {
     let mut rows = [stage.row().clone(), stage.row().clone()];
     for _ in 0..25 {
         for world in 0..2 {
-            stage.step_row(&mut rows[world], &actions[world], &targets[world]).unwrap();
+            let input = ControlInput::new(&actions[world], &targets[world]);
+            stage.step_row(&mut rows[world], &input).unwrap();
             assert_eq!(rows[world], *alone[world].step(&actions[world], &targets[world]).unwrap());
+        }
+    }
+    // Wrenches act where a world's own bodies are, and each world has the masses of its own.
+    let torso = scene.robot.link_index("torso_link").unwrap();
+    let wrench = Wrench { force: Vector3::new(40.0, 0.0, 0.0), torque: Vector3::zeros() };
+    let wrenches = [AppliedWrench { target: Target::Link(torso), point: Some(Vector3::z()), wrench }];
+    let heavier = BodyVariation { mass: 1.3, com_offset: Vector3::new(0.02, 0.0, 0.0) };
+    let body = scene.model.body("torso_link").unwrap();
+    let heavier = Variation { bodies: vec![(body, heavier)], ..Variation::default() };
+    alone[1].set_variation(&heavier).unwrap();
+    let variations = [PreparedVariation::default(), heavier.prepare(&scene.model).unwrap()];
+    for _ in 0..25 {
+        for world in 0..2 {
+            let input = ControlInput { wrenches: &wrenches, ..ControlInput::new(&actions[world], &targets[world]) };
+            stage.vary(&variations[world]);
+            stage.step_row(&mut rows[world], &input).unwrap();
+            assert_eq!(rows[world], *alone[world].step_with(&input).unwrap());
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What a run is to play, from its flags.
 
 use fiatlux_policy::Policy;
-use fiatlux_policy::policies::{self, Replay};
+use fiatlux_policy::policies::{self, Replay, VlaSource};
 use fiatlux_proto::v3::{OpenRequest, RunSpec};
 use fiatlux_rules::Task;
 
@@ -12,12 +12,17 @@ use crate::cli::{Failure, policy};
 const PUBLISHED_SEEDS: [u64; 4] = [0, 1, 2, 3];
 
 /// What is registered.
-pub fn spec(args: &EvaluateArgs) -> Result<RunSpec, Failure> {
+pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, Failure> {
     let mut spec = match policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, &Replay::open(path)?)?,
         None => {
-            let policy = policy(&args.policy)?;
-            let session = OpenRequest { sensors: policy.sensors(), ..OpenRequest::default() };
+            let policy = match model {
+                Some(source) => Box::new(source.policy()),
+                None => policy(&args.policy)?,
+            };
+            let [image_width, image_height] = policy.image_size().unwrap_or_default();
+            let sensors = policy.sensors();
+            let session = OpenRequest { sensors, image_width, image_height, ..OpenRequest::default() };
             let tasks = args.tasks.as_ref().map_or(&Task::SUBTASKS[..], |tasks| &tasks.0);
             let seeds = args.seeds.as_ref().map_or(&PUBLISHED_SEEDS[..], |seeds| &seeds.0);
             RunSpec {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
 
 use fiatlux_proto::v3::EpisodeEnd;
 use fiatlux_proto::v3::refusal::Code;
@@ -13,6 +14,7 @@ use crate::{Client, ClientError};
 #[derive(Debug, Clone)]
 pub(super) struct Job {
     pub server: String,
+    pub since: Instant,
     pub broken_off: Arc<AtomicBool>,
     /// Step that it is at.
     pub step: Arc<AtomicU64>,
@@ -38,9 +40,9 @@ impl Job {
         if self.broken_off.load(Ordering::Relaxed) {
             return Err(ClientError::Stopped);
         }
-        let info = calls.open(&self.server, index)?;
+        let (info, secrets) = calls.open(&self.server, index)?;
         opened();
-        let mut client = Client::enter(calls.link, &self.server, info)?;
+        let mut client = Client::enter(calls.link, &self.server, info, &secrets)?;
         let mut note = |step| self.step.store(step, Ordering::Relaxed);
         let end = client.run_episode(0, policy.as_mut(), &mut note, &self.broken_off);
         // A server that is gone would only be waited for.

@@ -79,7 +79,7 @@ impl Harness {
     }
 
     fn act(&mut self, episode: u64, step: u64) -> Vec<Sent> {
-        self.send(&Action { episode, step, action: vec![0.0; JOINTS], joint_target: vec![] })
+        self.send(&Action { episode, step, action: vec![0.0; JOINTS], joint_target: vec![], chunk: None })
     }
 
     fn send(&mut self, action: &Action) -> Vec<Sent> {
@@ -224,7 +224,7 @@ fn wrong_actions_are_refused_and_recorded() {
     let mut harness = harness(OpenRequest::default());
     assert_eq!(harness.act(0, 0), [notice_of(Step)], "no episode yet");
     harness.reset(3);
-    let good = Action { episode: 3, step: 0, action: vec![0.0; JOINTS], joint_target: vec![] };
+    let good = Action { episode: 3, step: 0, action: vec![0.0; JOINTS], joint_target: vec![], chunk: None };
     let nan = |mut numbers: Vec<f64>| {
         numbers[5] = f64::NAN;
         numbers

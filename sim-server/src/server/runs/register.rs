@@ -15,8 +15,6 @@ use crate::server::plan;
 const MAX_NAME: usize = 128;
 /// Longest link, bytes.
 const MAX_LINK: usize = 512;
-/// Fewest and most digits of a key.
-const KEY_DIGITS: [usize; 2] = [32, 64];
 /// The subtasks of the benchmark.
 const SUBTASKS: usize = 12;
 /// Seeds of a run that names none.
@@ -26,14 +24,9 @@ const LEAST_HOSTED: u64 = 1 << 32;
 /// And have so many bits: JSON keeps them.
 const HOSTED_BITS: u32 = 53;
 
-/// SHA-256 of a key, hexadecimal.
-pub(super) fn key_digest(key: &str) -> Result<String, Refusal> {
-    let [least, most] = KEY_DIGITS;
-    if !(least..=most).contains(&key.len()) || !key.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-        let message = format!("a key has {least} to {most} hexadecimal digits; draw one at random and keep it");
-        return Err(Refusal::new(Code::Value, "key", message));
-    }
-    Ok(Sha256::digest(key).iter().map(|byte| format!("{byte:02x}")).collect())
+/// SHA-256 of a run's public key, hexadecimal.
+pub(super) fn key_digest(key: &str) -> String {
+    Sha256::digest(key).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Compares without a hint, by the time it takes, of where the two differ.
@@ -94,6 +87,8 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
         ("session.task", !session.task.is_empty()),
         ("session.seed", session.seed != 0),
         ("session.recorded", session.recorded),
+        ("session.hello", session.hello.is_some()),
+        ("session.replay", session.replay),
     ] {
         if is_set {
             return Err(wrong(field, "it is the run's own; leave it out".into()));

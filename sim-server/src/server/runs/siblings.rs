@@ -97,9 +97,10 @@ impl Siblings {
         played.or_else(|| states().find(|(_, state)| matches!(state, State::Failed { .. })))
     }
 
-    /// Whether none of them plays on.
+    /// Whether none of them plays on: each has ended the run, or is dead and begins nothing of a run that is ended.
     pub fn are_finished(&self) -> bool {
-        self.ledgers.iter().all(Ledger::is_finished)
+        let is_over = |ledger: &Ledger| ledger.is_finished() || !is_alive(&self.folder, &ledger.registration().server);
+        self.ledgers.iter().all(is_over)
     }
 }
 

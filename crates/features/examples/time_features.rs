@@ -1,4 +1,4 @@
-//! Milliseconds per frame of 256 x 256 pixels: `cargo run --release -p fiatlux-features --example time`.
+//! Milliseconds per frame of 256 x 256 pixels: `cargo run --release -p fiatlux-features --example time_features`.
 #![expect(clippy::disallowed_methods, reason = "it measures time")]
 
 use std::time::Instant;

@@ -1,13 +1,10 @@
-//! The safetensors format: 8 bytes of header length (little-endian), a JSON header that gives each tensor's type, shape
-//! and place, then the data (huggingface.co/docs/safetensors).
-
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::FeatureError;
+use crate::SafetensorsError;
 
-/// The longest header that is parsed; ours has some 12 kB.
+/// The longest header that is parsed; that of a ResNet-18 has some 12 kB.
 const HEADER_LIMIT: u64 = 1 << 20;
 
 /// The one type of number that is read.
@@ -19,23 +16,27 @@ const METADATA: &str = "__metadata__";
 /// What the header says of a tensor. The fields are in the order of their names, in which `serde_json` may or may not
 /// write them: so the bytes of a file depend on no feature of it.
 #[derive(Debug, Deserialize, Serialize)]
-pub(crate) struct Entry {
-    pub data_offsets: [u64; 2],
-    pub dtype: String,
-    pub shape: Vec<u64>,
+struct Entry {
+    data_offsets: [u64; 2],
+    dtype: String,
+    shape: Vec<u64>,
 }
 
-/// A file's tensors, not yet read.
+/// A file's header, with its tensors not yet read.
 #[derive(Debug)]
-pub(crate) struct File<'a> {
-    pub entries: BTreeMap<String, Entry>,
+pub struct File<'a> {
+    entries: BTreeMap<String, Entry>,
+    metadata: BTreeMap<String, String>,
     data: &'a [u8],
 }
 
 impl<'a> File<'a> {
     /// Reads the header. The tensors' places are checked when they are read.
-    pub fn parse(bytes: &'a [u8]) -> Result<Self, FeatureError> {
-        let wrong = |problem| FeatureError::Format { problem };
+    ///
+    /// # Errors
+    /// [`SafetensorsError::Format`].
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, SafetensorsError> {
+        let wrong = |problem| SafetensorsError::Format { problem };
         let Some((length, rest)) = bytes.split_first_chunk::<8>() else {
             return Err(wrong(format!("expected 8 bytes of header length, found {} bytes in all", bytes.len())));
         };
@@ -48,40 +49,55 @@ impl<'a> File<'a> {
         };
         let mut values: BTreeMap<String, serde_json::Value> = serde_json::from_slice(header)
             .map_err(|error| wrong(format!("expected a JSON object as header, found: {error}")))?;
-        values.remove(METADATA);
+        let metadata = values.remove(METADATA).map_or_else(|| Ok(BTreeMap::new()), serde_json::from_value);
+        let metadata = metadata.map_err(|error| wrong(format!("expected texts as {METADATA}, found: {error}")))?;
         let entry = |(name, value): (String, _)| match serde_json::from_value(value) {
             Ok(entry) => Ok((name, entry)),
             Err(error) => Err(wrong(format!("expected dtype, shape and data_offsets of '{name}', found: {error}"))),
         };
-        Ok(Self { entries: values.into_iter().map(entry).collect::<Result<_, _>>()?, data })
+        Ok(Self { entries: values.into_iter().map(entry).collect::<Result<_, _>>()?, metadata, data })
     }
 
-    /// The numbers of a tensor that must be there with this shape, in f32.
-    pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, FeatureError> {
+    /// Names of all tensors, sorted.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.keys().map(String::as_str)
+    }
+
+    /// A remark that the file carries under this name.
+    pub fn metadata(&self, name: &str) -> Option<&str> {
+        self.metadata.get(name).map(String::as_str)
+    }
+
+    /// The numbers of a tensor that must be there with this shape. They may be NaN or infinite.
+    ///
+    /// # Errors
+    /// [`SafetensorsError`], with the tensor's name: missing, of another type or shape, or cut.
+    pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, SafetensorsError> {
         let tensor = || name.to_owned();
         let Some(entry) = self.entries.get(name) else {
-            return Err(FeatureError::Missing { tensor: tensor(), shape: shape.to_vec() });
+            return Err(SafetensorsError::Missing { tensor: tensor(), shape: shape.to_vec() });
         };
         if entry.dtype != F32 {
-            return Err(FeatureError::Type { tensor: tensor(), found: entry.dtype.clone() });
+            return Err(SafetensorsError::Type { tensor: tensor(), found: entry.dtype.clone() });
         }
         if !entry.shape.iter().copied().eq(shape.iter().map(|&side| side as u64)) {
             let (expected, found) = (shape.to_vec(), entry.shape.clone());
-            return Err(FeatureError::Shape { tensor: tensor(), expected, found });
+            return Err(SafetensorsError::Shape { tensor: tensor(), expected, found });
         }
         let expected = 4 * shape.iter().product::<usize>() as u64;
         let [begin, end] = entry.data_offsets;
         let data = self.data.len() as u64;
         if end > data || end.checked_sub(begin) != Some(expected) {
-            return Err(FeatureError::Extent { tensor: tensor(), expected, data, begin, end });
+            return Err(SafetensorsError::Extent { tensor: tensor(), expected, data, begin, end });
         }
         let bytes = &self.data[begin as usize..end as usize];
         Ok(bytes.as_chunks().0.iter().map(|&number| f32::from_le_bytes(number)).collect())
     }
 }
 
-/// A file of f32 tensors: the data in this order, the header in that of the names.
-pub(crate) fn write<'a>(tensors: impl Iterator<Item = (String, Vec<usize>, &'a [f32])>) -> Vec<u8> {
+/// The bytes of a file of f32 tensors, each a name, a shape and its numbers: the data in this order, the header in that of
+/// the names.
+pub fn write<'a>(tensors: impl Iterator<Item = (String, Vec<usize>, &'a [f32])>) -> Vec<u8> {
     let mut entries = BTreeMap::new();
     let mut data = Vec::new();
     for (name, shape, numbers) in tensors {

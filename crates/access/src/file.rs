@@ -1,0 +1,108 @@
+//! Files of keys: how they are made, and who may read them.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read as _, Write as _};
+use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
+use std::path::Path;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+
+use crate::{AccessError, FormatError};
+
+/// No file of keys is larger, bytes: a path to something else is refused before it fills the memory.
+const MAX_FILE: u64 = 1 << 20;
+
+/// Makes a file with that text and those permission bits, on disk when this returns. A secret's mode is 0o600.
+///
+/// # Errors
+/// [`AccessError::Exists`]: nothing is overwritten; [`AccessError::Write`].
+pub fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), AccessError> {
+    let write = |source: io::Error| match source.kind() {
+        io::ErrorKind::AlreadyExists => AccessError::Exists { path: path.to_owned() },
+        _ => AccessError::Write { path: path.to_owned(), source },
+    };
+    let mut file = OpenOptions::new().write(true).create_new(true).mode(mode).open(path).map_err(write)?;
+    let written = file.write_all(text.as_bytes()).and_then(|()| file.sync_all());
+    // Half a key helps nobody, and would stand in the way of a second try.
+    written.inspect_err(|_| drop(fs::remove_file(path))).map_err(write)
+}
+
+/// Text of a file that others may read.
+pub fn read_public(path: &Path) -> Result<String, AccessError> {
+    read(path, |_| Ok(()))
+}
+
+/// Text of a file that nobody but its owner may read.
+pub fn read_secret(path: &Path) -> Result<String, AccessError> {
+    read(path, |file| {
+        let source = |source| AccessError::Read { path: path.to_owned(), source };
+        let mode = file.metadata().map_err(source)?.permissions().mode() & 0o7777;
+        if mode & 0o077 == 0 { Ok(()) } else { Err(AccessError::Exposed { path: path.to_owned(), mode }) }
+    })
+}
+
+fn read(path: &Path, check: impl FnOnce(&File) -> Result<(), AccessError>) -> Result<String, AccessError> {
+    let error = |source| AccessError::Read { path: path.to_owned(), source };
+    let file = File::open(path).map_err(error)?;
+    check(&file)?;
+    let mut text = String::new();
+    file.take(MAX_FILE + 1).read_to_string(&mut text).map_err(error)?;
+    if text.len() as u64 > MAX_FILE {
+        return Err(error(io::Error::new(io::ErrorKind::FileTooLarge, "it is larger than any file of keys")));
+    }
+    Ok(text)
+}
+
+/// The lines of a file that say something, with their numbers from 1. `#` begins a comment where a line or a word begins.
+pub fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let numbered = text.lines().enumerate().map(|(index, line)| (index + 1, line));
+    numbered.map(|(number, line)| (number, without_comment(line).trim())).filter(|(_, line)| !line.is_empty())
+}
+
+fn without_comment(line: &str) -> &str {
+    let starts = line.match_indices('#').map(|(at, _)| at);
+    let comment = starts.into_iter().find(|&at| at == 0 || line[..at].ends_with(char::is_whitespace));
+    comment.map_or(line, |at| &line[..at])
+}
+
+/// The only line of a file that has one, comments aside, with its number.
+pub fn only_line<'a>(
+    path: &Path,
+    text: &'a str,
+    field: &'static str,
+    remedy: &'static str,
+) -> Result<(usize, &'a str), AccessError> {
+    let mut lines = lines(text);
+    match (lines.next(), lines.next()) {
+        (Some(line), None) => Ok(line),
+        (None, _) => Err(FormatError::new(field, "the file is empty", remedy).at(path, 1)),
+        (_, Some((number, _))) => Err(FormatError::new(field, "the file has a second line", remedy).at(path, number)),
+    }
+}
+
+/// `PREFIX:BASE64` of 32 bytes.
+pub fn encode(prefix: &str, bytes: &[u8; 32]) -> String {
+    format!("{prefix}:{}", STANDARD.encode(bytes))
+}
+
+/// Reads what [`encode`] wrote. Errors do not repeat the text, which may be a secret.
+pub fn decode(text: &str, prefix: &str, field: &'static str, remedy: &'static str) -> Result<[u8; 32], FormatError> {
+    let refuse = |problem: String| FormatError::new(field, problem, remedy);
+    let coded = text.strip_prefix(prefix).and_then(|rest| rest.strip_prefix(':'));
+    let coded = coded.ok_or_else(|| refuse(format!("it does not begin with '{prefix}:'")))?;
+    let bytes = STANDARD.decode(coded).map_err(|_| refuse("it is not base64".into()))?;
+    let length = bytes.len();
+    bytes.try_into().map_err(|_| refuse(format!("it has {length} bytes, not 32")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comments_and_empty_lines_say_nothing() {
+        let text = "# head\n\n a b # tail\n#x\nkey#1\n";
+        assert_eq!(lines(text).collect::<Vec<_>>(), [(3, "a b"), (5, "key#1")]);
+    }
+}

@@ -1,0 +1,409 @@
+//! How a client and a server agree on the keys of a session, while others listen.
+//!
+//! The client sends a [`Hello`] with its request, the server a [`Welcome`] with its reply, signed over all that both said. Both
+//! have an ephemeral X25519 key; what they share is known to nobody else, and the signature tells whose reply it is.
+
+use fiatlux_proto::v3::{Hello, Welcome};
+use ring::agreement::{self, EphemeralPrivateKey, UnparsedPublicKey, X25519};
+use ring::hkdf::{self, HKDF_SHA256, Prk};
+use ring::rand::SystemRandom;
+use ring::{aead, digest, hmac};
+use thiserror::Error;
+
+use crate::{AccessError, Identity, PublicKey, Token, random};
+
+/// With the version of the protocol that this exchange is of.
+const LABEL: &[u8] = b"fiatlux handshake 3.4";
+const TOKEN_LABEL: &[u8] = b"fiatlux token 3.4";
+const RUN_LABEL: &[u8] = b"fiatlux run 3.4";
+
+/// Length of a token's proof, bytes.
+pub const PROOF_BYTES: usize = 32;
+
+/// Longest Zenoh id in a hello, bytes.
+const MAX_PEER: usize = 64;
+
+/// Why no keys are agreed on.
+#[derive(Debug, Error)]
+pub enum HandshakeError {
+    /// The hello cannot be used.
+    #[error("hello.{field} {problem}")]
+    Hello {
+        /// Its field.
+        field: &'static str,
+        /// What is wrong with it, and how it should be.
+        problem: &'static str,
+    },
+    /// The reply names no key, or its signature is not by that key over what both sides said.
+    #[error("the reply is not signed by the key that it names; someone else answered, or it was changed on the way")]
+    Signature,
+    /// Another server's key.
+    #[error(
+        "the reply is signed by {found}, and the server's key is {expected}; someone else answered, or the server has a new key"
+    )]
+    Server {
+        /// The key that it should have.
+        expected: PublicKey,
+        /// The key that it has.
+        found: PublicKey,
+    },
+    /// A key with which nothing can be agreed on.
+    #[error("the two keys of the exchange give no secret; draw new ones")]
+    Agreement,
+    /// The system has no random numbers to give.
+    #[error(transparent)]
+    Random(#[from] AccessError),
+}
+
+/// The two ends of a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// It opened the session.
+    Client,
+    /// It runs the session.
+    Server,
+}
+
+impl Side {
+    pub(crate) fn other(self) -> Self {
+        match self {
+            Self::Client => Self::Server,
+            Self::Server => Self::Client,
+        }
+    }
+}
+
+/// What a reply is about, as the signature binds it.
+#[derive(Debug, Clone, Copy)]
+pub struct Reply<'a> {
+    /// The request that it answers, as it was sent.
+    pub request: &'a [u8],
+    /// Name of the server.
+    pub server: &'a str,
+    /// Id of the session or the link; empty where the request is refused.
+    pub id: &'a str,
+    /// What the reply holds, encoded: a `SessionInfo`, `RunInfo` or `Refusal`.
+    pub content: &'a [u8],
+}
+
+/// A client's half of an exchange.
+pub struct Greeting {
+    private: EphemeralPrivateKey,
+    hello: Hello,
+}
+
+/// What a client has found a reply to be: signed, and by whom.
+pub struct Verified {
+    transcript: [u8; 32],
+    server: PublicKey,
+    key: Vec<u8>,
+}
+
+/// What both sides of a session know and nobody else; the keys of all its uses follow from it.
+pub struct Secrets(Prk);
+
+impl Greeting {
+    /// Draws what a request needs. `peer` is the client's Zenoh id.
+    ///
+    /// # Errors
+    /// [`HandshakeError::Random`] or [`HandshakeError::Agreement`].
+    pub fn new(peer: &str, token: Option<&Token>) -> Result<Self, HandshakeError> {
+        let private = private_key()?;
+        let hello = Hello {
+            key: public_key(&private)?,
+            random: random::<32>()?.to_vec(),
+            token: token.map(|token| token.id().to_owned()).unwrap_or_default(),
+            peer: peer.into(),
+        };
+        Ok(Self { private, hello })
+    }
+
+    /// What the request carries.
+    pub fn hello(&self) -> Hello {
+        self.hello.clone()
+    }
+
+    /// Checks a reply, which leaves the greeting as it is: others may answer too.
+    ///
+    /// # Errors
+    /// [`HandshakeError::Signature`]; [`HandshakeError::Server`] where `expected` is another key.
+    pub fn verify(
+        &self,
+        reply: Reply<'_>,
+        welcome: &Welcome,
+        expected: Option<&PublicKey>,
+    ) -> Result<Verified, HandshakeError> {
+        let identity: [u8; 32] = welcome.identity[..].try_into().map_err(|_| HandshakeError::Signature)?;
+        let server = PublicKey::from_bytes(identity);
+        let transcript = transcript(&self.hello, &welcome.key, reply);
+        if welcome.key.len() != 32 || !server.verify(&signed(&transcript), &welcome.signature) {
+            return Err(HandshakeError::Signature);
+        }
+        match expected {
+            Some(expected) if *expected != server => Err(HandshakeError::Server { expected: *expected, found: server }),
+            _ => Ok(Verified { transcript, server, key: welcome.key.clone() }),
+        }
+    }
+
+    /// The secrets of the session that the reply opens.
+    ///
+    /// # Errors
+    /// [`HandshakeError::Agreement`].
+    pub fn agree(self, verified: &Verified) -> Result<Secrets, HandshakeError> {
+        agree(self.private, &verified.key, &verified.transcript)
+    }
+}
+
+impl Verified {
+    /// Whose reply it is.
+    pub fn server(&self) -> &PublicKey {
+        &self.server
+    }
+}
+
+/// Whether a request's hello can be answered.
+///
+/// # Errors
+/// [`HandshakeError::Hello`], which names the field.
+pub fn check_hello(hello: &Hello) -> Result<(), HandshakeError> {
+    let wrong = |field, problem| Err(HandshakeError::Hello { field, problem });
+    if hello.key.len() != 32 {
+        return wrong("key", "is not an X25519 public key of 32 bytes; draw one for each request");
+    }
+    if hello.random.len() != 32 {
+        return wrong("random", "does not have 32 bytes; draw them for each request");
+    }
+    if hello.peer.len() > MAX_PEER || !hello.peer.bytes().all(|byte| byte.is_ascii_graphic()) {
+        return wrong("peer", "is not a Zenoh id of at most 64 visible characters; send the session's own, or none");
+    }
+    Ok(())
+}
+
+/// A server's half: what its reply carries, and the secrets.
+///
+/// # Errors
+/// [`HandshakeError`]: a hello that cannot be answered.
+pub fn welcome(identity: &Identity, hello: &Hello, reply: Reply<'_>) -> Result<(Welcome, Secrets), HandshakeError> {
+    check_hello(hello)?;
+    let private = private_key()?;
+    let key = public_key(&private)?;
+    let transcript = transcript(hello, &key, reply);
+    let secrets = agree(private, &hello.key, &transcript)?;
+    let signature = identity.sign(&signed(&transcript)).to_vec();
+    Ok((Welcome { key, identity: identity.public().as_bytes().to_vec(), signature }, secrets))
+}
+
+/// A token's proof for a request: its attachment.
+pub fn proof(secret: &[u8; 32], request: &[u8]) -> [u8; PROOF_BYTES] {
+    let mut proof = [0; PROOF_BYTES];
+    proof.copy_from_slice(proof_context(secret, request).sign().as_ref());
+    proof
+}
+
+/// Whether the proof is of that token and that request; it takes as long for a wrong one.
+#[must_use]
+pub fn is_proof(secret: &[u8; 32], request: &[u8], proof: &[u8]) -> bool {
+    use subtle::ConstantTimeEq as _;
+    bool::from(proof_context(secret, request).sign().as_ref().ct_eq(proof))
+}
+
+fn proof_context(secret: &[u8; 32], request: &[u8]) -> hmac::Context {
+    let mut context = hmac::Context::with_key(&hmac::Key::new(hmac::HMAC_SHA256, secret));
+    context.update(TOKEN_LABEL);
+    context.update(&[0]);
+    context.update(request);
+    context
+}
+
+/// The key pair of a run, of its secret.
+///
+/// # Errors
+/// [`HandshakeError::Agreement`]: no pair follows from it.
+pub fn run_identity(secret: &str) -> Result<Identity, HandshakeError> {
+    let mut seed = [0; 32];
+    seed.copy_from_slice(hash(&[RUN_LABEL, b" key\0", secret.as_bytes()]).as_ref());
+    Identity::from_seed(seed).ok_or(HandshakeError::Agreement)
+}
+
+/// What the key of a run signs to register with a server: the request as it is sent, for that server.
+pub fn registration(server: &str, request: &[u8]) -> Vec<u8> {
+    [RUN_LABEL, b" register\0", server.as_bytes(), b"\0", request].concat()
+}
+
+impl Secrets {
+    /// Key of the codes of all that this side sends.
+    ///
+    /// # Errors
+    /// [`HandshakeError::Agreement`], which does not happen.
+    pub fn mac_key(&self, sender: Side) -> Result<hmac::Key, HandshakeError> {
+        let info: &[u8] = match sender {
+            Side::Client => b"client to server",
+            Side::Server => b"server to client",
+        };
+        expand_mac(&self.0, info)
+    }
+
+    /// Key of the records of the session, for its opener.
+    pub(crate) fn prk(&self) -> &Prk {
+        &self.0
+    }
+
+    #[cfg(test)]
+    pub(crate) fn of_test(seed: u8) -> Self {
+        Self(hkdf::Salt::new(HKDF_SHA256, b"test").extract(&[seed; 32]))
+    }
+}
+
+impl std::fmt::Debug for Secrets {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Secrets(..)")
+    }
+}
+
+pub(crate) fn expand_mac(secret: &Prk, info: &[u8]) -> Result<hmac::Key, HandshakeError> {
+    let info = [info];
+    Ok(secret.expand(&info, hmac::HMAC_SHA256).map_err(|_| HandshakeError::Agreement)?.into())
+}
+
+pub(crate) fn expand_aead(secret: &Prk, info: &[u8]) -> Result<aead::LessSafeKey, HandshakeError> {
+    let info = [info];
+    let key = secret.expand(&info, &aead::CHACHA20_POLY1305).map_err(|_| HandshakeError::Agreement)?;
+    Ok(aead::LessSafeKey::new(key.into()))
+}
+
+/// SHA-256 of parts, one after the other.
+pub fn hash(parts: &[&[u8]]) -> digest::Digest {
+    let mut context = digest::Context::new(&digest::SHA256);
+    parts.iter().for_each(|part| context.update(part));
+    context.finish()
+}
+
+fn transcript(hello: &Hello, server_key: &[u8], reply: Reply<'_>) -> [u8; 32] {
+    let Reply { request, server, id, content } = reply;
+    let [request, content] = [request, content].map(|bytes| hash(&[bytes]));
+    let parts: [&[u8]; 10] = [
+        LABEL,
+        b"\0",
+        &hello.key,
+        server_key,
+        &hello.random,
+        server.as_bytes(),
+        b"\0",
+        id.as_bytes(),
+        b"\0",
+        request.as_ref(),
+    ];
+    let mut transcript = [0; 32];
+    transcript.copy_from_slice(hash(&[&parts.concat(), content.as_ref()]).as_ref());
+    transcript
+}
+
+/// What is signed: no other use of an identity begins so.
+fn signed(transcript: &[u8; 32]) -> Vec<u8> {
+    [LABEL, b" signature\0", transcript].concat()
+}
+
+fn private_key() -> Result<EphemeralPrivateKey, HandshakeError> {
+    EphemeralPrivateKey::generate(&X25519, &SystemRandom::new()).map_err(|_| HandshakeError::Agreement)
+}
+
+fn public_key(private: &EphemeralPrivateKey) -> Result<Vec<u8>, HandshakeError> {
+    Ok(private.compute_public_key().map_err(|_| HandshakeError::Agreement)?.as_ref().to_vec())
+}
+
+fn agree(private: EphemeralPrivateKey, peer: &[u8], transcript: &[u8; 32]) -> Result<Secrets, HandshakeError> {
+    let extract = |shared: &[u8]| Secrets(hkdf::Salt::new(HKDF_SHA256, transcript).extract(shared));
+    agreement::agree_ephemeral(private, &UnparsedPublicKey::new(&X25519, peer), extract)
+        .map_err(|_| HandshakeError::Agreement)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::{Channel, Label};
+
+    const REPLY: Reply<'static> = Reply { request: b"request", server: "lab", id: "7", content: b"info" };
+
+    #[test]
+    fn both_sides_have_the_same_keys() {
+        let (identity, greeting) = (Identity::generate().unwrap(), Greeting::new("ab12", None).unwrap());
+        let (welcome, secrets) = welcome(&identity, &greeting.hello(), REPLY).unwrap();
+        let verified = greeting.verify(REPLY, &welcome, Some(&identity.public())).unwrap();
+        assert_eq!(*verified.server(), identity.public());
+        let mut client = Channel::new(&greeting.agree(&verified).unwrap(), Side::Client).unwrap();
+        let mut server = Channel::new(&secrets, Side::Server).unwrap();
+        let label = Label::Message("reset");
+        assert_eq!(server.open(label, b"x", &client.seal(label, b"x")), Ok(0));
+    }
+
+    /// Whoever relays an exchange can neither change it nor answer in the server's place.
+    #[test]
+    fn a_reply_that_was_changed_is_found() {
+        let (identity, greeting) = (Identity::generate().unwrap(), Greeting::new("", None).unwrap());
+        let hello = greeting.hello();
+        let (good, _) = welcome(&identity, &hello, REPLY).unwrap();
+        let is_taken = |reply, welcome: &Welcome| greeting.verify(reply, welcome, Some(&identity.public())).is_ok();
+        assert!(is_taken(REPLY, &good));
+        for other in [
+            Reply { request: b"requesu", ..REPLY },
+            Reply { server: "la", ..REPLY },
+            Reply { id: "8", ..REPLY },
+            Reply { content: b"", ..REPLY },
+            Reply { server: "lab7", id: "", ..REPLY },
+        ] {
+            assert!(!is_taken(other, &good), "{other:?}");
+        }
+        for part in 0..3 {
+            for bit in 0..8 * 32 {
+                let mut changed = good.clone();
+                let bytes = [&mut changed.key, &mut changed.identity, &mut changed.signature];
+                let [key, identity, signature] = bytes;
+                [key, identity, signature][part][bit / 8] ^= 1 << (bit % 8);
+                assert!(!is_taken(REPLY, &changed), "part {part} bit {bit}");
+            }
+        }
+        for wrong in [Welcome::default(), Welcome { key: vec![0; 31], ..good.clone() }] {
+            assert!(!is_taken(REPLY, &wrong));
+        }
+        let other = Identity::generate().unwrap();
+        let (other, _) = welcome(&other, &hello, REPLY).unwrap();
+        let refused = greeting.verify(REPLY, &other, Some(&identity.public()));
+        assert!(matches!(refused, Err(HandshakeError::Server { .. })));
+        assert!(greeting.verify(REPLY, &other, None).is_ok(), "told nothing, it takes whoever signs");
+        let (other, _) = welcome(&identity, &Greeting::new("", None).unwrap().hello(), REPLY).unwrap();
+        assert!(!is_taken(REPLY, &other), "the answer to another hello");
+    }
+
+    #[test]
+    fn a_hello_that_gives_no_secret_is_refused() {
+        let identity = Identity::generate().unwrap();
+        let good = Greeting::new("ab", None).unwrap().hello();
+        for (hello, field) in [
+            (Hello { key: vec![1; 31], ..good.clone() }, "hello.key"),
+            (Hello { random: Vec::new(), ..good.clone() }, "hello.random"),
+            (Hello { peer: "a b".into(), ..good.clone() }, "hello.peer"),
+            (Hello { peer: "x".repeat(65), ..good.clone() }, "hello.peer"),
+        ] {
+            let error = welcome(&identity, &hello, REPLY).unwrap_err().to_string();
+            assert!(error.starts_with(field), "{error}");
+        }
+        // A point of small order: all would share the same secret.
+        let hello = Hello { key: vec![0; 32], ..good };
+        assert!(matches!(welcome(&identity, &hello, REPLY), Err(HandshakeError::Agreement)));
+    }
+
+    #[test]
+    fn a_proof_is_of_one_token_and_one_request() {
+        let made = proof(&[1; 32], b"request");
+        assert!(is_proof(&[1; 32], b"request", &made));
+        assert!(!is_proof(&[2; 32], b"request", &made) && !is_proof(&[1; 32], b"requesu", &made));
+        assert!(!is_proof(&[1; 32], b"request", &made[..31]) && !is_proof(&[1; 32], b"request", &[]));
+    }
+
+    #[test]
+    fn the_secret_of_a_run_gives_one_key() {
+        let [one, again, other] = ["00ff", "00ff", "00fe"].map(|secret| run_identity(secret).unwrap().public());
+        assert!(one == again && one != other);
+    }
+}

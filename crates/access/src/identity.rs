@@ -1,0 +1,126 @@
+//! Who a server is: an Ed25519 key pair that lasts longer than its process, its port and its machine.
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use ring::signature::{ED25519, Ed25519KeyPair, KeyPair as _, UnparsedPublicKey};
+
+use crate::file::{self, read_secret, write_new};
+use crate::{AccessError, FormatError, random};
+
+/// Length of a signature, bytes.
+pub const SIGNATURE_BYTES: usize = 64;
+
+const SECRET_PREFIX: &str = "fiatlux-identity";
+const SECRET_REMEDY: &str = "an identity is one line, fiatlux-identity:BASE64 of 32 bytes, as `fiatlux keys` writes it";
+const PUBLIC_PREFIX: &str = "ed25519";
+const PUBLIC_REMEDY: &str = "a public key is ed25519:BASE64 of 32 bytes, as the server prints it";
+
+/// A server's key pair. Whoever has it can pass for the server.
+pub struct Identity {
+    seed: [u8; 32],
+    pair: Ed25519KeyPair,
+}
+
+impl Identity {
+    /// A new key pair from the system's random source.
+    ///
+    /// # Errors
+    /// [`AccessError::Random`].
+    pub fn generate() -> Result<Self, AccessError> {
+        // A seed of the right length always makes a pair, so this loops once.
+        loop {
+            if let Some(identity) = Self::from_seed(random()?) {
+                return Ok(identity);
+            }
+        }
+    }
+
+    /// Reads the file that [`Identity::write`] made.
+    ///
+    /// # Errors
+    /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
+    pub fn read(path: &Path) -> Result<Self, AccessError> {
+        let text = read_secret(path)?;
+        let (line, text) = file::only_line(path, &text, "identity", SECRET_REMEDY)?;
+        let seed =
+            file::decode(text, SECRET_PREFIX, "identity", SECRET_REMEDY).map_err(|error| error.at(path, line))?;
+        let refused = || FormatError::new("identity", "no key pair follows from it", SECRET_REMEDY).at(path, line);
+        Self::from_seed(seed).ok_or_else(refused)
+    }
+
+    /// Writes the key pair into a new file with mode 0600.
+    ///
+    /// # Errors
+    /// [`AccessError::Exists`] or [`AccessError::Write`].
+    pub fn write(&self, path: &Path) -> Result<(), AccessError> {
+        write_new(path, &(file::encode(SECRET_PREFIX, &self.seed) + "\n"), 0o600)
+    }
+
+    /// The half that everybody may know.
+    pub fn public(&self) -> PublicKey {
+        let mut key = [0; 32];
+        key.copy_from_slice(self.pair.public_key().as_ref());
+        PublicKey(key)
+    }
+
+    /// Signature of a message. The caller separates its uses: no two kinds of message may have the same bytes.
+    pub fn sign(&self, message: &[u8]) -> [u8; SIGNATURE_BYTES] {
+        let mut signature = [0; SIGNATURE_BYTES];
+        signature.copy_from_slice(self.pair.sign(message).as_ref());
+        signature
+    }
+
+    pub(crate) fn from_seed(seed: [u8; 32]) -> Option<Self> {
+        Ed25519KeyPair::from_seed_unchecked(&seed).ok().map(|pair| Self { seed, pair })
+    }
+}
+
+impl fmt::Debug for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Identity").field(&self.public()).finish()
+    }
+}
+
+/// What a server signs is checked with it. Its text is `ed25519:BASE64`, on one line, to be pasted.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct PublicKey([u8; 32]);
+
+impl PublicKey {
+    /// The key of these bytes, as they stand in a message.
+    pub fn from_bytes(bytes: [u8; 32]) -> Self {
+        Self(bytes)
+    }
+
+    /// As they stand in a message.
+    pub fn as_bytes(&self) -> &[u8; 32] {
+        &self.0
+    }
+
+    /// Whether the owner of this key signed that message. Bytes that are no key have signed nothing.
+    #[must_use]
+    pub fn verify(&self, message: &[u8], signature: &[u8]) -> bool {
+        UnparsedPublicKey::new(&ED25519, self.0).verify(message, signature).is_ok()
+    }
+}
+
+impl fmt::Display for PublicKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&file::encode(PUBLIC_PREFIX, &self.0))
+    }
+}
+
+impl fmt::Debug for PublicKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+impl FromStr for PublicKey {
+    type Err = FormatError;
+
+    fn from_str(text: &str) -> Result<Self, FormatError> {
+        file::decode(text.trim(), PUBLIC_PREFIX, "public key", PUBLIC_REMEDY).map(Self)
+    }
+}

@@ -1,0 +1,58 @@
+//! Who is who on a network that others share: keys and tokens, and the files that hold them.
+//!
+//! | file | who has it | what it does |
+//! |---|---|---|
+//! | identity | the server | proves that it is the server of that key, and signs results: [`Identity`] |
+//! | known servers | clients | pins the keys of servers by name: [`KnownServers`] |
+//! | token | a client | opens sessions: [`Token`] |
+//! | tokens | the server | says whose tokens it takes, and how many sessions each may have open: [`Tokens`] |
+//! | recorder key | server and recorder | tells a recorder from others that read rows: [`RecorderKey`] |
+//!
+//! What is said with them: [`Greeting`] and [`welcome`] agree on the keys of a session, a [`Channel`] numbers and seals its
+//! messages, and a [`RowsKey`] hides its records from all but their recorder.
+//!
+//! A file with a secret is made with mode 0600, and refused where others can read it. No file is ever overwritten.
+//!
+//! ```
+//! use fiatlux_access::{Identity, PublicKey};
+//!
+//! let server = Identity::generate()?;
+//! let pasted = server.public().to_string();
+//! let known: PublicKey = pasted.parse().expect("reads back");
+//! assert!(known.verify(b"session 7", &server.sign(b"session 7")));
+//! # Ok::<(), fiatlux_access::AccessError>(())
+//! ```
+mod channel;
+mod error;
+mod file;
+mod handshake;
+mod identity;
+mod known;
+mod recorder_key;
+mod result;
+mod rows;
+mod tokens;
+
+pub use channel::{Channel, Label, MAC_BYTES, Refused, SEAL_BYTES};
+pub use error::{AccessError, FormatError};
+pub use file::write_new;
+pub use handshake::{
+    Greeting, HandshakeError, PROOF_BYTES, Reply, Secrets, Side, Verified, check_hello, hash, is_proof, proof,
+    registration, run_identity, welcome,
+};
+pub use identity::{Identity, PublicKey, SIGNATURE_BYTES};
+pub use known::KnownServers;
+pub use recorder_key::RecorderKey;
+pub use result::{Signer, sign_result, signer_of};
+pub use rows::RowsKey;
+pub use tokens::{Grant, MAX_LIMIT, SECRET_BYTES, Token, Tokens};
+
+/// Fills an array from the system's random source.
+///
+/// # Errors
+/// [`AccessError::Random`]: the system gives none.
+pub fn random<const N: usize>() -> Result<[u8; N], AccessError> {
+    let mut bytes = [0; N];
+    getrandom::fill(&mut bytes).map_err(AccessError::Random)?;
+    Ok(bytes)
+}

@@ -1,0 +1,53 @@
+//! The secret that a server and its recorders share.
+
+use std::fmt;
+use std::path::Path;
+
+use crate::file::{self, read_secret, write_new};
+use crate::{AccessError, random};
+
+const PREFIX: &str = "fiatlux-recorder";
+const REMEDY: &str = "a recorder key is one line, fiatlux-recorder:BASE64 of 32 bytes, as `fiatlux keys` writes it";
+
+/// Whoever has it may read rows and acknowledge them.
+#[derive(Clone)]
+pub struct RecorderKey([u8; 32]);
+
+impl RecorderKey {
+    /// A new key from the system's random source.
+    ///
+    /// # Errors
+    /// [`AccessError::Random`].
+    pub fn generate() -> Result<Self, AccessError> {
+        random().map(Self)
+    }
+
+    /// Reads the file that [`RecorderKey::write`] made.
+    ///
+    /// # Errors
+    /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
+    pub fn read(path: &Path) -> Result<Self, AccessError> {
+        let text = read_secret(path)?;
+        let (line, text) = file::only_line(path, &text, "recorder key", REMEDY)?;
+        file::decode(text, PREFIX, "recorder key", REMEDY).map(Self).map_err(|error| error.at(path, line))
+    }
+
+    /// Writes the key into a new file with mode 0600.
+    ///
+    /// # Errors
+    /// [`AccessError::Exists`] or [`AccessError::Write`].
+    pub fn write(&self, path: &Path) -> Result<(), AccessError> {
+        write_new(path, &(file::encode(PREFIX, &self.0) + "\n"), 0o600)
+    }
+
+    /// The secret itself, as the key of a MAC. It is never sent.
+    pub fn as_bytes(&self) -> &[u8; 32] {
+        &self.0
+    }
+}
+
+impl fmt::Debug for RecorderKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("RecorderKey(..)")
+    }
+}

@@ -1,0 +1,211 @@
+//! Who may open sessions: a client's token, and the server's list of those that it takes.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use fiatlux_proto::keys::is_name;
+use subtle::ConstantTimeEq as _;
+
+use crate::file::{lines, only_line, read_secret, write_new};
+use crate::{AccessError, FormatError, random};
+
+/// Length of a token's secret, bytes. In files it has twice as many hexadecimal digits.
+pub const SECRET_BYTES: usize = 32;
+
+/// Most sessions that a token can have open at once.
+pub const MAX_LIMIT: u32 = 65_536;
+
+const TOKEN_REMEDY: &str = "a token is one line, ID:SECRET, the secret of 64 hexadecimal digits";
+const GRANT_REMEDY: &str = "each line is ID SECRET LIMIT, the secret of 64 hexadecimal digits; # begins a comment";
+const LIMIT_REMEDY: &str = "LIMIT is how many sessions it may have open at once, 1 to 65536";
+const ID_REMEDY: &str = "an ID has 1 to 64 letters, digits, - or _";
+
+/// Lets a client open sessions. Its text is `ID:SECRET`.
+#[derive(Clone)]
+pub struct Token {
+    id: String,
+    secret: [u8; SECRET_BYTES],
+}
+
+impl Token {
+    /// A new token of that id, its secret from the system's random source. Files take ids of 1 to 64 letters, digits, `-`
+    /// or `_`.
+    ///
+    /// # Errors
+    /// [`AccessError::Random`].
+    pub fn generate(id: &str) -> Result<Self, AccessError> {
+        Ok(Self { id: id.into(), secret: random()? })
+    }
+
+    /// Reads the file that [`Token::write`] made.
+    ///
+    /// # Errors
+    /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
+    pub fn read(path: &Path) -> Result<Self, AccessError> {
+        let text = read_secret(path)?;
+        let (line, text) = only_line(path, &text, "token", TOKEN_REMEDY)?;
+        text.parse().map_err(|error: FormatError| error.at(path, line))
+    }
+
+    /// Writes the token into a new file with mode 0600.
+    ///
+    /// # Errors
+    /// [`AccessError::Exists`] or [`AccessError::Write`].
+    pub fn write(&self, path: &Path) -> Result<(), AccessError> {
+        write_new(path, &format!("{}:{}\n", self.id, hex(&self.secret)), 0o600)
+    }
+
+    /// Who has it; no secret.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// The secret itself, as the key of a MAC. It is never sent.
+    pub fn secret(&self) -> &[u8; SECRET_BYTES] {
+        &self.secret
+    }
+}
+
+impl fmt::Debug for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Token").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
+impl FromStr for Token {
+    type Err = FormatError;
+
+    fn from_str(text: &str) -> Result<Self, FormatError> {
+        let parts = text.trim().split_once(':');
+        let (id, secret) = parts.ok_or_else(|| FormatError::new("token", "it has no colon", TOKEN_REMEDY))?;
+        Ok(Self { id: id_of(id)?, secret: secret_of(secret)? })
+    }
+}
+
+/// What a server grants to the owner of a token.
+#[derive(Clone)]
+pub struct Grant {
+    token: Token,
+    limit: u32,
+}
+
+impl Grant {
+    /// To the owner of that token: so many sessions that are open at once, at most [`MAX_LIMIT`].
+    pub fn new(token: Token, limit: u32) -> Self {
+        Self { token, limit }
+    }
+
+    /// The token's id.
+    pub fn id(&self) -> &str {
+        &self.token.id
+    }
+
+    /// How many sessions it may have open at once.
+    pub fn limit(&self) -> u32 {
+        self.limit
+    }
+
+    /// The token's secret, as the key of a MAC.
+    pub fn secret(&self) -> &[u8; SECRET_BYTES] {
+        &self.token.secret
+    }
+}
+
+impl fmt::Debug for Grant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Grant").field("id", &self.token.id).field("limit", &self.limit).finish_non_exhaustive()
+    }
+}
+
+/// Whose tokens a server takes. A line of the file is `ID SECRET LIMIT`.
+#[derive(Debug, Clone, Default)]
+pub struct Tokens(BTreeMap<String, Grant>);
+
+impl Tokens {
+    /// Reads a file of lines `ID SECRET LIMIT`.
+    ///
+    /// # Errors
+    /// [`AccessError`]: the file cannot be read, others can read it too, a line is wrong, or two have the same id.
+    pub fn read(path: &Path) -> Result<Self, AccessError> {
+        let mut grants = BTreeMap::new();
+        for (number, line) in lines(&read_secret(path)?) {
+            let grant = grant(line).map_err(|error| error.at(path, number))?;
+            let id = grant.id().to_owned();
+            if grants.insert(id.clone(), grant).is_some() {
+                let problem = format!("'{id}' stands in an earlier line, too");
+                return Err(FormatError::new("ID", problem, "give each client an id of its own").at(path, number));
+            }
+        }
+        Ok(Self(grants))
+    }
+
+    /// Writes the list into a new file with mode 0600.
+    ///
+    /// # Errors
+    /// [`AccessError::Exists`] or [`AccessError::Write`].
+    pub fn write(&self, path: &Path) -> Result<(), AccessError> {
+        let line = |grant: &Grant| format!("{} {} {}\n", grant.id(), hex(grant.secret()), grant.limit);
+        let lines: String = self.0.values().map(line).collect();
+        write_new(path, &format!("# ID SECRET LIMIT: who may open sessions, and how many at once\n{lines}"), 0o600)
+    }
+
+    /// What the owner of the token of that id is granted. The caller checks that it is the owner who asks.
+    pub fn of(&self, id: &str) -> Option<&Grant> {
+        self.0.get(id)
+    }
+
+    /// What the owner of this token is granted: nothing where the secret differs. Takes as long for a wrong secret as for
+    /// the right one.
+    pub fn check(&self, token: &Token) -> Option<&Grant> {
+        let grant = self.0.get(&token.id)?;
+        bool::from(grant.token.secret.ct_eq(&token.secret)).then_some(grant)
+    }
+
+    /// All that are granted something, sorted by id.
+    pub fn iter(&self) -> impl Iterator<Item = &Grant> {
+        self.0.values()
+    }
+}
+
+impl FromIterator<Grant> for Tokens {
+    fn from_iter<I: IntoIterator<Item = Grant>>(grants: I) -> Self {
+        Self(grants.into_iter().map(|grant| (grant.id().to_owned(), grant)).collect())
+    }
+}
+
+fn grant(line: &str) -> Result<Grant, FormatError> {
+    let words: Vec<_> = line.split_whitespace().collect();
+    let [id, secret, limit] = words[..] else {
+        return Err(FormatError::new("line", format!("it has {} words, not 3", words.len()), GRANT_REMEDY));
+    };
+    let (id, secret) = (id_of(id)?, secret_of(secret)?);
+    let limit = limit.parse().ok().filter(|limit| (1..=MAX_LIMIT).contains(limit));
+    let limit = limit.ok_or_else(|| FormatError::new("LIMIT", "it is not a number in its range", LIMIT_REMEDY))?;
+    Ok(Grant { token: Token { id, secret }, limit })
+}
+
+fn id_of(id: &str) -> Result<String, FormatError> {
+    if is_name(id) {
+        Ok(id.into())
+    } else {
+        Err(FormatError::new("ID", "it has other characters or length", ID_REMEDY))
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn secret_of(text: &str) -> Result<[u8; SECRET_BYTES], FormatError> {
+    let refuse = || FormatError::new("SECRET", "it is not 64 hexadecimal digits", TOKEN_REMEDY);
+    if text.len() != 2 * SECRET_BYTES || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+        return Err(refuse());
+    }
+    let mut secret = [0; SECRET_BYTES];
+    for (index, byte) in secret.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(&text[2 * index..2 * index + 2], 16).map_err(|_| refuse())?;
+    }
+    Ok(secret)
+}

@@ -1,0 +1,87 @@
+//! Finds bags in folders.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use crate::run::is_journal;
+
+/// A file or folder that cannot be looked at.
+#[derive(Debug, Error)]
+#[error("cannot look into {}; check that it exists and may be read", path.display())]
+pub struct FindError {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// What the system says.
+    #[source]
+    pub source: io::Error,
+}
+
+/// Bags, recordings that were never finished, and runs.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct BagFiles {
+    /// `*.mcap`, and files that were named one by one.
+    pub bags: Vec<PathBuf>,
+    /// `*.mcap.part`.
+    pub unfinished: Vec<PathBuf>,
+    /// Folders that have the journal of a run; what is in them is found as well.
+    pub runs: Vec<PathBuf>,
+}
+
+impl BagFiles {
+    /// Looks through files and folders, folders to any depth. Each list is sorted and has each file once.
+    ///
+    /// # Errors
+    /// [`FindError`]: one that is missing or may not be read.
+    pub fn find(paths: &[PathBuf]) -> Result<Self, FindError> {
+        let mut found = Self::default();
+        for path in paths {
+            if path.metadata().map_err(of(path))?.is_dir() {
+                found.search(path)?;
+            } else if is_unfinished(path) {
+                found.unfinished.push(path.clone());
+            } else {
+                found.bags.push(path.clone());
+            }
+        }
+        for list in [&mut found.bags, &mut found.unfinished, &mut found.runs] {
+            list.sort();
+            list.dedup();
+        }
+        Ok(found)
+    }
+
+    fn search(&mut self, folder: &Path) -> Result<(), FindError> {
+        let mut is_run = false;
+        for entry in fs::read_dir(folder).map_err(of(folder))? {
+            let entry = entry.map_err(of(folder))?;
+            let path = entry.path();
+            // A link to a folder above would never end.
+            let is_link = entry.file_type().map_err(of(&path))?.is_symlink();
+            is_run |= is_journal(&path);
+            if path.is_dir() {
+                if !is_link {
+                    self.search(&path)?;
+                }
+            } else if is_unfinished(&path) {
+                self.unfinished.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "mcap") {
+                self.bags.push(path);
+            }
+        }
+        if is_run {
+            self.runs.push(folder.to_path_buf());
+        }
+        Ok(())
+    }
+}
+
+fn of(path: &Path) -> impl FnOnce(io::Error) -> FindError {
+    move |source| FindError { path: path.into(), source }
+}
+
+fn is_unfinished(path: &Path) -> bool {
+    path.to_string_lossy().ends_with(".mcap.part")
+}

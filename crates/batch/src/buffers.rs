@@ -1,0 +1,120 @@
+//! Where the results of a step go.
+
+use crate::{Batch, BatchError, Spec};
+
+/// Where the results of a step go: buffers of the caller's. Arrays are world by world; a world's numbers are in the order
+/// of [`Spec`](crate::Spec).
+#[derive(Debug)]
+pub struct Buffers<'a> {
+    /// Observations: after a step that ended an episode, the first one of the next episode.
+    pub observation: &'a mut [f32],
+    /// The last observation of each episode that ended; other worlds' parts are left as they are. None for a caller who
+    /// does not want them; they are not computed then.
+    pub final_observation: Option<&'a mut [f32]>,
+    /// Sum of the reward's terms.
+    pub reward: &'a mut [f32],
+    /// Each term of the reward.
+    pub reward_terms: Option<&'a mut [f32]>,
+    /// The episode ended by success or failure.
+    pub terminated: &'a mut [bool],
+    /// The episode ended for want of time.
+    pub truncated: &'a mut [bool],
+    /// The episode ended by success.
+    pub success: &'a mut [bool],
+}
+
+/// Buffers for one batch, for callers that have none of their own.
+#[derive(Debug, Clone, Default)]
+#[allow(missing_docs)] // As of `Buffers`.
+pub struct Outputs {
+    pub observation: Vec<f32>,
+    pub final_observation: Vec<f32>,
+    pub reward: Vec<f32>,
+    pub reward_terms: Vec<f32>,
+    pub terminated: Vec<bool>,
+    pub truncated: Vec<bool>,
+    pub success: Vec<bool>,
+}
+
+impl Outputs {
+    /// Zeros for all worlds of a batch.
+    pub fn new(batch: &Batch) -> Self {
+        Self::of(batch.spec(), batch.worlds())
+    }
+
+    pub(crate) fn of(spec: &Spec, worlds: usize) -> Self {
+        let numbers = |each: usize| vec![0.0; worlds * each];
+        let flags = || vec![false; worlds];
+        Self {
+            observation: numbers(spec.observation_length()),
+            final_observation: numbers(spec.observation_length()),
+            reward: numbers(1),
+            reward_terms: numbers(spec.rewards.len()),
+            terminated: flags(),
+            truncated: flags(),
+            success: flags(),
+        }
+    }
+
+    /// All of them, to be written by a step.
+    pub fn buffers(&mut self) -> Buffers<'_> {
+        Buffers {
+            observation: &mut self.observation,
+            final_observation: Some(&mut self.final_observation),
+            reward: &mut self.reward,
+            reward_terms: Some(&mut self.reward_terms),
+            terminated: &mut self.terminated,
+            truncated: &mut self.truncated,
+            success: &mut self.success,
+        }
+    }
+}
+
+impl Buffers<'_> {
+    /// Refuses buffers that do not fit this number of worlds.
+    pub(crate) fn check(&self, spec: &Spec, worlds: usize) -> Result<(), BatchError> {
+        let length = worlds * spec.observation_length();
+        let finals = self.final_observation.as_ref().map_or(length, |buffer| buffer.len());
+        let terms = worlds * spec.rewards.len();
+        for (field, found, expected) in [
+            ("observation", self.observation.len(), length),
+            ("final_observation", finals, length),
+            ("reward", self.reward.len(), worlds),
+            ("reward_terms", self.reward_terms.as_ref().map_or(terms, |buffer| buffer.len()), terms),
+            ("terminated", self.terminated.len(), worlds),
+            ("truncated", self.truncated.len(), worlds),
+            ("success", self.success.len(), worlds),
+        ] {
+            check_length(field, found, expected)?;
+        }
+        Ok(())
+    }
+
+    /// Takes over the results of a run of worlds.
+    pub(crate) fn copy_from(&mut self, part: &Outputs, first: usize) {
+        let worlds = part.reward.len();
+        let (observation, terms) = (part.observation.len() / worlds, part.reward_terms.len() / worlds);
+        place(self.observation, &part.observation, first * observation);
+        if let Some(buffer) = &mut self.final_observation {
+            for world in (0..worlds).filter(|&world| part.terminated[world] || part.truncated[world]) {
+                let numbers = &part.final_observation[world * observation..][..observation];
+                place(buffer, numbers, (first + world) * observation);
+            }
+        }
+        place(self.reward, &part.reward, first);
+        if let Some(buffer) = &mut self.reward_terms {
+            place(buffer, &part.reward_terms, first * terms);
+        }
+        place(self.terminated, &part.terminated, first);
+        place(self.truncated, &part.truncated, first);
+        place(self.success, &part.success, first);
+    }
+}
+
+fn place<T: Copy>(buffer: &mut [T], part: &[T], first: usize) {
+    buffer[first..first + part.len()].copy_from_slice(part);
+}
+
+pub(crate) fn check_length(field: &'static str, found: usize, expected: usize) -> Result<(), BatchError> {
+    if found == expected { Ok(()) } else { Err(BatchError::Length { field, found, expected }) }
+}

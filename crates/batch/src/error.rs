@@ -1,0 +1,138 @@
+use fiatlux_rules::RobotLayout;
+use fiatlux_world::{SceneError, StartError, WorldError};
+use thiserror::Error;
+
+/// Why a task cannot go on.
+pub type TaskError = Box<dyn std::error::Error + Send + Sync>;
+
+/// Why a bank has no starts.
+#[derive(Debug, Error)]
+pub enum BankError {
+    /// A scene of an episode could not be built.
+    #[error("{task} seed {seed}: the scene cannot be built")]
+    Scene {
+        /// The task whose scene it is.
+        task: fiatlux_rules::Task,
+        /// The benchmark's seed of the room.
+        seed: u64,
+        /// What the scene's builder found.
+        #[source]
+        source: SceneError,
+    },
+    /// An episode has no start.
+    #[error(transparent)]
+    Start(#[from] StartError),
+}
+
+/// Why a batch cannot do what it was asked to.
+#[derive(Debug, Error)]
+pub enum BatchError {
+    /// A number of the config is out of range.
+    #[error("batch config: {field} is {found}; {rule}")]
+    Config {
+        /// The field of the config, such as `worlds`.
+        field: &'static str,
+        /// The value that it has.
+        found: usize,
+        /// The rule that it breaks.
+        rule: &'static str,
+    },
+    /// A disturbance makes no sense.
+    #[error("disturbances: {field} {rule}")]
+    Disturbance {
+        /// The field of the config, such as `worlds`.
+        field: &'static str,
+        /// The rule that it breaks.
+        rule: &'static str,
+    },
+    /// The banks have robots of different sizes.
+    #[error("bank {bank} has a robot of {found:?}, bank 0 one of {expected:?}; give all banks the same robot")]
+    Robots {
+        /// Index of the bank.
+        bank: usize,
+        /// Its robot's sizes.
+        found: RobotLayout,
+        /// Those of bank 0.
+        expected: RobotLayout,
+    },
+    /// A start of a bank makes no world.
+    #[error("bank {bank}, start {start}: no world starts there")]
+    Start {
+        /// Index of the bank.
+        bank: usize,
+        /// Index of the start in the bank.
+        start: usize,
+        /// What the world refused.
+        #[source]
+        source: WorldError,
+    },
+    /// No thread could be started.
+    #[error("cannot start a thread; use fewer threads")]
+    Thread(#[source] std::io::Error),
+    /// A buffer has the wrong length.
+    #[error("{field} has {found} numbers instead of {expected}")]
+    Length {
+        /// The buffer, such as `actions`.
+        field: &'static str,
+        /// The length that it has.
+        found: usize,
+        /// The length that it must have.
+        expected: usize,
+    },
+    /// A number of an action is not finite or too large. No world was stepped.
+    #[error("actions: world {world}, '{name}' is {value}; send numbers from -{limit} to {limit}")]
+    Action {
+        /// Index of the world in the batch.
+        world: usize,
+        /// Name of the number.
+        name: String,
+        /// The value that was sent.
+        value: f32,
+        /// The largest size allowed.
+        limit: f32,
+    },
+    /// The batch has fewer worlds.
+    #[error("world {world} does not exist; the batch has {worlds}")]
+    NoWorld {
+        /// The index asked for.
+        world: usize,
+        /// Worlds of the batch.
+        worlds: usize,
+    },
+    /// A world refused a row, or what the task made of an action.
+    #[error("world {world} refuses its input")]
+    World {
+        /// Index of the world in the batch.
+        world: usize,
+        /// What the world refused.
+        #[source]
+        source: WorldError,
+    },
+    /// The task of a world returned an error.
+    #[error("world {world}: the task cannot go on")]
+    Task {
+        /// Index of the world in the batch.
+        world: usize,
+        /// The task's own reason.
+        #[source]
+        source: TaskError,
+    },
+    /// The task panicked; its own message stands on stderr.
+    #[error("the task panicked in one of the worlds from {first} on")]
+    Panicked {
+        /// First world of the thread in which it did.
+        first: usize,
+    },
+    /// The caller had the step broken off; some worlds took it.
+    #[error("the step was broken off; reset the batch or restore a snapshot")]
+    Stopped,
+    /// A call failed before, and left some worlds a step ahead of others.
+    #[error("an earlier call ended in the middle of a step; reset the batch or restore a snapshot")]
+    Torn,
+    /// A snapshot is of another batch.
+    #[error("snapshot of {found} worlds of another config; restore it into a batch of the config it was taken from")]
+    Snapshot {
+        /// How many worlds the snapshot has.
+        found: usize,
+    },
+}

@@ -1,0 +1,73 @@
+//! How worlds may differ from their scene.
+
+use fiatlux_dynamics::{BodyVariation, DriveVariation, ShapeId, Variation};
+use fiatlux_world::{Random, Scene, ShapeOwner};
+use nalgebra::Vector3;
+
+/// Ranges that a world's differences from its scene are drawn from, uniformly. Factors are of the nominal values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ranges {
+    /// Friction of the hands; none leaves it as it is.
+    pub hand_friction: Option<[f64; 2]>,
+    /// Friction between floor and soles; none leaves it as it is.
+    pub floor_friction: Option<[f64; 2]>,
+    /// Factor of the mass of each of the robot's bodies, above 0.
+    pub mass: [f64; 2],
+    /// Largest shift of the centre of mass of each of the robot's bodies along an axis, m.
+    pub com_shift_m: f64,
+    /// Factor of the stiffness of each drive, at least 0.
+    pub stiffness: [f64; 2],
+    /// Factor of the damping of each drive, at least 0.
+    pub damping: [f64; 2],
+    /// Factor of the effort limit of each drive, above 0.
+    pub effort_limit: [f64; 2],
+}
+
+impl Ranges {
+    /// Every world is the robot as its file has it.
+    pub const NOMINAL: Self = Self {
+        hand_friction: None,
+        floor_friction: None,
+        mass: [1.0; 2],
+        com_shift_m: 0.0,
+        stiffness: [1.0; 2],
+        damping: [1.0; 2],
+        effort_limit: [1.0; 2],
+    };
+
+    /// Draws a world's differences and writes them over those that are there.
+    pub fn draw(&self, scene: &Scene, random: &mut Random, variation: &mut Variation) {
+        let within = |[low, high]: [f64; 2], random: &mut Random| random.uniform(low, high);
+        if let Some(range) = self.hand_friction {
+            scene.set_hand_friction(within(range, random), variation);
+        }
+        if let Some(range) = self.floor_friction {
+            // The larger coefficient of two materials holds, so that the soles have to go along.
+            let friction = within(range, random);
+            let touches = |owner| match owner {
+                ShapeOwner::Floor => true,
+                ShapeOwner::Robot(link) => scene.robot.feet().contains(&link),
+                _ => false,
+            };
+            let shapes = (0..scene.model.shapes().len()).map(ShapeId);
+            variation.frictions.extend(shapes.filter(|id| touches(scene.owner(*id))).map(|id| (id, friction)));
+        }
+        if self.mass != [1.0; 2] || self.com_shift_m != 0.0 {
+            let bodies = scene.model.bodies().iter().enumerate();
+            for (index, _) in bodies.filter(|(_, body)| body.root == scene.robot_ids.root) {
+                let mass = within(self.mass, random);
+                let range = [-self.com_shift_m, self.com_shift_m];
+                let com_offset = Vector3::from_fn(|_, _| within(range, random));
+                variation.bodies.push((fiatlux_dynamics::BodyId(index), BodyVariation { mass, com_offset }));
+            }
+        }
+        if [self.stiffness, self.damping, self.effort_limit] != [[1.0; 2]; 3] {
+            for (body, _) in scene.model.drives() {
+                let stiffness = within(self.stiffness, random);
+                let damping = within(self.damping, random);
+                let effort_limit = within(self.effort_limit, random);
+                variation.drives.push((*body, DriveVariation { stiffness, damping, effort_limit }));
+            }
+        }
+    }
+}

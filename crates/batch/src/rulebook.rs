@@ -1,0 +1,213 @@
+//! The benchmark's tasks.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use fiatlux_features::ResNet18;
+use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
+use fiatlux_rules::{Causes, JudgeOptions, Judges, Protocol, Rewards, Row, Thresholds, Variant};
+use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, Term, View};
+use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Random, Scene, World};
+
+use crate::{Control, Field, Outcome, Spec, Task, TaskError};
+
+/// What the numbers of an action are; there is one a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ActionForm {
+    /// Joint target = q0 + 0.5 action, as in the benchmark.
+    #[default]
+    Action,
+    /// Joint targets, rad.
+    JointTarget,
+}
+
+/// How a task of the benchmark is played in a batch.
+#[derive(Debug, Clone)]
+pub struct RulebookOptions {
+    /// Which judge ends an episode, and pays.
+    pub protocol: Protocol,
+    /// Thresholds that the judges go by.
+    pub thresholds: Thresholds,
+    /// What ends an episode in place of the task's own conditions.
+    pub end_on: Option<Causes>,
+    /// Which reward it pays.
+    pub variant: Variant,
+    /// What is observed, in the order of [`Sensor::ALL`](fiatlux_sensing::Sensor::ALL). Each world has devices of its own: a
+    /// camera takes a few hundred kilobytes of each.
+    pub sensors: Sensors,
+    /// Noise of the sensors, by the world's random stream; the benchmark's own episodes draw theirs by seed and episode.
+    pub noise: bool,
+    /// Width and height of the cameras' images, pixels.
+    pub image_size: [usize; 2],
+    /// What the numbers of an action are.
+    pub action_form: ActionForm,
+}
+
+impl RulebookOptions {
+    /// As the benchmark plays it, with the observation of the robot's own body.
+    pub fn new(task: fiatlux_rules::Task) -> Self {
+        Self {
+            protocol: Protocol::default(),
+            thresholds: Thresholds::default(),
+            end_on: None,
+            variant: Variant::Benchmark,
+            sensors: Sensors::of_body(task),
+            noise: true,
+            image_size: [HEAD_PIXELS; 2],
+            action_form: ActionForm::Action,
+        }
+    }
+}
+
+/// A task of the benchmark, by the same judges, rewards and sensors as an [`Episode`](fiatlux_world::Episode): the same
+/// actions from the same start give the same rows, rewards and end.
+#[derive(Debug, Clone)]
+pub struct Rulebook {
+    task: fiatlux_rules::Task,
+    options: Arc<RulebookOptions>,
+    spec: Arc<Spec>,
+    visuals: SharedVisuals,
+    suite: SensorSuite,
+    /// None before the first episode.
+    referee: Option<Referee>,
+    episode: u64,
+}
+
+/// What the cameras of each scene see; worlds of one scene share it.
+type SharedVisuals = Arc<Mutex<Vec<(Arc<Scene>, Arc<Visuals>)>>>;
+
+#[derive(Debug, Clone)]
+struct Referee {
+    judges: Judges,
+    rewards: Rewards,
+}
+
+impl Rulebook {
+    /// A task with the robot of a scene. `network` is for the features of camera images, where they are among the sensors.
+    pub fn new(task: fiatlux_rules::Task, scene: &Scene, options: RulebookOptions, network: Option<ResNet18>) -> Self {
+        let protocol = options.protocol;
+        let setup = Setup { protocol, image_size: options.image_size, ..Setup::new(scene, task) };
+        let referee = Referee::new(task, scene, &options);
+        let joints = scene.robot.joints();
+        let (action_limit, action_range) = match options.action_form {
+            ActionForm::Action => (ACTION_LIMIT, vec![[-1.0, 1.0]; joints.len()]),
+            ActionForm::JointTarget => {
+                // The largest target that is still an action within its limit.
+                let offset = scene.robot.q0().iter().fold(0.0, |most: f64, q0| most.max(q0.abs()));
+                let range = joints.iter().map(|joint| [joint.lower as f32, joint.upper as f32]).collect();
+                ((ACTION_LIMIT * ACTION_SCALE - offset).floor(), range)
+            }
+        };
+        let terms =
+            options.sensors.iter().flat_map(|sensor| sensor.terms(&setup).into_iter().map(move |term| (sensor, term)));
+        let field = |(sensor, term): (Sensor, Term)| {
+            Field::of_sensor(sensor.name(), term.name, &term.shape, term.range, term.noise, term.scale)
+        };
+        let spec = Spec {
+            actions: joints.iter().map(|joint| joint.name.clone()).collect(),
+            action_limit: action_limit as f32,
+            action_range,
+            observation: terms.map(field).collect(),
+            rewards: referee.rewards.terms().iter().map(|term| term.name.to_owned()).collect(),
+        };
+        Self {
+            task,
+            suite: SensorSuite::new(options.sensors, setup).with_network(network),
+            options: Arc::new(options),
+            spec: Arc::new(spec),
+            visuals: Arc::default(),
+            referee: None,
+            episode: 0,
+        }
+    }
+
+    fn visuals_of(&self, scene: &Arc<Scene>) -> Arc<Visuals> {
+        let mut visuals = self.visuals.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, found)) = visuals.iter().find(|(of, _)| Arc::ptr_eq(of, scene)) {
+            return Arc::clone(found);
+        }
+        let made = Arc::new(Visuals::new(scene));
+        visuals.push((Arc::clone(scene), Arc::clone(&made)));
+        made
+    }
+}
+
+impl Referee {
+    fn new(task: fiatlux_rules::Task, scene: &Scene, options: &RulebookOptions) -> Self {
+        let RulebookOptions { protocol, thresholds, end_on, variant, .. } = options;
+        let judging = JudgeOptions { end_on: *end_on, ..JudgeOptions::default() };
+        let judges = Judges::new(*protocol, task, thresholds, &scene.geometry(), judging);
+        let rewards = Rewards::new(judges.in_force(), *variant);
+        Self { judges, rewards }
+    }
+}
+
+impl Task for Rulebook {
+    fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    fn begin(&mut self, world: &World, random: &mut Random) -> Result<(), TaskError> {
+        self.episode += 1;
+        let seed = (random.unit() * (1_u64 << 53) as f64) as u64;
+        let noise = self.options.noise.then_some(NoiseSeed { seed, episode: self.episode });
+        if self.referee.is_none() {
+            let scene = world.scene();
+            self.referee = Some(Referee::new(self.task, scene, &self.options));
+            let visuals = self.options.sensors.meets(Sensors::WITH_IMAGE).then(|| self.visuals_of(scene));
+            self.suite.begin(
+                scene,
+                noise,
+                || visuals.unwrap_or_else(|| Arc::new(Visuals::new(scene))),
+                Lighting::default(),
+            )?;
+        } else {
+            self.suite.restart(noise);
+        }
+        if let Some(Referee { judges, rewards }) = &mut self.referee {
+            judges.start(world.row());
+            rewards.start(judges.in_force(), world.row());
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, scene: &Scene, _row: &Row, action: &[f32], _random: &mut Random, control: &mut Control) {
+        let places = control.action.iter_mut().zip(&mut control.joint_target);
+        for (((to, target), q0), number) in places.zip(scene.robot.q0()).zip(action) {
+            let number = f64::from(*number);
+            // What a row records of a command is an action: joint targets become one first, as in an episode.
+            *to = match self.options.action_form {
+                ActionForm::Action => number,
+                ActionForm::JointTarget => (number - q0) / ACTION_SCALE,
+            };
+            *target = q0 + ACTION_SCALE * *to;
+        }
+    }
+
+    fn judge(&mut self, world: &World, _random: &mut Random, reward_terms: &mut [f32]) -> Outcome {
+        let Some(Referee { judges, rewards }) = &mut self.referee else { return Outcome::Continues };
+        judges.advance(world.row());
+        let terms = rewards.advance(judges.in_force(), world.row());
+        reward_terms.iter_mut().zip(terms).for_each(|(place, term)| *place = term.reward as f32);
+        let verdict = judges.in_force().verdict();
+        match verdict.end {
+            None => Outcome::Continues,
+            Some(end) if end.is_truncated() => Outcome::TimeOut,
+            Some(_) if verdict.success => Outcome::Success,
+            Some(_) => Outcome::Failure,
+        }
+    }
+
+    fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError> {
+        let Some(Referee { judges, rewards }) = &self.referee else { return Ok(()) };
+        let (judge, reward) = (judges.in_force(), rewards.reward());
+        let (scene, row) = (world.scene(), world.row());
+        let view = View { scene, episode: self.episode, row, task: self.task, judge, reward };
+        let mut rest = observation;
+        for sensor in self.options.sensors.iter() {
+            let (numbers, others) = rest.split_at_mut(self.suite.length(sensor));
+            self.suite.compute(sensor, &view, numbers)?;
+            rest = others;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,119 @@
+//! The worlds of one thread.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use fiatlux_rules::Row;
+use fiatlux_world::World;
+
+use crate::slot::{ReadyBank, Results, Slot, Stage};
+use crate::{BatchError, Control, Disturbances, Outcome, Outputs, Spec};
+
+/// What a thread is asked to do with its worlds.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Order {
+    /// Begin an episode in each.
+    Reset,
+    /// Take a control step in each, with the actions that are there.
+    Step {
+        /// Observe the last rows of episodes too.
+        wants_final: bool,
+    },
+}
+
+/// The worlds of one thread, and where they take turns: one [`World`] for each of their scenes, which stays in the cache.
+pub(crate) struct Shard {
+    /// Index of its first world in the batch.
+    pub first: usize,
+    pub slots: Vec<Slot>,
+    pub order: Order,
+    pub actions: Vec<f32>,
+    pub outputs: Outputs,
+    pub error: Option<BatchError>,
+    stages: Vec<Stage>,
+    disturbances: Arc<Disturbances>,
+    control: Control,
+}
+
+impl Shard {
+    /// `bank_of` has the bank of each world of the batch; `slot` makes a world on one of the shard's stages.
+    pub fn new(
+        worlds: Range<usize>,
+        spec: &Spec,
+        banks: &[Arc<ReadyBank>],
+        disturbances: Arc<Disturbances>,
+        bank_of: impl Fn(usize) -> usize,
+        slot: impl Fn(usize, usize, &ReadyBank) -> Slot,
+    ) -> Self {
+        let (mut stages, mut slots) = (Vec::<Stage>::new(), Vec::with_capacity(worlds.len()));
+        for world in worlds.clone() {
+            let bank = &banks[bank_of(world)];
+            if !stages.last().is_some_and(|stage| Arc::ptr_eq(&stage.bank, bank)) {
+                stages.push(Stage { bank: Arc::clone(bank), world: World::new(Arc::clone(&bank.scene)) });
+            }
+            slots.push(slot(world, stages.len() - 1, bank));
+        }
+        let joints = banks[0].scene.robot_layout().joints;
+        Self {
+            first: worlds.start,
+            order: Order::Reset,
+            actions: vec![0.0; worlds.len() * spec.actions.len()],
+            outputs: Outputs::of(spec, worlds.len()),
+            error: None,
+            stages,
+            disturbances,
+            control: Control {
+                action: vec![0.0; joints],
+                joint_target: vec![0.0; joints],
+                wrenches: Vec::with_capacity(8),
+                push: None,
+            },
+            slots,
+        }
+    }
+
+    /// Carries out the order, as long as it may go on. Stops at the first world that cannot.
+    pub fn run(&mut self, mut may_go_on: impl FnMut() -> bool) {
+        let mut worlds = 0..self.slots.len();
+        let done = worlds.try_for_each(|index| match (may_go_on(), self.order) {
+            (false, _) => Err(BatchError::Stopped),
+            (true, Order::Reset) => self.begin(index, None),
+            (true, Order::Step { wants_final }) => self.step(index, wants_final),
+        });
+        self.error = done.err();
+    }
+
+    /// Begins an episode in one world; its observation is in the outputs.
+    pub fn begin(&mut self, index: usize, row: Option<&Row>) -> Result<(), BatchError> {
+        let slot = &mut self.slots[index];
+        let observation = part(&mut self.outputs.observation, index, self.outputs.reward.len());
+        let begun = slot.begin(&mut self.stages[slot.stage], &self.disturbances, row, observation);
+        begun.map_err(|stopped| stopped.at(self.first + index))
+    }
+
+    fn step(&mut self, index: usize, wants_final: bool) -> Result<(), BatchError> {
+        let worlds = self.slots.len();
+        let slot = &mut self.slots[index];
+        let outputs = &mut self.outputs;
+        let results = Results {
+            observation: part(&mut outputs.observation, index, worlds),
+            final_observation: wants_final.then(|| part(&mut outputs.final_observation, index, worlds)),
+            reward_terms: part(&mut outputs.reward_terms, index, worlds),
+        };
+        let action = part(&mut self.actions, index, worlds);
+        let stage = &mut self.stages[slot.stage];
+        let stepped = slot.step(stage, &self.disturbances, action, &mut self.control, results);
+        let (outcome, reward) = stepped.map_err(|stopped| stopped.at(self.first + index))?;
+        outputs.reward[index] = reward;
+        outputs.terminated[index] = matches!(outcome, Outcome::Success | Outcome::Failure);
+        outputs.truncated[index] = outcome == Outcome::TimeOut;
+        outputs.success[index] = outcome == Outcome::Success;
+        Ok(())
+    }
+}
+
+/// A world's part of an array that is world by world.
+pub(crate) fn part(array: &mut [f32], world: usize, worlds: usize) -> &mut [f32] {
+    let each = array.len() / worlds;
+    &mut array[world * each..][..each]
+}

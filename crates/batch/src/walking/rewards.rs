@@ -1,0 +1,216 @@
+//! What walking pays, a second.
+
+use fiatlux_rules::{CONTROL_DT, Row, Support};
+use fiatlux_wbc::{LEGS, MOVED};
+use fiatlux_world::World;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::Walking;
+
+/// What a term reads.
+pub(super) struct View<'a> {
+    pub walking: &'a Walking,
+    pub world: &'a World,
+    pub row: &'a Row,
+    /// As of [`velocity`].
+    pub velocity: Vector3<f64>,
+    pub fell: bool,
+}
+
+/// Name, weight a second, value.
+pub(super) type TermOf = (&'static str, f64, fn(&View<'_>) -> f64);
+
+/// All terms.
+pub(super) const TERMS: [TermOf; 26] = [
+    ("velocity", 3.0, tracks_velocity),
+    ("turning", 1.5, tracks_turning),
+    ("alive", 0.5, |_| 1.0),
+    ("feet_height", 1.5, feet_height),
+    ("feet_contact", 0.25, feet_contact),
+    ("fall", -100.0, |view| f64::from(u8::from(view.fell))),
+    ("height", 1.5, |view| libm::exp(-square(height_error(view)) / 0.004)),
+    ("height_error", -40.0, |view| square(height_error(view))),
+    ("torso", 0.4, |view| libm::exp(-torso_error(view) / 0.1)),
+    ("torso_error", -2.0, torso_error),
+    ("pelvis_tilt", -2.0, pelvis_tilt),
+    ("vertical_velocity", -0.5, |view| square(view.row.robot.linear_velocity.z)),
+    ("roll_and_pitch_rate", -0.05, roll_and_pitch_rate),
+    ("effort", -1.5e-5, |view| squares(&view.row.joint_effort[..MOVED])),
+    ("joint_velocity", -5e-4, |view| squares(&view.row.joint_velocity[..MOVED])),
+    ("joint_acceleration", -1.5e-7, joint_acceleration),
+    ("action_rate", -0.03, action_rate),
+    ("action_curvature", -0.01, action_curvature),
+    ("posture", -1.0, posture),
+    ("joint_range", -5.0, joint_range),
+    ("slip", -0.25, slip),
+    ("feet_apart", -5.0, feet_apart),
+    ("foot_tilt", -0.5, foot_tilt),
+    ("impact", -0.1, impact),
+    ("stands_still", -0.3, stands_still),
+    ("stands_calm", -1.0, stands_calm),
+];
+
+/// Part of a joint's range, about its middle, that is free.
+const FREE_RANGE: f64 = 0.95;
+/// Least and greatest distance between the feet, m.
+const APART: [f64; 2] = [0.19, 0.40];
+/// From this load on a foot stands, N.
+const LOADED: f64 = 20.0;
+const SUPPORTS: [Support; 2] = [Support::LeftFoot, Support::RightFoot];
+
+/// The pelvis's turn about the vertical.
+pub(super) fn heading(row: &Row) -> UnitQuaternion<f64> {
+    let ahead = row.robot.pose.rotation * Vector3::x();
+    UnitQuaternion::from_axis_angle(&Vector3::z_axis(), libm::atan2(ahead.y, ahead.x))
+}
+
+/// Forwards, left and about the vertical, as commanded: m/s, m/s, rad/s.
+pub(super) fn velocity(row: &Row) -> Vector3<f64> {
+    let local = heading(row).inverse_transform_vector(&row.robot.linear_velocity);
+    Vector3::new(local.x, local.y, row.robot.angular_velocity.z)
+}
+
+fn square(number: f64) -> f64 {
+    number * number
+}
+
+fn squares(numbers: &[f64]) -> f64 {
+    numbers.iter().map(|number| number * number).sum()
+}
+
+/// By the instantaneous velocity, which a policy feels at once, and by the slow one, which is not blurred by its steps; the
+/// widest term draws a robot that steps in place.
+fn tracks_velocity(view: &View<'_>) -> f64 {
+    let [x, y, _] = view.walking.setpoint.now().velocity;
+    let error = |velocity: &Vector3<f64>| square(velocity.x - x) + square(velocity.y - y);
+    let (now, slow) = (error(&view.velocity), error(&view.walking.slow_velocity));
+    (libm::exp(-now / 0.25) + libm::exp(-slow / 0.06) + libm::exp(-slow / 0.5)) / 3.0
+}
+
+fn tracks_turning(view: &View<'_>) -> f64 {
+    let [.., turn] = view.walking.setpoint.now().velocity;
+    let error = |velocity: &Vector3<f64>| square(velocity.z - turn);
+    0.4 * libm::exp(-error(&view.velocity)) + 0.6 * libm::exp(-error(&view.walking.slow_velocity) / 0.2)
+}
+
+fn feet_height(view: &View<'_>) -> f64 {
+    let Walking { clock, foot_position, .. } = view.walking;
+    let error: f64 = (0..2).map(|foot| square(foot_position[foot].z - clock.height(foot))).sum();
+    libm::exp(-error / 0.004)
+}
+
+fn is_loaded(view: &View<'_>, foot: usize) -> bool {
+    view.row.floor_load[SUPPORTS[foot] as usize] > LOADED
+}
+
+fn feet_contact(view: &View<'_>) -> f64 {
+    (0..2).filter(|&foot| is_loaded(view, foot) == view.walking.clock.is_down(foot)).count() as f64
+}
+
+fn roll_and_pitch_rate(view: &View<'_>) -> f64 {
+    let pelvis = &view.row.robot;
+    pelvis.pose.rotation.inverse_transform_vector(&pelvis.angular_velocity).xy().norm_squared()
+}
+
+/// Roll, pitch and yaw of the torso, from upright axes that point where the pelvis points, rad.
+pub(super) fn torso(world: &World, link: usize) -> [f64; 3] {
+    let (roll, pitch, yaw) = (heading(world.row()).inverse() * world.world_from_link(link).rotation).euler_angles();
+    [roll, pitch, yaw]
+}
+
+fn height_error(view: &View<'_>) -> f64 {
+    view.row.robot.pose.translation.z - view.walking.setpoint.now().height
+}
+
+/// Squared, over all three angles.
+fn torso_error(view: &View<'_>) -> f64 {
+    let angles = torso(view.world, view.walking.torso);
+    angles.iter().zip(view.walking.setpoint.now().torso).map(|(angle, wanted)| square(angle - wanted)).sum()
+}
+
+/// Squared, off the share that the pelvis has in the torso's lean. Low down its pitch is free: the ankles' stop would end
+/// the way down otherwise.
+fn pelvis_tilt(view: &View<'_>) -> f64 {
+    let (roll, pitch, _) = (heading(view.row).inverse() * view.row.robot.pose.rotation).euler_angles();
+    let command = view.walking.setpoint.now();
+    let held = ((command.height - 0.55) / 0.1).clamp(0.1, 1.0);
+    square(roll - 0.2 * command.torso[0]) + held * square(pitch - 0.25 * command.torso[1])
+}
+
+fn joint_acceleration(view: &View<'_>) -> f64 {
+    let speeds = view.row.joint_velocity.iter().zip(&view.walking.joint_velocity).take(MOVED);
+    speeds.map(|(after, before)| square((after - before) / CONTROL_DT)).sum()
+}
+
+fn action_rate(view: &View<'_>) -> f64 {
+    let [new, old, _] = &view.walking.actions;
+    new.iter().zip(old).map(|(new, old)| square(new - old)).sum()
+}
+
+fn action_curvature(view: &View<'_>) -> f64 {
+    let [new, old, older] = &view.walking.actions;
+    (0..MOVED).map(|joint| square(new[joint] - 2.0 * old[joint] + older[joint])).sum()
+}
+
+/// Hips turned sideways or inwards and, by half, rolled ankles: off q0.
+fn posture(view: &View<'_>) -> f64 {
+    let q0 = view.world.scene().robot.q0();
+    let off = |joint: usize| square(view.row.joint_position[joint] - q0[joint]);
+    let leg = |first: usize| off(first + 1) + off(first + 2) + 0.5 * off(first + 5);
+    leg(0) + leg(LEGS / 2)
+}
+
+/// How far joints are beyond the free part of their range, rad.
+fn joint_range(view: &View<'_>) -> f64 {
+    let joints = view.world.scene().robot.joints().iter().zip(&view.row.joint_position).take(MOVED);
+    let beyond = joints.map(|(joint, q)| {
+        let (middle, half) = (0.5 * (joint.lower + joint.upper), 0.5 * (joint.upper - joint.lower));
+        ((q - middle).abs() - FREE_RANGE * half).max(0.0)
+    });
+    beyond.sum()
+}
+
+/// Squared speed of feet that stand.
+fn slip(view: &View<'_>) -> f64 {
+    let standing = (0..2).filter(|&foot| is_loaded(view, foot));
+    standing.map(|foot| view.walking.foot_velocity[foot].xy().norm_squared()).sum()
+}
+
+/// How much nearer or wider than comfortable the feet are, m.
+fn feet_apart(view: &View<'_>) -> f64 {
+    let [left, right] = &view.walking.foot_position;
+    let apart = heading(view.row).inverse_transform_vector(&(left - right)).y;
+    (APART[0] - apart).max(apart - APART[1]).max(0.0)
+}
+
+/// Squared sines of the soles' tilts.
+fn foot_tilt(view: &View<'_>) -> f64 {
+    let lean = |link: usize| view.world.world_from_link(link).rotation.inverse_transform_vector(&Vector3::z());
+    view.walking.feet.iter().map(|link| lean(*link).xy().norm_squared()).sum()
+}
+
+/// Load of each foot above 500 N, by 100 N.
+fn impact(view: &View<'_>) -> f64 {
+    SUPPORTS.iter().map(|foot| ((view.row.floor_load[*foot as usize] - 500.0) / 100.0).clamp(0.0, 20.0)).sum()
+}
+
+/// On a command to stand: legs that differ, rad, and one foot before the other, m.
+fn stands_still(view: &View<'_>) -> f64 {
+    if !view.walking.clock.stands() {
+        return 0.0;
+    }
+    let q = &view.row.joint_position;
+    let differ: f64 = [0, 3, 4].iter().map(|joint| (q[*joint] - q[LEGS / 2 + joint]).abs()).sum();
+    let [left, right] = &view.walking.foot_position;
+    let abreast = heading(view.row).inverse_transform_vector(&(left - right)).x;
+    differ + 2.0 * abreast.abs()
+}
+
+/// On a command to stand: speed of the joints and of the feet, squared.
+fn stands_calm(view: &View<'_>) -> f64 {
+    if !view.walking.clock.stands() {
+        return 0.0;
+    }
+    let feet: f64 = view.walking.foot_velocity.iter().map(Vector3::norm_squared).sum();
+    2e-3 * squares(&view.row.joint_velocity[..MOVED]) + feet.min(10.0)
+}

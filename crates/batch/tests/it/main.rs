@@ -1,0 +1,8 @@
+//! Tests of the batch.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+mod refused;
+mod rulebook;
+mod states;
+mod walking;

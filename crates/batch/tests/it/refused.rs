@@ -1,0 +1,127 @@
+//! Bad use is refused by name, and nothing panics.
+
+use fiatlux_batch::{Bank, Batch, BatchConfig, BatchError, Control, Outcome, Outputs, Spec, Task, TaskError, Walking};
+use fiatlux_rules::Row;
+use fiatlux_world::{Random, Scene, World};
+
+use crate::common::{floor, simple, walkers};
+
+#[test]
+fn configs_that_make_no_batch() {
+    let bank = Bank::standing(floor());
+    let task = Walking::new(&bank.scene, Default::default()).unwrap();
+    let refused = |change: &dyn Fn(&mut BatchConfig)| {
+        let mut config = BatchConfig::new(vec![bank.clone()]);
+        change(&mut config);
+        Batch::new(config, &task).unwrap_err().to_string()
+    };
+    assert_eq!(refused(&|config| config.worlds = 0), "batch config: worlds is 0; give at least one");
+    assert_eq!(refused(&|config| config.threads = 0), "batch config: threads is 0; give at least one");
+    assert!(refused(&|config| config.banks.clear()).contains("banks is 0"));
+    assert!(refused(&|config| config.banks.push(bank.clone())).contains("as many worlds as banks"));
+    assert!(refused(&|config| config.banks[0].starts.clear()).contains("a row to start from"));
+    let broken = refused(&|config| config.banks[0].starts[0].row.joint_position[3] = f64::NAN);
+    assert_eq!(broken, "bank 0, start 0: no world starts there");
+    let pushes = fiatlux_batch::Pushes { interval_s: [2.0, 1.0], linear: 0.1, angular: 0.0 };
+    assert!(refused(&|config| config.disturbances.pushes = Some(pushes.clone())).contains("pushes.interval_s"));
+}
+
+#[test]
+fn bad_steps_change_nothing() {
+    let mut batch = walkers(3, 2, 0);
+    let mut outputs = Outputs::new(&batch);
+    let rows: Vec<_> = (0..3).map(|world| batch.row(world)).collect();
+    let short = batch.step(&[0.0; 44], &mut outputs.buffers()).unwrap_err();
+    assert_eq!(short.to_string(), "actions has 44 numbers instead of 45");
+    let mut actions = [0.0; 45];
+    for (value, named) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf"), (1e4, "10000")] {
+        actions[15 + 3] = value;
+        let refused = batch.step(&actions, &mut outputs.buffers()).unwrap_err().to_string();
+        assert!(refused.starts_with(&format!("actions: world 1, 'left_knee_joint' is {named}; ")), "{refused}");
+    }
+    let mut buffers = outputs.buffers();
+    buffers.terminated = &mut [];
+    let refused = batch.step(&[0.0; 45], &mut buffers).unwrap_err();
+    assert_eq!(refused.to_string(), "terminated has 0 numbers instead of 3");
+    assert!(matches!(batch.reset(&mut []), Err(BatchError::Length { field: "observation", .. })));
+    assert!(matches!(batch.reset_world(3, None, &mut []), Err(BatchError::NoWorld { world: 3, worlds: 3 })));
+    assert_eq!(rows, (0..3).map(|world| batch.row(world)).collect::<Vec<_>>());
+    batch.step(&[0.0; 45], &mut outputs.buffers()).unwrap();
+}
+
+#[test]
+fn a_step_that_is_broken_off_asks_for_a_reset() {
+    for threads in [1, 2] {
+        let mut batch = walkers(8, threads, 0);
+        let mut outputs = Outputs::new(&batch);
+        let mut left = 3;
+        let mut may_go_on = || {
+            left -= 1;
+            left > 0
+        };
+        let stopped = batch.step_while(&mut may_go_on, &[0.0; 8 * 15], &mut outputs.buffers());
+        assert!(matches!(stopped, Err(BatchError::Stopped)), "{stopped:?}");
+        assert!(matches!(batch.step(&[0.0; 8 * 15], &mut outputs.buffers()), Err(BatchError::Torn)));
+        batch.reset_with_seed(0, &mut outputs.observation).unwrap();
+        batch.step(&[0.0; 8 * 15], &mut outputs.buffers()).unwrap();
+    }
+}
+
+/// A task that goes wrong when it is told to.
+#[derive(Clone)]
+struct Faulty(Spec);
+
+impl Task for Faulty {
+    fn spec(&self) -> &Spec {
+        &self.0
+    }
+
+    fn begin(&mut self, _: &World, _: &mut Random) -> Result<(), TaskError> {
+        Ok(())
+    }
+
+    fn command(&mut self, scene: &Scene, _: &Row, action: &[f32], _: &mut Random, control: &mut Control) {
+        assert!(action[0] != 1.0, "as the test wants");
+        control.joint_target.copy_from_slice(scene.robot.q0());
+        if action[0] == 2.0 {
+            control.joint_target[4] = f64::NAN;
+        }
+    }
+
+    fn judge(&mut self, _: &World, _: &mut Random, reward_terms: &mut [f32]) -> Outcome {
+        reward_terms.fill(f32::NAN);
+        Outcome::Continues
+    }
+
+    fn observe(&mut self, _: &World, _: &mut [f32]) -> Result<(), TaskError> {
+        Ok(())
+    }
+}
+
+/// Whatever a task does, the caller gets an error, and a reset helps.
+#[test]
+fn faults_of_a_task_stay_its_own() {
+    let spec = Spec {
+        actions: vec!["what".into()],
+        action_range: vec![[0.0, 2.0]],
+        action_limit: 9.0,
+        observation: vec![],
+        rewards: vec!["one".into()],
+    };
+    let mut batch = simple(Bank::standing(floor()), &Faulty(spec), 4, 2);
+    let mut outputs = Outputs::new(&batch);
+    for faulty in [0, 3] {
+        let mut actions = [0.0; 4];
+        actions[faulty] = 1.0;
+        let panicked = batch.step(&actions, &mut outputs.buffers()).unwrap_err();
+        assert!(matches!(panicked, BatchError::Panicked { first } if first == faulty / 2 * 2), "{panicked}");
+        assert!(matches!(batch.step(&[0.0; 4], &mut outputs.buffers()), Err(BatchError::Torn)));
+        batch.reset(&mut []).unwrap();
+        actions[faulty] = 2.0;
+        let refused = batch.step(&actions, &mut outputs.buffers()).unwrap_err();
+        assert!(matches!(refused, BatchError::World { world, .. } if world == faulty), "{refused}");
+        batch.reset(&mut []).unwrap();
+        batch.step(&[0.0; 4], &mut outputs.buffers()).unwrap();
+        assert_eq!(outputs.reward, [0.0; 4], "what is not finite pays nothing");
+    }
+}

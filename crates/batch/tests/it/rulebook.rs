@@ -1,0 +1,147 @@
+//! The benchmark's tasks in a batch are its episodes.
+
+use std::sync::Arc;
+
+use fiatlux_batch::{ActionForm, Bank, Batch, BatchConfig, Outputs, Rulebook, RulebookOptions};
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::{Cause, Task, Variant};
+use fiatlux_sensing::{Sensor, SensorSuite, Sensors, Setup, View};
+use fiatlux_world::{Episode, EpisodeSpec, Random, SceneConfig, Stream};
+
+/// Those of a learner that sees much.
+const SENSORS: Sensors = Sensors::of(&[
+    Sensor::Proprioception,
+    Sensor::HandContact,
+    Sensor::LastAction,
+    Sensor::Lidar,
+    Sensor::Privileged,
+    Sensor::Verdict,
+]);
+
+struct Rig {
+    batch: Batch,
+    episodes: Vec<Episode>,
+}
+
+/// A world for each episode, one start each.
+fn rig(specs: &[EpisodeSpec], threads: usize, form: ActionForm) -> Rig {
+    let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
+    let gains = robot.gains(GainSet::Fiatlux);
+    let config = SceneConfig::default();
+    let banks: Vec<Bank> = specs
+        .iter()
+        .flat_map(|spec| Bank::of_episodes(&config, &robot, &gains, std::slice::from_ref(spec)).unwrap())
+        .collect();
+    let episodes = specs.iter().map(|spec| {
+        let scene = fiatlux_world::Scene::build(&config, Arc::clone(&robot), spec.scene(gains.clone())).unwrap();
+        Episode::start(Arc::new(scene), spec).unwrap()
+    });
+    let episodes = episodes.collect();
+    let (task, variant) = (specs[0].task, specs[0].variant);
+    let options =
+        RulebookOptions { variant, sensors: SENSORS, noise: false, action_form: form, ..RulebookOptions::new(task) };
+    let played = Rulebook::new(task, &banks[0].scene, options, None);
+    let batch = Batch::new(BatchConfig { threads, ..BatchConfig::new(banks) }, &played).unwrap();
+    Rig { batch, episodes }
+}
+
+fn specs(task: Task, variant: Variant) -> Vec<EpisodeSpec> {
+    [(0, 0), (0, 1), (5, 2)]
+        .map(|(seed, episode)| EpisodeSpec { variant, ..EpisodeSpec::new(task, seed, episode) })
+        .into()
+}
+
+fn suite(episode: &Episode) -> SensorSuite {
+    let task = episode.spec().task;
+    let mut suite = SensorSuite::new(SENSORS, Setup::new(episode.scene(), task));
+    let visuals = || Arc::new(fiatlux_render::Visuals::new(episode.scene()));
+    suite.begin(episode.scene(), None, visuals, Default::default()).unwrap();
+    suite
+}
+
+fn observe(suite: &mut SensorSuite, episode: &Episode) -> Vec<f32> {
+    SENSORS
+        .iter()
+        .flat_map(|sensor| {
+            let mut numbers = vec![0.0; suite.length(sensor)];
+            suite.compute(sensor, &View::of(episode), &mut numbers).unwrap();
+            numbers
+        })
+        .collect()
+}
+
+/// Rows, observations, rewards and ends, to the last bit, on one thread and on eight.
+#[test]
+fn rows_are_those_of_episodes() {
+    for (task, variant, threads) in
+        [(Task::S05, Variant::Training, 1), (Task::S05, Variant::Benchmark, 8), (Task::S02, Variant::Training, 8)]
+    {
+        let Rig { mut batch, mut episodes } = rig(&specs(task, variant), threads, ActionForm::Action);
+        let mut suites: Vec<_> = episodes.iter().map(suite).collect();
+        let mut outputs = Outputs::new(&batch);
+        batch.reset(&mut outputs.observation).unwrap();
+        let (joints, length) = (batch.spec().actions.len(), batch.spec().observation_length());
+        let mut ended = 0;
+        for step in 0..120 {
+            for (world, episode) in episodes.iter().enumerate() {
+                if episode.end().is_none() {
+                    assert_eq!(batch.row(world).unwrap(), *episode.row(), "{task} world {world} step {step}");
+                    let seen = &outputs.observation[world * length..][..length];
+                    assert_eq!(seen, observe(&mut suites[world], episode), "{task} world {world} step {step}");
+                }
+            }
+            let mut random = Random::new(Stream::Trial, 1, step);
+            let actions: Vec<f32> = (0..3 * joints).map(|_| random.uniform(-0.4, 0.4) as f32).collect();
+            batch.step(&actions, &mut outputs.buffers()).unwrap();
+            for (world, episode) in episodes.iter_mut().enumerate().filter(|(_, episode)| episode.end().is_none()) {
+                let action: Vec<f64> = actions[world * joints..][..joints].iter().map(|a| f64::from(*a)).collect();
+                let stepped = episode.step(&action).unwrap();
+                let terms: Vec<f32> = stepped.terms.iter().map(|term| term.reward as f32).collect();
+                assert_eq!(outputs.reward_terms[world * terms.len()..][..terms.len()], terms);
+                let end = episode.end();
+                assert_eq!(outputs.terminated[world], end.is_some_and(|end| end.is_terminated()));
+                assert_eq!(outputs.truncated[world], end.is_some_and(|end| end.is_truncated()));
+                assert_eq!(outputs.success[world], end.is_some_and(|end| end.cause() == Cause::Success));
+                if end.is_some() {
+                    ended += 1;
+                    let last = &outputs.final_observation[world * length..][..length];
+                    assert_eq!(last, observe(&mut suites[world], episode));
+                    assert_eq!(batch.row(world).unwrap().step, 0);
+                }
+            }
+        }
+        assert!(ended > 0, "{task}: no episode ended");
+    }
+}
+
+/// Joint targets come to the actions that stand for them.
+#[test]
+fn joint_targets_are_actions() {
+    let specs = &specs(Task::S07, Variant::Benchmark)[..1];
+    let Rig { mut batch, mut episodes } = rig(specs, 1, ActionForm::JointTarget);
+    let mut outputs = Outputs::new(&batch);
+    let q0: Vec<f32> = episodes[0].scene().robot.q0().iter().map(|q| *q as f32 + 0.05).collect();
+    for _ in 0..20 {
+        batch.step(&q0, &mut outputs.buffers()).unwrap();
+        let target: Vec<f64> = q0.iter().map(|q| f64::from(*q)).collect();
+        let action = episodes[0].action_for(&target);
+        episodes[0].step(&action).unwrap();
+    }
+    assert_eq!(batch.row(0).unwrap(), *episodes[0].row());
+}
+
+/// Starts of one room share its scene; each brings the friction of its hands.
+#[test]
+fn episodes_of_a_room_share_a_bank() {
+    let robot = Arc::new(Robot::by_name("g1_bare").unwrap());
+    let gains = robot.gains(GainSet::Fiatlux);
+    let specs = [(0, 0), (1, 0), (0, 1), (0, 2)].map(|(seed, episode)| EpisodeSpec::new(Task::S07, seed, episode));
+    let banks = Bank::of_episodes(&SceneConfig::default(), &robot, &gains, &specs).unwrap();
+    assert_eq!(banks.iter().map(|bank| bank.starts.len()).collect::<Vec<_>>(), [3, 1]);
+    assert_ne!(banks[0].starts[0].variation, banks[0].starts[1].variation);
+    let options = RulebookOptions::new(Task::S07);
+    let task = Rulebook::new(Task::S07, &banks[0].scene, options, None);
+    let batch = Batch::new(BatchConfig { worlds: 4, ..BatchConfig::new(banks) }, &task).unwrap();
+    let seeds = (0..4).map(|world| batch.scene(world).unwrap().spec.seed).collect::<Vec<_>>();
+    assert_eq!(seeds, [0, 0, 1, 1]);
+}

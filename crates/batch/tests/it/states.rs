@@ -1,0 +1,92 @@
+//! Results depend on config and actions alone, and a saved state goes on exactly.
+
+use fiatlux_batch::{BatchError, Outputs};
+
+use crate::common::{actions, play, walkers};
+
+#[test]
+fn threads_change_nothing() {
+    let mut said = [1, 3, 8].map(|threads| {
+        let mut batch = walkers(9, threads, 5);
+        let mut outputs = Outputs::new(&batch);
+        batch.reset(&mut outputs.observation).unwrap();
+        let said = play(&mut batch, &mut outputs, 0..80);
+        let rows: Vec<_> = (0..9).map(|world| batch.row(world).unwrap()).collect();
+        (said, rows)
+    });
+    let [alone, others @ ..] = &mut said;
+    assert!(alone.1.iter().any(|row| row.step < 80), "some episode began anew");
+    for other in others {
+        assert_eq!(alone, other);
+    }
+}
+
+/// A world does the same in a smaller batch.
+#[test]
+fn worlds_do_not_know_of_each_other() {
+    let rows = [4, 9].map(|worlds| {
+        let mut batch = walkers(worlds, 2, 5);
+        let mut outputs = Outputs::new(&batch);
+        for step in 0..40 {
+            let actions = actions(&batch, step);
+            batch.step(&actions, &mut outputs.buffers()).unwrap();
+        }
+        (0..4).map(|world| batch.row(world).unwrap()).collect::<Vec<_>>()
+    });
+    assert_eq!(rows[0], rows[1]);
+}
+
+#[test]
+fn seeds_begin_anew() {
+    let mut batch = walkers(3, 2, 5);
+    let mut outputs = Outputs::new(&batch);
+    let first = play(&mut batch, &mut outputs, 0..30);
+    // What a new batch has done before its first step, a reset by seed does again.
+    batch.reset_with_seed(5, &mut outputs.observation).unwrap();
+    outputs = Outputs::new(&batch);
+    assert_eq!(first, play(&mut batch, &mut outputs, 0..30));
+    batch.reset_with_seed(6, &mut outputs.observation).unwrap();
+    assert_ne!(first, play(&mut batch, &mut Outputs::new(&walkers(3, 1, 5)), 0..30));
+}
+
+#[test]
+fn a_saved_state_goes_on_exactly() {
+    let mut batch = walkers(6, 2, 1);
+    let mut outputs = Outputs::new(&batch);
+    play(&mut batch, &mut outputs, 0..37);
+    let (saved, observed) = (batch.save(), outputs.observation.clone());
+    let mut again = outputs.clone();
+    let went_on = play(&mut batch, &mut outputs, 37..90);
+
+    batch.restore(&saved, &mut again.observation).unwrap();
+    assert_eq!(again.observation, observed);
+    assert_eq!(play(&mut batch, &mut again.clone(), 37..90), went_on);
+
+    // Into a batch of other threads, seed and history.
+    let mut other = walkers(6, 5, 2);
+    play(&mut other, &mut Outputs::new(&walkers(6, 1, 2)), 0..3);
+    other.restore(&saved, &mut again.observation).unwrap();
+    assert_eq!(play(&mut other, &mut again, 37..90), went_on);
+
+    let mut smaller = walkers(5, 1, 1);
+    let refused = smaller.restore(&saved, &mut []);
+    assert!(matches!(refused, Err(BatchError::Snapshot { found: 6 })));
+}
+
+#[test]
+fn a_world_begins_at_any_row() {
+    let mut batch = walkers(3, 2, 4);
+    let mut outputs = Outputs::new(&batch);
+    play(&mut batch, &mut outputs, 0..12);
+    let row = batch.row(0).unwrap();
+    let others = [batch.row(0).unwrap(), batch.row(1).unwrap()];
+    let mut observation = vec![0.0; batch.spec().observation_length()];
+    batch.reset_world(2, Some(&row), &mut observation).unwrap();
+    let begun = batch.row(2).unwrap();
+    assert_eq!(begun.step, 0);
+    // Walking draws posture and turn anew, and leaves the place.
+    assert_eq!(begun.robot.pose.translation.vector.xy(), row.robot.pose.translation.vector.xy());
+    assert!(observation.iter().all(|number| number.is_finite()) && observation.iter().any(|number| *number != 0.0));
+    assert_eq!([batch.row(0).unwrap(), batch.row(1).unwrap()], others);
+    assert!(batch.row(3).is_none());
+}

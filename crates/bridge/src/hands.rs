@@ -1,0 +1,217 @@
+//! Between the fingers of a model's hand and ours: a table of linear pieces, read from TOML.
+
+use fiatlux_robot::Robot;
+use fiatlux_wbc::{ARMS, BODY, MOVED};
+use serde::Deserialize;
+
+use crate::BridgeError;
+
+/// Left or right.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// The robot's left.
+    Left,
+    /// The robot's right.
+    Right,
+}
+
+impl Side {
+    /// By `left` or `right`.
+    pub fn by_name(name: &str) -> Option<Self> {
+        match name {
+            "left" => Some(Self::Left),
+            "right" => Some(Self::Right),
+            _ => None,
+        }
+    }
+
+    /// The seven joints of its arm.
+    pub fn arm(self) -> std::ops::Range<usize> {
+        match self {
+            Self::Left => MOVED..MOVED + ARMS / 2,
+            Self::Right => MOVED + ARMS / 2..BODY,
+        }
+    }
+
+    /// The link at the end of its arm.
+    pub fn wrist(self) -> &'static str {
+        match self {
+            Self::Left => "left_wrist_yaw_link",
+            Self::Right => "right_wrist_yaw_link",
+        }
+    }
+}
+
+/// A joint of the model's hand: where it is open and closed, and what of ours it moves.
+#[derive(Debug, Clone, PartialEq)]
+struct Finger {
+    open: f64,
+    closed: f64,
+    /// Joint of ours, its angle at open and at closed.
+    ours: Vec<(usize, f64, f64)>,
+}
+
+/// A retargeting of both hands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hands {
+    /// Its name, for the record.
+    pub name: String,
+    left: Vec<Finger>,
+    right: Vec<Finger>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: String,
+    left: Vec<FileFinger>,
+    right: Vec<FileFinger>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FileFinger {
+    #[expect(dead_code, reason = "it names the joint for whoever reads the file")]
+    joint: String,
+    open: f64,
+    closed: f64,
+    ours: Vec<(String, f64, f64)>,
+}
+
+/// The retargetings that come with the program.
+const SHIPPED: [(&str, &str); 1] = [("dex3-inspire-1", include_str!("../hands/dex3-inspire-1.toml"))];
+
+impl Hands {
+    /// By the name of a shipped one, or by the path of a file.
+    ///
+    /// # Errors
+    /// [`BridgeError::Mapping`], with the field that is wrong.
+    pub fn open(name: &str, robot: &Robot) -> Result<Self, BridgeError> {
+        let wrong =
+            |field: &str, problem: String| BridgeError::Mapping { name: name.into(), field: field.into(), problem };
+        let text = match SHIPPED.iter().find(|(known, _)| *known == name) {
+            Some((_, text)) => (*text).to_owned(),
+            None => std::fs::read_to_string(name).map_err(|error| {
+                let known = SHIPPED.map(|(name, _)| name).join(", ");
+                wrong("hands", format!("{error}; give a file, or one of {known}"))
+            })?,
+        };
+        let file: File = toml::from_str(&text).map_err(|error| wrong("file", error.message().to_owned()))?;
+        let side = |field: &str, fingers: Vec<FileFinger>| -> Result<Vec<Finger>, BridgeError> {
+            let read = |finger: FileFinger| {
+                let ours = finger.ours.iter().map(|(joint, open, closed)| {
+                    let found = robot.joint_index(joint).filter(|joint| *joint >= BODY);
+                    let found = found.ok_or_else(|| {
+                        wrong(
+                            field,
+                            format!("robot {} has no finger joint '{joint}'; use the one with hands", robot.name()),
+                        )
+                    })?;
+                    Ok((found, *open, *closed))
+                });
+                let ours = ours.collect::<Result<Vec<_>, BridgeError>>()?;
+                let ends =
+                    [finger.open, finger.closed].into_iter().chain(ours.iter().flat_map(|ours| [ours.1, ours.2]));
+                let is_flat = finger.open == finger.closed || ours.iter().any(|(_, open, closed)| open == closed);
+                if is_flat || ours.is_empty() || !ends.into_iter().all(f64::is_finite) {
+                    return Err(wrong(
+                        field,
+                        "open and closed are different finite angles of joints of both hands".into(),
+                    ));
+                }
+                Ok(Finger { open: finger.open, closed: finger.closed, ours })
+            };
+            fingers.into_iter().map(read).collect()
+        };
+        Ok(Self { left: side("left", file.left)?, right: side("right", file.right)?, name: file.name })
+    }
+
+    fn fingers(&self, side: Side) -> &[Finger] {
+        match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        }
+    }
+
+    /// Joints of the model's hand.
+    pub fn width(&self, side: Side) -> usize {
+        self.fingers(side).len()
+    }
+
+    /// Joints of our hand that it moves.
+    pub fn joints(&self, side: Side) -> Vec<usize> {
+        self.fingers(side).iter().flat_map(|finger| finger.ours.iter().map(|ours| ours.0)).collect()
+    }
+
+    /// Angles of our hand for those of the model's, rad: joint and angle.
+    pub fn ours(&self, side: Side, theirs: &[f64]) -> Vec<(usize, f64)> {
+        let moves = |(finger, angle): (&Finger, &f64)| {
+            let part = ((angle - finger.open) / (finger.closed - finger.open)).clamp(0.0, 1.0);
+            finger.ours.iter().map(|(joint, open, closed)| (*joint, open + part * (closed - open))).collect::<Vec<_>>()
+        };
+        self.fingers(side).iter().zip(theirs).flat_map(moves).collect()
+    }
+
+    /// Angles of the model's hand for ours, rad, by the first of our joints that each moves.
+    pub fn theirs(&self, side: Side, q: &[f64]) -> Vec<f64> {
+        let angle = |finger: &Finger| finger.open + closure(finger, q) * (finger.closed - finger.open);
+        self.fingers(side).iter().map(angle).collect()
+    }
+
+    /// Angles of our hand for how far it is closed, from 0 to 1.
+    pub fn gripped(&self, side: Side, closed: f64) -> Vec<(usize, f64)> {
+        let closed = closed.clamp(0.0, 1.0);
+        let angle = |ours: &(usize, f64, f64)| (ours.0, ours.1 + closed * (ours.2 - ours.1));
+        self.fingers(side).iter().flat_map(|finger| finger.ours.iter().map(angle)).collect()
+    }
+
+    /// How far our hand is closed, from 0 to 1: the mean over the model's joints.
+    pub fn grip(&self, side: Side, q: &[f64]) -> f64 {
+        let fingers = self.fingers(side);
+        fingers.iter().map(|finger| closure(finger, q)).sum::<f64>() / fingers.len().max(1) as f64
+    }
+}
+
+/// How far a finger of ours is closed.
+fn closure(finger: &Finger, q: &[f64]) -> f64 {
+    let Some(&(joint, open, closed)) = finger.ours.first() else { return 0.0 };
+    let angle = q.get(joint).copied().unwrap_or(open);
+    ((angle - open) / (closed - open)).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// There and back is the identity, and every finger joint of ours moves.
+    #[test]
+    fn dex3_and_inspire_are_retargeted_both_ways() {
+        let robot = Robot::g1_inspire().unwrap();
+        let hands = Hands::open("dex3-inspire-1", &robot).unwrap();
+        for (side, fingers) in [(Side::Left, 29..41), (Side::Right, 41..53)] {
+            let mut joints = hands.joints(side);
+            joints.sort_unstable();
+            assert_eq!(joints, fingers.collect::<Vec<_>>());
+            assert_eq!(hands.width(side), 7);
+            for part in [0.0, 0.25, 0.5, 1.0] {
+                let ends = hands.fingers(side).iter();
+                let theirs: Vec<f64> = ends.map(|finger| finger.open + part * (finger.closed - finger.open)).collect();
+                let mut q = robot.q0().to_vec();
+                for (joint, angle) in hands.ours(side, &theirs) {
+                    let limits = &robot.joints()[joint];
+                    assert!((limits.lower..=limits.upper).contains(&angle), "{} {angle}", limits.name);
+                    q[joint] = angle;
+                }
+                let back = hands.theirs(side, &q);
+                assert!(
+                    back.iter().zip(&theirs).all(|(back, angle)| (back - angle).abs() < 1e-12),
+                    "{back:?} {theirs:?}"
+                );
+                assert!((hands.grip(side, &q) - part).abs() < 1e-12);
+            }
+        }
+        let bare = Robot::by_name("g1_bare").unwrap();
+        assert!(Hands::open("dex3-inspire-1", &bare).unwrap_err().to_string().contains("use the one with hands"));
+    }
+}

@@ -1,0 +1,32 @@
+//! The mappings that come with the program.
+
+use crate::Dialect;
+
+const SHIPPED: [(&str, &str); 6] = [
+    ("unitree_g1", include_str!("../../mappings/unitree_g1.toml")),
+    ("real_g1", include_str!("../../mappings/real_g1.toml")),
+    ("unitree_g1_sonic", include_str!("../../mappings/unitree_g1_sonic.toml")),
+    ("openpi_g1", include_str!("../../mappings/openpi_g1.toml")),
+    ("behavior_g1", include_str!("../../mappings/behavior_g1.toml")),
+    ("roboarena_g1", include_str!("../../mappings/roboarena_g1.toml")),
+];
+
+/// Their names.
+pub fn shipped_names() -> Vec<&'static str> {
+    SHIPPED.map(|(name, _)| name).to_vec()
+}
+
+/// The one that a dialect has where none is named.
+pub fn default_mapping(dialect: Dialect) -> &'static str {
+    match dialect {
+        Dialect::Gr00t | Dialect::Gr00tFlat => "unitree_g1",
+        Dialect::Gr00tSonic => "unitree_g1_sonic",
+        Dialect::Openpi => "openpi_g1",
+        Dialect::Behavior => "behavior_g1",
+        Dialect::Roboarena => "roboarena_g1",
+    }
+}
+
+pub(super) fn text(name: &str) -> Option<&'static str> {
+    SHIPPED.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}

@@ -1,0 +1,150 @@
+//! Addresses, time-outs, and a connection that keeps a deadline over many reads.
+
+use std::io::{self, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::{Duration, Instant};
+
+use crate::BridgeError;
+
+/// Largest message that is read of a model server, bytes. A chunk of 50 rows of 132 numbers takes 26 kB.
+pub const MAX_REPLY: usize = 4 << 20;
+
+/// How long a model server is waited for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timeouts {
+    /// To connect, greeting included.
+    pub connect: Duration,
+    /// From a question to the whole of its answer.
+    pub reply: Duration,
+}
+
+impl Default for Timeouts {
+    fn default() -> Self {
+        Self { connect: Duration::from_secs(5), reply: Duration::from_secs(15) }
+    }
+}
+
+/// Host and port.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Address {
+    host: String,
+    port: u16,
+}
+
+impl Address {
+    /// Reads `SCHEME://HOST:PORT`, with an IPv6 host in brackets. What follows the port is not used.
+    pub fn parse(given: &str, scheme: &'static str) -> Result<Self, BridgeError> {
+        let wrong = || BridgeError::Address { given: given.into(), scheme };
+        let rest = given.strip_prefix(scheme).and_then(|rest| rest.strip_prefix("://")).ok_or_else(wrong)?;
+        let place = rest.split('/').next().unwrap_or_default();
+        let (host, port) = place.rsplit_once(':').ok_or_else(wrong)?;
+        let host = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
+        let port = port.parse().ok().filter(|port| *port != 0).ok_or_else(wrong)?;
+        if host.is_empty() || host.contains(char::is_whitespace) {
+            return Err(wrong());
+        }
+        Ok(Self { host: host.into(), port })
+    }
+
+    /// Connects to the first of the host's addresses that answers.
+    pub fn connect(&self, timeout: Duration) -> Result<Timed, BridgeError> {
+        let failed = |source| BridgeError::Connect { address: self.to_string(), source };
+        let deadline = Instant::now() + timeout;
+        let mut last = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
+        for place in (self.host.as_str(), self.port).to_socket_addrs().map_err(failed)? {
+            let left = deadline.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
+            match TcpStream::connect_timeout(&place, left) {
+                Ok(stream) => {
+                    stream.set_nodelay(true).map_err(failed)?;
+                    return Ok(Timed { stream, deadline });
+                }
+                Err(error) => last = error,
+            }
+        }
+        Err(failed(last))
+    }
+}
+
+impl std::fmt::Display for Address {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.host.contains(':') {
+            true => write!(f, "[{}]:{}", self.host, self.port),
+            false => write!(f, "{}:{}", self.host, self.port),
+        }
+    }
+}
+
+/// A connection on which nothing outlasts a deadline, however slowly the other side drips.
+#[derive(Debug)]
+pub(crate) struct Timed {
+    stream: TcpStream,
+    deadline: Instant,
+}
+
+impl Timed {
+    /// What follows has to be over within this time.
+    pub fn allow(&mut self, time: Duration) {
+        self.deadline = Instant::now() + time;
+    }
+
+    fn left(&self) -> io::Result<Duration> {
+        let left = self.deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() { Err(io::ErrorKind::TimedOut.into()) } else { Ok(left) }
+    }
+}
+
+/// Systems tell a time-out of a socket in two ways.
+fn timed<T>(result: io::Result<T>) -> io::Result<T> {
+    result.map_err(|error| match error.kind() {
+        io::ErrorKind::WouldBlock => io::ErrorKind::TimedOut.into(),
+        _ => error,
+    })
+}
+
+impl Read for Timed {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        self.stream.set_read_timeout(Some(self.left()?))?;
+        timed(self.stream.read(into))
+    }
+}
+
+impl Write for Timed {
+    fn write(&mut self, from: &[u8]) -> io::Result<usize> {
+        self.stream.set_write_timeout(Some(self.left()?))?;
+        timed(self.stream.write(from))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.stream.flush()
+    }
+}
+
+/// What an error of a connection means while a question was asked.
+pub(crate) fn broken(error: &io::Error, question: &str, waited: Duration) -> BridgeError {
+    match error.kind() {
+        io::ErrorKind::TimedOut => BridgeError::Timeout { question: question.into(), waited },
+        io::ErrorKind::UnexpectedEof => {
+            BridgeError::Lost { question: question.into(), problem: "the server closed it".into() }
+        }
+        _ => BridgeError::Lost { question: question.into(), problem: error.to_string() },
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_have_scheme_host_and_port() {
+        let read = |text| Address::parse(text, "tcp").map(|address| address.to_string());
+        assert_eq!(read("tcp://lab:5555").unwrap(), "lab:5555");
+        assert_eq!(read("tcp://[::1]:5555/x").unwrap(), "[::1]:5555");
+        for wrong in
+            ["lab:5555", "ws://lab:1", "tcp://lab", "tcp://:1", "tcp://lab:0", "tcp://lab:70000", "tcp://a b:1"]
+        {
+            let error = read(wrong).unwrap_err().to_string();
+            assert!(error.contains(wrong) && error.contains("tcp://HOST:PORT"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! From what our robot senses to what a model gets.
+
+use std::collections::VecDeque;
+
+use fiatlux_robot::Robot;
+
+use crate::image::{Picture, stacked};
+use crate::mapping::{Camera, Mapping, Part};
+use crate::reach::{nine, wrist};
+use crate::{BridgeError, ModelObservation};
+
+/// What a robot senses of itself.
+#[derive(Debug, Clone, Copy)]
+pub struct Sensed<'a> {
+    /// Angles of all joints, rad.
+    pub joint_position: &'a [f64],
+    /// Direction of gravity in the pelvis frame.
+    pub projected_gravity: [f64; 3],
+    /// Height of the pelvis, m.
+    pub base_height: f64,
+}
+
+/// Pictures of a session's cameras, as far back as a mapping wants them.
+#[derive(Debug, Clone, Default)]
+pub struct Frames {
+    /// Step, sensor, picture; the newest last.
+    kept: VecDeque<(u64, String, Picture)>,
+}
+
+impl Frames {
+    /// Takes a picture of a step. Pictures older than the mapping wants are forgotten.
+    pub fn push(&mut self, mapping: &Mapping, step: u64, sensor: &str, picture: Picture) {
+        self.kept.push_back((step, sensor.into(), picture));
+        let longest = mapping.cameras.iter().filter_map(|camera| camera.delta.first()).min().copied().unwrap_or(0);
+        let oldest = step.saturating_sub(steps_back(mapping, longest));
+        // The last one before the oldest wanted step stays: it stands for that step where pictures are seldom.
+        for sensor in mapping.sensors() {
+            let of = |kept: &&(u64, String, Picture)| kept.1 == sensor && kept.0 <= oldest;
+            if let Some(first) = self.kept.iter().filter(of).map(|kept| kept.0).max() {
+                self.kept.retain(|kept| kept.1 != sensor || kept.0 >= first);
+            }
+        }
+    }
+
+    /// The newest picture that is not newer than a step; the oldest one where all are newer, as at the start of an episode.
+    fn at(&self, sensor: &str, step: u64) -> Option<&Picture> {
+        let mut of = self.kept.iter().filter(|kept| kept.1 == sensor);
+        let before = self.kept.iter().rev().filter(|kept| kept.1 == sensor).find(|kept| kept.0 <= step);
+        before.or_else(|| of.next()).map(|kept| &kept.2)
+    }
+}
+
+/// Control steps that a frame lies back.
+fn steps_back(mapping: &Mapping, delta: i64) -> u64 {
+    (delta.unsigned_abs() as f64 * mapping.steps_per_row()).round() as u64
+}
+
+impl Mapping {
+    /// The sensors of ours that its cameras need.
+    pub fn sensors(&self) -> Vec<&str> {
+        let mut sensors: Vec<&str> = self.cameras.iter().filter_map(|camera| camera.sensor.as_deref()).collect();
+        sensors.sort_unstable();
+        sensors.dedup();
+        sensors
+    }
+
+    /// How many control steps before a question pictures are needed: 0, and the frames of the past.
+    pub fn lookbacks(&self) -> Vec<u64> {
+        let mut back: Vec<u64> =
+            self.cameras.iter().flat_map(|camera| camera.delta.iter().map(|delta| steps_back(self, *delta))).collect();
+        back.sort_unstable();
+        back.dedup();
+        back
+    }
+
+    /// What a model gets at a step.
+    ///
+    /// # Errors
+    /// [`BridgeError::Sensed`]: a camera without a picture, or of another size.
+    pub fn observe(
+        &self,
+        robot: &Robot,
+        sensed: &Sensed<'_>,
+        frames: &Frames,
+        step: u64,
+        instruction: &str,
+        session: &str,
+    ) -> Result<ModelObservation, BridgeError> {
+        let image = |camera: &Camera| {
+            let frame = |delta: &i64| {
+                let Some(sensor) = &camera.sensor else { return Ok(Picture::black(camera.size)) };
+                let picture = frames.at(sensor, step.saturating_sub(steps_back(self, *delta)));
+                let missing = || BridgeError::Sensed {
+                    what: format!("a picture of {sensor} for '{}'", camera.key),
+                    remedy: "leave --sensors out, or name the sensor there",
+                };
+                picture.ok_or_else(missing)?.fitted(camera.size, camera.resize)
+            };
+            let pictures = camera.delta.iter().map(frame).collect::<Result<Vec<_>, _>>()?;
+            Ok((camera.key.clone(), stacked(&pictures)?))
+        };
+        let mut states = Vec::with_capacity(self.states.len());
+        for key in &self.states {
+            let mut numbers = Vec::with_capacity(self.width(key));
+            for part in &key.parts {
+                self.sense(robot, sensed, part, &mut numbers)?;
+            }
+            states.push((key.key.clone(), numbers));
+        }
+        Ok(ModelObservation {
+            images: self.cameras.iter().map(image).collect::<Result<_, BridgeError>>()?,
+            states,
+            language: (self.language.clone(), instruction.into()),
+            session: session.into(),
+            rows: self.horizon,
+        })
+    }
+
+    /// Adds the numbers of a part.
+    fn sense(
+        &self,
+        robot: &Robot,
+        sensed: &Sensed<'_>,
+        part: &Part,
+        numbers: &mut Vec<f32>,
+    ) -> Result<(), BridgeError> {
+        let q = sensed.joint_position;
+        if q.len() != robot.joints().len() {
+            let what = format!("angles of {} joints (it has {})", robot.joints().len(), q.len());
+            return Err(BridgeError::Sensed { what, remedy: "use the robot that the mapping was read for" });
+        }
+        let mut add = |values: &[f64]| numbers.extend(values.iter().map(|value| *value as f32));
+        match (part, &self.hands) {
+            (Part::Joints(joints), _) => joints.iter().for_each(|joint| add(&[q[*joint]])),
+            (Part::Hand(side), Some(hands)) => add(&hands.theirs(*side, q)),
+            (Part::Grip { side, open, closed }, Some(hands)) => {
+                add(&[open + hands.grip(*side, q) * (closed - open)]);
+            }
+            (Part::Wrist(side), _) => add(&nine(&wrist(robot, *side, q)?)),
+            (Part::Gravity, _) => add(&sensed.projected_gravity),
+            (Part::Height, _) => add(&[sensed.base_height]),
+            // The file's reader lets no other part into a state.
+            (other, hands) => add(&vec![0.0; other.width(hands.as_ref())]),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,51 @@
+//! MessagePack, bounded.
+
+use rmpv::Value;
+
+use crate::BridgeError;
+
+/// Deepest nesting that is read.
+const MAX_DEPTH: usize = 32;
+
+/// The bytes of a value.
+pub(crate) fn encode(value: &Value) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    // Writing to memory does not fail.
+    let _ = rmpv::encode::write_value(&mut bytes, value);
+    bytes
+}
+
+/// Reads one value that fills the bytes.
+pub(crate) fn decode(what: &str, bytes: &[u8]) -> Result<Value, BridgeError> {
+    let mut rest = bytes;
+    let value = rmpv::decode::read_value_with_max_depth(&mut rest, MAX_DEPTH)
+        .map_err(|error| BridgeError::malformed(what, format!("it is not MessagePack: {error}")))?;
+    if rest.is_empty() {
+        return Ok(value);
+    }
+    Err(BridgeError::malformed(what, format!("{} bytes follow its end", rest.len())))
+}
+
+/// A text, as a key or value of a map.
+pub(crate) fn text(text: &str) -> Value {
+    Value::from(text)
+}
+
+/// A map with text keys.
+pub(crate) fn map<const N: usize>(entries: [(&str, Value); N]) -> Value {
+    Value::Map(entries.into_iter().map(|(key, value)| (text(key), value)).collect())
+}
+
+/// A text, which some peers send as bytes.
+pub(crate) fn as_text(value: &Value) -> Option<&str> {
+    match value {
+        Value::String(text) => text.as_str(),
+        Value::Binary(bytes) => std::str::from_utf8(bytes).ok(),
+        _ => None,
+    }
+}
+
+/// An entry of a map by its name.
+pub(crate) fn entry<'a>(value: &'a Value, name: &str) -> Option<&'a Value> {
+    value.as_map()?.iter().find(|(key, _)| as_text(key) == Some(name)).map(|(_, value)| value)
+}

@@ -1,0 +1,165 @@
+//! From a chunk's numbers to targets and commands of our robot.
+
+use std::collections::BTreeMap;
+
+use fiatlux_robot::Robot;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::mapping::{Body, Key, Mapping, Part, Representation, WAIST};
+use crate::reach::{pose, reach, wrist};
+use crate::{BridgeError, ModelChunk};
+
+/// What a row of a chunk asks for.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Row {
+    /// Joint and target, rad, within the joint's limits, by joint.
+    pub targets: Vec<(usize, f64)>,
+    /// Forward, left, m/s, and turning velocity, rad/s.
+    pub velocity: Option<[f64; 3]>,
+    /// Height of the pelvis, m.
+    pub height: Option<f64>,
+    /// Roll, pitch and yaw of the torso, rad.
+    pub torso: Option<[f64; 3]>,
+    /// A motion token; empty where the model speaks none.
+    pub token: Vec<f64>,
+}
+
+impl Row {
+    /// Between two rows of one mapping: `part` of the way to the other one.
+    pub fn towards(&self, other: &Self, part: f64) -> Self {
+        let mix = |from: f64, to: f64| from + part * (to - from);
+        let mix_three = |from: [f64; 3], to: [f64; 3]| [0, 1, 2].map(|axis| mix(from[axis], to[axis]));
+        Self {
+            targets: self.targets.iter().zip(&other.targets).map(|(from, to)| (from.0, mix(from.1, to.1))).collect(),
+            velocity: self.velocity.zip(other.velocity).map(|(from, to)| mix_three(from, to)),
+            height: self.height.zip(other.height).map(|(from, to)| mix(from, to)),
+            torso: self.torso.zip(other.torso).map(|(from, to)| mix_three(from, to)),
+            token: self.token.iter().zip(&other.token).map(|(from, to)| mix(*from, *to)).collect(),
+        }
+    }
+}
+
+/// Where a part of a key begins, at the question; changes add to it.
+struct Base<'a> {
+    robot: &'a Robot,
+    /// Angles at the question, rad.
+    q: &'a [f64],
+}
+
+impl Mapping {
+    /// Reads a chunk, after it was compared by [`crate::check_chunk`]. `q` are the angles of all joints at the question, rad.
+    ///
+    /// # Errors
+    /// [`BridgeError::Contract`]: a chunk that does not fit; [`BridgeError::Malformed`]: a wrist's rotation without a direction,
+    /// or a token beyond its bound.
+    pub fn rows(&self, robot: &Robot, q: &[f64], chunk: &ModelChunk) -> Result<Vec<Row>, BridgeError> {
+        crate::check_chunk(self, chunk)?;
+        let base = Base { robot, q };
+        let mut rows = Vec::with_capacity(chunk.rows);
+        // Angles of the row before, from which a wrist is reached, and sums of changes by key.
+        let mut last = q.to_vec();
+        let mut sums: Vec<Vec<f64>> = self.actions.iter().map(|key| vec![0.0; self.width(key)]).collect();
+        for at in 0..chunk.rows {
+            let mut row = Row::default();
+            let mut targets = BTreeMap::new();
+            for (key, sum) in self.actions.iter().zip(&mut sums) {
+                let Some((_, width, numbers)) = chunk.parts.iter().find(|(name, ..)| *name == key.key) else {
+                    continue;
+                };
+                let numbers = &numbers[at * width..(at + 1) * width];
+                self.read_key(&base, key, numbers, sum, &mut last, &mut row, &mut targets)?;
+            }
+            if self.body == Body::Wbc {
+                let waist = WAIST.map(|joint| targets.remove(&joint)).collect::<Option<Vec<f64>>>();
+                if let Some(&[yaw, roll, pitch]) = waist.as_deref() {
+                    row.torso = Some(leaned(yaw, roll, pitch));
+                }
+            }
+            for (joint, target) in targets {
+                let limits = &robot.joints()[joint];
+                let target = target.clamp(limits.lower, limits.upper);
+                last[joint] = target;
+                row.targets.push((joint, target));
+            }
+            rows.push(row);
+        }
+        Ok(rows)
+    }
+
+    fn read_key(
+        &self,
+        base: &Base<'_>,
+        key: &Key,
+        numbers: &[f64],
+        sum: &mut [f64],
+        last: &mut [f64],
+        row: &mut Row,
+        targets: &mut BTreeMap<usize, f64>,
+    ) -> Result<(), BridgeError> {
+        sum.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number);
+        let changes = match key.representation {
+            Representation::Delta => sum as &[f64],
+            _ => numbers,
+        };
+        let is_change = key.representation != Representation::Absolute;
+        let mut from = 0;
+        for part in &key.parts {
+            let width = part.width(self.hands.as_ref());
+            let values = &changes[from..from + width];
+            from += width;
+            match (part, &self.hands) {
+                (Part::Joints(joints), _) => {
+                    for (joint, value) in joints.iter().zip(values) {
+                        let start = if is_change { base.q[*joint] } else { 0.0 };
+                        targets.insert(*joint, start + value);
+                    }
+                }
+                (Part::Hand(side), Some(hands)) => {
+                    let start = if is_change { hands.theirs(*side, base.q) } else { vec![0.0; width] };
+                    let theirs: Vec<f64> = start.iter().zip(values).map(|(start, value)| start + value).collect();
+                    targets.extend(hands.ours(*side, &theirs));
+                }
+                (Part::Grip { side, open, closed }, Some(hands)) => {
+                    targets.extend(hands.gripped(*side, (values[0] - open) / (closed - open)));
+                }
+                (Part::Wrist(side), _) => {
+                    let wrong =
+                        || BridgeError::malformed(format!("the action '{}'", key.key), "a rotation has no direction");
+                    // Changes of a pose multiply, they do not add: each row is relative to the wrist at the question, or to
+                    // the row before.
+                    let said = pose(&numbers[from - width..from]).ok_or_else(wrong)?;
+                    let target = match key.representation {
+                        Representation::Absolute => said,
+                        Representation::Relative => wrist(base.robot, *side, base.q)? * said,
+                        Representation::Delta => wrist(base.robot, *side, last)? * said,
+                    };
+                    reach(base.robot, *side, &target, last)?;
+                    targets.extend(side.arm().map(|joint| (joint, last[joint])));
+                }
+                (Part::Navigate, _) => row.velocity = values.try_into().ok(),
+                (Part::Height, _) => row.height = values.first().copied(),
+                (Part::Torso, _) => row.torso = values.try_into().ok(),
+                (Part::Token(_), _) => {
+                    if let Some(far) = values.iter().find(|value| value.abs() > MAX_TOKEN) {
+                        let problem = format!("a motion token has {far}; at most {MAX_TOKEN} is played");
+                        return Err(BridgeError::malformed(format!("the action '{}'", key.key), problem));
+                    }
+                    row.token = values.to_vec();
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Largest number of a motion token: the client of GEAR-SONIC skips a chunk with a larger one.
+const MAX_TOKEN: f64 = 1.25;
+
+/// Roll, pitch and yaw of a torso on a waist of three joints.
+fn leaned(yaw: f64, roll: f64, pitch: f64) -> [f64; 3] {
+    let about = |axis: Vector3<f64>, angle| UnitQuaternion::from_scaled_axis(axis * angle);
+    let turn = about(Vector3::z(), yaw) * about(Vector3::x(), roll) * about(Vector3::y(), pitch);
+    let (roll, pitch, yaw) = turn.euler_angles();
+    [roll, pitch, yaw]
+}

@@ -1,0 +1,108 @@
+//! A WebSocket connection to a model server: binary and text frames, no TLS, no compression.
+
+use std::io;
+
+use tungstenite::client::IntoClientRequest;
+use tungstenite::client::client_with_config;
+use tungstenite::http::HeaderValue;
+use tungstenite::protocol::WebSocketConfig;
+use tungstenite::{Error, HandshakeError, Message, WebSocket};
+
+use crate::BridgeError;
+use crate::net::{Address, MAX_REPLY, Timed, Timeouts, broken};
+
+/// Longest part of another's words that is passed on, characters.
+pub(crate) const MOST_WORDS: usize = 400;
+
+/// A message of a server.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Frame {
+    Binary(Vec<u8>),
+    Text(String),
+}
+
+/// An open connection. After an error it is of no more use.
+#[derive(Debug)]
+pub(crate) struct Socket {
+    socket: WebSocket<Timed>,
+    timeouts: Timeouts,
+}
+
+impl Socket {
+    /// Connects, with an API key if there is one.
+    pub fn connect(address: &Address, timeouts: Timeouts, key: Option<&str>) -> Result<Self, BridgeError> {
+        let mut stream = address.connect(timeouts.connect)?;
+        // A server that computes for another client accepts late.
+        stream.allow(timeouts.reply);
+        let refused = |problem: String| BridgeError::Handshake {
+            address: address.to_string(),
+            transport: "WebSocket",
+            problem: shortened(&problem),
+        };
+        let mut request =
+            format!("ws://{address}/").into_client_request().map_err(|error| refused(error.to_string()))?;
+        if let Some(key) = key {
+            let value = HeaderValue::from_str(&format!("Api-Key {key}"));
+            let value = value.map_err(|_| refused("the API key has characters that no header can have".into()))?;
+            request.headers_mut().insert("Authorization", value);
+        }
+        let config = WebSocketConfig::default().max_message_size(Some(MAX_REPLY)).max_frame_size(Some(MAX_REPLY));
+        let opened = client_with_config(request, stream, Some(config));
+        let (socket, _) = opened.map_err(|error| match error {
+            HandshakeError::Failure(Error::Io(error)) if error.kind() == io::ErrorKind::TimedOut => {
+                refused("it does not answer in time".into())
+            }
+            HandshakeError::Failure(Error::Io(error)) => broken(&error, "greeting", timeouts.reply),
+            HandshakeError::Failure(error) => refused(error.to_string()),
+            HandshakeError::Interrupted(_) => refused("it does not answer in time".into()),
+        })?;
+        Ok(Self { socket, timeouts })
+    }
+
+    /// Sends one binary frame.
+    pub fn send(&mut self, name: &str, question: Vec<u8>) -> Result<(), BridgeError> {
+        self.socket.get_mut().allow(self.timeouts.reply);
+        self.socket.send(Message::binary(question)).map_err(|error| self.failed(error, name))
+    }
+
+    /// Waits for the next message; pings are answered on the way.
+    pub fn receive(&mut self, name: &str) -> Result<Frame, BridgeError> {
+        self.socket.get_mut().allow(self.timeouts.reply);
+        loop {
+            match self.socket.read() {
+                Ok(Message::Binary(bytes)) => return Ok(Frame::Binary(bytes.into())),
+                Ok(Message::Text(text)) => return Ok(Frame::Text(text.as_str().into())),
+                Ok(Message::Close(frame)) => {
+                    let reason = frame.map(|frame| format!("the server closed it: {} {}", frame.code, frame.reason));
+                    let problem = shortened(&reason.unwrap_or_else(|| "the server closed it".into()));
+                    return Err(BridgeError::Lost { question: name.into(), problem });
+                }
+                Ok(_) => {}
+                Err(error) => return Err(self.failed(error, name)),
+            }
+        }
+    }
+
+    fn failed(&self, error: Error, name: &str) -> BridgeError {
+        match error {
+            Error::Io(error) => broken(&error, name, self.timeouts.reply),
+            Error::Capacity(tungstenite::error::CapacityError::MessageTooLong { size, max_size }) => {
+                BridgeError::TooLarge { size: size as u64, most: max_size }
+            }
+            Error::Capacity(error) => BridgeError::malformed("a frame", error.to_string()),
+            Error::Utf8(_) => BridgeError::malformed("a text frame", "it is not UTF-8"),
+            error => BridgeError::Lost { question: name.into(), problem: shortened(&error.to_string()) },
+        }
+    }
+}
+
+/// Another's words, bounded, the last ones first to stay: a traceback says at its end what is wrong.
+pub(crate) fn shortened(text: &str) -> String {
+    let text = text.trim();
+    let count = text.chars().count();
+    if count <= MOST_WORDS {
+        return text.into();
+    }
+    let tail: String = text.chars().skip(count - MOST_WORDS).collect();
+    format!("... {tail}")
+}

@@ -1,0 +1,21 @@
+//! Histories inside an observation, so that none is kept next to it.
+
+/// Drops the oldest frame of a block of frames and writes the newest one behind the others. `newest` has as many numbers as
+/// a frame; numbers that it lacks stay.
+pub(crate) fn push(block: &mut [f32], frame: usize, newest: impl Iterator<Item = f64>) {
+    block.copy_within(frame.., 0);
+    let last = block.len() - frame;
+    block[last..].iter_mut().zip(newest).for_each(|(place, number)| *place = number as f32);
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_oldest_frame_comes_first() {
+        let mut block = [0.0; 6];
+        for frame in [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0]] {
+            super::push(&mut block, 2, frame.into_iter());
+        }
+        assert_eq!(block, [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]);
+    }
+}

@@ -1,0 +1,30 @@
+//! Whole-body controllers of others, played from the user's own ONNX files. No weights are shipped.
+//!
+//! | controller | files | moves | commanded by |
+//! |---|---|---|---|
+//! | [`Gear`] | `Balance.onnx` and `Walk.onnx`, 516 numbers in, 15 out | legs and waist | velocity, height, torso |
+//! | [`Sonic`] | `model_decoder.onnx`, 994 numbers in, 29 out | legs, waist and arms | a [`Token`] of 64 numbers |
+//!
+//! What is sensed and commanded has the types of our own controller, [`fiatlux_wbc::Sensed`] and [`fiatlux_wbc::Command`]. A
+//! [`Plant`] says what a controller was made for: joints, control step and gains; it refuses a session by name. Where two
+//! public sources of a controller disagree, a [`Reading`] chooses.
+mod error;
+mod files;
+mod gear;
+mod history;
+mod model;
+mod plant;
+mod sensed;
+mod sonic;
+mod token;
+
+/// In the public joint order, which is the SDK's too.
+pub use fiatlux_wbc::BODY;
+
+pub use error::ForeignError;
+pub use files::{DECODER, GEAR_FILES, ModelFile, SHA256_LIST};
+pub use gear::{Gear, HEIGHT, Reading};
+pub use model::Model;
+pub use plant::{GainsRule, Plant};
+pub use sonic::Sonic;
+pub use token::{FixedToken, RecordedTokens, TOKEN, TOKEN_LIMIT, Token, TokenSource};

@@ -1,0 +1,107 @@
+//! Tokens: what GEAR-SONIC's decoder is told to do.
+
+use std::io::Read;
+use std::path::Path;
+
+use crate::ForeignError;
+
+/// Numbers of a token.
+pub const TOKEN: usize = 64;
+/// A number of a token beyond it is refused, as the makers' client skips such motions. An encoder gives -1 to 1.
+pub const TOKEN_LIMIT: f32 = 1.25;
+/// The largest file that is read: 20 hours of tokens.
+const FILE_LIMIT: u64 = 1 << 30;
+
+/// What motion is meant, as an encoder or a model says it.
+pub type Token = [f32; TOKEN];
+
+/// Where tokens come from: one a control step.
+pub trait TokenSource: Send {
+    /// The token of a control step, counted from 0 in each episode.
+    ///
+    /// # Errors
+    /// No token can be had; the episode ends.
+    fn token(&mut self, step: u64) -> Result<Token, ForeignError>;
+}
+
+/// The same token in every step.
+#[derive(Debug, Clone)]
+pub struct FixedToken(pub Token);
+
+impl Default for FixedToken {
+    /// Zeros: the middle of the code book. No motion is promised for it.
+    fn default() -> Self {
+        Self([0.0; TOKEN])
+    }
+}
+
+impl TokenSource for FixedToken {
+    fn token(&mut self, _step: u64) -> Result<Token, ForeignError> {
+        Ok(self.0)
+    }
+}
+
+/// A recorded sequence; its last token holds on.
+#[derive(Debug, Clone)]
+pub struct RecordedTokens {
+    tokens: Vec<Token>,
+}
+
+impl RecordedTokens {
+    /// Reads a text of one token a line, 64 numbers set apart by spaces or commas, as `numpy.savetxt` writes them; lines that
+    /// are empty or begin with `#` count for nothing.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is over 1 GiB or has no token, or a line that is not a token, with its number.
+    pub fn read(path: &Path) -> Result<Self, ForeignError> {
+        let unreadable = |source| ForeignError::Read { path: path.into(), source };
+        let mut text = String::new();
+        let file = std::fs::File::open(path).map_err(unreadable)?;
+        file.take(FILE_LIMIT + 1).read_to_string(&mut text).map_err(unreadable)?;
+        if text.len() as u64 > FILE_LIMIT {
+            return Err(ForeignError::FileSize { path: path.into(), most: FILE_LIMIT });
+        }
+        let mut tokens = Vec::new();
+        for (index, line) in text.lines().enumerate() {
+            let wrong = |problem| ForeignError::Tokens { path: path.into(), line: index + 1, problem };
+            if line.trim().is_empty() || line.trim_start().starts_with('#') {
+                continue;
+            }
+            let words =
+                line.split(|letter: char| letter == ',' || letter.is_whitespace()).filter(|word| !word.is_empty());
+            let mut token = [0.0; TOKEN];
+            let mut count = 0;
+            for word in words {
+                let number = word.parse().map_err(|_| wrong(format!("'{word}' is not a number")))?;
+                if let Some(place) = token.get_mut(count) {
+                    *place = number;
+                }
+                count += 1;
+            }
+            if count != TOKEN {
+                return Err(wrong(format!("it has {count} numbers")));
+            }
+            check(&token).map_err(|error| wrong(error.to_string()))?;
+            tokens.push(token);
+        }
+        match tokens.is_empty() {
+            false => Ok(Self { tokens }),
+            true => Err(ForeignError::Tokens { path: path.into(), line: 1, problem: "the file has no token".into() }),
+        }
+    }
+}
+
+impl TokenSource for RecordedTokens {
+    fn token(&mut self, step: u64) -> Result<Token, ForeignError> {
+        let last = self.tokens.len() - 1;
+        Ok(self.tokens[usize::try_from(step).map_or(last, |step| step.min(last))])
+    }
+}
+
+/// Refuses what is not finite, or beyond the limit.
+pub(crate) fn check(token: &Token) -> Result<(), ForeignError> {
+    match token.iter().position(|value| value.is_nan() || value.abs() > TOKEN_LIMIT) {
+        None => Ok(()),
+        Some(index) => Err(ForeignError::Token { index, value: token[index], most: TOKEN_LIMIT }),
+    }
+}

@@ -1,0 +1,213 @@
+//! What a config asks for and this build would pass over in silence: it is refused by name before a session opens.
+
+use std::path::Path;
+
+use serde_json::Value;
+use zenoh::Config;
+
+use crate::LinkError;
+use crate::config::{self, check_protocol, get, is_silent};
+
+/// Sections that Zenoh reads in any build and uses in some only, and what to do instead. Each is accepted with the values of
+/// [`Config::default`], which ask for nothing.
+const NOT_BUILT_IN: &[(&str, &str)] = &[
+    (
+        "transport/auth/pubkey",
+        "use transport/auth/usrpwd, or mutual TLS by transport/link/tls/enable_mtls; `fiatlux keys` makes either",
+    ),
+    ("transport/unicast/compression/enabled", "set it to false"),
+    ("transport/multicast/compression/enabled", "set it to false"),
+    ("transport/unicast/max_links", "set it to 1: several links to one peer are not built in"),
+    ("transport/link/unixpipe", "remove it; a Unix socket is unixsock-stream/PATH"),
+    ("plugins", "remove it, and run Zenoh's own router (zenohd) for plugins"),
+    ("plugins_loading", "remove it, and run Zenoh's own router (zenohd) for plugins"),
+    ("stats", "remove it"),
+];
+
+const SHARED_MEMORY: &str = "transport/shared_memory";
+const ACCESS_CONTROL: &str = "access_control";
+const LINK_PROTOCOLS: &str = "transport/link/protocols";
+const DICTIONARY: &str = "transport/auth/usrpwd/dictionary_file";
+
+/// Refuses what this build cannot honour.
+pub fn check(config: &Config) -> Result<(), LinkError> {
+    for &(key, remedy) in NOT_BUILT_IN {
+        if !is_silent(config, key) {
+            return Err(refused(key, "it is not built in, so it would be ignored", remedy));
+        }
+    }
+    let shared = get(config, SHARED_MEMORY);
+    if shared["enabled"] != false && !is_silent(config, SHARED_MEMORY) {
+        return Err(refused(
+            SHARED_MEMORY,
+            "it is not built in, so it would be ignored",
+            "remove it or set enabled: false",
+        ));
+    }
+    for protocol in get(config, LINK_PROTOCOLS).as_array().into_iter().flatten().filter_map(Value::as_str) {
+        check_protocol(protocol).map_err(|reason| refused(LINK_PROTOCOLS, &reason, "name only these"))?;
+    }
+    for key in [config::CONNECT, config::LISTEN] {
+        for endpoint in config::endpoints(&get(config, key)) {
+            config::check_endpoint(&endpoint).map_err(|reason| LinkError::Endpoint {
+                flag: key,
+                endpoint,
+                reason: config::advise(&reason),
+            })?;
+        }
+    }
+    // Zenoh opens a session without any check in these two.
+    let rules = get(config, ACCESS_CONTROL);
+    let has_rules = ["rules", "subjects", "policies"].iter().any(|part| !rules[part].is_null());
+    if has_rules && rules["enabled"] != true {
+        let reason = "it has rules and is not enabled, so nobody would be held to them";
+        return Err(refused(ACCESS_CONTROL, reason, "set access_control/enabled: true, or remove the rules"));
+    }
+    match get(config, DICTIONARY).as_str() {
+        None => Ok(()),
+        Some(path) => check_dictionary(path),
+    }
+}
+
+/// A list of users that names nobody lets everybody in.
+fn check_dictionary(path: &str) -> Result<(), LinkError> {
+    let remedy = "it has a line USER:PASSWORD for each user; paths are relative to the working folder";
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| refused(DICTIONARY, &format!("cannot read {path}: {error}"), remedy))?;
+    if text.trim().is_empty() {
+        return Err(refused(DICTIONARY, &format!("{path} names no user, so everybody would be let in"), remedy));
+    }
+    Ok(())
+}
+
+/// Refuses keys of a config file that Zenoh passes over: spelled wrong below a section that takes any key, or without effect
+/// any more. A file in YAML is not compared; Zenoh alone reads that.
+pub fn check_keys(path: &Path, config: &Config) -> Result<(), LinkError> {
+    if !path.extension().is_some_and(|end| end == "json5" || end == "json") {
+        return Ok(());
+    }
+    // The section takes any value, so Zenoh's own reader parses the file here.
+    let mut parser = Config::default();
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    if parser.insert_json5(ANY, &text).is_err() {
+        return Ok(());
+    }
+    let Value::Object(sections) = get(&parser, ANY) else { return Ok(()) };
+    for (section, written) in &sections {
+        if let Some(key) = unread(written, &get(config, section), section) {
+            let reason = LinkError::ConfigFile {
+                path: path.to_owned(),
+                reason: format!("{key}: Zenoh has no such key, or it has no effect; check its spelling or remove it"),
+            };
+            return Err(reason);
+        }
+    }
+    Ok(())
+}
+
+const ANY: &str = "metadata";
+
+/// First key of what is written that is not in what was read.
+fn unread(written: &Value, read: &Value, path: &str) -> Option<String> {
+    match (written, read) {
+        (Value::Object(written), Value::Object(read)) => written.iter().find_map(|(key, value)| {
+            let path = format!("{path}/{key}");
+            match read.get(key) {
+                Some(read) => unread(value, read, &path),
+                // Secrets are not given back.
+                None if value.is_null() || key.ends_with("_base64") => None,
+                None => Some(path),
+            }
+        }),
+        (Value::Array(written), Value::Array(read)) => {
+            let pairs = written.iter().zip(read).enumerate();
+            pairs.into_iter().find_map(|(index, (written, read))| unread(written, read, &format!("{path}/{index}")))
+        }
+        _ => None,
+    }
+}
+
+fn refused(key: &'static str, reason: &str, remedy: &'static str) -> LinkError {
+    LinkError::NotHonoured { key, reason: reason.to_owned(), remedy }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn config(text: &str) -> Config {
+        Config::from_json5(text).unwrap()
+    }
+
+    /// Guards that whoever asks for a protection, or for anything else, gets it or is told.
+    #[test]
+    fn what_is_not_built_in_is_refused_by_name() {
+        for (text, key) in [
+            ("{transport: {auth: {pubkey: {key_size: 2048}}}}", "transport/auth/pubkey"),
+            ("{transport: {auth: {pubkey: {known_keys_file: 'keys'}}}}", "transport/auth/pubkey"),
+            ("{transport: {unicast: {compression: {enabled: true}}}}", "transport/unicast/compression/enabled"),
+            ("{transport: {multicast: {compression: {enabled: true}}}}", "transport/multicast/compression/enabled"),
+            ("{transport: {unicast: {max_links: 2}}}", "transport/unicast/max_links"),
+            ("{transport: {shared_memory: {mode: 'init'}}}", "transport/shared_memory"),
+            ("{transport: {link: {unixpipe: {file_access_mask: 384}}}}", "transport/link/unixpipe"),
+            ("{transport: {link: {protocols: ['tcp', 'ws']}}}", "the protocol ws is not built in"),
+            ("{plugins: {rest: {http_port: 8000}}}", "plugins"),
+            ("{plugins_loading: {enabled: true}}", "plugins_loading"),
+            ("{stats: {filters: [{key: 'a/b'}]}}", "stats"),
+            ("{connect: {endpoints: ['ws/lab:1']}}", "connect/endpoints ws/lab:1: the protocol ws"),
+            ("{listen: {endpoints: {peer: ['serial/tty0']}}}", "listen/endpoints serial/tty0: the protocol serial"),
+            ("{access_control: {rules: []}}", "set access_control/enabled: true"),
+            ("{access_control: {enabled: false, subjects: [{id: 'a'}]}}", "set access_control/enabled: true"),
+            ("{transport: {auth: {usrpwd: {dictionary_file: '/nowhere/users'}}}}", "cannot read /nowhere/users"),
+            ("{transport: {auth: {usrpwd: {dictionary_file: '/dev/null'}}}}", "/dev/null names no user"),
+        ] {
+            let message = check(&config(text)).expect_err(text).to_string();
+            assert!(message.contains(key), "{text}: {message}");
+        }
+    }
+
+    #[test]
+    fn what_is_built_in_is_taken() {
+        for text in [
+            "{}",
+            "{transport: {shared_memory: {enabled: false}, unicast: {compression: {enabled: false}, max_links: 1}}}",
+            "{transport: {link: {protocols: ['tcp', 'quic'], tls: {enable_mtls: true}}}}",
+            "{transport: {auth: {usrpwd: {user: 'policy', password: 'x'}, pubkey: {}}}}",
+            "{access_control: {enabled: true, default_permission: 'deny', rules: [], subjects: [], policies: []}}",
+            "{connect: {endpoints: ['tcp/lab:7447', 'quic/lab:1', 'unixsock-stream//tmp/a.sock']}}",
+        ] {
+            check(&config(text)).unwrap();
+        }
+    }
+
+    #[test]
+    fn keys_that_zenoh_passes_over_are_refused() {
+        let path = std::env::temp_dir().join(format!("fiatlux-honoured-{}.json5", std::process::id()));
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            check_keys(&path, &Config::from_file(&path).unwrap())
+        };
+        for (text, key) in [
+            ("{connect: {retry: {period_init: 5}}}", "connect/retry/period_init:"),
+            (
+                "{qos: {publication: [{key_exprs: ['a'], config: {prioritty: 'data'}}]}}",
+                "qos/publication/0/config/prioritty:",
+            ),
+            ("{routing: {peer: {mode: 'linkstate'}}}", "routing/peer:"),
+        ] {
+            let message = read(text).expect_err(text).to_string();
+            assert!(message.contains(&format!("from it: {key}")), "{text}: {message}");
+        }
+        read(
+            "{mode: 'router', metadata: {any: {key: 1}}, connect: {endpoints: {peer: ['tcp/a:1']}, timeout_ms: {router: -1}},
+              scouting: {multicast: {enabled: false, autoconnect: ['peer', 'router']}}, id: 'a1',
+              transport: {link: {tls: {root_ca_certificate_base64: 'QUJD', enable_mtls: true}, tx: {lease: 5000}}},
+              access_control: {enabled: true, default_permission: 'deny', policies: [{rules: ['r'], subjects: ['s']}],
+                rules: [{id: 'r', messages: ['put'], flows: ['egress'], permission: 'allow', key_exprs: ['a/**']}],
+                subjects: [{id: 's', cert_common_names: ['policy'], usernames: null}]}}",
+        )
+        .unwrap();
+        std::fs::remove_file(path).unwrap();
+    }
+}

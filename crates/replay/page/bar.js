@@ -1,0 +1,101 @@
+// The strip above the time bar: when each condition held, what happened, and where we are.
+
+const LANE = 7;
+const GAP = 2;
+const MARKS = 9;
+
+export class Bar {
+  constructor(canvas, doc, track, seek) {
+    this.canvas = canvas;
+    this.doc = doc;
+    this.track = track;
+    this.lanes = doc.conditions ? doc.conditions.criteria : [];
+    this.height = MARKS + this.lanes.length * (LANE + GAP);
+    canvas.style.height = `${this.height}px`;
+    this.strip = document.createElement("canvas");
+    this.dirty = true;
+    const at = (event) => {
+      const box = canvas.getBoundingClientRect();
+      seek(this.stepAt(event.clientX - box.left, box.width));
+    };
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      at(event);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (event.buttons > 0) at(event);
+    });
+  }
+
+  setTheme(theme) {
+    this.theme = theme;
+    this.dirty = true;
+  }
+
+  stepAt(x, width) {
+    const { first, last } = this.track;
+    return first + ((last - first) * x) / Math.max(width, 1);
+  }
+
+  xOf(step, width) {
+    const { first, last } = this.track;
+    return ((step - first) / Math.max(last - first, 1)) * width;
+  }
+
+  draw(step) {
+    const width = this.canvas.clientWidth;
+    const scale = Math.min(devicePixelRatio, 2);
+    const size = [Math.round(width * scale), Math.round(this.height * scale)];
+    if (this.dirty || this.strip.width !== size[0] || this.strip.height !== size[1]) {
+      for (const canvas of [this.strip, this.canvas]) [canvas.width, canvas.height] = size;
+      this.paintStrip(width, scale);
+      this.dirty = false;
+    }
+    const pen = this.canvas.getContext("2d");
+    pen.clearRect(0, 0, ...size);
+    pen.drawImage(this.strip, 0, 0);
+    pen.fillStyle = this.theme.ink;
+    pen.fillRect(Math.round(this.xOf(step, size[0] - 2 * scale)), 0, 2 * scale, size[1]);
+  }
+
+  paintStrip(width, scale) {
+    const pen = this.strip.getContext("2d");
+    pen.setTransform(scale, 0, 0, scale, 0, 0);
+    pen.clearRect(0, 0, width, this.height);
+    this.lanes.forEach((lane, index) => {
+      const y = MARKS + index * (LANE + GAP);
+      pen.fillStyle = this.theme.track;
+      pen.fillRect(0, y, width, LANE);
+      pen.fillStyle = lane.published ? this.theme.held : this.theme.accent;
+      this.spans(1 << index, (from, to) => {
+        const x = this.xOf(from, width);
+        pen.fillRect(x, y, Math.max(this.xOf(to, width) - x, 0.75), LANE);
+      });
+    });
+    for (const { step, kind } of this.doc.events) {
+      if (kind === "start") continue;
+      pen.fillStyle = kind === "attachment" ? this.theme.accent : this.theme.alarm;
+      const x = Math.min(Math.max(this.xOf(step, width), 4), width - 4);
+      pen.beginPath();
+      pen.moveTo(x - 4, 0);
+      pen.lineTo(x + 4, 0);
+      pen.lineTo(x, MARKS - 2);
+      pen.fill();
+    }
+  }
+
+  // Steps from which to which a flag is set.
+  spans(flag, each) {
+    const { steps, flags } = this.track;
+    let from = null;
+    for (let row = 0; row < flags.length; row += 1) {
+      const held = (flags[row] & flag) !== 0;
+      if (held && from === null) from = steps[row];
+      if (!held && from !== null) {
+        each(from, steps[row]);
+        from = null;
+      }
+    }
+    if (from !== null) each(from, this.track.last);
+  }
+}

@@ -1,0 +1,120 @@
+// The documents of a replay: fetched from the server, or read out of this page where it is a file of its own.
+
+const HEAD_WORDS = 5;
+// Rows are not blended over a hole of more than this many strides.
+const HOLE = 3;
+
+async function bytesOf(name) {
+  const block = document.getElementById(`block-${name}`);
+  if (block) {
+    const text = atob(block.textContent.trim());
+    const bytes = new Uint8Array(text.length);
+    for (let i = 0; i < text.length; i += 1) bytes[i] = text.charCodeAt(i);
+    return bytes.buffer;
+  }
+  const answer = await fetch(`${location.pathname.replace(/\/$/, "")}/${name}`);
+  if (!answer.ok) throw new Error(await answer.text());
+  return answer.arrayBuffer();
+}
+
+export async function load() {
+  const text = new TextDecoder().decode(await bytesOf("document.json"));
+  const doc = JSON.parse(text);
+  const [meshes, track] = await Promise.all([bytesOf("meshes.bin"), bytesOf("track.bin")]);
+  return { doc, meshes: readMeshes(doc.stage, meshes), track: new Track(doc.track, track) };
+}
+
+export function isFile() {
+  return document.getElementById("block-document.json") !== null;
+}
+
+function readMeshes(stage, buffer) {
+  const numbers = 3 * stage.vertices;
+  if (buffer.byteLength !== 4 * (2 * numbers + stage.indices))
+    throw new Error("The shapes have another length than announced.");
+  return {
+    positions: new Float32Array(buffer, 0, numbers),
+    normals: new Float32Array(buffer, 4 * numbers, numbers),
+    indices: new Uint32Array(buffer, 8 * numbers, stage.indices),
+  };
+}
+
+// The rows. A place in time is a number of control steps, which need not be whole.
+class Track {
+  constructor(info, buffer) {
+    const head = new Uint32Array(buffer, 0, HEAD_WORDS);
+    const [, version, rows, kept, width] = head;
+    const length = 4 * (HEAD_WORDS + 3 * rows + kept + kept * width);
+    if (version !== 1 || rows !== info.rows || kept !== info.kept || width !== info.width || buffer.byteLength !== length) {
+      throw new Error("The rows do not fit their description.");
+    }
+    let at = 4 * HEAD_WORDS;
+    const take = (Kind, count) => {
+      const list = new Kind(buffer, at, count);
+      at += 4 * count;
+      return list;
+    };
+    this.steps = take(Uint32Array, rows);
+    this.flags = take(Uint32Array, rows);
+    this.handForce = take(Float32Array, rows);
+    this.keptSteps = take(Uint32Array, kept);
+    this.numbers = take(Float32Array, kept * width);
+    this.dt = info.control_dt;
+    this.width = width;
+    this.pose = info.pose;
+    this.stride = info.stride;
+    [this.first, this.last] = info.span;
+    this.forces = info.forces;
+    this.forcesAt = width - 3 * info.forces.length;
+  }
+
+  // Index of the row at a step, or of the last one before it.
+  row(step) {
+    return lastUpTo(this.steps, step);
+  }
+
+  // The kept rows around a step, and how far it is from one to the other.
+  around(step) {
+    const from = lastUpTo(this.keptSteps, step);
+    const to = Math.min(from + 1, this.keptSteps.length - 1);
+    const distance = this.keptSteps[to] - this.keptSteps[from];
+    const blend = distance > 0 && distance <= HOLE * this.stride ? (step - this.keptSteps[from]) / distance : 0;
+    return { from, to, blend: Math.min(Math.max(blend, 0), 1) };
+  }
+
+  // Position and quaternion (x, y, z, w) of a frame, written into two lists.
+  poseAt({ from, to, blend }, frame, position, quaternion) {
+    const a = from * this.width + frame * this.pose;
+    const b = to * this.width + frame * this.pose;
+    const n = this.numbers;
+    for (let i = 0; i < 3; i += 1) position[i] = n[a + i] + blend * (n[b + i] - n[a + i]);
+    let dot = 0;
+    for (let i = 3; i < 7; i += 1) dot += n[a + i] * n[b + i];
+    const sign = dot < 0 ? -1 : 1;
+    let length = 0;
+    for (let i = 0; i < 4; i += 1) {
+      // w comes first in the rows and last here.
+      const at = 3 + ((i + 1) % 4);
+      quaternion[i] = n[a + at] + blend * (sign * n[b + at] - n[a + at]);
+      length += quaternion[i] * quaternion[i];
+    }
+    length = Math.sqrt(length) || 1;
+    for (let i = 0; i < 4; i += 1) quaternion[i] /= length;
+  }
+
+  // A force in the kept row at a step, N.
+  force({ from }, index) {
+    const at = from * this.width + this.forcesAt + 3 * index;
+    return this.numbers.subarray(at, at + 3);
+  }
+}
+
+function lastUpTo(sorted, value) {
+  let [low, high] = [0, sorted.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (sorted[middle] <= value) low = middle + 1;
+    else high = middle;
+  }
+  return Math.max(low - 1, 0);
+}

@@ -1,0 +1,208 @@
+//! Requests and their answers.
+
+use std::error::Error;
+use std::fmt::Write;
+use std::path::Path as FilePath;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Redirect, Response};
+use axum::routing::get;
+use futures_core::Stream;
+use tokio::fs::File;
+use tokio::io::{AsyncRead, ReadBuf};
+
+use crate::page::{MODULES, Page, STYLE};
+use crate::serve::{Shelf, Shown};
+
+/// Bytes of a bag that are read at once.
+const BLOCK: usize = 64 * 1024;
+const HTML: &str = "text/html; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const TEXT: &str = "text/plain; charset=utf-8";
+const JSON: &str = "application/json";
+const BYTES: &str = "application/octet-stream";
+
+/// What every answer says of itself.
+const HEADERS: [(HeaderName, &str); 5] = [
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (header::CACHE_CONTROL, "no-store"),
+    (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+];
+
+pub(crate) fn router(shelf: Arc<Shelf>, port: u16) -> Router {
+    Router::new()
+        .route("/", get(home))
+        .route("/episodes.json", get(episodes))
+        .route("/episode/{index}", get(episode))
+        .route("/episode/{index}/document.json", get(document))
+        .route("/episode/{index}/meshes.bin", get(meshes))
+        .route("/episode/{index}/track.bin", get(track))
+        .route("/episode/{index}/bag", get(bag))
+        .route("/page/{file}", get(page_file))
+        .fallback(|| async { problem(StatusCode::NOT_FOUND, "there is nothing at this address; begin at /") })
+        .layer(from_fn_with_state(port, guard))
+        .with_state(shelf)
+}
+
+/// Lets requests through that name this server, and adds the headers that every answer has.
+async fn guard(State(port): State<u16>, request: Request, next: Next) -> Response {
+    let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
+    let (name, asked) = host.rsplit_once(':').unwrap_or((host, "80"));
+    let mut answer = if ["127.0.0.1", "localhost"].contains(&name) && asked == port.to_string() {
+        next.run(request).await
+    } else {
+        problem(StatusCode::MISDIRECTED_REQUEST, "this server answers to 127.0.0.1 and localhost with its port alone")
+    };
+    let headers = answer.headers_mut();
+    for (name, value) in HEADERS {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    if !headers.contains_key(header::CONTENT_SECURITY_POLICY) {
+        headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static("default-src 'none'; sandbox"));
+    }
+    answer
+}
+
+async fn home(State(shelf): State<Arc<Shelf>>) -> Response {
+    if shelf.bags.count() == 1 { Redirect::temporary("/episode/0").into_response() } else { page(&shelf.list) }
+}
+
+async fn episodes(State(shelf): State<Arc<Shelf>>) -> Response {
+    let listed = tokio::task::spawn_blocking(move || serde_json::to_vec(&shelf.bags.list())).await;
+    match listed {
+        Ok(Ok(json)) => content(JSON, json),
+        _ => problem(StatusCode::INTERNAL_SERVER_ERROR, "the bags cannot be listed"),
+    }
+}
+
+async fn episode(State(shelf): State<Arc<Shelf>>, Path(index): Path<String>) -> Response {
+    match index_of(&index).and_then(|index| shelf.bags.file(index)) {
+        Some(_) => page(&shelf.replay),
+        None => no_episode(&shelf),
+    }
+}
+
+async fn document(state: State<Arc<Shelf>>, index: Path<String>) -> Response {
+    part(state, index, JSON, |shown| shown.document).await
+}
+
+async fn meshes(state: State<Arc<Shelf>>, index: Path<String>) -> Response {
+    part(state, index, BYTES, |shown| shown.meshes).await
+}
+
+async fn track(state: State<Arc<Shelf>>, index: Path<String>) -> Response {
+    part(state, index, BYTES, |shown| shown.track).await
+}
+
+async fn part(
+    State(shelf): State<Arc<Shelf>>,
+    Path(index): Path<String>,
+    kind: &'static str,
+    part: fn(Shown) -> Bytes,
+) -> Response {
+    let Some(index) = index_of(&index) else { return no_episode(&shelf) };
+    let reader = Arc::clone(&shelf);
+    match tokio::task::spawn_blocking(move || reader.show(index)).await {
+        Ok(Some(Ok(shown))) => content(kind, part(shown)),
+        Ok(Some(Err(error))) => problem(StatusCode::UNPROCESSABLE_ENTITY, &in_full(&error)),
+        Ok(None) => no_episode(&shelf),
+        Err(_) => problem(StatusCode::INTERNAL_SERVER_ERROR, "the bag cannot be read"),
+    }
+}
+
+/// The file itself, as it is on disk.
+async fn bag(State(shelf): State<Arc<Shelf>>, Path(index): Path<String>) -> Response {
+    let Some(path) = index_of(&index).and_then(|index| shelf.bags.file(index)) else { return no_episode(&shelf) };
+    let Ok(file) = File::open(path).await else {
+        return problem(StatusCode::NOT_FOUND, "the bag cannot be opened any more");
+    };
+    let name = format!("attachment; filename=\"{}\"", plain_name(path));
+    let mut answer = content(BYTES, Body::from_stream(Blocks { file, block: vec![0; BLOCK] }));
+    if let Ok(name) = HeaderValue::from_str(&name) {
+        answer.headers_mut().insert(header::CONTENT_DISPOSITION, name);
+    }
+    answer
+}
+
+async fn page_file(Path(file): Path<String>) -> Response {
+    if file == STYLE.name {
+        return content("text/css; charset=utf-8", STYLE.text);
+    }
+    match MODULES.iter().find(|module| module.name == file) {
+        Some(module) => content(SCRIPT, module.text),
+        None => problem(StatusCode::NOT_FOUND, "the page has no such file"),
+    }
+}
+
+fn index_of(text: &str) -> Option<usize> {
+    let is_number = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    if is_number { text.parse().ok() } else { None }
+}
+
+fn no_episode(shelf: &Shelf) -> Response {
+    let last = shelf.bags.count() - 1;
+    problem(StatusCode::NOT_FOUND, &format!("there is no such episode; they are numbered from 0 to {last}"))
+}
+
+fn page(page: &Page) -> Response {
+    let mut answer = content(HTML, page.html.clone());
+    if let Ok(policy) = HeaderValue::from_str(&page.policy) {
+        answer.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy);
+    }
+    answer
+}
+
+fn content(kind: &'static str, body: impl Into<Body>) -> Response {
+    ([(header::CONTENT_TYPE, kind)], body.into()).into_response()
+}
+
+fn problem(status: StatusCode, what: &str) -> Response {
+    (status, content(TEXT, what.to_owned())).into_response()
+}
+
+/// An error with its causes.
+fn in_full(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let _ = write!(text, ": {error}");
+        cause = error.source();
+    }
+    text
+}
+
+/// A file's name as a header can hold it.
+fn plain_name(path: &FilePath) -> String {
+    let name = path.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
+    name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()
+}
+
+/// The blocks of a file, one in memory at a time.
+struct Blocks {
+    file: File,
+    block: Vec<u8>,
+}
+
+impl Stream for Blocks {
+    type Item = std::io::Result<Bytes>;
+
+    fn poll_next(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        let Self { file, block } = self.get_mut();
+        let mut buffer = ReadBuf::new(block);
+        match Pin::new(file).poll_read(context, &mut buffer) {
+            Poll::Pending => Poll::Pending,
+            Poll::Ready(Err(error)) => Poll::Ready(Some(Err(error))),
+            Poll::Ready(Ok(())) if buffer.filled().is_empty() => Poll::Ready(None),
+            Poll::Ready(Ok(())) => Poll::Ready(Some(Ok(Bytes::copy_from_slice(buffer.filled())))),
+        }
+    }
+}

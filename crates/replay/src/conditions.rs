@@ -1,0 +1,148 @@
+//! Which conditions hold in a row, and what both rulebooks make of the episode.
+
+use fiatlux_proto::v3::EpisodeHeader;
+use fiatlux_rules::{Judge, JudgeOptions, Judges, Protocol, Row, Task};
+use fiatlux_wire::{WireError, read_geometry, read_identity};
+use serde::Serialize;
+
+/// Flags of a row: bit `i` is criterion `i` of [`Conditions::criteria`], the bits below stand above them.
+pub mod flag {
+    /// The old bulb is in the socket.
+    pub const OLD_SEATED: u32 = 1 << 16;
+    /// The fresh bulb is in the socket.
+    pub const FRESH_SEATED: u32 = 1 << 17;
+    /// The published gate has fired, in this row or before.
+    pub const PUBLISHED: u32 = 1 << 18;
+    /// The strict gate has fired, in this row or before.
+    pub const STRICT: u32 = 1 << 19;
+    /// A bulb is broken by the rulebook in force, in this row or before.
+    pub const BROKEN: u32 = 1 << 20;
+    /// A bulb was dropped, in this row or before.
+    pub const DROPPED: u32 = 1 << 21;
+}
+
+/// A criterion of the gate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CriterionName {
+    /// Its name in results.
+    pub name: &'static str,
+    /// Asked for by the published gate too; the others are strict's alone.
+    pub published: bool,
+}
+
+/// What a gate asks for.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Conditions {
+    /// Criteria of the strict gate, the published ones first.
+    pub criteria: Vec<CriterionName>,
+    /// Consecutive rows for which all published ones must hold.
+    pub published_window: u32,
+    /// The same of all of them, for the strict gate.
+    pub strict_window: u32,
+    /// By which rulebook the episode was played: `strict` or `published`.
+    pub in_force: &'static str,
+    /// Contact force on a hand body above which a bulb breaks, N.
+    pub fragility_n: f64,
+}
+
+/// What a rulebook says of the rows.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ruling {
+    /// `strict` or `published`.
+    pub protocol: &'static str,
+    /// Cause of the end; none where the rows stop before.
+    pub end: Option<&'static str>,
+    /// All causes that the last row met.
+    pub causes: Vec<&'static str>,
+    /// The gate fired.
+    pub success: bool,
+    /// Control steps.
+    pub steps: u64,
+    /// Gate progress, 0 to 1.
+    pub progress: f64,
+    /// A bulb was broken.
+    pub broken: bool,
+    /// A bulb was dropped.
+    pub dropped: bool,
+    /// Largest contact force of a bulb on a hand body, N.
+    pub peak_hand_force_n: f64,
+}
+
+/// Judges rows, where the header says by what.
+#[derive(Debug)]
+pub(crate) struct Referee {
+    judges: Judges,
+    task: Task,
+    started: bool,
+}
+
+impl Referee {
+    /// For an episode of this header.
+    ///
+    /// # Errors
+    /// [`WireError`] for what this version cannot judge: rows can be shown without it.
+    pub fn new(header: &EpisodeHeader) -> Result<Self, WireError> {
+        let identity = read_identity(header)?;
+        let geometry = read_geometry(&header.geometry)?;
+        let options = JudgeOptions { end_on: Some(identity.ends_on), published_counting: false };
+        let judges = Judges::new(identity.protocol, identity.task, &identity.thresholds, &geometry, options);
+        Ok(Self { judges, task: identity.task, started: false })
+    }
+
+    /// Shows it the next row; its flags.
+    pub fn push(&mut self, row: &Row) -> u32 {
+        if self.started {
+            self.judges.advance(row);
+        } else {
+            self.judges.start(row);
+            self.started = true;
+        }
+        let [published, strict] = Protocol::ALL.map(|protocol| self.judges.of(protocol).verdict());
+        let criteria = strict.criteria.as_slice().iter().enumerate();
+        let held = criteria.fold(0, |flags, (index, held)| flags | u32::from(*held) << index);
+        let now = self.judges.in_force().verdict();
+        let flags = [
+            (published.success, flag::PUBLISHED),
+            (strict.success, flag::STRICT),
+            (now.broken, flag::BROKEN),
+            (now.dropped, flag::DROPPED),
+        ];
+        flags.iter().filter(|(is, _)| *is).fold(held, |flags, (_, bit)| flags | bit)
+    }
+
+    pub fn conditions(&self) -> Conditions {
+        let gate = &self.task.spec().gate;
+        let published = gate.criteria.len();
+        let criteria = gate.criteria_of(Protocol::Strict).enumerate();
+        Conditions {
+            criteria: criteria
+                .map(|(index, criterion)| CriterionName { name: criterion.name, published: index < published })
+                .collect(),
+            published_window: gate.window(Protocol::Published),
+            strict_window: gate.window(Protocol::Strict),
+            in_force: self.judges.protocol().name(),
+            fragility_n: self.judges.in_force().thresholds().fragility_n,
+        }
+    }
+
+    /// What the rows amount to: by the published rulebook, and by the strict one where the episode was played by it.
+    pub fn rulings(&self) -> Vec<Ruling> {
+        let strict = (self.judges.protocol() == Protocol::Strict).then_some(Protocol::Strict);
+        strict.into_iter().chain([Protocol::Published]).map(|protocol| ruling(self.judges.of(protocol))).collect()
+    }
+}
+
+fn ruling(judge: &Judge) -> Ruling {
+    let summary = judge.summary();
+    Ruling {
+        protocol: judge.protocol().name(),
+        end: summary.end.map(|end| end.cause().name()),
+        causes: summary.end.map_or_else(Vec::new, |end| end.causes.iter().map(|cause| cause.name()).collect()),
+        success: summary.success,
+        steps: summary.steps,
+        progress: summary.gate_progress,
+        broken: summary.broken,
+        dropped: summary.dropped,
+        peak_hand_force_n: summary.peak_hand_force_n,
+    }
+}

@@ -1,0 +1,49 @@
+//! Replays of bags in a browser: robot, ladder and bulbs in 3D with a time bar, conditions that light up as they hold, and
+//! contact forces as arrows.
+//!
+//! ```text
+//! Bag -> Replay                document, shapes and rows as bytes: a page that shows them needs no kinematics
+//! Bags -> Viewer::serve        a server on the loopback interface: a list of episodes, a page for each
+//! Replay -> standalone         the page and its data in one file
+//! ```
+//!
+//! The documents are for any page; ours is in `page/`, small modules of JavaScript without a build step. What it imports from
+//! three.js is in `vendor/three`: files of the npm package `three` 0.180.0, minified, byte for byte as they are published, so
+//! that anybody can compare them (a test pins their digests). All of it is compiled in: neither build nor page fetches
+//! anything from another host, and the page's Content-Security-Policy forbids it.
+//!
+//! ```no_run
+//! use fiatlux_replay::{Bags, Replay, Viewer};
+//!
+//! let replay = Replay::open("results/stand/bags/S05-s0-e0.mcap")?;
+//! println!("{} rows, {} bytes", replay.document().track.rows, replay.track().len());
+//!
+//! let viewer = Viewer::bind(Bags::find("results/stand".as_ref())?, 0)?;
+//! println!("http://{}/", viewer.address());
+//! viewer.serve(&std::sync::atomic::AtomicBool::new(false))?;
+//! # Ok::<(), fiatlux_replay::ReplayError>(())
+//! ```
+mod answers;
+mod bags;
+mod conditions;
+mod error;
+mod events;
+mod page;
+mod replay;
+mod rows;
+mod scene;
+mod serve;
+mod standalone;
+mod text;
+mod track;
+
+pub use bags::{Bags, Entry, Listing, RecordedRuling};
+pub use conditions::{Conditions, CriterionName, Ruling, flag};
+pub use error::ReplayError;
+pub use events::Happening;
+pub use replay::{Document, EpisodeInfo, REPLAY_VERSION, Replay, TrackInfo, differences};
+pub use rows::{Faults, Rows};
+pub use scene::{Frame, Group, Light, Material, Mesh, Stage};
+pub use serve::Viewer;
+pub use standalone::standalone;
+pub use track::{ForceName, MAGIC, MOST_KEPT, POSE, TRACK_VERSION};

@@ -1,0 +1,190 @@
+//! The files of the page, and the head that binds them together.
+
+use std::fmt::Write;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use sha2::{Digest, Sha256};
+
+/// A file of the page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Asset {
+    pub name: &'static str,
+    pub text: &'static str,
+}
+
+macro_rules! asset {
+    ($folder:literal, $name:literal) => {
+        Asset { name: $name, text: include_str!(concat!("../", $folder, "/", $name)) }
+    };
+}
+
+pub(crate) const STYLE: Asset = asset!("page", "style.css");
+
+/// Modules of JavaScript: ours, and those of three.js.
+pub(crate) const MODULES: [Asset; 11] = [
+    asset!("page", "arrows.js"),
+    asset!("page", "bar.js"),
+    asset!("page", "data.js"),
+    asset!("page", "list.js"),
+    asset!("page", "main.js"),
+    asset!("page", "panel.js"),
+    asset!("page", "player.js"),
+    asset!("page", "stage.js"),
+    asset!("vendor/three", "OrbitControls.js"),
+    asset!("vendor/three", "three.core.min.js"),
+    asset!("vendor/three", "three.module.min.js"),
+];
+
+/// What modules import by a name of its own, and the file that it stands for.
+const NAMES: [(&str, &str); 2] =
+    [("three", "three.module.min.js"), ("three/addons/controls/OrbitControls.js", "OrbitControls.js")];
+
+pub(crate) const REPLAY: &str = include_str!("../page/replay.html");
+pub(crate) const LIST: &str = include_str!("../page/list.html");
+
+/// Where the parts go that differ between a served page and a file.
+pub(crate) const HEAD: &str = "<!--head-->";
+pub(crate) const BACK: &str = "<!--back-->";
+pub(crate) const DATA: &str = "<!--data-->";
+
+/// No icon, so that no browser asks for one.
+const ICON: &str = "<link rel=\"icon\" href=\"data:,\">\n";
+
+/// A page that a server gives out, with its policy.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Page {
+    pub html: String,
+    pub policy: String,
+}
+
+impl Page {
+    /// The list of episodes.
+    pub fn list() -> Self {
+        Self::served(LIST, "list.js", "")
+    }
+
+    /// An episode; `is_listed` where there is a list to go back to.
+    pub fn replay(is_listed: bool) -> Self {
+        let back = if is_listed { "<p class=\"small\"><a href=\"/\">All episodes</a></p>" } else { "" };
+        Self::served(REPLAY, "main.js", back)
+    }
+
+    fn served(html: &str, module: &str, back: &str) -> Self {
+        let map = import_map(NAMES.map(|(name, file)| (name.to_owned(), format!("/page/{file}"))));
+        let policy = format!(
+            "default-src 'none'; script-src 'self' '{}'; style-src 'self'; connect-src 'self'; img-src data:; base-uri 'none'; \
+             form-action 'none'; frame-ancestors 'none'",
+            hash_of(&map)
+        );
+        let head = format!(
+            "{ICON}<link rel=\"stylesheet\" href=\"/page/{}\">\n<script type=\"importmap\">{map}</script>\n\
+             <script type=\"module\" src=\"/page/{module}\"></script>",
+            STYLE.name
+        );
+        Self { html: html.replace(HEAD, &head).replace(BACK, back).replace(DATA, ""), policy }
+    }
+}
+
+/// The head of a file that has everything in itself: no address but those of its own data can be loaded.
+pub(crate) fn standalone_head() -> String {
+    let files = MODULES.iter().map(|module| (own_name(module.name), data_address(module.text)));
+    let names = NAMES.iter().filter_map(|(name, file)| {
+        let module = MODULES.iter().find(|module| module.name == *file)?;
+        Some(((*name).to_owned(), data_address(module.text)))
+    });
+    let map = import_map(files.chain(names));
+    let start = format!("import \"{}\";", own_name("main.js"));
+    let policy = format!(
+        "default-src 'none'; script-src '{}' '{}' data:; style-src '{}'; img-src data:; base-uri 'none'; form-action 'none'",
+        hash_of(&map),
+        hash_of(&start),
+        hash_of(STYLE.text)
+    );
+    format!(
+        "<meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n{ICON}<style>{}</style>\n\
+         <script type=\"importmap\">{map}</script>\n<script type=\"module\">{start}</script>",
+        STYLE.text
+    )
+}
+
+/// Name of a module in a file, where nothing has an address that another could be relative to.
+fn own_name(file: &str) -> String {
+    format!("fiatlux/{file}")
+}
+
+/// A module as an address that holds it. Its imports of neighbours become imports by name.
+fn data_address(text: &str) -> String {
+    let mut text = text.to_owned();
+    for module in MODULES {
+        for quote in ['"', '\''] {
+            let (near, far) = (format!("{quote}./{}{quote}", module.name), own_name(module.name));
+            text = text.replace(&near, &format!("{quote}{far}{quote}"));
+        }
+    }
+    format!("data:text/javascript;base64,{}", STANDARD.encode(text))
+}
+
+fn import_map(entries: impl IntoIterator<Item = (String, String)>) -> String {
+    let mut map = String::from("{\"imports\":{");
+    for (index, (name, address)) in entries.into_iter().enumerate() {
+        let comma = if index == 0 { "" } else { "," };
+        let _ = write!(map, "{comma}\"{name}\":\"{address}\"");
+    }
+    map.push_str("}}");
+    map
+}
+
+/// Source of a Content-Security-Policy that allows exactly this text.
+fn hash_of(text: &str) -> String {
+    format!("sha256-{}", STANDARD.encode(Sha256::digest(text)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Files of the npm package `three` 0.180.0, as published: these are the digests of its tarball's files.
+    #[test]
+    fn three_is_what_npm_has() {
+        let expected = [
+            ("OrbitControls.js", "b97879c748170baadeb3fb84cea1ffdf4674e283dc06042f34e2acb95a76042c"),
+            ("three.core.min.js", "61ba0df005b05991361d040d8ff670e1aadfd0ce7aeebd1fdb0725957a8957de"),
+            ("three.module.min.js", "e2b5ee6bccd38fd6d8a2428546b83c5f2426d84b152ef82be8055556e3b40eb6"),
+        ];
+        for (name, digest) in expected {
+            let module = MODULES.iter().find(|module| module.name == name).expect("a module");
+            let found: String = Sha256::digest(module.text).iter().map(|byte| format!("{byte:02x}")).collect();
+            assert_eq!(found, digest, "{name}");
+        }
+    }
+
+    /// Every import of a module is of one that is there: by the map's names, or next to it.
+    #[test]
+    fn imports_are_of_modules_that_are_here() {
+        for module in MODULES {
+            let imports = module.text.split("from").skip(1).filter_map(|rest| {
+                let rest = rest.trim_start();
+                let quote = rest.chars().next().filter(|c| ['"', '\''].contains(c))?;
+                rest[1..].split(quote).next()
+            });
+            for import in imports.filter(|import| import.starts_with("./") || import.starts_with("three")) {
+                let near = import.strip_prefix("./").is_some_and(|file| MODULES.iter().any(|m| m.name == file));
+                assert!(near || NAMES.iter().any(|(name, _)| *name == import), "{}: {import}", module.name);
+            }
+        }
+    }
+
+    /// A file has no neighbours: all its imports are by name.
+    #[test]
+    fn a_file_imports_by_name_alone() {
+        for module in MODULES {
+            let address = data_address(module.text);
+            let encoded = address.strip_prefix("data:text/javascript;base64,").expect("an address");
+            let text = String::from_utf8(STANDARD.decode(encoded).expect("base64")).expect("text");
+            for neighbour in MODULES {
+                assert!(!text.contains(&format!("./{}", neighbour.name)), "{} imports {}", module.name, neighbour.name);
+            }
+        }
+    }
+}

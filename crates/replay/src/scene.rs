@@ -1,0 +1,196 @@
+//! What is in the scene of an episode: frames, paints, and surfaces of triangles.
+//!
+//! Shapes and colours are those of [`fiatlux_render`]. A surface belongs to a frame; where the frames are is in the rows.
+
+use fiatlux_render::{Carrier, Lighting, Visuals, paints};
+use fiatlux_robot::Robot;
+use fiatlux_rules::Bulb;
+use fiatlux_world::{Scene, ShapeOwner};
+use serde::Serialize;
+
+/// Frames of other things than the robot; they follow its links.
+pub(crate) const PROPS: [&str; 3] = ["ladder", "old_bulb", "fresh_bulb"];
+
+/// A frame whose pose is in every row.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Frame {
+    /// Name of the link, or of the prop.
+    pub name: String,
+    /// Name of the joint that moves it in its parent; none for the pelvis, welded links and props.
+    pub joint: Option<String>,
+}
+
+/// A paint.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Material {
+    /// Its name.
+    pub name: String,
+    /// Red, green, blue, linear, with the room's tint where it takes it.
+    pub colour: [f32; 3],
+    /// Share of the light that it mirrors.
+    pub mirror: f32,
+    /// Roughness of the surface, 0 to 1.
+    pub roughness: f32,
+    /// Light of its own, times its colour.
+    pub glow: f32,
+    /// Index of the material that replaces it while the fresh bulb is in the socket.
+    pub lit: Option<usize>,
+}
+
+/// Triangles of one paint.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Group {
+    /// Index of the material.
+    pub material: usize,
+    /// First of the surface's indices, counted over all surfaces.
+    pub first: usize,
+    /// Number of indices, three a triangle.
+    pub count: usize,
+}
+
+/// A rigid surface.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Mesh {
+    /// What it is part of, such as `ladder`.
+    pub part: &'static str,
+    /// Index of its frame; none for what stands in the world.
+    pub frame: Option<usize>,
+    /// First vertex, counted over all surfaces; its indices count from here.
+    pub first_vertex: usize,
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Its triangles, by paint.
+    pub groups: Vec<Group>,
+    /// Throws a shadow.
+    pub shadow: bool,
+}
+
+/// The light of an episode.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Light {
+    /// Strength of the light from all around; 1 is the benchmark's nominal light.
+    pub dome: f64,
+    /// Strength of the key light, likewise.
+    pub key: f64,
+    /// Colour of the key light, linear.
+    pub key_colour: [f64; 3],
+    /// Where it shines to, a unit vector, world.
+    pub key_direction: [f64; 3],
+}
+
+/// The scene of an episode. Numbers of vertices are in a block of bytes, see [`Stage::bytes`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stage {
+    /// Links of the robot by link index, then ladder, old bulb, fresh bulb.
+    pub frames: Vec<Frame>,
+    /// Materials, as [`Group::material`] counts them.
+    pub materials: Vec<Material>,
+    /// Surfaces.
+    pub meshes: Vec<Mesh>,
+    /// Vertices of all surfaces.
+    pub vertices: usize,
+    /// Indices of all surfaces.
+    pub indices: usize,
+    /// The light.
+    pub light: Light,
+    /// Little endian: positions (three f32 a vertex, m, in its frame), normals (three f32 a vertex), indices (u32 each).
+    #[serde(skip)]
+    pub bytes: Vec<u8>,
+}
+
+impl Stage {
+    /// The scene in that light.
+    pub fn new(scene: &Scene, lighting: &Lighting) -> Self {
+        let visuals = Visuals::new(scene);
+        let links = scene.robot.links().len();
+        let (mut positions, mut normals, mut indices) = (Vec::new(), Vec::new(), Vec::<u32>::new());
+        let mut meshes = Vec::new();
+        for surface in visuals.surfaces() {
+            let mut triangles: Vec<([u32; 3], usize)> = surface.triangles().collect();
+            triangles.sort_by_key(|(_, paint)| *paint);
+            let mut groups = Vec::new();
+            for run in triangles.chunk_by(|a, b| a.1 == b.1) {
+                groups.push(Group { material: run[0].1, first: indices.len(), count: 3 * run.len() });
+                indices.extend(run.iter().flat_map(|(vertices, _)| *vertices));
+            }
+            meshes.push(Mesh {
+                part: part(surface.owner()),
+                frame: match surface.carrier() {
+                    Carrier::World => None,
+                    Carrier::Link(link) => Some(link),
+                    Carrier::Ladder => Some(links),
+                    Carrier::Bulb(Bulb::Old) => Some(links + 1),
+                    Carrier::Bulb(Bulb::Fresh) => Some(links + 2),
+                },
+                first_vertex: positions.len(),
+                vertices: surface.positions().len(),
+                groups,
+                shadow: surface.casts_shadow(),
+            });
+            positions.extend_from_slice(surface.positions());
+            normals.extend_from_slice(surface.normals());
+        }
+        let floats = positions.iter().chain(&normals).flatten().flat_map(|number| number.to_le_bytes());
+        let bytes = floats.chain(indices.iter().flat_map(|index| index.to_le_bytes())).collect();
+        Self {
+            frames: frames(&scene.robot),
+            materials: materials(lighting),
+            meshes,
+            vertices: positions.len(),
+            indices: indices.len(),
+            light: light(lighting),
+            bytes,
+        }
+    }
+}
+
+fn frames(robot: &Robot) -> Vec<Frame> {
+    let joint = |joint: usize| robot.joints().get(joint).map(|joint| joint.name.clone());
+    let links = robot.links().iter().map(|link| Frame { name: link.name.clone(), joint: link.joint.and_then(joint) });
+    links.chain(PROPS.iter().map(|name| Frame { name: (*name).to_owned(), joint: None })).collect()
+}
+
+fn materials(lighting: &Lighting) -> Vec<Material> {
+    let material = |look: fiatlux_render::PaintLook| {
+        let tint = lighting.room_tint.map(|tint| if look.tinted { tint as f32 } else { 1.0 });
+        Material {
+            colour: std::array::from_fn(|i| look.colour[i] * tint[i]),
+            // Of a Blinn highlight with that exponent; without one the surface is dull.
+            roughness: if look.sharpness == 0 {
+                1.0
+            } else {
+                (2.0 / (2.0 + f32::from(look.sharpness).exp2())).powf(0.25)
+            },
+            name: look.name,
+            mirror: look.mirror,
+            glow: look.glow,
+            lit: look.lit,
+        }
+    };
+    paints().into_iter().map(material).collect()
+}
+
+fn light(lighting: &Lighting) -> Light {
+    let nominal = Lighting::default();
+    let direction = lighting.key_direction.try_normalize(1e-9).unwrap_or_else(|| -nalgebra::Vector3::z());
+    Light {
+        dome: lighting.dome / nominal.dome,
+        key: lighting.key / nominal.key,
+        key_colour: lighting.key_colour,
+        key_direction: direction.into(),
+    }
+}
+
+fn part(owner: ShapeOwner) -> &'static str {
+    match owner {
+        ShapeOwner::Floor => "floor",
+        ShapeOwner::Room => "room",
+        ShapeOwner::Bench => "bench",
+        ShapeOwner::Crate => "crate",
+        ShapeOwner::Fixture => "fixture",
+        ShapeOwner::Ladder => "ladder",
+        ShapeOwner::OldBulb => "old_bulb",
+        ShapeOwner::FreshBulb => "fresh_bulb",
+        ShapeOwner::Robot(_) => "robot",
+    }
+}

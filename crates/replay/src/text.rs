@@ -1,0 +1,29 @@
+//! Text that comes from a bag.
+
+/// Most characters of a text that are shown.
+const MOST: usize = 300;
+
+/// A text from a bag for people to read: bounded, and without control characters and marks that turn its direction.
+pub(crate) fn short(text: &str) -> String {
+    let is_hidden = |c: char| {
+        c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    let shown = |c: char| if is_hidden(c) { '\u{fffd}' } else { c };
+    let mut out: String = text.chars().take(MOST).map(shown).collect();
+    if text.chars().nth(MOST).is_some() {
+        out.push('\u{2026}');
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::short;
+
+    #[test]
+    fn hostile_text_is_bounded_and_cannot_turn_a_line() {
+        assert_eq!(short("walk"), "walk");
+        assert_eq!(short("a\u{202e}b\nc"), "a\u{fffd}b\u{fffd}c");
+        assert_eq!(short(&"x".repeat(10_000)).chars().count(), 301);
+    }
+}

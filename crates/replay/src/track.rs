@@ -1,0 +1,202 @@
+//! The rows of an episode as a block of bytes: poses and forces of those that are kept, conditions of all.
+//!
+//! A row takes 2 kB here, and the longest task has 72,001. Memory is bounded in one pass: where the kept rows become too
+//! many, every second one goes and the distance between them doubles. Conditions and the force on the hands are small;
+//! they are there for every row, so that nothing that lights up for one row is lost.
+
+use fiatlux_robot::{Robot, RobotError};
+use fiatlux_rules::{Bulb, LIMBS, Limb, Row, measure};
+use nalgebra::{Isometry3, Vector3};
+use serde::Serialize;
+
+use crate::conditions::flag;
+use crate::scene::PROPS;
+
+/// First bytes of a track.
+pub const MAGIC: [u8; 4] = *b"FLTR";
+/// Version of its layout.
+pub const TRACK_VERSION: u32 = 1;
+/// Numbers of a pose: position x, y, z in m, then the quaternion w, x, y, z.
+pub const POSE: usize = 7;
+/// Most rows whose poses are kept: 42 MB of the robot with Inspire hands.
+pub const MOST_KEPT: usize = 20_000;
+
+/// A contact force that every kept row has, world axes, N.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ForceName {
+    /// What presses, such as `floor`.
+    pub by: &'static str,
+    /// Index of the frame that it presses on; the force is drawn from its origin.
+    pub frame: usize,
+}
+
+/// Collects rows.
+#[derive(Debug)]
+pub(crate) struct Track {
+    most: usize,
+    frames: usize,
+    forces: Vec<Force>,
+    /// One row of this many is kept.
+    stride: usize,
+    kept_steps: Vec<u32>,
+    /// Poses of all frames, then forces, of each kept row.
+    kept: Vec<f32>,
+    steps: Vec<u32>,
+    flags: Vec<u32>,
+    hand_force: Vec<f32>,
+}
+
+#[derive(Debug, Clone)]
+struct Force {
+    name: ForceName,
+    of: Source,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Source {
+    Floor(usize),
+    Ladder(usize),
+    /// Of a bulb on all bodies of the right (0) or the left (1) hand.
+    Hand(Bulb, usize),
+}
+
+impl Track {
+    pub fn new(robot: &Robot, most: usize) -> Self {
+        Self {
+            most: most.max(2),
+            frames: robot.links().len() + PROPS.len(),
+            forces: forces(robot),
+            stride: 1,
+            kept_steps: Vec::new(),
+            kept: Vec::new(),
+            steps: Vec::new(),
+            flags: Vec::new(),
+            hand_force: Vec::new(),
+        }
+    }
+
+    /// Takes the next row, with the flags of its conditions.
+    ///
+    /// # Errors
+    /// A row that is not a posture of the robot; nothing of it is taken.
+    pub fn push(&mut self, row: &Row, robot: &Robot, conditions: u32) -> Result<(), RobotError> {
+        // Rows of later steps are not read.
+        let step = u32::try_from(row.step).unwrap_or(u32::MAX);
+        if self.steps.len().is_multiple_of(self.stride) {
+            let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
+            self.kept_steps.push(step);
+            let props = [row.ladder.pose, row.bulbs[0].pose, row.bulbs[1].pose];
+            self.kept.extend(links.iter().chain(&props).flat_map(pose));
+            for force in &self.forces {
+                self.kept.extend(force.of.read(row).iter().map(|number| *number as f32));
+            }
+        }
+        let seats = [(Bulb::Old, flag::OLD_SEATED), (Bulb::Fresh, flag::FRESH_SEATED)];
+        let seated = seats.iter().filter(|(bulb, _)| row.attachments[*bulb as usize].seated);
+        self.steps.push(step);
+        self.flags.push(seated.fold(conditions, |flags, (_, bit)| flags | bit));
+        let force = measure::largest(row.hand_force.each_ref().map(|forces| measure::largest_norm(forces)));
+        self.hand_force.push(force as f32);
+        if self.kept_steps.len() > self.most {
+            self.thin_out();
+        }
+        Ok(())
+    }
+
+    /// Keeps every second of the rows that are kept.
+    fn thin_out(&mut self) {
+        let width = self.width();
+        let kept = self.kept_steps.len().div_ceil(2);
+        for index in 1..kept {
+            self.kept_steps[index] = self.kept_steps[2 * index];
+            self.kept.copy_within(2 * index * width..(2 * index + 1) * width, index * width);
+        }
+        self.kept_steps.truncate(kept);
+        self.kept.truncate(kept * width);
+        self.stride *= 2;
+    }
+
+    /// Numbers of a kept row.
+    pub fn width(&self) -> usize {
+        POSE * self.frames + 3 * self.forces.len()
+    }
+
+    /// Rows whose poses are kept.
+    pub fn kept(&self) -> usize {
+        self.kept_steps.len()
+    }
+
+    /// All rows.
+    pub fn rows(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// Steps of the first and the last row.
+    pub fn span(&self) -> Option<[u32; 2]> {
+        Some([*self.steps.first()?, *self.steps.last()?])
+    }
+
+    /// One row of this many has poses.
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// The forces of a kept row, in order.
+    pub fn force_names(&self) -> Vec<ForceName> {
+        self.forces.iter().map(|force| force.name.clone()).collect()
+    }
+
+    /// Little endian: magic, version, rows, kept rows, numbers a kept row (u32 each); then of all rows the steps (u32), the
+    /// flags (u32), the largest contact force of a bulb on a hand body (f32, N); then of the kept rows the steps (u32) and
+    /// the numbers (f32): poses of all frames, then forces.
+    pub fn bytes(&self) -> Vec<u8> {
+        let counts = [TRACK_VERSION, self.rows() as u32, self.kept() as u32, self.width() as u32];
+        let mut bytes = Vec::with_capacity(20 + 12 * self.rows() + 4 * self.kept() + 4 * self.kept.len());
+        bytes.extend(MAGIC);
+        for words in [&counts[..], &self.steps, &self.flags] {
+            bytes.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+        }
+        bytes.extend(self.hand_force.iter().flat_map(|force| force.to_le_bytes()));
+        bytes.extend(self.kept_steps.iter().flat_map(|step| step.to_le_bytes()));
+        bytes.extend(self.kept.iter().flat_map(|number| number.to_le_bytes()));
+        bytes
+    }
+}
+
+impl Source {
+    fn read(self, row: &Row) -> Vector3<f64> {
+        match self {
+            Source::Floor(limb) => row.floor_force[limb],
+            Source::Ladder(limb) => row.ladder_force[limb],
+            Source::Hand(bulb, side) => row.hands(bulb)[side].iter().sum(),
+        }
+    }
+}
+
+/// Forces on feet and palms by floor and ladder, and on the hands by the bulbs.
+fn forces(robot: &Robot) -> Vec<Force> {
+    let palm = |side: usize| robot.palms().get(side).copied();
+    let foot = |side: usize| robot.feet().get(side).copied();
+    let limbs: [(Limb, Option<usize>); LIMBS] =
+        [(Limb::LeftFoot, foot(0)), (Limb::RightFoot, foot(1)), (Limb::LeftPalm, palm(0)), (Limb::RightPalm, palm(1))];
+    let mut forces = Vec::new();
+    let mut add = |by, frame: Option<usize>, of| {
+        forces.extend(frame.map(|frame| Force { name: ForceName { by, frame }, of }));
+    };
+    for (limb, frame) in limbs {
+        add("floor", frame, Source::Floor(limb as usize));
+        add("ladder", frame, Source::Ladder(limb as usize));
+    }
+    for (bulb, name) in [(Bulb::Old, "old_bulb"), (Bulb::Fresh, "fresh_bulb")] {
+        // Rows have the right hand first, the robot its left palm.
+        for (side, frame) in [palm(1), palm(0)].into_iter().enumerate() {
+            add(name, frame, Source::Hand(bulb, side));
+        }
+    }
+    forces
+}
+
+fn pose(pose: &Isometry3<f64>) -> [f32; POSE] {
+    let (at, turn) = (&pose.translation.vector, pose.rotation.quaternion());
+    [at.x, at.y, at.z, turn.w, turn.i, turn.j, turn.k].map(|number| number as f32)
+}

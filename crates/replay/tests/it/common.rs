@@ -1,0 +1,150 @@
+//! An episode that is played and recorded here.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use fiatlux_bag::{BagWriter, topic};
+use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Judgement, Randomization};
+use fiatlux_proto::{Message, PROTOCOL};
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Row, Task};
+use fiatlux_wire::{Frames, domain_sample_message, drive_message, geometry_message, state_message};
+use fiatlux_world::{Episode, EpisodeSpec, GENERATORS, Scene, SceneConfig};
+
+/// Most steps of the episode; the robot may fall before.
+const STEPS: u64 = 150;
+
+/// A generator for tests.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn below(&mut self, limit: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        ((self.0 >> 33) as usize) % limit
+    }
+}
+
+/// An episode that was played: its rows, its robot, and its bag.
+pub struct Played {
+    pub folder: PathBuf,
+    pub bag: PathBuf,
+    pub rows: Vec<Row>,
+    /// Criteria of the judge in force, by row.
+    pub criteria: Vec<Vec<bool>>,
+    pub scene: Arc<Scene>,
+    pub cause: &'static str,
+}
+
+/// A folder of one test, empty.
+pub fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Plays a task with restless joints, and records it.
+pub fn play(name: &str, task: Task, seed: u64) -> Played {
+    let folder = folder(name);
+    let spec = EpisodeSpec::new(task, seed, 0);
+    let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
+    let gains = robot.gains(GainSet::default());
+    let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap());
+    let mut episode = Episode::start(Arc::clone(&scene), &spec).unwrap();
+    let header = header(&episode);
+    let bag = folder.join(format!("{task}.mcap"));
+    let mut writer = BagWriter::create(&bag, &header).unwrap();
+    let frames = Frames::new(&scene.robot);
+    let (mut rows, mut criteria) = (Vec::new(), Vec::new());
+    let mut random = Random(seed + 1);
+    loop {
+        let row = episode.row().clone();
+        writer.message(topic::TF, row.step, &frames.transforms(&row).encode_to_vec()).unwrap();
+        writer.message(topic::STATE, row.step, &state_message(&row).encode_to_vec()).unwrap();
+        if row.step == 0 {
+            let event = Event { kind: "start".into(), subject: header.task.clone(), ..Event::default() };
+            writer.message(topic::EVENT, 0, &event.encode_to_vec()).unwrap();
+        }
+        criteria.push(episode.verdict().criteria.as_slice().to_vec());
+        rows.push(row);
+        if episode.end().is_some() || rows.len() as u64 > STEPS {
+            break;
+        }
+        let target: Vec<f64> =
+            episode.row().joint_target.iter().map(|q| q + random.below(2000) as f64 * 2e-5 - 0.02).collect();
+        let action = episode.action_for(&target);
+        episode.step(&action).unwrap();
+    }
+    let steps = rows.len() as u64 - 1;
+    let cause = episode.end().map_or("aborted", |end| end.cause().name());
+    let judgement = || Judgement { cause: cause.into(), steps, ..Judgement::default() };
+    let result = EpisodeResult {
+        end: Some(EpisodeEnd { cause: cause.into(), steps, ..EpisodeEnd::default() }),
+        published: Some(judgement()),
+        strict: Some(judgement()),
+        ..EpisodeResult::default()
+    };
+    let bag = writer.finish(&result).unwrap();
+    Played { folder, bag, rows, criteria, scene, cause }
+}
+
+fn header(episode: &Episode) -> EpisodeHeader {
+    let (scene, spec) = (episode.scene(), episode.spec());
+    let robot = &scene.robot;
+    EpisodeHeader {
+        protocol: Some(PROTOCOL),
+        policy: "restless".into(),
+        task: spec.task.short_id().into(),
+        instruction: spec.task.instruction().into(),
+        seed: spec.seed,
+        gains: GainSet::default().to_string(),
+        hands: robot.hand().to_string(),
+        end_on: episode.judge().ends_on().iter().map(|cause| cause.name().to_owned()).collect(),
+        thresholds: spec.thresholds.entries().map(|(name, value)| (name.to_owned(), value)).collect(),
+        geometry: Some(geometry_message(episode.judge().geometry())),
+        benchmark_version: BENCHMARK_VERSION,
+        random: GENERATORS.into(),
+        digest_layout: ROW_LAYOUT.into(),
+        model_digest: robot.digest().into(),
+        scene_digest: scene.config.digest(),
+        joint_names: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
+        hand_bodies: robot.hand_links().iter().map(|link| robot.links()[*link].name.clone()).collect(),
+        episode_protocol: spec.protocol.name().into(),
+        horizon_steps: spec.task.horizon_steps(),
+        control_dt: CONTROL_DT,
+        randomization: Some(Randomization::default()),
+        domain_sample: Some(domain_sample_message(&episode.domain_sample())),
+        reward: "benchmark".into(),
+        drives: spec.identity(scene).drives.iter().map(drive_message).collect(),
+        ..EpisodeHeader::default()
+    }
+}
+
+/// Words of a track's head: version, rows, kept rows, numbers a kept row.
+pub struct Track {
+    pub steps: Vec<u32>,
+    pub flags: Vec<u32>,
+    pub hand_force: Vec<f32>,
+    pub kept_steps: Vec<u32>,
+    pub numbers: Vec<f32>,
+    pub width: usize,
+}
+
+/// Reads a track by its description alone.
+pub fn read_track(bytes: &[u8]) -> Track {
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    assert_eq!(&bytes[..4], b"FLTR");
+    let [version, rows, kept, width] = [4, 8, 12, 16].map(|at| word(at) as usize);
+    assert_eq!(version, 1);
+    assert_eq!(bytes.len(), 20 + 12 * rows + 4 * kept + 4 * kept * width);
+    let words = |from: usize, count: usize| (0..count).map(|i| word(from + 4 * i)).collect::<Vec<u32>>();
+    let floats = |from, count| words(from, count).into_iter().map(f32::from_bits).collect::<Vec<f32>>();
+    Track {
+        steps: words(20, rows),
+        flags: words(20 + 4 * rows, rows),
+        hand_force: floats(20 + 8 * rows, rows),
+        kept_steps: words(20 + 12 * rows, kept),
+        numbers: floats(20 + 12 * rows + 4 * kept, kept * width),
+        width,
+    }
+}

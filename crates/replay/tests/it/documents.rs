@@ -1,0 +1,164 @@
+//! What a replay says, against the rows that were recorded.
+
+use std::collections::BTreeMap;
+
+use fiatlux_bag::Bag;
+use fiatlux_replay::{POSE, Replay, flag};
+use fiatlux_rules::Task;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+use crate::common::{play, read_track};
+
+/// What single precision leaves of a position of a few metres, m, and of a unit quaternion.
+const CLOSE: f32 = 2e-6;
+
+fn numbers(pose: &Isometry3<f64>) -> [f32; POSE] {
+    let (at, q) = (&pose.translation.vector, pose.rotation.quaternion());
+    [at.x, at.y, at.z, q.w, q.i, q.j, q.k].map(|number| number as f32)
+}
+
+/// Equal to the last bit where both come from the same kinematics.
+#[test]
+fn poses_are_those_of_the_robots_kinematics() {
+    let played = play("kinematics", Task::S05, 3);
+    let replay = Replay::open(&played.bag).unwrap();
+    let (document, track) = (replay.document(), read_track(replay.track()));
+    assert_eq!(document.notes, Vec::<String>::new());
+    assert_eq!((track.steps.len(), track.kept_steps.len()), (played.rows.len(), played.rows.len()));
+    let robot = &played.scene.robot;
+    for (index, row) in played.rows.iter().enumerate() {
+        assert_eq!((track.steps[index], track.kept_steps[index]), (row.step as u32, row.step as u32));
+        let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose).unwrap();
+        let props = [row.ladder.pose, row.bulbs[0].pose, row.bulbs[1].pose];
+        let expected: Vec<f32> = links.iter().chain(&props).flat_map(numbers).collect();
+        let found = &track.numbers[index * track.width..][..expected.len()];
+        assert_eq!(found, expected, "row {index}");
+        assert_eq!(document.stage.frames.len() * POSE, expected.len());
+    }
+}
+
+/// Two outside references: where the engine measured the palms, and the frames that the bag has for Foxglove, each in its
+/// parent, multiplied out here.
+#[test]
+fn poses_are_those_of_the_engine_and_of_the_bags_frames() {
+    let played = play("engine", Task::S09, 5);
+    let replay = Replay::open(&played.bag).unwrap();
+    let (frames, track) = (&replay.document().stage.frames, read_track(replay.track()));
+    let pose_of = |row: usize, frame: usize| -> [f32; POSE] {
+        track.numbers[row * track.width + frame * POSE..][..POSE].try_into().unwrap()
+    };
+    let near = |found: [f32; POSE], expected: [f32; POSE], what: &str| {
+        // A quaternion and its negative are one rotation.
+        let dot: f32 = (3..7).map(|i| found[i] * expected[i]).sum();
+        let sign = dot.signum();
+        let same = (0..3).all(|i| (found[i] - expected[i]).abs() < CLOSE)
+            && (3..7).all(|i| (found[i] - sign * expected[i]).abs() < CLOSE);
+        assert!(same, "{what}: {found:?} is not {expected:?}");
+    };
+    for (index, row) in played.rows.iter().enumerate() {
+        for (side, palm) in played.scene.robot.palms().iter().enumerate() {
+            near(pose_of(index, *palm), numbers(&row.world_from_palm[side]), "palm");
+        }
+    }
+    let bag = Bag::open(&played.bag).unwrap();
+    for (index, transforms) in bag.frames().enumerate() {
+        let mut world_from: BTreeMap<String, Isometry3<f64>> = BTreeMap::new();
+        world_from.insert("world".into(), Isometry3::identity());
+        for transform in transforms.unwrap().transforms {
+            let (t, q) = (transform.translation.unwrap(), transform.rotation.unwrap());
+            let turn = UnitQuaternion::from_quaternion(Quaternion::new(q.w, q.x, q.y, q.z));
+            let here = Isometry3::from_parts(Translation3::from(Vector3::new(t.x, t.y, t.z)), turn);
+            let pose = world_from[&transform.parent_frame_id] * here;
+            world_from.insert(transform.child_frame_id, pose);
+        }
+        for (frame, named) in frames.iter().enumerate() {
+            near(pose_of(index, frame), numbers(&world_from[&named.name]), &named.name);
+        }
+    }
+}
+
+/// Conditions are those of the judge that the episode was played by, forces those of its rows.
+#[test]
+fn conditions_and_forces_are_those_of_the_rows() {
+    let played = play("conditions", Task::S11, 2);
+    let replay = Replay::open(&played.bag).unwrap();
+    let (document, track) = (replay.document(), read_track(replay.track()));
+    let conditions = document.conditions.as_ref().unwrap();
+    assert_eq!(conditions.in_force, "strict");
+    for (index, row) in played.rows.iter().enumerate() {
+        let held = &played.criteria[index];
+        assert_eq!(held.len(), conditions.criteria.len());
+        for (criterion, held) in held.iter().enumerate() {
+            assert_eq!(track.flags[index] >> criterion & 1 == 1, *held, "row {index}, {criterion}");
+        }
+        assert_eq!(track.flags[index] & flag::OLD_SEATED != 0, row.attachments[0].seated);
+        assert_eq!(track.flags[index] & flag::FRESH_SEATED != 0, row.attachments[1].seated);
+        let force = row.hand_force.iter().flatten().map(|force| force.norm()).fold(0.0, f64::max);
+        assert_eq!(track.hand_force[index], force as f32);
+        let forces = &track.numbers[(index + 1) * track.width - 3 * document.track.forces.len()..][..3];
+        assert_eq!(document.track.forces[0].by, "floor");
+        let left_foot = row.floor_force[0].map(|number| number as f32);
+        assert_eq!(forces, left_foot.as_slice());
+    }
+    let force_frames: Vec<&str> =
+        document.track.forces.iter().map(|force| document.stage.frames[force.frame].name.as_str()).collect();
+    let by: Vec<&str> = document.track.forces.iter().map(|force| force.by).collect();
+    assert_eq!(by.iter().filter(|by| **by == "floor").count(), 4);
+    assert!(force_frames[0].starts_with("left_ankle") && force_frames[11].contains("left"), "{force_frames:?}");
+    assert_eq!(document.rulings.len(), 2);
+    assert_eq!(document.rulings[0].protocol, "strict");
+    assert_eq!(document.rulings[0].end.unwrap_or("aborted"), played.cause);
+    assert_eq!(document.recorded_end.as_deref(), Some(played.cause));
+}
+
+/// Memory is bounded: of a long episode one row of a few has poses, and all have their conditions.
+#[test]
+fn long_episodes_are_thinned_out() {
+    let played = play("long", Task::S07, 1);
+    let whole = Replay::open(&played.bag).unwrap();
+    let thin = Replay::open_with(&played.bag, 15).unwrap();
+    let (all, kept) = (read_track(whole.track()), read_track(thin.track()));
+    let rows = played.rows.len();
+    let stride = (0..).map(|power| 1 << power).find(|stride| rows.div_ceil(*stride) <= 15).unwrap();
+    assert!(stride > 2 && thin.document().track.stride == stride);
+    assert_eq!((&kept.steps, &kept.flags, &kept.hand_force), (&all.steps, &all.flags, &all.hand_force));
+    assert_eq!(kept.kept_steps, (0..rows as u32).step_by(stride).collect::<Vec<u32>>());
+    for (index, step) in kept.kept_steps.iter().enumerate() {
+        let (here, there) = (index * kept.width, *step as usize * all.width);
+        assert_eq!(kept.numbers[here..here + kept.width], all.numbers[there..there + all.width]);
+    }
+    assert!(thin.document().notes.iter().any(|note| note.contains("poses stand 0.")));
+}
+
+/// The shapes are those that clips show, each in a frame that is there, and closed under their indices.
+#[test]
+fn shapes_fit_their_description() {
+    let played = play("shapes", Task::S05, 0);
+    let replay = Replay::open(&played.bag).unwrap();
+    let (stage, bytes) = (&replay.document().stage, replay.meshes());
+    assert_eq!(bytes.len(), 4 * (6 * stage.vertices + stage.indices));
+    let word = |at: usize| u32::from_le_bytes(bytes[4 * at..4 * at + 4].try_into().unwrap());
+    let (mut next, mut vertices) = (0, 0);
+    for mesh in &stage.meshes {
+        assert_eq!(mesh.first_vertex, vertices);
+        vertices += mesh.vertices;
+        assert!(mesh.frame.is_none_or(|frame| frame < stage.frames.len()));
+        for group in &mesh.groups {
+            assert_eq!(group.first, next);
+            assert!(group.count > 0 && group.count.is_multiple_of(3) && group.material < stage.materials.len());
+            for index in 0..group.count {
+                assert!((word(6 * stage.vertices + group.first + index) as usize) < mesh.vertices);
+            }
+            next += group.count;
+        }
+    }
+    assert_eq!((vertices, next), (stage.vertices, stage.indices));
+    for part in ["robot", "ladder", "old_bulb", "fresh_bulb", "fixture", "crate", "bench", "floor", "room"] {
+        assert!(stage.meshes.iter().any(|mesh| mesh.part == part), "{part}");
+    }
+    // A bag is the same replay each time, and its document reads back.
+    assert_eq!(Replay::open(&played.bag).unwrap(), replay);
+    let json: serde_json::Value = serde_json::from_str(&replay.document_json()).unwrap();
+    assert_eq!(json["episode"]["policy"], "restless");
+    assert_eq!(json["stage"]["frames"][0]["name"], "pelvis");
+}

@@ -1,0 +1,156 @@
+//! The server, over real sockets.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use fiatlux_replay::{Bags, Replay, ReplayError, Viewer};
+use fiatlux_rules::Task;
+
+use crate::common::play;
+
+struct Serving {
+    address: SocketAddr,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<Result<(), ReplayError>>>,
+}
+
+impl Serving {
+    fn start(bags: Bags) -> Self {
+        let viewer = Viewer::bind(bags, 0).unwrap();
+        let (address, stop) = (viewer.address(), Arc::new(AtomicBool::new(false)));
+        let flag = Arc::clone(&stop);
+        Self { address, stop, thread: Some(std::thread::spawn(move || viewer.serve(&flag))) }
+    }
+
+    /// Status, head and body of an answer.
+    fn ask(&self, method: &str, path: &str, host: &str) -> (u16, String, Vec<u8>) {
+        let mut stream = TcpStream::connect(self.address).unwrap();
+        write!(stream, "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        let end = answer.windows(4).position(|window| window == b"\r\n\r\n").unwrap();
+        let head = String::from_utf8(answer[..end].to_vec()).unwrap().to_lowercase();
+        let status = head.split_whitespace().nth(1).unwrap().parse().unwrap();
+        (status, head, answer[end + 4..].to_vec())
+    }
+
+    fn get(&self, path: &str) -> (u16, String, Vec<u8>) {
+        self.ask("GET", path, &self.address.to_string())
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.take().unwrap().join().unwrap().unwrap();
+    }
+}
+
+/// The body of an answer in chunks.
+fn joined(mut chunked: &[u8]) -> Vec<u8> {
+    let mut body = Vec::new();
+    while let Some(end) = chunked.windows(2).position(|window| window == b"\r\n") {
+        let length = usize::from_str_radix(std::str::from_utf8(&chunked[..end]).unwrap(), 16).unwrap();
+        body.extend_from_slice(&chunked[end + 2..end + 2 + length]);
+        chunked = &chunked[end + 4 + length..];
+    }
+    body
+}
+
+#[test]
+fn one_bag_is_served_with_all_its_parts() {
+    let played = play("served", Task::S05, 8);
+    let replay = Replay::open(&played.bag).unwrap();
+    let serving = Serving::start(Bags::find(&played.bag).unwrap());
+    assert!(serving.address.ip().is_loopback());
+    let (status, head, _) = serving.get("/");
+    assert_eq!((status, head.contains("location: /episode/0")), (307, true));
+    let (status, head, page) = serving.get("/episode/0");
+    assert_eq!(status, 200);
+    let policy = head.lines().find(|line| line.starts_with("content-security-policy:")).unwrap();
+    assert!(policy.contains("default-src 'none'") && policy.contains("connect-src 'self'"), "{policy}");
+    assert!(!policy.contains("unsafe") && !policy.contains("http"), "{policy}");
+    let page = String::from_utf8(page).unwrap();
+    assert!(!page.contains("<!--") && !page.contains("All episodes"));
+    assert_eq!(serving.get("/episode/0/document.json").2, replay.document_json().as_bytes());
+    assert_eq!(serving.get("/episode/0/meshes.bin").2, replay.meshes());
+    assert_eq!(serving.get("/episode/0/track.bin").2, replay.track());
+    let (status, head, bag) = serving.get("/episode/0/bag");
+    assert_eq!(status, 200);
+    assert!(head.contains("content-disposition: attachment; filename=\"s05.mcap\""), "{head}");
+    assert_eq!(joined(&bag), std::fs::read(&played.bag).unwrap());
+    // All that the page names is there.
+    for file in page.split("/page/").skip(1).filter_map(|rest| rest.split('"').next()) {
+        assert_eq!(serving.get(&format!("/page/{file}")).0, 200, "{file}");
+    }
+    assert_eq!(serving.ask("HEAD", "/episode/0", &serving.address.to_string()).2, Vec::<u8>::new());
+}
+
+#[test]
+fn a_folder_is_listed_and_a_broken_bag_says_why() {
+    let played = play("listed", Task::S07, 8);
+    std::fs::write(played.folder.join("A broken one.mcap"), "no bag").unwrap();
+    let serving = Serving::start(Bags::find(&played.folder).unwrap());
+    let (status, _, page) = serving.get("/");
+    assert!(status == 200 && String::from_utf8(page).unwrap().contains("Replays"));
+    let list: serde_json::Value = serde_json::from_slice(&serving.get("/episodes.json").2).unwrap();
+    let entries = list["entries"].as_array().unwrap();
+    assert_eq!(entries.len(), 2);
+    assert!(entries[0]["error"].as_str().unwrap().contains("A broken one.mcap"));
+    assert_eq!((&entries[1]["title"], &entries[1]["policy"]), (&"S07 Approach New Bulb".into(), &"restless".into()));
+    assert_eq!(entries[1]["strict"]["cause"], played.cause);
+    let (status, _, why) = serving.get("/episode/0/document.json");
+    assert_eq!(status, 422);
+    assert!(String::from_utf8(why).unwrap().contains("name an .mcap file that a recorder wrote"));
+    assert!(String::from_utf8(serving.get("/episode/1").2).unwrap().contains("All episodes"));
+    // A bag that is gone is an answer, not the end of the server.
+    std::fs::remove_file(&played.bag).unwrap();
+    assert_eq!(serving.get("/episode/1/track.bin").0, 422);
+    assert_eq!(serving.get("/episode/1/bag").0, 404);
+}
+
+/// No client's path becomes a path of a file, and no other host's page can ask.
+#[test]
+fn paths_and_hosts_that_are_not_ours_are_refused() {
+    let played = play("refused", Task::S05, 9);
+    let serving = Serving::start(Bags::find(&played.bag).unwrap());
+    for path in [
+        "/episode/1",
+        "/episode/-1",
+        "/episode/+0",
+        "/episode/0x0",
+        "/episode/99999999999999999999999999",
+        "/episode/..%2f..%2fetc%2fpasswd/bag",
+        "/episode/../../etc/passwd",
+        "/episode//bag",
+        "/page/../../Cargo.toml",
+        "/page/..%2f..%2fCargo.toml",
+        "/page/%00",
+        "/etc/passwd",
+        "/episode/0/bag/x",
+    ] {
+        let (status, head, body) = serving.get(path);
+        assert_eq!(status, 404, "{path}: {}", String::from_utf8_lossy(&body));
+        assert!(head.contains("nosniff") && head.contains("content-security-policy: default-src 'none'"), "{head}");
+    }
+    let port = serving.address.port();
+    for host in ["example.org", &format!("example.org:{port}"), "127.0.0.1", "127.0.0.1:1", ""] {
+        assert_eq!(serving.ask("GET", "/episode/0/document.json", host).0, 421, "{host}");
+    }
+    assert_eq!(serving.ask("GET", "/episode/0", &format!("localhost:{port}")).0, 200);
+    for method in ["POST", "PUT", "DELETE"] {
+        assert_eq!(serving.ask(method, "/episode/0", &serving.address.to_string()).0, 405, "{method}");
+    }
+}
+
+#[test]
+fn a_port_that_is_taken_is_said() {
+    let played = play("taken", Task::S05, 9);
+    let bags = Bags::find(&played.bag).unwrap();
+    let first = Viewer::bind(bags.clone(), 0).unwrap();
+    let said = Viewer::bind(bags, first.address().port()).unwrap_err().to_string();
+    assert!(said.contains("choose another port with --port"), "{said}");
+}

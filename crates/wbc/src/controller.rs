@@ -1,0 +1,126 @@
+//! The controller in use.
+
+use std::sync::Arc;
+
+use crate::network::Scratch;
+use crate::{
+    ACTION_CLAMP, BODY, Clock, Command, History, MOVED, NOMINAL_HEIGHT, Network, Sensed, Setpoint, WbcError,
+    first_unsound, scale,
+};
+
+/// Plays a network: one call a control step. It allocates nothing on the way.
+#[derive(Debug, Clone)]
+pub struct Controller {
+    network: Arc<Network>,
+    history: History,
+    setpoint: Option<Setpoint>,
+    clock: Clock,
+    last_action: [f64; MOVED],
+    observation: Vec<f32>,
+    scratch: Scratch,
+}
+
+impl Controller {
+    /// At the start of an episode.
+    pub fn new(network: Arc<Network>) -> Self {
+        Self {
+            history: History::new(network.contract().frames),
+            setpoint: None,
+            clock: Clock::default(),
+            last_action: [0.0; MOVED],
+            observation: vec![0.0; network.contract().layers[0]],
+            scratch: network.scratch(),
+            network,
+        }
+    }
+
+    /// Begins another episode.
+    pub fn restart(&mut self) {
+        self.history.clear();
+        self.setpoint = None;
+        self.clock = Clock::default();
+        self.last_action = [0.0; MOVED];
+    }
+
+    /// What it was made for.
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// Refuses a command outside of the range that the controller was trained for.
+    ///
+    /// # Errors
+    /// [`WbcError::Command`], with the field's name.
+    pub fn check(&self, command: &Command) -> Result<(), WbcError> {
+        let ranges = &self.network.contract().command;
+        let height = ranges[if command.walks() { 3 } else { 4 }];
+        let ranges = [ranges[0], ranges[1], ranges[2], height, ranges[5], ranges[6], ranges[7]];
+        for ((field, value), [low, high]) in Command::NAMES.into_iter().zip(command.numbers()).zip(ranges) {
+            if !(low..=high).contains(&value) {
+                return Err(WbcError::Command { field, value, low, high });
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes what is sensed and commanded, and writes the targets of legs and waist, the first 15 joints, rad. Commands beyond
+    /// the range count as its ends.
+    ///
+    /// # Errors
+    /// [`WbcError::Sensed`]: an observation that lacks a term or is not finite; nothing is written then.
+    pub fn step(&mut self, sensed: &Sensed<'_>, command: &Command, targets: &mut [f64]) -> Result<(), WbcError> {
+        check_sensed(sensed)?;
+        let command = self.within_range(command);
+        let is_first = self.setpoint.is_none();
+        let start = || Setpoint::at(Command { height: NOMINAL_HEIGHT, torso: [0.0; 3], ..command });
+        let setpoint = self.setpoint.get_or_insert_with(start);
+        if !is_first {
+            setpoint.advance(&command);
+        }
+        let setpoint = *setpoint;
+        self.history.push(sensed, setpoint.now(), self.clock.signal(), &self.last_action, is_first);
+        self.history.write(&mut self.observation);
+        let mut action = [0.0; MOVED];
+        self.network.run(&self.observation, &mut self.scratch, &mut action);
+        self.clock.advance(setpoint.now().walks());
+        let joints = &self.network.contract().joints;
+        for (index, ((last, action), target)) in self.last_action.iter_mut().zip(action).zip(targets).enumerate() {
+            *last = f64::from(action).clamp(-ACTION_CLAMP, ACTION_CLAMP);
+            *target = joints[index].q0 + scale(index) * *last;
+        }
+        Ok(())
+    }
+
+    /// Whether both feet stay down until a command to walk.
+    pub fn stands(&self) -> bool {
+        self.clock.stands()
+    }
+
+    fn within_range(&self, command: &Command) -> Command {
+        let ranges = &self.network.contract().command;
+        let within = |value: f64, [low, high]: [f64; 2]| if value.is_finite() { value.clamp(low, high) } else { 0.0 };
+        let mut command = *command;
+        for axis in 0..3 {
+            command.velocity[axis] = within(command.velocity[axis], ranges[axis]);
+            command.torso[axis] = within(command.torso[axis], ranges[5 + axis]);
+        }
+        command.height = within(command.height, ranges[if command.walks() { 3 } else { 4 }]);
+        command
+    }
+}
+
+fn check_sensed(sensed: &Sensed<'_>) -> Result<(), WbcError> {
+    let height = [sensed.base_height];
+    let terms: [(&'static str, &[f64], usize); 6] = [
+        ("base_angular_velocity", &sensed.base_angular_velocity, 3),
+        ("projected_gravity", &sensed.projected_gravity, 3),
+        ("base_linear_velocity", &sensed.base_linear_velocity, 3),
+        ("base_height", &height, 1),
+        ("joint_position", sensed.joint_position, BODY),
+        ("joint_velocity", sensed.joint_velocity, MOVED),
+    ];
+    match first_unsound(&terms) {
+        Some((term, problem)) => Err(WbcError::Sensed { term, problem }),
+        None => Ok(()),
+    }
+}

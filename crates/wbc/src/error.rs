@@ -1,0 +1,72 @@
+//! Why a controller is refused.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// Why a controller cannot be loaded, does not fit, or cannot go on.
+#[derive(Debug, Error)]
+pub enum WbcError {
+    /// The file cannot be read.
+    #[error("cannot read the controller {}", path.display())]
+    Read {
+        /// As it was given.
+        path: PathBuf,
+        /// What the system says.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The file is not a safetensors file, or lacks a tensor of its contract.
+    #[error("the controller's file is damaged; export it again")]
+    File(#[from] fiatlux_safetensors::SafetensorsError),
+    /// The file does not say what it was made for.
+    #[error("the controller's file has no contract; export it with this version")]
+    NoContract,
+    /// A layer without numbers, or too wide.
+    #[error("the controller has a layer of {size} numbers, and they have 1 to {most}; export it again")]
+    Layer {
+        /// In the contract.
+        size: usize,
+        /// The most that is taken.
+        most: usize,
+    },
+    /// The contract cannot be read.
+    #[error("the controller's contract cannot be read; export it with this version")]
+    Contract(#[source] serde_json::Error),
+    /// It was made for something else.
+    #[error("the controller was made for {what} {found}, and this is {expected}; train or export one for it")]
+    Unfit {
+        /// What differs.
+        what: String,
+        /// In the contract.
+        found: String,
+        /// Here.
+        expected: String,
+    },
+    /// A tensor holds NaN or infinity.
+    #[error("tensor '{0}' is not finite; the training has failed, choose another checkpoint")]
+    Weights(String),
+    /// The network does not give what it gave when it was exported.
+    #[error("the network differs from its export by {0:.2e}; export it again with this version")]
+    Check(f32),
+    /// An observation lacks a term or has NaN in it.
+    #[error("the controller needs {term}, which {problem}")]
+    Sensed {
+        /// Name of the term.
+        term: &'static str,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
+    /// A command that is not finite or out of range.
+    #[error("command {field} is {value}, outside of {low} to {high}; command something within")]
+    Command {
+        /// Its name.
+        field: &'static str,
+        /// As commanded.
+        value: f64,
+        /// Least value.
+        low: f64,
+        /// Greatest value.
+        high: f64,
+    },
+}

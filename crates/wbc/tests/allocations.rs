@@ -1,0 +1,25 @@
+//! A step allocates nothing.
+#![allow(clippy::unwrap_used)]
+
+use std::alloc::System;
+use std::sync::Arc;
+
+use fiatlux_wbc::{ARMS, Command, Controller, MOVED, Network, Sensed};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+#[test]
+fn a_step_allocates_nothing() {
+    let mut controller = Controller::new(Arc::new(Network::shipped().unwrap()));
+    let zeros = [0.0; MOVED + ARMS];
+    let sensed = Sensed::upright(&zeros, &zeros);
+    let command = Command { velocity: [0.4, 0.0, 0.2], ..Command::default() };
+    let mut targets = [0.0; MOVED];
+    let region = Region::new(ALLOCATOR);
+    for _ in 0..100 {
+        controller.step(&sensed, &command, &mut targets).unwrap();
+    }
+    assert_eq!(region.change().allocations, 0);
+}

@@ -1,0 +1,235 @@
+//! `fiatlux keys`: all that an installation needs so that each side may do what its part asks for, and nothing else.
+//!
+//! Everything is made in one folder, by one call, and nothing is ever overwritten. Each config holds its own certificate and
+//! key, so it is all of Zenoh that its machine needs. `docs/access.md` explains who can do what.
+
+mod certificates;
+mod configs;
+mod roles;
+
+use std::fs;
+use std::io;
+use std::net::IpAddr;
+use std::os::unix::fs::DirBuilderExt as _;
+use std::path::{Path, PathBuf};
+
+use fiatlux_access::{AccessError, Grant, Identity, KnownServers, RecorderKey, Token, Tokens, random, write_new};
+use fiatlux_proto::keys::is_name;
+use serde::Serialize;
+use thiserror::Error;
+
+use certificates::Authority;
+pub use roles::Role;
+
+/// How the router tells who connects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Authentication {
+    /// By certificates, over QUIC with mutual TLS: nobody reads the wire.
+    Certificates,
+    /// By user and password, without encryption: whoever reads the wire reads all messages, but no password.
+    Passwords,
+}
+
+/// What to make.
+#[derive(Debug, Clone)]
+pub struct KeysOptions {
+    /// A folder that does not exist yet, or is empty.
+    pub out: PathBuf,
+    /// Names or addresses of the router's machine, the one that others connect to first; empty for this machine alone.
+    pub hosts: Vec<String>,
+    /// The router's port.
+    pub port: u16,
+    /// The server's name.
+    pub server: String,
+    /// How the router tells who connects.
+    pub authentication: Authentication,
+    /// How long certificates are valid, days.
+    pub days: u16,
+    /// How many sessions the policy may have open at once.
+    pub sessions: u32,
+}
+
+/// Why nothing was made.
+#[derive(Debug, Error)]
+pub enum KeysError {
+    /// There may be keys in it.
+    #[error("{} exists and is not empty; keys are never overwritten: name another folder, or move this one away", .0.display())]
+    Exists(PathBuf),
+    /// The folder cannot be made.
+    #[error("cannot make {}; check that its parent exists, its permissions, and the space that is left", .path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+    /// A file of it.
+    #[error("cannot make the keys")]
+    Access(#[from] AccessError),
+    /// Not the name of a machine.
+    #[error(
+        "--host {0}: a certificate cannot name it; give an address such as 192.168.1.7 or a name such as lab.example.org"
+    )]
+    Host(String),
+    /// Not a server's name.
+    #[error("--name {0}: a server's name has 1 to 64 letters, digits, - or _")]
+    Server(String),
+    /// The certificates.
+    #[error("cannot make the certificates")]
+    Certificate(#[from] rcgen::Error),
+}
+
+/// A file that was made.
+#[derive(Debug, Clone, Serialize)]
+pub struct MadeFile {
+    /// Where.
+    pub path: PathBuf,
+    /// Whose machine needs it, and what for.
+    pub purpose: &'static str,
+    /// Whether its owner alone may read it.
+    pub secret: bool,
+}
+
+/// What was made.
+#[derive(Debug, Clone, Serialize)]
+pub struct Made {
+    /// All files, those of one machine after each other.
+    pub files: Vec<MadeFile>,
+    /// How the router tells who connects.
+    pub authentication: Authentication,
+    /// Last day of the certificates, `YYYY-MM-DD`.
+    pub valid_until: Option<String>,
+    /// Command lines to start with: router, server, recorder, policy, and to verify a bag.
+    pub commands: Vec<String>,
+}
+
+/// Makes the folder with all its files. It appears whole, or not at all.
+///
+/// # Errors
+/// [`KeysError`]; nothing is left behind then, and nothing that was there has changed.
+pub fn make(options: &KeysOptions) -> Result<Made, KeysError> {
+    if !is_name(&options.server) {
+        return Err(KeysError::Server(options.server.clone()));
+    }
+    if let Some(host) = options.hosts.iter().find(|host| !is_host(host)) {
+        return Err(KeysError::Host(host.clone()));
+    }
+    let folder = |source| KeysError::Folder { path: options.out.clone(), source };
+    let out = std::path::absolute(&options.out).map_err(folder)?;
+    if fs::read_dir(&out).is_ok_and(|mut files| files.next().is_some()) || out.is_file() {
+        return Err(KeysError::Exists(options.out.clone()));
+    }
+    let parent = out.parent().unwrap_or(&out);
+    fs::create_dir_all(parent).map_err(folder)?;
+    let scratch = parent.join(format!(".fiatlux-keys-{}", std::process::id()));
+    fs::DirBuilder::new().mode(0o700).create(&scratch).map_err(folder)?;
+    let made = fill(options, &scratch, &out).and_then(|made| match fs::rename(&scratch, &out) {
+        Ok(()) => Ok(made),
+        // Someone else was faster.
+        Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => Err(KeysError::Exists(options.out.clone())),
+        Err(source) => Err(folder(source)),
+    });
+    if made.is_err() {
+        drop(fs::remove_dir_all(&scratch));
+    }
+    made
+}
+
+/// Writes all files into a folder that will be moved to `out`.
+fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<Made, KeysError> {
+    let mut files = Vec::new();
+    let mut note = |name: &str, secret, purpose| {
+        files.push(MadeFile { path: options.out.join(name), purpose, secret });
+        scratch.join(name)
+    };
+    let mut valid_until = None;
+    let config = |role: Role| match role {
+        Role::Router => ("router.json5", "the router: its Zenoh config"),
+        Role::Server => ("server.json5", "the server: its Zenoh config"),
+        Role::Recorder => ("recorder.json5", "recorder and scorer verify: their Zenoh config"),
+        Role::Policy => ("policy.json5", "policies: their Zenoh config"),
+    };
+    match options.authentication {
+        Authentication::Certificates => {
+            let authority = Authority::new(&options.hosts, options.days)?;
+            for role in Role::ALL {
+                let (name, purpose) = config(role);
+                let text = configs::with_certificates(role, options, &authority.certificate(role)?);
+                write_new(&note(name, true, purpose), &text, 0o600)?;
+            }
+            write_new(&note("ca.pem", false, "anybody: the authority's certificate"), &authority.pem(), 0o644)?;
+            let purpose = "nobody who is online: signs certificates for any part; move it away, or delete it";
+            write_new(&note("ca_key.pem", true, purpose), &authority.key_pem(), 0o600)?;
+            valid_until = Some(authority.valid_until());
+        }
+        Authentication::Passwords => {
+            let users = out.join("users");
+            let mut list = String::new();
+            for role in Role::ALL {
+                let (name, purpose) = config(role);
+                let password: String = random::<32>()?.iter().map(|byte| format!("{byte:02x}")).collect();
+                if role != Role::Router {
+                    list += &format!("{}:{password}\n", role.name());
+                }
+                let text = configs::with_passwords(role, options, &password, &users);
+                write_new(&note(name, true, purpose), &text, 0o600)?;
+            }
+            write_new(
+                &note("users", true, "the router: users and passwords; router.json5 has its path"),
+                &list,
+                0o600,
+            )?;
+        }
+    }
+
+    let identity = Identity::generate()?;
+    identity.write(&note("server_identity", true, "the server: the key that proves who it is"))?;
+    let known = KnownServers::line(&options.server, &identity.public());
+    write_new(&note("known_servers", false, "policies, recorder: the server's public key"), &known, 0o644)?;
+    let token = Token::generate("policy")?;
+    let tokens: Tokens = [Grant::new(token.clone(), options.sessions)].into_iter().collect();
+    tokens.write(&note("server_tokens", true, "the server: who may open sessions, and how many at once"))?;
+    token.write(&note("policy_token", true, "a policy: lets it open sessions"))?;
+    RecorderKey::generate()?.write(&note("recorder_key", true, "server and recorder: lets a recorder read rows"))?;
+
+    let path = |name: &str| options.out.join(name).display().to_string();
+    let [name, known] = [options.server.clone(), path("known_servers")];
+    let commands = vec![
+        format!("fiatlux router -c {}", path("router.json5")),
+        format!(
+            "sim-server -c {} --name {name} --identity {} --tokens {} --recorder-key {}",
+            path("server.json5"),
+            path("server_identity"),
+            path("server_tokens"),
+            path("recorder_key"),
+        ),
+        format!("recorder -c {} --recorder-key {} --out bags", path("recorder.json5"), path("recorder_key")),
+        format!(
+            "policy-client run -c {} --server {name} --known-servers {known} --token {} --policy zero --task S08",
+            path("policy.json5"),
+            path("policy_token"),
+        ),
+        format!(
+            "scorer verify BAG -c {} --server {name} --known-servers {known} --token {}",
+            path("recorder.json5"),
+            path("policy_token"),
+        ),
+    ];
+    Ok(Made { files, authentication: options.authentication, valid_until, commands })
+}
+
+/// Whether a certificate and an endpoint can name it: an address, or a name without a port.
+fn is_host(host: &str) -> bool {
+    let fits = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
+    host.parse::<IpAddr>().is_ok() || !host.is_empty() && host.chars().all(fits)
+}
+
+/// Whether only this machine is named.
+fn is_local(hosts: &[String]) -> bool {
+    hosts.iter().all(|host| host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback()))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,85 @@
+//! What one call leaves behind, and what it leaves alone.
+#![allow(clippy::unwrap_used)]
+
+use std::os::unix::fs::PermissionsExt as _;
+
+use super::*;
+
+fn options(name: &str, authentication: Authentication) -> KeysOptions {
+    let out = std::env::temp_dir().join(format!("fiatlux-keys-test-{name}-{}", std::process::id()));
+    drop(fs::remove_dir_all(&out));
+    let hosts = vec!["192.168.1.7".into(), "lab.example.org".into()];
+    KeysOptions { out, hosts, port: 7447, server: "lab".into(), authentication, days: 365, sessions: 4 }
+}
+
+#[test]
+fn one_call_makes_all_files_and_secrets_stay_secret() {
+    for (name, authentication) in [("mtls", Authentication::Certificates), ("pwd", Authentication::Passwords)] {
+        let options = options(name, authentication);
+        let made = make(&options).unwrap();
+        let mut names: Vec<_> = made.files.iter().map(|file| file.path.clone()).collect();
+        let mut found: Vec<_> = fs::read_dir(&options.out).unwrap().map(|file| file.unwrap().path()).collect();
+        names.sort();
+        found.sort();
+        assert_eq!(names, found);
+        for file in &made.files {
+            let mode = fs::metadata(&file.path).unwrap().permissions().mode() & 0o777;
+            assert_eq!(mode, if file.secret { 0o600 } else { 0o644 }, "{}", file.path.display());
+        }
+        assert_eq!(fs::metadata(&options.out).unwrap().permissions().mode() & 0o777, 0o700);
+        for role in Role::ALL {
+            let text = fs::read_to_string(options.out.join(format!("{}.json5", role.name()))).unwrap();
+            let config = zenoh::Config::from_json5(&text).unwrap();
+            assert_eq!(config.get_json("access_control/default_permission").unwrap(), "\"deny\"");
+            let endpoints =
+                config.get_json(if role == Role::Router { "listen/endpoints" } else { "connect/endpoints" });
+            let protocol = if name == "mtls" { "quic" } else { "tcp" };
+            let host = if role == Role::Router { "0.0.0.0" } else { "192.168.1.7" };
+            assert_eq!(endpoints.unwrap(), format!("[\"{protocol}/{host}:7447\"]"));
+        }
+        let identity = Identity::read(&options.out.join("server_identity")).unwrap();
+        let known = KnownServers::read(&options.out.join("known_servers")).unwrap();
+        assert_eq!(known.key_of("lab"), Some(identity.public()));
+        let token = Token::read(&options.out.join("policy_token")).unwrap();
+        let tokens = Tokens::read(&options.out.join("server_tokens")).unwrap();
+        assert_eq!(tokens.check(&token).map(Grant::limit), Some(4));
+        RecorderKey::read(&options.out.join("recorder_key")).unwrap();
+        fs::remove_dir_all(&options.out).unwrap();
+    }
+}
+
+#[test]
+fn a_second_call_refuses_and_loses_nothing() {
+    let options = options("twice", Authentication::Certificates);
+    let made = make(&options).unwrap();
+    let read = || made.files.iter().map(|file| fs::read(&file.path).unwrap()).collect::<Vec<_>>();
+    let before = read();
+    assert!(matches!(make(&options), Err(KeysError::Exists(path)) if path == options.out));
+    assert_eq!(read(), before);
+    fs::remove_dir_all(&options.out).unwrap();
+    fs::write(&options.out, "a file").unwrap();
+    assert!(matches!(make(&options), Err(KeysError::Exists(_))));
+    fs::remove_file(&options.out).unwrap();
+    fs::create_dir(&options.out).unwrap();
+    make(&options).expect("an empty folder will do");
+    fs::remove_dir_all(&options.out).unwrap();
+}
+
+#[test]
+fn what_cannot_be_made_leaves_nothing_behind() {
+    for (host, server, words) in [
+        ("a b", "lab", "--host a b"),
+        ("", "lab", "--host"),
+        ("lab:7447", "lab", "--host lab:7447"),
+        ("lab", "a/b", "--name a/b"),
+    ] {
+        let options = KeysOptions {
+            hosts: vec![host.into()],
+            server: server.into(),
+            ..options("wrong", Authentication::Passwords)
+        };
+        let message = make(&options).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+        assert!(!options.out.exists());
+    }
+}

@@ -1,0 +1,118 @@
+//! `fiatlux keys` and `fiatlux router`.
+
+use std::fmt::Display;
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::{Args, ValueEnum};
+use fiatlux::keys::{Authentication, KeysOptions, Made, make};
+use fiatlux_link::{LinkArgs, LinkMode, Role, whole};
+use zenoh::Wait;
+
+/// Shown below the options of `keys`.
+pub const EXAMPLES: &str = "Examples:
+  fiatlux keys --out keys                              for programs on this machine
+  fiatlux keys --out keys --host 192.168.1.7           for a router that others reach at this address
+  fiatlux keys --out keys --host lab --auth password   without encryption, on a network whose wires nobody else reads
+docs/access.md explains who can do what, and how keys are rotated and withdrawn.";
+
+/// Options of `fiatlux keys`.
+#[derive(Debug, Args)]
+pub struct KeysArgs {
+    /// Folder to make; it must not exist, or be empty. Nothing is ever overwritten.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Name or address of the router's machine, for its certificate; may be repeated, the first one is what others connect
+    /// to [default: this machine alone]
+    #[arg(long, value_name = "NAME_OR_IP")]
+    host: Vec<String>,
+    /// The router's port.
+    #[arg(long, default_value_t = 7447, value_parser = whole::<u16>(1..=65_535))]
+    port: u16,
+    /// Name of the server, as in sim-server --name.
+    #[arg(long, default_value = "local")]
+    name: String,
+    /// How the router tells who connects.
+    #[arg(long, value_enum, default_value_t = Auth::Mtls)]
+    auth: Auth,
+    /// How long the certificates are valid, days.
+    #[arg(long, default_value_t = 365, value_parser = whole::<u16>(1..=3650))]
+    days: u16,
+    /// Sessions that the policy's token may have open at once.
+    #[arg(long, default_value_t = 64, value_parser = whole::<u32>(1..=65_536))]
+    sessions: u32,
+    /// Prints JSON in place of the text.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Auth {
+    /// Certificates: QUIC with mutual TLS.
+    Mtls,
+    /// User and password over TCP, without encryption.
+    Password,
+}
+
+/// Runs `fiatlux keys`.
+pub fn keys(args: KeysArgs) -> anyhow::Result<()> {
+    let options = KeysOptions {
+        out: args.out,
+        hosts: args.host,
+        port: args.port,
+        server: args.name,
+        authentication: match args.auth {
+            Auth::Mtls => Authentication::Certificates,
+            Auth::Password => Authentication::Passwords,
+        },
+        days: args.days,
+        sessions: args.sessions,
+    };
+    let made = make(&options)?;
+    crate::show(&Report { folder: options.out, made }, args.json)
+}
+
+#[derive(serde::Serialize)]
+struct Report {
+    folder: PathBuf,
+    #[serde(flatten)]
+    made: Made,
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "Made for each machine (files with a * are secrets, for their owner alone):")?;
+        for file in &self.made.files {
+            let mark = if file.secret { "*" } else { " " };
+            writeln!(f, "  {mark} {:<28} {}", file.path.display().to_string(), file.purpose)?;
+        }
+        if let Some(day) = &self.made.valid_until {
+            writeln!(f, "The certificates are valid until {day}; make a new folder before.")?;
+        }
+        writeln!(f, "\nStart, each on its machine:")?;
+        self.made.commands.iter().try_for_each(|command| writeln!(f, "  {command}"))
+    }
+}
+
+/// Options of `fiatlux router`.
+#[derive(Debug, Args)]
+pub struct RouterArgs {
+    #[command(flatten)]
+    link: LinkArgs,
+}
+
+/// Runs `fiatlux router`.
+pub fn router(args: RouterArgs) -> anyhow::Result<()> {
+    fiatlux_link::init_log();
+    let stop = fiatlux_link::stop_on_signal()?;
+    let mut link = args.link;
+    link.mode = Some(link.mode.unwrap_or(LinkMode::Router));
+    for endpoint in &mut link.listen {
+        let free = fiatlux_link::choose_port(endpoint);
+        *endpoint = free.with_context(|| format!("no free port for {endpoint}; is its host one of this machine's?"))?;
+    }
+    let session = link.open(Role::Server)?;
+    fiatlux_link::print(format!("{} as a router\n", link.place(Role::Server)?));
+    fiatlux_link::wait_for(&stop);
+    session.close().wait().map_err(|error| anyhow::anyhow!("cannot close the Zenoh session: {error}"))
+}

@@ -1,0 +1,104 @@
+//! `policy-client probe`.
+
+use clap::Args;
+use fiatlux_bridge::{Contract, ModelChunk, Representation, Row};
+use fiatlux_policy::policies::{Answer, VlaArgs};
+
+use super::{Failure, usage};
+
+/// Options of `probe`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "It prints the server's contract, what does not fit the mapping, what was sent (the standing posture, \
+pictures of a grey ramp, the words 'Stand still.'), the answer, and its latency.
+
+Exit codes: 0 all fits, 1 not there or something does not fit, 2 usage."
+)]
+pub struct ProbeArgs {
+    #[command(flatten)]
+    vla: VlaArgs,
+}
+
+/// Asks, and prints what was said; whether all fits.
+pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
+    let source = args.vla.source(false).map_err(usage)?;
+    let probed = source.probe().map_err(anyhow::Error::from)?;
+    println!("mapping   {}", source.mapping().label());
+    print_contract(&probed.contract);
+    if let Err(error) = &probed.fit {
+        println!("contract  does not fit: {error}");
+    }
+    for (key, shape) in &probed.sent {
+        println!("sent      {key} {shape:?}");
+    }
+    let Answer { chunk, latency, rows } = probed.answer.map_err(anyhow::Error::from)?;
+    print_chunk(&chunk);
+    let server =
+        chunk.server_s.map_or_else(String::new, |time| format!(", {:.1} ms of them in the server", 1e3 * time));
+    println!("latency   {:.1} ms{server}", 1e3 * latency.as_secs_f64());
+    match &rows {
+        Ok(rows) => print_row(rows.first()),
+        Err(error) => println!("answer    does not fit: {error}"),
+    }
+    if let Some((key, width)) = source.mapping().token() {
+        println!(
+            "decoder   missing: '{key}' has motion tokens of {width} numbers; the policy vla refuses to play them"
+        );
+    }
+    Ok(probed.fit.is_ok() && rows.is_ok())
+}
+
+fn print_contract(contract: &Contract) {
+    if *contract == Contract::default() {
+        return println!("contract  the server says nothing of itself");
+    }
+    for camera in contract.cameras.iter().flatten() {
+        let delta = camera.delta.as_ref().map_or_else(String::new, |delta| format!(", frames {delta:?}"));
+        println!("contract  camera '{}'{delta}", camera.key);
+    }
+    if let Some(count) = contract.camera_count {
+        println!("contract  {count} cameras");
+    }
+    if let Some([width, height]) = contract.image_size {
+        println!("contract  pictures of {width}x{height} pixels");
+    }
+    for (key, _) in contract.states.iter().flatten() {
+        println!("contract  state '{key}'");
+    }
+    for action in contract.actions.iter().flatten() {
+        let name = action.representation.map_or("", Representation::name);
+        println!("contract  action '{}' {name}", action.key);
+    }
+    if let Some(keys) = &contract.language {
+        println!("contract  language '{}'", keys.join("', '"));
+    }
+    if let Some(rows) = contract.horizon {
+        println!("contract  {rows} rows a chunk");
+    }
+    if let Some(space) = &contract.action_space {
+        println!("contract  action space {space}");
+    }
+}
+
+fn print_chunk(chunk: &ModelChunk) {
+    for (key, width, numbers) in &chunk.parts {
+        let (least, most) = numbers
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), number| (least.min(*number), most.max(*number)));
+        println!("answer    {key} {} x {width}, from {least:.3} to {most:.3}", chunk.rows);
+    }
+}
+
+fn print_row(row: Option<&Row>) {
+    let Some(row) = row else { return };
+    println!("row 0     {} joint targets", row.targets.len());
+    if let Some([x, y, turn]) = row.velocity {
+        println!("row 0     velocity {x:.2} m/s ahead, {y:.2} m/s to the left, {turn:.2} rad/s");
+    }
+    if let Some(height) = row.height {
+        println!("row 0     height {height:.2} m");
+    }
+    if let Some([roll, pitch, yaw]) = row.torso {
+        println!("row 0     torso roll {roll:.2}, pitch {pitch:.2}, yaw {yaw:.2} rad");
+    }
+}

@@ -1,0 +1,62 @@
+//! What a client knows of servers, and shows them: keys and tokens.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use fiatlux_access::{AccessError, KnownServers, PublicKey, Token};
+
+use super::ClientError;
+
+/// What a client knows of servers, and shows them. By default it takes whichever server answers.
+#[derive(Debug, Clone, Default)]
+pub struct Access {
+    /// The key that the server must have.
+    pub server_key: Option<PublicKey>,
+    /// Keys of servers by name; a server that is not among them is refused.
+    pub known: Option<KnownServers>,
+    /// Lets it open sessions where a server asks for one.
+    pub token: Option<Token>,
+}
+
+impl Access {
+    /// The key that a server of that name must have; none where any will do.
+    pub(crate) fn key_of(&self, server: &str) -> Result<Option<PublicKey>, ClientError> {
+        match (self.server_key, &self.known) {
+            (Some(key), _) => Ok(Some(key)),
+            (None, None) => Ok(None),
+            (None, Some(known)) => {
+                let unknown = || ClientError::UnknownServer { server: server.into() };
+                known.key_of(server).map(Some).ok_or_else(unknown)
+            }
+        }
+    }
+}
+
+/// Keys and tokens on the command line.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Access")]
+pub struct AccessArgs {
+    /// Key that the server must have, ed25519:BASE64 as it prints it
+    #[arg(long, value_name = "KEY", conflicts_with = "known_servers")]
+    pub server_key: Option<PublicKey>,
+    /// File with the keys of known servers, a line NAME ed25519:BASE64 each; others are refused
+    #[arg(long, value_name = "FILE")]
+    pub known_servers: Option<PathBuf>,
+    /// File with the token by which a server lets this client open sessions
+    #[arg(long, value_name = "FILE")]
+    pub token: Option<PathBuf>,
+}
+
+impl AccessArgs {
+    /// Reads the files.
+    ///
+    /// # Errors
+    /// [`AccessError`]: one cannot be read, or others can read the token too.
+    pub fn read(&self) -> Result<Access, AccessError> {
+        Ok(Access {
+            server_key: self.server_key,
+            known: self.known_servers.as_deref().map(KnownServers::read).transpose()?,
+            token: self.token.as_deref().map(Token::read).transpose()?,
+        })
+    }
+}

@@ -1,0 +1,109 @@
+//! What the policies share that stand on a whole-body controller, ours or another's.
+
+use fiatlux_proto::v3::{Observation, SessionInfo};
+use fiatlux_wbc::{ARMS, Command, Joint, MOVED, Sensed};
+
+use crate::PolicyError;
+
+/// Joints of a session, as controllers compare them with their own.
+pub(super) fn joints(info: &SessionInfo) -> Vec<Joint> {
+    let joint = |joint: &fiatlux_proto::v3::Joint| Joint {
+        name: joint.name.clone(),
+        q0: joint.q0,
+        stiffness: joint.stiffness,
+        damping: joint.damping,
+        effort_limit: joint.effort_limit,
+    };
+    info.joints.iter().map(joint).collect()
+}
+
+/// Targets of all joints that keep the staged posture, rad.
+///
+/// # Errors
+/// The session does not give what a controller reads.
+pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observation) -> Result<Vec<f64>, PolicyError> {
+    if first.last_action.is_empty() {
+        return Err(PolicyError::Sensor { policy, sensor: "last_action" });
+    }
+    if first.proprioception.is_none() {
+        return Err(PolicyError::Sensor { policy, sensor: "proprioception" });
+    }
+    let target = |(joint, action): (&fiatlux_proto::v3::Joint, &f32)| joint.q0 + info.action_scale * f64::from(*action);
+    Ok(info.joints.iter().zip(&first.last_action).map(target).collect())
+}
+
+/// Reads observations as controllers take them.
+pub(super) struct Senses {
+    policy: &'static str,
+    /// Less the standing posture, rad; then rad/s.
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+}
+
+impl Senses {
+    pub fn new(policy: &'static str) -> Self {
+        let room = || Vec::with_capacity(MOVED + ARMS);
+        Self { policy, position: room(), velocity: room() }
+    }
+
+    /// Legs, waist and arms. Terms that are too short are the controller's to refuse.
+    ///
+    /// # Errors
+    /// An observation without proprioception.
+    pub fn read(&mut self, observation: &Observation) -> Result<Sensed<'_>, PolicyError> {
+        let body = observation.proprioception.as_ref();
+        let body = body.ok_or(PolicyError::Sensor { policy: self.policy, sensor: "proprioception" })?;
+        let copy = |to: &mut Vec<f64>, from: &[f32]| {
+            to.clear();
+            to.extend(from.iter().take(MOVED + ARMS).map(|number| f64::from(*number)));
+        };
+        copy(&mut self.position, &body.joint_position);
+        copy(&mut self.velocity, &body.joint_velocity);
+        Ok(Sensed {
+            base_angular_velocity: vector(&body.base_angular_velocity),
+            projected_gravity: vector(&body.projected_gravity),
+            base_linear_velocity: vector(&body.base_linear_velocity),
+            base_height: f64::from(body.base_height),
+            joint_position: &self.position,
+            joint_velocity: &self.velocity,
+        })
+    }
+}
+
+/// NaN where a term is too short, which the controller refuses by the term's name.
+fn vector(term: &[f32]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| term.get(axis).map_or(f64::NAN, |&value| f64::from(value)))
+}
+
+/// Words such as `vx=0.4,wz=0.2`: names and values, each with the word that it stands in. Empty words count for nothing.
+///
+/// # Errors
+/// [`PolicyError::Words`]: a word that is not NAME=VALUE; `fields` are the names that it may have.
+pub(super) fn words<'a>(
+    text: &'a str,
+    fields: &'static str,
+) -> impl Iterator<Item = Result<(&'a str, &'a str, &'a str), PolicyError>> {
+    text.split(',').filter(|word| !word.trim().is_empty()).map(move |word| {
+        let wrong = || PolicyError::Words { word: word.into(), fields };
+        word.split_once('=').map(|(name, value)| (word, name.trim(), value.trim())).ok_or_else(wrong)
+    })
+}
+
+/// Names of a command's fields.
+pub(super) const COMMAND: &str = "vx, vy, wz, height, roll, pitch, yaw";
+
+/// Sets a field of a command; none where there is no such field, or the value is not a finite number.
+pub(super) fn set(command: &mut Command, name: &str, value: &str) -> Option<()> {
+    let place = match name {
+        "vx" => &mut command.velocity[0],
+        "vy" => &mut command.velocity[1],
+        "wz" => &mut command.velocity[2],
+        "height" => &mut command.height,
+        "roll" => &mut command.torso[0],
+        "pitch" => &mut command.torso[1],
+        "yaw" => &mut command.torso[2],
+        _ => return None,
+    };
+    *place = value.parse().ok().filter(|value: &f64| value.is_finite())?;
+    Some(())
+}

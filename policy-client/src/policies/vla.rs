@@ -1,0 +1,347 @@
+//! Policy `vla`: plays the chunks of a model server.
+
+mod args;
+mod asking;
+mod probe;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use fiatlux_bridge::{
+    Body as Moves, BridgeError, Frames, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Play, Played,
+    Player, Row, Sensed, check_contract,
+};
+use fiatlux_proto::limits::{MAX_CHUNK_KEYS, MAX_CHUNK_NUMBERS, MAX_CHUNK_PROBLEM};
+use fiatlux_proto::v3::{Chunk, Image, Mode, Observation, Sensor, SessionInfo};
+use fiatlux_robot::Robot;
+use fiatlux_wbc::{CONTROL_DT, MOVED, Network};
+
+use self::asking::{Answered, Asker};
+use super::body;
+use super::wbc::Body;
+use crate::{Command, Policy, PolicyError};
+pub use args::VlaArgs;
+pub use probe::{Answer, Probed};
+
+/// How often the cameras are in the observations of a real-time session, Hz: a look would come too late there.
+const REAL_TIME_CAMERA_HZ: f64 = 10.0;
+
+/// A model server and its mapping, checked against each other once; makes a policy for each episode.
+#[derive(Debug, Clone)]
+pub struct VlaSource(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
+    options: ModelOptions,
+    mapping: Mapping,
+    play: Play,
+    robot: Robot,
+    network: Arc<Network>,
+    /// How long a server that is gone is tried again.
+    patience: Duration,
+    is_real_time: bool,
+}
+
+impl VlaSource {
+    /// Asks the server for its contract and compares it with the mapping.
+    ///
+    /// # Errors
+    /// [`PolicyError::Bridge`]: nobody there, a contract that does not fit, or motion tokens, which need a decoder.
+    fn check(&self) -> Result<(), PolicyError> {
+        let shared = &self.0;
+        if let Some((key, width)) = shared.mapping.token() {
+            let (mapping, key) = (shared.mapping.name.clone(), key.to_owned());
+            return Err(BridgeError::NoDecoder { mapping, key, width }.into());
+        }
+        let contract = shared.options.model()?.contract()?;
+        Ok(check_contract(&shared.mapping, &contract)?)
+    }
+
+    /// A policy for an episode; it connects when the episode begins.
+    pub fn policy(&self) -> Vla {
+        Vla { shared: Arc::clone(&self.0), episode: None }
+    }
+}
+
+/// Plays a model's chunks.
+pub struct Vla {
+    shared: Arc<Shared>,
+    episode: Option<Episode>,
+}
+
+/// What an episode keeps.
+struct Episode {
+    asker: Asker,
+    player: Player,
+    frames: Frames,
+    q0: Vec<f64>,
+    instruction: String,
+    session: String,
+    is_real_time: bool,
+    robot: Driven,
+    /// For the record of the next action.
+    note: Note,
+    /// Why the policy gives up at the next step; the record has it first.
+    end: Option<BridgeError>,
+}
+
+/// What the model drives.
+enum Driven {
+    /// Arms and hands, and legs and waist by commands.
+    Body(Box<Body>),
+    /// Targets of all joints, rad.
+    Joints(Vec<f64>),
+}
+
+/// What the record is told.
+#[derive(Debug, Default)]
+struct Note {
+    /// Of a chunk that has just arrived.
+    chunk: Option<ModelChunk>,
+    latency_s: f64,
+    server_s: Option<f64>,
+    problem: String,
+    played: Option<(u64, usize, u64)>,
+}
+
+impl Policy for Vla {
+    fn name(&self) -> String {
+        format!("vla:{}:{}", self.shared.options.dialect.name(), self.shared.mapping.label())
+    }
+
+    fn sensors(&self) -> Vec<Sensor> {
+        let own = ["proprioception", "hand_contact", "last_action"].map(Sensor::from);
+        let camera = |name: &str| match self.shared.is_real_time {
+            true => Sensor { rate_hz: REAL_TIME_CAMERA_HZ, ..Sensor::from(name) },
+            false => Sensor { on_request: true, ..Sensor::from(name) },
+        };
+        own.into_iter().chain(self.shared.mapping.sensors().into_iter().map(camera)).collect()
+    }
+
+    fn image_size(&self) -> Option<[u32; 2]> {
+        (!self.shared.mapping.sensors().is_empty()).then_some(self.shared.mapping.picture)
+    }
+
+    fn look(&mut self, observation: &Observation) -> Vec<&'static str> {
+        let Some(episode) = &self.episode else { return Vec::new() };
+        if episode.is_real_time
+            || episode.end.is_some()
+            || !episode.needs_picture(&self.shared.mapping, observation.step)
+        {
+            return Vec::new();
+        }
+        let has = |name: &&str| self.shared.mapping.sensors().contains(name);
+        ["camera", "chest_camera"].into_iter().filter(has).collect()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        let shared = &self.shared;
+        let unfit = |reason: String| PolicyError::Unfit { policy: "vla", reason };
+        let names = info.joints.iter().map(|joint| joint.name.as_str());
+        if !names.eq(shared.robot.joints().iter().map(|joint| joint.name.as_str())) {
+            return Err(unfit(format!("the mapping was read for the robot {}; use its hands", shared.robot.name())));
+        }
+        let held = info.sensors.iter().map(|sensor| sensor.name.as_str());
+        for sensor in ["camera", "chest_camera"] {
+            if shared.mapping.sensors().contains(&sensor) && !held.clone().any(|name| name == sensor) {
+                return Err(PolicyError::Sensor { policy: "vla", sensor });
+            }
+        }
+        let robot = match shared.mapping.body {
+            Moves::Wbc => Driven::Body(Box::new(Body::new("vla", Arc::clone(&shared.network), info, first)?)),
+            Moves::Direct => Driven::Joints(body::staged("vla", info, first)?),
+        };
+        let asker = Asker::new(shared.options.model()?, shared.patience);
+        let mut episode = Episode {
+            asker,
+            player: Player::new(shared.play),
+            frames: Frames::default(),
+            robot,
+            q0: info.joints.iter().map(|joint| joint.q0).collect(),
+            instruction: info.task.as_ref().map(|task| task.instruction.clone()).unwrap_or_default(),
+            session: format!("{}-{}", info.session, first.episode),
+            is_real_time: info.mode() == Mode::RealTime,
+            note: Note::default(),
+            end: None,
+        };
+        episode.asker.reset()?;
+        self.episode = Some(episode);
+        Ok(())
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("vla"))?;
+        if let Some(error) = episode.end.take() {
+            return Err(error.into());
+        }
+        episode.note = Note::default();
+        episode.see(&self.shared.mapping, observation)?;
+        let step = observation.step;
+        let asked = match episode.is_real_time {
+            true => episode.ask_meanwhile(&self.shared, observation),
+            false => episode.ask_now(&self.shared, observation),
+        };
+        match asked {
+            Ok(()) => {}
+            // Nothing has moved yet: there is nothing to record.
+            Err(error) if episode.player.row(step).is_none() => return Err(error.into()),
+            Err(error) => {
+                episode.note.problem = format!("the policy gives up: {error}");
+                episode.end = Some(error);
+            }
+        }
+        let played = episode.player.row(step);
+        episode.play(observation, played)
+    }
+
+    fn source(&mut self) -> Option<Chunk> {
+        self.episode.as_mut()?.note.record()
+    }
+}
+
+impl Episode {
+    /// Whether a question is asked at a step, or a later one needs the picture of this step.
+    fn needs_picture(&self, mapping: &Mapping, step: u64) -> bool {
+        mapping.lookbacks().iter().any(|back| self.player.asks_after(step, *back))
+    }
+
+    /// Keeps the pictures that have come.
+    fn see(&mut self, mapping: &Mapping, observation: &Observation) -> Result<(), BridgeError> {
+        let images = [("camera", &observation.camera), ("chest_camera", &observation.chest_camera)];
+        for (sensor, image) in images {
+            if let Some(Image { width, height, rgb }) = image {
+                self.frames.push(mapping, observation.step, sensor, Picture::new(*width, *height, rgb.clone())?);
+            }
+        }
+        Ok(())
+    }
+
+    /// The model's observation, and the angles that it has.
+    fn observe(&self, shared: &Shared, seen: &Observation) -> Result<(ModelObservation, Vec<f64>), BridgeError> {
+        let remedy = "leave --sensors out, or name proprioception there";
+        let missing = || BridgeError::Sensed { what: "proprioception".into(), remedy };
+        let body = seen.proprioception.as_ref().ok_or_else(missing)?;
+        let &[x, y, z] = body.projected_gravity.as_slice() else { return Err(missing()) };
+        let q: Vec<f64> =
+            self.q0.iter().zip(&body.joint_position).map(|(q0, turned)| q0 + f64::from(*turned)).collect();
+        let sensed = Sensed {
+            joint_position: &q,
+            projected_gravity: [x, y, z].map(f64::from),
+            base_height: f64::from(body.base_height),
+        };
+        let (instruction, session) = (&self.instruction, &self.session);
+        let observation =
+            shared.mapping.observe(&shared.robot, &sensed, &self.frames, seen.step, instruction, session)?;
+        Ok((observation, q))
+    }
+
+    /// In lockstep: where the prefix is played, the simulation waits for the next chunk.
+    fn ask_now(&mut self, shared: &Shared, seen: &Observation) -> Result<(), BridgeError> {
+        if !self.player.wants(seen.step) {
+            return Ok(());
+        }
+        let (observation, q) = self.observe(shared, seen)?;
+        let answered = self.asker.ask(&observation);
+        self.note.problem = self.asker.problem().unwrap_or_default();
+        self.take(shared, answered?, &q, seen.step, seen.step)
+    }
+
+    /// In real time: the question goes to a thread, and what holds goes on until its answer is there.
+    fn ask_meanwhile(&mut self, shared: &Shared, seen: &Observation) -> Result<(), BridgeError> {
+        if let Some((asked_at, q, answered)) = self.asker.answer() {
+            self.note.problem = self.asker.problem().unwrap_or_default();
+            self.take(shared, answered?, &q, asked_at, seen.step)?;
+        }
+        if self.player.wants_by(seen.step, self.asker.usual_steps()) && !self.asker.is_asking() {
+            let (observation, q) = self.observe(shared, seen)?;
+            self.asker.ask_meanwhile(observation, seen.step, q);
+        }
+        Ok(())
+    }
+
+    fn take(
+        &mut self,
+        shared: &Shared,
+        answered: Answered,
+        q: &[f64],
+        asked: u64,
+        now: u64,
+    ) -> Result<(), BridgeError> {
+        let rows = shared.mapping.rows(&shared.robot, q, &answered.chunk)?;
+        self.player.take(rows, asked, now)?;
+        self.note.latency_s = answered.latency.as_secs_f64();
+        self.note.server_s = answered.chunk.server_s;
+        self.note.chunk = Some(answered.chunk);
+        Ok(())
+    }
+
+    /// The command of a step. Before the first chunk, and after the last row of one, the body stands and the arms hold.
+    fn play(&mut self, seen: &Observation, played: Option<Played>) -> Result<Command, PolicyError> {
+        let held = Row::default();
+        let (row, is_over) = played.as_ref().map_or((&held, true), |played| (&played.row, played.is_over));
+        let mut command = fiatlux_wbc::Command::default();
+        if let Some(velocity) = row.velocity.filter(|_| !is_over) {
+            command.velocity = velocity;
+        }
+        command.height = row.height.unwrap_or(command.height);
+        command.torso = row.torso.unwrap_or(command.torso);
+        if let Some(played) = &played {
+            self.note.played = Some((played.chunk, played.at, played.age));
+        }
+        match &mut self.robot {
+            Driven::Body(body) => {
+                let own = row.targets.iter().filter(|(joint, _)| *joint >= MOVED);
+                own.for_each(|(joint, target)| body.targets[*joint] = *target);
+                body.step(seen, &command)
+            }
+            Driven::Joints(targets) => {
+                row.targets.iter().for_each(|(joint, target)| targets[*joint] = *target);
+                Ok(Command::JointTarget(targets.clone()))
+            }
+        }
+    }
+}
+
+impl Note {
+    /// The message of the record. A chunk that is too large for it goes without its numbers.
+    fn record(&mut self) -> Option<Chunk> {
+        let Self { chunk, latency_s, server_s, problem, played } = std::mem::take(self);
+        if played.is_none() && problem.is_empty() {
+            return None;
+        }
+        let (index, row, age) = played.unwrap_or_default();
+        let mut record = Chunk {
+            index,
+            row: u32::try_from(row).unwrap_or(u32::MAX),
+            age_s: age as f64 * CONTROL_DT,
+            latency_s,
+            server_s,
+            problem: cut(&problem, MAX_CHUNK_PROBLEM),
+            ..Chunk::default()
+        };
+        let Some(ModelChunk { rows, parts, .. }) = chunk else { return Some(record) };
+        let width: usize = parts.iter().map(|(_, width, _)| width).sum();
+        let [most_keys, longest_key] = MAX_CHUNK_KEYS;
+        if rows * width <= MAX_CHUNK_NUMBERS && parts.len() <= most_keys {
+            let row_of =
+                |row: usize| parts.iter().flat_map(move |(_, width, all)| &all[row * width..(row + 1) * width]);
+            record.values = (0..rows).flat_map(row_of).map(|number| *number as f32).collect();
+            record.width = u32::try_from(width).unwrap_or(0);
+            record.keys = parts.iter().map(|(key, width, _)| cut(&format!("{key}:{width}"), longest_key)).collect();
+        }
+        // Doubles that no float can hold.
+        if record.values.iter().any(|number| !number.is_finite()) {
+            (record.values, record.width, record.keys) = (Vec::new(), 0, Vec::new());
+        }
+        Some(record)
+    }
+}
+
+/// The beginning of a text, at most so many bytes.
+fn cut(text: &str, most: usize) -> String {
+    let end = (0..=most.min(text.len())).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
+    text[..end].into()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,105 @@
+//! The flags of a model server.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use fiatlux_bridge::{BridgeError, Dialect, Mapping, ModelOptions, Play, Timeouts, default_mapping};
+use fiatlux_robot::Robot;
+use fiatlux_wbc::Network;
+
+use super::{Shared, VlaSource};
+use crate::PolicyError;
+
+/// Which model server the policy `vla` asks, and how its answers are played.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Model server (policy vla)")]
+pub struct VlaArgs {
+    /// How the server speaks: gr00t, gr00t-flat, gr00t-sonic, openpi, behavior or roboarena
+    #[arg(long, value_name = "NAME")]
+    pub dialect: Option<Dialect>,
+    /// Where it is: tcp://HOST:PORT of a GR00T server, ws://HOST:PORT of the others
+    #[arg(long, value_name = "URL")]
+    pub model: Option<String>,
+    /// What its keys are on this robot: a file, or unitree_g1, real_g1, unitree_g1_sonic, openpi_g1, behavior_g1,
+    /// roboarena_g1 [default: the dialect's]
+    #[arg(long, value_name = "FILE")]
+    pub map: Option<String>,
+    /// Rows of each chunk that are played [default: the mapping's]
+    #[arg(long, value_name = "ROWS", value_parser = fiatlux_link::whole::<u16>(1..=400))]
+    pub prefix: Option<u16>,
+    /// Control steps over which a new chunk takes over from the old one
+    #[arg(long, value_name = "STEPS", default_value_t = 0, value_parser = fiatlux_link::whole::<u16>(0..=100))]
+    pub blend: u16,
+    /// Average the rows that several chunks have for a step; the i-th oldest has the weight exp(-M i)
+    #[arg(long, value_name = "M", value_parser = decay, conflicts_with = "blend")]
+    pub ensemble: Option<f64>,
+    /// The time that the server has for an answer, s [default: 15]
+    #[arg(long, value_name = "SECONDS", value_parser = fiatlux_link::whole::<u16>(1..=600))]
+    pub reply_timeout: Option<u16>,
+    /// How long a server that is gone is tried again, s; an episode waits 60 s for an action [default: 30]
+    #[arg(long, value_name = "SECONDS", value_parser = fiatlux_link::whole::<u16>(0..=600))]
+    pub model_patience: Option<u16>,
+    /// File with the server's API token or key
+    #[arg(long, value_name = "FILE")]
+    pub model_token: Option<PathBuf>,
+}
+
+fn decay(text: &str) -> Result<f64, String> {
+    let read = text.parse().ok().filter(|decay: &f64| (0.0..=10.0).contains(decay));
+    read.ok_or_else(|| format!("'{text}' is not a number from 0 to 10, such as 0.01"))
+}
+
+impl VlaArgs {
+    /// Reads mapping and token; nobody is asked yet.
+    ///
+    /// # Errors
+    /// [`PolicyError`]: flags that are missing, or files that cannot be read.
+    pub fn source(&self, is_real_time: bool) -> Result<VlaSource, PolicyError> {
+        let unfit = |reason: String| PolicyError::Unfit { policy: "vla", reason };
+        let (Some(dialect), Some(url)) = (self.dialect, &self.model) else {
+            return Err(unfit("it needs a model server; give --dialect and --model".into()));
+        };
+        let robot = Robot::g1_inspire().map_err(|error| unfit(error.to_string()))?;
+        let name = self.map.as_deref().unwrap_or(default_mapping(dialect));
+        let mapping = Mapping::open(name, &robot)?;
+        let wrong =
+            |field: &str, problem: String| BridgeError::Mapping { name: name.into(), field: field.into(), problem };
+        if !mapping.dialects.contains(&dialect) {
+            return Err(wrong("dialects", format!("it is not of {}; name another --map", dialect.name())).into());
+        }
+        let prefix = self.prefix.map_or(mapping.prefix, usize::from);
+        if prefix > mapping.horizon {
+            return Err(wrong("prefix", format!("it is {prefix}, and a chunk has {} rows", mapping.horizon)).into());
+        }
+        let token = self.model_token.as_ref().map(std::fs::read_to_string).transpose();
+        let token = token.map_err(|error| unfit(format!("--model-token cannot be read: {error}")))?;
+        let mut timeouts = Timeouts::default();
+        timeouts.reply = self.reply_timeout.map_or(timeouts.reply, |time| Duration::from_secs(time.into()));
+        let play =
+            Play { prefix, blend: self.blend.into(), ensemble: self.ensemble, steps_per_row: mapping.steps_per_row() };
+        let options =
+            ModelOptions { url: url.clone(), dialect, timeouts, token: token.map(|token| token.trim().to_owned()) };
+        // An address that cannot be read is told of at once.
+        drop(options.model()?);
+        Ok(VlaSource(std::sync::Arc::new(Shared {
+            options,
+            mapping,
+            play,
+            robot,
+            network: std::sync::Arc::new(Network::shipped()?),
+            patience: Duration::from_secs(self.model_patience.unwrap_or(30).into()),
+            is_real_time,
+        })))
+    }
+
+    /// The same, and compares the server's contract with the mapping.
+    ///
+    /// # Errors
+    /// As [`VlaArgs::source`]; nobody there, or a contract that does not fit.
+    pub fn checked(&self, is_real_time: bool) -> Result<VlaSource, PolicyError> {
+        let source = self.source(is_real_time)?;
+        source.check()?;
+        Ok(source)
+    }
+}

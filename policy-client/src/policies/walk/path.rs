@@ -1,0 +1,135 @@
+//! Paths on the floor, clear of what stands there.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// x and y, world, m.
+pub(super) type Point = [f64; 2];
+
+/// Side of a cell, m.
+const CELL_M: f64 = 0.05;
+/// The robot keeps this far from things where it can, m; nearer than half of it a way costs ten times as much.
+const CLEAR_M: f64 = 0.45;
+/// Cells around the robot in each direction: 6 m.
+const REACH: i32 = 120;
+
+pub(super) fn distance(one: Point, other: Point) -> f64 {
+    libm::hypot(one[0] - other[0], one[1] - other[1])
+}
+
+/// Corners of an outline as a message has them.
+pub(super) fn corners(outline: &[f64]) -> Vec<Point> {
+    outline.as_chunks().0.to_vec()
+}
+
+/// What stands on the floor: convex outlines, counter-clockwise, by name.
+#[derive(Debug, Clone)]
+pub(super) struct Map {
+    outlines: Vec<(String, Vec<Point>)>,
+}
+
+impl Map {
+    pub fn new(outlines: impl Iterator<Item = (String, Vec<Point>)>) -> Self {
+        Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).collect() }
+    }
+
+    /// Distance of a point from a thing, 0 within it.
+    pub fn distance_to(&self, name: &str, at: Point) -> Option<f64> {
+        self.outlines.iter().find(|(own, _)| own == name).map(|(_, corners)| from_outline(corners, at))
+    }
+
+    fn clearance(&self, at: Point) -> f64 {
+        self.outlines.iter().map(|(_, corners)| from_outline(corners, at)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The cheapest path to a point where `is_goal` holds; empty if there is none within reach.
+    pub fn path(&self, start: Point, is_goal: impl Fn(Point) -> bool) -> Vec<Point> {
+        let side = (2 * REACH + 1) as usize;
+        let index = |x: i32, y: i32| (y + REACH) as usize * side + (x + REACH) as usize;
+        let point = |x: i32, y: i32| [start[0] + CELL_M * f64::from(x), start[1] + CELL_M * f64::from(y)];
+        let mut costs = vec![f64::INFINITY; side * side];
+        let mut from = vec![(0, 0); side * side];
+        let mut open = BinaryHeap::new();
+        costs[index(0, 0)] = 0.0;
+        // Costs in micrometres, which compare.
+        open.push((Reverse(0_u64), 0, 0));
+        while let Some((Reverse(key), x, y)) = open.pop() {
+            let cost = costs[index(x, y)];
+            if key > micrometres(cost) {
+                continue;
+            }
+            if is_goal(point(x, y)) {
+                return trace(&from, (x, y), index, point);
+            }
+            for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)] {
+                let (x, y, before) = (x + dx, y + dy, (x, y));
+                if x.abs() > REACH || y.abs() > REACH {
+                    continue;
+                }
+                let near = (1.0 - self.clearance(point(x, y)) / CLEAR_M).max(0.0);
+                let weight = 1.0 + 20.0 * near * near + if near > 0.5 { 100.0 * near } else { 0.0 };
+                let cost = cost + CELL_M * libm::hypot(f64::from(dx), f64::from(dy)) * weight;
+                if cost < costs[index(x, y)] {
+                    costs[index(x, y)] = cost;
+                    from[index(x, y)] = before;
+                    open.push((Reverse(micrometres(cost)), x, y));
+                }
+            }
+        }
+        Vec::new()
+    }
+}
+
+fn micrometres(cost: f64) -> u64 {
+    (cost * 1e6) as u64
+}
+
+/// From the start to a cell.
+fn trace(
+    from: &[(i32, i32)],
+    end: (i32, i32),
+    index: impl Fn(i32, i32) -> usize,
+    point: impl Fn(i32, i32) -> Point,
+) -> Vec<Point> {
+    let mut path = vec![point(end.0, end.1)];
+    let mut at = end;
+    while at != (0, 0) {
+        at = from[index(at.0, at.1)];
+        path.push(point(at.0, at.1));
+    }
+    path.reverse();
+    path
+}
+
+/// Distance of a point from a convex outline, 0 within it.
+fn from_outline(corners: &[Point], at: Point) -> f64 {
+    let mut nearest = f64::INFINITY;
+    let mut is_inside = true;
+    for (index, &[x, y]) in corners.iter().enumerate() {
+        let next = corners[(index + 1) % corners.len()];
+        let (along, to) = ([next[0] - x, next[1] - y], [at[0] - x, at[1] - y]);
+        is_inside &= along[0] * to[1] - along[1] * to[0] >= 0.0;
+        let length = (along[0] * along[0] + along[1] * along[1]).max(1e-12);
+        let part = ((along[0] * to[0] + along[1] * to[1]) / length).clamp(0.0, 1.0);
+        nearest = nearest.min(distance(at, [x + part * along[0], y + part * along[1]]));
+    }
+    if is_inside { 0.0 } else { nearest }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Map, distance};
+
+    /// Between the robot and its goal stands a wall of 2 m: the path goes round its end and keeps clear.
+    #[test]
+    fn paths_go_round_what_stands_there() {
+        let wall = vec![[0.9, -1.0], [1.1, -1.0], [1.1, 1.0], [0.9, 1.0]];
+        let map = Map::new([("wall".to_owned(), wall)].into_iter());
+        assert_eq!(map.distance_to("wall", [1.0, 0.0]), Some(0.0));
+        assert_eq!(map.distance_to("wall", [2.1, 0.5]), Some(1.0));
+        let path = map.path([0.0, 0.0], |at| distance(at, [2.0, 0.0]) < 0.1);
+        assert!(path.len() > 40, "{path:?}");
+        let nearest = path.iter().map(|at| map.clearance(*at)).fold(f64::INFINITY, f64::min);
+        assert!(nearest > 0.35, "{nearest}");
+    }
+}

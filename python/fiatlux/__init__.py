@@ -1,0 +1,40 @@
+"""Environments of the Fiatlux benchmark: a humanoid that puts a ladder under a lamp, climbs it and swaps the bulb.
+
+Importing it registers the environments. ``gymnasium.make("Fiatlux-S05-CarryBulbToDisposal-v1")`` is one episode at a time, by
+the benchmark's own rules; ``gymnasium.make_vec`` of the same id, or :class:`VectorEnv`, steps many worlds in one call for
+training. :func:`evaluate` plays a policy through the benchmark in this process, :class:`Client` on servers, and :class:`Bag`
+reads a recorded episode.
+"""
+
+from ._native import BENCHMARK_VERSION, FiatluxError, __version__
+from ._register import register as _register
+from .bag import Bag
+from .client import Client
+from .dataset import export_lerobot
+from .env import Env
+from .evaluation import Evaluation, evaluate
+from .policy import Policy, PolicyLike
+from .settings import Settings
+from .tasks import TASKS, Task
+from .vector import VectorEnv, WalkingVectorEnv
+
+_register()
+
+__all__ = [
+    "BENCHMARK_VERSION",
+    "TASKS",
+    "Bag",
+    "Client",
+    "Env",
+    "Evaluation",
+    "FiatluxError",
+    "Policy",
+    "PolicyLike",
+    "Settings",
+    "Task",
+    "VectorEnv",
+    "WalkingVectorEnv",
+    "__version__",
+    "evaluate",
+    "export_lerobot",
+]

@@ -1,0 +1,147 @@
+"""Policies played on servers over Zenoh."""
+
+from os import PathLike, fspath
+from typing import TYPE_CHECKING, Any, Callable, Sequence
+
+from . import _native
+from .policy import Player, PolicyLike, is_stateful, name_of
+from .settings import Settings, complete
+from .spaces import ObservationForm
+from .tasks import SUBTASKS
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+class Client:
+    """A link to one server, or to several.
+
+    Waiting for a server and playing leave the interpreter's lock free, and Ctrl-C ends them. A policy is called in another
+    thread than the caller's.
+
+    Args:
+        endpoint: Where the server is, such as ``"tcp/192.168.1.7:7447"``; several may be given as a list.
+        config: A Zenoh config file, as the programs take it; it has the certificates of an encrypted link.
+
+    Raises:
+        ValueError: The endpoint cannot be read.
+        ConnectionError: Nobody answers there.
+    """
+
+    def __init__(
+        self, endpoint: str | Sequence[str] = "tcp/127.0.0.1:7447", *, config: str | PathLike[str] | None = None
+    ) -> None:
+        endpoints = [endpoint] if isinstance(endpoint, str) else list(endpoint)
+        self._client = _native.Client(endpoints, None if config is None else fspath(config))
+
+    def run(
+        self,
+        policy: PolicyLike,
+        task: str,
+        seed: int = 0,
+        episode: int = 0,
+        *,
+        server: str | None = None,
+        name: str | None = None,
+        observation: ObservationForm = "dict",
+        record: Sequence[str] = (),
+        **settings: "Unpack[Settings]",
+    ) -> dict[str, Any]:
+        """Plays one episode, and returns how it ended; ``state_digest`` is the digest of its rows.
+
+        Args:
+            policy: See :data:`fiatlux.PolicyLike`.
+            task: Short id or environment id.
+            seed, episode: Which episode.
+            server: Name of the server; not needed where there is one only.
+            name: The policy's name, for the record.
+            observation: Form of the observations. Sensors may have a rate here, such as ``"camera@10"``; in between, an
+                observation has the last image.
+            record: Sensors that the bag is to have, such as ``"camera"``; the episode then waits for a recorder.
+            settings: See :class:`fiatlux.Settings`.
+        """
+        asked = complete(task, observation, settings)
+        player = Player(policy, observation)
+        return self._client.run(player, name or name_of(policy), server, task, seed, episode, asked, list(record))
+
+    def evaluate(
+        self,
+        policy: PolicyLike,
+        tasks: Sequence[str] = SUBTASKS,
+        seeds: Sequence[int] = (0, 1, 2, 3),
+        *,
+        parallel: int | None = None,
+        hosted_seeds: int = 0,
+        server: str | None = None,
+        name: str | None = None,
+        version: str = "",
+        link: str = "",
+        run_file: str | PathLike[str] = "RUN.toml",
+        patience_s: float = 60.0,
+        observation: ObservationForm = "dict",
+        record: Sequence[str] = (),
+        progress: Callable[[dict[str, Any]], None] | None = None,
+        **settings: "Unpack[Settings]",
+    ) -> dict[str, Any]:
+        """Plays a whole run; called again with the same run file and arguments, it goes on where the run stands.
+
+        The server records the run and keeps its score. The result has the ``run``'s name, whether it is ``finished``, the
+        ``servers`` that took part, and its ``episodes``, each with its ``fate``: ``"played"``, ``"failed"``, or ``"lost"``, which
+        the next call plays.
+
+        Args:
+            policy: See :data:`fiatlux.PolicyLike`. It must be deterministic: an episode that was cut off is played again.
+            tasks, seeds: Played once each.
+            parallel: Episodes at once; as many as the servers take by default. One policy object that has ``reset`` plays
+                them one by one: give its class to play several.
+            hosted_seeds: Number of seeds that the server draws, in place of ``seeds``.
+            server: Name of the server, or of a group: ``lab`` stands for ``lab``, ``lab-1`` and so on.
+            name, version, link: The policy's, for the record.
+            run_file: File with the run's name and secret key; it is written where there is none.
+            patience_s: How long to wait for servers that are gone.
+            observation, record: As of :meth:`run`.
+            progress: Called a few times a second with a dictionary of counts.
+            settings: See :class:`fiatlux.Settings`.
+        """
+        asked = complete(None, observation, settings)
+        run = {
+            **run_of(policy, tasks, () if hosted_seeds else seeds, parallel, name, run_file),
+            "version": version,
+            "link": link,
+            "hosted_seeds": hosted_seeds,
+            "server": server,
+            "record": list(record),
+            "patience_s": patience_s,
+        }
+        return self._client.evaluate(lambda: Player(policy, observation), run, asked, progress)
+
+
+def run_of(
+    policy: PolicyLike,
+    tasks: Sequence[str],
+    seeds: Sequence[int],
+    parallel: int | None,
+    name: str | None,
+    run_file: str | PathLike[str],
+) -> dict[str, Any]:
+    """A run as the native part takes it, with usual values for what is not given."""
+    if is_stateful(policy):
+        if parallel not in (None, 1):
+            raise ValueError(
+                f"parallel is {parallel}, but one policy object with a method reset cannot play several episodes at once; "
+                "give its class, so that each episode has its own"
+            )
+        parallel = 1
+    return {
+        "name": name or name_of(policy),
+        "version": "",
+        "link": "",
+        "tasks": list(tasks),
+        "seeds": list(seeds),
+        "hosted_seeds": 0,
+        "server": None,
+        "parallel": parallel,
+        "run_file": fspath(run_file),
+        "record": [],
+        "patience_s": 60.0,
+    }

@@ -1,0 +1,222 @@
+"""Bags as a LeRobot data set."""
+
+import io
+from os import PathLike
+from pathlib import Path
+from typing import Any, Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bag import Bag
+
+ROWS_PER_SECOND = 50
+"""Control steps of a second."""
+
+_CHOSEN = {
+    "policy": "policy",
+    "task": "task",
+    "robot": "hands",
+    "gains": "gains",
+    "reward": "reward",
+    "protocol": "episode_protocol",
+}
+"""Columns of what was chosen for the episode, by their field of its header."""
+
+_SENSED = (
+    "base_angular_velocity",
+    "projected_gravity",
+    "base_linear_velocity",
+    "base_height",
+    "joint_position",
+    "joint_velocity",
+)
+
+
+def export_lerobot(
+    bags: str | PathLike[str] | Sequence[str | PathLike[str]],
+    out: str | PathLike[str],
+    *,
+    repo_id: str = "fiatlux/bags",
+    fps: int = ROWS_PER_SECOND,
+    vcodec: str = "libsvtav1",
+) -> Path:
+    """Writes whole bags as a data set of LeRobot's, which needs the extra ``lerobot``; returns its folder.
+
+    A frame is a row with the action that answers it: what the robot sensed of its own body (``observation.state``, noise
+    included), the action in action units (``action``), the instruction (``task``), and what the step paid and led to
+    (``next.reward``, ``next.reward_terms``, ``next.done``, ``next.success``). ``episode.*`` has what holds for the whole
+    episode: the judge's verdict, what was chosen, and in ``episode.conditions`` the numbers that were drawn, whose names the
+    data set's features have. Recorded images become videos (``observation.images.*``); between two images the older one stays.
+
+    Args:
+        bags: Bags, or a folder of them.
+        out: Folder of the data set, which must not exist.
+        repo_id: Name of the data set.
+        fps: Frames a second: 50 divided by a whole number. Rows in between are left out, with their actions; rewards of a
+            frame are sums until the next one.
+        vcodec: Video codec, as LeRobot names it.
+
+    Raises:
+        ImportError: ``lerobot`` is not installed.
+        ValueError: No bags, a bag that was cut or that has no proprioception, bags of robots that differ, or an ``fps`` that
+            does not fit.
+    """
+    try:
+        from lerobot.datasets.lerobot_dataset import LeRobotDataset
+    except ImportError as error:
+        raise ImportError("export_lerobot needs lerobot; install fiatlux[lerobot]") from error
+    if fps <= 0 or ROWS_PER_SECOND % fps != 0:
+        raise ValueError(f"fps is {fps}; give 50 divided by a whole number, such as 50, 25 or 10")
+    paths = _paths(bags)
+    features, robot = None, ""
+    for path in paths:
+        of_bag, robot_of_bag = _features(Bag(path), path)
+        if features is None:
+            features, robot = of_bag, robot_of_bag
+        elif features != of_bag or robot != robot_of_bag:
+            differ = sorted(set(features) ^ set(of_bag)) or sorted(n for n in features if features[n] != of_bag[n]) or ["robot"]
+            raise ValueError(f"{path} differs from {paths[0]} in {', '.join(differ)}; export such bags apart")
+    data = LeRobotDataset.create(repo_id, fps, features, root=out, robot_type=robot, use_videos=True, vcodec=vcodec)
+    for path in paths:
+        for frame in _frames(Bag(path), features, ROWS_PER_SECOND // fps):
+            data.add_frame(frame)
+        data.save_episode()
+    data.finalize()
+    return Path(out)
+
+
+def _paths(bags: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Path]:
+    if isinstance(bags, (str, PathLike)):
+        folder = Path(bags)
+        paths = sorted(folder.rglob("*.mcap")) if folder.is_dir() else [folder]
+    else:
+        paths = [Path(bag) for bag in bags]
+    if not paths:
+        raise ValueError(f"bags: no file *.mcap below {bags}")
+    return paths
+
+
+def _features(bag: Bag, path: Path) -> tuple[dict[str, Any], str]:
+    """Columns of a bag's data set, and the name of its robot."""
+    if not bag.is_whole or bag.result is None:
+        raise ValueError(f"{path} is not whole; export bags of episodes that ended")
+    header, observation = bag.header, bag["/observation"]
+    joints: list[str] = list(header["joint_names"])
+    if len(observation.get("proprioception.joint_position", ())) != len(bag["/state"]["step"]):
+        raise ValueError(f"{path} has no proprioception in every row; record sessions that observe it in every step")
+    xyz = ("x", "y", "z")
+    state = [f"{name}.{axis}" for name in _SENSED[:3] for axis in xyz] + ["base_height"]
+    state += [f"{name}.{joint}" for name in _SENSED[4:] for joint in joints]
+
+    def one(dtype: str) -> dict[str, Any]:
+        return {"dtype": dtype, "shape": (1,), "names": None}
+
+    def several(names: list[str]) -> dict[str, Any]:
+        return {"dtype": "float32", "shape": (len(names),), "names": names}
+
+    features: dict[str, Any] = {
+        "observation.state": several(state),
+        "action": several(joints),
+        "next.reward": one("float32"),
+        "next.reward_terms": several(_reward_terms(bag)),
+        "next.done": one("bool"),
+        "next.success": one("bool"),
+        "episode.success": one("bool"),
+        "episode.gate_progress": one("float32"),
+        "episode.seed": one("int64"),
+        "episode.number": one("int64"),
+        **{f"episode.{name}": one("string") for name in _CHOSEN},
+        "episode.conditions": several(list(_drawn(header))),
+    }
+    for name, images in _images(bag).items():
+        height, width, _ = next(iter(images.values())).shape
+        features[f"observation.images.{name}"] = {
+            "dtype": "video",
+            "shape": (height, width, 3),
+            "names": ["height", "width", "channels"],
+        }
+    return features, f"g1_{header['hands']}"
+
+
+def _frames(bag: Bag, features: Mapping[str, Any], stride: int) -> Iterator[dict[str, Any]]:
+    header, observation, rewards = bag.header, bag["/observation"], bag["/reward"]
+    verdict = (bag.result or {})[header["episode_protocol"]]
+    actions = bag["/state"]["action"]
+    rows = len(actions) - 1
+    sensed = [np.reshape(observation[f"proprioception.{name}"], (rows + 1, -1)) for name in _SENSED]
+    state = np.concatenate(sensed, axis=1).astype(np.float32)
+    terms = np.stack([rewards[f"terms.{name}.reward"] for name in _reward_terms(bag)], axis=1)
+    whole_episode = {
+        "episode.success": np.array([bool(verdict["success"])]),
+        "episode.gate_progress": np.array([verdict["gate_progress"]], np.float32),
+        "episode.seed": np.array([header["seed"]], np.int64),
+        "episode.number": np.array([header["episode"]], np.int64),
+        **{f"episode.{name}": header[field] for name, field in _CHOSEN.items()},
+        "episode.conditions": np.array(list(_drawn(header).values()), np.float32),
+    }
+    images = {f"observation.images.{name}": seen for name, seen in _images(bag).items()}
+    latest: dict[str, NDArray[np.uint8]] = {}
+    for row in range(rows):
+        for name, seen in images.items():
+            if row in seen:
+                latest[name] = seen[row]
+        if row % stride != 0:
+            continue
+        last = min(row + stride, rows)
+        yield {
+            "task": header["instruction"],
+            "observation.state": state[row],
+            # The action that answers row k led to row k + 1.
+            "action": np.asarray(actions[row + 1], np.float32),
+            "next.reward": np.sum(rewards["total"][row:last], keepdims=True).astype(np.float32),
+            "next.reward_terms": np.sum(terms[row:last], axis=0).astype(np.float32),
+            "next.done": np.array([last == rows]),
+            "next.success": np.array([last == rows and bool(verdict["success"])]),
+            **whole_episode,
+            **{name: latest[name] for name in images},
+        }
+
+
+def _reward_terms(bag: Bag) -> list[str]:
+    ends = (name.removeprefix("terms.") for name in bag["/reward"] if name.startswith("terms."))
+    return sorted(name.removesuffix(".reward") for name in ends if name.endswith(".reward"))
+
+
+def _drawn(header: Mapping[str, Any]) -> dict[str, float]:
+    """The numbers that were drawn for the episode, by name."""
+    found: dict[str, float] = {}
+    _flatten("", header.get("domain_sample", {}), found)
+    return found
+
+
+def _flatten(path: str, value: Any, found: dict[str, float]) -> None:
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            _flatten(f"{path}.{name}" if path else name, part, found)
+    elif isinstance(value, list):
+        for index, part in enumerate(value):
+            _flatten(f"{path}.{index}", part, found)
+    elif isinstance(value, (bool, int, float)):
+        found[path] = float(value)
+
+
+def _images(bag: Bag) -> dict[str, dict[int, NDArray[np.uint8]]]:
+    """Recorded images by camera and row."""
+    found: dict[str, dict[int, NDArray[np.uint8]]] = {}
+    camera = bag["/camera"]
+    if camera:
+        from PIL import Image
+
+        seconds = np.asarray(camera["timestamp.seconds"]) + np.asarray(camera["timestamp.nanos"]) / 1e9
+        rows = np.rint(seconds * ROWS_PER_SECOND).astype(int)
+        found["camera"] = {
+            int(row): np.asarray(Image.open(io.BytesIO(data)).convert("RGB")) for row, data in zip(rows, camera["data"])
+        }
+    observation = bag["/observation"]
+    if "chest_camera.rgb" in observation:
+        data = observation["chest_camera.rgb"]
+        rows = observation.get("chest_camera.rgb.rows", range(len(data)))
+        shape = (int(observation["chest_camera.height"][0]), int(observation["chest_camera.width"][0]), 3)
+        found["chest_camera"] = {int(row): np.frombuffer(rgb, np.uint8).reshape(shape) for row, rgb in zip(rows, data)}
+    return found

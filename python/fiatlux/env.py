@@ -1,0 +1,157 @@
+"""One episode at a time, by the benchmark's own rules."""
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
+from numpy.typing import NDArray
+
+from . import _native
+from .settings import Settings, complete
+from .spaces import Layout, ObservationForm, as_actions
+from .tasks import TASKS, Task
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+TRAINING_SEEDS = (1000, 2**31)
+"""Seeds below are for fixtures, tests and judging policies."""
+
+
+class Env(gymnasium.Env[Any, NDArray[np.float32]]):
+    """A task of the benchmark.
+
+    The same seed, episode and actions give the same rows, rewards, ends and digest as every other program of Fiatlux.
+
+    Args:
+        task: Short id or environment id.
+        observation: Form of the observation, see :data:`fiatlux.spaces.ObservationForm`.
+        render_mode: ``"rgb_array"`` or none.
+        render_size: Width and height of rendered pictures, pixels.
+        render_camera: Name of one of the robot's cameras; none looks at the robot from its side.
+        settings: See :class:`fiatlux.Settings`.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
+
+    def __init__(
+        self,
+        task: str,
+        *,
+        observation: ObservationForm = "dict",
+        render_mode: str | None = None,
+        render_size: tuple[int, int] = (640, 480),
+        render_camera: str | None = None,
+        **settings: "Unpack[Settings]",
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode is {render_mode!r}; known ones are None, 'rgb_array'")
+        self.render_mode = render_mode
+        self._render_size, self._render_camera = render_size, render_camera
+        self._task = task
+        self._settings = complete(task, observation, settings)
+        self._seed: int | None = None
+        self._index = 0
+        self._closed = False
+        self._begun = False
+        # Names and sizes are the same in every episode.
+        self._episode = _native.Episode(task, 0, 0, self._settings)
+        self._layout = Layout(self._episode.spec, observation)
+        self.observation_space = self._layout.space
+        self.action_space = self._layout.action_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode: with a seed, episode 0 of it; without one, the next episode of the seed before.
+
+        The seed is the benchmark's: it draws the room and, with the episode, all else. Without any, one is drawn from those
+        for training. ``options`` may name ``"episode"``, the index of an episode of the seed.
+        """
+        self._check_open()
+        super().reset(seed=seed)
+        options = dict(options or {})
+        if seed is not None:
+            self._seed, self._index = seed, 0
+        elif self._seed is None:
+            self._seed, self._index = int(self.np_random.integers(*TRAINING_SEEDS)), 0
+        else:
+            self._index += 1
+        self._index = int(options.pop("episode", self._index))
+        if options:
+            raise ValueError(f"options has no {next(iter(options))!r}; known keys are 'episode'")
+        self._begun = False
+        self._episode = _native.Episode(self._task, self._seed, self._index, self._settings)
+        self._begun = True
+        return self._observation(), {"seed": self._seed, "episode": self._index}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Takes a control step of 20 ms. A wrong shape, NaN and a step after the end are a ``ValueError``."""
+        self._check_begun()
+        array = as_actions(action, self.action_space.shape or (), np.float64)
+        reward, terminated, truncated = self._episode.step(array)
+        info: dict[str, Any] = {"reward_terms": self._episode.reward_terms()}
+        if terminated or truncated:
+            info |= self._episode.summary()
+        return self._observation(), reward, terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture of the present row, or nothing without a render mode."""
+        self._check_begun()
+        if self.render_mode is None:
+            return None
+        width, height = self._render_size
+        pixels = self._episode.render(width, height, self._render_camera)
+        return np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
+
+    def close(self) -> None:
+        """Ends the environment; every later call is an error."""
+        self._closed = True
+
+    @property
+    def digest(self) -> str:
+        """Digest of the episode's rows so far, hexadecimal."""
+        self._check_begun()
+        return self._episode.digest
+
+    def summary(self) -> dict[str, Any]:
+        """What the episode amounts to so far, under the names of ``results.json``."""
+        self._check_begun()
+        return self._episode.summary()
+
+    def row(self) -> dict[str, Any]:
+        """The present state as arrays: SI units, world axes; poses are x, y, z, then the quaternion w, x, y, z."""
+        self._check_begun()
+        return self._episode.row()
+
+    def to_mjcf(self, nearest: bool = True) -> str:
+        """The scene as MuJoCo's MJCF; its keyframe is the present state with the joint targets in force.
+
+        ``nearest`` asks for the options of MuJoCo that are nearest to the simulator's, otherwise for MuJoCo's defaults. What holds
+        a bulb in its socket is not in it.
+        """
+        self._check_begun()
+        return self._episode.mjcf(nearest)
+
+    @property
+    def task(self) -> Task:
+        """The task that is played."""
+        return next(task for task in TASKS.values() if self._task in (task.short_id, task.id))
+
+    @property
+    def action_names(self) -> list[str]:
+        """Name of each number of an action."""
+        return self._layout.action_names
+
+    def _observation(self) -> Any:
+        numbers = np.empty(self._layout.length, np.float32)
+        self._episode.observe(numbers)
+        return self._layout.show(numbers, copy=False)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ClosedEnvironmentError("the environment is closed; make another one")
+
+    def _check_begun(self) -> None:
+        self._check_open()
+        if not self._begun:
+            raise ResetNeeded("no episode has begun; call reset() first")

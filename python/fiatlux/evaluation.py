@@ -1,0 +1,156 @@
+"""The benchmark in this process."""
+
+import json
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
+
+from . import _native
+from .bag import Bag
+from .client import run_of
+from .env import Env
+from .policy import Player, PolicyLike
+from .settings import Settings, complete
+from .spaces import ObservationForm
+from .tasks import SUBTASKS
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a policy achieved."""
+
+    scores: dict[str, Any]
+    """The benchmark's scores, under the names of ``results.json``."""
+    episodes: list[dict[str, Any]]
+    """Each episode by the judge that ends it, under the names of ``results.json``; ``state_digest`` is the digest of its rows.
+    A recorded one has its ``bag``, a path below the folder."""
+    lost: tuple[str, ...] = ()
+    """Episodes of a recorded evaluation that are missing, with the reason."""
+
+    def table(self) -> str:
+        """The scores as a text table."""
+        header = f"{'task':<30} {'score':>6} {'success':>8} {'progress':>9} {'broken':>7} {'dropped':>8} {'steps':>7}"
+        lines = [header, "-" * len(header)]
+        for row in self.scores["subtasks"]:
+            name = f"{row['id']} {row['name']}"
+            rates = f"{row['score_mean']:>6.3f} {row['success_rate']:>8.2f} {row['gate_progress']:>9.3f}"
+            lines.append(f"{name:<30} {rates} {row['broken_rate']:>7.2f} {row['dropped_rate']:>8.2f} {row['mean_steps']:>7.0f}")
+        mean, std = self.scores["score"]["mean"], self.scores["score"]["std"]
+        if mean is not None:
+            lines.append(f"benchmark score {mean:.4f}" + ("" if std is None else f" +- {std:.4f} over seeds"))
+        if self.scores["missing"]:
+            lines.append("missing: " + ", ".join(self.scores["missing"]))
+        return "\n".join(lines)
+
+
+def evaluate(
+    policy: PolicyLike,
+    tasks: Sequence[str] = SUBTASKS,
+    seeds: Sequence[int] = (0, 1, 2, 3),
+    *,
+    out: str | PathLike[str] | None = None,
+    parallel: int | None = None,
+    name: str | None = None,
+    observation: ObservationForm = "dict",
+    record: Sequence[str] = (),
+    max_steps: int | None = None,
+    progress: Callable[[dict[str, Any]], None] | None = None,
+    **settings: "Unpack[Settings]",
+) -> Evaluation:
+    """Plays a policy through tasks and seeds, an episode each: by default the 48 of the benchmark.
+
+    The rows, and so the digests, are those of the program ``fiatlux evaluate`` for the same actions.
+
+    Args:
+        policy: See :data:`fiatlux.PolicyLike`.
+        tasks: Short ids.
+        seeds: Benchmark seeds.
+        out: Folder for bags, ``results.json`` and ``report.html``. Episodes then go through a server and a client in this
+            process, as in the program; the same call goes on where an earlier one was stopped.
+        parallel: Episodes at once, with ``out`` only. See :meth:`fiatlux.Client.evaluate`.
+        name: The policy's name, for the record.
+        observation: Form of the observations.
+        record: Sensors that the bags are to have, other than the small ones, such as ``"camera"``.
+        max_steps: Cuts episodes after this number of steps; the table is then not comparable with others. Not with ``out``.
+        progress: Called with the summary of each episode as it ends; with ``out``, a few times a second with a dictionary of
+            counts.
+        settings: See :class:`fiatlux.Settings`.
+    """
+    if out is not None:
+        if max_steps is not None:
+            raise ValueError("max_steps: a bag has its whole episode; leave out or max_steps away")
+        return _recorded(policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, settings)
+    for field, given in (("parallel", parallel is not None), ("record", len(record) > 0)):
+        if given:
+            raise ValueError(f"{field}: only a recorded evaluation has it; name a folder with out")
+    episodes = []
+    for task in tasks:
+        env = Env(task, observation=observation, **settings)
+        for seed in seeds:
+            summary = play(env, policy, seed, max_steps=max_steps)
+            episodes.append(summary)
+            if progress is not None:
+                progress(summary)
+        env.close()
+    return Evaluation(_native.benchmark(episodes), episodes)
+
+
+def play(env: Env, policy: PolicyLike, seed: int, episode: int = 0, max_steps: int | None = None) -> dict[str, Any]:
+    """Plays one episode; its summary."""
+    played: Any = policy() if isinstance(policy, type) else policy
+    observed, _ = env.reset(seed=seed, options={"episode": episode})
+    begin = getattr(played, "reset", None)
+    if callable(begin):
+        begin({"task": env.task.short_id, "instruction": env.task.instruction, "seed": seed, "episode": episode})
+    steps, ended = 0, False
+    while not ended and (max_steps is None or steps < max_steps):
+        observed, _, terminated, truncated, _ = env.step(played(observed))
+        steps, ended = steps + 1, terminated or truncated
+    return env.summary()
+
+
+def _recorded(
+    policy: PolicyLike,
+    tasks: Sequence[str],
+    seeds: Sequence[int],
+    out: Path,
+    parallel: int | None,
+    name: str | None,
+    observation: ObservationForm,
+    record: Sequence[str],
+    progress: Callable[[dict[str, Any]], None] | None,
+    settings: Mapping[str, Any],
+) -> Evaluation:
+    if len(tasks) == 0 or len(seeds) == 0:
+        raise ValueError("tasks and seeds: give at least one each")
+    asked = complete(tasks[0] if len(tasks) == 1 else None, observation, settings)
+    run = {**run_of(policy, tasks, seeds, parallel, name, out / "RUN.toml"), "record": list(record)}
+    text, lost = _native.evaluate_into(fspath(out), lambda: Player(policy, observation), run, asked, progress)
+    episodes = [_summary(row, Bag(out / row["bag"])) for row in json.loads(text)["episodes"] if row["bag"]]
+    return Evaluation(_native.benchmark(episodes), episodes, tuple(lost))
+
+
+def _summary(row: Mapping[str, Any], bag: Bag) -> dict[str, Any]:
+    """A graded episode by the judge that ended it, as :meth:`fiatlux.Env.summary` has it."""
+    result = bag.result or {}
+    verdict = result[bag.header["episode_protocol"]]
+    return {
+        "task": row["task"],
+        "seed": row["seed"],
+        "episode": row["episode"],
+        "success": verdict["success"],
+        "clean": verdict["success"] and not verdict["broken"] and not verdict["dropped"],
+        "broken": verdict["broken"],
+        "dropped": verdict["dropped"],
+        "gate_progress": verdict["gate_progress"],
+        "peak_hand_force_n": verdict["peak_hand_force_n"],
+        "control_effort": verdict["control_effort"],
+        "steps": verdict["steps"],
+        "end": verdict["cause"],
+        "state_digest": row["state_digest"],
+        "bag": row["bag"],
+    }

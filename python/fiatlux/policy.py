@@ -1,0 +1,59 @@
+"""Policies, and how they are played by the native part."""
+
+from typing import Any, Callable, Mapping, Protocol, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .spaces import Layout, ObservationForm, as_actions
+
+
+class Policy(Protocol):
+    """Answers each observation with an action.
+
+    A method ``reset(info)``, where there is one, is called at the start of each episode with its ``task``, ``instruction``,
+    ``seed`` and ``episode``.
+    """
+
+    def __call__(self, observation: Any) -> Any: ...
+
+
+PolicyLike = Union[Policy, Callable[[Any], Any], type]
+"""A policy. A class is made anew, without arguments, for each episode; anything else is used for all of them."""
+
+
+def is_stateful(policy: PolicyLike) -> bool:
+    """Whether one object would be told of several episodes at once."""
+    return not isinstance(policy, type) and callable(getattr(policy, "reset", None))
+
+
+def name_of(policy: PolicyLike) -> str:
+    """Name of a policy for the record."""
+    given = getattr(policy, "__name__", None)
+    return given if isinstance(given, str) else type(policy).__name__
+
+
+class Player:
+    """A policy in one episode: numbers in, numbers out."""
+
+    def __init__(self, policy: PolicyLike, observation: ObservationForm) -> None:
+        self._policy: Any = policy() if isinstance(policy, type) else policy
+        self._observation = observation
+        self._layout: Layout | None = None
+
+    def begin(self, info: Mapping[str, Any], spec: Mapping[str, Any]) -> None:
+        """An episode begins, whose observations have these fields."""
+        self._layout = Layout(spec, self._observation)
+        reset = getattr(self._policy, "reset", None)
+        if callable(reset):
+            reset(dict(info))
+
+    def act(self, numbers: NDArray[np.float32]) -> NDArray[np.float64]:
+        """The action that answers an observation."""
+        assert self._layout is not None
+        shape = self._layout.action_space.shape or ()
+        action = as_actions(self._policy(self._layout.show(numbers, copy=False)), shape, np.float64)
+        if not np.isfinite(action).all():
+            joint = self._layout.action_names[int(np.argmin(np.isfinite(action)))]
+            raise ValueError(f"action of joint '{joint}' is not finite")
+        return action

@@ -1,0 +1,132 @@
+"""Evaluation and rollouts over a Ray cluster; needs the extra ``ray``.
+
+Each episode is a task of Ray's, which it runs on a free core of any node, and anew elsewhere where a node is lost. An episode
+follows from task, seed, episode and policy alone, so that results are those of :func:`fiatlux.evaluate` in one process,
+whatever nodes there are.
+"""
+
+from typing import TYPE_CHECKING, Any, Callable, Iterator, Sequence
+
+import numpy as np
+import ray
+from numpy.typing import NDArray
+
+from . import _native
+from .env import Env
+from .evaluation import Evaluation, play
+from .policy import PolicyLike
+from .settings import Settings
+from .spaces import ObservationForm
+from .tasks import SUBTASKS
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+LOST_NODES = 3
+"""How often an episode is begun again after its node was lost."""
+
+
+def evaluate(
+    policy: PolicyLike,
+    tasks: Sequence[str] = SUBTASKS,
+    seeds: Sequence[int] = (0, 1, 2, 3),
+    *,
+    observation: ObservationForm = "dict",
+    max_steps: int | None = None,
+    progress: Callable[[dict[str, Any]], None] | None = None,
+    num_cpus: float = 1,
+    num_gpus: float = 0,
+    **settings: "Unpack[Settings]",
+) -> Evaluation:
+    """As :func:`fiatlux.evaluate` without bags, over the cluster that ``ray.init`` has joined.
+
+    Args:
+        policy: It is pickled and sent to each node once; each episode begins with a copy as it was sent.
+        tasks, seeds, observation, max_steps, settings: As of :func:`fiatlux.evaluate`.
+        progress: Called with the summary of each episode as it ends, in any order.
+        num_cpus, num_gpus: What an episode takes of a node.
+    """
+    jobs = [(task, seed) for task in tasks for seed in seeds]
+    remote = _episode.options(num_cpus=num_cpus, num_gpus=num_gpus)
+    shared = ray.put(policy)
+    running = {remote.remote(shared, task, seed, observation, max_steps, dict(settings)): (task, seed) for task, seed in jobs}
+    done: dict[tuple[str, int], dict[str, Any]] = {}
+    for job, summary in _as_they_end(running):
+        done[job] = summary
+        if progress is not None:
+            progress(summary)
+    episodes = [done[job] for job in jobs]
+    return Evaluation(_native.benchmark(episodes), episodes)
+
+
+def rollouts(
+    policy: PolicyLike,
+    task: str,
+    seeds: Sequence[int],
+    *,
+    max_steps: int | None = None,
+    num_cpus: float = 1,
+    num_gpus: float = 0,
+    **settings: "Unpack[Settings]",
+) -> Iterator[dict[str, Any]]:
+    """Plays an episode of each seed, and yields each as arrays, in the order of the seeds.
+
+    An episode has ``observations`` (one more than steps; flat vectors), ``actions``, ``rewards``, ``terminated`` and ``truncated`` of
+    its last step, and its ``summary``. Arguments are as of :func:`evaluate`.
+    """
+    remote = _rollout.options(num_cpus=num_cpus, num_gpus=num_gpus)
+    shared = ray.put(policy)
+    running = [remote.remote(shared, task, seed, max_steps, dict(settings)) for seed in seeds]
+    for reference in running:
+        yield ray.get(reference)
+
+
+def rollout(
+    policy: PolicyLike, task: str, seed: int, max_steps: int | None = None, **settings: "Unpack[Settings]"
+) -> dict[str, Any]:
+    """An episode of :func:`rollouts`, in this process."""
+    env = Env(task, observation="flat", **settings)
+    observations: list[NDArray[np.float32]] = []
+    actions: list[NDArray[Any]] = []
+    rewards: list[float] = []
+    played: Any = policy() if isinstance(policy, type) else policy
+    observed, info = env.reset(seed=seed)
+    begin = getattr(played, "reset", None)
+    if callable(begin):
+        begin({"task": env.task.short_id, "instruction": env.task.instruction, **info})
+    observations.append(observed)
+    terminated = truncated = False
+    while not (terminated or truncated) and (max_steps is None or len(actions) < max_steps):
+        action = np.asarray(played(observed))
+        observed, reward, terminated, truncated, _ = env.step(action)
+        observations.append(observed)
+        actions.append(action)
+        rewards.append(reward)
+    return {
+        "observations": np.stack(observations),
+        "actions": np.stack(actions) if actions else np.empty((0, *(env.action_space.shape or ()))),
+        "rewards": np.array(rewards),
+        "terminated": terminated,
+        "truncated": truncated,
+        "summary": env.summary(),
+    }
+
+
+@ray.remote(max_retries=LOST_NODES)
+def _episode(
+    policy: PolicyLike, task: str, seed: int, observation: ObservationForm, max_steps: int | None, settings: Any
+) -> dict[str, Any]:
+    return play(Env(task, observation=observation, **settings), policy, seed, max_steps=max_steps)
+
+
+@ray.remote(max_retries=LOST_NODES)
+def _rollout(policy: PolicyLike, task: str, seed: int, max_steps: int | None, settings: Any) -> dict[str, Any]:
+    return rollout(policy, task, seed, max_steps, **settings)
+
+
+def _as_they_end(running: dict[Any, tuple[str, int]]) -> Iterator[tuple[tuple[str, int], dict[str, Any]]]:
+    left = dict(running)
+    while left:
+        ended, _ = ray.wait(list(left), num_returns=1)
+        for reference in ended:
+            yield left.pop(reference), ray.get(reference)

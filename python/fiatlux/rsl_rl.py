@@ -1,0 +1,68 @@
+"""Worlds as RSL-RL's ``VecEnv``; needs the extra ``train``.
+
+Observation groups: ``policy`` has the fields that a robot can sense, ``critic`` all of them.
+"""
+
+from typing import Any
+
+import numpy as np
+import torch
+from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+
+from .vector import VectorEnv, WalkingVectorEnv
+
+
+class RslRlVecEnv(VecEnv):
+    """Wraps a vector of worlds that was made with ``observation="flat"``.
+
+    Args:
+        env: The worlds.
+        max_episode_length: Control steps until time-out, as the task has them; the runner reads it.
+        device: Where tensors go.
+        cfg: Whatever the runner is to log of the environment.
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv | WalkingVectorEnv,
+        max_episode_length: int,
+        device: str = "cpu",
+        cfg: dict[str, Any] | None = None,
+    ) -> None:
+        shape = env.single_observation_space.shape
+        if shape is None:
+            raise ValueError("env has observations of named fields; make it with observation='flat'")
+        self.env = env
+        self.num_envs = env.num_envs
+        self.num_actions = int(np.prod(env.single_action_space.shape or ()))
+        self.max_episode_length = max_episode_length
+        self.device = device
+        self.cfg = cfg or {}
+        self.episode_length_buf = torch.zeros(self.num_envs, dtype=torch.long, device=device)
+        sensed = [field for name, (field, _) in env.fields.items() if not name.startswith(("privileged.", "verdict."))]
+        columns = np.concatenate([np.arange(field.start, field.stop) for field in sensed])
+        self._columns = None if len(columns) == shape[0] else torch.as_tensor(columns, device=device)
+        self._latest = self._tensors(env.reset()[0])
+
+    def get_observations(self) -> TensorDict:
+        """The observation of the last step, or of the start."""
+        return self._latest
+
+    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
+        """Takes a control step; a time-out is marked in the extras, for the runner to bootstrap from."""
+        observation, rewards, terminated, truncated, info = self.env.step(actions.detach().cpu().numpy())
+        ended = torch.as_tensor(terminated | truncated, device=self.device)
+        self.episode_length_buf = torch.where(ended, 0, self.episode_length_buf + 1)
+        self._latest = self._tensors(observation)
+        means = info["reward_terms"].mean(axis=0)
+        extras = {
+            "time_outs": torch.as_tensor(truncated, device=self.device),
+            "log": {f"reward/{name}": float(mean) for name, mean in zip(self.env.reward_terms, means)},
+        }
+        return self._latest, torch.as_tensor(rewards, device=self.device), ended.to(torch.long), extras
+
+    def _tensors(self, observation: np.ndarray) -> TensorDict:
+        critic = torch.as_tensor(observation, device=self.device)
+        policy = critic if self._columns is None else critic[:, self._columns]
+        return TensorDict({"policy": policy, "critic": critic}, batch_size=[self.num_envs], device=self.device)

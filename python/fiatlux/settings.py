@@ -1,0 +1,78 @@
+"""What an episode is played with: the same keys for single environments, vectors of worlds, and sessions on a server."""
+
+from os import PathLike, fspath
+from typing import Any, Mapping, Sequence, TypedDict
+
+from .tasks import TASKS
+
+
+class Settings(TypedDict, total=False):
+    """Settings that every way of playing the benchmark takes; each may be left out."""
+
+    sensors: Sequence[str] | None
+    """What is observed, in the simulator's order. By default the robot's own body: proprioception, contact forces and the
+    last action."""
+    privileged: bool
+    """Adds the exact poses of the things around the robot, which no robot senses."""
+    action_form: str
+    """``"action"``: joint target = q0 + 0.5 action. ``"joint_target"``: rad."""
+    reward: str
+    """``"benchmark"`` pays gate progress alone, ``"training"`` the shaped reward."""
+    protocol: str
+    """Which judge ends the episode: ``"strict"`` or ``"published"``."""
+    noise: bool
+    """Noise of the sensors."""
+    robot: str
+    """Name of the robot: ``"g1_inspire"``, or ``"g1_bare"`` with welded fingers."""
+    gains: str
+    """Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``."""
+    image_size: tuple[int, int]
+    """Width and height of the cameras' images, pixels."""
+    weights: str | PathLike[str] | None
+    """Weights of the camera's features, a safetensors file; seeded ones by default."""
+
+
+_DEFAULTS: dict[str, Any] = {
+    "sensors": None,
+    "privileged": False,
+    "action_form": "action",
+    "reward": "benchmark",
+    "protocol": "strict",
+    "noise": True,
+    "robot": "g1_inspire",
+    "gains": "fiatlux",
+    "image_size": (256, 256),
+    "weights": None,
+}
+
+
+def complete(task: str | None, observation: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """All settings as the native part takes them; refuses a key that is not one. Without a task, ``privileged`` is refused
+    unless the sensors are named."""
+    for name in given:
+        if name not in _DEFAULTS:
+            raise TypeError(f"unexpected argument {name!r}; settings are {', '.join(_DEFAULTS)}")
+    settings = {**_DEFAULTS, **given}
+    settings["sensors"] = _sensors(task, observation, settings["sensors"], settings.pop("privileged"))
+    settings["image_size"] = list(settings["image_size"])
+    if settings["weights"] is not None:
+        settings["weights"] = fspath(settings["weights"])
+    return settings
+
+
+def _sensors(task: str | None, observation: str, sensors: Sequence[str] | None, privileged: bool) -> list[str] | None:
+    """Names of the sensors; none for the default."""
+    if isinstance(sensors, str):
+        raise ValueError(f"sensors is {sensors!r}; give a list of names")
+    if observation == "published":
+        if sensors is not None or privileged:
+            raise ValueError("observation='published' is a vector of its own; leave sensors and privileged out")
+        return ["flat"]
+    if not privileged:
+        return None if sensors is None else list(sensors)
+    if sensors is None:
+        if task is None:
+            raise ValueError("privileged: name the sensors too, since the tasks of a run differ in theirs")
+        contact = "limb_contact" if task in ("climb", TASKS["climb"].id) else "hand_contact"
+        sensors = ["proprioception", contact, "last_action"]
+    return [*sensors, "privileged"]

@@ -1,0 +1,64 @@
+"""Spaces of actions and observations, and observations as they show them."""
+
+from typing import Any, Literal, Mapping, get_args
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+ObservationForm = Literal["dict", "flat", "published"]
+"""``"dict"``: the observation's fields by name. ``"flat"``: all of them in one vector. ``"published"``: the vector of the
+published benchmark, 6,543 numbers (6,453 in ``climb``), with the features of the camera's image."""
+
+_UNBOUNDED = 1e9
+"""Bound of numbers that have none: no row has larger ones, and checkers warn of infinite bounds."""
+
+
+class Layout:
+    """Where the fields of an observation are in its vector."""
+
+    def __init__(self, spec: Mapping[str, Any], form: ObservationForm) -> None:
+        if form not in get_args(ObservationForm):
+            raise ValueError(f"observation is {form!r}; known ones are {', '.join(map(repr, get_args(ObservationForm)))}")
+        self.form = form
+        self.fields: dict[str, tuple[slice, tuple[int, ...]]] = {}
+        bounds: list[tuple[float, float]] = []
+        boxes: dict[str, spaces.Space[Any]] = {}
+        start = 0
+        for name, shape, low, high in spec["observation"]:
+            length = int(np.prod(shape, dtype=np.int64))
+            # A single number is a field of one, for libraries that know no other.
+            shape = tuple(shape) or (1,)
+            low, high = max(low, -_UNBOUNDED), min(high, _UNBOUNDED)
+            self.fields[name] = (slice(start, start + length), shape)
+            boxes[name] = spaces.Box(low, high, shape, np.float32)
+            bounds.append((low, high))
+            start += length
+        self.length = start
+        lengths = [field.stop - field.start for field, _ in self.fields.values()]
+        lows, highs = (np.repeat([bound[side] for bound in bounds], lengths).astype(np.float32) for side in (0, 1))
+        self.space: spaces.Space[Any] = spaces.Dict(boxes) if form == "dict" else spaces.Box(lows, highs, dtype=np.float32)
+        self.action_names: list[str] = spec["actions"]
+        low, high = np.asarray(spec["action_range"], np.float32).T
+        self.action_space = spaces.Box(low, high, dtype=np.float32)
+        self.reward_terms: list[str] = spec["rewards"]
+
+    def show(self, numbers: NDArray[np.float32], copy: bool) -> Any:
+        """Vectors, with any axes before the last, in the layout's form."""
+        if copy:
+            numbers = numbers.copy()
+        if self.form != "dict":
+            return numbers
+        before = numbers.shape[:-1]
+        return {name: numbers[..., field].reshape(before + shape) for name, (field, shape) in self.fields.items()}
+
+
+def as_actions(actions: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
+    """Actions as the simulator takes them; refuses another shape."""
+    try:
+        array = np.ascontiguousarray(actions, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"action: cannot be read as numbers ({error}); give an array of shape {shape}") from error
+    if array.shape != shape:
+        raise ValueError(f"action: shape {array.shape} instead of {shape}")
+    return array

@@ -1,0 +1,132 @@
+"""How well a policy walks: survival, and errors of one-second means."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from .settings import worlds_of
+from .worlds import Worlds
+
+SECOND = 50
+"""Control steps of a second."""
+SETTLES = 75
+"""Control steps after a new command in which errors do not count."""
+
+UPRIGHT = {
+    "height": (0.75, 0.75),
+    "stand_height": (0.75, 0.75),
+    "torso": ((0.0, 0.0),) * 3,
+    "arm_range": 0.0,
+    "load_kg": 0.0,
+    "hand_force_n": 0.0,
+    "disturbances": None,
+    "ranges": {"floor_friction": (0.5, 1.1)},
+}
+_PUSHES = {"interval_s": (3.0, 8.0), "angular": 0.0}
+TESTS: dict[str, dict[str, Any]] = {
+    "upright": UPRIGHT,
+    "arms": {**UPRIGHT, "arm_range": 1.0},
+    "loads": {**UPRIGHT, "arm_range": 1.0, "load_kg": 1.0, "hand_force_n": 20.0},
+    "pushes_0.6": {**UPRIGHT, "disturbances": {"pushes": {**_PUSHES, "linear": 0.6}}},
+    "pushes_1.0": {**UPRIGHT, "disturbances": {"pushes": {**_PUSHES, "linear": 1.0}}},
+    "posture": {**worlds_of(1.0), "arm_range": 0.0, "load_kg": 0.0, "hand_force_n": 0.0, "disturbances": None},
+    "all": worlds_of(1.0),
+}
+"""Settings of the worlds of each test."""
+
+
+def measure(
+    actor: Any, device: str, threads: int | None, episodes: int, steps: int, seed: int, settings: dict[str, Any]
+) -> dict[str, float]:
+    """Plays an episode in each of so many worlds, up to ``steps`` control steps, with the policy's mean actions.
+
+    ``survived`` is a share; the others are means over the seconds that lie a second and a half or more after a command, of
+    those worlds that have not fallen: the size of the error of the one-second mean of velocity (m/s, rad/s), height (m) and
+    torso angles (rad).
+    """
+    worlds = Worlds(
+        episodes, device, num_threads=threads, seed=seed, horizon_steps=steps + 1, **{"variations": 64, **settings}
+    )
+    actor.eval()
+    alive = np.ones(episodes, bool)
+    since = np.zeros(episodes, int)
+    sums = np.zeros((episodes, 7))
+    commands = worlds.field("command").copy()
+    errors: list[np.ndarray] = []
+    stood: list[np.ndarray] = []
+    unloaded = standing = jitter = 0.0
+    with torch.inference_mode():
+        for _ in range(steps):
+            actions = actor(worlds.observation)
+            command = worlds.field("command").copy()
+            worlds_command_changed = (np.abs(command - commands) > 1e-6).any(axis=1)
+            _, terminated, _, _ = worlds.step(actions)
+            alive &= ~terminated
+            velocity = worlds.field("privileged.velocity")
+            state = np.concatenate(
+                (velocity[:, [0, 1, 5]], worlds.field("privileged.height"), worlds.field("privileged.torso")), axis=1
+            )
+            since = np.where(worlds_command_changed, 0, since + 1)
+            commands = command
+            counts = since > SETTLES
+            sums = np.where(counts[:, None], sums + state - command, 0.0)
+            done = alive & counts & ((since - SETTLES) % SECOND == 0)
+            means = np.abs(sums[done] / SECOND)
+            errors.append(means)
+            stood.append(~command[done, :3].any(axis=1))
+            sums[(since - SETTLES) % SECOND == 0] = 0.0
+            still = alive & counts & ~command[:, :3].any(axis=1)
+            standing += still.sum()
+            unloaded += (worlds.field("privileged.foot_load")[still] < 1.0).any(axis=1).sum()
+            jitter += np.square(worlds.field("privileged.joint_velocity")[still, :15]).mean(axis=1).sum()
+    worlds.env.close()
+    table = np.concatenate(errors) if errors else np.zeros((0, 7))
+    mean = table.mean(axis=0) if len(table) else np.full(7, np.nan)
+    return {
+        "survived": float(alive.mean()),
+        "vx": float(mean[0]),
+        "vy": float(mean[1]),
+        "wz": float(mean[2]),
+        "height": float(mean[3]),
+        "roll": float(mean[4]),
+        "pitch": float(mean[5]),
+        "yaw": float(mean[6]),
+        "unloaded": float(unloaded / max(standing, 1)),
+        "still_speed": float(np.sqrt(jitter / max(standing, 1))),
+        "seconds": float(len(table)),
+    }
+
+
+def score(actor: Any, device: str, threads: int | None) -> dict[str, float]:
+    """A short test over the whole range, by which checkpoints are chosen: higher is better."""
+    was_training = actor.training
+    found = measure(actor, device, threads, 256, 500, 1, TESTS["all"])
+    actor.train(was_training)
+    speed, torso = max(found["vx"], found["vy"]), (found["roll"] + found["pitch"] + found["yaw"]) / 3
+    errors = 2 * speed + found["wz"] + 3 * found["height"] + torso
+    total = found["survived"] - (errors if np.isfinite(errors) else 10.0)
+    return {
+        "survived": found["survived"],
+        "velocity": speed,
+        "turning": found["wz"],
+        "height": found["height"],
+        "torso": torso,
+        "score": total,
+    }
+
+
+def main(checkpoint: Path, episodes: int, tests: list[str] | None, threads: int | None, device: str) -> int:
+    """Prints a table of tests of a checkpoint."""
+    from .walk import load_checkpoint, models, settings_of
+
+    state = load_checkpoint(checkpoint)
+    settings = settings_of(state, {})
+    actor, _ = models(Worlds(1, device), settings)
+    actor.load_state_dict(state["ppo"]["actor_state_dict"])
+    actor.to(device)
+    for name in tests or TESTS:
+        found = measure(actor, device, threads, episodes, 1000, 12345, TESTS[name])
+        print(f"{name:12}" + "  ".join(f"{key} {value:.4f}" for key, value in found.items()), flush=True)
+    return 0

@@ -1,0 +1,58 @@
+"""A trained policy as one file that carries its contract."""
+
+from pathlib import Path
+
+import torch
+from safetensors.torch import save_file
+
+from .. import _native
+from .symmetry import FIELDS, MOVED, _join
+from .walk import load_checkpoint, settings_of
+
+FRAMES = 4
+POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
+
+
+def export(checkpoint: Path, file: Path, hardware: str) -> None:
+    """Writes a checkpoint's policy; the normaliser goes into the first layer.
+
+    The file has ``layerN.weight`` (outputs x inputs) and ``layerN.bias``, ELU between the layers, and an observation with the
+    symmetric network's action, by which a loader checks itself.
+    """
+    state = load_checkpoint(checkpoint)
+    settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
+    index, sign = _join(*(FIELDS[name] for name in POLICY for _ in range(FRAMES)))
+    index, sign = torch.tensor(index), torch.tensor(sign)
+    out_index, out_sign = torch.tensor(MOVED[0]), torch.tensor(MOVED[1])
+    # The normaliser is symmetric but for rounding; here exactly.
+    mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0) for name in ("_mean", "_std"))
+    mean = 0.5 * (mean + sign * mean[index])
+    deviation = 0.5 * (deviation + deviation[index]) + 0.01
+    names = [name.removesuffix(".weight") for name in weights if name.startswith("mlp.network") and name.endswith(".weight")]
+    layers = [[weights[f"{name}.{part}"].double() for part in ("weight", "bias")] for name in names]
+    layers[0][0] = layers[0][0] / deviation
+    layers[0][1] = layers[0][1] - layers[0][0] @ mean
+    tensors = {}
+    for number, (weight, bias) in enumerate(layers):
+        tensors[f"layer{number}.weight"] = weight.float().contiguous()
+        tensors[f"layer{number}.bias"] = bias.float().contiguous()
+    if not all(tensor.isfinite().all() for tensor in tensors.values()):
+        raise ValueError(f"{checkpoint} has numbers that are not finite; choose another checkpoint")
+
+    def network(numbers: torch.Tensor) -> torch.Tensor:
+        for number in range(len(layers)):
+            numbers = tensors[f"layer{number}.weight"] @ numbers + tensors[f"layer{number}.bias"]
+            numbers = torch.nn.functional.elu(numbers) if number < len(layers) - 1 else numbers
+        return numbers
+
+    random = torch.Generator().manual_seed(0)
+    observation = (mean + deviation * torch.randn(mean.shape, generator=random, dtype=torch.float64)).float()
+    mirrored = network(observation[index] * sign.float())
+    action = 0.5 * (network(observation) + mirrored[out_index] * out_sign.float())
+    tensors["check.observation"], tensors["check.action"] = observation, action
+    contract = _native.controller_contract(
+        FRAMES, list(settings.hidden), settings.seed, progress["samples"], progress["seconds"] / 60, hardware
+    )
+    file.parent.mkdir(parents=True, exist_ok=True)
+    save_file(tensors, file, metadata={"contract": contract})
+    print(f"{file}: {file.stat().st_size} bytes, {progress['samples'] / 1e6:.1f} M samples")

@@ -1,0 +1,56 @@
+"""What a training run is made of."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+
+def _of(default: Any, text: str) -> Any:
+    return dataclasses.field(default=default, metadata={"help": text})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a run. A checkpoint holds them; a resumed run keeps them, but for those that are given anew."""
+
+    seed: int = _of(0, "seed of networks and worlds")
+    worlds: int = _of(2048, "worlds")
+    steps: int = _of(24, "control steps of each world in an iteration")
+    segment: int = _of(25, "iterations from one checkpoint to the next; the worlds begin anew at each")
+    samples: int = _of(100_000_000, "control steps of the whole run")
+    hidden: tuple[int, ...] = _of((256, 256, 128), "sizes of the policy's hidden layers")
+    critic: tuple[int, ...] = _of((512, 256, 128), "sizes of the critic's hidden layers")
+    epochs: int = _of(5, "passes over an iteration's samples")
+    batches: int = _of(4, "minibatches of a pass")
+    desired_kl: float = _of(0.012, "step of the policy that the learning rate is fitted to")
+    entropy: float = _of(0.003, "weight of the entropy at first; it falls to a sixth over the second half of the curriculum's time")
+    least_std: float = _of(0.12, "least standard deviation of an action at first; it falls likewise to 0.05")
+    calm_from: int = _of(25_000_000, "samples from which entropy and least deviation fall")
+    calm_over: int = _of(20_000_000, "samples over which they fall")
+    harder: float = _of(0.08, "growth of the difficulty at a checkpoint whose robots seldom fell")
+    falls: float = _of(1.5, "falls in 1,000 control steps of a world below which the difficulty grows")
+    most_difficult: float = _of(1.0, "where the difficulty stops growing")
+    start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it")
+    widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed")
+    evaluate: int = _of(6, "checkpoints from one evaluation to the next")
+
+
+def worlds_of(difficulty: float) -> dict[str, Any]:
+    """Arguments of :class:`fiatlux.WalkingVectorEnv` at a difficulty from 0 to 1: everything that disturbs grows with it."""
+
+    def between(easy: float, hard: float) -> float:
+        return easy + difficulty * (hard - easy)
+
+    return {
+        "height": (between(0.74, 0.65), between(0.76, 0.79)),
+        "stand_height": (between(0.74, 0.55), between(0.76, 0.79)),
+        "torso": tuple((difficulty * low, difficulty * high) for low, high in ((-0.3, 0.3), (-0.1, 0.6), (-0.5, 0.5))),
+        "arm_range": difficulty,
+        "load_kg": difficulty,
+        "hand_force_n": 20.0 * difficulty,
+        "ranges": {"floor_friction": (0.5, 1.1), "mass": (0.95, 1.05), "com_shift_m": 0.01},
+        "variations": 64,
+        "disturbances": {
+            "pushes": {"interval_s": (3.0, 8.0), "linear": between(0.2, 1.0), "angular": between(0.1, 0.4)}
+        },
+    }

@@ -1,0 +1,290 @@
+"""Training of the whole-body controller.
+
+A run is a row of segments. At the end of each stands a checkpoint, and the worlds begin anew with random streams that follow
+from the run's seed and the segment's number: a run that was interrupted goes on as if it had not been.
+"""
+
+import csv
+import dataclasses
+import math
+import os
+import time
+from pathlib import Path
+from typing import Any, Mapping
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.storage import RolloutStorage
+
+from .evaluation import score
+from .settings import Settings, worlds_of
+from .symmetry import MOVED, SymmetricModel
+from .worlds import Worlds
+
+GROUPS = {"actor": ["policy"], "critic": ["critic"]}
+STOP_KL = 1.0
+"""A policy that moves so far in one iteration has broken."""
+
+
+class Stopped(RuntimeError):
+    """The run cannot go on; the last checkpoint stands."""
+
+
+def models(worlds: Worlds, settings: Settings) -> tuple[SymmetricModel, SymmetricModel]:
+    """Policy and critic, new."""
+    deviation = {"class_name": "GaussianDistribution", "init_std": 0.6, "std_type": "log", "std_range": (0.05, 1.0)}
+    observation, mirrors = worlds.observation, worlds.mirrors
+    actor = SymmetricModel(
+        observation,
+        GROUPS,
+        "actor",
+        worlds.num_actions,
+        hidden_dims=list(settings.hidden),
+        activation="elu",
+        distribution_cfg=deviation,
+        inputs=mirrors["policy"],
+        outputs=MOVED,
+    )
+    critic = SymmetricModel(
+        observation,
+        GROUPS,
+        "critic",
+        1,
+        hidden_dims=list(settings.critic),
+        activation="elu",
+        inputs=mirrors["critic"],
+        outputs=([0], [1.0]),
+    )
+    return actor, critic
+
+
+def _number(seed: int, segment: int) -> int:
+    """A seed for a segment, by Weyl's sequence."""
+    return (seed * 1_000_003 + segment * 0x9E3779B1) % (1 << 48)
+
+
+class Run:
+    """A run in progress."""
+
+    def __init__(self, out: Path, settings: Settings, device: str, threads: int | None) -> None:
+        self.out, self.settings, self.device, self.threads = out, settings, device, threads
+        self.segment = self.samples = 0
+        self.seconds, self.difficulty = 0.0, settings.start_difficulty
+        self.best = -math.inf
+        torch.manual_seed(settings.seed)
+        self.worlds = self._worlds()
+        actor, critic = models(self.worlds, settings)
+        storage = RolloutStorage(
+            "rl", settings.worlds, settings.steps, self.worlds.observation, [self.worlds.num_actions], device
+        )
+        self.ppo = PPO(
+            actor,
+            critic,
+            storage,
+            num_learning_epochs=settings.epochs,
+            num_mini_batches=settings.batches,
+            desired_kl=settings.desired_kl,
+            entropy_coef=settings.entropy,
+            use_clipped_value_loss=False,
+            device=device,
+        )
+
+    def _worlds(self) -> Worlds:
+        seed = _number(self.settings.seed, self.segment)
+        torch.manual_seed(seed)
+        given = worlds_of(self.difficulty)
+        return Worlds(self.settings.worlds, self.device, num_threads=self.threads, seed=seed, **given)
+
+    def calm(self) -> None:
+        """Less exploration the longer a run lasts."""
+        settings = self.settings
+        done = min(max((self.samples - settings.calm_from) / settings.calm_over, 0.0), 1.0)
+        self.ppo.entropy_coef = settings.entropy * (1 - done * 5 / 6)
+        least = settings.least_std + done * (min(0.05, settings.least_std) - settings.least_std)
+        self.ppo.actor.distribution.log_std_range[0] = math.log(least)
+
+    def run_segment(self) -> dict[str, float]:
+        """Takes a segment's iterations; what they came to."""
+        start = time.monotonic()
+        ppo, settings, worlds = self.ppo, self.settings, self.worlds
+        ppo.train_mode()
+        self.calm()
+        totals = {"reward": 0.0, "falls": 0.0, "timeouts": 0.0, "rollout_s": 0.0, "kl": 0.0, "value_loss": 0.0}
+        terms = 0.0
+        for _ in range(settings.segment):
+            began = time.monotonic()
+            with torch.inference_mode():
+                for _ in range(settings.steps):
+                    actions = ppo.act(worlds.observation)
+                    reward, terminated, truncated, paid = worlds.step(actions)
+                    ended = torch.from_numpy(terminated | truncated).to(self.device)
+                    extras = {"time_outs": torch.from_numpy(truncated).to(self.device)}
+                    ppo.process_env_step(worlds.observation, reward, ended, extras)
+                    totals["reward"] += float(reward.mean())
+                    totals["falls"] += float(terminated.mean())
+                    totals["timeouts"] += float(truncated.mean())
+                    terms = terms + paid.mean(axis=0)
+                ppo.compute_returns(worlds.observation)
+                totals["rollout_s"] += time.monotonic() - began
+                before = self._opinion()
+            losses = ppo.update()
+            with torch.inference_mode():
+                kl = float(ppo.actor.get_kl_divergence(before, self._opinion()).mean())
+            totals["kl"] += kl
+            totals["value_loss"] += losses["value"]
+            self._check(losses, kl)
+        iterations, steps = settings.segment, settings.segment * settings.steps
+        self.samples += steps * settings.worlds
+        self.segment += 1
+        taken = time.monotonic() - start
+        self.seconds += taken
+        falls = 1000 * totals["falls"] / steps
+        row = {
+            "segment": self.segment,
+            "samples": self.samples,
+            "minutes": self.seconds / 60,
+            "steps_per_s": steps * settings.worlds / taken,
+            "rollout_share": totals["rollout_s"] / taken,
+            "difficulty": self.difficulty,
+            "reward": totals["reward"] / steps / 0.02,
+            "falls_per_1000_steps": falls,
+            "kl": totals["kl"] / iterations,
+            "learning_rate": ppo.learning_rate,
+            "deviation": float(ppo.actor.distribution.std.mean()),
+            "value_loss": totals["value_loss"] / iterations,
+        }
+        paid_terms = dict(zip(worlds.env.reward_terms, (terms / steps / 0.02).tolist()))
+        row.update({f"reward/{name}": value for name, value in paid_terms.items()})
+        if falls < settings.falls:
+            self.difficulty = min(self.difficulty + settings.harder, settings.most_difficult)
+        return row
+
+    def _opinion(self) -> tuple[torch.Tensor, ...]:
+        """The policy's distribution in the worlds' present state."""
+        self.ppo.actor(self.worlds.observation, stochastic_output=True)
+        return tuple(part.clone() for part in self.ppo.actor.output_distribution_params)
+
+    def _check(self, losses: Mapping[str, float], kl: float) -> None:
+        broken = [name for name, loss in losses.items() if not math.isfinite(loss)]
+        if broken or not math.isfinite(kl):
+            raise Stopped(f"{', '.join(broken) or 'the policy'} is not finite; the last checkpoint stands, resume from it")
+        if kl > STOP_KL:
+            raise Stopped(f"the policy moved by a KL of {kl:.2f} in one iteration; resume with a smaller --desired-kl")
+
+    def begin_segment(self) -> None:
+        """New worlds, as of the segment's number."""
+        self.worlds = self._worlds()
+
+    def save(self, file: Path) -> None:
+        """Writes a checkpoint; a broken-off write leaves the last one whole."""
+        state = {
+            "settings": dataclasses.asdict(self.settings),
+            "ppo": self.ppo.save(),
+            "learning_rate": self.ppo.learning_rate,
+            "progress": {
+                name: getattr(self, name) for name in ("segment", "samples", "seconds", "difficulty", "best")
+            },
+        }
+        part = file.with_suffix(".part")
+        torch.save(state, part)
+        os.replace(part, file)
+
+    def load(self, state: Mapping[str, Any]) -> None:
+        """Goes on from a checkpoint."""
+        self.ppo.load(dict(state["ppo"]), None, True)
+        self.ppo.learning_rate = state["learning_rate"]
+        for name, value in state["progress"].items():
+            setattr(self, name, value)
+
+
+def load_checkpoint(file: Path) -> dict[str, Any]:
+    """A checkpoint's state."""
+    return torch.load(file, map_location="cpu", weights_only=True)
+
+
+def settings_of(state: Mapping[str, Any], given: Mapping[str, Any]) -> Settings:
+    """A checkpoint's settings, but for those that are given."""
+    kept = {name: tuple(value) if isinstance(value, list) else value for name, value in state["settings"].items()}
+    return Settings(**{**kept, **given})
+
+
+def _writer(out: Path) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return None
+    return SummaryWriter(str(out))
+
+
+def train(
+    out: Path, given: Mapping[str, Any], resume: bool, minutes: float | None, device: str | None, threads: int | None
+) -> int:
+    """Trains until the samples or the minutes are over; 0 if it got there."""
+    began = time.monotonic()
+    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    last, best, curve = out / "last.pt", out / "best.pt", out / "curve.csv"
+    if resume:
+        state = load_checkpoint(last)
+        run = Run(out, settings_of(state, given), device, threads)
+        run.load(state)
+        if "start_difficulty" in given:
+            run.difficulty = run.settings.start_difficulty
+        if "widen" in given:
+            run.ppo.actor.distribution.log_std_param.data += math.log(run.settings.widen)
+    elif last.exists():
+        print(f"{last} exists; go on with --resume or name another --out")
+        return 2
+    else:
+        out.mkdir(parents=True, exist_ok=True)
+        run = Run(out, Settings(**given), device, threads)
+    settings = run.settings
+    writer = _writer(out)
+    print(f"{settings} on {device}, {run.worlds.env.num_threads} threads, set up in {time.monotonic() - began:.1f} s", flush=True)
+    while run.samples < settings.samples:
+        begin = time.monotonic()
+        run.begin_segment()
+        made = time.monotonic() - begin
+        try:
+            row = run.run_segment()
+        except Stopped as error:
+            print(f"stopped: {error}", flush=True)
+            return 1
+        if run.segment % settings.evaluate == 0:
+            row |= {f"test/{name}": value for name, value in score(run.ppo.actor, device, threads).items()}
+            if row["test/score"] > run.best:
+                run.best = row["test/score"]
+                run.save(best)
+        run.save(last)
+        _record(curve, writer, row)
+        rate = row["samples"] / (60 * row["minutes"])
+        elapsed = time.monotonic() - began
+        left = (settings.samples - run.samples) / rate
+        left = left if minutes is None else min(left, 60 * minutes - elapsed)
+        tested = " ".join(f"{name[5:]} {value:.3f}" for name, value in row.items() if name.startswith("test/"))
+        print(
+            f"{row['samples'] / 1e6:7.2f} M  {row['steps_per_s']:7.0f}/s (worlds {made:.1f} s, rollout {row['rollout_share']:.2f})  "
+            f"difficulty {row['difficulty']:.2f}  reward {row['reward']:6.3f}  falls {row['falls_per_1000_steps']:6.2f}  "
+            f"kl {row['kl']:.4f}  lr {row['learning_rate']:.1e}  std {row['deviation']:.3f}  left {left:5.0f} s  {tested}",
+            flush=True,
+        )
+        # The next segment must fit.
+        if minutes is not None and elapsed + (time.monotonic() - begin) > 60 * minutes:
+            break
+    print(" ".join(f"{name[7:]} {value:.3f}" for name, value in row.items() if name.startswith("reward/")), flush=True)
+    return 0
+
+
+def _record(curve: Path, writer: Any, row: Mapping[str, float]) -> None:
+    is_new = not curve.exists()
+    fields = [name for name in row if not name.startswith("test/")]
+    tests = ["survived", "velocity", "turning", "height", "torso", "score"]
+    fields += [f"test/{name}" for name in tests]
+    with curve.open("a", newline="") as file:
+        table = csv.DictWriter(file, fields, extrasaction="ignore")
+        if is_new:
+            table.writeheader()
+        table.writerow({name: f"{value:.6g}" for name, value in row.items()})
+    if writer is not None:
+        for name, value in row.items():
+            writer.add_scalar(name, value, int(row["samples"]))
+        writer.flush()

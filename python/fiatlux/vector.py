@@ -1,0 +1,252 @@
+"""Many worlds in one call, for training."""
+
+import os
+from typing import TYPE_CHECKING, Any, Mapping, Sequence
+
+import numpy as np
+from gymnasium.error import ClosedEnvironmentError
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector import VectorEnv as Base
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from . import _native
+from .settings import Settings, complete
+from .spaces import Layout, ObservationForm, as_actions
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+def _common(
+    worlds: int,
+    threads: int | None,
+    seed: int,
+    ranges: Mapping[str, Any] | None,
+    variations: int,
+    disturbances: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """What all batches are made with; without a number of threads, one for each core."""
+    if threads is None:
+        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return {
+        "worlds": worlds,
+        "threads": threads,
+        "seed": seed,
+        "ranges": None if ranges is None else dict(ranges),
+        "variations": variations,
+        "disturbances": None if disturbances is None else dict(disturbances),
+    }
+
+
+class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
+    """What all vectors of worlds share.
+
+    Autoreset mode ``SAME_STEP``: where an episode ends, the next one begins in the same step. The step's observation is then
+    the new episode's first, and ``info["final_obs"]`` has the last one of the old in the worlds that ``info["_final_obs"]``
+    marks.
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+
+    def __init__(self, batch: _native.Batch, observation: ObservationForm, copy: bool, final_obs: bool) -> None:
+        self._batch = batch
+        self.num_envs = batch.num_worlds
+        self.num_threads = batch.num_threads
+        self._layout = layout = Layout(batch.spec, observation)
+        self._copy = copy
+        self.single_observation_space = layout.space
+        self.single_action_space = layout.action_space
+        self.observation_space = batch_space(layout.space, self.num_envs)
+        self.action_space = batch_space(layout.action_space, self.num_envs)
+        worlds, length = self.num_envs, layout.length
+        self._observation = np.zeros((worlds, length), np.float32)
+        self._final = np.zeros((worlds, length), np.float32) if final_obs else None
+        self._reward = np.zeros(worlds, np.float32)
+        self._terms = np.zeros((worlds, len(layout.reward_terms)), np.float32)
+        self._terminated, self._truncated, self._success = (np.zeros(worlds, np.bool_) for _ in range(3))
+        self._is_closed = False
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode in every world; with a seed, all that follows is as in a new batch of that seed."""
+        self._check_open()
+        if seed is not None and not isinstance(seed, (int, np.integer)):
+            raise ValueError("seed: give one number for all worlds; each draws from a stream of its own")
+        if options:
+            raise ValueError(f"options has no {next(iter(options))!r}; there are none")
+        self._batch.reset(None if seed is None else int(seed), self._observation)
+        return self._layout.show(self._observation, self._copy), {}
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Takes a control step of 20 ms in every world.
+
+        ``info`` has ``reward_terms`` (worlds x terms, named by :attr:`reward_terms`), ``success``, and ``final_obs`` where an
+        episode ended.
+        """
+        self._check_open()
+        array = as_actions(actions, self.action_space.shape or (), np.float32)
+        self._batch.step(
+            array,
+            self._observation,
+            self._final,
+            self._reward,
+            self._terms,
+            self._terminated,
+            self._truncated,
+            self._success,
+        )
+        own = np.copy if self._copy else np.asarray
+        info: dict[str, Any] = {"reward_terms": own(self._terms), "success": own(self._success)}
+        ended = self._terminated | self._truncated
+        if self._final is not None and ended.any():
+            info["final_obs"] = self._layout.show(self._final, self._copy)
+            info["_final_obs"] = ended
+        observation = self._layout.show(self._observation, self._copy)
+        return observation, own(self._reward), own(self._terminated), own(self._truncated), info
+
+    @property
+    def reward_terms(self) -> list[str]:
+        """Name of each term of the reward."""
+        return self._layout.reward_terms
+
+    @property
+    def fields(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
+        """Where each field of an observation is in the flat vector, and its shape."""
+        return self._layout.fields
+
+    def save(self) -> _native.Snapshot:
+        """The state of all worlds, for :meth:`restore` in this process: what follows from it is the same to the last bit."""
+        self._check_open()
+        return self._batch.save()
+
+    def restore(self, snapshot: _native.Snapshot) -> Any:
+        """Goes back to a state; the observation of that moment."""
+        self._check_open()
+        self._batch.restore(snapshot, self._observation)
+        return self._layout.show(self._observation, self._copy)
+
+    def row(self, world: int) -> dict[str, Any]:
+        """A world's present state as arrays, as of :meth:`fiatlux.Env.row`."""
+        self._check_open()
+        return self._batch.row(world)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the worlds and their threads."""
+        self._is_closed = True
+        if hasattr(self, "_batch"):
+            del self._batch
+
+    def _check_open(self) -> None:
+        if self._is_closed:
+            raise ClosedEnvironmentError("the environment is closed; make another one")
+
+
+class VectorEnv(_Batch):
+    """Many worlds of a task of the benchmark.
+
+    Args:
+        num_envs: Worlds.
+        seeds: Rooms, by the benchmark's seeds. The worlds are spread over them and stay in them, so that there must be as many
+            worlds as rooms.
+        episodes: Start states of each room; an episode begins at one of them.
+        num_threads: Threads; all cores where it is left out. Results do not depend on it.
+        seed: Of the worlds' random streams.
+        ranges: What varies between worlds, such as ``{"mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``; the keys are
+            ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``.
+        variations: How many are drawn for each start.
+        disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
+            "force_n", "torque_nm"}}``; keys that are left out have usual values.
+        copy: Returned arrays are the caller's own; otherwise the next step overwrites them.
+        final_obs: Also observes the last row of each episode.
+        settings: See :class:`fiatlux.Settings`.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        task: str,
+        seeds: Sequence[int] = (1000,),
+        episodes: int = 1,
+        num_threads: int | None = None,
+        seed: int = 0,
+        observation: ObservationForm = "dict",
+        ranges: Mapping[str, Any] | None = None,
+        variations: int = 16,
+        disturbances: Mapping[str, Any] | None = None,
+        copy: bool = True,
+        final_obs: bool = True,
+        **settings: "Unpack[Settings]",
+    ) -> None:
+        batch = _native.Batch.rulebook(
+            task,
+            [(room, episode) for room in seeds for episode in range(episodes)],
+            complete(task, observation, settings),
+            _common(num_envs, num_threads, seed, ranges, variations, disturbances),
+        )
+        super().__init__(batch, observation, copy, final_obs)
+
+
+class WalkingVectorEnv(_Batch):
+    """Many worlds of walking by velocity command, on a floor; arguments that are not listed are as of :class:`VectorEnv`.
+
+    Fields of the observation whose names begin with ``privileged.`` are for a critic.
+
+    Args:
+        frames: Frames in an observation, the newest last.
+        horizon_steps: Control steps until time-out.
+        command: Ranges of the commanded velocities: forwards and left, m/s, and about the vertical, rad/s.
+        height: Range of the pelvis's commanded height while walking, m.
+        stand_height: Range of the pelvis's commanded height while standing, m.
+        torso: Ranges of the torso's commanded roll, pitch and yaw, rad.
+        arm_range: The arms, which are driven from outside, go through this part of their joints' ranges.
+        load_kg: Largest load in a hand.
+        hand_force_n: Largest force that pulls at a hand along each of the world's axes.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        num_threads: int | None = None,
+        seed: int = 0,
+        observation: ObservationForm = "flat",
+        frames: int = 4,
+        horizon_steps: int = 1000,
+        command: Sequence[tuple[float, float]] = ((-0.5, 1.0), (-0.4, 0.4), (-1.0, 1.0)),
+        height: tuple[float, float] = (0.65, 0.79),
+        stand_height: tuple[float, float] = (0.55, 0.79),
+        torso: Sequence[tuple[float, float]] = ((-0.3, 0.3), (-0.1, 0.6), (-0.5, 0.5)),
+        arm_range: float = 1.0,
+        load_kg: float = 1.0,
+        hand_force_n: float = 20.0,
+        noise: bool = True,
+        robot: str = "g1_bare",
+        gains: str = "fiatlux",
+        ranges: Mapping[str, Any] | None = None,
+        variations: int = 64,
+        disturbances: Mapping[str, Any] | None = None,
+        copy: bool = True,
+        final_obs: bool = True,
+    ) -> None:
+        settings = {
+            "robot": robot,
+            "gains": gains,
+            "frames": frames,
+            "noise": noise,
+            "horizon_steps": horizon_steps,
+            "command": [list(pair) for pair in command],
+            "height": list(height),
+            "stand_height": list(stand_height),
+            "torso": [list(pair) for pair in torso],
+            "arm_range": arm_range,
+            "load_kg": load_kg,
+            "hand_force_n": hand_force_n,
+        }
+        common = _common(num_envs, num_threads, seed, ranges, variations, disturbances)
+        batch = _native.Batch.walking(settings, common)
+        super().__init__(batch, observation, copy, final_obs)

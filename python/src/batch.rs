@@ -1,0 +1,296 @@
+//! Batches over NumPy's arrays.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use fiatlux_batch::{
+    Bank, Batch as Worlds, BatchConfig, BatchError, Buffers, Disturbances, Rulebook, Snapshot as Saved, Task, Walking,
+    WalkingOptions,
+};
+use fiatlux_rules::Row;
+use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::settings::{self, Settings};
+use crate::{build, failed, guarded, not_contiguous, refused};
+
+/// From one look for Ctrl-C to the next in a step.
+const SIGNALS: Duration = Duration::from_millis(50);
+
+/// Many worlds in step.
+#[pyclass(module = "fiatlux._native")]
+pub(crate) struct Batch {
+    worlds: Worlds,
+}
+
+/// A batch's state.
+#[pyclass(module = "fiatlux._native", frozen)]
+pub(crate) struct Snapshot(Saved);
+
+/// What all batches are made with.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct Common<'py> {
+    worlds: usize,
+    threads: usize,
+    seed: u64,
+    ranges: Option<Bound<'py, PyDict>>,
+    variations: usize,
+    disturbances: Option<Bound<'py, PyDict>>,
+}
+
+impl Common<'_> {
+    fn config(&self, banks: Vec<Bank>, disturbances: Disturbances) -> BatchConfig {
+        BatchConfig { worlds: self.worlds, threads: self.threads, seed: self.seed, banks, disturbances }
+    }
+}
+
+/// What walking is played with.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct WalkingSettings {
+    robot: String,
+    gains: String,
+    frames: usize,
+    noise: bool,
+    horizon_steps: u64,
+    command: [[f64; 2]; 3],
+    height: [f64; 2],
+    stand_height: [f64; 2],
+    torso: [[f64; 2]; 3],
+    arm_range: f64,
+    load_kg: f64,
+    hand_force_n: f64,
+}
+
+fn error(error: BatchError) -> PyErr {
+    match error {
+        BatchError::World { .. }
+        | BatchError::Task { .. }
+        | BatchError::Panicked { .. }
+        | BatchError::Stopped
+        | BatchError::Torn
+        | BatchError::Thread(_) => failed(&error),
+        _ => refused(&error),
+    }
+}
+
+/// Builds without the interpreter's lock, so that other threads of Python go on.
+fn built(py: Python<'_>, config: BatchConfig, task: &dyn Task) -> PyResult<Batch> {
+    let worlds = py.detach(|| guarded(|| Worlds::new(config, task)))?.map_err(error)?;
+    py.check_signals()?;
+    Ok(Batch { worlds })
+}
+
+#[pymethods]
+impl Batch {
+    /// Worlds of a task of the benchmark. `starts` are pairs of seed and episode.
+    #[staticmethod]
+    fn rulebook(
+        py: Python<'_>,
+        task: &str,
+        starts: Vec<(u64, u64)>,
+        settings: Settings,
+        common: Common<'_>,
+    ) -> PyResult<Self> {
+        let task = build::task(task)?;
+        let (robot, gains) = settings.robot()?;
+        let options = settings.rulebook(task)?;
+        let network = settings.network(options.sensors)?;
+        let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
+        let ranges = build::ranges(common.ranges.as_ref())?;
+        let config = SceneConfig::default();
+        // One start after the other, so that Ctrl-C works: staging one takes a tenth of a second.
+        let mut banks: Vec<Bank> = Vec::new();
+        for (seed, episode) in starts {
+            let spec = [EpisodeSpec::new(task, seed, episode)];
+            let made = py.detach(|| guarded(|| Bank::of_episodes(&config, &robot, &gains, &spec)))?;
+            for bank in made.map_err(|error| refused(&error))? {
+                match banks.iter_mut().find(|known| known.scene.spec == bank.scene.spec) {
+                    Some(known) => known.starts.extend(bank.starts),
+                    None => banks.push(bank),
+                }
+            }
+            py.check_signals()?;
+        }
+        if let Some(ranges) = ranges {
+            banks = banks.into_iter().map(|bank| bank.varied(&ranges, common.variations, common.seed)).collect();
+        }
+        let Some(first) = banks.first() else {
+            return Err(error(BatchError::Config { field: "starts", found: 0, rule: "give at least one" }));
+        };
+        let rulebook = Rulebook::new(task, &first.scene, options, network);
+        built(py, common.config(banks, disturbances), &rulebook)
+    }
+
+    /// Worlds of walking by velocity command, on a floor.
+    #[staticmethod]
+    fn walking(py: Python<'_>, settings: WalkingSettings, common: Common<'_>) -> PyResult<Self> {
+        let WalkingSettings { robot, gains, frames, noise, horizon_steps, .. } = settings;
+        let WalkingSettings { command, height, stand_height, torso, arm_range, load_kg, hand_force_n, .. } = settings;
+        let (robot, gains) = settings::robot(&robot, &gains)?;
+        let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
+        let scene = Scene::build(&SceneConfig::default(), robot, SceneSpec::floor(gains));
+        let mut bank = Bank::standing(Arc::new(scene.map_err(|error| refused(&error))?));
+        if let Some(ranges) = build::ranges(common.ranges.as_ref())? {
+            bank = bank.varied(&ranges, common.variations, common.seed);
+        }
+        let options = WalkingOptions {
+            frames,
+            noise,
+            horizon_steps,
+            command,
+            height,
+            stand_height,
+            torso,
+            arm_range,
+            load_kg,
+            hand_force_n,
+        };
+        let walking = Walking::new(&bank.scene, options).map_err(|error| refused(&*error))?;
+        built(py, common.config(vec![bank], disturbances), &walking)
+    }
+
+    #[getter]
+    fn num_worlds(&self) -> usize {
+        self.worlds.worlds()
+    }
+
+    #[getter]
+    fn num_threads(&self) -> usize {
+        self.worlds.threads()
+    }
+
+    #[getter]
+    fn spec<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        build::describe(py, self.worlds.spec())
+    }
+
+    /// Begins an episode in every world, after new random streams where a seed is given.
+    fn reset(
+        &mut self,
+        py: Python<'_>,
+        seed: Option<u64>,
+        mut observation: PyReadwriteArrayDyn<'_, f32>,
+    ) -> PyResult<()> {
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let worlds = &mut self.worlds;
+        let reset = || match seed {
+            Some(seed) => worlds.reset_with_seed(seed, observation),
+            None => worlds.reset(observation),
+        };
+        py.detach(|| guarded(reset))?.map_err(error)?;
+        py.check_signals()
+    }
+
+    /// Takes a control step in every world.
+    fn step(
+        &mut self,
+        py: Python<'_>,
+        actions: PyReadonlyArrayDyn<'_, f32>,
+        mut observation: PyReadwriteArrayDyn<'_, f32>,
+        mut final_observation: Option<PyReadwriteArrayDyn<'_, f32>>,
+        mut reward: PyReadwriteArrayDyn<'_, f32>,
+        mut reward_terms: Option<PyReadwriteArrayDyn<'_, f32>>,
+        mut terminated: PyReadwriteArrayDyn<'_, bool>,
+        mut truncated: PyReadwriteArrayDyn<'_, bool>,
+        mut success: PyReadwriteArrayDyn<'_, bool>,
+    ) -> PyResult<()> {
+        fn optional<'a>(
+            array: &'a mut Option<PyReadwriteArrayDyn<'_, f32>>,
+            field: &str,
+        ) -> PyResult<Option<&'a mut [f32]>> {
+            let slice = array.as_mut().map(|array| array.as_slice_mut().map_err(|_| not_contiguous(field)));
+            slice.transpose()
+        }
+        let actions = actions.as_slice().map_err(|_| not_contiguous("actions"))?;
+        let mut buffers = Buffers {
+            observation: observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?,
+            final_observation: optional(&mut final_observation, "final_observation")?,
+            reward: reward.as_slice_mut().map_err(|_| not_contiguous("reward"))?,
+            reward_terms: optional(&mut reward_terms, "reward_terms")?,
+            terminated: terminated.as_slice_mut().map_err(|_| not_contiguous("terminated"))?,
+            truncated: truncated.as_slice_mut().map_err(|_| not_contiguous("truncated"))?,
+            success: success.as_slice_mut().map_err(|_| not_contiguous("success"))?,
+        };
+        let worlds = &mut self.worlds;
+        let (mut looked, mut interrupted) = (Instant::now(), None);
+        let mut may_go_on = || {
+            if looked.elapsed() > SIGNALS {
+                interrupted = Python::attach(|py| py.check_signals()).err();
+                looked = Instant::now();
+            }
+            interrupted.is_none()
+        };
+        let stepped = py.detach(|| guarded(|| worlds.step_while(&mut may_go_on, actions, &mut buffers)))?;
+        if let Some(interrupted) = interrupted {
+            return Err(interrupted);
+        }
+        stepped.map_err(error)?;
+        // Ctrl-C in a short step: the state is whole, and the next step can follow.
+        py.check_signals()
+    }
+
+    /// Begins an episode in one world, from its bank or from another world's present row.
+    #[pyo3(signature = (world, observation, like=None))]
+    fn reset_world(
+        &mut self,
+        world: usize,
+        mut observation: PyReadwriteArrayDyn<'_, f32>,
+        like: Option<usize>,
+    ) -> PyResult<()> {
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let row = like.map(|like| self.copy_of(like)).transpose()?;
+        guarded(|| self.worlds.reset_world(world, row.as_ref(), observation))?.map_err(error)
+    }
+
+    fn save(&self) -> PyResult<Snapshot> {
+        guarded(|| self.worlds.save()).map(Snapshot)
+    }
+
+    fn restore(&mut self, snapshot: &Snapshot, mut observation: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        guarded(|| self.worlds.restore(&snapshot.0, observation))?.map_err(error)
+    }
+
+    /// A world's present row, as far as a learner or a test reads it.
+    fn row<'py>(&self, py: Python<'py>, world: usize) -> PyResult<Bound<'py, PyDict>> {
+        describe_row(py, &self.copy_of(world)?)
+    }
+}
+
+impl Batch {
+    fn copy_of(&self, world: usize) -> PyResult<Row> {
+        let missing = BatchError::NoWorld { world, worlds: self.worlds.worlds() };
+        self.worlds.row(world).ok_or_else(|| error(missing))
+    }
+}
+
+/// State of a row as arrays, SI units, world axes; poses are x, y, z, then the quaternion w, x, y, z.
+pub(crate) fn describe_row<'py>(py: Python<'py>, row: &Row) -> PyResult<Bound<'py, PyDict>> {
+    fn array<'py>(py: Python<'py>, numbers: &[f64]) -> Bound<'py, PyArray1<f64>> {
+        numbers.to_vec().into_pyarray(py)
+    }
+    let dict = PyDict::new(py);
+    dict.set_item("step", row.step)?;
+    let bodies =
+        [("robot", &row.robot), ("ladder", &row.ladder), ("old_bulb", &row.bulbs[0]), ("fresh_bulb", &row.bulbs[1])];
+    for (name, body) in bodies {
+        let (at, turn) = (&body.pose.translation.vector, body.pose.rotation.quaternion());
+        dict.set_item(format!("{name}_pose"), array(py, &[at.x, at.y, at.z, turn.w, turn.i, turn.j, turn.k]))?;
+        dict.set_item(format!("{name}_linear_velocity"), array(py, body.linear_velocity.as_slice()))?;
+        dict.set_item(format!("{name}_angular_velocity"), array(py, body.angular_velocity.as_slice()))?;
+    }
+    for (name, numbers) in [
+        ("joint_position", &row.joint_position),
+        ("joint_velocity", &row.joint_velocity),
+        ("joint_target", &row.joint_target),
+        ("joint_effort", &row.joint_effort),
+        ("action", &row.action),
+    ] {
+        dict.set_item(name, array(py, numbers))?;
+    }
+    Ok(dict)
+}

@@ -1,0 +1,125 @@
+//! Names of Python's arguments as our types.
+
+use fiatlux_batch::{Disturbances, Field, Pushes, Ranges, Spec, Wrenches};
+use fiatlux_robot::Robot;
+use fiatlux_rules::Task;
+use fiatlux_sensing::Sensor;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::refused;
+
+/// The tasks: short id, environment id, name, instruction, horizon.
+#[pyfunction]
+pub(crate) fn tasks() -> Vec<(&'static str, &'static str, &'static str, &'static str, u64)> {
+    let tasks = Task::ALL.into_iter();
+    tasks.map(|task| (task.short_id(), task.id(), task.name(), task.instruction(), task.horizon_steps())).collect()
+}
+
+/// Names of all sensors.
+#[pyfunction]
+pub(crate) fn sensors() -> Vec<&'static str> {
+    Sensor::ALL.map(Sensor::name).into()
+}
+
+/// The contract of a controller that was trained with this version, as JSON.
+#[pyfunction]
+pub(crate) fn controller_contract(
+    frames: usize,
+    hidden: Vec<usize>,
+    seed: u64,
+    samples: u64,
+    minutes: f64,
+    hardware: String,
+) -> PyResult<String> {
+    let training = fiatlux_wbc::Training { seed, samples, minutes, hardware };
+    let contract = fiatlux_wbc::Contract::of_this_version(frames, &hidden, training);
+    Ok(contract.map_err(|error| refused(&error))?.to_json())
+}
+
+pub(crate) fn task(name: &str) -> PyResult<Task> {
+    let by_id = Task::ALL.into_iter().find(|task| task.id() == name);
+    by_id.map_or_else(|| name.parse().map_err(|error: fiatlux_rules::UnknownTask| refused(&error)), Ok)
+}
+
+/// A spec as Python's own types.
+pub(crate) fn describe<'py>(py: Python<'py>, spec: &Spec) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let field = |field: &Field| (field.name.clone(), field.shape.clone(), field.range[0], field.range[1]);
+    dict.set_item("actions", spec.actions.clone())?;
+    dict.set_item("action_range", spec.action_range.clone())?;
+    dict.set_item("observation", spec.observation.iter().map(field).collect::<Vec<_>>())?;
+    dict.set_item("rewards", spec.rewards.clone())?;
+    Ok(dict)
+}
+
+/// Takes a known key out of a dictionary of settings.
+fn take<'py, T: FromPyObjectOwned<'py>>(settings: &Bound<'py, PyDict>, key: &str) -> PyResult<Option<T>> {
+    let Some(value) = settings.get_item(key)? else { return Ok(None) };
+    settings.del_item(key)?;
+    match value.extract() {
+        Ok(value) => Ok(Some(value)),
+        Err(_) => Err(PyValueError::new_err(format!("{key} is {value}; it has another type"))),
+    }
+}
+
+fn nothing_left(field: &str, settings: &Bound<'_, PyDict>, known: &str) -> PyResult<()> {
+    match settings.keys().iter().next() {
+        Some(key) => Err(PyValueError::new_err(format!("{field} has no '{key}'; known keys are {known}"))),
+        None => Ok(()),
+    }
+}
+
+/// Ranges of what varies between worlds, from a dictionary.
+pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ranges>> {
+    let Some(settings) = settings else { return Ok(None) };
+    let settings = settings.copy()?;
+    let nominal = Ranges::NOMINAL;
+    let ranges = Ranges {
+        hand_friction: take(&settings, "hand_friction")?,
+        floor_friction: take(&settings, "floor_friction")?,
+        mass: take(&settings, "mass")?.unwrap_or(nominal.mass),
+        com_shift_m: take(&settings, "com_shift_m")?.unwrap_or(nominal.com_shift_m),
+        stiffness: take(&settings, "stiffness")?.unwrap_or(nominal.stiffness),
+        damping: take(&settings, "damping")?.unwrap_or(nominal.damping),
+        effort_limit: take(&settings, "effort_limit")?.unwrap_or(nominal.effort_limit),
+    };
+    let known = "hand_friction, floor_friction, mass, com_shift_m, stiffness, damping, effort_limit";
+    nothing_left("ranges", &settings, known)?;
+    Ok(Some(ranges))
+}
+
+/// Disturbances from a dictionary.
+pub(crate) fn disturbances(robot: &Robot, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Disturbances> {
+    let Some(settings) = settings else { return Ok(Disturbances::default()) };
+    let settings = settings.copy()?;
+    let pushes: Option<Bound<'_, PyDict>> = take(&settings, "pushes")?;
+    let wrenches: Option<Bound<'_, PyDict>> = take(&settings, "wrenches")?;
+    nothing_left("disturbances", &settings, "pushes, wrenches")?;
+    let pushes = pushes.map(|pushes| {
+        let pushes = pushes.copy()?;
+        let made = Pushes {
+            interval_s: take(&pushes, "interval_s")?.unwrap_or([3.0, 8.0]),
+            linear: take(&pushes, "linear")?.unwrap_or(0.5),
+            angular: take(&pushes, "angular")?.unwrap_or(0.0),
+        };
+        nothing_left("pushes", &pushes, "interval_s, linear, angular")?;
+        PyResult::Ok(made)
+    });
+    let wrenches = wrenches.map(|wrenches| {
+        let wrenches = wrenches.copy()?;
+        let name: String = take(&wrenches, "link")?.unwrap_or_else(|| "torso_link".into());
+        let link = robot.link_index(&name);
+        let made = Wrenches {
+            link: link.ok_or_else(|| PyValueError::new_err(format!("wrenches.link: the robot has no '{name}'")))?,
+            interval_s: take(&wrenches, "interval_s")?.unwrap_or([3.0, 8.0]),
+            duration_s: take(&wrenches, "duration_s")?.unwrap_or([0.1, 0.5]),
+            force_n: take(&wrenches, "force_n")?.unwrap_or(20.0),
+            torque_nm: take(&wrenches, "torque_nm")?.unwrap_or(0.0),
+        };
+        nothing_left("wrenches", &wrenches, "link, interval_s, duration_s, force_n, torque_nm")?;
+        PyResult::Ok(made)
+    });
+    Ok(Disturbances { pushes: pushes.transpose()?, wrenches: wrenches.transpose()? })
+}

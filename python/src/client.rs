@@ -1,0 +1,349 @@
+//! Policies of Python's played over Zenoh: one episode at a time, or a whole run.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use fiatlux_batch::{ActionForm, Field};
+use fiatlux_link::{LinkArgs, Role, in_full};
+use fiatlux_policy::{
+    Client as Link, Command, EpisodeFate, Policy, PolicyError, RunFile, RunOptions, RunOutcome, RunProgress,
+};
+use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::{PyConnectionError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::settings::Settings;
+use crate::watch::watch;
+use crate::{build, failed, not_contiguous};
+
+/// A link to servers.
+#[pyclass(module = "fiatlux._native", frozen)]
+pub(crate) struct Client {
+    link: zenoh::Session,
+}
+
+#[pymethods]
+impl Client {
+    #[new]
+    fn open(py: Python<'_>, endpoints: Vec<String>, config: Option<PathBuf>) -> PyResult<Self> {
+        for endpoint in &endpoints {
+            fiatlux_link::parse_endpoint(endpoint)
+                .map_err(|reason| PyValueError::new_err(format!("endpoint: {reason}")))?;
+        }
+        // Of several servers one may be down at the start.
+        let role = if endpoints.len() > 1 { Role::Server } else { Role::Client };
+        let args = LinkArgs { connect: endpoints, config, ..LinkArgs::default() };
+        let link = watch(py, move |_, _| args.open(role), |_, ()| Ok(()))?;
+        let link = link.map_err(|error| PyConnectionError::new_err(format!("endpoint: {}", in_full(&error))))?;
+        Ok(Self { link })
+    }
+
+    /// Plays an episode in a session of its own; how it ended, as `EpisodeEnd` has it.
+    fn run(
+        &self,
+        py: Python<'_>,
+        player: Py<PyAny>,
+        name: String,
+        server: Option<String>,
+        task: &str,
+        seed: u64,
+        episode: u64,
+        settings: Settings,
+        record: Vec<String>,
+    ) -> PyResult<Py<PyDict>> {
+        let request = OpenRequest {
+            policy: name.clone(),
+            task: build::task(task)?.to_string(),
+            seed,
+            recorded: !record.is_empty(),
+            ..settings.request(&record)?
+        };
+        let form = settings.action_form()?;
+        let (link, failure) = (self.link.clone(), Failure::default());
+        let noted = failure.clone();
+        let played = watch(
+            py,
+            move |stop, _| {
+                let mut policy = Player::new(player, name, form, Failure { stop: Arc::clone(stop), ..noted });
+                // Whatever a session asks of a client is asked for here alone.
+                let mut client = Link::open(&link, server.as_deref(), request)?;
+                let end = client.run_episode(episode, &mut policy, &mut |_| (), stop);
+                // A server misses a client that does not close its session.
+                let _ = client.close();
+                end
+            },
+            |_, ()| Ok(()),
+        )?;
+        failure.check()?;
+        let end = played.map_err(|error| failed(&error))?;
+        let dict = PyDict::new(py);
+        dict.set_item("end", &end.cause)?;
+        dict.set_item("causes", &end.causes)?;
+        dict.set_item("steps", end.steps)?;
+        dict.set_item("success", end.success)?;
+        dict.set_item("gate_progress", end.gate_progress)?;
+        dict.set_item("broken", end.broken)?;
+        dict.set_item("dropped", end.dropped)?;
+        dict.set_item("state_digest", &end.digest)?;
+        Ok(dict.unbind())
+    }
+
+    /// Plays a whole run, or what is left of it.
+    fn evaluate(
+        &self,
+        py: Python<'_>,
+        make_player: Py<PyAny>,
+        run: Run,
+        settings: Settings,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Py<PyDict>> {
+        let form = settings.action_form()?;
+        let options = run.options(&settings)?;
+        let (link, failure) = (self.link.clone(), Failure::default());
+        let noted = failure.clone();
+        let played = watch(
+            py,
+            move |stop, tell| {
+                let failure = Failure { stop: Arc::clone(stop), ..noted };
+                play(&link, &options, make_player, form, &failure, &mut |progress| tell(progress.clone()))
+            },
+            |py, step| tell(py, progress.as_ref(), &step),
+        )?;
+        failure.check()?;
+        describe(py, &played.map_err(|error| failed(&error))?)
+    }
+}
+
+/// What a run is, but for what its sessions are opened with.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Run {
+    pub name: String,
+    pub version: String,
+    pub link: String,
+    pub tasks: Vec<String>,
+    pub seeds: Vec<u64>,
+    pub hosted_seeds: u32,
+    pub server: Option<String>,
+    pub parallel: Option<usize>,
+    pub run_file: PathBuf,
+    pub record: Vec<String>,
+    pub patience_s: f64,
+}
+
+impl Run {
+    /// Opens the run's file, or draws a new run.
+    pub(crate) fn options(&self, settings: &Settings) -> PyResult<RunOptions> {
+        if self.parallel == Some(0) {
+            return Err(PyValueError::new_err("parallel is 0; at least 1 episode is played at once"));
+        }
+        let patience = Duration::try_from_secs_f64(self.patience_s)
+            .map_err(|_| PyValueError::new_err(format!("patience_s is {}; give seconds", self.patience_s)))?;
+        let tasks = self.tasks.iter().map(|name| Ok(build::task(name)?.to_string())).collect::<PyResult<_>>()?;
+        let spec = RunSpec {
+            policy: self.name.clone(),
+            policy_version: self.version.clone(),
+            policy_link: self.link.clone(),
+            session: Some(settings.request(&self.record)?),
+            tasks,
+            seeds: self.seeds.clone(),
+            hosted_seeds: self.hosted_seeds,
+        };
+        let file = RunFile::open(&self.run_file, &spec).map_err(|error| {
+            // The messages speak of the programs' flag.
+            PyValueError::new_err(in_full(&error).replace("--run-file", "run_file"))
+        })?;
+        Ok(RunOptions { server: self.server.clone(), parallel: self.parallel, patience, ..RunOptions::new(file) })
+    }
+}
+
+/// Plays a run, with a player of Python's for each episode.
+pub(crate) fn play(
+    link: &zenoh::Session,
+    options: &RunOptions,
+    make_player: Py<PyAny>,
+    form: ActionForm,
+    failure: &Failure,
+    progress: &mut dyn FnMut(&RunProgress),
+) -> Result<RunOutcome, fiatlux_policy::RunError> {
+    let name = options.file.spec.policy.clone();
+    let make_policy = || {
+        let player = Python::attach(|py| make_player.call0(py)).map_err(|error| failure.note(error))?;
+        Ok(Box::new(Player::new(player, name.clone(), form, failure.clone())) as Box<dyn Policy>)
+    };
+    Link::evaluate(link, options, make_policy, progress, &failure.stop)
+}
+
+pub(crate) fn tell(py: Python<'_>, progress: Option<&Py<PyAny>>, step: &RunProgress) -> PyResult<()> {
+    let Some(progress) = progress else { return Ok(()) };
+    let dict = PyDict::new(py);
+    dict.set_item("episodes", step.episodes)?;
+    dict.set_item("done", step.done)?;
+    dict.set_item("successes", step.successes)?;
+    dict.set_item("lost", step.lost)?;
+    dict.set_item("steps", step.steps)?;
+    dict.set_item("steps_left", step.steps_left)?;
+    progress.call1(py, (dict,)).map(|_| ())
+}
+
+fn describe(py: Python<'_>, outcome: &RunOutcome) -> PyResult<Py<PyDict>> {
+    let dict = PyDict::new(py);
+    let mut episodes = Vec::new();
+    for episode in &outcome.episodes {
+        let row = PyDict::new(py);
+        row.set_item("task", &episode.task)?;
+        row.set_item("seed", episode.seed)?;
+        let fate = match episode.fate {
+            EpisodeFate::Played => "played",
+            EpisodeFate::Failed => "failed",
+            EpisodeFate::Lost => "lost",
+        };
+        row.set_item("fate", fate)?;
+        row.set_item("end", &episode.cause)?;
+        row.set_item("success", episode.success)?;
+        row.set_item("state_digest", &episode.digest)?;
+        row.set_item("attempts", episode.attempts)?;
+        row.set_item("server", &episode.server)?;
+        episodes.push(row);
+    }
+    dict.set_item("run", &outcome.run)?;
+    dict.set_item("finished", outcome.finished)?;
+    dict.set_item("servers", &outcome.servers)?;
+    dict.set_item("episodes", episodes)?;
+    Ok(dict.unbind())
+}
+
+/// The exception of a policy, kept for the caller; it stops everything.
+#[derive(Clone, Default)]
+pub(crate) struct Failure {
+    pub error: Arc<Mutex<Option<PyErr>>>,
+    pub stop: Arc<AtomicBool>,
+}
+
+impl Failure {
+    fn note(&self, error: PyErr) -> PolicyError {
+        let reason = error.to_string();
+        // The first one is the cause of others.
+        self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+        self.stop.store(true, Ordering::Relaxed);
+        PolicyError::Unfit { policy: "of Python", reason }
+    }
+
+    /// Raises the exception, if there is one.
+    pub(crate) fn check(&self) -> PyResult<()> {
+        self.error.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
+    }
+}
+
+/// A policy of Python's: an object with `begin(info)` and `act(numbers)`, whose numbers are the observation's terms one after
+/// another.
+struct Player {
+    object: Py<PyAny>,
+    name: String,
+    form: ActionForm,
+    failure: Failure,
+    terms: Vec<Part>,
+    /// The latest number of each term: one that is not due keeps its last.
+    numbers: Vec<f32>,
+}
+
+/// Where a term is in an observation's field.
+struct Part {
+    sensor: String,
+    field: String,
+    offset: usize,
+    length: usize,
+}
+
+impl Player {
+    fn new(object: Py<PyAny>, name: String, form: ActionForm, failure: Failure) -> Self {
+        Self { object, name, form, failure, terms: Vec::new(), numbers: Vec::new() }
+    }
+
+    fn begin(&self, info: &SessionInfo, first: &Observation, py: Python<'_>) -> PyResult<()> {
+        let dict = PyDict::new(py);
+        if let Some(task) = &info.task {
+            dict.set_item("task", &task.task)?;
+            dict.set_item("instruction", &task.instruction)?;
+        }
+        dict.set_item("seed", info.seed)?;
+        dict.set_item("episode", first.episode)?;
+        let spec = PyDict::new(py);
+        let names: Vec<&str> = info.joints.iter().map(|joint| joint.name.as_str()).collect();
+        spec.set_item("action_range", vec![[-1.0, 1.0]; names.len()])?;
+        spec.set_item("actions", names)?;
+        spec.set_item("rewards", Vec::<String>::new())?;
+        let fields = seen(info).map(|term| {
+            let shape: Vec<usize> = term.shape.iter().map(|extent| *extent as usize).collect();
+            Field::of_sensor(&term.sensor, &term.name, &shape, [term.low, term.high], term.noise, term.scale)
+        });
+        let fields = fields.map(|field| (field.name, field.shape, field.range[0], field.range[1]));
+        spec.set_item("observation", fields.collect::<Vec<_>>())?;
+        self.object.call_method1(py, "begin", (dict, spec)).map(|_| ())
+    }
+
+    fn answer(&self, py: Python<'_>) -> PyResult<Vec<f64>> {
+        let numbers = PyArray1::from_slice(py, &self.numbers);
+        let action = self.object.call_method1(py, "act", (numbers,))?;
+        let action: PyReadonlyArray1<'_, f64> = action.extract(py)?;
+        Ok(action.as_slice().map_err(|_| not_contiguous("action"))?.to_vec())
+    }
+}
+
+/// The terms that a session's observations have.
+fn seen(info: &SessionInfo) -> impl Iterator<Item = &fiatlux_proto::v3::ObservationTerm> {
+    let is_seen = |name: &str| info.sensors.iter().all(|s| s.name != name || !(s.bag_only || s.on_request));
+    info.terms.iter().filter(move |term| is_seen(&term.sensor))
+}
+
+impl Policy for Player {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        self.terms = seen(info)
+            .map(|term| Part {
+                sensor: term.sensor.clone(),
+                field: term.field.clone(),
+                offset: term.offset as usize,
+                length: term.length(),
+            })
+            .collect();
+        self.numbers = vec![0.0; self.terms.iter().map(|term| term.length).sum()];
+        Python::attach(|py| self.begin(info, first, py)).map_err(|error| self.failure.note(error))
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let mut rest = self.numbers.as_mut_slice();
+        for sensor in self.terms.chunk_by(|one, next| one.sensor == next.sensor) {
+            let (mut found, mut is_due) = (Vec::new(), false);
+            let mut field: (&str, Vec<f64>) = ("", Vec::new());
+            for part in sensor {
+                if field.0 != part.field {
+                    field = (&part.field, observation.numbers(&part.field));
+                }
+                is_due |= !field.1.is_empty();
+                match field.1.get(part.offset..part.offset + part.length) {
+                    Some(numbers) => found.extend(numbers.iter().map(|number| *number as f32)),
+                    // A single number that is zero is not sent.
+                    None => found.resize(found.len() + part.length, 0.0),
+                }
+            }
+            let (places, others) = rest.split_at_mut(found.len());
+            rest = others;
+            if is_due {
+                places.copy_from_slice(&found);
+            }
+        }
+        let numbers = Python::attach(|py| self.answer(py)).map_err(|error| self.failure.note(error))?;
+        Ok(match self.form {
+            ActionForm::Action => Command::Action(numbers),
+            ActionForm::JointTarget => Command::JointTarget(numbers),
+        })
+    }
+}

@@ -1,0 +1,191 @@
+//! One episode of the benchmark, with its sensors.
+
+use std::sync::Arc;
+
+use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
+use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
+use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
+use fiatlux_sim::{MjcfOptions, OptionSet, to_mjcf};
+use fiatlux_world::{Episode as Play, EpisodeSpec, PHYSICS_DT, Randomization, Scene, SceneConfig};
+use nalgebra::Vector3;
+use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::batch::describe_row;
+use crate::settings::Settings;
+use crate::{build, failed, guarded, not_contiguous, refused};
+
+/// Where the camera of a picture for people stands from the robot, m, and its vertical field of view, rad.
+const EYE: [f64; 3] = [2.6, -2.2, 1.2];
+const FIELD_OF_VIEW: f64 = 0.9;
+
+/// One episode of the benchmark: the same rows and digest as the service's.
+#[pyclass(module = "fiatlux._native")]
+pub(crate) struct Episode {
+    play: Play,
+    suite: SensorSuite,
+    sensors: Sensors,
+    spec: Spec,
+    form: ActionForm,
+    visuals: Option<Arc<Visuals>>,
+    renderer: Option<Renderer>,
+}
+
+#[pymethods]
+impl Episode {
+    #[new]
+    fn new(py: Python<'_>, task: &str, seed: u64, episode: u64, settings: Settings) -> PyResult<Self> {
+        let task = build::task(task)?;
+        let (robot, gains) = settings.robot()?;
+        let options = settings.rulebook(task)?;
+        let RulebookOptions { protocol, variant, sensors, noise, image_size, action_form: form, .. } = options;
+        let network = settings.network(sensors)?;
+        let spec = EpisodeSpec {
+            protocol,
+            variant,
+            randomize: Randomization { sensors: noise, ..Randomization::default() },
+            ..EpisodeSpec::new(task, seed, episode)
+        };
+        let begin = || -> Result<_, Box<dyn std::error::Error + Send + Sync>> {
+            let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains))?);
+            let play = Play::start(Arc::clone(&scene), &spec)?;
+            let setup = Setup { protocol, image_size, ..Setup::new(&scene, task) };
+            let mut suite = SensorSuite::new(sensors, setup).with_network(network);
+            let visuals = sensors.meets(Sensors::WITH_IMAGE).then(|| Arc::new(Visuals::new(&scene)));
+            let drawn = || visuals.clone().unwrap_or_else(|| Arc::new(Visuals::new(&scene)));
+            suite.begin(&scene, NoiseSeed::of(&spec), drawn, Lighting::of(&spec.light()))?;
+            // The names of a batch's worlds, so that both kinds of environment have one form.
+            let named = Rulebook::new(task, &scene, options, None).spec().clone();
+            Ok((play, suite, visuals, named))
+        };
+        let begun = py.detach(|| guarded(begin))?;
+        let (play, suite, visuals, spec) = begun.map_err(|error| refused(&*error))?;
+        py.check_signals()?;
+        Ok(Self { play, suite, sensors, spec, form, visuals, renderer: None })
+    }
+
+    #[getter]
+    fn spec<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        build::describe(py, &self.spec)
+    }
+
+    /// Writes the observation of the present row.
+    fn observe(&mut self, mut observation: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let (expected, found) = (self.spec.observation_length(), observation.len());
+        if found != expected {
+            return Err(refused(&fiatlux_batch::BatchError::Length { field: "observation", found, expected }));
+        }
+        let Self { play, suite, sensors, .. } = self;
+        let mut rest = observation;
+        guarded(|| {
+            for sensor in sensors.iter() {
+                let (numbers, others) = rest.split_at_mut(suite.length(sensor));
+                suite.compute(sensor, &View::of(play), numbers)?;
+                rest = others;
+            }
+            Ok::<_, fiatlux_sensing::SenseError>(())
+        })?
+        .map_err(|error| failed(&error))
+    }
+
+    /// Takes a control step: what it paid, terminated, truncated.
+    fn step(&mut self, py: Python<'_>, action: PyReadonlyArrayDyn<'_, f64>) -> PyResult<(f64, bool, bool)> {
+        let action = action.as_slice().map_err(|_| not_contiguous("action"))?;
+        let Self { play, form, .. } = self;
+        let step = || match form {
+            ActionForm::Action => play.step(action).map(|_| ()),
+            ActionForm::JointTarget => {
+                let action = play.action_for(action);
+                play.step(&action).map(|_| ())
+            }
+        };
+        py.detach(|| guarded(step))?.map_err(|error| refused(&error))?;
+        let end = self.play.end();
+        Ok((self.play.reward(), end.is_some_and(|end| end.is_terminated()), end.is_some_and(|end| end.is_truncated())))
+    }
+
+    /// What each term of the reward paid in the last step.
+    fn reward_terms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let terms = PyDict::new(py);
+        self.play.terms().iter().try_for_each(|term| terms.set_item(term.name, term.reward))?;
+        Ok(terms)
+    }
+
+    /// Digest of the rows so far, hexadecimal.
+    #[getter]
+    fn digest(&self) -> String {
+        self.play.digest().hex()
+    }
+
+    /// What the episode amounts to so far, under the names of `results.json`.
+    fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (summary, spec) = (self.play.summary(), self.play.spec());
+        let dict = PyDict::new(py);
+        dict.set_item("task", spec.task.short_id())?;
+        dict.set_item("seed", spec.seed)?;
+        dict.set_item("episode", spec.episode)?;
+        dict.set_item("success", summary.success)?;
+        dict.set_item("clean", summary.clean())?;
+        dict.set_item("broken", summary.broken)?;
+        dict.set_item("dropped", summary.dropped)?;
+        dict.set_item("gate_progress", summary.gate_progress)?;
+        dict.set_item("peak_hand_force_n", summary.peak_hand_force_n)?;
+        dict.set_item("control_effort", summary.control_effort)?;
+        dict.set_item("steps", summary.steps)?;
+        dict.set_item("end", summary.end.map(|end| end.cause().name()))?;
+        dict.set_item("state_digest", self.digest())?;
+        Ok(dict)
+    }
+
+    /// The present row, as far as a learner or a test reads it.
+    fn row<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        describe_row(py, self.play.row())
+    }
+
+    /// The scene as MuJoCo's MJCF, whose keyframe `start` is the present state with the targets in force.
+    fn mjcf(&self, nearest: bool) -> PyResult<String> {
+        let (scene, row) = (self.play.scene(), self.play.row());
+        let mut targets = vec![0.0; scene.model.drives().len()];
+        for (ids, target) in scene.robot_ids.joints.iter().zip(&row.joint_target) {
+            targets[ids.drive] = *target;
+        }
+        let options = MjcfOptions {
+            name: self.play.spec().task.short_id().into(),
+            timestep: PHYSICS_DT,
+            option_set: if nearest { OptionSet::Nearest } else { OptionSet::Defaults },
+        };
+        guarded(|| to_mjcf(&scene.model, self.play.world().state(), &targets, &options))
+    }
+
+    /// A picture for people, RGB, row by row from the top: from the robot's side, or from one of its cameras.
+    #[pyo3(signature = (width, height, camera=None))]
+    fn render<'py>(
+        &mut self,
+        py: Python<'py>,
+        width: usize,
+        height: usize,
+        camera: Option<&str>,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let row = self.play.row();
+        let view = match camera {
+            Some(name) => Camera::mounted(&self.play.scene().robot, name, row)
+                .map_err(|error| refused(&error))?
+                .fitted(width, height),
+            None => {
+                let target = row.robot.pose.translation.vector;
+                Camera::look_at(target + Vector3::from(EYE), target, FIELD_OF_VIEW, width as f64 / height as f64)
+            }
+        };
+        let scene = self.play.scene();
+        let visuals = self.visuals.get_or_insert_with(|| Arc::new(Visuals::new(scene)));
+        let fits = self.renderer.as_ref().is_some_and(|r| (r.image().width(), r.image().height()) == (width, height));
+        if !fits {
+            self.renderer = None;
+        }
+        let renderer = self.renderer.get_or_insert_with(|| Renderer::new(width, height));
+        guarded(|| renderer.render(visuals, row, &view, &Lighting::of(&self.play.spec().light())))?;
+        Ok(PyBytes::new(py, renderer.image().rgb()))
+    }
+}

@@ -1,0 +1,112 @@
+//! The benchmark in this process, with bags: a server that records, and a client that plays.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+
+use fiatlux::evaluate::{EvaluateError, ExternalOptions, ExternalProgress, Outcome, evaluate_external};
+use fiatlux_batch::ActionForm;
+use fiatlux_link::{LinkArgs, Role, in_full};
+use fiatlux_policy::{RunOptions, RunProgress};
+use fiatlux_scorer::report;
+use pyo3::prelude::*;
+
+use crate::FiatluxError;
+use crate::client::{Failure, Run, play, tell};
+use crate::settings::Settings;
+use crate::watch::watch;
+
+/// Name of the server in this process.
+const SERVER: &str = "evaluate";
+
+/// Plays, records and grades a run in a folder, or what is left of it: the text of its `results.json`, and the episodes that
+/// are missing with the reason.
+#[pyfunction]
+pub(crate) fn evaluate_into(
+    py: Python<'_>,
+    out: PathBuf,
+    make_player: Py<PyAny>,
+    run: Run,
+    settings: Settings,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(String, Vec<String>)> {
+    let form = settings.action_form()?;
+    let (settings, weights) = settings.split_weights();
+    std::fs::create_dir_all(&out)?;
+    let options = run.options(&settings)?;
+    let hosting = ExternalOptions {
+        name: SERVER.into(),
+        listen: "tcp/127.0.0.1:0".into(),
+        out: out.clone(),
+        workers: std::thread::available_parallelism().map_or(1, usize::from),
+        weights,
+        meshes: None,
+    };
+    let failure = Failure::default();
+    let noted = failure.clone();
+    let played = watch(
+        py,
+        move |stop, tell| {
+            let failure = Failure { stop: Arc::clone(stop), ..noted };
+            host(&hosting, &options, make_player, form, &failure, &mut |progress| tell(progress.clone()))
+        },
+        |py, step| tell(py, progress.as_ref(), &step),
+    )?;
+    failure.check()?;
+    let outcome = played.map_err(FiatluxError::new_err)?;
+    let text = outcome.results.to_json().map_err(|error| FiatluxError::new_err(error.to_string()))?;
+    write(&out, "results.json", &text)?;
+    write(&out, "report.html", &report::html(&outcome.results))?;
+    Ok((text, outcome.lost))
+}
+
+fn write(out: &Path, name: &str, text: &str) -> PyResult<()> {
+    std::fs::write(out.join(name), text).map_err(Into::into)
+}
+
+/// Serves the run on a port of this machine and plays it there.
+fn host(
+    hosting: &ExternalOptions,
+    options: &RunOptions,
+    make_player: Py<PyAny>,
+    form: ActionForm,
+    failure: &Failure,
+    progress: &mut dyn FnMut(&RunProgress),
+) -> Result<Outcome, String> {
+    let (sender, endpoints) = mpsc::channel();
+    let over = AtomicBool::new(false);
+    let (played, served) = std::thread::scope(|scope| {
+        let server = scope.spawn(|| {
+            // Owned here, so that a client learns of a server that could not start.
+            let sender = sender;
+            evaluate_external(hosting, &over, &mut |progress| {
+                if let ExternalProgress::Waiting { endpoint } = progress {
+                    let _ = sender.send(endpoint.clone());
+                }
+            })
+        });
+        // A run that is over has no server any more.
+        let played = endpoints.recv().ok().map(|endpoint| {
+            let link = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }.open(Role::Client);
+            let link = link.map_err(|error| in_full(&error))?;
+            play(&link, options, make_player, form, failure, progress).map_err(|error| in_full(&error))
+        });
+        let is_whole = matches!(&played, Some(Ok(outcome)) if outcome.finished);
+        over.store(!is_whole, Ordering::Relaxed);
+        (played, server.join())
+    });
+    let outcome = served.map_err(|_| "the server has a fault, described on stderr; please report it".to_owned())?;
+    match (played, outcome) {
+        (Some(Err(reason)), _) => Err(reason),
+        // The client knows more of it than the server's journal.
+        (Some(Ok(run)), Err(EvaluateError::Nothing { .. })) => {
+            let reasons = run
+                .episodes
+                .iter()
+                .map(|one| format!("\n  {} seed {}: {}", one.task, one.seed.unwrap_or(0), one.cause));
+            Err(format!("no episode was played to its end:{}", reasons.collect::<String>()))
+        }
+        (_, outcome) => outcome.map_err(|error| in_full(&error)),
+    }
+}

@@ -1,0 +1,63 @@
+//! The native part of the Python package `fiatlux`: batches and episodes that write into NumPy's arrays. What users meet is
+//! in `fiatlux/*.py`; nothing here is meant for them.
+
+mod bag;
+mod batch;
+mod build;
+mod client;
+mod episode;
+mod evaluate;
+mod score;
+mod settings;
+mod watch;
+
+use fiatlux_link::in_full;
+use pyo3::create_exception;
+use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+
+create_exception!(
+    _native,
+    FiatluxError,
+    PyException,
+    "The simulator refused a request. The message names the field and the remedy."
+);
+
+/// An error with all its causes, as the package's exception.
+fn failed(error: &dyn std::error::Error) -> PyErr {
+    FiatluxError::new_err(in_full(error))
+}
+
+/// The same as a `ValueError`: the caller gave something wrong.
+fn refused(error: &dyn std::error::Error) -> PyErr {
+    PyValueError::new_err(in_full(error))
+}
+
+/// A buffer that is not one run of numbers.
+fn not_contiguous(field: &str) -> PyErr {
+    PyValueError::new_err(format!("{field} is not C-contiguous; give numpy.ascontiguousarray({field})"))
+}
+
+/// A panic is a fault of ours. It has printed its message and becomes an exception that Python can catch.
+fn guarded<T>(work: impl FnOnce() -> T) -> PyResult<T> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(work))
+        .map_err(|_| PyRuntimeError::new_err("fiatlux has a fault, described on stderr; please report it"))
+}
+
+#[pymodule(gil_used = true)]
+fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("FiatluxError", module.py().get_type::<FiatluxError>())?;
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("BENCHMARK_VERSION", fiatlux_rules::BENCHMARK_VERSION)?;
+    module.add_class::<bag::Bag>()?;
+    module.add_class::<batch::Batch>()?;
+    module.add_class::<batch::Snapshot>()?;
+    module.add_class::<client::Client>()?;
+    module.add_class::<episode::Episode>()?;
+    module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
+    module.add_function(wrap_pyfunction!(build::sensors, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate::evaluate_into, module)?)?;
+    module.add_function(wrap_pyfunction!(build::controller_contract, module)?)?;
+    module.add_function(wrap_pyfunction!(score::benchmark, module)?)?;
+    Ok(())
+}

@@ -1,0 +1,154 @@
+//! What an episode is played with, as Python gives it: one dictionary for single environments, batches and sessions.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use fiatlux_batch::{ActionForm, RulebookOptions};
+use fiatlux_features::{ResNet18, Weights};
+use fiatlux_policy::SessionArgs;
+use fiatlux_proto::v3::OpenRequest;
+use fiatlux_robot::{GainSet, Gains, Robot};
+use fiatlux_rules::{Protocol, Task, Variant};
+use fiatlux_sensing::{Sensor, Sensors};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::refused;
+
+/// Seed of the network's weights where no file is named, as a server has it.
+const WEIGHTS_SEED: u64 = 0;
+
+/// The keys of `fiatlux.settings.Settings`, all of them given.
+#[derive(Clone, FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Settings {
+    robot: String,
+    gains: String,
+    protocol: String,
+    reward: String,
+    sensors: Option<Vec<String>>,
+    noise: bool,
+    action_form: String,
+    image_size: [usize; 2],
+    weights: Option<PathBuf>,
+}
+
+impl Settings {
+    pub(crate) fn robot(&self) -> PyResult<(Arc<Robot>, Gains)> {
+        robot(&self.robot, &self.gains)
+    }
+
+    pub(crate) fn action_form(&self) -> PyResult<ActionForm> {
+        match self.action_form.as_str() {
+            "action" => Ok(ActionForm::Action),
+            "joint_target" => Ok(ActionForm::JointTarget),
+            name => Err(PyValueError::new_err(format!("action_form is '{name}'; known ones are action, joint_target"))),
+        }
+    }
+
+    pub(crate) fn rulebook(&self, task: Task) -> PyResult<RulebookOptions> {
+        Ok(RulebookOptions {
+            protocol: self.protocol.parse::<Protocol>().map_err(|error| refused(&error))?,
+            variant: self.variant()?,
+            sensors: self.sensors(task)?,
+            noise: self.noise,
+            image_size: self.image_size,
+            action_form: self.action_form()?,
+            ..RulebookOptions::new(task)
+        })
+    }
+
+    fn variant(&self) -> PyResult<Variant> {
+        match self.reward.as_str() {
+            "benchmark" => Ok(Variant::Benchmark),
+            "training" => Ok(Variant::Training),
+            name => Err(PyValueError::new_err(format!("reward is '{name}'; known ones are benchmark, training"))),
+        }
+    }
+
+    /// Without names, those of the robot's own body.
+    fn sensors(&self, task: Task) -> PyResult<Sensors> {
+        let Some(names) = &self.sensors else { return Ok(Sensors::of_body(task)) };
+        names.iter().try_fold(Sensors::NONE, |set, name| {
+            let sensor = Sensor::by_name(name).ok_or_else(|| {
+                PyValueError::new_err(format!("'{name}' is not a sensor; known ones are {}", Sensor::names()))
+            })?;
+            Ok(set.with(sensor))
+        })
+    }
+
+    /// The network of the camera's features, where the sensors need it. The last one is kept for the next episode: it takes
+    /// 95 MB and some tenths of a second.
+    pub(crate) fn network(&self, sensors: Sensors) -> PyResult<Option<ResNet18>> {
+        static KEPT: Mutex<Option<(Option<PathBuf>, ResNet18)>> = Mutex::new(None);
+        if !sensors.meets(Sensors::WITH_FEATURES) {
+            return Ok(None);
+        }
+        let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, network)) = kept.as_ref().filter(|(path, _)| *path == self.weights) {
+            return Ok(Some(network.twin()));
+        }
+        let weights = match &self.weights {
+            Some(path) => {
+                let read = Weights::from_safetensors(path);
+                read.map_err(|error| PyValueError::new_err(format!("weights: {}", fiatlux_link::in_full(&error))))?
+            }
+            None => Weights::seeded(WEIGHTS_SEED),
+        };
+        let network = ResNet18::new(&weights);
+        let twin = network.twin();
+        *kept = Some((self.weights.clone(), network));
+        Ok(Some(twin))
+    }
+
+    /// What a session is opened with, task, seed and policy aside. Here sensors may have a rate, such as `camera@10`; `record`
+    /// names those that the bag is to have.
+    pub(crate) fn request(&self, record: &[String]) -> PyResult<OpenRequest> {
+        let (robot, _) = self.robot()?;
+        let mut request = OpenRequest {
+            hands: robot.hand().to_string(),
+            gains: self.gains.clone(),
+            reward: self.reward.clone(),
+            episode_protocol: self.protocol.clone(),
+            image_width: self.image_size[0] as u32,
+            image_height: self.image_size[1] as u32,
+            weights: self.weights.as_ref().map(|path| path.display().to_string()).unwrap_or_default(),
+            ..OpenRequest::default()
+        };
+        request.randomization.get_or_insert_default().exact_sensors = !self.noise;
+        session_args(self.sensors.as_deref().unwrap_or_default(), record)?.apply(&mut request);
+        Ok(request)
+    }
+
+    /// The same for a server in this process, which reads the weights from their folder.
+    pub(crate) fn split_weights(mut self) -> (Self, Option<PathBuf>) {
+        let Some(path) = &self.weights else { return (self, None) };
+        let folder = path.parent().map(PathBuf::from).unwrap_or_default();
+        self.weights = path.file_name().map(PathBuf::from);
+        (self, Some(folder))
+    }
+}
+
+/// Sensors as the programs' flags have them.
+fn session_args(sensors: &[String], record: &[String]) -> PyResult<SessionArgs> {
+    #[derive(clap::Parser)]
+    struct Flags {
+        #[command(flatten)]
+        session: SessionArgs,
+    }
+    let lists = [("--sensors", sensors), ("--record", record)];
+    let given = lists.into_iter().filter(|(_, names)| !names.is_empty());
+    let flags = given.map(|(flag, names)| format!("{flag}={}", names.join(",")));
+    let parsed = <Flags as clap::Parser>::try_parse_from(std::iter::once("fiatlux".into()).chain(flags));
+    parsed.map(|flags| flags.session).map_err(|error| {
+        let text = error.to_string();
+        PyValueError::new_err(text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned())
+    })
+}
+
+pub(crate) fn robot(name: &str, gains: &str) -> PyResult<(Arc<Robot>, Gains)> {
+    let robot = Robot::by_name(name).map_err(|error| refused(&error))?;
+    let set: GainSet = gains.parse().map_err(|error| PyValueError::new_err(format!("gains: {error}")))?;
+    let gains = robot.gains(set);
+    Ok((Arc::new(robot), gains))
+}

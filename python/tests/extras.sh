@@ -1,0 +1,44 @@
+#!/usr/bin/env bash
+# The checks of the package that need its extras, each in a fresh environment with the wheel and that extra:
+#
+#     python/tests/extras.sh [train] [ray] [lerobot] [mujoco]     (all without names)
+#
+# It downloads PyTorch twice, since the trainers and lerobot ask for versions that differ. FIATLUX_WHEEL names a wheel that is
+# built already.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+work="$(mktemp -d)"
+trap 'rm -rf "$work"' EXIT
+extras=("$@")
+[ ${#extras[@]} -gt 0 ] || extras=(train ray lerobot mujoco)
+
+wheel="${FIATLUX_WHEEL:-}"
+if [ -z "$wheel" ]; then
+    python3 -m venv "$work/build"
+    "$work/build/bin/pip" install --quiet "maturin>=1.9.4,<2"
+    "$work/build/bin/maturin" build --release --locked --quiet -m python/Cargo.toml --out "$work/wheels"
+    wheel="$(echo "$work"/wheels/fiatlux-*.whl)"
+fi
+
+for extra in "${extras[@]}"; do
+    echo "== $extra"
+    python3 -m venv "$work/$extra"
+    "$work/$extra/bin/pip" install --quiet "fiatlux[$extra] @ file://$(realpath "$wheel")" "pytest>=8"
+    case "$extra" in
+        train) tests=(test_rsl_rl.py test_stable_baselines3.py) ;;
+        ray) tests=(test_ray.py) ;;
+        lerobot) tests=(test_lerobot.py) ;;
+        mujoco)
+            "$work/$extra/bin/python" python/benchmarks/mujoco_rollout.py
+            rm -rf "${work:?}/$extra"
+            continue
+            ;;
+        *)
+            echo "extras.sh: unknown extra '$extra'; known ones are train, ray, lerobot, mujoco" >&2
+            exit 2
+            ;;
+    esac
+    # A missing package is a failure here, not a reason to skip.
+    FIATLUX_EXTRAS=1 "$work/$extra/bin/python" -m pytest -q "${tests[@]/#/python/tests/extras/}"
+    rm -rf "${work:?}/$extra"
+done

@@ -1,0 +1,23 @@
+"""The examples of README and pages run: blocks ```python in order, a page's in one namespace.
+
+Blocks that need a server, or an extra, name it: `extras/` has the same calls.
+"""
+
+import pathlib
+import re
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "python/README.md", *sorted((ROOT / "docs/python").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_examples_run(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"^```python(?: (\w+))?\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+    names = {"__name__": page.stem}
+    for needs, block in blocks:
+        code = compile(block, str(page), "exec")
+        if not needs:
+            exec(code, names)

@@ -1,0 +1,94 @@
+"""The client against a server of its own process.
+
+`FIATLUX_TEST_SERVER` names the program `sim-server`.
+"""
+
+import os
+import pathlib
+import socket
+import subprocess
+
+import fiatlux
+import numpy as np
+import pytest
+
+SERVER = os.environ.get("FIATLUX_TEST_SERVER")
+pytestmark = pytest.mark.skipif(SERVER is None, reason="FIATLUX_TEST_SERVER is not set")
+
+
+class Waver:
+    def reset(self, info):
+        self.rng = np.random.default_rng(info["seed"])
+
+    def __call__(self, observation):
+        return self.rng.uniform(-0.1, 0.1, 53)
+
+
+class Server:
+    def __init__(self, folder: pathlib.Path, port: int) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{port}"
+        command = [SERVER, "-l", self.endpoint, "--name", "lab", "--record", str(folder)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        # It prints a line when it can be reached.
+        assert self.process.stdout.readline()
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
+
+
+@pytest.fixture
+def server(tmp_path):
+    server = Server(tmp_path / "bags", free_port())
+    yield server
+    server.kill()
+
+
+def test_an_episode_is_the_one_of_this_process(server):
+    plain = fiatlux.evaluate(Waver, ["S05"], [3])
+    client = fiatlux.Client(server.endpoint)
+    end = client.run(Waver, "S05", seed=3)
+    for name in ("end", "steps", "success", "state_digest"):
+        assert end[name] == plain.episodes[0][name], name
+    with pytest.raises(fiatlux.FiatluxError, match="server 'west' was not found"):
+        client.run(Waver, "S05", server="west")
+    with pytest.raises(RuntimeError, match="out of memory"):
+        client.run(fail, "S05")
+
+
+def fail(observation):
+    raise RuntimeError("out of memory")
+
+
+def test_a_run_goes_on_after_its_server_was_killed(server, tmp_path):
+    """The run is stopped in its second episode, its server is killed, and another one takes up its folder."""
+    tasks, seeds, begun = ["S05"], [0, 1, 2], []
+
+    class Stopped(Waver):
+        def reset(self, info):
+            super().reset(info)
+            begun.append(info["seed"])
+            if begun == [0, 1]:
+                raise KeyboardInterrupt
+
+    settings = {"run_file": tmp_path / "RUN.toml", "parallel": 1, "name": "waver"}
+    with pytest.raises(KeyboardInterrupt):
+        fiatlux.Client(server.endpoint).evaluate(Stopped, tasks, seeds, **settings)
+    server.kill()
+    again = Server(tmp_path / "bags", free_port())
+    try:
+        told = []
+        run = fiatlux.Client(again.endpoint).evaluate(Stopped, tasks, seeds, progress=told.append, **settings)
+    finally:
+        again.kill()
+    assert begun == [0, 1, 1, 2] and run["finished"] and told[-1]["done"] == 3
+    plain = fiatlux.evaluate(Waver, tasks, seeds)
+    assert [one["state_digest"] for one in run["episodes"]] == [one["state_digest"] for one in plain.episodes]
+    assert all(one["fate"] == "played" for one in run["episodes"])

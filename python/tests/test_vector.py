@@ -1,0 +1,186 @@
+"""Many worlds in one call."""
+
+import _thread
+import threading
+import time
+
+import fiatlux
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ClosedEnvironmentError
+from gymnasium.vector import AutoresetMode
+
+SEED = 7
+
+
+def walkers(num_envs=6, num_threads=2, **settings):
+    settings = {
+        "ranges": {"mass": (0.9, 1.1), "floor_friction": (0.5, 1.1)},
+        "variations": 4,
+        "disturbances": {"pushes": {"interval_s": (0.2, 0.5), "linear": 0.6}, "wrenches": {"interval_s": (0.2, 0.5)}},
+        **settings,
+    }
+    return fiatlux.WalkingVectorEnv(num_envs, num_threads=num_threads, seed=SEED, **settings)
+
+
+def play(env, steps, start=0):
+    said = []
+    for step in range(start, start + steps):
+        actions = np.random.default_rng(step).uniform(-1, 1, env.action_space.shape).astype(np.float32)
+        *numbers, info = env.step(actions)
+        said += [np.array(part) for part in numbers] + [info["reward_terms"]]
+    return said
+
+
+def assert_same(ours, others):
+    assert len(ours) == len(others)
+    for one, other in zip(ours, others):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_worlds_of_a_task_are_its_episodes():
+    """The first episodes of a batch have the rows of single environments, on one thread and on eight."""
+    seeds = [1000, 1001, 1002]
+    for threads in (1, 8):
+        worlds = gymnasium.make_vec(
+            "Fiatlux-S05-CarryBulbToDisposal-v1",
+            num_envs=3,
+            vectorization_mode="vector_entry_point",
+            seeds=seeds,
+            num_threads=threads,
+            reward="training",
+            observation="flat",
+            noise=False,
+        )
+        singles = [fiatlux.Env("S05", reward="training", observation="flat", noise=False) for _ in seeds]
+        observed, _ = worlds.reset()
+        for world, (env, seed) in enumerate(zip(singles, seeds)):
+            np.testing.assert_array_equal(env.reset(seed=seed)[0], observed[world])
+        for step in range(25):
+            actions = np.random.default_rng(step).uniform(-0.2, 0.2, (3, 53)).astype(np.float32)
+            observed, rewards, terminated, _, info = worlds.step(actions)
+            assert not terminated.any()
+            for world, env in enumerate(singles):
+                single, reward, *_ = env.step(actions[world])
+                np.testing.assert_array_equal(single, observed[world])
+                assert rewards[world] == pytest.approx(reward, rel=1e-5, abs=1e-7)
+                ours, others = worlds.row(world), env.row()
+                assert ours.keys() == others.keys()
+                for name in ours:
+                    np.testing.assert_array_equal(ours[name], others[name])
+        worlds.close()
+
+
+def test_threads_and_seeds():
+    said = []
+    for threads in (1, 2, 8):
+        env = walkers(num_threads=threads)
+        env.reset(seed=SEED)
+        said.append(play(env, 60))
+    assert_same(said[0], said[1])
+    assert_same(said[0], said[2])
+    env.reset(seed=SEED)
+    assert_same(said[0], play(env, 60))
+
+
+def test_episodes_begin_in_the_step_that_ends_them():
+    env = walkers(horizon_steps=5, observation="dict")
+    assert env.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
+    observed, _ = env.reset(seed=SEED)
+    assert env.observation_space.contains(observed)
+    for step in range(1, 11):
+        observed, _, terminated, truncated, info = env.step(np.zeros(env.action_space.shape, np.float32))
+        assert truncated.all() == (step % 5 == 0) and not terminated.any()
+        assert ("final_obs" in info) == truncated.any()
+    assert info["_final_obs"].all()
+    final = info["final_obs"]["last_action"]
+    assert final.shape == (6, 4, 15) and not np.array_equal(info["final_obs"]["joint_position"], observed["joint_position"])
+
+
+def test_a_saved_state_goes_on_exactly():
+    env = walkers()
+    env.reset(seed=SEED)
+    play(env, 20)
+    saved = env.save()
+    went_on = play(env, 30, 20)
+    other = walkers(num_threads=5)
+    for env in (env, other):
+        env.restore(saved)
+        assert_same(went_on, play(env, 30, 20))
+    with pytest.raises(ValueError, match="snapshot of 6 worlds"):
+        walkers(5).restore(saved)
+
+
+def test_arrays_are_the_callers_own_unless_asked_otherwise():
+    actions = np.zeros((6, 15), np.float32)
+    env = walkers()
+    first, _ = env.reset()
+    kept = first.copy()
+    env.step(actions)
+    np.testing.assert_array_equal(first, kept)
+    env = walkers(copy=False)
+    first, _ = env.reset()
+    assert env.step(actions)[0] is first or np.shares_memory(env.step(actions)[0], first)
+
+
+def test_bad_use_is_refused_by_name():
+    env = walkers()
+    env.reset()
+    actions = np.zeros((6, 15), np.float32)
+    with pytest.raises(ValueError, match=r"action: shape \(5, 15\) instead of \(6, 15\)"):
+        env.step(actions[:5])
+    actions[2, 3] = np.nan
+    with pytest.raises(ValueError, match="actions: world 2, 'left_knee_joint' is NaN"):
+        env.step(actions)
+    assert env.row(2)["step"] == 0
+    with pytest.raises(ValueError, match="world 6 does not exist"):
+        env.row(6)
+    with pytest.raises(ValueError, match="one number for all worlds"):
+        env.reset(seed=[1, 2, 3, 4, 5, 6])
+    env.close()
+    env.close()
+    with pytest.raises(ClosedEnvironmentError):
+        env.step(actions)
+    for settings, match in [
+        ({"num_envs": 0}, "worlds is 0"),
+        ({"num_threads": 0}, "threads is 0"),
+        ({"frames": 0}, "at least 1 frame"),
+        ({"ranges": {"weight": 1}}, "ranges has no 'weight'"),
+        ({"ranges": {"mass": (0.0, 0.0)}}, "mass variation"),
+        ({"disturbances": {"wrenches": {"link": "tail"}}}, "the robot has no 'tail'"),
+        ({"disturbances": {"pushes": {"interval_s": (2, 1)}}}, "pushes.interval_s"),
+    ]:
+        with pytest.raises(ValueError, match=match):
+            walkers(**settings)
+    with pytest.raises(ValueError, match="as many worlds as banks"):
+        fiatlux.VectorEnv(1, task="S07", seeds=[1000, 1001])
+
+
+def test_ctrl_c_breaks_a_long_step_off():
+    env = walkers(4096, 1)
+    env.reset()
+    actions = np.zeros((4096, 15), np.float32)
+    began = time.monotonic()
+    env.step(actions)
+    whole = time.monotonic() - began
+    threading.Timer(0.1 * whole, _thread.interrupt_main).start()
+    with pytest.raises(KeyboardInterrupt):
+        env.step(actions)
+    # The time is compared by its ratio: a step of so many worlds takes long on any machine.
+    assert time.monotonic() - began < 1.8 * whole
+    with pytest.raises(fiatlux.FiatluxError, match="reset"):
+        env.step(actions)
+    env.reset()
+    env.step(actions)
+
+
+def test_ctrl_c_works_while_worlds_step():
+    env = walkers(32, 1)
+    env.reset()
+    actions = np.zeros((32, 15), np.float32)
+    threading.Timer(0.3, _thread.interrupt_main).start()
+    with pytest.raises(KeyboardInterrupt):
+        for _ in range(100_000):
+            env.step(actions)
+    env.step(actions)

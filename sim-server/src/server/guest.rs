@@ -1,0 +1,76 @@
+//! Who asks for something, and how the server greets them.
+
+use fiatlux_access::{Identity, Reply, Secrets, is_proof, welcome};
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{Hello, Refusal, Version, Welcome};
+use fiatlux_proto::{Message, PROTOCOL};
+
+use super::shared::Shared;
+
+/// A client that has said who it is, with the request that it made.
+pub(super) struct Guest<'a> {
+    hello: &'a Hello,
+    request: &'a [u8],
+    /// Tells it from others: by its token, or else by what it says itself.
+    pub peer: String,
+    /// Sessions that its token grants.
+    pub limit: Option<usize>,
+}
+
+impl<'a> Guest<'a> {
+    /// The same peer with another request.
+    pub fn again(hello: &'a Hello, request: &'a [u8], peer: &str, limit: Option<usize>) -> Self {
+        Self { hello, request, peer: peer.into(), limit }
+    }
+
+    /// The server's half of the exchange, for a reply with that content.
+    pub fn welcome(
+        &self,
+        identity: &Identity,
+        server: &str,
+        id: &str,
+        content: &[u8],
+    ) -> Result<(Welcome, Secrets), Refusal> {
+        let reply = Reply { request: self.request, server, id, content };
+        welcome(identity, self.hello, reply).map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))
+    }
+}
+
+impl Shared {
+    /// Lets a client in, or says why not. `proof` is of its token.
+    pub fn admit<'a>(
+        &self,
+        hello: Option<&'a Hello>,
+        version: Option<&Version>,
+        request: &'a [u8],
+        proof: &[u8],
+    ) -> Result<Guest<'a>, Refusal> {
+        let Some(hello) = hello else {
+            let client = version.map_or_else(|| "no version".into(), ToString::to_string);
+            let message = format!(
+                "the client speaks {client} and says no hello; this server speaks {PROTOCOL}, which needs one; update the \
+                 client"
+            );
+            return Err(Refusal::new(Code::Version, "hello", message));
+        };
+        fiatlux_access::check_hello(hello).map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
+        let Some(tokens) = &self.tokens else {
+            return Ok(Guest { hello, request, peer: format!("peer {}", hello.peer), limit: None });
+        };
+        let grant = tokens.of(&hello.token).filter(|grant| is_proof(grant.secret(), request, proof));
+        let grant = grant.ok_or_else(|| {
+            let message =
+                "this server is for holders of its tokens; ask its owner for one, and start with --token FILE";
+            Refusal::new(Code::Denied, "hello.token", message)
+        })?;
+        let limit = usize::try_from(grant.limit()).unwrap_or(usize::MAX);
+        Ok(Guest { hello, request, peer: format!("token {}", grant.id()), limit: Some(limit) })
+    }
+
+    /// Signs a refusal, so that nobody else can refuse in the server's place; only a request with a hello can be answered so.
+    pub fn sign(&self, hello: Option<&Hello>, request: &[u8], refusal: &Refusal) -> Option<Welcome> {
+        let content = refusal.encode_to_vec();
+        let guest = Guest { hello: hello?, request, peer: String::new(), limit: None };
+        guest.welcome(&self.identity, &self.name, "", &content).ok().map(|(welcome, _)| welcome)
+    }
+}

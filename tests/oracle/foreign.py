@@ -1,0 +1,218 @@
+"""What Python makes of the controllers of others: random networks of the right shape, and the targets that they give.
+
+    FIATLUX_PYTHON tests/oracle/foreign.py FOLDER [--small] [--seed N]
+
+Writes Balance.onnx, Walk.onnx, model_decoder.onnx and targets.safetensors to FOLDER. Observations are written out with
+numpy from the published descriptions (docs/controllers.md), the networks run in onnxruntime. What is sensed and commanded in
+each step follows from `sequence`, which the Rust test (crates/foreign/tests/it/oracle.rs) has too. `--small` gives networks
+of a few kB; those of seed 1 are committed in crates/foreign/tests/fixtures:
+
+    FIATLUX_PYTHON tests/oracle/foreign.py crates/foreign/tests/fixtures --small --seed 1
+
+Needs numpy, onnx and onnxruntime (foreign.requirements.txt).
+"""
+
+import argparse
+import json
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+from onnx import TensorProto, helper, numpy_helper
+
+STEPS = 240
+SIZES = {
+    False: {"gear": [516, 512, 256, 128, 15], "sonic": [994, 2048, 2048, 1024, 1024, 512, 29]},
+    True: {"gear": [516, 4, 15], "sonic": [994, 4, 29]},
+}
+
+# Standing posture of the session's robot: positions are relative to it.
+Q0 = np.zeros(29)
+Q0[[0, 6]], Q0[[3, 9]], Q0[[4, 10]] = -0.05, 0.2, -0.15
+
+
+def sequence():
+    """What is sensed, commanded and meant in each step: a formula in integers, so that Rust has the same bits."""
+    state = 1
+
+    def draw(count, scale):
+        nonlocal state
+        numbers = np.empty(count)
+        for i in range(count):
+            state = (state * 1664525 + 1013904223) % 2**32
+            numbers[i] = ((state >> 8) / 2**23 - 1.0) * scale
+        return numbers
+
+    commands = [(0.0, 0.0, 0.0), (0.4, -0.1, 0.2), (0.03, 0.02, -0.01), (-0.2, 0.3, -0.6)]
+    for step in range(STEPS):
+        yield {
+            "angular_velocity": draw(3, 1.0),
+            "gravity": np.array([0.0, 0.0, -1.0]) + draw(3, 0.25),
+            "position": draw(29, 0.5),
+            "velocity": draw(29, 4.0),
+            "token": draw(64, 1.0),
+            "command": np.array(commands[step // 60]),
+            "height": 0.74 - 0.001 * (step % 60),
+            "torso": np.array([0.1, -0.2, 0.3]) * (step % 7),
+        }
+
+
+class Gear:
+    """NVlabs/GR00T-WholeBodyControl, decoupled_wbc, and the same in huggingface/lerobot."""
+
+    DEFAULT = np.zeros(29)
+    DEFAULT[[0, 6]], DEFAULT[[3, 9]], DEFAULT[[4, 10]] = -0.1, 0.3, -0.2
+    READINGS = {"nvidia": (0.5, [2.0, 2.0, 0.5]), "lerobot": (0.25, [2.0, 2.0, 0.25])}
+
+    def __init__(self, folder, reading):
+        self.balance, self.walk = session(folder / "Balance.onnx"), session(folder / "Walk.onnx")
+        self.angular, self.command = self.READINGS[reading]
+        self.frames = deque([np.zeros(86, np.float32)] * 6, maxlen=6)
+        self.action = np.zeros(15, np.float32)
+
+    def step(self, seen):
+        frame = np.zeros(86, np.float32)
+        frame[0:3] = seen["command"] * self.command
+        frame[3] = seen["height"]
+        frame[4:7] = seen["torso"]
+        frame[7:10] = seen["angular_velocity"] * self.angular
+        frame[10:13] = seen["gravity"]
+        frame[13:42] = (Q0 + seen["position"]) - self.DEFAULT
+        frame[42:71] = seen["velocity"] * 0.05
+        frame[71:86] = self.action
+        self.frames.append(frame)
+        network = self.balance if np.linalg.norm(seen["command"]) < 0.05 else self.walk
+        self.action = run(network, np.concatenate(self.frames))
+        return self.DEFAULT[:15] + 0.25 * self.action
+
+
+class Sonic:
+    """The decoder of GEAR-SONIC: NVlabs/GR00T-WholeBodyControl, gear_sonic_deploy."""
+
+    # Joints by name, in the order of Isaac Lab and in that of the SDK.
+    SIDES = ["left", "right"]
+    LEG = ["hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll"]
+    ARM = ["shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch", "wrist_yaw"]
+    WAIST = ["waist_yaw", "waist_roll", "waist_pitch"]
+    BODY = (
+        [f"left_{j}" for j in LEG] + [f"right_{j}" for j in LEG] + WAIST
+        + [f"left_{j}" for j in ARM] + [f"right_{j}" for j in ARM]
+    )
+    ISAAC = "hip_pitch waist_yaw hip_roll waist_roll hip_yaw waist_pitch knee shoulder_pitch ankle_pitch shoulder_roll " \
+        "ankle_roll shoulder_yaw elbow wrist_roll wrist_pitch wrist_yaw"
+    MOTORS = {"7520_22": (139.0, 0.025101925), "7520_14": (88.0, 0.010177520), "5020": (25.0, 0.003609725), "4010": (5.0, 0.00425)}
+
+    def __init__(self, folder):
+        self.decoder = session(folder / "model_decoder.onnx")
+        both = [[j] if j.startswith("waist") else [f"left_{j}", f"right_{j}"] for j in self.ISAAC.split()]
+        isaac = [joint for joints in both for joint in joints]
+        self.order = [self.BODY.index(joint) for joint in isaac]
+        self.default = np.array([self.angle(joint) for joint in isaac])
+        self.scale = np.array([self.action_scale(joint) for joint in isaac])
+        self.past = {name: deque([np.zeros(n, np.float32)] * 10, maxlen=10) for name, n in
+                     [("angular_velocity", 3), ("position", 29), ("velocity", 29), ("action", 29)]}
+        self.past["gravity"] = deque([np.array([0, 0, -1], np.float32)] * 10, maxlen=10)
+        self.action = np.zeros(29, np.float32)
+
+    @staticmethod
+    def angle(joint):
+        if joint.endswith("shoulder_roll"):
+            return 0.2 if joint.startswith("left") else -0.2
+        angles = {"hip_pitch": -0.312, "knee": 0.669, "ankle_pitch": -0.363, "shoulder_pitch": 0.2, "elbow": 0.6}
+        return angles.get(joint.removeprefix("left_").removeprefix("right_"), 0.0)
+
+    def action_scale(self, joint):
+        motors = {"hip_pitch": "7520_22", "hip_roll": "7520_22", "knee": "7520_22", "hip_yaw": "7520_14", "waist_yaw": "7520_14",
+                  "wrist_pitch": "4010", "wrist_yaw": "4010"}
+        effort, armature = self.MOTORS[motors.get(joint.removeprefix("left_").removeprefix("right_"), "5020")]
+        return 0.25 * effort / (armature * (2 * np.pi * 10) ** 2)
+
+    def step(self, seen):
+        now = {
+            "angular_velocity": seen["angular_velocity"],
+            "position": (Q0 + seen["position"])[self.order] - self.default,
+            "velocity": seen["velocity"][self.order],
+            "action": self.action,
+            "gravity": seen["gravity"],
+        }
+        for name, numbers in now.items():
+            self.past[name].append(numbers.astype(np.float32))
+        blocks = [np.concatenate(self.past[name]) for name in now]
+        self.action = run(self.decoder, np.concatenate([seen["token"].astype(np.float32), *blocks]))
+        targets = np.empty(29)
+        targets[self.order] = self.default + self.scale * self.action
+        return targets
+
+
+def session(path):
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+
+def run(network, observation):
+    return network.run(None, {network.get_inputs()[0].name: observation[None]})[0][0]
+
+
+def write_network(path, sizes, random, batch, as_gemm):
+    """A multilayer perceptron with ELU, as PyTorch exports it: with Gemm, or with MatMul and Add."""
+    nodes, tensors, at = [], [], "obs"
+    for layer, (inputs, outputs) in enumerate(zip(sizes, sizes[1:])):
+        weight = (random.standard_normal((outputs, inputs)) / np.sqrt(inputs)).astype(np.float32)
+        bias = (0.1 * random.standard_normal(outputs)).astype(np.float32)
+        is_last = layer == len(sizes) - 2
+        to = "actions" if is_last else f"sum{layer}"
+        tensors.append(numpy_helper.from_array(weight if as_gemm else np.ascontiguousarray(weight.T), f"w{layer}"))
+        tensors.append(numpy_helper.from_array(bias, f"b{layer}"))
+        if as_gemm:
+            nodes.append(helper.make_node("Gemm", [at, f"w{layer}", f"b{layer}"], [to], transB=1))
+        else:
+            nodes.append(helper.make_node("MatMul", [at, f"w{layer}"], [f"product{layer}"]))
+            nodes.append(helper.make_node("Add", [f"product{layer}", f"b{layer}"], [to]))
+        if not is_last:
+            nodes.append(helper.make_node("Elu", [to], [f"hidden{layer}"]))
+            at = f"hidden{layer}"
+    put = [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [batch, sizes[0]])]
+    got = [helper.make_tensor_value_info("actions", TensorProto.FLOAT, [batch, sizes[-1]])]
+    model = helper.make_model(
+        helper.make_graph(nodes, "policy", put, got, tensors), opset_imports=[helper.make_opsetid("", 17)], ir_version=8
+    )
+    onnx.checker.check_model(model)
+    onnx.save(model, path)
+
+
+def write_safetensors(path, tensors):
+    header, data = {}, b""
+    for name, numbers in tensors.items():
+        begin = len(data)
+        data += numbers.astype("<f4").tobytes()
+        header[name] = {"dtype": "F32", "shape": list(numbers.shape), "data_offsets": [begin, len(data)]}
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 8)
+    path.write_bytes(len(text).to_bytes(8, "little") + text + data)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--small", action="store_true")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    folder, sizes = arguments.folder, SIZES[arguments.small]
+    folder.mkdir(parents=True, exist_ok=True)
+    random = np.random.default_rng(arguments.seed)
+    write_network(folder / "Balance.onnx", sizes["gear"], random, 1, as_gemm=True)
+    write_network(folder / "Walk.onnx", sizes["gear"], random, "batch", as_gemm=False)
+    write_network(folder / "model_decoder.onnx", sizes["sonic"], random, "batch", as_gemm=True)
+    players = {f"gear.{reading}": Gear(folder, reading) for reading in Gear.READINGS}
+    players["sonic"] = Sonic(folder)
+    targets = {name: np.array([player.step(seen) for seen in sequence()]) for name, player in players.items()}
+    write_safetensors(folder / "targets.safetensors", targets)
+    for name, numbers in targets.items():
+        print(f"{name}: {numbers.shape[0]} steps, targets from {numbers.min():.3f} to {numbers.max():.3f} rad")
+
+
+if __name__ == "__main__":
+    main()
