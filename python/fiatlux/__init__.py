@@ -3,7 +3,7 @@
 Importing it registers the environments. ``gymnasium.make("Fiatlux-S05-CarryBulbToDisposal-v1")`` is one episode at a time, by
 the benchmark's own rules; ``gymnasium.make_vec`` of the same id, or :class:`VectorEnv`, steps many worlds in one call for
 training. :func:`evaluate` plays a policy through the benchmark in this process, :class:`Client` on servers, and :class:`Bag`
-reads a recorded episode.
+reads a recorded episode. :class:`WholeBody` is a body for other policies to stand on.
 """
 
 from ._native import BENCHMARK_VERSION, FiatluxError, __version__
@@ -17,6 +17,7 @@ from .policy import Policy, PolicyLike
 from .settings import Settings
 from .tasks import TASKS, Task
 from .vector import VectorEnv, WalkingVectorEnv
+from .whole_body import WholeBody
 
 _register()
 
@@ -34,6 +35,7 @@ __all__ = [
     "Task",
     "VectorEnv",
     "WalkingVectorEnv",
+    "WholeBody",
     "__version__",
     "evaluate",
     "export_lerobot",

@@ -10,6 +10,7 @@ mod evaluate;
 mod score;
 mod settings;
 mod watch;
+mod wbc;
 
 use fiatlux_link::in_full;
 use pyo3::create_exception;
@@ -54,6 +55,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<batch::Snapshot>()?;
     module.add_class::<client::Client>()?;
     module.add_class::<episode::Episode>()?;
+    module.add_class::<wbc::WholeBody>()?;
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate_into, module)?)?;

@@ -8,7 +8,7 @@ use fiatlux_tests::{Rig, robot, scene};
 use fiatlux_world::{ACTION_SCALE, PHYSICS_DT, Random, SUBSTEPS, SceneKind, ShapeOwner, Stream};
 use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
 
-const DROPS: u64 = if cfg!(feature = "slow-tests") { 40 } else { 12 };
+const DROPS: u64 = if option_env!("FIATLUX_SLOW_TESTS").is_some() { 40 } else { 12 };
 /// Targets change every control step this long, s, and are then held.
 const RANDOM_SECONDS: f64 = 6.0;
 const HELD_SECONDS: f64 = 2.0;

@@ -9,10 +9,10 @@ use fiatlux_tests::programs::{PATIENCE, Service, alone, grade, wait_until};
 use super::lab::{Asked, BENCHMARK, Lab};
 
 /// Kills of each program.
-const KILLS: usize = if cfg!(feature = "slow-tests") { 20 } else { 4 };
+const KILLS: usize = if option_env!("FIATLUX_SLOW_TESTS").is_some() { 20 } else { 4 };
 
 /// The everyday form has half of the benchmark.
-const ASKED: Asked = if cfg!(feature = "slow-tests") {
+const ASKED: Asked = if option_env!("FIATLUX_SLOW_TESTS").is_some() {
     BENCHMARK
 } else {
     Asked { tasks: "all", seeds: "0..1", episodes: 24, parallel: "4" }

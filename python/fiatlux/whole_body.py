@@ -1,0 +1,91 @@
+"""The whole-body controller as a body for other policies."""
+
+from typing import Any, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _native
+
+LEGS_AND_WAIST = 15
+"""Joints that the controller moves: the first ones of the joint order. Arms and hands, the others, are the policy's."""
+
+
+class WholeBody:
+    """Walks, stands and bends on command, whatever the arms do: the controller of the policy ``wbc``.
+
+    It needs the standard observation in its form ``"dict"``, and an episode with the benchmark's gains and joint targets as
+    actions (``action_form="joint_target"``). A policy that stands on it::
+
+        class Wave:
+            def reset(self, info):
+                self.body = fiatlux.WholeBody()
+
+            def __call__(self, observation):
+                targets = self.body.targets(observation)
+                targets[:15] = self.body(observation, vx=0.3)
+                targets[16] += 0.5  # an arm
+                return targets
+    """
+
+    def __init__(self) -> None:
+        self._native = _native.WholeBody()
+        joints = self._native.joints()
+        self.joint_names: list[str] = [joint[0] for joint in joints]
+        """Legs, waist and arms, in the order of actions."""
+        self.q0: NDArray[np.float64] = np.array([joint[1] for joint in joints])
+        """Their angles in the standing posture, rad."""
+
+    def reset(self) -> None:
+        """Begins another episode."""
+        self._native.restart()
+
+    def targets(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """The joint targets that were given last, rad, for all joints; those of the start at first."""
+        last = np.asarray(observation["last_action"], np.float64)
+        q0 = np.zeros(last.shape)
+        q0[: len(self.q0)] = self.q0
+        return q0 + 0.5 * last
+
+    def __call__(
+        self,
+        observation: Mapping[str, Any],
+        *,
+        vx: float = 0.0,
+        vy: float = 0.0,
+        wz: float = 0.0,
+        height: float = 0.75,
+        roll: float = 0.0,
+        pitch: float = 0.0,
+        yaw: float = 0.0,
+    ) -> NDArray[np.float64]:
+        """Targets of the 15 joints of legs and waist, rad; call it once for each observation.
+
+        Args:
+            observation: Fields by name; those of the robot's own body are read.
+            vx, vy, wz: Velocity of the pelvis forwards and to the left, m/s, and about the vertical, rad/s.
+            height: Of the pelvis above the floor, m.
+            roll, pitch, yaw: Of the torso, rad, from upright axes that point where the pelvis points.
+
+        Raises:
+            ValueError: The command is outside of the trained range, or the observation lacks a field or is not finite.
+        """
+        command = [vx, vy, wz, height, roll, pitch, yaw]
+        self._native.check(command)
+        try:
+            fields = [np.asarray(observation[name], np.float64).ravel().tolist() for name in _FIELDS]
+        except (KeyError, TypeError, IndexError) as error:
+            raise ValueError(f"observation: {error} is missing; use the form 'dict' and the sensor 'proprioception'") from error
+        turning, gravity, moving, base_height, position, velocity = fields
+        (above,) = base_height
+        return np.array(self._native.step(turning, gravity, moving, above, position, velocity, command))
+
+
+_FIELDS = (
+    "base_angular_velocity",
+    "projected_gravity",
+    "base_linear_velocity",
+    "base_height",
+    "joint_position",
+    "joint_velocity",
+)

@@ -1,0 +1,67 @@
+//! The whole-body controller for policies in Python.
+
+use std::sync::Arc;
+
+use fiatlux_wbc::{Command, Controller, MOVED, Network, Sensed};
+use pyo3::prelude::*;
+
+use crate::{failed, refused};
+
+/// The controller of this version, for one robot.
+#[pyclass(module = "fiatlux._native")]
+pub(crate) struct WholeBody {
+    controller: Controller,
+}
+
+#[pymethods]
+impl WholeBody {
+    #[new]
+    fn new() -> PyResult<Self> {
+        let network = Network::shipped().map_err(|error| failed(&error))?;
+        Ok(Self { controller: Controller::new(Arc::new(network)) })
+    }
+
+    /// Begins another episode.
+    fn restart(&mut self) {
+        self.controller.restart();
+    }
+
+    /// Names, standing angles (rad) and drives of the joints that it knows: legs, waist, arms.
+    fn joints(&self) -> Vec<(String, f64, f64, f64, f64)> {
+        let joints = &self.controller.network().contract().joints;
+        joints.iter().map(|j| (j.name.clone(), j.q0, j.stiffness, j.damping, j.effort_limit)).collect()
+    }
+
+    /// Refuses a command (vx, vy, wz, height, roll, pitch, yaw) outside of the trained range.
+    fn check(&self, command: [f64; 7]) -> PyResult<()> {
+        self.controller.check(&command_of(command)).map_err(|error| refused(&error))
+    }
+
+    /// Targets of legs and waist, rad.
+    fn step(
+        &mut self,
+        base_angular_velocity: [f64; 3],
+        projected_gravity: [f64; 3],
+        base_linear_velocity: [f64; 3],
+        base_height: f64,
+        joint_position: Vec<f64>,
+        joint_velocity: Vec<f64>,
+        command: [f64; 7],
+    ) -> PyResult<[f64; MOVED]> {
+        let sensed = Sensed {
+            base_angular_velocity,
+            projected_gravity,
+            base_linear_velocity,
+            base_height,
+            joint_position: &joint_position,
+            joint_velocity: &joint_velocity,
+        };
+        let mut targets = [0.0; MOVED];
+        self.controller.step(&sensed, &command_of(command), &mut targets).map_err(|error| refused(&error))?;
+        Ok(targets)
+    }
+}
+
+fn command_of([vx, vy, wz, height, roll, pitch, yaw]: [f64; 7]) -> Command {
+    Command { velocity: [vx, vy, wz], height, torso: [roll, pitch, yaw] }
+}

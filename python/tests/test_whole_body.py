@@ -1,0 +1,45 @@
+"""A policy in Python that stands on the whole-body controller."""
+
+import numpy as np
+import pytest
+
+import fiatlux
+
+
+def play(steps, **command):
+    """Walks in S05's room from its start; the pelvis's poses."""
+    env = fiatlux.Env("S05", action_form="joint_target", observation="dict")
+    observation, _ = env.reset(seed=64)
+    body = fiatlux.WholeBody()
+    poses = [env.row()["robot_pose"]]
+    arms = body.targets(observation)[15:]
+    for _ in range(steps):
+        targets = body.targets(observation)
+        np.testing.assert_allclose(targets[15:], arms, atol=1e-5)
+        targets[:15] = body(observation, **command)
+        observation, _, terminated, truncated, _ = env.step(targets)
+        assert not terminated and not truncated
+        poses.append(env.row()["robot_pose"])
+    return np.array(poses)
+
+
+def test_it_stands_and_walks_backwards_on_command():
+    stood, walked = play(100), play(100, vx=-0.4)
+    way = np.linalg.norm(stood[-1, :2] - stood[0, :2]), np.linalg.norm(walked[-1, :2] - walked[0, :2])
+    assert way[0] < 0.15
+    assert way[1] > 0.3
+    assert stood[-1, 2] > 0.65 and walked[-1, 2] > 0.65
+
+
+def test_wrong_commands_and_observations_are_refused_by_name():
+    env = fiatlux.Env("S05", observation="dict")
+    observation, _ = env.reset(seed=64)
+    body = fiatlux.WholeBody()
+    with pytest.raises(ValueError, match="vx"):
+        body(observation, vx=3.0)
+    with pytest.raises(ValueError, match="joint_velocity"):
+        body({name: field for name, field in observation.items() if name != "joint_velocity"})
+    broken = dict(observation, base_height=np.array([np.nan], np.float32))
+    with pytest.raises(ValueError, match="base_height"):
+        body(broken)
+    assert body.joint_names[0].endswith("hip_pitch_joint") and len(body.q0) == 29
