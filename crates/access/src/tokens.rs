@@ -97,7 +97,7 @@ impl Grant {
         Self { token, limit }
     }
 
-    /// The token's id.
+    /// Public id of the token that the sessions are granted to; never its secret.
     pub fn id(&self) -> &str {
         &self.token.id
     }
