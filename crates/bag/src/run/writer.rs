@@ -66,7 +66,7 @@ impl LedgerWriter {
         &self.ledger
     }
 
-    /// The file.
+    /// Path of the journal that is written.
     pub fn path(&self) -> &Path {
         &self.path
     }
