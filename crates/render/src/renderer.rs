@@ -58,7 +58,7 @@ struct Surface {
 struct Vertex {
     /// In the camera: ahead, left, up, m.
     at: Vec3,
-    /// World.
+    /// Unit normal, world axes.
     normal: Vec3,
     corner: Corner,
 }
@@ -112,7 +112,7 @@ impl Renderer {
         &self.image
     }
 
-    /// The last picture.
+    /// The picture that was rendered last.
     pub fn image(&self) -> &Image {
         &self.image
     }

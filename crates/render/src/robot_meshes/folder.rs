@@ -29,7 +29,7 @@ pub(super) enum Format {
     Obj,
 }
 
-/// A link's file.
+/// A file that is named after a link.
 #[derive(Debug)]
 pub(super) struct MeshFile {
     pub name: String,

@@ -15,7 +15,7 @@ type Corners = [[f32; 3]; 3];
 const HEAD: usize = 84;
 const RECORD: usize = 50;
 
-/// A file's content.
+/// Content of a file, up to the size that is read.
 pub(super) fn bytes(path: &Path) -> Result<Vec<u8>, MeshError> {
     let unreadable = |source| MeshError::Read { path: path.into(), source };
     let mut bytes = Vec::new();
