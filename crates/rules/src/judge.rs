@@ -56,7 +56,7 @@ pub struct Judge {
     verdict: Verdict,
 }
 
-/// Before any row.
+/// The verdict before any row.
 const UNJUDGED: Verdict = Verdict {
     step: 0,
     criteria: Criteria::NONE,
@@ -115,17 +115,17 @@ impl Judge {
         self.protocol
     }
 
-    /// The task.
+    /// The task that is judged.
     pub fn task(&self) -> Task {
         self.task
     }
 
-    /// Thresholds in force.
+    /// The thresholds that are in force.
     pub fn thresholds(&self) -> &Thresholds {
         &self.thresholds
     }
 
-    /// The scene's constants.
+    /// Places and sizes in the scene that criteria measure against.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }

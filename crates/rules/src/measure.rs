@@ -54,7 +54,7 @@ pub fn facing_angle(world_from_body: &Isometry3<f64>, target: &Vector3<f64>) -> 
     wrap_angle(bearing(&position.xy(), &target.xy()) - yaw(&world_from_body.rotation))
 }
 
-/// Horizontal distance, m.
+/// Distance between two points over the ground: without their difference in z, m.
 pub fn horizontal_distance(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (a - b).xy().norm()
 }
@@ -80,9 +80,9 @@ pub fn footprint_distance(world_from_body: &Isometry3<f64>, half: &[f64; 2], poi
 /// Least and greatest value along an axis (a unit vector), m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
-    /// m.
+    /// Least value along the axis, m.
     pub min: f64,
-    /// m.
+    /// Greatest value along the axis, m.
     pub max: f64,
 }
 

@@ -24,7 +24,7 @@ const DIVERGED: TermSpec = TermSpec::new("diverged", FAILURE, Kind::Condition(Ca
 /// Which reward a subtask pays; `replace` and `climb` have one only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Variant {
-    /// Gate progress alone.
+    /// Pays gate progress alone, as the benchmark scores it.
     Benchmark,
     /// Gate progress and shaping.
     Training,
