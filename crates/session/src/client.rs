@@ -72,9 +72,9 @@ pub enum Input {
 pub enum Output {
     /// Query `reset` with this [`ResetRequest`].
     Reset(Bytes),
-    /// Publish this [`Action`](fiatlux_proto::v3::Action).
+    /// Publish this [`Action`](fiatlux_proto::v3::Action) as it is encoded.
     Action(Bytes),
-    /// Query `observation`.
+    /// Query `observation`, whose last one may have been lost on the way.
     AskObservation,
     /// Time between an action and its observation, which follows.
     RoundTrip(Duration),
@@ -99,7 +99,7 @@ enum Phase {
     Waiting { step: u64, actions: VecDeque<Bytes>, again: Duration },
 }
 
-/// One client's session.
+/// One client's session: a state machine without I/O and without a clock.
 #[derive(Debug)]
 pub struct ClientSession {
     info: SessionInfo,

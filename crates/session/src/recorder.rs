@@ -61,7 +61,7 @@ pub enum Output {
 /// What goes into bags.
 #[derive(Debug, PartialEq)]
 pub enum Write {
-    /// A new bag.
+    /// Begin a new bag with this header.
     Open(Box<EpisodeHeader>),
     /// A row, or the events that end an episode without one.
     Row(Box<StepRecord>),

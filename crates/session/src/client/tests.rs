@@ -28,7 +28,6 @@ fn give(session: &mut ClientSession, input: Input, now_s: f64) -> Vec<Output> {
     std::iter::from_fn(|| session.poll()).collect()
 }
 
-/// Publishes an observation.
 fn publish(session: &mut ClientSession, observation: &Observation, now_s: f64) -> Vec<Output> {
     give(session, Input::Observation(observation.encode_to_vec().into()), now_s)
 }

@@ -50,7 +50,7 @@ pub(super) struct Order {
     waiting: BTreeMap<u64, StepRecord>,
     /// First number of the request that is being answered.
     asked: Option<u64>,
-    /// Not before this.
+    /// Nothing is asked for before this.
     ask_at: Duration,
     heard_at: Duration,
     since: Duration,
