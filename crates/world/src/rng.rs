@@ -92,7 +92,7 @@ impl Random {
         low + (high - low) * self.unit()
     }
 
-    /// Uniform in 0..n.
+    /// A whole number, uniform in 0..n.
     pub fn index(&mut self, n: usize) -> usize {
         ((self.unit() * n as f64) as usize).min(n.saturating_sub(1))
     }

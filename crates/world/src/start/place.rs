@@ -27,7 +27,7 @@ const SELF_OVERLAP: f64 = 5e-4;
 
 /// Where a task puts the robot.
 enum Stand {
-    /// On the floor.
+    /// On the floor at that place.
     Floor(Place),
     /// On the floor at a distance from a thing, in a direction that may turn.
     Around { center: Vector2<f64>, distance: f64, bearing: f64, facing: Vector2<f64> },
