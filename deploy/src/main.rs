@@ -58,7 +58,7 @@ enum Command {
     ///
     /// When it is ready it prints one line on stdout; interrupted (SIGINT, SIGTERM) it exits with 0.
     Router(keys_command::RouterArgs),
-    /// Measures speeds.
+    /// Measures the speed of physics, sensors, batches and sessions.
     #[command(subcommand)]
     Bench(Bench),
 }

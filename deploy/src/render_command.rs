@@ -142,7 +142,7 @@ fn kind(out: &Path) -> Result<Kind, String> {
     }
 }
 
-/// Runs the command.
+/// Runs the command: draws bags as a video, a still or a folder of pictures.
 pub fn run(args: &RenderArgs) -> anyhow::Result<ExitCode> {
     fiatlux_link::init_quiet_log();
     let (kind, stride) = match checked(args) {

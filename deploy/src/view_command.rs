@@ -41,7 +41,7 @@ pub struct ViewArgs {
     force: bool,
 }
 
-/// Runs the command.
+/// Runs the command: serves replays of bags, or writes one as a file.
 pub fn run(args: &ViewArgs) -> anyhow::Result<ExitCode> {
     fiatlux_link::init_quiet_log();
     let bags = Bags::find(&args.path)?;

@@ -14,7 +14,7 @@ const MULTIBODY_SHARE: f64 = 0.05;
 /// Runs from one start that are measured at least.
 const MIN_REPEATS: usize = 2;
 
-/// What to measure.
+/// What to measure, for how long, and what to compare it with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Simulated seconds of each case.

@@ -66,7 +66,7 @@ impl Authority {
         Ok(Credentials { authority: self.pem(), certificate: certificate.pem(), key: key.serialize_pem() })
     }
 
-    /// Its own certificate.
+    /// Its own certificate, which the others check theirs with, as PEM.
     pub fn pem(&self) -> String {
         self.certificate.pem()
     }
@@ -76,7 +76,7 @@ impl Authority {
         self.issuer.key().serialize_pem()
     }
 
-    /// Last day, `YYYY-MM-DD`.
+    /// Last day on which its certificates are valid, as `YYYY-MM-DD`.
     pub fn valid_until(&self) -> String {
         self.until.date().to_string()
     }

@@ -3,7 +3,7 @@
 use fiatlux_rules::{CONTROL_DT, Row};
 use nalgebra::{Isometry3, Vector3};
 
-/// Rows a second.
+/// Rows of a bag in a simulated second.
 pub const ROW_RATE: u32 = 50;
 
 /// What of a row a camera follows.
@@ -36,7 +36,7 @@ impl Spot {
 pub struct Span {
     /// First and last simulated time, s; none is the bag's own.
     pub from_s: Option<f64>,
-    /// See `from_s`.
+    /// Last simulated time, s; none is the bag's own.
     pub to_s: Option<f64>,
     /// Every so many rows is one.
     pub stride: u64,

@@ -75,7 +75,7 @@ impl Pattern {
     }
 }
 
-/// What runs share.
+/// What all runs share.
 pub(super) struct Trials {
     robot: Arc<Robot>,
     config: SceneConfig,
