@@ -33,7 +33,7 @@ pub struct RunOptions {
     pub give_up_lost: bool,
     /// How long to wait where all servers are gone, or where those that are there let nothing be played.
     pub patience: Duration,
-    /// Keys and tokens.
+    /// Keys and tokens to show and to expect.
     pub access: Access,
 }
 

@@ -67,7 +67,7 @@ enum Fixed {
     Light,
     /// The room's own colours
     Tint,
-    /// Exact sensors
+    /// Exact sensors, without noise
     Noise,
     /// All but the layout: every episode of a seed is the same
     Episodes,

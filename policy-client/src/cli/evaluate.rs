@@ -19,7 +19,7 @@ use super::{Failure, model_server};
 /// Episodes under way that the progress line names.
 const MOST_SHOWN: usize = 3;
 
-/// Options of `evaluate`.
+/// Options of the command `evaluate`.
 #[derive(Debug, Args)]
 #[command(after_help = "What happens:
   The run is registered on the server, under a name and a secret key that are drawn here and kept in the run file. Each
@@ -78,7 +78,7 @@ pub struct EvaluateArgs {
     /// How long to wait for servers that are gone, do not answer, or let nothing be played, s
     #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = fiatlux_link::whole::<u32>(1..=86_400))]
     patience: u32,
-    /// Print JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]

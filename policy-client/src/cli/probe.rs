@@ -6,7 +6,7 @@ use fiatlux_policy::policies::{Answer, VlaArgs};
 
 use super::{Failure, usage};
 
-/// Options of `probe`.
+/// Options of the command `probe`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "It prints the server's contract, what does not fit the mapping, what was sent (the standing posture, \

@@ -9,7 +9,7 @@ use embedded_graphics::prelude::*;
 use embedded_graphics::primitives::{PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
 
-/// 8-bit sRGB.
+/// A picture in 8-bit sRGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Picture {
     pub width: usize,
@@ -33,7 +33,7 @@ impl Picture {
         output
     }
 
-    /// Colours a rectangle.
+    /// Fills a rectangle with one colour; what is outside the picture is left out.
     pub fn fill(&mut self, left: i32, top: i32, width: u32, height: u32, color: Rgb888) {
         let area = Rectangle::new(Point::new(left, top), Size::new(width, height));
         self.put(&area.into_styled(PrimitiveStyle::with_fill(color)));

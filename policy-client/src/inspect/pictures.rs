@@ -195,7 +195,7 @@ fn range_at(share: f64) -> f64 {
     NEAR * (f64::from(RANGE) / NEAR).powf(share)
 }
 
-/// Near is bright.
+/// Colour of a range: near is bright.
 fn by_range(range: f64) -> Rgb888 {
     ramp(1.0 - share_of(range))
 }

@@ -72,7 +72,7 @@ pub struct Seen {
 #[derive(Default)]
 pub struct OutOfLimits {
     pub steps: u64,
-    /// By joint.
+    /// Steps in which each joint was beyond its limits, by joint index.
     pub joints: Vec<u64>,
 }
 

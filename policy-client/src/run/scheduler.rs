@@ -11,7 +11,7 @@ pub(super) const MAX_TRIES: u32 = 3;
 /// Where an episode stands.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Standing {
-    /// To be opened.
+    /// Not open on any server.
     Waiting,
     /// Played by us on that server since that moment, or about to be.
     Playing { server: String, since: u64 },
