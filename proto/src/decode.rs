@@ -19,9 +19,9 @@ pub enum DecodeError {
     Size {
         /// Name of the message.
         message: &'static str,
-        /// Bytes.
+        /// Bytes that it has.
         length: usize,
-        /// Bytes.
+        /// Most bytes that it may have.
         limit: usize,
     },
     /// Not this message in protobuf.
@@ -37,7 +37,7 @@ pub enum DecodeError {
     UnknownField {
         /// Name of the message, and of the field where it is in one within.
         message: String,
-        /// Field number.
+        /// Number of the field in protobuf.
         number: u32,
     },
 }
