@@ -35,7 +35,7 @@ pub enum OptionSet {
 pub struct MjcfOptions {
     /// Name of the MJCF model.
     pub name: String,
-    /// Physics step, s.
+    /// Length of a physics step, s.
     pub timestep: f64,
     /// OptionSet of friction and damping.
     pub option_set: OptionSet,
@@ -302,7 +302,7 @@ fn pose(isometry: &Isometry3<f64>) -> (String, String) {
 
 type Attribute<'a> = (&'a str, &'a dyn Display);
 
-/// Indented XML.
+/// Writes XML with indented lines.
 #[derive(Default)]
 struct Xml {
     out: String,

@@ -31,7 +31,7 @@ pub(super) type Session = ServerSession<Simulation, Asker>;
 pub(super) enum Asker {
     /// To the client's query on that key, of that number; the gate knows who waits for it.
     Client(&'static str, u64),
-    /// To a recorder.
+    /// To a recorder's query.
     Recorder(Query),
 }
 
@@ -145,7 +145,7 @@ impl Actor {
         !std::mem::replace(&mut inbox.scheduled, true)
     }
 
-    /// The next input.
+    /// Takes the next input from the inbox; a tick comes first.
     pub fn take(&self) -> Option<Input<Asker>> {
         let mut inbox = lock(&self.inbox);
         if std::mem::take(&mut inbox.tick) {

@@ -29,7 +29,7 @@ struct Place {
 /// Why there is no place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NoPlace {
-    /// All are taken.
+    /// All places are taken.
     Full,
     /// The rest is kept for peers that have none.
     Kept,

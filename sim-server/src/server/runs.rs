@@ -47,19 +47,19 @@ pub enum RecordError {
         "another server named '{server}' records into {folder}; stop it, or give this one another --name or --record"
     )]
     Taken {
-        /// Name of both.
+        /// Name that both servers have.
         server: String,
-        /// The folder.
+        /// The folder that both record into.
         folder: PathBuf,
     },
     /// The folder or its lock.
     #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
     Io {
-        /// What was tried.
+        /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
-        /// The file.
+        /// The file or folder that it was tried on.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: std::io::Error,
     },

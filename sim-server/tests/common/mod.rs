@@ -105,7 +105,7 @@ pub fn greeting(zenoh: &Session) -> Greeting {
     Greeting::new(&zenoh.zid().to_string(), None).unwrap()
 }
 
-/// Opens a session.
+/// Opens a session, and gives what both sides know of it.
 pub fn open_session(zenoh: &Session, server: &str, request: &OpenRequest) -> Result<(SessionInfo, Secrets), Refusal> {
     let greeting = greeting(zenoh);
     let request = OpenRequest { hello: Some(greeting.hello()), ..request.clone() }.encode_to_vec();
