@@ -73,7 +73,7 @@ impl Scratch {
         Self(path)
     }
 
-    /// Its path.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.0
     }

@@ -24,13 +24,13 @@ const PUSH_LIMIT: f64 = 5.0;
 const HAND_SPEED: f64 = 0.05;
 /// Along and across the axis, N/m.
 const HAND_STIFFNESS: f64 = 100.0;
-/// N s/m.
+/// Damping along and across the axis, N s/m.
 const HAND_DAMPING: f64 = 1.0;
-/// N m/rad.
+/// Stiffness against turning, N m/rad.
 const HAND_TURN_STIFFNESS: f64 = 0.3;
-/// N m s/rad.
+/// Damping against turning, N m s/rad.
 const HAND_TURN_DAMPING: f64 = 0.002;
-/// N m.
+/// Largest torque of the hand, N m.
 const HAND_TORQUE_LIMIT: f64 = 0.3;
 
 /// A bulb at a socket, stepped as a world steps it: the hold advances once per control step and its wrench is kept.
