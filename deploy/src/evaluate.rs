@@ -37,7 +37,7 @@ pub struct EvaluateOptions {
     pub tasks: Vec<Task>,
     /// Layout seeds, each once; one episode of each task is played in each.
     pub seeds: Vec<u64>,
-    /// Folder for bags, results and report. Whole bags of the same evaluation and version that are there already are kept.
+    /// Folder for bags, results and report. Whole bags of the same evaluation and version are kept.
     pub out: PathBuf,
     /// Episodes that are played at once.
     pub workers: usize,
@@ -45,7 +45,7 @@ pub struct EvaluateOptions {
     pub weights: Option<PathBuf>,
     /// Folder of meshes that the robot is drawn with in place of our own shapes.
     pub meshes: Option<PathBuf>,
-    /// What every session is asked for beside policy, task and seed.
+    /// What every session is asked for besides policy, task and seed.
     pub session: SessionArgs,
 }
 

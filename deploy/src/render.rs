@@ -46,7 +46,7 @@ pub struct RenderOptions {
     pub bags: Vec<PathBuf>,
     /// Where the frames go.
     pub output: Output,
-    /// Replaces what is there of that name.
+    /// Replaces a file or folder of that name.
     pub force: bool,
     /// Size, quality and views.
     pub picture: Picture,
@@ -84,7 +84,7 @@ pub struct Outcome {
     pub lost: Vec<String>,
 }
 
-/// Why there is no clip.
+/// Why a clip cannot be made.
 #[derive(Debug, Error)]
 pub enum RenderError {
     /// A bag cannot be read.
@@ -269,7 +269,7 @@ impl Episode {
             lost.push(format!("{name}: rows after the first {MOST_ROWS}, more than any episode has"));
         }
         if let Completeness::Cut { reason, .. } = bag.completeness() {
-            lost.push(format!("{name}: the bag is cut ({reason}); what is there is shown"));
+            lost.push(format!("{name}: the bag is cut ({reason}); its rows up to there are shown"));
         }
         let mut chosen = options.span.chosen(spots.iter().map(|spot| spot.step));
         if let Output::Still { .. } = options.output {
@@ -342,7 +342,7 @@ fn still(spots: &[Spot], chosen: &[usize], at_s: Option<f64>) -> Vec<usize> {
     let Some(at) = at_s else { return chosen.get(chosen.len() / 2).copied().into_iter().collect() };
     let within = |step: u64| step as f64 * CONTROL_DT <= at + 1e-6;
     let count = spots.partition_point(|spot| within(spot.step));
-    // A time after the last row is no row's.
+    // A time after the last row belongs to no row.
     let after_end = spots.last().is_some_and(|spot| at > spot.step as f64 * CONTROL_DT + 1e-6);
     count.checked_sub(1).filter(|_| !after_end).into_iter().collect()
 }

@@ -22,9 +22,9 @@ pub trait Policy: Send {
         None
     }
 
-    /// Sensors of the session that it wants to see of this step beside what the observation has: it is shown them in the
-    /// observation that [`Policy::act`] gets. The server computes them then; lockstep waits. In real time the step may be
-    /// over by then: the policy is asked again with the next observation, which may be the same.
+    /// Sensors of the session that it wants to see of this step besides what the observation has: it is shown them in
+    /// the observation that [`Policy::act`] gets. The server computes them then; lockstep waits. In real time the step
+    /// may be over by then: the policy is asked again with the next observation, which may be the same.
     fn look(&mut self, _observation: &Observation) -> Vec<&'static str> {
         Vec::new()
     }

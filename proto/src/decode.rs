@@ -42,7 +42,7 @@ pub enum DecodeError {
     },
 }
 
-/// Reads a message of at most `limit` bytes. Fields that this version does not know are refused, not passed over.
+/// Reads a message of at most `limit` bytes. Fields that this version does not know are refused, not ignored.
 ///
 /// # Errors
 /// [`DecodeError`]: too long, no such message, or an unknown field.

@@ -32,7 +32,7 @@ pub enum TermError {
         field: String,
     },
     /// An observation has what the session does not.
-    #[error("{field} is no term of the session; ask for its sensor, or use a client of the server's version")]
+    #[error("{field} is not a term of the session; ask for its sensor, or use a client of the server's version")]
     NoTerm {
         /// Path of the field in the observation.
         field: String,
@@ -346,8 +346,8 @@ mod tests {
         let short = Some(Image { width: 2, height: 1, rgb: vec![9; 5] });
         let cases = [
             (Observation { lidar: vec![1.0], ..seen() }, "lidar has 1 numbers, not 2"),
-            (Observation { last_action: vec![1.0], ..seen() }, "last_action is no term of the session"),
-            (Observation { proprioception: own, ..seen() }, "proprioception is no term of the session"),
+            (Observation { last_action: vec![1.0], ..seen() }, "last_action is not a term of the session"),
+            (Observation { proprioception: own, ..seen() }, "proprioception is not a term of the session"),
             (Observation { verdict: bare, ..seen() }, "verdict.criteria has 0 numbers, not 2"),
             (Observation { camera: wide, ..seen() }, "camera is 6 x 1, not 2 x 1 pixels"),
             (Observation { camera: short, ..seen() }, "camera.rgb has 5 numbers, not 6"),

@@ -30,7 +30,7 @@ pub enum OptionSet {
     Defaults,
 }
 
-/// What an export needs to know beside the model and its state.
+/// What an export needs to know besides the model and its state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MjcfOptions {
     /// Name of the MJCF model.

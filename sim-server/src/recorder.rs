@@ -96,7 +96,7 @@ pub struct BagReport {
 #[derive(Debug, Error)]
 pub enum RecorderError {
     /// Not a server's name.
-    #[error("'{0}' is no server's name; use 1 to 64 letters, digits, - or _")]
+    #[error("'{0}' is not a server's name; use 1 to 64 letters, digits, - or _")]
     Name(String),
     /// The robot whose poses are recorded.
     #[error("cannot load the robot")]

@@ -22,7 +22,7 @@ pub enum BagError {
         #[source]
         source: io::Error,
     },
-    /// A bag of that name is there already.
+    /// A bag of that name exists already.
     #[error("{path} is there already; move it away or choose another name")]
     Exists {
         /// Path that is already taken.
@@ -49,8 +49,8 @@ pub enum BagError {
         /// Which message it is: `header` or `result`.
         what: &'static str,
     },
-    /// No bag of ours.
-    #[error("{path} is no bag: {reason}; name an .mcap file that a recorder wrote")]
+    /// The file is not a bag of this project.
+    #[error("{path} is not a bag: {reason}; name an .mcap file that a recorder wrote")]
     NotABag {
         /// Path of the file that was opened.
         path: PathBuf,
@@ -68,7 +68,7 @@ pub enum BagError {
         /// Version of the bag.
         found: Version,
     },
-    /// Bytes that are there are wrong.
+    /// Bytes of the file are wrong.
     #[error("{path} is damaged at byte {offset}: {reason}; copy it again or record the episode again")]
     Damaged {
         /// Path of the damaged bag.

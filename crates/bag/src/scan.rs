@@ -11,7 +11,7 @@ use mcap::records::op;
 use crate::writer::LIBRARY;
 use crate::{BagError, metadata};
 
-/// Longest record beside chunks that is read, bytes. A header takes about 10,000.
+/// Longest record, apart from chunks, that is read, bytes. A header takes about 10,000.
 const MAX_RECORD: u64 = 1 << 20;
 
 /// Most chunks of a file. An errand of 72,000 rows has about 1,200.

@@ -75,7 +75,7 @@ fn add(file: &FileDescriptorProto, files: &[FileDescriptorProto], set: &mut Vec<
             add(imported, files, set);
         }
     }
-    // Comments are no part of a schema.
+    // Comments are not part of a schema.
     set.push(FileDescriptorProto { source_code_info: None, ..file.clone() });
 }
 

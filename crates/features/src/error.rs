@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why there are no weights or no features.
+/// Why weights cannot be used, or features not be computed.
 #[derive(Debug, Error)]
 pub enum FeatureError {
     /// The file cannot be read.

@@ -16,7 +16,7 @@ pub enum Role {
     Client,
 }
 
-/// Largest message that is put together from parts, bytes: twice what a message of ours may have.
+/// Largest message that is put together from parts, bytes: twice what a message may have.
 const MAX_MESSAGE: usize = 2 * fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 
 /// Protocols that are built in. `quic` needs certificates in the config.

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why there is no session.
+/// Why a Zenoh session cannot be opened.
 #[derive(Debug, Error)]
 pub enum LinkError {
-    /// The config file cannot be read, or is no Zenoh config.
+    /// The config file cannot be read, or is not a Zenoh config.
     #[error("{}: no Zenoh config can be read from it: {reason}; it is json5, with the keys of Zenoh's own tools", path.display())]
     ConfigFile {
         /// Path of the config file.

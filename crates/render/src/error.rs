@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use fiatlux_robot::RobotError;
 use thiserror::Error;
 
-/// Why there is no camera or no picture file.
+/// Why there is neither camera nor picture file.
 #[derive(Debug, Error)]
 pub enum RenderError {
     /// The robot has no camera of that name.
@@ -15,7 +15,7 @@ pub enum RenderError {
         /// Name of the camera that is missing.
         camera: String,
     },
-    /// The row's joint angles are no posture of the robot.
+    /// The row's joint angles do not make a posture of the robot.
     #[error("cannot place the camera")]
     Posture(#[from] RobotError),
     /// The image does not fit a PNG file.
@@ -67,7 +67,7 @@ pub enum MeshError {
         #[source]
         source: io::Error,
     },
-    /// A file's content is no mesh of a link.
+    /// A file's content is not the mesh of a link.
     #[error("cannot use {}: {problem}", path.display())]
     Content {
         /// Path of the file that cannot be used.

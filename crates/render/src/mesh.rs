@@ -43,7 +43,8 @@ pub(crate) struct Mesh {
     pub positions: Vec<[f32; 3]>,
     pub normals: Vec<[f32; 3]>,
     pub triangles: Vec<Triangle>,
-    /// So many of the triangles, from the first, throw a shadow; the others are the insides of a surface that is not closed.
+    /// How many of the triangles, from the first, throw a shadow; the others are the insides of a surface that is not
+    /// closed.
     pub casting: usize,
     /// Centre of the bounding sphere, m; `radius` is its radius.
     pub center: Vector3<f64>,

@@ -19,7 +19,7 @@ use crate::{Camera, Image, Lighting, Visuals};
 
 /// Nothing is seen at this pixel.
 const NOTHING: u32 = u32::MAX;
-/// Every so many pixels one is looked at to fit the shadow map.
+/// One pixel in this many is looked at to fit the shadow map.
 const SHADOW_LATTICE: usize = 4;
 
 /// Draws frames of one size; keeps its buffers between them. A frame follows from its arguments alone.

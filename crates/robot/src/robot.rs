@@ -172,7 +172,7 @@ impl Robot {
         &self.q0
     }
 
-    /// Pairs of links whose bodies pass through each other, beside those joined by a joint.
+    /// Pairs of links whose bodies pass through each other, besides those joined by a joint.
     pub fn excluded(&self) -> &[(usize, usize)] {
         &self.excluded
     }

@@ -8,7 +8,7 @@ use crate::strict::UPRIGHT;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 
-/// What a predicate reads beside the row.
+/// What a predicate reads besides the row.
 #[derive(Debug, Clone, Copy)]
 pub struct Context<'a> {
     /// Numbers to compare with.

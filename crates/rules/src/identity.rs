@@ -1,4 +1,4 @@
-//! What an episode is, beside its rows: the start of its digest chain.
+//! What an episode is, apart from its rows: the start of its digest chain.
 
 use crate::cause::Causes;
 use crate::digest::RowDigest;
@@ -21,10 +21,10 @@ pub struct JointDrive {
     pub armature: f64,
 }
 
-/// Everything beside the rows that must be equal for two digests to be comparable. A world makes it of what it plays, a
-/// scorer of a bag's header; both start their chain with [`EpisodeIdentity::digest`].
+/// Everything besides the rows that must be equal for two digests to be comparable. A world makes it of what it plays,
+/// a scorer of a bag's header; both start their chain with [`EpisodeIdentity::digest`].
 ///
-/// Light, tint and the noise of sensors touch no row and are no part of it.
+/// Light, tint and the noise of sensors touch no row and are not part of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeIdentity {
     /// The task that is played.

@@ -163,7 +163,8 @@ impl Judge {
         Context { bulb_speeds, grip_speeds, ..Context::at_rest(self.task, &self.thresholds, &self.geometry) }
     }
 
-    /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it beside c0.
+    /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it, apart from
+    /// c0.
     pub fn start(&mut self, row: &Row) -> &Verdict {
         self.forget();
         self.first_step = row.step;

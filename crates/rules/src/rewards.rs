@@ -30,7 +30,7 @@ pub enum Variant {
     Training,
 }
 
-/// Pays for the rows of one episode. Runs beside a [`Judge`], whose verdict it reads.
+/// Pays for the rows of one episode. Runs next to a [`Judge`], whose verdict it reads.
 ///
 /// What is not finite pays nothing: a potential counts it as 0, a record passes over it, and a value drops out. A row that
 /// diverged pays its failures alone.

@@ -224,7 +224,7 @@ impl Clone for Row {
         row
     }
 
-    /// Copies into the lists that are there already: no allocation between rows of one layout.
+    /// Copies into its present lists: no allocation between rows of one layout.
     fn clone_from(&mut self, source: &Self) {
         let Self {
             step,

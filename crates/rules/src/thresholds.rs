@@ -15,7 +15,7 @@ pub enum ThresholdError {
         /// The name that was given.
         key: String,
     },
-    /// The value is no number that fits.
+    /// The value is not a number that fits.
     #[error("threshold '{key}' cannot be '{value}'; it must be {rule}")]
     Value {
         /// Name of the threshold.

@@ -75,7 +75,7 @@ pub struct History {
 }
 
 impl History {
-    /// Empty, for so many frames.
+    /// An empty history of that many frames.
     pub fn new(frames: usize) -> Self {
         Self { numbers: vec![0.0; frames * FRAME_LENGTH] }
     }

@@ -1,4 +1,4 @@
-//! Every number of the scene. The published values and their sources stand in `scene.toml`, beside the meaning of
+//! Every number of the scene. The published values and their sources stand in `scene.toml`, with the meaning of
 //! each field.
 
 mod check;

@@ -106,7 +106,7 @@ impl EpisodeSpec {
         Err(StartError::OtherScene { task, seed, episode, what, needed, found })
     }
 
-    /// What must be equal beside the rows for two digests to be comparable.
+    /// What must be equal besides the rows for two digests to be comparable.
     pub fn identity(&self, scene: &Scene) -> EpisodeIdentity {
         let drive = |gains: &JointGains| JointDrive {
             stiffness: gains.stiffness,

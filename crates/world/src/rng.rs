@@ -82,7 +82,7 @@ impl Random {
         (self.0.next_u64() >> 11) as f64 * SCALE
     }
 
-    /// Leaves out so many numbers.
+    /// Skips that many numbers.
     pub fn skip(&mut self, count: u64) {
         self.0.advance(u128::from(count));
     }

@@ -157,7 +157,7 @@ impl Scene {
         RobotLayout { joints: self.robot.joints().len(), hand_bodies_per_side: self.robot.hand_links().len() / 2 }
     }
 
-    /// What the rulebook needs to know of the scene beside a row.
+    /// What the rulebook needs to know of the scene besides a row.
     pub fn geometry(&self) -> Geometry {
         let config = &self.config;
         Geometry {

@@ -45,7 +45,7 @@ impl Default for StartOptions {
     }
 }
 
-/// Why there is no start state.
+/// Why a start state cannot be made.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum StartError {
     /// The task is played in another kind of scene.
@@ -159,7 +159,7 @@ pub struct StartOffset {
 }
 
 impl StartOffset {
-    /// The nominal start of a robot of so many joints.
+    /// The nominal start of a robot with that many joints.
     pub fn none(joints: usize) -> Self {
         Self { shift: [0.0; 2], turn: 0.0, joints: vec![0.0; joints] }
     }

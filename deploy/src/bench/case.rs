@@ -134,8 +134,8 @@ fn hand_closed_on_nothing(stage: &Stage) -> Result<Case, BenchError> {
     stage.standing_case("hand closed on nothing", &staged)
 }
 
-/// The socket's hold is no part of the engine: without it the old bulb would fall out, so it stands on the bench. Its pose; the
-/// identity where there is no bulb or no bench.
+/// The socket's hold is not part of the engine: without it the old bulb would fall out, so it stands on the bench. Its
+/// pose; the identity where there is no bulb or no bench.
 pub(super) fn stand_old_bulb_on_bench(scene: &Scene, state: &mut State) -> Isometry3<f64> {
     let (Some(world_from_bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) else {
         return Isometry3::identity();

@@ -64,7 +64,7 @@ pub struct WorldsReport {
     pub worlds: usize,
     /// Threads that step them.
     pub threads: usize,
-    /// Heap bytes of one world beside the shared scene; none where the allocator does not count.
+    /// Heap bytes of one world besides the shared scene; none where the allocator does not count.
     pub bytes_per_world: Option<usize>,
     /// Heap bytes of the model that all share.
     pub bytes_shared: Option<usize>,

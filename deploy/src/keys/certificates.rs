@@ -29,7 +29,7 @@ pub struct Credentials {
 }
 
 impl Authority {
-    /// A new one, whose certificates are valid from now on, for so many days.
+    /// A new authority, whose certificates are valid from now on, for that many days.
     pub fn new(hosts: &[String], days: u16) -> Result<Self, rcgen::Error> {
         let now = OffsetDateTime::now_utc();
         let (from, until) = (now - CLOCK_MARGIN, now + Duration::days(days.into()));

@@ -24,7 +24,7 @@ const BULB: [f64; 3] = [0.3, 0.3, 0.25];
 /// Half the size of the lamp with its bulb, m.
 const LAMP: f64 = 0.2;
 
-/// What is held in the picture beside the robot.
+/// What is held in the picture besides the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Focus {
     /// The ladder and the lamp.

@@ -54,7 +54,7 @@ pub struct EvaluateArgs {
     /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 [default: 0..3]
     #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
     seeds: Option<SeedList>,
-    /// So many seeds that the server draws when the run is registered, and tells when it is over
+    /// Number of seeds that the server draws when the run is registered, and discloses when it is over
     #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = fiatlux_link::whole::<u32>(1..=10_000))]
     hosted: Option<u32>,
     /// Name of the server, or of a group of servers; not needed where there is only one

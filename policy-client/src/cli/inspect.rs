@@ -120,5 +120,5 @@ fn request(args: &InspectArgs, policy: &dyn Policy, base: OpenRequest) -> OpenRe
 
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds: &f64| seconds.is_finite() && *seconds > 0.0);
-    seconds.ok_or_else(|| format!("'{text}' is no time; write seconds, such as 10"))
+    seconds.ok_or_else(|| format!("'{text}' is not a time; write seconds, such as 10"))
 }

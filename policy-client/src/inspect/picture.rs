@@ -39,7 +39,7 @@ impl Picture {
         self.put(&area.into_styled(PrimitiveStyle::with_fill(color)));
     }
 
-    /// Each pixel as a square of so many.
+    /// Each pixel as a square of `times` by `times` pixels.
     pub fn enlarged(&self, times: usize) -> Self {
         let mut rgb = Vec::with_capacity(self.rgb.len() * times * times);
         for row in self.rgb.chunks_exact((3 * self.width).max(1)) {

@@ -68,7 +68,7 @@ pub enum RunFileError {
 }
 
 impl RunFile {
-    /// The run of a file. Where there is no file, a new run with a key of its own is drawn and written, for its owner's eyes
+    /// The run of a file. Without a file, a new run with a key of its own is drawn and written, for its owner's eyes
     /// only (mode 0600). A file is never changed afterwards.
     ///
     /// # Errors

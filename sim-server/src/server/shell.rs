@@ -378,7 +378,7 @@ mod tests {
     use super::*;
     use crate::server::host::tests::PANICS;
 
-    /// A fault of ours closes the session that met it; the worker goes on with the others.
+    /// A fault of the server closes the session that met it; the worker goes on with the others.
     #[test]
     #[allow(clippy::unwrap_used)]
     fn a_panic_stays_in_its_session() {

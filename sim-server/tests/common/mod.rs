@@ -100,7 +100,7 @@ fn agree(
     greeting.agree(&verified).unwrap()
 }
 
-/// What a session is opened with, beside the request.
+/// What a session is opened with, besides the request.
 pub fn greeting(zenoh: &Session) -> Greeting {
     Greeting::new(&zenoh.zid().to_string(), None).unwrap()
 }

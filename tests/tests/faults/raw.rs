@@ -141,7 +141,7 @@ impl Raw {
         self.notices.recv_timeout(PATIENCE).unwrap()
     }
 
-    /// All notices until none has come for so long.
+    /// All notices until none has come for that time.
     pub fn notices_until_quiet(&self, quiet: Duration) -> Vec<Notice> {
         std::iter::from_fn(|| self.notices.recv_timeout(quiet).ok()).collect()
     }

@@ -181,7 +181,7 @@ fn around(angle: f64) -> Vector3<f64> {
     Vector3::new(libm::cos(angle), libm::sin(angle), 0.0)
 }
 
-/// Plug just outside the mouth, 1.5 mm beside the axis and tilted by 0.10 rad, in ten pairs of directions.
+/// Plug just outside the mouth, 1.5 mm off the axis and tilted by 0.10 rad, in ten pairs of directions.
 fn starts(scene: &Scene) -> impl Iterator<Item = Isometry3<f64>> + '_ {
     (0..10).map(|k| {
         let (lateral, tilt) = (TAU * f64::from(k) / 10.0, TAU * 0.37 * f64::from(k));
@@ -297,7 +297,7 @@ fn a_bulb_outside_the_tolerances_does_not_seat() {
     }
 }
 
-/// Pushed for 2 s from beside the mouth, or tilted beyond what the sleeve can right.
+/// Pushed for 2 s from next to the mouth, or tilted beyond what the sleeve can right.
 #[test]
 fn a_bulb_that_cannot_enter_does_not_seat() {
     for mount in [Mount::Ceiling, Mount::South] {

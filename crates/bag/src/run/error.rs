@@ -17,7 +17,7 @@ pub enum LedgerError {
         #[source]
         source: io::Error,
     },
-    /// The journal is there already.
+    /// The journal exists already.
     #[error("{path} is there already; give the run another name, or move its folder away")]
     Exists {
         /// Path of the journal that exists.

@@ -32,7 +32,7 @@ pub enum State {
 pub struct Played {
     /// Id of the session.
     pub session: String,
-    /// File name of the bag, beside the journal; never a path.
+    /// File name of the bag, in the journal's folder; never a path.
     pub bag: String,
     /// Digest of all rows.
     pub digest: String,

@@ -81,7 +81,7 @@ pub(super) fn files(folder: &Path, robot: &Robot) -> Result<Vec<MeshFile>, MeshE
 }
 
 impl MeshFile {
-    /// None for a file that is no link's.
+    /// None for a file that is not named after a link.
     fn of(path: PathBuf, robot: &Robot) -> Option<Self> {
         let name = path.file_name()?.to_str()?.to_owned();
         let (stem, ending) = name.rsplit_once('.')?;

@@ -56,7 +56,7 @@ pub struct SubtaskScore {
 }
 
 impl SubtaskScore {
-    /// Scores a task's episodes; `None` where there are none. Those of other tasks are passed over.
+    /// Scores a task's episodes; `None` where there are none. Those of other tasks are ignored.
     pub fn of(task: Task, episodes: &[Episode]) -> Option<Self> {
         let own: Vec<&Episode> = episodes.iter().filter(|episode| episode.summary.task == task).collect();
         let seeds: BTreeSet<u64> = own.iter().map(|episode| episode.seed).collect();

@@ -129,7 +129,7 @@ impl Ledger {
             Kind::Potential(potential) => self.rise_to(bounded(potential(row, context))),
             Kind::GateProgress => self.rise_to(view.verdict.progress),
             Kind::Record(measure) => {
-                // `max` takes the other where one is no number.
+                // `max` takes the other where one is NaN.
                 let best = finite(measure(row, context)).max(self.level);
                 self.rise_to(best)
             }

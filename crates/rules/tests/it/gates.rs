@@ -220,7 +220,7 @@ fn one_step_breaks_the_window() {
     }
 }
 
-/// A window that is one step short is no success, whatever comes after it.
+/// A window that is one step short is not a success, whatever comes after it.
 #[test]
 fn a_window_one_step_short_is_no_success() {
     for task in Task::ALL {

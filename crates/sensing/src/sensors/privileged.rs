@@ -1,4 +1,4 @@
-//! What a policy in training may see beside what the robot senses: exact, of the things around it.
+//! What a policy in training may see besides what the robot senses: exact, of the things around it.
 
 use fiatlux_proto::v3;
 use fiatlux_rules::{Bulb, Geometry, Row, Task};

@@ -291,7 +291,7 @@ fn a_command_that_no_server_takes_is_the_policys_error() {
     }
 }
 
-/// Whatever comes, there is no panic.
+/// Whatever comes, nothing panics.
 #[test]
 fn random_bytes_do_no_harm() {
     let mut random = fake::Dice::new(5);

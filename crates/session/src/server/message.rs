@@ -49,9 +49,9 @@ pub enum Input<R> {
     Ack(Bytes),
     /// Query `truth/rows` of a recorder.
     StepRecords(Bytes, R),
-    /// So many messages of the client found the inbox full and were dropped.
+    /// That many messages of the client found the inbox full and were dropped.
     Dropped(u64),
-    /// A message of the client that is too large to be read, of so many bytes.
+    /// A message of the client that is too large to be read, with its size in bytes.
     TooLarge(usize),
     /// The session has to end, for this reason.
     Terminate(&'static str),

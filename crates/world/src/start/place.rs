@@ -226,7 +226,7 @@ impl Stand {
     /// Height of the lowest sole above what the robot is to stand on, m; the nominal one where nothing is there.
     fn gap_below_soles(&self, world: &World) -> Result<f64, StartError> {
         let near = nearby(world, 2.0 * LIFT)?.filter(|(owners, _)| self.bears(*owners, world.scene()));
-        // Bars beside the feet bear nothing.
+        // Bars next to the feet bear nothing.
         let below = near.filter(|(_, contact)| contact.normal.z.abs() > 0.99);
         let gap = below.map(|(_, contact)| contact.distance).fold(f64::INFINITY, f64::min);
         Ok(if gap.is_finite() { gap } else { LIFT })

@@ -15,7 +15,7 @@ const RECORD_HZ: f64 = 10.0;
 /// How a policy senses it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Use {
-    /// In observations, so many steps apart.
+    /// In observations, this many steps apart.
     Every(u64),
     /// Only when the policy looks.
     Look,
