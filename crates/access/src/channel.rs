@@ -1,6 +1,6 @@
 //! What is said in a session: numbered, and bound to the session's keys.
 //!
-//! The payload stays as it is. Beside it, in Zenoh's attachment, stand 8 bytes with the message's number, little-endian, and the
+//! The payload stays as it is. Next to it, in Zenoh's attachment, are 8 bytes with the message's number, little-endian, and the
 //! first 16 bytes of HMAC-SHA256 over what the message is, that number, and the payload.
 
 use ring::hmac;

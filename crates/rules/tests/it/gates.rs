@@ -56,7 +56,7 @@ fn misses(task: Task) -> Vec<Miss> {
             ("old_bulb_held", |r, _| let_go(r, OLD)),
         ],
         Task::S06 => vec![
-            // Beside the crate; lying across its wall; standing on its cap too high.
+            // Next to the crate; lying across its wall; standing on its cap too high.
             ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose.translation.vector.x += 0.5),
             ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose.translation.vector.y += 0.15),
             ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose = at([CRATE[0], CRATE[1], -0.0222])),

@@ -46,7 +46,7 @@ fn limits() -> Vec<Limit> {
             },
             [0.151, 0.149],
         ),
-        // Beside the crate it is dropped, in it disposed of.
+        // Next to the crate it is dropped, in it disposed of.
         (
             Replace,
             Drop,
