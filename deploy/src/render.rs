@@ -56,7 +56,7 @@ pub struct RenderOptions {
     pub at_s: Option<f64>,
     /// Frames a second of a video.
     pub fps: u32,
-    /// Times real time, for how briskly a camera follows.
+    /// Playing speed in times real time: how briskly a camera follows.
     pub speed: f64,
     /// Folder of meshes that the robot is drawn with in place of our own shapes.
     pub meshes: Option<PathBuf>,

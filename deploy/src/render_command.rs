@@ -52,7 +52,7 @@ pub struct RenderArgs {
     /// Frames a second of the video. A bag has 50 rows a second, and a frame is a row.
     #[arg(long, default_value_t = 25, value_parser = fiatlux_link::whole::<u32>(1..=50))]
     fps: u32,
-    /// Times real time that it plays at.
+    /// Playing speed, in times real time.
     #[arg(long, default_value_t = 1.0, value_parser = speed)]
     speed: f64,
     /// Simulated time of the first frame, s [default: the first row]

@@ -73,7 +73,7 @@ fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()
         bail!("{} has {} bags; name one of them with --out", path.display(), bags.count());
     };
     if out.exists() && !force {
-        bail!("{} is there already; replace it with --force, or choose another name", out.display());
+        bail!("{} exists already; replace it with --force, or choose another name", out.display());
     }
     let replay = Replay::open(bag)?;
     for note in &replay.document().notes {

@@ -112,7 +112,7 @@ fn what_is_there_is_kept() {
     let bag = bag(&folder);
     let still = folder.join("still.png");
     fs::write(&still, "mine").unwrap();
-    check(&render(&[text(&bag), "-o", text(&still)]), 1, &["it is there already", "--force"]);
+    check(&render(&[text(&bag), "-o", text(&still)]), 1, &["it exists already", "--force"]);
     assert_eq!(fs::read(&still).unwrap(), b"mine");
     check(&render(&[text(&bag), "-o", text(&still), "--at", "0.1", "--force"]), 0, &[]);
     assert_eq!(decode(&still).0, SIZE);

@@ -12,7 +12,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum BagError {
     /// The file could not be opened, made, read or renamed.
-    #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the space that is left")]
     Io {
         /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
@@ -23,7 +23,7 @@ pub enum BagError {
         source: io::Error,
     },
     /// A bag of that name exists already.
-    #[error("{path} is there already; move it away or choose another name")]
+    #[error("{path} exists already; move it away or choose another name")]
     Exists {
         /// Path that is already taken.
         path: PathBuf,

@@ -70,7 +70,7 @@ impl BagWriter {
     /// died before it could write.
     ///
     /// # Errors
-    /// One of the two is there already, the file cannot be made, or a number of the header is not finite.
+    /// One of the two exists already, the file cannot be made, or a number of the header is not finite.
     pub fn create(path: &Path, header: &EpisodeHeader) -> Result<Self, BagError> {
         let part = part_of(path);
         if path.exists() {

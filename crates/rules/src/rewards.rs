@@ -32,7 +32,7 @@ pub enum Variant {
 
 /// Pays for the rows of one episode. Runs next to a [`Judge`], whose verdict it reads.
 ///
-/// What is not finite pays nothing: a potential counts it as 0, a record passes over it, and a value drops out. A row that
+/// What is not finite pays nothing: a potential counts it as 0, a record ignores it, and a value drops out. A row that
 /// diverged pays its failures alone.
 #[derive(Debug, Clone)]
 pub struct Rewards {

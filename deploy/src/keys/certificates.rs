@@ -8,7 +8,7 @@ use time::{Duration, OffsetDateTime};
 
 use super::Role;
 
-/// Clocks of two machines may differ by so much.
+/// Clocks of two machines may differ by this much.
 const CLOCK_MARGIN: Duration = Duration::hours(1);
 
 /// Signs the certificates of all parts.

@@ -57,7 +57,7 @@ impl Output {
         }
         let Ok(found) = fs::symlink_metadata(path) else { return Ok(()) };
         if !force {
-            return refuse("it is there already; choose another name, or replace it with --force");
+            return refuse("it exists already; choose another name, or replace it with --force");
         }
         match (found.is_dir(), matches!(self, Output::Frames { .. })) {
             (true, false) => refuse("it is a folder; choose another name"),

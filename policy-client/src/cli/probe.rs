@@ -50,7 +50,7 @@ pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
 
 fn print_contract(contract: &Contract) {
     if *contract == Contract::default() {
-        return println!("contract  the server says nothing of itself");
+        return println!("contract  the server does not describe itself");
     }
     for camera in contract.cameras.iter().flatten() {
         let delta = camera.delta.as_ref().map_or_else(String::new, |delta| format!(", frames {delta:?}"));

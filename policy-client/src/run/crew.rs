@@ -333,7 +333,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             match said {
                 Ok(info) => self.on_ledger(&server, asked, &info),
                 Err(error) => {
-                    tracing::warn!("the run is not ended on server {server}: {error}");
+                    tracing::warn!("cannot end the run on server {server}: {error}");
                     finished = false;
                 }
             }

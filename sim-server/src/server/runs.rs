@@ -53,7 +53,7 @@ pub enum RecordError {
         folder: PathBuf,
     },
     /// The folder or its lock.
-    #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the space that is left")]
     Io {
         /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
@@ -131,7 +131,7 @@ impl Runs {
                     runs.insert(name, Arc::new(run));
                 }
                 // The other runs go on; this one cannot be registered again while its journal is there.
-                Err(error) => tracing::error!(run = name, error = in_full(&error), "a run is not taken up"),
+                Err(error) => tracing::error!(run = name, error = in_full(&error), "cannot take up a run"),
             }
         }
         tracing::info!(folder = %folder.display(), runs = runs.len(), "sessions are recorded here");
@@ -380,7 +380,7 @@ impl RunState {
                 self.pending.push_front(event);
                 return Err(not_written(&error));
             }
-            tracing::error!(error = in_full(&error), ?event, "an event of a run is not written");
+            tracing::error!(error = in_full(&error), ?event, "cannot write an event of a run");
         }
         Ok(())
     }

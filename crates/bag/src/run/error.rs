@@ -7,7 +7,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum LedgerError {
     /// The file or its folder.
-    #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the space that is left")]
     Io {
         /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
@@ -18,7 +18,7 @@ pub enum LedgerError {
         source: io::Error,
     },
     /// The journal exists already.
-    #[error("{path} is there already; give the run another name, or move its folder away")]
+    #[error("{path} exists already; give the run another name, or move its folder away")]
     Exists {
         /// Path of the journal that exists.
         path: PathBuf,
