@@ -4,7 +4,7 @@
 //! acts on a model from outside is not part of it: the socket's hold on a bulb, a wrench law, stays with the world, so a
 //! seated bulb drops out of a ceiling socket in MuJoCo.
 //! Bodies, joints, actuators and geoms keep their names. MuJoCo orders bodies depth first, so the tuple `bodies` lists
-//! them in the order of [`Model::bodies`], and actuators stand in the order of [`Model::drives`].
+//! them in the order of [`Model::bodies`], and actuators are in the order of [`Model::drives`].
 
 use std::fmt::Display;
 

@@ -110,7 +110,7 @@ impl Judge {
         (self.first_met, self.verdict) = ([None; Cause::ALL.len()], UNJUDGED);
     }
 
-    /// The rulebook that it goes by.
+    /// The rulebook by which it judges.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }

@@ -21,7 +21,7 @@ pub struct Screen<W: Write> {
     out: W,
     style: Style,
     rows: usize,
-    /// Lines that stand there.
+    /// Lines that are on the screen.
     drawn: usize,
     next_s: f64,
 }

@@ -101,7 +101,7 @@ struct Followed {
     bags: Bags,
     /// The key that unseals its records.
     rows: Option<RowsKey>,
-    /// Its token was withdrawn, by whomever.
+    /// Somebody withdrew its token, not always its server.
     is_gone: bool,
     /// A record of it has come.
     is_heard: bool,
