@@ -48,9 +48,9 @@ pub enum BenchError {
              without them leave it out"
     )]
     Io {
-        /// What was tried.
+        /// What was tried, as a verb and its object for the message.
         what: String,
-        /// Why it failed.
+        /// What the operating system says.
         #[source]
         source: std::io::Error,
     },
@@ -62,7 +62,7 @@ pub enum BenchError {
     OracleFailed {
         /// Name of the case.
         case: &'static str,
-        /// Exit status.
+        /// Exit status of the script.
         status: std::process::ExitStatus,
     },
     /// The script's output is not what was agreed.

@@ -28,24 +28,24 @@ pub use progress::Progress;
 /// Name of the server in this process.
 const SERVER: &str = "evaluate";
 
-/// What to evaluate.
+/// What to evaluate, where to, and how.
 #[derive(Debug, Clone)]
 pub struct EvaluateOptions {
     /// Name of the policy, as `policy-client` takes it.
     pub policy: String,
-    /// Tasks, each once.
+    /// Tasks to play, each once.
     pub tasks: Vec<Task>,
     /// Layout seeds, each once; one episode of each task is played in each.
     pub seeds: Vec<u64>,
-    /// Folder for bags, results and report. Whole bags of the same evaluation and version that are there already are kept.
+    /// Folder for bags, results and report. Whole bags of the same evaluation and version are kept.
     pub out: PathBuf,
-    /// Episodes at once.
+    /// Episodes that are played at once.
     pub workers: usize,
     /// Folder of the weights that a session may name.
     pub weights: Option<PathBuf>,
     /// Folder of meshes that the robot is drawn with in place of our own shapes.
     pub meshes: Option<PathBuf>,
-    /// What every session is asked for beside policy, task and seed.
+    /// What every session is asked for besides policy, task and seed.
     pub session: SessionArgs,
 }
 
@@ -107,13 +107,13 @@ pub enum EvaluateError {
     /// The policy cannot be made.
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    /// The robot's file.
+    /// The robot's file cannot be loaded.
     #[error("cannot load the robot")]
     Robot(#[from] fiatlux_robot::RobotError),
     /// The folder of meshes.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] fiatlux_render::MeshError),
-    /// No Zenoh session.
+    /// No Zenoh session can be opened.
     #[error("cannot open a Zenoh session")]
     Link(#[from] fiatlux_link::LinkError),
     /// The server did not start.
@@ -131,7 +131,7 @@ pub enum EvaluateError {
     /// No port is free to listen on.
     #[error("no free port for {endpoint}; name another endpoint of this machine with --listen tcp/HOST:PORT")]
     Port {
-        /// As asked for.
+        /// The endpoint, as it was asked for.
         endpoint: String,
         /// What the system says.
         #[source]

@@ -70,7 +70,7 @@ fn policy(name: &str) -> Result<String, String> {
     policies::by_name(name).map(|_| name.into()).map_err(|error| error.to_string())
 }
 
-/// Runs the command.
+/// Runs the command: evaluates a policy, or waits for one that connects from elsewhere.
 pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     fiatlux_link::init_quiet_log();
     let Some(policy) = &args.policy else { return external::run(args) };

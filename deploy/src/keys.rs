@@ -31,16 +31,16 @@ pub enum Authentication {
     Passwords,
 }
 
-/// What to make.
+/// What keys to make, where, and for whom.
 #[derive(Debug, Clone)]
 pub struct KeysOptions {
     /// A folder that does not exist yet, or is empty.
     pub out: PathBuf,
     /// Names or addresses of the router's machine, the one that others connect to first; empty for this machine alone.
     pub hosts: Vec<String>,
-    /// The router's port.
+    /// The port that the router listens on.
     pub port: u16,
-    /// The server's name.
+    /// Name of the simulation server, as in `sim-server --name`.
     pub server: String,
     /// How the router tells who connects.
     pub authentication: Authentication,
@@ -59,9 +59,9 @@ pub enum KeysError {
     /// The folder cannot be made.
     #[error("cannot make {}; check that its parent exists, its permissions, and the space that is left", .path.display())]
     Folder {
-        /// The folder.
+        /// Path of the folder that cannot be made.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: io::Error,
     },
@@ -76,7 +76,7 @@ pub enum KeysError {
     /// Not a server's name.
     #[error("--name {0}: a server's name has 1 to 64 letters, digits, - or _")]
     Server(String),
-    /// The certificates.
+    /// The certificates cannot be made.
     #[error("cannot make the certificates")]
     Certificate(#[from] rcgen::Error),
 }
@@ -84,7 +84,7 @@ pub enum KeysError {
 /// A file that was made.
 #[derive(Debug, Clone, Serialize)]
 pub struct MadeFile {
-    /// Where.
+    /// Path of the file.
     pub path: PathBuf,
     /// Whose machine needs it, and what for.
     pub purpose: &'static str,
@@ -92,7 +92,7 @@ pub struct MadeFile {
     pub secret: bool,
 }
 
-/// What was made.
+/// What was made, and how each part is started with it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Made {
     /// All files, those of one machine after each other.

@@ -26,7 +26,7 @@ pub struct KeysArgs {
     /// to [default: this machine alone]
     #[arg(long, value_name = "NAME_OR_IP")]
     host: Vec<String>,
-    /// The router's port.
+    /// Port that the router listens on.
     #[arg(long, default_value_t = 7447, value_parser = whole::<u16>(1..=65_535))]
     port: u16,
     /// Name of the server, as in sim-server --name.
@@ -54,7 +54,7 @@ enum Auth {
     Password,
 }
 
-/// Runs `fiatlux keys`.
+/// Runs the command `fiatlux keys`.
 pub fn keys(args: KeysArgs) -> anyhow::Result<()> {
     let options = KeysOptions {
         out: args.out,
@@ -101,7 +101,7 @@ pub struct RouterArgs {
     link: LinkArgs,
 }
 
-/// Runs `fiatlux router`.
+/// Runs the command `fiatlux router`.
 pub fn router(args: RouterArgs) -> anyhow::Result<()> {
     fiatlux_link::init_log();
     let stop = fiatlux_link::stop_on_signal()?;

@@ -58,7 +58,7 @@ enum Command {
     ///
     /// When it is ready it prints one line on stdout; interrupted (SIGINT, SIGTERM) it exits with 0.
     Router(keys_command::RouterArgs),
-    /// Measures speeds.
+    /// Measures the speed of physics, sensors, batches and sessions.
     #[command(subcommand)]
     Bench(Bench),
 }
@@ -138,7 +138,7 @@ struct ServiceArgs {
     /// Seconds that client processes are watched for.
     #[arg(long, default_value_t = 15.0, value_parser = positive)]
     seconds: f64,
-    /// Program of the client processes [default: policy-client beside this program]
+    /// Program of the client processes [default: policy-client next to this program]
     #[arg(long)]
     policy_client: Option<PathBuf>,
     /// Prints JSON in place of the table.
@@ -196,8 +196,8 @@ fn main() -> ExitCode {
 
 fn bench_service(args: ServiceArgs) -> anyhow::Result<()> {
     fiatlux_link::init_quiet_log();
-    let beside = || Ok::<_, std::io::Error>(std::env::current_exe()?.with_file_name("policy-client"));
-    let policy_client = args.policy_client.map_or_else(beside, Ok)?;
+    let sibling = || Ok::<_, std::io::Error>(std::env::current_exe()?.with_file_name("policy-client"));
+    let policy_client = args.policy_client.map_or_else(sibling, Ok)?;
     let report =
         service::run(&ServiceOptions { sessions: args.sessions.into(), seconds: args.seconds, policy_client })?;
     show(&report, args.json)

@@ -39,14 +39,14 @@ const MOST_ROWS: usize = 200_000;
 /// Rows that a view is chosen by.
 const SAMPLES: usize = 8;
 
-/// What to render.
+/// What to render, and how.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderOptions {
     /// Bags, shown one after the other.
     pub bags: Vec<PathBuf>,
     /// Where the frames go.
     pub output: Output,
-    /// Replaces what is there of that name.
+    /// Replaces a file or folder of that name.
     pub force: bool,
     /// Size, quality and views.
     pub picture: Picture,
@@ -56,27 +56,27 @@ pub struct RenderOptions {
     pub at_s: Option<f64>,
     /// Frames a second of a video.
     pub fps: u32,
-    /// Times real time, for how briskly a camera follows.
+    /// Playing speed in times real time: how briskly a camera follows.
     pub speed: f64,
     /// Folder of meshes that the robot is drawn with in place of our own shapes.
     pub meshes: Option<PathBuf>,
-    /// Threads that draw.
+    /// Number of threads that draw.
     pub workers: NonZeroUsize,
 }
 
 /// How far it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Frames so far.
+    /// Frames that are drawn.
     pub done: u64,
-    /// Frames in all.
+    /// Frames that will be drawn in all.
     pub all: u64,
 }
 
 /// What came of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// Frames written.
+    /// Frames that were written.
     pub frames: u64,
     /// It was stopped before the end.
     pub stopped: bool,
@@ -84,13 +84,13 @@ pub struct Outcome {
     pub lost: Vec<String>,
 }
 
-/// Why there is no clip.
+/// Why a clip cannot be made.
 #[derive(Debug, Error)]
 pub enum RenderError {
     /// A bag cannot be read.
     #[error(transparent)]
     Bag(#[from] BagError),
-    /// The robot's file.
+    /// The robot's file cannot be loaded.
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
     /// The folder of meshes.
@@ -99,16 +99,16 @@ pub enum RenderError {
     /// A bag's header gives no scene.
     #[error("cannot draw {}", bag.display())]
     Header {
-        /// The bag.
+        /// Path of the bag.
         bag: PathBuf,
-        /// Why.
+        /// Why the scene cannot be rebuilt from its header.
         #[source]
         source: RebuildError,
     },
     /// No row becomes a frame.
     #[error("there is nothing to show of {}: {problem}", bag.display())]
     Nothing {
-        /// The bag.
+        /// Path of the bag.
         bag: PathBuf,
         /// Why, and what to do.
         problem: String,
@@ -116,7 +116,7 @@ pub enum RenderError {
     /// The output cannot be used.
     #[error("cannot write {}: {problem}", path.display())]
     Output {
-        /// File or folder.
+        /// The file or folder that was asked for.
         path: PathBuf,
         /// What is wrong and what to do.
         problem: String,
@@ -124,18 +124,18 @@ pub enum RenderError {
     /// A file could not be made, written or renamed.
     #[error("cannot {action} {}", path.display())]
     Io {
-        /// What was tried.
+        /// What was tried: a verb for the message, such as `make`.
         action: &'static str,
-        /// On what.
+        /// The file or folder that it was tried on.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: io::Error,
     },
-    /// The video encoder.
+    /// The video encoder ended before it should, or failed.
     #[error("ffmpeg {how}; its last words:{said}")]
     Encoder {
-        /// How it ended.
+        /// How it ended, for the message.
         how: String,
         /// Its last lines, each on a line of its own.
         said: String,
@@ -269,7 +269,7 @@ impl Episode {
             lost.push(format!("{name}: rows after the first {MOST_ROWS}, more than any episode has"));
         }
         if let Completeness::Cut { reason, .. } = bag.completeness() {
-            lost.push(format!("{name}: the bag is cut ({reason}); what is there is shown"));
+            lost.push(format!("{name}: the bag is cut ({reason}); its rows up to there are shown"));
         }
         let mut chosen = options.span.chosen(spots.iter().map(|spot| spot.step));
         if let Output::Still { .. } = options.output {
@@ -342,7 +342,7 @@ fn still(spots: &[Spot], chosen: &[usize], at_s: Option<f64>) -> Vec<usize> {
     let Some(at) = at_s else { return chosen.get(chosen.len() / 2).copied().into_iter().collect() };
     let within = |step: u64| step as f64 * CONTROL_DT <= at + 1e-6;
     let count = spots.partition_point(|spot| within(spot.step));
-    // A time after the last row is no row's.
+    // A time after the last row belongs to no row.
     let after_end = spots.last().is_some_and(|spot| at > spot.step as f64 * CONTROL_DT + 1e-6);
     count.checked_sub(1).filter(|_| !after_end).into_iter().collect()
 }

@@ -52,7 +52,7 @@ pub struct RenderArgs {
     /// Frames a second of the video. A bag has 50 rows a second, and a frame is a row.
     #[arg(long, default_value_t = 25, value_parser = fiatlux_link::whole::<u32>(1..=50))]
     fps: u32,
-    /// Times real time that it plays at.
+    /// Playing speed, in times real time.
     #[arg(long, default_value_t = 1.0, value_parser = speed)]
     speed: f64,
     /// Simulated time of the first frame, s [default: the first row]
@@ -142,7 +142,7 @@ fn kind(out: &Path) -> Result<Kind, String> {
     }
 }
 
-/// Runs the command.
+/// Runs the command: draws bags as a video, a still or a folder of pictures.
 pub fn run(args: &RenderArgs) -> anyhow::Result<ExitCode> {
     fiatlux_link::init_quiet_log();
     let (kind, stride) = match checked(args) {

@@ -41,7 +41,7 @@ pub struct ViewArgs {
     force: bool,
 }
 
-/// Runs the command.
+/// Runs the command: serves replays of bags, or writes one as a file.
 pub fn run(args: &ViewArgs) -> anyhow::Result<ExitCode> {
     fiatlux_link::init_quiet_log();
     let bags = Bags::find(&args.path)?;
@@ -73,7 +73,7 @@ fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()
         bail!("{} has {} bags; name one of them with --out", path.display(), bags.count());
     };
     if out.exists() && !force {
-        bail!("{} is there already; replace it with --force, or choose another name", out.display());
+        bail!("{} exists already; replace it with --force, or choose another name", out.display());
     }
     let replay = Replay::open(bag)?;
     for note in &replay.document().notes {
@@ -95,7 +95,7 @@ fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()
     Ok(())
 }
 
-/// Asks the system to open an address; false where there is no screen or nothing that could.
+/// Asks the system to open an address; false where there is no screen, or nothing that can open it.
 fn open_browser(address: &str) -> bool {
     let has_screen = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
     let opener = match std::env::consts::OS {

@@ -41,7 +41,7 @@ fn serve(out: &Path, more: &[&str]) -> (Child, String, BufReader<std::process::C
     (child, endpoint, stdout)
 }
 
-/// `zero`, at so many ms a step.
+/// `zero`, at that many ms a step.
 struct Slow(Box<dyn Policy>, Duration);
 
 impl Policy for Slow {

@@ -112,7 +112,7 @@ fn what_is_there_is_kept() {
     let bag = bag(&folder);
     let still = folder.join("still.png");
     fs::write(&still, "mine").unwrap();
-    check(&render(&[text(&bag), "-o", text(&still)]), 1, &["it is there already", "--force"]);
+    check(&render(&[text(&bag), "-o", text(&still)]), 1, &["it exists already", "--force"]);
     assert_eq!(fs::read(&still).unwrap(), b"mine");
     check(&render(&[text(&bag), "-o", text(&still), "--at", "0.1", "--force"]), 0, &[]);
     assert_eq!(decode(&still).0, SIZE);
@@ -177,7 +177,7 @@ fn a_time_without_rows() {
     }
 }
 
-/// A bag that ends early, with rows that are no rows: what is there is shown, and the rest told.
+/// A bag that ends early, with rows that are not rows: what can be shown is shown, and the rest is reported.
 #[test]
 fn damaged_bags() {
     let folder = folder("damaged");
@@ -215,7 +215,7 @@ fn bags_that_give_no_picture() {
     }
     let other = folder.join("other.mcap");
     fs::write(&other, "no bag").unwrap();
-    check(&render(&[text(&other), "-o", text(&out)]), 1, &["is no bag"]);
+    check(&render(&[text(&other), "-o", text(&out)]), 1, &["is not a bag"]);
     assert!(!out.exists());
 }
 

@@ -81,7 +81,7 @@ fn a_bag_becomes_a_file_of_its_own() {
     for outside in ["src=\"http", "href=\"http", "src=\"/", "href=\"/", "url(http"] {
         assert!(!page.contains(outside), "{outside}");
     }
-    check(&view(&[text(&bag), "--out", text(&out)]), 1, &["is there already", "--force"]);
+    check(&view(&[text(&bag), "--out", text(&out)]), 1, &["exists already", "--force"]);
     check(&view(&[text(&bag), "--out", text(&out), "--force"]), 0, &[]);
     check(
         &view(&[text(&bag), "--out", text(&folder.join("none/replay.html"))]),

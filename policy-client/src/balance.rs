@@ -70,25 +70,25 @@ pub enum BalanceError {
     /// The robot lacks a part.
     #[error("balance needs {part}, which the robot {robot} does not have; use another policy for it")]
     Part {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
-        /// What it lacks.
+        /// Name of the joint, link or other part that it lacks.
         part: String,
     },
     /// An array does not fit the robot.
     #[error("{field} has {found} numbers where the robot has {expected} joints")]
     Length {
-        /// The array.
+        /// Name of the array, such as `q0`.
         field: &'static str,
-        /// Its length.
+        /// Length that the array has.
         found: usize,
-        /// Number of joints.
+        /// Number of the robot's joints.
         expected: usize,
     },
     /// A number is not finite.
     #[error("{field} has a number that is not finite")]
     NotFinite {
-        /// The array.
+        /// Name of the array, such as `q0`.
         field: &'static str,
     },
     /// A drive that cannot be given a torque through its target.
@@ -96,11 +96,11 @@ pub enum BalanceError {
         "{joint} has stiffness {stiffness} N m/rad and effort limit {effort_limit} N m; balance needs both positive"
     )]
     Drive {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
-        /// N m/rad.
+        /// Stiffness of its drive, N m/rad.
         stiffness: f64,
-        /// N m.
+        /// Largest torque of its drive, N m.
         effort_limit: f64,
     },
     /// The robot's kinematics refused the joint positions.

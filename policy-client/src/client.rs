@@ -55,7 +55,7 @@ const RESET_TIMEOUT: Duration = Duration::from_secs(15);
 
 const LAST_OBSERVATION_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The server closes a session that is not claimed within 2 s; each try to claim it takes so long at most, s.
+/// The server closes a session that is not claimed within 2 s; each try to claim it takes this time at most, s.
 const CLAIM_TIMEOUT_S: f64 = 0.5;
 
 /// A stop that is asked for is noticed within this time.

@@ -1,6 +1,6 @@
 //! A session as its policy meets it: live on a terminal, then as text or JSON, pictures and numbers.
 //!
-//! What an observation can have stands in `terms` alone; everything else here goes by that list.
+//! What an observation can have is listed in `terms` alone; everything else here follows that list.
 
 mod document;
 mod files;

@@ -80,7 +80,9 @@ pub fn parse_seeds(text: &str) -> Result<Vec<u64>, String> {
             Some((first, last)) => {
                 let (first, last) = (seed(first)?, seed(last.trim_start_matches('='))?);
                 if last < first || last - first >= MOST_SEEDS {
-                    return Err(format!("'{part}' is no range of 1 to {MOST_SEEDS} seeds, from the first to the last"));
+                    return Err(format!(
+                        "'{part}' is not a range of 1 to {MOST_SEEDS} seeds, from the first to the last"
+                    ));
                 }
                 seeds.extend(first..=last);
             }

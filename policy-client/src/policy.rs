@@ -22,9 +22,9 @@ pub trait Policy: Send {
         None
     }
 
-    /// Sensors of the session that it wants to see of this step beside what the observation has: it is shown them in the
-    /// observation that [`Policy::act`] gets. The server computes them then; lockstep waits. In real time the step may be
-    /// over by then: the policy is asked again with the next observation, which may be the same.
+    /// Sensors of the session that it wants to see of this step besides what the observation has: it is shown them in
+    /// the observation that [`Policy::act`] gets. The server computes them then; lockstep waits. In real time the step
+    /// may be over by then: the policy is asked again with the next observation, which may be the same.
     fn look(&mut self, _observation: &Observation) -> Vec<&'static str> {
         Vec::new()
     }
@@ -59,9 +59,9 @@ pub enum PolicyError {
     /// No policy has that name.
     #[error("there is no policy '{name}'; use one of {known}")]
     Unknown {
-        /// As asked for.
+        /// The name that was asked for.
         name: String,
-        /// All names.
+        /// All names, separated by commas.
         known: String,
     },
     /// The session does not give what the policy reads.
@@ -82,7 +82,7 @@ pub enum PolicyError {
         /// What does not fit, and what to do.
         reason: String,
     },
-    /// The controller refuses.
+    /// The balance controller refuses what it was given.
     #[error("the balance controller cannot go on")]
     Balance(#[from] BalanceError),
     /// The whole-body controller refuses.
@@ -99,7 +99,7 @@ pub enum PolicyError {
     Words {
         /// As it was given.
         word: String,
-        /// The known names.
+        /// The names that are known.
         fields: &'static str,
     },
     /// A bag cannot be read.
@@ -121,7 +121,7 @@ pub enum PolicyError {
     Command {
         /// Name of the policy.
         policy: String,
-        /// `action` or `joint_target`.
+        /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
         /// What is wrong with it.
         problem: String,

@@ -31,9 +31,9 @@ pub struct RunOptions {
     pub parallel: Option<usize>,
     /// Ends the run also where episodes could not be played. They count as failures then, and nobody can play them any more.
     pub give_up_lost: bool,
-    /// How long to wait where all servers are gone, or where those that are there let nothing be played.
+    /// How long to wait where all servers are gone, or where the present ones let nothing be played.
     pub patience: Duration,
-    /// Keys and tokens.
+    /// Keys and tokens to show and to expect.
     pub access: Access,
 }
 
@@ -91,7 +91,7 @@ impl Client {
     /// ```
     ///
     /// # Errors
-    /// [`RunError`]. Episodes that go wrong are no error: the outcome lists them.
+    /// [`RunError`]. Episodes that go wrong are not an error: the outcome lists them.
     pub fn evaluate(
         link: &Session,
         options: &RunOptions,

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use fiatlux_link::whole;
 use fiatlux_proto::v3::{OpenRequest, PropScale, Sensor};
 
-/// Flags that say what a session is to be. Each one that is given goes before what is there.
+/// Flags that say what a session is to be. Each one that is given overrides what the request already says.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Session")]
 pub struct SessionArgs {
@@ -67,7 +67,7 @@ enum Fixed {
     Light,
     /// The room's own colours
     Tint,
-    /// Exact sensors
+    /// Exact sensors, without noise
     Noise,
     /// All but the layout: every episode of a seed is the same
     Episodes,
@@ -146,7 +146,7 @@ fn sensor(text: &str) -> Result<Sensor, String> {
         None => {}
         Some("look") => sensor.on_request = true,
         Some(rate) => {
-            let wrong = || format!("'{rate}' is no rate; write NAME@HZ, such as camera@10, or NAME@look");
+            let wrong = || format!("'{rate}' is not a rate; write NAME@HZ, such as camera@10, or NAME@look");
             sensor.rate_hz = rate.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0).ok_or_else(wrong)?;
         }
     }
@@ -155,7 +155,7 @@ fn sensor(text: &str) -> Result<Sensor, String> {
 
 fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    sides.ok_or_else(|| format!("'{text}' is no size; write WIDTHxHEIGHT, such as 256x256"))
+    sides.ok_or_else(|| format!("'{text}' is not a size; write WIDTHxHEIGHT, such as 256x256"))
 }
 
 fn sizes(text: &str) -> Result<Sizes, String> {
@@ -183,7 +183,7 @@ fn sizes(text: &str) -> Result<Sizes, String> {
 
 fn assignment(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.split_once('=').ok_or("write NAME=VALUE, such as fragility_n=30")?;
-    let value: f64 = value.parse().map_err(|_| format!("'{value}' is no number"))?;
+    let value: f64 = value.parse().map_err(|_| format!("'{value}' is not a number"))?;
     if name.is_empty() || !value.is_finite() {
         return Err("write NAME=VALUE with a finite number, such as fragility_n=30".into());
     }

@@ -29,7 +29,7 @@ fn an_episode_over_tcp() {
     run_two_episodes(&link, &server);
 }
 
-/// Every seventh action is passed over by the server, as if it were lost.
+/// Every seventh action is ignored by the server, as if it were lost.
 #[test]
 fn lost_actions_are_sent_again() {
     let link = embedded().expect("opens");
@@ -113,7 +113,7 @@ fn a_policy_that_gives_up_or_a_stop_ends_the_run() {
     assert!(matches!(client.run_episode(1, policy.as_mut(), &mut at, &stop), Err(ClientError::Stopped)));
 }
 
-/// The server goes away in the middle of an episode; the answer says so, and there is no hang.
+/// The server goes away in the middle of an episode; the answer says so, and nothing hangs.
 #[test]
 fn a_server_that_is_gone_is_told() {
     let link = embedded().expect("opens");

@@ -19,9 +19,9 @@ pub enum DecodeError {
     Size {
         /// Name of the message.
         message: &'static str,
-        /// Bytes.
+        /// Bytes that it has.
         length: usize,
-        /// Bytes.
+        /// Most bytes that it may have.
         limit: usize,
     },
     /// Not this message in protobuf.
@@ -37,12 +37,12 @@ pub enum DecodeError {
     UnknownField {
         /// Name of the message, and of the field where it is in one within.
         message: String,
-        /// Field number.
+        /// Number of the field in protobuf.
         number: u32,
     },
 }
 
-/// Reads a message of at most `limit` bytes. Fields that this version does not know are refused, not passed over.
+/// Reads a message of at most `limit` bytes. Fields that this version does not know are refused, not ignored.
 ///
 /// # Errors
 /// [`DecodeError`]: too long, no such message, or an unknown field.

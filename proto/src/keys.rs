@@ -63,7 +63,7 @@ impl ServerKeys {
         format!("{}/alive", self.root)
     }
 
-    /// Queryable: [`crate::v3::ServerInfo`].
+    /// Queryable that answers with a [`crate::v3::ServerInfo`].
     pub fn describe(&self) -> String {
         format!("{}/describe", self.root)
     }
@@ -119,7 +119,7 @@ impl SessionKeys {
         format!("{}/action", self.root)
     }
 
-    /// Publication [`crate::v3::Notice`].
+    /// Publication of the server: [`crate::v3::Notice`].
     pub fn notice(&self) -> String {
         format!("{}/notice", self.root)
     }

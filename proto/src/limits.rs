@@ -20,7 +20,7 @@ pub const MAX_SERVER_MESSAGE: usize = 4 * 1024 * 1024;
 /// Sides of the head camera's image, pixels: the least and the most.
 pub const IMAGE_SIDES: [u32; 2] = [16, 640];
 
-/// Client messages that wait in a session; more are passed over with a notice.
+/// Client messages that wait in a session; more are dropped with a notice.
 pub const MAX_WAITING_MESSAGES: usize = 32;
 
 /// Notices that a session sends a second; those in between are counted in the next one.
@@ -36,7 +36,7 @@ pub const RECORDING_WINDOW_BYTES: usize = 64 << 20;
 /// StepRecords that one reply to a [`crate::v3::StepRecordRequest`] covers at most.
 pub const MAX_TRUTHS_PER_REQUEST: u64 = 128;
 
-/// A recorder that has not acknowledged anything for so long is gone.
+/// A recorder that has not acknowledged anything for this time is gone.
 pub const RECORDER_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A recorder acknowledges at least so often.

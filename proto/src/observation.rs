@@ -26,23 +26,23 @@ pub enum TermError {
         "sensor '{sensor}' fills field '{field}', which this client does not know; use one of the server's version"
     )]
     UnknownField {
-        /// The sensor.
+        /// Name of the sensor.
         sensor: String,
-        /// The field.
+        /// Path of the field in the observation.
         field: String,
     },
     /// An observation has what the session does not.
-    #[error("{field} is no term of the session; ask for its sensor, or use a client of the server's version")]
+    #[error("{field} is not a term of the session; ask for its sensor, or use a client of the server's version")]
     NoTerm {
-        /// The field.
+        /// Path of the field in the observation.
         field: String,
     },
     /// A field has another count of numbers than its terms.
     #[error("{field} has {found} numbers, not {expected}")]
     Count {
-        /// The field.
+        /// Path of the field in the observation.
         field: String,
-        /// Numbers that came.
+        /// Numbers that came in it.
         found: usize,
         /// Numbers of its terms.
         expected: usize,
@@ -50,7 +50,7 @@ pub enum TermError {
     /// An image has another size than its term.
     #[error("{field} is {} x {}, not {} x {} pixels", found[0], found[1], expected[0], expected[1])]
     Image {
-        /// The field.
+        /// Path of the field in the observation.
         field: String,
         /// Width and height that came.
         found: [u64; 2],
@@ -76,7 +76,7 @@ impl SessionInfo {
 /// What the observations of a session hold, as the server described it.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ObservationLayout {
-    /// Numbers by field.
+    /// How many numbers each field has.
     counts: BTreeMap<String, usize>,
     /// Width and height by the field of the image.
     images: BTreeMap<String, [u64; 2]>,
@@ -261,7 +261,7 @@ struct Fields<'a>(&'a [u8]);
 
 struct RawField<'a> {
     number: u32,
-    /// With its key.
+    /// The bytes with key and length.
     whole: &'a [u8],
     /// Without key and length.
     contents: &'a [u8],
@@ -346,8 +346,8 @@ mod tests {
         let short = Some(Image { width: 2, height: 1, rgb: vec![9; 5] });
         let cases = [
             (Observation { lidar: vec![1.0], ..seen() }, "lidar has 1 numbers, not 2"),
-            (Observation { last_action: vec![1.0], ..seen() }, "last_action is no term of the session"),
-            (Observation { proprioception: own, ..seen() }, "proprioception is no term of the session"),
+            (Observation { last_action: vec![1.0], ..seen() }, "last_action is not a term of the session"),
+            (Observation { proprioception: own, ..seen() }, "proprioception is not a term of the session"),
             (Observation { verdict: bare, ..seen() }, "verdict.criteria has 0 numbers, not 2"),
             (Observation { camera: wide, ..seen() }, "camera is 6 x 1, not 2 x 1 pixels"),
             (Observation { camera: short, ..seen() }, "camera.rgb has 5 numbers, not 6"),

@@ -88,7 +88,7 @@ impl Bag {
     }
 }
 
-/// A message of ours with the names of its fields.
+/// A message of this project with the names of its fields.
 fn dynamic<M: Message + Name>(pool: &DescriptorPool, message: &M) -> PyResult<DynamicMessage> {
     let name = M::full_name();
     let descriptor = pool.get_message_by_name(&name);

@@ -25,7 +25,7 @@ pub(crate) struct Batch {
     worlds: Worlds,
 }
 
-/// A batch's state.
+/// State of a batch, to be restored later.
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Snapshot(Saved);
 

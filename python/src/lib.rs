@@ -39,7 +39,7 @@ fn not_contiguous(field: &str) -> PyErr {
     PyValueError::new_err(format!("{field} is not C-contiguous; give numpy.ascontiguousarray({field})"))
 }
 
-/// A panic is a fault of ours. It has printed its message and becomes an exception that Python can catch.
+/// A panic is a fault in this package. It has printed its message and becomes an exception that Python can catch.
 fn guarded<T>(work: impl FnOnce() -> T) -> PyResult<T> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(work))
         .map_err(|_| PyRuntimeError::new_err("fiatlux has a fault, described on stderr; please report it"))

@@ -41,13 +41,13 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 struct Export {
-    /// File format.
+    /// Format of the file.
     #[arg(long, value_enum, default_value_t = Format::Mjcf)]
     format: Format,
     /// Task whose scene to write: S01 to S12, replace or climb.
     #[arg(long, required_unless_present = "robot_only")]
     task: Option<Task>,
-    /// Layout seed.
+    /// Layout seed of the room.
     #[arg(long, default_value_t = 0, value_parser = fiatlux_link::whole::<u64>(0..))]
     seed: u64,
     /// In place of a task: the robot in its standing posture, without room and props.
@@ -59,7 +59,7 @@ struct Export {
     /// Hands of the robot: inspire or bare.
     #[arg(long, default_value_t)]
     hands: HandKind,
-    /// Physics step, s.
+    /// Length of a physics step, s.
     #[arg(long, default_value_t = 0.005, value_parser = timestep)]
     timestep: f64,
     /// Keep MuJoCo's default integrator and friction pyramids, with the drives' damping as passive joint damping. Effort

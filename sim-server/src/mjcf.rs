@@ -4,7 +4,7 @@
 //! acts on a model from outside is not part of it: the socket's hold on a bulb, a wrench law, stays with the world, so a
 //! seated bulb drops out of a ceiling socket in MuJoCo.
 //! Bodies, joints, actuators and geoms keep their names. MuJoCo orders bodies depth first, so the tuple `bodies` lists
-//! them in the order of [`Model::bodies`], and actuators stand in the order of [`Model::drives`].
+//! them in the order of [`Model::bodies`], and actuators are in the order of [`Model::drives`].
 
 use std::fmt::Display;
 
@@ -30,12 +30,12 @@ pub enum OptionSet {
     Defaults,
 }
 
-/// What an export needs to know beside the model and its state.
+/// What an export needs to know besides the model and its state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MjcfOptions {
     /// Name of the MJCF model.
     pub name: String,
-    /// Physics step, s.
+    /// Length of a physics step, s.
     pub timestep: f64,
     /// OptionSet of friction and damping.
     pub option_set: OptionSet,
@@ -302,7 +302,7 @@ fn pose(isometry: &Isometry3<f64>) -> (String, String) {
 
 type Attribute<'a> = (&'a str, &'a dyn Display);
 
-/// Indented XML.
+/// Writes XML with indented lines.
 #[derive(Default)]
 struct Xml {
     out: String,

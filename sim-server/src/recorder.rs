@@ -33,10 +33,10 @@ const MAX_UNHEARD: usize = 1024;
 /// How bags are named below the folder they go to. A name that is taken gets a number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Naming {
-    /// `SERVER/SESSION/TASK-sSEED-eEPISODE.mcap`.
+    /// By session: `SERVER/SESSION/TASK-sSEED-eEPISODE.mcap`.
     #[default]
     BySession,
-    /// `TASK-sSEED-eEPISODE.mcap`.
+    /// All in one folder: `TASK-sSEED-eEPISODE.mcap`.
     Flat,
     /// Episodes of a run as `RUN/SERVER-TASK-sSEED-aATTEMPT.mcap`, others as by session.
     ByRun,
@@ -86,9 +86,9 @@ pub enum BagEnd {
 pub struct BagReport {
     /// The file: `NAME.mcap`, or `NAME.mcap.part` where it could not be finished.
     pub path: PathBuf,
-    /// The episode's header.
+    /// The header of the episode in it.
     pub header: EpisodeHeader,
-    /// How it ended.
+    /// Whether it is whole, or why not.
     pub end: BagEnd,
 }
 
@@ -96,7 +96,7 @@ pub struct BagReport {
 #[derive(Debug, Error)]
 pub enum RecorderError {
     /// Not a server's name.
-    #[error("'{0}' is no server's name; use 1 to 64 letters, digits, - or _")]
+    #[error("'{0}' is not a server's name; use 1 to 64 letters, digits, - or _")]
     Name(String),
     /// The robot whose poses are recorded.
     #[error("cannot load the robot")]
@@ -104,7 +104,7 @@ pub enum RecorderError {
     /// No thread could be started.
     #[error("cannot start a thread; free some memory")]
     Thread(#[source] std::io::Error),
-    /// Zenoh refused.
+    /// Zenoh refused to watch for sessions.
     #[error("cannot watch for sessions: {0}; open the Zenoh session again")]
     Zenoh(String),
 }

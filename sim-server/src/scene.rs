@@ -31,9 +31,9 @@ pub enum ExportError {
 pub struct ExportScene {
     /// Name for the file's reader.
     pub name: String,
-    /// The model.
+    /// The bodies, joints and shapes of the scene.
     pub model: Model,
-    /// Start state.
+    /// The state that the exported simulation starts from.
     pub state: State,
     /// Joint targets, rad, in the order of [`Model::drives`].
     pub targets: Vec<f64>,

@@ -157,7 +157,7 @@ impl Player {
         self.zenoh.put(self.keys.action(), bytes).attachment(attachment).wait().unwrap();
     }
 
-    /// Goes a way for so many steps, or to its end.
+    /// Goes a way for that many steps, or to its end.
     fn play(&self, way: u64, steps: u64) -> Option<EpisodeEnd> {
         self.reset(0).unwrap();
         for step in 0..steps {
@@ -422,7 +422,7 @@ fn a_bag_that_is_lost_is_not_an_episode() {
     drop(server);
 }
 
-/// Sessions beside runs are recorded too, whether they asked for it or not.
+/// Sessions outside of runs are recorded too, whether they asked for it or not.
 #[test]
 fn every_session_is_recorded() {
     let folder = folder("every");

@@ -262,7 +262,7 @@ fn an_episode_that_ends_says_how() {
     assert_eq!((end.cause.as_str(), end.steps, result.end), ("fall", step, Some(end.clone())));
     let (_, digest) = alone(Task::S07, 1, 0, step);
     assert_eq!(end.digest, digest);
-    // The chain can be made again from what is recorded alone, beside its start.
+    // The chain can be made again from what is recorded alone, apart from its start.
     let header = truths[0].header.clone().unwrap();
     assert_ne!(header.digest_context, RowDigest::new(b"").hex());
     // And that start of the header; the result says which header it goes with.

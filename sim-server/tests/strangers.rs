@@ -1,5 +1,5 @@
-//! Peers of the same network that say and answer whatever they like, beside a session that is not theirs: it goes on as if
-//! nobody were there.
+//! Peers of the same network that say and answer whatever they like, next to a session that is not theirs: it goes on
+//! as if nobody were there.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod common;

@@ -5,7 +5,7 @@
     python3 tests/oracle/oracle.py check F.xml  load a scene, fail on any warning
     python3 tests/oracle/oracle.py timing --scene F.xml [--states S.json]
 
-Makes its own virtual environment beside itself on the first run.
+Makes its own virtual environment next to itself on the first run.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""A scene of ours in MuJoCo, read and written in our order and terms.
+"""One of our scenes in MuJoCo, read and written in our order and terms.
 
 Ours: bodies as in the tuple `bodies` of the export; `qpos` of a free joint is position and quaternion (w first), its
 `qvel` the velocity of the origin and the angular velocity, both in world axes. MuJoCo's: depth first, and the angular

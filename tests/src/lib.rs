@@ -49,11 +49,11 @@ fn lowest_point(shape: &ShapeSpec, world_from_body: &Isometry3<f64>) -> f64 {
 /// One world with everything in reach.
 #[derive(Debug, Clone)]
 pub struct Rig {
-    /// What is simulated.
+    /// The scene that is simulated.
     pub scene: Arc<Scene>,
-    /// Its state.
+    /// The state, which a test may set.
     pub state: State,
-    /// Its engine.
+    /// The engine with its scratch memory.
     pub dynamics: Dynamics,
     /// Joint targets by drive, rad.
     pub targets: Vec<f64>,
@@ -146,7 +146,7 @@ impl Rig {
         self.locked[dof..dof + 6].fill(locked);
     }
 
-    /// One physics step.
+    /// Takes one physics step of [`PHYSICS_DT`].
     pub fn step(&mut self) -> StepReport {
         let input = Input { targets: &self.targets, wrenches: &self.wrenches, locked: &self.locked };
         let report = self.dynamics.step(&self.scene.model, &mut self.state, &input, PHYSICS_DT);

@@ -73,7 +73,7 @@ impl Scratch {
         Self(path)
     }
 
-    /// Its path.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -128,7 +128,8 @@ impl Running {
         Self::spawn(name, command, folder)
     }
 
-    /// As [`Running::start`]; the system lets it write no file of more than so many times 512 bytes, as a full disk would.
+    /// As [`Running::start`]; the system lets it write no file of more than that many times 512 bytes, as a full disk
+    /// would.
     ///
     /// # Panics
     /// Where it does not start.

@@ -1,4 +1,4 @@
-//! The same bytes from the same inputs: in two processes, beside another world, and from any row.
+//! The same bytes from the same inputs: in two processes, next to another world, and from any row.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use std::process::Command;

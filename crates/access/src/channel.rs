@@ -1,6 +1,6 @@
 //! What is said in a session: numbered, and bound to the session's keys.
 //!
-//! The payload stays as it is. Beside it, in Zenoh's attachment, stand 8 bytes with the message's number, little-endian, and the
+//! The payload stays as it is. Next to it, in Zenoh's attachment, are 8 bytes with the message's number, little-endian, and the
 //! first 16 bytes of HMAC-SHA256 over what the message is, that number, and the payload.
 
 use ring::hmac;
@@ -12,7 +12,7 @@ use crate::handshake::{Secrets, Side};
 /// Length of an attachment, bytes.
 pub const SEAL_BYTES: usize = NUMBER_BYTES + MAC_BYTES;
 
-/// Length of the code that stands for itself, where a message has no number, bytes.
+/// Length of the authentication code, which stands alone where a message has no number, bytes.
 pub const MAC_BYTES: usize = 16;
 
 const NUMBER_BYTES: usize = 8;
@@ -32,7 +32,7 @@ pub enum Label<'a> {
 /// Why a message is not the peer's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum Refused {
-    /// The attachment is missing, or is not one of ours.
+    /// The attachment is missing, or was not made by this protocol.
     #[error("it has no attachment of {SEAL_BYTES} bytes; send what the session's keys make of it")]
     Form,
     /// Not made with the session's keys, for this use, or of these bytes.

@@ -11,39 +11,39 @@ pub enum AccessError {
     /// The file cannot be read.
     #[error("cannot read {}; `fiatlux keys --out DIR` makes such files", path.display())]
     Read {
-        /// The file.
+        /// Path of the file that cannot be read.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: io::Error,
     },
     /// The file cannot be made.
     #[error("cannot write {}; check the folder, its permissions and the space that is left", path.display())]
     Write {
-        /// The file.
+        /// Path of the file that cannot be made.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: io::Error,
     },
     /// A file of that name exists; keys are never overwritten.
     #[error("{} exists and is not overwritten; move it away or name another file", path.display())]
     Exists {
-        /// The file.
+        /// Path that is already taken.
         path: PathBuf,
     },
     /// Others on this machine can read or change a secret.
     #[error("{} has mode {mode:04o}, so others can read the secret in it; run `chmod 600 {}`, and make a new one if they may have read it", path.display(), path.display())]
     Exposed {
-        /// The file.
+        /// Path of the exposed file.
         path: PathBuf,
-        /// Its permission bits.
+        /// Its permission bits as the system gives them, such as 0o644.
         mode: u32,
     },
     /// A line of a file is wrong.
     #[error("{}:{line}: {field}: {problem}; {remedy}", path.display())]
     Line {
-        /// The file.
+        /// Path of the file, for the message.
         path: PathBuf,
         /// Number of the line, from 1.
         line: usize,

@@ -29,7 +29,7 @@ pub enum HandshakeError {
     /// The hello cannot be used.
     #[error("hello.{field} {problem}")]
     Hello {
-        /// Its field.
+        /// Name of the field of the hello that cannot be used.
         field: &'static str,
         /// What is wrong with it, and how it should be.
         problem: &'static str,
@@ -37,7 +37,7 @@ pub enum HandshakeError {
     /// The reply names no key, or its signature is not by that key over what both sides said.
     #[error("the reply is not signed by the key that it names; someone else answered, or it was changed on the way")]
     Signature,
-    /// Another server's key.
+    /// The reply is signed by another key than the server is known by.
     #[error(
         "the reply is signed by {found}, and the server's key is {expected}; someone else answered, or the server has a new key"
     )]

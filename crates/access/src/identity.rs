@@ -98,7 +98,7 @@ impl PublicKey {
         &self.0
     }
 
-    /// Whether the owner of this key signed that message. Bytes that are no key have signed nothing.
+    /// Whether the owner of this key signed that message. Bytes that are not a key have signed nothing.
     #[must_use]
     pub fn verify(&self, message: &[u8], signature: &[u8]) -> bool {
         UnparsedPublicKey::new(&ED25519, self.0).verify(message, signature).is_ok()

@@ -11,7 +11,7 @@ const CONTEXT: &[u8] = b"fiatlux episode result\0";
 /// What the signature of a result says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signer {
-    /// It has none.
+    /// The result carries no signature.
     Nobody,
     /// The owner of this key gave the result as it is here.
     Key(PublicKey),

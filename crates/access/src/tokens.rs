@@ -92,12 +92,12 @@ pub struct Grant {
 }
 
 impl Grant {
-    /// To the owner of that token: so many sessions that are open at once, at most [`MAX_LIMIT`].
+    /// Lets the owner of that token have `limit` sessions open at once; the limit is at most [`MAX_LIMIT`].
     pub fn new(token: Token, limit: u32) -> Self {
         Self { token, limit }
     }
 
-    /// The token's id.
+    /// Public id of the token that the sessions are granted to; never its secret.
     pub fn id(&self) -> &str {
         &self.token.id
     }

@@ -18,7 +18,7 @@ pub enum Completeness {
     Whole,
     /// Only a part is there.
     Cut {
-        /// Why.
+        /// Why the rest is missing, in words.
         reason: String,
         /// The step after the last row that is there.
         next_step: u64,
@@ -70,7 +70,7 @@ impl Bag {
         Ok(Self { path: path.into(), header, result, completeness, channels, chunks, sums, unknown_field })
     }
 
-    /// The file.
+    /// Path that the bag was opened at.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -90,7 +90,7 @@ impl Bag {
         &self.completeness
     }
 
-    /// Each row's state.
+    /// The state of each row, in order of step.
     pub fn states(&self) -> Messages<'_, State> {
         self.messages(topic::STATE)
     }
@@ -110,17 +110,17 @@ impl Bag {
         self.messages(topic::REWARD)
     }
 
-    /// What happened.
+    /// The events of the episode, in order of step.
     pub fn events(&self) -> Messages<'_, Event> {
         self.messages(topic::EVENT)
     }
 
-    /// Poses for viewers.
+    /// Poses of the moving parts, for viewers such as Foxglove.
     pub fn frames(&self) -> Messages<'_, foxglove::FrameTransforms> {
         self.messages(topic::TF)
     }
 
-    /// Shapes for viewers.
+    /// Shapes of the scene, for viewers such as Foxglove.
     pub fn scenes(&self) -> Messages<'_, foxglove::SceneUpdate> {
         self.messages(topic::SCENE)
     }

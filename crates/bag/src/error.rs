@@ -12,49 +12,49 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum BagError {
     /// The file could not be opened, made, read or renamed.
-    #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the space that is left")]
     Io {
-        /// What was tried.
+        /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
-        /// The file.
+        /// Path of the file that it was tried on.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: io::Error,
     },
-    /// A bag of that name is there already.
-    #[error("{path} is there already; move it away or choose another name")]
+    /// A bag of that name exists already.
+    #[error("{path} exists already; move it away or choose another name")]
     Exists {
-        /// The file.
+        /// Path that is already taken.
         path: PathBuf,
     },
     /// The MCAP writer failed.
     #[error("cannot write {path}; free some space and record the episode again")]
     Write {
-        /// The file.
+        /// Path of the bag that was being written.
         path: PathBuf,
-        /// Why.
+        /// What the MCAP writer says.
         #[source]
         source: Box<McapError>,
     },
     /// A topic that bags do not have.
     #[error("bags have no topic {topic}; use one of fiatlux_bag::topic")]
     Topic {
-        /// The topic.
+        /// The topic that was asked for.
         topic: String,
     },
     /// A header or result that metadata cannot hold.
     #[error("the {what} does not read back as it was given; its numbers must be finite")]
     Values {
-        /// Header or result.
+        /// Which message it is: `header` or `result`.
         what: &'static str,
     },
-    /// No bag of ours.
-    #[error("{path} is no bag: {reason}; name an .mcap file that a recorder wrote")]
+    /// The file is not a bag of this project.
+    #[error("{path} is not a bag: {reason}; name an .mcap file that a recorder wrote")]
     NotABag {
-        /// The file.
+        /// Path of the file that was opened.
         path: PathBuf,
-        /// What is missing.
+        /// What it lacks that every bag has.
         reason: String,
     },
     /// A bag of another major version.
@@ -63,39 +63,39 @@ pub enum BagError {
          record the episode again"
     )]
     Version {
-        /// The file.
+        /// Path of the bag, for the message.
         path: PathBuf,
         /// Version of the bag.
         found: Version,
     },
-    /// Bytes that are there are wrong.
+    /// Bytes of the file are wrong.
     #[error("{path} is damaged at byte {offset}: {reason}; copy it again or record the episode again")]
     Damaged {
-        /// The file.
+        /// Path of the damaged bag.
         path: PathBuf,
         /// Where the record starts.
         offset: u64,
-        /// What is wrong.
+        /// What is wrong with the record there.
         reason: String,
     },
     /// What stands in it twice is not the same.
     #[error("{path} was changed: {what}; record the episode again")]
     Disagrees {
-        /// The file.
+        /// Path of the bag that was changed.
         path: PathBuf,
-        /// What differs.
+        /// What disagrees, with both values.
         what: String,
     },
     /// A message that cannot be read.
     #[error("{path}: step {step} of {topic} cannot be read; record the episode again with this version")]
     Message {
-        /// The file.
+        /// Path of the bag, for the message.
         path: PathBuf,
         /// Topic of the message.
         topic: &'static str,
-        /// Its step.
+        /// Control step that the message belongs to.
         step: u64,
-        /// Why.
+        /// What the decoder says.
         #[source]
         source: DecodeError,
     },

@@ -24,7 +24,7 @@ pub struct FindError {
 pub struct BagFiles {
     /// `*.mcap`, and files that were named one by one.
     pub bags: Vec<PathBuf>,
-    /// `*.mcap.part`.
+    /// Recordings that were never finished, `*.mcap.part`.
     pub unfinished: Vec<PathBuf>,
     /// Folders that have the journal of a run; what is in them is found as well.
     pub runs: Vec<PathBuf>,

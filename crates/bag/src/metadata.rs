@@ -35,7 +35,7 @@ pub(crate) fn protocol(fields: &Fields) -> Option<Version> {
     serde_json::from_str(fields.get("protocol")?).ok()
 }
 
-/// The message with these fields. What it has no field for is passed over.
+/// The message with these fields. Entries without a field are ignored.
 pub(crate) fn message_of<M>(fields: &Fields) -> Result<M, String>
 where
     M: Serialize + DeserializeOwned + Default,

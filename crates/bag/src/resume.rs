@@ -10,7 +10,7 @@ use crate::{Bag, BagError, BagWriter, part_of, topic};
 
 /// A bag taken up again.
 pub struct Resumed {
-    /// Writes what follows.
+    /// Appends the rows that follow the last one that was kept.
     pub writer: BagWriter,
     /// The header as it was recorded.
     pub header: EpisodeHeader,

@@ -72,7 +72,7 @@ pub const NOT_REPEATED: &str = "not repeated";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Registration {
-    /// Of the server.
+    /// Version of the protocol that the server speaks.
     pub protocol: Version,
     /// Version of the server's software.
     pub version: String,
@@ -127,7 +127,7 @@ pub enum Event {
         bag: String,
         /// Digest of all rows.
         digest: String,
-        /// What ended it.
+        /// Name of the cause that ended the episode, such as `success` or `fall`.
         cause: String,
         /// By the protocol of the run.
         success: bool,

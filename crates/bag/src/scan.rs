@@ -11,7 +11,7 @@ use mcap::records::op;
 use crate::writer::LIBRARY;
 use crate::{BagError, metadata};
 
-/// Longest record beside chunks that is read, bytes. A header takes about 10,000.
+/// Longest record, apart from chunks, that is read, bytes. A header takes about 10,000.
 const MAX_RECORD: u64 = 1 << 20;
 
 /// Most chunks of a file. An errand of 72,000 rows has about 1,200.
@@ -35,7 +35,7 @@ const FOOTER: u64 = 8 + 8 + 4;
 /// Largest chunk that is unpacked, bytes.
 pub(crate) const MAX_CHUNK: u64 = 32 << 20;
 
-/// Topics by channel.
+/// Topic of each channel, by its id.
 pub(crate) type Channels = BTreeMap<u16, String>;
 
 /// A whole chunk record.
@@ -69,7 +69,7 @@ pub(crate) struct Sums {
     pub is_ours: bool,
 }
 
-/// What was found.
+/// What a pass over the file found.
 #[derive(Debug, Default)]
 pub(crate) struct Scan {
     pub sums: Sums,

@@ -5,21 +5,21 @@ use std::sync::OnceLock;
 use fiatlux_proto::{DESCRIPTORS, Message};
 use prost_types::{FileDescriptorProto, FileDescriptorSet};
 
-/// `fiatlux.v3.State`, each row.
+/// A `fiatlux.v3.State` for each row.
 pub const STATE: &str = "/state";
-/// `fiatlux.v3.Event`.
+/// A `fiatlux.v3.Event` for each thing that happened: a criterion, a bulb seated or released, a condition, the end.
 pub const EVENT: &str = "/event";
 /// `fiatlux.v3.EpisodeResult`, the last message.
 pub const RESULT: &str = "/result";
 /// `fiatlux.v3.ActionRecord`, from row 1 on; with the chunk that it comes from, where a model server made it.
 pub const ACTION: &str = "/action";
-/// `fiatlux.v3.Observation`, each row.
+/// A `fiatlux.v3.Observation` for each row.
 pub const OBSERVATION: &str = "/observation";
 /// `fiatlux.v3.Reward`, from row 1 on.
 pub const REWARD: &str = "/reward";
-/// `foxglove.FrameTransforms`, for viewers.
+/// A `foxglove.FrameTransforms`, which viewers pose the scene with.
 pub const TF: &str = "/tf";
-/// `foxglove.SceneUpdate`, for viewers.
+/// A `foxglove.SceneUpdate`, which viewers draw the scene from.
 pub const SCENE: &str = "/scene";
 
 /// `foxglove.CompressedImage` of the head camera, where the session asked for it.
@@ -75,7 +75,7 @@ fn add(file: &FileDescriptorProto, files: &[FileDescriptorProto], set: &mut Vec<
             add(imported, files, set);
         }
     }
-    // Comments are no part of a schema.
+    // Comments are not part of a schema.
     set.push(FileDescriptorProto { source_code_info: None, ..file.clone() });
 }
 

@@ -70,7 +70,7 @@ impl BagWriter {
     /// died before it could write.
     ///
     /// # Errors
-    /// One of the two is there already, the file cannot be made, or a number of the header is not finite.
+    /// One of the two exists already, the file cannot be made, or a number of the header is not finite.
     pub fn create(path: &Path, header: &EpisodeHeader) -> Result<Self, BagError> {
         let part = part_of(path);
         if path.exists() {
@@ -139,7 +139,7 @@ impl BagWriter {
         self.next_step_on_disk
     }
 
-    /// Adds the nested messages of a row byte for byte, the scene among them; header and result are passed over. After
+    /// Adds the nested messages of a row byte for byte, the scene among them; header and result are left out. After
     /// every [`ROWS_PER_CHUNK`] rows the chunk goes to the operating system.
     ///
     /// # Errors
@@ -263,7 +263,7 @@ impl BagWriter {
 
 impl Drop for BagWriter {
     fn drop(&mut self) {
-        // The MCAP writer would add a summary to what is no whole bag.
+        // The MCAP writer would add a summary to a bag that is not whole.
         if let Some(mcap) = self.mcap.take() {
             drop(mcap.into_inner());
         }

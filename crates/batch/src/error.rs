@@ -50,7 +50,7 @@ pub enum BatchError {
     Robots {
         /// Index of the bank.
         bank: usize,
-        /// Its robot's sizes.
+        /// Sizes of that bank's robot.
         found: RobotLayout,
         /// Those of bank 0.
         expected: RobotLayout,

@@ -35,7 +35,7 @@ impl Ranges {
         effort_limit: [1.0; 2],
     };
 
-    /// Draws a world's differences and writes them over those that are there.
+    /// Draws a world's differences and writes them over its present ones.
     pub fn draw(&self, scene: &Scene, random: &mut Random, variation: &mut Variation) {
         let within = |[low, high]: [f64; 2], random: &mut Random| random.uniform(low, high);
         if let Some(range) = self.hand_friction {

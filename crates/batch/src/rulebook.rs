@@ -16,7 +16,7 @@ pub enum ActionForm {
     /// Joint target = q0 + 0.5 action, as in the benchmark.
     #[default]
     Action,
-    /// Joint targets, rad.
+    /// The joint targets themselves, rad.
     JointTarget,
 }
 

@@ -14,7 +14,7 @@ use crate::{BatchError, Control, Disturbances, Outcome, Outputs, Spec};
 pub(crate) enum Order {
     /// Begin an episode in each.
     Reset,
-    /// Take a control step in each, with the actions that are there.
+    /// Take a control step in each, with the actions it has.
     Step {
         /// Observe the last rows of episodes too.
         wants_final: bool,

@@ -82,7 +82,7 @@ struct Carrier {
     cull_group: usize,
     /// The cull group takes part in pairs of one tree.
     in_tree: bool,
-    /// Of [`Collider::moving`].
+    /// Its shapes, in [`Collider::moving`].
     shapes: std::ops::Range<usize>,
 }
 

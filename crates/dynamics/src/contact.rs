@@ -7,9 +7,9 @@ use crate::spec::ShapeId;
 /// One contact point of the last step (or of a query).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// First shape.
+    /// The shape that the normal points away from.
     pub shape_a: ShapeId,
-    /// Second shape.
+    /// The shape that the normal points to.
     pub shape_b: ShapeId,
     /// Point half-way between the surfaces, world, m.
     pub position: Vector3<f64>,

@@ -12,7 +12,7 @@ const TANGENT_INVERSE_MASS_MAX: f64 = 1.0;
 /// Part of a penetration that one step takes back. There is no slop: the margin around shapes keeps contacts alive, and a
 /// point that overlaps without load would resist sliding.
 const BAUMGARTE: f64 = 0.2;
-/// Fastest push-out, m/s.
+/// Fastest that a penetration is pushed out, m/s.
 const PUSH_OUT_MAX: f64 = 1.0;
 
 /// Separation speed that a contact asks for: no more approach than the gap allows, or push-out of a penetration.

@@ -10,9 +10,9 @@ pub enum ModelError {
         part: &'static str,
         /// Name of the part.
         name: String,
-        /// Field at fault.
+        /// Name of the field at fault, such as `mass`.
         field: &'static str,
-        /// The value found.
+        /// The value that was given.
         value: f64,
         /// The rule it breaks, with the remedy.
         rule: &'static str,
@@ -30,21 +30,21 @@ pub enum ModelError {
     /// An array has the wrong length.
     #[error("{what} has {found} numbers, this model needs {expected}")]
     Length {
-        /// Which array.
+        /// Name of the array, such as `qpos`.
         what: &'static str,
         /// Length the model needs.
         expected: usize,
-        /// Length found.
+        /// Length that was given.
         found: usize,
     },
     /// An entry of an array is NaN or infinite.
     #[error("{what}[{index}] is {value}; every entry must be finite")]
     NotFinite {
-        /// Which array.
+        /// Name of the array, such as `qpos`.
         what: &'static str,
         /// First entry at fault.
         index: usize,
-        /// The value found.
+        /// The value at that index.
         value: f64,
     },
 }

@@ -2,8 +2,8 @@
 //!
 //! The crate knows bodies, joints, shapes and wrenches; nothing of robots or lamps. A [`Model`] is built once and is then
 //! constant, so that many worlds share it; a [`State`] is two arrays; a [`Dynamics`] is the scratch memory of one world and
-//! its [`Variation`]: masses, gains and frictions of its own. A step is a pure function of these and an [`Input`]: no cache, clock, thread or hash order reaches the result, so one recorded state restarts a
-//! world exactly.
+//! its [`Variation`]: masses, gains and frictions of its own. A step is a pure function of these and an [`Input`]: no cache,
+//! clock, thread or hash order reaches the result, so one recorded state restarts a world exactly.
 //!
 //! A pendulum released at a small angle is back after one period:
 //!

@@ -84,7 +84,7 @@ impl Model {
         &self.bodies
     }
 
-    /// All shapes.
+    /// All collision shapes, indexed by [`crate::ShapeId`].
     pub fn shapes(&self) -> &[ShapeSpec] {
         &self.shapes
     }
@@ -94,12 +94,12 @@ impl Model {
         self.gravity
     }
 
-    /// Length of `qpos`.
+    /// Length of `qpos`, the generalised positions.
     pub fn nq(&self) -> usize {
         self.nq
     }
 
-    /// Length of `qvel`.
+    /// Length of `qvel`, the generalised velocities.
     pub fn nv(&self) -> usize {
         self.nv
     }
@@ -144,9 +144,9 @@ impl Model {
 /// Generalised position and velocity; with the targets and wrenches of a step it determines the next state exactly.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// `nq` numbers.
+    /// Generalised positions: `nq` numbers, m and rad, quaternions as w, x, y, z.
     pub qpos: Vec<f64>,
-    /// `nv` numbers.
+    /// Generalised velocities: `nv` numbers, m/s and rad/s.
     pub qvel: Vec<f64>,
 }
 

@@ -60,7 +60,7 @@ pub struct StepReport {
     pub converged: bool,
     /// Whether the first try did not converge.
     pub retried: bool,
-    /// Substeps taken.
+    /// Substeps that the step was divided into, in the try that counts.
     pub substeps: u32,
     /// Contact points that carried load or were closer than 0.5 mm, in the substep that had most.
     pub contacts: u32,

@@ -71,9 +71,9 @@ impl Force {
 /// Velocity of a body's origin and its angular velocity, both in world axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Velocity {
-    /// m/s.
+    /// Velocity of the body's origin, m/s.
     pub linear: Vector3<f64>,
-    /// rad/s.
+    /// Angular velocity of the body, rad/s.
     pub angular: Vector3<f64>,
 }
 
@@ -81,9 +81,9 @@ pub struct Velocity {
 /// world axes. A push `f` at another point `p` is `Wrench { force: f, torque: (p - com).cross(&f) }`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wrench {
-    /// N.
+    /// Force that acts at the centre of mass, N.
     pub force: Vector3<f64>,
-    /// N m.
+    /// Torque that acts besides, N m.
     pub torque: Vector3<f64>,
 }
 
@@ -99,7 +99,7 @@ pub(crate) struct Sym3 {
 }
 
 impl Sym3 {
-    /// `r m r^T`.
+    /// The matrix in rotated axes: `r m r^T`.
     #[inline(always)]
     pub fn rotated(r: &Matrix3<f64>, m: &Matrix3<f64>) -> Sym3 {
         let t = r * m;

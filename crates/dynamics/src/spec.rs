@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, UnitVector3, Vector3};
 pub struct BodyId(pub usize);
 
 impl BodyId {
-    /// The world.
+    /// The world itself, which carries all that stands still.
     pub const WORLD: BodyId = BodyId(0);
 }
 
@@ -72,7 +72,7 @@ pub struct BodySpec {
     pub parent_from_body: Isometry3<f64>,
     /// Joint to the parent.
     pub joint: Joint,
-    /// kg, above 0.
+    /// Mass in kg, which must be above 0.
     pub mass: f64,
     /// Centre of mass in the body's frame, m.
     pub com: Vector3<f64>,
@@ -85,21 +85,21 @@ pub struct BodySpec {
 pub enum Geometry {
     /// All points with z below 0; only on the world.
     HalfSpace,
-    /// A ball.
+    /// A ball about the origin of the shape's frame.
     Sphere {
-        /// m.
+        /// Radius of the ball, m.
         radius: f64,
     },
     /// A segment of length `2 half_length` along z, thickened by `radius`.
     Capsule {
-        /// m.
+        /// Radius of the caps and of the cylinder between them, m.
         radius: f64,
         /// Half the length of the segment between the two cap centres, m.
         half_length: f64,
     },
-    /// A box.
+    /// A box that is centred on the origin of the shape's frame.
     Cuboid {
-        /// m.
+        /// Half the length of each edge along x, y and z, m.
         half_extents: Vector3<f64>,
     },
 }
@@ -127,7 +127,7 @@ impl Material {
 /// A collision shape as given to [`ModelBuilder::add_shape`](crate::ModelBuilder::add_shape).
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShapeSpec {
-    /// Unique name.
+    /// Name of the shape, which no other shape of the model has.
     pub name: String,
     /// Body that carries it.
     pub body: BodyId,
@@ -135,7 +135,7 @@ pub struct ShapeSpec {
     pub body_from_shape: Isometry3<f64>,
     /// Geometry about the shape's own frame.
     pub geometry: Geometry,
-    /// Surface.
+    /// Friction of its surface.
     pub material: Material,
     /// Shapes of one cull group lie near each other (a limb, a piece of furniture): they are culled together. A cull group belongs
     /// to the world or to moving bodies, not to both.

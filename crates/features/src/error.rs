@@ -2,13 +2,13 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why there are no weights or no features.
+/// Why weights cannot be used, or features not be computed.
 #[derive(Debug, Error)]
 pub enum FeatureError {
     /// The file cannot be read.
     #[error("cannot read the weights '{path}'; check that the file exists and may be read")]
     Read {
-        /// The file.
+        /// Path of the weights that cannot be read.
         path: PathBuf,
         /// What the system says.
         #[source]
@@ -20,7 +20,7 @@ pub enum FeatureError {
          state dict alone, without the optimiser's state"
     )]
     FileSize {
-        /// The file.
+        /// Path of the weights, for the message.
         path: PathBuf,
         /// The largest size that is read.
         limit: u64,
@@ -31,7 +31,7 @@ pub enum FeatureError {
     /// A tensor that this network does not have: the file is of another network.
     #[error("the weights have a tensor '{tensor}' that ResNet-18 has not; save torchvision's resnet18().state_dict()")]
     Unexpected {
-        /// Its name.
+        /// Name of the tensor in the file.
         tensor: String,
     },
     /// A tensor holds a number that no network can use.
@@ -40,11 +40,11 @@ pub enum FeatureError {
          it diverged"
     )]
     Number {
-        /// Its name.
+        /// Name of the tensor in the file.
         tensor: String,
         /// What is allowed there.
         expected: &'static str,
-        /// The number.
+        /// The number found at that index.
         found: f32,
         /// Where, counted through the tensor.
         index: usize,
@@ -57,9 +57,9 @@ pub enum FeatureError {
     ImageSize {
         /// Pixels in a row.
         width: usize,
-        /// Rows.
+        /// Rows of pixels in the image.
         height: usize,
-        /// The largest side.
+        /// The largest side that the network takes, pixels.
         limit: usize,
     },
     /// The image has not the bytes of its size.
@@ -69,21 +69,21 @@ pub enum FeatureError {
     ImageBytes {
         /// Pixels in a row.
         width: usize,
-        /// Rows.
+        /// Rows of pixels in the image.
         height: usize,
         /// Three for each pixel.
         expected: usize,
-        /// The bytes given.
+        /// Number of bytes that were given.
         found: usize,
     },
     /// The weights are so large that the sums overflow.
     #[error("feature {index}: expected a finite number, found {found}; the weights '{label}' overflow f32: use others")]
     Overflow {
-        /// The weights.
+        /// Label of the weights, as records have it.
         label: String,
-        /// The feature.
+        /// Index of the first feature that overflows.
         index: usize,
-        /// Its value.
+        /// The value that it came to.
         found: f32,
     },
 }

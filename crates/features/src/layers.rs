@@ -58,7 +58,7 @@ pub(crate) struct Block<T> {
     pub shortcut: Option<T>,
 }
 
-/// The network's shape.
+/// Shape of ResNet-18, layer by layer.
 pub(crate) fn network() -> Network<Layer> {
     let mut blocks = Vec::new();
     let mut inputs = STAGES[0];

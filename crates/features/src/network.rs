@@ -207,7 +207,7 @@ impl ResNet18 {
     }
 }
 
-/// The largest of 3 x 3 pixels at stride 2. The border of zeros is no pixel of the image, but no pixel is below zero.
+/// The largest of 3 x 3 pixels at stride 2. The border of zeros is not part of the image, but no pixel is below zero.
 fn max_pool(input: &Plane, output: &mut Plane) {
     let channels = input.channels;
     for y in 0..output.height {

@@ -5,11 +5,11 @@ use fearless_simd::{Simd, f32x8};
 
 /// How `IN` pixels and a window of 3 make `OUT = IN - 2` pixels with `IN` products.
 pub(crate) trait Tile<const IN: usize, const OUT: usize> {
-    /// `G g`.
+    /// Transform of a window: `G g`.
     fn weights(g: [f64; 3]) -> [f64; IN];
-    /// `B' d`.
+    /// Transform of the pixels: `B' d`.
     fn input<S: Simd>(d: [f32x8<S>; IN]) -> [f32x8<S>; IN];
-    /// `A' m`.
+    /// Pixels from the products: `A' m`.
     fn output<S: Simd>(m: [f32x8<S>; IN]) -> [f32x8<S>; OUT];
 }
 

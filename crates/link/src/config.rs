@@ -16,7 +16,7 @@ pub enum Role {
     Client,
 }
 
-/// Largest message that is put together from parts, bytes: twice what a message of ours may have.
+/// Largest message that is put together from parts, bytes: twice what a message may have.
 const MAX_MESSAGE: usize = 2 * fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 
 /// Protocols that are built in. `quic` needs certificates in the config.
@@ -163,7 +163,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Of that config.
+    /// Reads endpoints and timeout from a config.
     pub fn of(config: &Config) -> Self {
         let timeout_s = get(config, CONNECT_TIMEOUT).as_f64().unwrap_or(0.0) / 1000.0;
         let [connect, listen] = [CONNECT, LISTEN].map(|key| endpoints(&get(config, key)).join(", "));

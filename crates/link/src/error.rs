@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why there is no session.
+/// Why a Zenoh session cannot be opened.
 #[derive(Debug, Error)]
 pub enum LinkError {
-    /// The config file cannot be read, or is no Zenoh config.
+    /// The config file cannot be read, or is not a Zenoh config.
     #[error("{}: no Zenoh config can be read from it: {reason}; it is json5, with the keys of Zenoh's own tools", path.display())]
     ConfigFile {
-        /// The file.
+        /// Path of the config file.
         path: PathBuf,
-        /// What Zenoh says.
+        /// What Zenoh says is wrong with it.
         reason: String,
     },
     /// Zenoh refuses a setting.
@@ -20,9 +20,9 @@ pub enum LinkError {
     Setting {
         /// Path of the setting.
         key: &'static str,
-        /// JSON.
+        /// Value that was refused, as JSON.
         value: String,
-        /// What Zenoh says.
+        /// What Zenoh says is wrong with it.
         reason: String,
     },
     /// The config asks for what this build does not have, or for what would have no effect.
@@ -30,9 +30,9 @@ pub enum LinkError {
     NotHonoured {
         /// Path of the setting.
         key: &'static str,
-        /// Why.
+        /// Why this build does not honour it.
         reason: String,
-        /// What to do.
+        /// What to do about it, for the end of the message.
         remedy: &'static str,
     },
     /// An encrypted endpoint without a certificate.
@@ -41,7 +41,7 @@ pub enum LinkError {
          `fiatlux keys --out DIR` makes certificates and configs: start with -c DIR/CONFIG.json5"
     )]
     Certificate {
-        /// The endpoint.
+        /// The endpoint, as it was given.
         endpoint: String,
         /// Path of the setting.
         key: String,
@@ -52,9 +52,9 @@ pub enum LinkError {
          whose --host names the address; are they expired?"
     )]
     Tls {
-        /// Where.
+        /// The endpoints that were tried, separated by commas.
         endpoints: String,
-        /// What Zenoh says.
+        /// What Zenoh says went wrong.
         reason: String,
     },
     /// An endpoint cannot be read, or its protocol is not built in.
@@ -62,7 +62,7 @@ pub enum LinkError {
     Endpoint {
         /// The flag or setting that it was given with.
         flag: &'static str,
-        /// As given.
+        /// The endpoint, as it was given.
         endpoint: String,
         /// What is wrong, and how it is written.
         reason: String,
@@ -75,9 +75,9 @@ pub enum LinkError {
     Connect {
         /// Where it should connect.
         endpoints: String,
-        /// s.
+        /// How long was tried, s.
         timeout_s: f64,
-        /// What Zenoh says.
+        /// What Zenoh says went wrong.
         reason: String,
     },
     /// An address cannot be listened on.
@@ -88,13 +88,13 @@ pub enum LinkError {
     Listen {
         /// Where it should listen.
         endpoints: String,
-        /// What Zenoh says.
+        /// What Zenoh says went wrong.
         reason: String,
     },
     /// Anything else that Zenoh reports.
     #[error("no Zenoh session can be opened: {reason}; RUST_LOG=zenoh=debug shows more")]
     Open {
-        /// What Zenoh says.
+        /// What Zenoh says went wrong.
         reason: String,
     },
 }

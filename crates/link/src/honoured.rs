@@ -80,7 +80,7 @@ fn check_dictionary(path: &str) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// Refuses keys of a config file that Zenoh passes over: spelled wrong below a section that takes any key, or without effect
+/// Refuses keys of a config file that Zenoh ignores: spelled wrong below a section that takes any key, or without effect
 /// any more. A file in YAML is not compared; Zenoh alone reads that.
 pub fn check_keys(path: &Path, config: &Config) -> Result<(), LinkError> {
     if !path.extension().is_some_and(|end| end == "json5" || end == "json") {

@@ -50,7 +50,7 @@ pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 /// How long the start of a client waits for what it connects to, s. A server keeps trying without end.
 pub const CONNECT_TIMEOUT_S: f64 = 5.0;
 
-/// A session for one process: its parts talk to each other, and there is no network at all.
+/// A session for one process: its parts talk to each other, and no network is used.
 ///
 /// # Errors
 /// [`LinkError::Open`]: Zenoh could not start its threads.

@@ -7,7 +7,7 @@ use std::net::{TcpListener, UdpSocket};
 /// endpoint stays as it is.
 ///
 /// # Errors
-/// No port of that host is free, or it is none of this machine's.
+/// No port of that host is free, or the host is not this machine.
 pub fn choose_port(endpoint: &str) -> io::Result<String> {
     let end = endpoint.find(['?', '#']).unwrap_or(endpoint.len());
     let (locator, options) = endpoint.split_at(end);

@@ -36,7 +36,7 @@ impl ProgressLine {
         if now < state.0 {
             return;
         }
-        // A stderr that is gone is no reason to stop.
+        // A closed stderr does not stop the program.
         if self.is_terminal {
             *state = (now + TERMINAL_PERIOD, true);
             let _ = write!(std::io::stderr(), "\r\x1b[K{}", look());

@@ -122,7 +122,7 @@ fn answer(session: &Session) -> zenoh::query::Queryable<()> {
     session.declare_queryable("a/describe").callback(reply).wait().expect("declares")
 }
 
-/// How many answer.
+/// How many peers answer a query.
 fn ask(session: &Session) -> usize {
     let replies = session.get("a/describe").timeout(Duration::from_secs(1)).wait().expect("asks");
     replies.iter().filter(|reply| reply.result().is_ok()).count()

@@ -1,5 +1,5 @@
-//! Writes pictures of some start states: a view from beside, and what the head camera sees; with a second folder, of the
-//! robot in its meshes.
+//! Writes pictures of some start states: a view from the side, and what the head camera sees; with a second folder, of
+//! the robot in its meshes.
 //!
 //! ```text
 //! cargo run --release -p fiatlux-render --example stills -- OUT_DIR [MESHES]

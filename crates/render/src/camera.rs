@@ -9,7 +9,7 @@ pub const HEAD_PIXELS: usize = 256;
 /// Name of the head camera in a robot's file.
 pub const HEAD_CAMERA: &str = "head_camera";
 
-/// A pinhole camera.
+/// A pinhole camera: a pose and two angles, without lens distortion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     /// Pose: the camera looks along its x axis, its y axis points left in the picture and its z axis up, m.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use fiatlux_robot::RobotError;
 use thiserror::Error;
 
-/// Why there is no camera or no picture file.
+/// Why there is neither camera nor picture file.
 #[derive(Debug, Error)]
 pub enum RenderError {
     /// The robot has no camera of that name.
@@ -12,10 +12,10 @@ pub enum RenderError {
     NoMount {
         /// Name of the robot.
         robot: String,
-        /// The camera.
+        /// Name of the camera that is missing.
         camera: String,
     },
-    /// The row's joint angles are no posture of the robot.
+    /// The row's joint angles do not make a posture of the robot.
     #[error("cannot place the camera")]
     Posture(#[from] RobotError),
     /// The image does not fit a PNG file.
@@ -29,9 +29,9 @@ pub enum MeshError {
     /// The folder cannot be listed.
     #[error("cannot list the folder {}; name one with an STL or OBJ file for each link", path.display())]
     Folder {
-        /// The folder.
+        /// Path of the folder, as it was given.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: io::Error,
     },
@@ -41,7 +41,7 @@ pub enum MeshError {
         folder.display()
     )]
     NoLink {
-        /// The folder.
+        /// Path of the folder, as it was given.
         folder: PathBuf,
         /// Name of the robot.
         robot: String,
@@ -51,9 +51,9 @@ pub enum MeshError {
     /// Two files are for the same link.
     #[error("{} and {} in {} are both for link '{link}'; leave one of them", files[0], files[1], folder.display())]
     Twice {
-        /// The folder.
+        /// Path of the folder, as it was given.
         folder: PathBuf,
-        /// The link.
+        /// Name of the link that both files are for.
         link: String,
         /// Names of the files.
         files: [String; 2],
@@ -61,16 +61,16 @@ pub enum MeshError {
     /// A file cannot be read.
     #[error("cannot read {}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file that cannot be read.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: io::Error,
     },
-    /// A file's content is no mesh of a link.
+    /// A file's content is not the mesh of a link.
     #[error("cannot use {}: {problem}", path.display())]
     Content {
-        /// The file.
+        /// Path of the file that cannot be used.
         path: PathBuf,
         /// What is wrong and what to do.
         problem: String,

@@ -55,7 +55,7 @@ impl Image {
         self.width
     }
 
-    /// Rows.
+    /// Rows of pixels, from the top.
     pub fn height(&self) -> usize {
         self.height
     }

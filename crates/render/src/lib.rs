@@ -7,7 +7,7 @@
 //! Row, Camera, Lighting -> Renderer::render -> Image
 //! ```
 //!
-//! A frame passes through these steps: triangles are clipped, projected and written into a depth buffer beside their
+//! A frame passes through these steps: triangles are clipped, projected and written into a depth buffer next to their
 //! number; the shadow map is fitted to what is visible and drawn; ambient occlusion is found on every other pixel; then
 //! each pixel is lit once.
 //!

@@ -34,7 +34,7 @@ pub(crate) enum Detail {
     Coarse,
 }
 
-/// A rigid surface.
+/// A rigid surface of triangles.
 #[derive(Debug, Clone)]
 pub(crate) struct Mesh {
     detail: Detail,
@@ -43,12 +43,13 @@ pub(crate) struct Mesh {
     pub positions: Vec<[f32; 3]>,
     pub normals: Vec<[f32; 3]>,
     pub triangles: Vec<Triangle>,
-    /// So many of the triangles, from the first, throw a shadow; the others are the insides of a surface that is not closed.
+    /// How many of the triangles, from the first, throw a shadow; the others are the insides of a surface that is not
+    /// closed.
     pub casting: usize,
-    /// Bounding sphere.
+    /// Centre of the bounding sphere, m; `radius` is its radius.
     pub center: Vector3<f64>,
     pub radius: f64,
-    /// Throws a shadow.
+    /// Whether it throws a shadow.
     pub casts: bool,
 }
 

@@ -40,7 +40,7 @@ impl Setup {
     pub(crate) fn new(corners: &[Corner; 3], width: usize, height: usize) -> Option<Self> {
         let c = corners.map(|c| [f64::from(c.u), f64::from(c.v)]);
         let area = (c[1][0] - c[0][0]) * (c[2][1] - c[0][1]) - (c[2][0] - c[0][0]) * (c[1][1] - c[0][1]);
-        // v grows downwards: counter-clockwise for the viewer is negative here. What is no number does not face.
+        // v grows downwards: counter-clockwise for the viewer is negative here. NaN does not face.
         let faces = area < -1e-9;
         if !faces {
             return None;
@@ -125,7 +125,7 @@ fn first_inside(x: f64) -> usize {
     if (whole as f64) < x { whole + 1 } else { whole }
 }
 
-/// Writes a triangle's depth where it is nearest, and its number beside it.
+/// Writes a triangle's depth where it is nearest, and its number next to it.
 pub(crate) fn fill(setup: &Setup, plane: &Plane, width: usize, depth: &mut [f32], ids: Option<(&mut [u32], u32)>) {
     match ids {
         Some((ids, id)) => setup.rows(width, |y, first, last| {

@@ -19,7 +19,7 @@ use crate::{Camera, Image, Lighting, Visuals};
 
 /// Nothing is seen at this pixel.
 const NOTHING: u32 = u32::MAX;
-/// Every so many pixels one is looked at to fit the shadow map.
+/// One pixel in this many is looked at to fit the shadow map.
 const SHADOW_LATTICE: usize = 4;
 
 /// Draws frames of one size; keeps its buffers between them. A frame follows from its arguments alone.
@@ -58,7 +58,7 @@ struct Surface {
 struct Vertex {
     /// In the camera: ahead, left, up, m.
     at: Vec3,
-    /// World.
+    /// Unit normal, world axes.
     normal: Vec3,
     corner: Corner,
 }
@@ -112,7 +112,7 @@ impl Renderer {
         &self.image
     }
 
-    /// The last picture.
+    /// The picture that was rendered last.
     pub fn image(&self) -> &Image {
         &self.image
     }

@@ -28,7 +28,7 @@ const DARK: [&str; 5] = ["pelvis", "logo_link", "head_link", "hip_pitch_link", "
 #[derive(Debug, Clone)]
 pub struct RobotMeshes {
     label: String,
-    /// By link index.
+    /// Meshes of each link, by link index.
     links: Vec<Option<LinkMeshes>>,
 }
 
@@ -44,13 +44,13 @@ impl RobotMeshes {
     ///
     /// A file is named after its link (`left_knee_link.STL`, any case of the ending). Names of Unitree's description are
     /// known too: of `torso_link.STL` and `torso_link_rev_1_0.STL` the later revision counts; `L_hand_base_link` and
-    /// `Link11_L` to `Link22_R` are the Inspire hands. Files with other names are passed over. A link without a file keeps
+    /// `Link11_L` to `Link22_R` are the Inspire hands. Files with other names are ignored. A link without a file keeps
     /// our own shape; a palm is part of its hand's base.
     ///
     /// # Errors
     /// [`MeshError`]: a folder or a file that cannot be read, a folder in which no file fits a link, two files for one
     /// link, a file of more than 64 MiB or 500,000 triangles, files of more than 4,000,000 triangles together, and content
-    /// that is no mesh, has a number that is not finite or is not the size of a link in metres.
+    /// that is not a mesh, has a number that is not finite or is not the size of a link in metres.
     pub fn open(folder: impl AsRef<Path>, robot: &Robot) -> Result<Self, MeshError> {
         let files = folder::files(folder.as_ref(), robot)?;
         let mut links = vec![None; robot.links().len()];

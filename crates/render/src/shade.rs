@@ -71,7 +71,7 @@ const SKIRTING: f32 = 0.09;
 /// What lights a pixel and how it is seen.
 pub(crate) struct Spot {
     pub point: Vec3,
-    /// Unit normal.
+    /// Unit normal of the surface.
     pub normal: Vec3,
     /// From the eye; of any length above 0.
     pub ray: Vec3,

@@ -102,7 +102,7 @@ impl ShadowMap {
         }
     }
 
-    /// Ends the drawing.
+    /// Ends the drawing: finds the greatest height of each block.
     pub(crate) fn finish(&mut self) {
         let (size, count) = (self.size, self.size / BLOCK);
         for j in 0..count {

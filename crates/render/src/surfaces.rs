@@ -12,9 +12,9 @@ use crate::paint::Paint;
 pub enum Carrier {
     /// Nothing: it stands in the world.
     World,
-    /// The ladder.
+    /// The ladder, which the robot can move.
     Ladder,
-    /// A bulb.
+    /// One of the two bulbs.
     Bulb(Bulb),
     /// A link of the robot, by link index.
     Link(usize),

@@ -40,7 +40,7 @@ impl Tone {
 
     #[inline]
     fn index(&self, light: f32) -> usize {
-        // Less than nothing, and what is no number, count as dark.
+        // Negative numbers and NaN count as dark.
         let bits = light.max(0.0).to_bits() >> (23 - Self::FINE);
         (bits.saturating_sub(Self::FIRST) as usize).min(self.curve.len() - 1)
     }

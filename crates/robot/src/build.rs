@@ -48,7 +48,7 @@ pub struct LinkIds {
 pub struct PlacedRobot {
     /// Body of the root.
     pub root: BodyId,
-    /// By link index.
+    /// Where each link is, by link index.
     pub links: Vec<LinkIds>,
     /// Body below each joint, by joint index.
     pub joint_bodies: Vec<BodyId>,
@@ -63,9 +63,9 @@ pub struct PlacedRobot {
 pub struct JointIds {
     /// Body below the joint.
     pub body: BodyId,
-    /// Index in `qpos`.
+    /// Index of its angle in `qpos`.
     pub qpos: usize,
-    /// Index in `qvel`.
+    /// Index of its speed in `qvel`.
     pub dof: usize,
     /// Index in the targets and efforts.
     pub drive: usize,
@@ -80,9 +80,9 @@ pub struct RobotIds {
     pub root_qpos: usize,
     /// First of the root's 6 entries in `qvel`.
     pub root_dof: usize,
-    /// By joint index.
+    /// Where each joint is, by joint index.
     pub joints: Vec<JointIds>,
-    /// By link index.
+    /// Where each link is, by link index.
     pub links: Vec<LinkIds>,
     /// Label of the shapes of link 0; those of link `i` have `first_label + i`.
     pub first_label: u32,

@@ -23,7 +23,7 @@ pub enum RobotError {
         part: &'static str,
         /// Name of the part.
         name: String,
-        /// Field at fault.
+        /// Name of the field at fault, such as `mass`.
         field: &'static str,
         /// What is wrong and what to do.
         problem: String,
@@ -48,7 +48,7 @@ pub enum RobotError {
     Gains {
         /// Joints of the robot.
         expected: usize,
-        /// Joints found.
+        /// Number of joints that the gains are for.
         found: usize,
     },
     /// The model was not built from the builder that the robot was added to.

@@ -19,7 +19,7 @@ pub enum GainSet {
 }
 
 impl GainSet {
-    /// All sets.
+    /// All gain sets, the benchmark's own first.
     pub const ALL: [Self; 4] = [Self::Fiatlux, Self::Sonic, Self::Gear, Self::GearLerobot];
 
     /// As a session asks for it.
@@ -77,11 +77,11 @@ impl FromStr for GainSet {
 /// Drive of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointGains {
-    /// N m/rad.
+    /// Stiffness of the drive, N m/rad.
     pub stiffness: f64,
-    /// N m s/rad.
+    /// Damping of the drive, N m s/rad.
     pub damping: f64,
-    /// N m.
+    /// Largest torque of the drive, N m.
     pub effort_limit: f64,
     /// Rated speed of the motor seen at the joint, rad/s, beyond which it does not accelerate it further; may be infinite.
     pub speed_limit: f64,

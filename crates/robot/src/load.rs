@@ -11,9 +11,9 @@ use crate::refuse::Refuse;
 use crate::shape::Surface;
 use crate::{CameraMount, HandKind, Robot, RobotError};
 
-/// kg.
+/// Mass may differ from that of the file by this, kg.
 const MASS_TOLERANCE: f64 = 1e-3;
-/// m.
+/// Height may differ from that of the file by this, m.
 const HEIGHT_TOLERANCE: f64 = 5e-4;
 
 pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {

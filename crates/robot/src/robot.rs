@@ -6,7 +6,7 @@ use crate::{GainSet, Gains, HandKind, JointGains, RobotError, Shape, Surface};
 /// A rigid part of a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Link {
-    /// Unique name.
+    /// Name of the link, which no other link of the robot has.
     pub name: String,
     /// kg; 0 for a frame.
     pub mass: f64,
@@ -25,15 +25,15 @@ pub struct Link {
 /// A driven rotary joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
-    /// Unique name.
+    /// Name of the joint, which no other joint of the robot has.
     pub name: String,
     /// Index of the link below it.
     pub link: usize,
     /// Axis in that link's frame.
     pub axis: UnitVector3<f64>,
-    /// Lower limit, rad.
+    /// Lower end of its range, rad.
     pub lower: f64,
-    /// Upper limit, rad.
+    /// Upper end of its range, rad.
     pub upper: f64,
     /// Drive of the set [`GainSet::Fiatlux`].
     pub gains: JointGains,
@@ -42,7 +42,7 @@ pub struct Joint {
 /// Where a camera is on a robot, and its lens.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraMount {
-    /// Unique name.
+    /// Name of the camera, which no other camera of the robot has.
     pub name: String,
     /// Index of the link that carries it.
     pub link: usize,
@@ -157,7 +157,7 @@ impl Robot {
         &self.joints
     }
 
-    /// All collision shapes.
+    /// All collision shapes, in the order of the robot's file.
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes
     }
@@ -172,7 +172,7 @@ impl Robot {
         &self.q0
     }
 
-    /// Pairs of links whose bodies pass through each other, beside those joined by a joint.
+    /// Pairs of links whose bodies pass through each other, besides those joined by a joint.
     pub fn excluded(&self) -> &[(usize, usize)] {
         &self.excluded
     }
@@ -197,7 +197,7 @@ impl Robot {
         self.lidar
     }
 
-    /// All cameras.
+    /// All cameras, in the order of the robot's file.
     pub fn cameras(&self) -> &[CameraMount] {
         &self.cameras
     }
@@ -222,7 +222,7 @@ impl Robot {
         self.shapes.iter().any(|shape| shape.link == link && self.surfaces[shape.surface].name == HAND_SURFACE)
     }
 
-    /// kg.
+    /// Mass of all links together, kg.
     pub fn total_mass(&self) -> f64 {
         self.links.iter().map(|l| l.mass).sum()
     }

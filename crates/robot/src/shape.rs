@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 /// A collision shape of a link.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shape {
-    /// Unique name.
+    /// Name of the shape, which no other shape of the robot has.
     pub name: String,
     /// Index of the link that carries it.
     pub link: usize,
@@ -12,7 +12,7 @@ pub struct Shape {
     pub link_from_shape: Isometry3<f64>,
     /// Sphere, capsule or box.
     pub geometry: Geometry,
-    /// Index into [`crate::Robot::surfaces`].
+    /// What it is made of: an index into [`crate::Robot::surfaces`].
     pub surface: usize,
     /// Number of its cull group, from 0.
     pub group: u16,

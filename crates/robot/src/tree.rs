@@ -130,7 +130,8 @@ fn check_tree<'a>(
         return Err(refuse.at(&[Step::Key("link")], "link", "is empty; a robot has at least one link".into()));
     };
     if let Some((index, other)) = roots.next() {
-        let problem = format!("is a second root beside '{}'; make it the child of a [[joint]] or [[fixed]]", root.name);
+        let problem =
+            format!("is a second root next to '{}'; make it the child of a [[joint]] or [[fixed]]", root.name);
         return Err(refuse.part("link", index, &other.name).refuse("name", problem));
     }
     let mut weighs = vec![false; links.len()];

@@ -14,9 +14,9 @@ pub enum Cause {
     /// The state left what is physically plausible. Ends every episode, whatever its task or session says, and never goes
     /// with success.
     Diverged,
-    /// The robot fell.
+    /// The robot fell: its pelvis is lower or tilted further than the thresholds allow.
     Fall,
-    /// The ladder tipped.
+    /// The ladder tipped: it leans further than the threshold allows.
     Tip,
     /// A hand crushed a bulb of the task.
     Crush,
@@ -84,7 +84,7 @@ impl FromStr for Cause {
 pub struct Causes(u16);
 
 impl Causes {
-    /// None.
+    /// The set that has no cause.
     pub const NONE: Causes = Causes(0);
 
     /// The causes of a list.
@@ -119,7 +119,7 @@ impl Causes {
         Self(self.0 & other.0)
     }
 
-    /// These without one.
+    /// This set without one of its causes.
     #[must_use]
     pub const fn without(self, cause: Cause) -> Self {
         Self(self.0 & !(1 << cause as u8))

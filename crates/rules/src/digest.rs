@@ -41,7 +41,7 @@ impl RowDigest {
         Some(Self { link: bytes?.try_into().ok()?, numbers: Vec::with_capacity(1024) })
     }
 
-    /// Adds a row.
+    /// Continues the chain with the numbers of a row.
     pub fn push(&mut self, row: &Row) {
         self.numbers.clear();
         let numbers = &mut self.numbers;

@@ -8,12 +8,12 @@ use crate::strict::UPRIGHT;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 
-/// What a predicate reads beside the row.
+/// What a predicate reads besides the row.
 #[derive(Debug, Clone, Copy)]
 pub struct Context<'a> {
     /// Numbers to compare with.
     pub thresholds: &'a Thresholds,
-    /// The scene's constants.
+    /// Places and sizes in the scene that predicates measure against.
     pub geometry: &'a Geometry,
     /// Low-passed speeds of both bulbs, by [`Bulb`].
     pub bulb_speeds: [PoseSpeed; 2],
@@ -47,9 +47,9 @@ pub type Predicate = fn(&Row, &Context<'_>) -> bool;
 /// One condition of a gate.
 #[derive(Debug, Clone, Copy)]
 pub struct Criterion {
-    /// Name in results.
+    /// Name of the criterion in results, such as those of `results.json`.
     pub name: &'static str,
-    /// Whether it holds.
+    /// Whether it holds in a row.
     pub holds: Predicate,
 }
 
@@ -114,7 +114,7 @@ impl Gate {
 }
 
 impl Criteria {
-    /// Of no gate.
+    /// Criteria of no gate: none.
     pub(crate) const NONE: Self = Self { held: [false; MAX_CRITERIA], len: 0 };
 
     /// One entry a criterion.
@@ -122,12 +122,12 @@ impl Criteria {
         &self.held[..self.len]
     }
 
-    /// How many hold.
+    /// How many of the criteria hold.
     pub fn count(&self) -> u32 {
         self.as_slice().iter().map(|held| u32::from(*held)).sum()
     }
 
-    /// Whether all hold.
+    /// Whether every criterion holds; true for a gate that has none.
     pub fn all(&self) -> bool {
         self.as_slice().iter().all(|held| *held)
     }

@@ -1,4 +1,4 @@
-//! Constants of the scene that rules need beside a row.
+//! Constants of the scene that rules need besides a row.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! What an episode is, beside its rows: the start of its digest chain.
+//! What an episode is, apart from its rows: the start of its digest chain.
 
 use crate::cause::Causes;
 use crate::digest::RowDigest;
@@ -9,11 +9,11 @@ use crate::thresholds::Thresholds;
 /// Drive of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointDrive {
-    /// N m/rad.
+    /// Stiffness of the drive, N m/rad.
     pub stiffness: f64,
-    /// N m s/rad.
+    /// Damping of the drive, N m s/rad.
     pub damping: f64,
-    /// N m.
+    /// Largest torque of the drive, N m.
     pub effort_limit: f64,
     /// Rated speed, rad/s; infinite where there is none.
     pub speed_limit: f64,
@@ -21,13 +21,13 @@ pub struct JointDrive {
     pub armature: f64,
 }
 
-/// Everything beside the rows that must be equal for two digests to be comparable. A world makes it of what it plays, a
-/// scorer of a bag's header; both start their chain with [`EpisodeIdentity::digest`].
+/// Everything besides the rows that must be equal for two digests to be comparable. A world makes it of what it plays,
+/// a scorer of a bag's header; both start their chain with [`EpisodeIdentity::digest`].
 ///
-/// Light, tint and the noise of sensors touch no row and are no part of it.
+/// Light, tint and the noise of sensors touch no row and are not part of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeIdentity {
-    /// The task.
+    /// The task that is played.
     pub task: Task,
     /// Draws the room and, with the index, everything else.
     pub seed: u64,
@@ -35,7 +35,7 @@ pub struct EpisodeIdentity {
     pub episode: u64,
     /// Seed of the layout in force.
     pub layout_seed: u64,
-    /// By joint.
+    /// Drives of the joints, by joint index.
     pub drives: Vec<JointDrive>,
     /// Friction of the hands; `None` for the robot's own.
     pub hand_friction: Option<f64>,
@@ -47,7 +47,7 @@ pub struct EpisodeIdentity {
     pub thresholds: Thresholds,
     /// The rulebook that ends the episode.
     pub protocol: Protocol,
-    /// What ends it.
+    /// The causes that end the episode.
     pub ends_on: Causes,
     /// Digest of the robot's file, hexadecimal.
     pub model_digest: String,

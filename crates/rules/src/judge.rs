@@ -56,7 +56,7 @@ pub struct Judge {
     verdict: Verdict,
 }
 
-/// Before any row.
+/// The verdict before any row.
 const UNJUDGED: Verdict = Verdict {
     step: 0,
     criteria: Criteria::NONE,
@@ -110,22 +110,22 @@ impl Judge {
         (self.first_met, self.verdict) = ([None; Cause::ALL.len()], UNJUDGED);
     }
 
-    /// The rulebook that it goes by.
+    /// The rulebook by which it judges.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }
 
-    /// The task.
+    /// The task that is judged.
     pub fn task(&self) -> Task {
         self.task
     }
 
-    /// Thresholds in force.
+    /// The thresholds that are in force.
     pub fn thresholds(&self) -> &Thresholds {
         &self.thresholds
     }
 
-    /// The scene's constants.
+    /// Places and sizes in the scene that criteria measure against.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
@@ -163,7 +163,8 @@ impl Judge {
         Context { bulb_speeds, grip_speeds, ..Context::at_rest(self.task, &self.thresholds, &self.geometry) }
     }
 
-    /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it beside c0.
+    /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it, apart from
+    /// c0.
     pub fn start(&mut self, row: &Row) -> &Verdict {
         self.forget();
         self.first_step = row.step;

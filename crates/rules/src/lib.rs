@@ -1,7 +1,8 @@
 //! The rulebook: subtasks, gates, rewards, weights and scores as pure functions of recorded state.
 //!
 //! A [`Judge`] folds the [`Row`]s of an episode into a [`Verdict`] by one [`Protocol`]; [`Judges`] are both over the same
-//! rows. The same code ends an episode online and grades it offline. [`Rewards`] pays for the same rows, term by term. [`Benchmark`] rolls [`Episode`]s up into scores.
+//! rows. The same code ends an episode online and grades it offline. [`Rewards`] pays for the same rows, term by term.
+//! [`Benchmark`] rolls [`Episode`]s up into scores.
 //!
 //! ```
 //! # use fiatlux_rules::{BulbGeometry, Geometry};

@@ -13,13 +13,13 @@ pub fn tilt(world_from_body: &Isometry3<f64>) -> f64 {
     libm::atan2(libm::sqrt(z.x * z.x + z.y * z.y), z.z)
 }
 
-/// The largest of numbers that are zero or above, or 0; NaN is passed over.
+/// The largest of numbers that are zero or above, or 0; NaN is ignored.
 pub fn largest(numbers: impl IntoIterator<Item = f64>) -> f64 {
     // Cheaper than `f64::max`, which looks for NaN on both sides.
     numbers.into_iter().fold(0.0, |largest, number| if number > largest { number } else { largest })
 }
 
-/// The largest length of vectors, or 0; NaN is passed over.
+/// The largest length of vectors, or 0; NaN is ignored.
 pub fn largest_norm(vectors: &[Vector3<f64>]) -> f64 {
     // The root of the largest square is the largest root, to the bit.
     libm::sqrt(largest(vectors.iter().map(Vector3::norm_squared)))
@@ -54,7 +54,7 @@ pub fn facing_angle(world_from_body: &Isometry3<f64>, target: &Vector3<f64>) -> 
     wrap_angle(bearing(&position.xy(), &target.xy()) - yaw(&world_from_body.rotation))
 }
 
-/// Horizontal distance, m.
+/// Distance between two points over the ground: without their difference in z, m.
 pub fn horizontal_distance(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (a - b).xy().norm()
 }
@@ -72,7 +72,7 @@ pub fn heights<const N: usize>(world_from_body: &Isometry3<f64>, body_points: &[
 /// Horizontal distance from a point to a rectangle that a body carries, centred on its origin, m; 0 inside.
 pub fn footprint_distance(world_from_body: &Isometry3<f64>, half: &[f64; 2], point: &Vector3<f64>) -> f64 {
     let local = world_from_body.inverse_transform_point(&Point3::from(*point));
-    // Unlike `max`, this keeps what is not a number.
+    // Unlike `max`, this keeps NaN.
     let outside = |value: f64, half: f64| if value.abs() < half { 0.0 } else { value.abs() - half };
     libm::hypot(outside(local.x, half[0]), outside(local.y, half[1]))
 }
@@ -80,9 +80,9 @@ pub fn footprint_distance(world_from_body: &Isometry3<f64>, half: &[f64; 2], poi
 /// Least and greatest value along an axis (a unit vector), m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
-    /// m.
+    /// Least value along the axis, m.
     pub min: f64,
-    /// m.
+    /// Greatest value along the axis, m.
     pub max: f64,
 }
 

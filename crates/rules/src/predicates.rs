@@ -1,6 +1,6 @@
 //! What gates and terminations are made of. Figures and their sources stand in [`Thresholds`](crate::Thresholds).
 //!
-//! A comparison with what is no number is false on both sides: such a robot neither stands nor has fallen.
+//! A comparison with NaN is false on both sides: such a robot neither stands nor has fallen.
 
 use nalgebra::Vector3;
 

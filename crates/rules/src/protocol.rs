@@ -21,7 +21,7 @@ pub enum Protocol {
 pub struct UnknownProtocol(String);
 
 impl Protocol {
-    /// Both.
+    /// Both protocols, in the order in which results list them.
     pub const ALL: [Protocol; 2] = [Protocol::Published, Protocol::Strict];
 
     /// Name in results and options.

@@ -24,15 +24,15 @@ const DIVERGED: TermSpec = TermSpec::new("diverged", FAILURE, Kind::Condition(Ca
 /// Which reward a subtask pays; `replace` and `climb` have one only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Variant {
-    /// Gate progress alone.
+    /// Pays gate progress alone, as the benchmark scores it.
     Benchmark,
     /// Gate progress and shaping.
     Training,
 }
 
-/// Pays for the rows of one episode. Runs beside a [`Judge`], whose verdict it reads.
+/// Pays for the rows of one episode. Runs next to a [`Judge`], whose verdict it reads.
 ///
-/// What is not finite pays nothing: a potential counts it as 0, a record passes over it, and a value drops out. A row that
+/// What is not finite pays nothing: a potential counts it as 0, a record ignores it, and a value drops out. A row that
 /// diverged pays its failures alone.
 #[derive(Debug, Clone)]
 pub struct Rewards {

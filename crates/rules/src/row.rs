@@ -15,7 +15,7 @@ pub const HIGH_TREAD_HEIGHT: f64 = 0.47;
 /// The sizes of a row that depend on the robot. They come with the robot's data file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct RobotLayout {
-    /// Driven joints.
+    /// Number of driven joints, and so the length of every list by joint.
     pub joints: usize,
     /// Sensed bodies of each hand.
     pub hand_bodies_per_side: usize,
@@ -31,7 +31,7 @@ impl RobotLayout {
 /// Index into the two bulbs of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Bulb {
-    /// The spent one.
+    /// The spent bulb, which the errand takes out of the lamp.
     Old = 0,
     /// The one that replaces it.
     Fresh = 1,
@@ -49,9 +49,9 @@ pub enum Limb {
     LeftFoot = 0,
     /// Right ankle roll link.
     RightFoot = 1,
-    /// Left palm.
+    /// The palm of the left hand.
     LeftPalm = 2,
-    /// Right palm.
+    /// The palm of the right hand.
     RightPalm = 3,
 }
 
@@ -73,9 +73,9 @@ pub enum Support {
 pub struct BodyRow {
     /// Pose in the world, m.
     pub pose: Isometry3<f64>,
-    /// m/s.
+    /// Velocity of the link's origin, m/s.
     pub linear_velocity: Vector3<f64>,
-    /// rad/s.
+    /// Angular velocity of the body, rad/s.
     pub angular_velocity: Vector3<f64>,
 }
 
@@ -105,7 +105,7 @@ impl AttachmentRow {
 pub struct Row {
     /// Number of control steps since reset.
     pub step: u64,
-    /// The pelvis.
+    /// Pose and velocity of the robot's pelvis.
     pub robot: BodyRow,
     /// Velocity of the robot's centre of mass, m/s.
     pub com_velocity: Vector3<f64>,
@@ -113,7 +113,7 @@ pub struct Row {
     pub world_from_palm: [Isometry3<f64>; 2],
     /// rad, in the public joint order.
     pub joint_position: Vec<f64>,
-    /// rad/s.
+    /// Speeds of the joints in the same order, rad/s.
     pub joint_velocity: Vec<f64>,
     /// Targets that led to this row, rad.
     pub joint_target: Vec<f64>,
@@ -121,13 +121,13 @@ pub struct Row {
     pub joint_effort: Vec<f64>,
     /// The action that led to this row as it was received; in row 0 the staged posture in action units.
     pub action: Vec<f64>,
-    /// The ladder.
+    /// Pose and velocity of the ladder.
     pub ladder: BodyRow,
     /// Both bulbs, by [`Bulb`].
     pub bulbs: [BodyRow; 2],
-    /// The socket.
+    /// Pose of the lamp's socket in the world, m.
     pub fixture: Isometry3<f64>,
-    /// The crate.
+    /// Pose of the disposal crate in the world, m.
     pub crate_: Isometry3<f64>,
     /// Contact force of each bulb on each sensed hand body in the last physics step, world axes, N.
     pub hand_force: [Vec<Vector3<f64>>; 2],
@@ -224,7 +224,7 @@ impl Clone for Row {
         row
     }
 
-    /// Copies into the lists that are there already: no allocation between rows of one layout.
+    /// Copies into its present lists: no allocation between rows of one layout.
     fn clone_from(&mut self, source: &Self) {
         let Self {
             step,

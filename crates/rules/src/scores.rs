@@ -12,9 +12,9 @@ pub use rate::{Rate, wilson_interval};
 /// What one episode amounts to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
-    /// The task.
+    /// The task that was played.
     pub task: Task,
-    /// The gate fired.
+    /// Whether the gate fired: it held for its whole window.
     pub success: bool,
     /// A bulb pressed harder on a hand body than it can bear.
     pub broken: bool,
@@ -26,7 +26,7 @@ pub struct Summary {
     pub peak_hand_force_n: f64,
     /// Mean over the steps of the sum of squared actions.
     pub control_effort: f64,
-    /// Control steps.
+    /// Control steps that were played.
     pub steps: u64,
     /// How it ended; `None` while it runs or where it was cut.
     pub end: Option<End>,

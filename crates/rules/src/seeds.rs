@@ -15,7 +15,7 @@ pub enum SeedOwner {
     Tests,
     /// Judging policies, and nothing else.
     Judging,
-    /// Training and search.
+    /// Training policies, and searching for motions.
     Training,
 }
 
@@ -23,9 +23,9 @@ pub enum SeedOwner {
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("seed {seed} is for {}, not for training or search; use seeds of {} and above", .owner.purpose(), SeedOwner::Training.seeds().start())]
 pub struct ReservedSeed {
-    /// The seed.
+    /// The seed that was asked for.
     pub seed: u64,
-    /// Whose it is.
+    /// What the seed is reserved for.
     pub owner: SeedOwner,
 }
 
@@ -33,7 +33,7 @@ impl SeedOwner {
     /// All owners, by their seeds.
     pub const ALL: [SeedOwner; 4] = [SeedOwner::Published, SeedOwner::Tests, SeedOwner::Judging, SeedOwner::Training];
 
-    /// Its seeds.
+    /// The seeds that are for this purpose alone.
     pub fn seeds(self) -> RangeInclusive<u64> {
         match self {
             SeedOwner::Published => 0..=3,

@@ -7,12 +7,12 @@ use nalgebra::{Isometry3, UnitQuaternion};
 
 use crate::row::CONTROL_DT;
 
-/// Low-passed speeds.
+/// Speed and turning speed of a pose, both low-passed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PoseSpeed {
-    /// m/s.
+    /// Speed of its position, m/s.
     pub linear: f64,
-    /// rad/s.
+    /// Speed of its orientation, rad/s.
     pub angular: f64,
 }
 

@@ -18,7 +18,7 @@ pub(crate) const SUBTASK_HORIZON: u64 = 6_000;
 pub enum ControlMode {
     /// Walking on the floor.
     FlatNavigation,
-    /// Hands at work.
+    /// Hands at work: grasping, holding, placing or fitting.
     Manipulation,
     /// Feet, and hands, on the ladder.
     Climbing,
@@ -44,11 +44,11 @@ pub enum Factor {
     Release,
     /// Taking hold of a thing at rest.
     Grasp,
-    /// Carrying a load.
+    /// Carrying a load on the way: the ladder or a bulb.
     Carry,
     /// Up or down the ladder.
     Traverse,
-    /// Bulb and socket.
+    /// Bringing a bulb and the socket together, or apart.
     Mate,
     /// Several control modes in one episode.
     Span,
@@ -82,7 +82,7 @@ pub enum Ladder {
 pub enum Spot {
     /// In the socket's hold.
     Socket,
-    /// On the bench.
+    /// Standing on the work bench.
     Bench,
     /// Upright in the crate.
     Crate,
@@ -95,11 +95,11 @@ pub enum Spot {
 /// A thing that a start is measured from, or that the robot faces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Landmark {
-    /// The ladder's origin.
+    /// The origin of the ladder.
     Ladder,
-    /// The crate's origin.
+    /// The origin of the crate.
     Crate,
-    /// The fresh bulb.
+    /// The origin of the fresh bulb.
     FreshBulb,
 }
 
@@ -215,7 +215,7 @@ pub struct SpecialRules {
 }
 
 impl SpecialRules {
-    /// None of them.
+    /// No special rule: what most tasks have.
     pub const NONE: Self = Self {
         fresh_drop_m: |thresholds| thresholds.fresh_drop_m,
         bulbs_parked: false,
@@ -227,11 +227,11 @@ impl SpecialRules {
 /// All that defines a task.
 #[derive(Debug, Clone, Copy)]
 pub struct TaskSpec {
-    /// `S01`, `replace`.
+    /// Short name, such as `S01` or `replace`.
     pub short_id: &'static str,
-    /// `Fiatlux-S01-MoveLadder-v1`.
+    /// Full id, such as `Fiatlux-S01-MoveLadder-v1`.
     pub id: &'static str,
-    /// `Move Ladder`.
+    /// Name for people, such as `Move Ladder`.
     pub name: &'static str,
     /// What the robot is told.
     pub instruction: &'static str,
@@ -245,9 +245,9 @@ pub struct TaskSpec {
     pub horizon_steps: u64,
     /// The bulbs that the robot handles; dropping or crushing them concerns the task.
     pub bulbs: &'static [Bulb],
-    /// How it starts.
+    /// Where robot, ladder and bulbs are at the start.
     pub start: StartSpec,
-    /// When it succeeds.
+    /// What must hold, and for how long, for success.
     pub gate: Gate,
     /// Criteria that hold in its start state.
     pub start_count: u32,

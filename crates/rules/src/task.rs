@@ -25,7 +25,7 @@ pub enum Task {
     S10,
     S11,
     S12,
-    /// The full errand.
+    /// The full errand, from moving the ladder to throwing the spent bulb away.
     Replace,
     /// Climbing alone, in a scene of its own.
     Climb,
@@ -38,7 +38,7 @@ pub enum Task {
 pub struct UnknownTask(String);
 
 impl Task {
-    /// The twelve subtasks.
+    /// The twelve subtasks that the benchmark score is made of, in order.
     pub const SUBTASKS: [Task; 12] = [
         Task::S01,
         Task::S02,
@@ -66,7 +66,7 @@ impl Task {
         all
     };
 
-    /// Its definition.
+    /// All that defines the task.
     pub fn spec(self) -> &'static TaskSpec {
         match self {
             Task::S01 => &tasks::s01_move_ladder::SPEC,
@@ -86,17 +86,17 @@ impl Task {
         }
     }
 
-    /// `S01`, `replace`.
+    /// Short name, such as `S01` or `replace`.
     pub fn short_id(self) -> &'static str {
         self.spec().short_id
     }
 
-    /// `Fiatlux-S01-MoveLadder-v1`.
+    /// Full id, such as `Fiatlux-S01-MoveLadder-v1`.
     pub fn id(self) -> &'static str {
         self.spec().id
     }
 
-    /// `Move Ladder`.
+    /// Name for people, such as `Move Ladder`.
     pub fn name(self) -> &'static str {
         self.spec().name
     }

@@ -12,15 +12,15 @@ pub enum ThresholdError {
     /// No threshold has this name.
     #[error("there is no threshold '{key}'; known ones are {}", Thresholds::KEYS.join(", "))]
     Key {
-        /// The name found.
+        /// The name that was given.
         key: String,
     },
-    /// The value is no number that fits.
+    /// The value is not a number that fits.
     #[error("threshold '{key}' cannot be '{value}'; it must be {rule}")]
     Value {
         /// Name of the threshold.
         key: &'static str,
-        /// The value found.
+        /// The value that was given.
         value: String,
         /// What it must be.
         rule: &'static str,

@@ -32,7 +32,7 @@ impl End {
 /// What the rows up to one say.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Verdict {
-    /// The row.
+    /// Step of the last row that was judged.
     pub step: u64,
     /// Criteria of the gate in this row.
     pub criteria: Criteria,

@@ -14,9 +14,9 @@ pub enum SafetensorsError {
         "the file lacks the tensor '{tensor}', expected with shape {shape:?}; save the network's whole state_dict()"
     )]
     Missing {
-        /// Its name.
+        /// Name of the tensor that is missing.
         tensor: String,
-        /// Its shape.
+        /// The shape that the network needs.
         shape: Vec<usize>,
     },
     /// A tensor has another shape.
@@ -24,11 +24,11 @@ pub enum SafetensorsError {
         "tensor '{tensor}': expected shape {expected:?}, found {found:?}; save the state_dict() of a network of this shape"
     )]
     Shape {
-        /// Its name.
+        /// Name of the tensor in the file.
         tensor: String,
-        /// The network's shape.
+        /// The shape that the network needs.
         expected: Vec<usize>,
-        /// The file's shape.
+        /// The shape that the file has.
         found: Vec<u64>,
     },
     /// A tensor has another type of number.
@@ -36,9 +36,9 @@ pub enum SafetensorsError {
         "tensor '{tensor}': expected dtype F32, found {found}; convert the state_dict() with .float() before saving"
     )]
     Type {
-        /// Its name.
+        /// Name of the tensor in the file.
         tensor: String,
-        /// The file's type.
+        /// The dtype in the file, such as `F16`.
         found: String,
     },
     /// A tensor's place in the file is not of its size, or not in the file.
@@ -47,7 +47,7 @@ pub enum SafetensorsError {
          the file is cut or damaged: copy it again"
     )]
     Extent {
-        /// Its name.
+        /// Name of the tensor in the file.
         tensor: String,
         /// Bytes of its shape.
         expected: u64,

@@ -1,4 +1,4 @@
-//! Microseconds per LiDAR scan: standing before the ladder, on its platform, and lying beside it.
+//! Microseconds per LiDAR scan: standing before the ladder, on its platform, and lying next to it.
 #![expect(clippy::disallowed_methods, reason = "it measures time")]
 
 use std::error::Error;

@@ -27,7 +27,7 @@ pub enum SenseError {
     /// The caller's buffer has another length than the sensor.
     #[error("sensor '{sensor}' has {expected} numbers; the buffer has room for {found}")]
     Buffer {
-        /// The sensor.
+        /// Name of the sensor in messages.
         sensor: &'static str,
         /// Numbers of the sensor.
         expected: usize,
@@ -155,7 +155,7 @@ impl Devices {
         Ok(sensed)
     }
 
-    /// A scan.
+    /// The scan of the LiDAR at this row; cast once a row, then kept.
     pub fn scan(&mut self, view: &View<'_>, sight: Sight) -> Result<&Lidar, SenseError> {
         let found = self.lidars.iter_mut().find(|(of, _)| *of == sight);
         let (_, lidar) = found.ok_or(SenseError::Absent("LiDAR"))?;
@@ -165,7 +165,7 @@ impl Devices {
         Ok(&lidar.by)
     }
 
-    /// A camera's image.
+    /// The image of a camera at this row; drawn once a row, then kept.
     pub fn picture(&mut self, view: &View<'_>, camera: &'static str) -> Result<&Image, SenseError> {
         let Studio { visuals, lighting, cameras } = self.studio.as_mut().ok_or(SenseError::Absent("camera"))?;
         let found = cameras.iter_mut().find(|(name, _)| *name == camera);

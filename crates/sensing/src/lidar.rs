@@ -19,9 +19,9 @@ use nalgebra::{Isometry3, Vector3};
 use crate::world_from_link;
 use cast::{Placed, Target};
 
-/// Elevations.
+/// Elevations of a scan, from -25 to 25 degrees.
 pub const LIDAR_ROWS: usize = 32;
-/// Azimuths.
+/// Azimuths of a scan, 2 degrees apart from -180 degrees.
 pub const LIDAR_COLUMNS: usize = 180;
 /// Rays of a scan.
 pub const LIDAR_RAYS: usize = LIDAR_ROWS * LIDAR_COLUMNS;

@@ -22,7 +22,7 @@ pub struct Proprioception {
 }
 
 impl Proprioception {
-    /// All numbers 0, for a robot of so many joints.
+    /// All numbers 0, for a robot with that many joints.
     pub fn zeros(joints: usize) -> Self {
         Self {
             base_angular_velocity: [0.0; 3],

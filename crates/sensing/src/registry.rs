@@ -36,7 +36,7 @@ sensors! {
     HandContact: hand_contact::ENTRY,
     /// Force of the ladder on feet and palms.
     LimbContact: limb_contact::ENTRY,
-    /// The last action.
+    /// The action that led to the observation; at first the staged posture in action units.
     LastAction: last_action::ENTRY,
     /// Ranges to floor and ladder, and to the room where a session asks for it.
     Lidar: lidar::ENTRY,
@@ -44,18 +44,18 @@ sensors! {
     Camera: camera::ENTRY,
     /// ResNet-18 features of that image.
     Features: features::ENTRY,
-    /// The published vector.
+    /// The published flat vector, with the published scales.
     Flat: flat::ENTRY,
     /// Exact poses and distances.
     Privileged: privileged::ENTRY,
-    /// Gate and reward.
+    /// Criteria of the gate, its progress, and the reward of the step.
     Verdict: verdict::ENTRY,
     /// Image of the camera on the chest, which looks down at treads and hands.
     ChestCamera: chest_camera::ENTRY,
 }
 
 impl Sensor {
-    /// Name in messages.
+    /// Name in messages, such as `proprioception`.
     pub const fn name(self) -> &'static str {
         self.entry().name
     }

@@ -52,7 +52,7 @@ pub enum Cost {
     Body,
     /// A scan of the LiDAR.
     Scan,
-    /// A camera's image.
+    /// The image of one camera.
     Image,
     /// A network's answer to an image.
     Network,
@@ -61,11 +61,11 @@ pub enum Cost {
 /// What the shapes of terms depend on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Setup {
-    /// The task.
+    /// The task whose episode is sensed.
     pub task: Task,
     /// Whose criteria a verdict lists.
     pub protocol: Protocol,
-    /// The robot's sizes.
+    /// Sizes of the robot's lists.
     pub layout: RobotLayout,
     /// Width and height of the cameras' images, pixels.
     pub image_size: [usize; 2],
@@ -93,7 +93,7 @@ pub struct Term {
     pub unit: &'static str,
     /// Least and greatest value, before scaling.
     pub range: [f64; 2],
-    /// Factor, after noise.
+    /// Factor that the number is multiplied by, after noise.
     pub scale: f64,
     /// Half-width of its uniform noise, in its unit; 0 for none.
     pub noise: f64,

@@ -28,7 +28,7 @@ macro_rules! sensors_with {
 }
 
 impl Sensors {
-    /// None.
+    /// The set without any sensor.
     pub const NONE: Self = Self(0);
     /// Those that are large in a message.
     pub const LARGE: Self = sensors_with!(|sensor, _needs| sensor.is_large());
@@ -60,13 +60,13 @@ impl Sensors {
         self.0 & 1 << sensor as u32 != 0
     }
 
-    /// With another one.
+    /// This set with another sensor.
     #[must_use]
     pub const fn with(self, sensor: Sensor) -> Self {
         Self(self.0 | 1 << sensor as u32)
     }
 
-    /// Those of both.
+    /// The sensors that are in either set.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)

@@ -4,13 +4,13 @@ use fiatlux_world::{Episode, Scene};
 /// What there is to be sensed: a row, and what the rules say of it.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
-    /// The scene.
+    /// The scene that the row belongs to.
     pub scene: &'a Scene,
     /// Index of the episode.
     pub episode: u64,
-    /// The row.
+    /// The row that is sensed.
     pub row: &'a Row,
-    /// The task.
+    /// The task that is played.
     pub task: Task,
     /// The judge, who has seen the row.
     pub judge: &'a Judge,

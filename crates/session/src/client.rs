@@ -21,11 +21,11 @@ pub use failure::SessionFailure;
 /// Longest time between two tries.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
-/// A query that nobody has answered for so long is asked again. No two are under way at once: a reset that came late
+/// A query that nobody has answered for this time is asked again. No two are under way at once: a reset that came late
 /// would abort the episode that the earlier one started.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(16);
 
-/// So many refusals of one action, or messages that cannot be read, without an observation between them are no accident.
+/// This many refusals of one action, or unreadable messages, without an observation between them are not an accident.
 const MAX_REFUSALS: u32 = 3;
 
 /// An action is not sent again earlier, however short round trips are.
@@ -35,10 +35,10 @@ const SHORTEST_WAIT: Duration = Duration::from_millis(20);
 /// be sent again.
 const MAX_AHEAD: usize = MAX_WAITING_MESSAGES / 2;
 
-/// A server whose token is away for so long, and that says nothing meanwhile, is gone.
+/// A server whose token is away for this time, and that says nothing meanwhile, is gone.
 const AWAY: Duration = Duration::from_secs(5);
 
-/// Each so many tries the last observation is asked for too.
+/// Once in this many tries the last observation is asked for too.
 const ASK_EVERY: u32 = 4;
 
 /// How a query ended: with a reply, an error reply, or none.
@@ -72,9 +72,9 @@ pub enum Input {
 pub enum Output {
     /// Query `reset` with this [`ResetRequest`].
     Reset(Bytes),
-    /// Publish this [`Action`](fiatlux_proto::v3::Action).
+    /// Publish this [`Action`](fiatlux_proto::v3::Action) as it is encoded.
     Action(Bytes),
-    /// Query `observation`.
+    /// Query `observation`, whose last one may have been lost on the way.
     AskObservation,
     /// Time between an action and its observation, which follows.
     RoundTrip(Duration),
@@ -99,13 +99,13 @@ enum Phase {
     Waiting { step: u64, actions: VecDeque<Bytes>, again: Duration },
 }
 
-/// One client's session.
+/// One client's session: a state machine without I/O and without a clock.
 #[derive(Debug)]
 pub struct ClientSession {
     info: SessionInfo,
     layout: Result<ObservationLayout, TermError>,
     resend: Duration,
-    /// A server that says nothing for so long is gone.
+    /// A server that says nothing for this time is gone.
     silence: Duration,
     episode: u64,
     phase: Phase,
@@ -184,7 +184,7 @@ impl ClientSession {
             info: info.clone(),
             layout: ObservationLayout::new(info),
             resend,
-            // A server that waits for its recorder is silent for so long, and is no dead one.
+            // A server that waits for its recorder is silent for that time without being dead.
             silence: grace.max(2 * RECORDER_TIMEOUT),
             episode: 0,
             phase: Phase::Idle,

@@ -9,7 +9,7 @@ use thiserror::Error;
 pub enum Command {
     /// In action units: joint target = q0 + action_scale * action.
     Action(Vec<f64>),
-    /// Joint targets, rad.
+    /// Joint targets themselves, rad.
     JointTarget(Vec<f64>),
 }
 
@@ -25,7 +25,7 @@ pub enum CommandError {
     /// Not a number for each joint.
     #[error("{field} has {found} numbers instead of {expected}")]
     Length {
-        /// `action` or `joint_target`.
+        /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
         /// How many there are.
         found: usize,
@@ -35,25 +35,25 @@ pub enum CommandError {
     /// NaN or infinite, or, where the session has no bound, a joint target that is infinite in action units.
     #[error("{field} of joint '{name}' is not finite")]
     NotFinite {
-        /// `action` or `joint_target`.
+        /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
         /// Index of the joint.
         joint: usize,
-        /// Its name.
+        /// Name of the joint.
         name: String,
-        /// The number.
+        /// The number that was commanded.
         value: f64,
     },
-    /// Beyond `SessionInfo.action_limit`.
+    /// A number beyond the bound that `SessionInfo.action_limit` sets.
     #[error("{field} of joint '{name}' is {value:?}; it must be from {low} to {high}")]
     Range {
-        /// `action` or `joint_target`.
+        /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
         /// Index of the joint.
         joint: usize,
-        /// Its name.
+        /// Name of the joint.
         name: String,
-        /// The number.
+        /// The number that was commanded.
         value: f64,
         /// The least that is taken.
         low: f64,

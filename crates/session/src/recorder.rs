@@ -16,10 +16,10 @@ use crate::machine::Machine;
 pub use order::MAX_WAITING;
 use order::{Next, Order};
 
-/// An acknowledgement that can wait does so until it covers so many records, or half of the longest time allowed.
+/// An acknowledgement that can wait does so until it covers this many records, or half of the longest time allowed.
 const RECORDS_PER_ACK: u64 = 64;
 
-/// A server that is gone for so long does not come back to finish its episode.
+/// A server that is gone for this time does not come back to finish its episode.
 const SERVER_TIMEOUT: Duration = RECORDER_TIMEOUT;
 
 /// What reaches a recorder of one session.
@@ -36,7 +36,7 @@ pub enum Input {
     /// The open bag has all rows before this step on disk; 0 where no bag is open.
     OnDisk(u64),
     /// What was to be written last is not on disk, and its bag is given up: what follows of its episode is dropped. Nothing of
-    /// that is acknowledged. The rows are passed over when a later episode has its bag.
+    /// that is acknowledged. The rows are skipped when a later episode has its bag.
     WriteFailed,
     /// Nothing but the time.
     Tick,
@@ -52,7 +52,7 @@ pub enum Output {
     Request(Bytes),
     /// Publish this [`StepRecordAck`] on `truth/ack`.
     Ack(Bytes),
-    /// So many records are in no bag: they were gone before they were heard of, or their bag had to be given up.
+    /// That many records are in no bag: they were gone before they were heard of, or their bag had to be given up.
     Lost(u64),
     /// Nothing more comes, and no bag is open.
     Done,
@@ -61,7 +61,7 @@ pub enum Output {
 /// What goes into bags.
 #[derive(Debug, PartialEq)]
 pub enum Write {
-    /// A new bag.
+    /// Begin a new bag with this header.
     Open(Box<EpisodeHeader>),
     /// A row, or the events that end an episode without one.
     Row(Box<StepRecord>),

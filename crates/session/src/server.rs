@@ -207,7 +207,7 @@ impl<H: Host, R> ServerSession<H, R> {
         &self.info
     }
 
-    /// The simulation.
+    /// The simulation that the session plays.
     pub fn host(&self) -> &H {
         &self.host
     }

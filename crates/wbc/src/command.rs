@@ -22,7 +22,7 @@ pub struct Command {
 }
 
 impl Default for Command {
-    /// To stand upright.
+    /// Standing upright at the nominal height.
     fn default() -> Self {
         Self { velocity: [0.0; 3], height: NOMINAL_HEIGHT, torso: [0.0; 3] }
     }

@@ -59,9 +59,9 @@ pub struct Joint {
 pub struct Training {
     /// Of networks and worlds.
     pub seed: u64,
-    /// Control steps.
+    /// Control steps of all worlds together.
     pub samples: u64,
-    /// Of wall clock.
+    /// How long it took, minutes of wall-clock time.
     pub minutes: f64,
     /// What it ran on.
     pub hardware: String,
@@ -111,7 +111,7 @@ impl Contract {
         Ok(contract)
     }
 
-    /// As JSON.
+    /// The contract as JSON, as it is stored in the file.
     pub fn to_json(&self) -> String {
         serde_json::json!(self).to_string()
     }

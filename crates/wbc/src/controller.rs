@@ -34,7 +34,7 @@ impl Controller {
         }
     }
 
-    /// Begins another episode.
+    /// Forgets the episode that was played, before another one begins.
     pub fn restart(&mut self) {
         self.history.clear();
         self.setpoint = None;

@@ -25,7 +25,7 @@ pub enum WbcError {
     /// A layer without numbers, or too wide.
     #[error("the controller has a layer of {size} numbers, and they have 1 to {most}; export it again")]
     Layer {
-        /// In the contract.
+        /// Numbers of the layer, as its contract says.
         size: usize,
         /// The most that is taken.
         most: usize,
@@ -36,11 +36,11 @@ pub enum WbcError {
     /// It was made for something else.
     #[error("the controller was made for {what} {found}, and this is {expected}; train or export one for it")]
     Unfit {
-        /// What differs.
+        /// Which property differs, with its unit where it has one.
         what: String,
-        /// In the contract.
+        /// The value in the contract.
         found: String,
-        /// Here.
+        /// The value in this program, or in the session.
         expected: String,
     },
     /// A tensor holds NaN or infinity.
@@ -60,13 +60,13 @@ pub enum WbcError {
     /// A command that is not finite or out of range.
     #[error("command {field} is {value}, outside of {low} to {high}; command something within")]
     Command {
-        /// Its name.
+        /// Name of the number, such as `vx`.
         field: &'static str,
-        /// As commanded.
+        /// The value that was commanded.
         value: f64,
-        /// Least value.
+        /// The least value that is taken.
         low: f64,
-        /// Greatest value.
+        /// The greatest value that is taken.
         high: f64,
     },
 }

@@ -30,11 +30,11 @@ pub const FRAME_LENGTH: usize = 80;
 /// What the standard observation says of the robot's own body, as far as the controller reads it.
 #[derive(Debug, Clone, Copy)]
 pub struct Sensed<'a> {
-    /// Pelvis frame, rad/s.
+    /// Angular velocity of the pelvis, pelvis frame, rad/s.
     pub base_angular_velocity: [f64; 3],
     /// Pelvis frame, about a unit vector.
     pub projected_gravity: [f64; 3],
-    /// Pelvis frame, m/s.
+    /// Velocity of the pelvis, pelvis frame, m/s.
     pub base_linear_velocity: [f64; 3],
     /// Of the pelvis in the world, m.
     pub base_height: f64,
@@ -75,12 +75,12 @@ pub struct History {
 }
 
 impl History {
-    /// Empty, for so many frames.
+    /// An empty history of that many frames.
     pub fn new(frames: usize) -> Self {
         Self { numbers: vec![0.0; frames * FRAME_LENGTH] }
     }
 
-    /// Forgets all frames.
+    /// Forgets all frames, as before the first one of an episode.
     pub fn clear(&mut self) {
         self.numbers.fill(0.0);
     }

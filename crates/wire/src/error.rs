@@ -16,7 +16,7 @@ pub enum WireError {
     Length {
         /// Path of the field in the message.
         field: &'static str,
-        /// Its length.
+        /// Length that the list has.
         found: usize,
         /// The length that it must have.
         expected: usize,

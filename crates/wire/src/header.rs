@@ -45,7 +45,7 @@ pub fn reward_of(header: &EpisodeHeader) -> Result<Variant, WireError> {
     })
 }
 
-/// What the episode is, beside its rows: the header's digest_context must be the digest of this.
+/// What the episode is, apart from its rows: the header's digest_context must be the digest of this.
 ///
 /// # Errors
 /// [`WireError`], with the field: one is missing, or names what this version does not know.

@@ -216,7 +216,7 @@ pub fn frame_of(robot: &Robot, link: Option<usize>) -> String {
     link.map_or_else(|| WORLD.to_owned(), |link| robot.links()[link].name.clone())
 }
 
-/// A row's time.
+/// The simulated time of a row, from row 0.
 pub fn time_of(step: u64) -> Timestamp {
     const STEP_NS: u64 = (CONTROL_DT * 1e9) as u64;
     let ns = step.saturating_mul(STEP_NS);

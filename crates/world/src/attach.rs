@@ -11,9 +11,9 @@ use crate::config::AttachmentConfig;
 /// Whether the socket holds a bulb.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AttachmentState {
-    /// Not held.
+    /// The socket does not hold the bulb.
     Free,
-    /// Held.
+    /// The socket holds the bulb.
     Seated,
 }
 
@@ -64,9 +64,9 @@ impl PlugState {
 }
 
 impl Attachment {
-    /// Not held.
+    /// A bulb that the socket does not hold.
     pub const FREE: Self = Self { state: AttachmentState::Free, steps_beyond: 0 };
-    /// Held.
+    /// A bulb that the socket holds and that has not begun to leave.
     pub const SEATED: Self = Self { state: AttachmentState::Seated, steps_beyond: 0 };
 
     /// Whether the bulb is held.

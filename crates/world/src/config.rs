@@ -1,4 +1,4 @@
-//! Every number of the scene. The published values and their sources stand in `scene.toml`, beside the meaning of
+//! Every number of the scene. The published values and their sources stand in `scene.toml`, with the meaning of
 //! each field.
 
 mod check;
@@ -26,18 +26,18 @@ pub struct SceneConfig {
     pub room: RoomConfig,
     /// Work bench with tray.
     pub bench: BenchConfig,
-    /// Disposal crate.
+    /// Crate that the spent bulb is thrown into.
     #[serde(rename = "crate")]
     pub crate_: CrateConfig,
     /// Lamp socket and its mount.
     pub fixture: FixtureConfig,
-    /// Both bulbs.
+    /// Shape, mass and inertia of both bulbs, which are alike.
     pub bulb: BulbConfig,
-    /// Step ladder.
+    /// Step ladder with its treads, platform and guard rail.
     pub ladder: LadderConfig,
     /// The socket's hold on a bulb.
     pub attachment: AttachmentConfig,
-    /// Friction.
+    /// Friction of all surfaces but the robot's.
     pub surfaces: Surfaces,
     /// Draw of the room.
     pub layout: LayoutConfig,

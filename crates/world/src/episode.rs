@@ -18,17 +18,17 @@ use crate::{
 /// What an episode is. It plays in the scene that [`EpisodeSpec::scene`] describes; gains are the scene's.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeSpec {
-    /// The task.
+    /// The task that is played.
     pub task: Task,
     /// Draws the room and the sizes of the props, and with the episode everything else.
     pub seed: u64,
-    /// Index.
+    /// Index of the episode; with the seed it draws what varies.
     pub episode: u64,
     /// Which draws it makes.
     pub randomize: Randomization,
     /// Sizes of the props; not in force where they are drawn.
     pub scale: PropScale,
-    /// Thresholds in force.
+    /// The thresholds that are in force.
     pub thresholds: Thresholds,
     /// Which of the two judges ends it, and pays for it.
     pub protocol: Protocol,
@@ -106,7 +106,7 @@ impl EpisodeSpec {
         Err(StartError::OtherScene { task, seed, episode, what, needed, found })
     }
 
-    /// What must be equal beside the rows for two digests to be comparable.
+    /// What must be equal besides the rows for two digests to be comparable.
     pub fn identity(&self, scene: &Scene) -> EpisodeIdentity {
         let drive = |gains: &JointGains| JointDrive {
             stiffness: gains.stiffness,
@@ -142,10 +142,10 @@ impl EpisodeSpec {
 /// Why an episode took no step; it is unchanged then.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EpisodeError {
-    /// It has ended.
+    /// The episode has ended, so no step can follow.
     #[error("the episode ended at step {step}; start another one")]
     Ended {
-        /// Its last row.
+        /// Step of its last row.
         step: u64,
     },
     /// The world refused the action.
@@ -252,7 +252,7 @@ impl Episode {
         })
     }
 
-    /// What it is.
+    /// What the episode was asked to be.
     pub fn spec(&self) -> &EpisodeSpec {
         &self.spec
     }
@@ -274,17 +274,17 @@ impl Episode {
         self.world.scene()
     }
 
-    /// The world.
+    /// The world that it plays in.
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// The last row.
+    /// The row after the last step; row 0 before the first one.
     pub fn row(&self) -> &Row {
         self.world.row()
     }
 
-    /// Both judges.
+    /// Both judges: that of `published` and that of `strict`.
     pub fn judges(&self) -> &Judges {
         &self.judges
     }

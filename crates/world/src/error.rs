@@ -13,7 +13,7 @@ pub enum SceneError {
     Toml {
         /// Line of the fault, from 1, where known.
         line: Option<usize>,
-        /// What is wrong.
+        /// What is wrong with the text.
         reason: String,
     },
     /// A field has a value that makes no scene.
@@ -23,7 +23,7 @@ pub enum SceneError {
         field: &'static str,
         /// Its line, from 1, where the config's text gives it.
         line: Option<usize>,
-        /// The value found.
+        /// The value that was found.
         value: String,
         /// The rule that it breaks.
         rule: String,
@@ -31,7 +31,7 @@ pub enum SceneError {
     /// The zones do not fit into the room.
     #[error("no room for seed {seed} after {redraws} draws: '{zone}' found no free place; make zones or gap smaller")]
     Layout {
-        /// Layout seed.
+        /// The layout seed that the room was drawn from.
         seed: u64,
         /// How often the room was drawn.
         redraws: u32,
@@ -43,11 +43,11 @@ pub enum SceneError {
     Scale {
         /// The factor, such as `ladder_z`.
         factor: &'static str,
-        /// The value found.
+        /// The value that was given.
         value: f64,
-        /// Least factor.
+        /// Least factor that is taken.
         low: f64,
-        /// Largest factor.
+        /// Largest factor that is taken.
         high: f64,
     },
     /// A recorded layout is none of this scene's.
@@ -84,7 +84,7 @@ pub enum WorldError {
     /// An action or a joint target is NaN or infinite.
     #[error("{field} of joint '{joint}' is not finite; send finite numbers")]
     Joint {
-        /// `action` or `target`.
+        /// Which list: `action` or `target`.
         field: &'static str,
         /// Name of the joint.
         joint: String,
@@ -94,15 +94,15 @@ pub enum WorldError {
     Action {
         /// Name of the joint.
         joint: String,
-        /// The number found.
+        /// The number that was found.
         value: f64,
     },
     /// An action or a list of joint targets is not as long as the robot has joints.
     #[error("{field} has {found} numbers instead of {expected}; send one a joint")]
     Length {
-        /// `action` or `target`.
+        /// Which list: `action` or `target`.
         field: &'static str,
-        /// Its length.
+        /// Length that the list has.
         found: usize,
         /// Joints of the robot.
         expected: usize,
@@ -124,9 +124,9 @@ pub enum WorldError {
     /// A row is of another robot.
     #[error("row to start from: it has {found:?}, the scene's robot has {expected:?}; take a row of the same robot")]
     Layout {
-        /// The row's.
+        /// Sizes of the row's robot.
         found: RobotLayout,
-        /// The scene's.
+        /// Sizes of the scene's robot.
         expected: RobotLayout,
     },
     /// A row cannot be started from.
@@ -134,7 +134,7 @@ pub enum WorldError {
     Row {
         /// The field at fault.
         field: &'static str,
-        /// The value found.
+        /// The value that was found.
         value: f64,
         /// The rule that it breaks.
         rule: &'static str,

@@ -20,7 +20,7 @@ pub struct ControlInput<'a> {
 }
 
 impl<'a> ControlInput<'a> {
-    /// Joint targets alone.
+    /// Joint targets alone: no wrenches and no push.
     pub fn new(action: &'a [f64], joint_target: &'a [f64]) -> Self {
         Self { action, joint_target, wrenches: &[], push: None }
     }
@@ -52,6 +52,6 @@ pub struct AppliedWrench {
 pub struct Push {
     /// Of the pelvis's origin, world axes, m/s.
     pub linear: Vector3<f64>,
-    /// World axes, rad/s.
+    /// Angular velocity to add, world axes, rad/s.
     pub angular: Vector3<f64>,
 }

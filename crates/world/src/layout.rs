@@ -19,7 +19,7 @@ const FAR: f64 = 100.0;
 /// A place on the floor with a heading about the vertical.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// m.
+    /// Position on the floor, m.
     pub position: Vector2<f64>,
     /// rad, from +x towards +y.
     pub yaw: f64,
@@ -75,7 +75,7 @@ pub enum LadderStart {
     Coupled,
 }
 
-/// Where everything stands.
+/// Where everything stands, as drawn by the layout seed or as recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
     /// What the fixture hangs on.
@@ -85,7 +85,7 @@ pub struct Layout {
     /// Where the published coupled ladder stands: in front of the fixture, steps away from it. Ours does too, unless that
     /// is in a wall.
     pub anchor: Place,
-    /// Ladder.
+    /// Where the ladder stands at the start.
     pub ladder: Place,
     /// Robot, in the zone drawn for it.
     pub robot: Place,

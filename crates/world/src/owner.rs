@@ -1,21 +1,21 @@
 /// Whose a collision shape is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ShapeOwner {
-    /// Floor.
+    /// The floor of the scene.
     Floor,
-    /// Walls and ceiling.
+    /// Walls and ceiling of the room.
     Room,
-    /// Bench and tray.
+    /// The work bench with its tray.
     Bench,
-    /// Crate.
+    /// The crate for spent bulbs.
     Crate,
-    /// Socket and rod.
+    /// The lamp's socket and the rod that it hangs on.
     Fixture,
     /// Ladder, movable or not.
     Ladder,
-    /// Old bulb.
+    /// The spent bulb, there from the start.
     OldBulb,
-    /// Fresh bulb.
+    /// The fresh bulb, which replaces the spent one.
     FreshBulb,
     /// A link of the robot, by link index.
     Robot(usize),

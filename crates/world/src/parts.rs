@@ -29,15 +29,15 @@ pub enum LadderPart {
 /// robot is at the origin where there is neither ladder nor fixture nor bulb to stand before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct SceneParts {
-    /// The step ladder.
+    /// The step ladder, and whether it can be moved; none leaves it out.
     pub ladder: Option<LadderPart>,
     /// Both bulbs: the old one in the fixture and the fresh one on the bench where there is furniture, else on the floor.
     pub bulbs: bool,
-    /// Walls and ceiling.
+    /// Walls and ceiling of the room.
     pub room: bool,
     /// The lamp's socket, which holds a bulb.
     pub fixture: bool,
-    /// Bench and crate.
+    /// The work bench and the crate.
     pub furniture: bool,
 }
 

@@ -1,4 +1,4 @@
-//! What is drawn for an episode, beside its task.
+//! What is drawn for an episode, besides its task.
 //!
 //! | moment | what | drawn from |
 //! |---|---|---|

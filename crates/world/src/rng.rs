@@ -82,7 +82,7 @@ impl Random {
         (self.0.next_u64() >> 11) as f64 * SCALE
     }
 
-    /// Leaves out so many numbers.
+    /// Skips that many numbers.
     pub fn skip(&mut self, count: u64) {
         self.0.advance(u128::from(count));
     }
@@ -92,7 +92,7 @@ impl Random {
         low + (high - low) * self.unit()
     }
 
-    /// Uniform in 0..n.
+    /// A whole number, uniform in 0..n.
     pub fn index(&mut self, n: usize) -> usize {
         ((self.unit() * n as f64) as usize).min(n.saturating_sub(1))
     }

@@ -14,7 +14,7 @@ use crate::parts::{LadderPart, SceneParts, absent_fixture, absent_ladder};
 use crate::props::{self, LadderPoints, PropSizes, add_parts};
 use crate::{PropScale, SceneConfig, SceneError};
 
-/// What to build.
+/// What to build a scene of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneSpec {
     /// What stands in it.
@@ -54,11 +54,11 @@ pub struct Scene {
     pub config: SceneConfig,
     /// Numbers of the props in the size they have here.
     pub sizes: PropSizes,
-    /// Where things stand.
+    /// Where everything stands in it.
     pub layout: Layout,
     /// The robot as data.
     pub robot: Arc<Robot>,
-    /// The model.
+    /// The bodies, joints and shapes of the scene, for the engine.
     pub model: Model,
     /// Where the robot is in the model.
     pub robot_ids: RobotIds,
@@ -157,7 +157,7 @@ impl Scene {
         RobotLayout { joints: self.robot.joints().len(), hand_bodies_per_side: self.robot.hand_links().len() / 2 }
     }
 
-    /// What the rulebook needs to know of the scene beside a row.
+    /// What the rulebook needs to know of the scene besides a row.
     pub fn geometry(&self) -> Geometry {
         let config = &self.config;
         Geometry {

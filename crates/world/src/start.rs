@@ -45,13 +45,13 @@ impl Default for StartOptions {
     }
 }
 
-/// Why there is no start state.
+/// Why a start state cannot be made.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum StartError {
     /// The task is played in another kind of scene.
     #[error("{task} starts in a {needed:?} scene and was given one of {found}; build it with SceneKind::of({task})")]
     Scene {
-        /// The task.
+        /// The task that was to start.
         task: Task,
         /// Kind that it needs.
         needed: SceneKind,
@@ -64,11 +64,11 @@ pub enum StartError {
          build the scene that EpisodeSpec::scene describes"
     )]
     OtherScene {
-        /// The task.
+        /// The task that was to start.
         task: Task,
-        /// Seed.
+        /// Seed of the episode.
         seed: u64,
-        /// Episode.
+        /// Index of the episode.
         episode: u64,
         /// What differs, such as `hand friction`.
         what: &'static str,
@@ -80,9 +80,9 @@ pub enum StartError {
     /// The config names a part that the robot does not have.
     #[error("scene config: {field} names '{name}', which the robot does not have")]
     Name {
-        /// The field.
+        /// Path of the field that has the name.
         field: &'static str,
-        /// Joint or link.
+        /// Name of the joint or link.
         name: String,
     },
     /// No place for the robot.
@@ -91,11 +91,11 @@ pub enum StartError {
          room more space or make start.clearance smaller"
     )]
     Place {
-        /// The task.
+        /// The task that was to start.
         task: Task,
-        /// Seed.
+        /// Seed of the episode.
         seed: u64,
-        /// Episode.
+        /// Index of the episode.
         episode: u64,
         /// What is in the way of the first place that was tried.
         obstacle: ShapeOwner,
@@ -106,11 +106,11 @@ pub enum StartError {
          {most_n} N; check start.carry, hand friction and gains"
     )]
     Hold {
-        /// The task.
+        /// The task that was to start.
         task: Task,
-        /// Seed.
+        /// Seed of the episode.
         seed: u64,
-        /// Episode.
+        /// Index of the episode.
         episode: u64,
         /// Largest force of the bulb on a body of a hand, N.
         force_n: f64,
@@ -159,7 +159,7 @@ pub struct StartOffset {
 }
 
 impl StartOffset {
-    /// The nominal start of a robot of so many joints.
+    /// The nominal start of a robot with that many joints.
     pub fn none(joints: usize) -> Self {
         Self { shift: [0.0; 2], turn: 0.0, joints: vec![0.0; joints] }
     }

@@ -83,7 +83,7 @@ impl World {
         world
     }
 
-    /// The scene.
+    /// The scene that the world steps.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
@@ -93,7 +93,7 @@ impl World {
         &self.row
     }
 
-    /// Generalised state.
+    /// Generalised positions and velocities, from which the world continues exactly.
     pub fn state(&self) -> &State {
         &self.state
     }

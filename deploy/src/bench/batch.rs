@@ -28,7 +28,7 @@ const READY: &str = "ready";
 /// Control steps of each world from the start of its episode.
 const STEPS: usize = 50;
 
-/// What to measure.
+/// What to measure, and with what to compare it.
 #[derive(Debug, Clone)]
 pub struct BatchOptions {
     /// Worlds of each batch.
@@ -52,15 +52,15 @@ pub struct BatchReport {
     pub single_steps_per_s: f64,
     /// A batch of such worlds on one thread.
     pub batch_steps_per_s: f64,
-    /// `batch_steps_per_s / single_steps_per_s`.
+    /// Gain or loss of a batch: `batch_steps_per_s / single_steps_per_s`.
     pub batch_ratio: f64,
     /// A batch on several threads.
     pub threads_steps_per_s: f64,
     /// As many processes, each with its share of the worlds on one thread, at the same time.
     pub processes_steps_per_s: f64,
-    /// `threads_steps_per_s / processes_steps_per_s`.
+    /// Threads next to processes: `threads_steps_per_s / processes_steps_per_s`.
     pub threads_ratio: f64,
-    /// `threads_steps_per_s / batch_steps_per_s`.
+    /// What the threads gain: `threads_steps_per_s / batch_steps_per_s`.
     pub speed_up: f64,
     /// On one thread with the proprioception of all joints, noise included.
     pub proprioception_steps_per_s: f64,

@@ -30,11 +30,11 @@ const LYING: f64 = 0.35;
 /// A start state and how many steps are measured from it.
 #[derive(Debug, Clone)]
 pub struct Case {
-    /// Name in reports.
+    /// Name of the case in reports.
     pub name: &'static str,
-    /// The scene's model.
+    /// The model of the scene that is stepped.
     pub model: Arc<Model>,
-    /// Start.
+    /// The state that every run begins from.
     pub start: State,
     /// Joint targets by drive, rad, one set for each control step; the last is held.
     pub targets: Vec<Vec<f64>>,
@@ -134,8 +134,8 @@ fn hand_closed_on_nothing(stage: &Stage) -> Result<Case, BenchError> {
     stage.standing_case("hand closed on nothing", &staged)
 }
 
-/// The socket's hold is no part of the engine: without it the old bulb would fall out, so it stands on the bench. Its pose; the
-/// identity where there is no bulb or no bench.
+/// The socket's hold is not part of the engine: without it the old bulb would fall out, so it stands on the bench. Its
+/// pose; the identity where there is no bulb or no bench.
 pub(super) fn stand_old_bulb_on_bench(scene: &Scene, state: &mut State) -> Isometry3<f64> {
     let (Some(world_from_bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) else {
         return Isometry3::identity();

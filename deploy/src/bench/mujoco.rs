@@ -13,7 +13,7 @@ use super::{BenchError, Case};
 /// MuJoCo's time per step, under the faster of two sets of options.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MujocoTime {
-    /// us.
+    /// Mean time of a physics step, us.
     pub mean_us: f64,
     /// `defaults` (Euler integrator, friction pyramids, the drives' damping passive in the joints) or `nearest` to ours
     /// (implicit integrator, friction cones, damping in the drives).

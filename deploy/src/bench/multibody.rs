@@ -16,7 +16,7 @@ use rapier3d_f64::prelude::{
 
 use super::BenchError;
 
-/// m/s.
+/// A body faster than this has flown apart from its tree, m/s.
 const FASTEST: f64 = 100.0;
 
 /// A model in Rapier, with the targets of its drives set once.

@@ -24,7 +24,7 @@ pub struct RoomReport {
     pub bare_us: f64,
     /// With fingers, in the whole room, us.
     pub room_us: f64,
-    /// `room_us / bare_us`.
+    /// What hands and room cost: `room_us / bare_us`.
     pub ratio: f64,
 }
 
@@ -33,11 +33,11 @@ pub struct RoomReport {
 pub struct CaseReport {
     /// Name of the case.
     pub name: String,
-    /// us.
+    /// Mean time of a physics step, us.
     pub mean_us: f64,
-    /// us.
+    /// Median time of a physics step, us.
     pub p50_us: f64,
-    /// us.
+    /// Time that 99 of 100 physics steps stay within, us.
     pub p99_us: f64,
     /// Mean number of contact points in a step.
     pub contacts: f64,
@@ -53,18 +53,18 @@ pub struct CaseReport {
     pub mujoco_options: Option<&'static str>,
     /// MuJoCo's mean number of contact points.
     pub mujoco_contacts: Option<f64>,
-    /// `mean_us / mujoco_us`.
+    /// Ours next to MuJoCo's: `mean_us / mujoco_us`, below 1 where ours is faster.
     pub ratio: Option<f64>,
 }
 
 /// Many worlds in one process.
 #[derive(Debug, Clone, Serialize)]
 pub struct WorldsReport {
-    /// Worlds at once.
+    /// Worlds that are stepped at once.
     pub worlds: usize,
     /// Threads that step them.
     pub threads: usize,
-    /// Heap bytes of one world beside the shared scene; none where the allocator does not count.
+    /// Heap bytes of one world besides the shared scene; none where the allocator does not count.
     pub bytes_per_world: Option<usize>,
     /// Heap bytes of the model that all share.
     pub bytes_shared: Option<usize>,
@@ -72,7 +72,7 @@ pub struct WorldsReport {
     pub steps_per_s: f64,
     /// The same of one world a thread.
     pub steps_per_s_single: f64,
-    /// `steps_per_s / steps_per_s_single`.
+    /// What sharing a thread costs: `steps_per_s / steps_per_s_single`.
     pub ratio: f64,
 }
 

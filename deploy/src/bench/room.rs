@@ -14,7 +14,7 @@ use super::{BenchError, RoomReport};
 /// their pitch targets are from q0, rad: the lever of the weight before the ankles needs as much.
 const FIRM_ANKLES: f64 = 8.0;
 const ANKLE_LEAN: f64 = 0.06;
-/// The arms wave by so much, rad, so often, Hz.
+/// How far the arms wave, rad, and how often, Hz.
 const WAVE: f64 = 0.3;
 const WAVE_RATE: f64 = 1.0;
 /// Physics steps to settle before the first measurement, and physics steps in a measurement. Of the measurements of a scene,

@@ -30,7 +30,7 @@ const PLACES: [Task; 3] = [Task::S05, Task::S11, Task::S08];
 /// Rows in which each sensor is timed at each place.
 const ROWS: u64 = 60;
 
-/// What to measure.
+/// What to measure, and for how long.
 #[derive(Debug, Clone)]
 pub struct SensorOptions {
     /// Seconds that each case may take.
@@ -46,7 +46,7 @@ pub struct SensorReport {
     pub machine: String,
     /// Control steps by what is sensed.
     pub cases: Vec<StepCase>,
-    /// Each sensor.
+    /// The time of each sensor alone.
     pub sensors: Vec<SensorCase>,
 }
 
@@ -59,11 +59,11 @@ pub struct StepCase {
     pub steps_per_s: f64,
     /// Simulated seconds a second.
     pub real_time_factor: f64,
-    /// us.
+    /// Mean time of a control step, us.
     pub mean_us: f64,
-    /// us.
+    /// Median time of a control step, us.
     pub p50_us: f64,
-    /// us.
+    /// Time that 99 of 100 control steps stay within, us.
     pub p99_us: f64,
     /// Size of an observation's message, bytes.
     pub message_bytes: usize,
@@ -74,11 +74,11 @@ pub struct StepCase {
 pub struct SensorCase {
     /// Name of the sensor.
     pub name: String,
-    /// us.
+    /// Mean time of the sensor, us.
     pub mean_us: f64,
-    /// us.
+    /// Median time of the sensor, us.
     pub p50_us: f64,
-    /// us.
+    /// Time that 99 of 100 calls of the sensor stay within, us.
     pub p99_us: f64,
     /// Features: PyTorch's median on one thread in its fastest form, us.
     pub pytorch_us: Option<f64>,

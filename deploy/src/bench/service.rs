@@ -27,14 +27,14 @@ const CLOSING_TIME: Duration = Duration::from_secs(15);
 /// How long client processes may take to open their sessions.
 const START_TIME: Duration = Duration::from_secs(60);
 
-/// What to measure.
+/// What to measure, and for how long.
 #[derive(Debug, Clone)]
 pub struct ServiceOptions {
     /// Sessions of the case with many of them, each with a client process of its own.
     pub sessions: usize,
     /// Seconds that the cases with client processes are watched for.
     pub seconds: f64,
-    /// The program `policy-client`.
+    /// Path of the program `policy-client`.
     pub policy_client: PathBuf,
 }
 
@@ -47,12 +47,12 @@ pub struct ServiceReport {
     pub cases: Vec<ServiceCase>,
 }
 
-/// Speed of sessions.
+/// Speed of one session, or of several at once.
 #[derive(Debug, Clone, Serialize)]
 pub struct ServiceCase {
     /// Name of the case.
     pub name: String,
-    /// Sessions at once.
+    /// Sessions that are open at once.
     pub sessions: usize,
     /// Control steps a second, of all sessions together.
     pub steps_per_s: f64,
@@ -60,7 +60,7 @@ pub struct ServiceCase {
     pub real_time_factor: f64,
     /// From the sending of an action to the arrival of the observation that answers it, us.
     pub p50_us: Option<f64>,
-    /// The same.
+    /// The same time that 99 of 100 actions stay within, us.
     pub p99_us: Option<f64>,
     /// `steps_per_s` over that of the case that it is compared with.
     pub ratio: Option<f64>,
@@ -72,7 +72,7 @@ pub struct ServiceCase {
 #[derive(Debug, thiserror::Error)]
 #[error("case '{case}': {problem}")]
 pub struct ServiceError {
-    /// The case.
+    /// Name of the case that failed.
     pub case: String,
     /// What failed and what to do.
     pub problem: String,

@@ -17,7 +17,7 @@ use super::report::write_table;
 pub use export::export;
 use trial::Trials;
 
-/// What to measure.
+/// How many runs to try, and on how many threads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViolenceOptions {
     /// Runs of 10 s under violent targets.
@@ -57,7 +57,7 @@ pub struct FlightReport {
 pub struct TrialReport {
     /// Name of the pattern.
     pub name: String,
-    /// Runs.
+    /// Runs that were made.
     pub runs: u64,
     /// Runs that ended as diverged.
     pub diverged: u64,
@@ -73,7 +73,7 @@ pub struct TrialReport {
     pub deep_runs: u64,
     /// Of these: the pair that was deepest, with a count and its depth in m.
     pub deep_pairs: BTreeMap<String, (u64, f64)>,
-    /// Physics steps.
+    /// Physics steps of all runs together.
     pub steps: u64,
     /// Physics steps that were tried twice.
     pub retried: u64,

@@ -14,7 +14,7 @@ const MULTIBODY_SHARE: f64 = 0.05;
 /// Runs from one start that are measured at least.
 const MIN_REPEATS: usize = 2;
 
-/// What to measure.
+/// What to measure, for how long, and what to compare it with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Simulated seconds of each case.
@@ -73,7 +73,7 @@ struct Samples {
 }
 
 impl Samples {
-    /// Times every step of so many runs from the start, after one that is not timed.
+    /// Times every step of that many runs from the start, after one that is not timed.
     fn take(&mut self, case: &Case, repeats: usize) {
         self.times.reserve(repeats * case.steps);
         let mut dynamics = Dynamics::new(&case.model);

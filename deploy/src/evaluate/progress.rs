@@ -5,9 +5,9 @@ use fiatlux_rules::Task;
 /// A look at an evaluation under way.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
-    /// Episodes to play.
+    /// Episodes of the evaluation in all.
     pub episodes: usize,
-    /// Episodes finished.
+    /// Episodes that are finished.
     pub finished: usize,
     /// Control steps so far.
     pub steps: u64,

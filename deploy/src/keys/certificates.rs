@@ -8,7 +8,7 @@ use time::{Duration, OffsetDateTime};
 
 use super::Role;
 
-/// Clocks of two machines may differ by so much.
+/// Clocks of two machines may differ by this much.
 const CLOCK_MARGIN: Duration = Duration::hours(1);
 
 /// Signs the certificates of all parts.
@@ -29,7 +29,7 @@ pub struct Credentials {
 }
 
 impl Authority {
-    /// A new one, whose certificates are valid from now on, for so many days.
+    /// A new authority, whose certificates are valid from now on, for that many days.
     pub fn new(hosts: &[String], days: u16) -> Result<Self, rcgen::Error> {
         let now = OffsetDateTime::now_utc();
         let (from, until) = (now - CLOCK_MARGIN, now + Duration::days(days.into()));
@@ -66,7 +66,7 @@ impl Authority {
         Ok(Credentials { authority: self.pem(), certificate: certificate.pem(), key: key.serialize_pem() })
     }
 
-    /// Its own certificate.
+    /// Its own certificate, which the others check theirs with, as PEM.
     pub fn pem(&self) -> String {
         self.certificate.pem()
     }
@@ -76,7 +76,7 @@ impl Authority {
         self.issuer.key().serialize_pem()
     }
 
-    /// Last day, `YYYY-MM-DD`.
+    /// Last day on which its certificates are valid, as `YYYY-MM-DD`.
     pub fn valid_until(&self) -> String {
         self.until.date().to_string()
     }

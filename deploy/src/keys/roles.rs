@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 pub enum Role {
     /// Passes messages on, and holds everybody to the rules.
     Router,
-    /// A simulation server.
+    /// Simulates: hands out sessions and judges them.
     Server,
     /// Records, and verifies what was recorded: reads rows, and opens sessions.
     Recorder,
@@ -21,7 +21,7 @@ pub enum Role {
 use Role::{Policy, Recorder, Server};
 
 impl Role {
-    /// All parts.
+    /// All parts, in the order in which they are started.
     pub const ALL: [Self; 4] = [Self::Router, Self::Server, Self::Recorder, Self::Policy];
 
     /// Common name in its certificate, and its user.

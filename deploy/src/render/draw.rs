@@ -35,7 +35,7 @@ pub(super) struct Job {
 pub(super) enum Form {
     /// Red, green, blue of all pixels.
     Rgb,
-    /// A PNG file.
+    /// The bytes of a PNG file.
     Png,
 }
 

@@ -24,10 +24,10 @@ const BULB: [f64; 3] = [0.3, 0.3, 0.25];
 /// Half the size of the lamp with its bulb, m.
 const LAMP: f64 = 0.2;
 
-/// What is held in the picture beside the robot.
+/// What is held in the picture besides the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Focus {
-    /// Ladder and lamp.
+    /// The ladder and the lamp.
     Ladder,
     /// The crate; ladder and lamp where they are near.
     Crate,
@@ -74,7 +74,7 @@ pub(super) struct Aim {
     axes: [Vector3<f64>; 3],
     /// Vertical field of view, rad.
     fov: f64,
-    /// Width over height.
+    /// Width of the picture over its height.
     aspect: f64,
 }
 

@@ -3,7 +3,7 @@
 use fiatlux_rules::{CONTROL_DT, Row};
 use nalgebra::{Isometry3, Vector3};
 
-/// Rows a second.
+/// Rows of a bag in a simulated second.
 pub const ROW_RATE: u32 = 50;
 
 /// What of a row a camera follows.
@@ -34,11 +34,11 @@ impl Spot {
 /// Which rows become frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
-    /// First and last simulated time, s; none is the bag's own.
+    /// First simulated time, s; none is the bag's own.
     pub from_s: Option<f64>,
-    /// See `from_s`.
+    /// Last simulated time, s; none is the bag's own.
     pub to_s: Option<f64>,
-    /// Every so many rows is one.
+    /// One row in this many becomes a frame.
     pub stride: u64,
 }
 
@@ -57,7 +57,7 @@ impl Span {
 /// Rows from one frame to the next, for a video of `fps` frames a second that plays at `speed` times real time.
 ///
 /// # Errors
-/// Where that is no whole number: what can be asked for.
+/// Where that is not a whole number: what can be asked for.
 pub fn stride(fps: u32, speed: f64) -> Result<u64, String> {
     let rows = f64::from(ROW_RATE) * speed / f64::from(fps.max(1));
     let whole = rows.round();
@@ -86,7 +86,7 @@ mod tests {
     fn frames_of_a_span() {
         let all = Span { from_s: None, to_s: None, stride: 2 };
         assert_eq!(all.chosen(0..6), [0, 2, 4]);
-        // 0.3 s and 0.1 s are no binary numbers, but they are steps 15 and 5.
+        // 0.3 s and 0.1 s are not binary fractions, but they are steps 15 and 5.
         let part = Span { from_s: Some(0.1), to_s: Some(0.3), stride: 5 };
         assert_eq!(part.chosen(0..100), [5, 10, 15]);
         let between = Span { from_s: Some(0.03), to_s: Some(0.05), stride: 1 };

@@ -13,27 +13,27 @@ use crate::part_of;
 /// What is made of the frames.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Output {
-    /// An MP4 file.
+    /// One MP4 file, by `ffmpeg`.
     Video {
-        /// The file.
+        /// Path of the file to write.
         path: PathBuf,
-        /// The program `ffmpeg`.
+        /// Name or path of the program `ffmpeg`.
         ffmpeg: PathBuf,
     },
     /// PNG files `0000.png`, `0001.png` and so on.
     Frames {
-        /// The folder.
+        /// Path of the folder to write them into.
         folder: PathBuf,
     },
-    /// One PNG file.
+    /// One PNG file of a single frame.
     Still {
-        /// The file.
+        /// Path of the file to write.
         path: PathBuf,
     },
 }
 
 impl Output {
-    /// File or folder.
+    /// The file, or the folder for frames.
     pub fn path(&self) -> &Path {
         match self {
             Output::Video { path, .. } | Output::Still { path } => path,
@@ -57,7 +57,7 @@ impl Output {
         }
         let Ok(found) = fs::symlink_metadata(path) else { return Ok(()) };
         if !force {
-            return refuse("it is there already; choose another name, or replace it with --force");
+            return refuse("it exists already; choose another name, or replace it with --force");
         }
         match (found.is_dir(), matches!(self, Output::Frames { .. })) {
             (true, false) => refuse("it is a folder; choose another name"),
@@ -111,7 +111,7 @@ impl Sink {
         Ok(())
     }
 
-    /// Frames so far.
+    /// Frames that were taken so far.
     pub fn frames(&self) -> u64 {
         self.frames
     }

@@ -63,7 +63,7 @@ impl FromStr for View {
 pub struct Picture {
     /// Pixels in a row.
     pub width: usize,
-    /// Rows of pixels.
+    /// Rows of pixels in a picture.
     pub height: usize,
     /// Samples a pixel, each way.
     pub samples: usize,
@@ -185,7 +185,7 @@ pub(super) struct Subject<'a> {
     pub spots: &'a [Spot],
     /// Some rows of those that are drawn.
     pub samples: &'a [Row],
-    /// Times real time.
+    /// Playing speed: how many simulated seconds a second shows.
     pub speed: f64,
 }
 

@@ -32,7 +32,7 @@ pub(super) struct Pendulum {
     pub(super) mass: f64,
     /// Centre of mass from the middle between the soles, over the ground, estimated, m.
     pub(super) position: Vector2<f64>,
-    /// Its velocity, m/s.
+    /// Velocity of the centre of mass over the ground, estimated, m/s.
     pub(super) velocity: Vector2<f64>,
 }
 

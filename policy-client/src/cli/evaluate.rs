@@ -19,7 +19,7 @@ use super::{Failure, model_server};
 /// Episodes under way that the progress line names.
 const MOST_SHOWN: usize = 3;
 
-/// Options of `evaluate`.
+/// Options of the command `evaluate`.
 #[derive(Debug, Args)]
 #[command(after_help = "What happens:
   The run is registered on the server, under a name and a secret key that are drawn here and kept in the run file. Each
@@ -54,7 +54,7 @@ pub struct EvaluateArgs {
     /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 [default: 0..3]
     #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
     seeds: Option<SeedList>,
-    /// So many seeds that the server draws when the run is registered, and tells when it is over
+    /// Number of seeds that the server draws when the run is registered, and discloses when it is over
     #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = fiatlux_link::whole::<u32>(1..=10_000))]
     hosted: Option<u32>,
     /// Name of the server, or of a group of servers; not needed where there is only one
@@ -78,7 +78,7 @@ pub struct EvaluateArgs {
     /// How long to wait for servers that are gone, do not answer, or let nothing be played, s
     #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = fiatlux_link::whole::<u32>(1..=86_400))]
     patience: u32,
-    /// Print JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -11,7 +11,7 @@ use fiatlux_proto::v3::{Mode, OpenRequest};
 use super::{Failure, policy};
 use crate::inspect::{self, Inspection};
 
-/// Options of `inspect`.
+/// Options of the command `inspect`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "A policy drives the robot while you watch. On a terminal the view is drawn live; at the end, which is
@@ -37,7 +37,7 @@ pub struct InspectArgs {
     /// Policy that drives: zero, random, hold, stand, or replay:BAG, whose seed, episode and session are those of its bag
     #[arg(short, long, value_name = "NAME", default_value = "stand")]
     policy: String,
-    /// Simulated time, s
+    /// Simulated time to play, s
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = seconds)]
     seconds: f64,
     /// Folder for the pictures and the observation [default: inspect-TASK]
@@ -61,7 +61,7 @@ pub struct InspectArgs {
     /// Step at 50 Hz by the wall clock; without it the server waits for each action
     #[arg(long)]
     real_time: bool,
-    /// Print JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -120,5 +120,5 @@ fn request(args: &InspectArgs, policy: &dyn Policy, base: OpenRequest) -> OpenRe
 
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds: &f64| seconds.is_finite() && *seconds > 0.0);
-    seconds.ok_or_else(|| format!("'{text}' is no time; write seconds, such as 10"))
+    seconds.ok_or_else(|| format!("'{text}' is not a time; write seconds, such as 10"))
 }

@@ -8,10 +8,10 @@ use serde_json::{Value, json};
 
 use super::Failure;
 
-/// Options of `list`.
+/// Options of the command `list`.
 #[derive(Debug, Args)]
 pub struct ListArgs {
-    /// Print JSON
+    /// Print the list as JSON
     #[arg(long)]
     json: bool,
     /// List the policies that come with the program instead

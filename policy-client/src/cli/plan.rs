@@ -8,7 +8,7 @@ use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, model_server, policy};
 
-/// Options of `run`.
+/// Options of the command `run`.
 #[derive(Debug, Args)]
 #[command(after_help = "Policies:
   zero        all actions 0; a robot that leans on nothing falls in about a second
@@ -59,7 +59,7 @@ pub struct RunArgs {
     /// Wait for a recorder: the episode goes no further than it has recorded
     #[arg(long)]
     pub recorded: bool,
-    /// Print JSON
+    /// Print results as JSON
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
@@ -83,7 +83,7 @@ pub struct Plan {
     pub digest: Option<String>,
 }
 
-/// Reads the options.
+/// Turns the options into what is to be played.
 pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
     match policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, Replay::open(path)?),

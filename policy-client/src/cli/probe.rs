@@ -6,7 +6,7 @@ use fiatlux_policy::policies::{Answer, VlaArgs};
 
 use super::{Failure, usage};
 
-/// Options of `probe`.
+/// Options of the command `probe`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "It prints the server's contract, what does not fit the mapping, what was sent (the standing posture, \
@@ -50,7 +50,7 @@ pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
 
 fn print_contract(contract: &Contract) {
     if *contract == Contract::default() {
-        return println!("contract  the server says nothing of itself");
+        return println!("contract  the server does not describe itself");
     }
     for camera in contract.cameras.iter().flatten() {
         let delta = camera.delta.as_ref().map_or_else(String::new, |delta| format!(", frames {delta:?}"));

@@ -12,10 +12,10 @@ use zenoh::{Session, Wait};
 
 use super::ClientError;
 
-/// Tokens take a moment to arrive after a connection. For so long a server is looked for, s.
+/// Tokens take a moment to arrive after a connection. A server is looked for during this time, s.
 pub(crate) const DISCOVERY_S: f64 = 5.0;
 
-/// One look takes so long at most.
+/// One look takes this time at most.
 const LOOK: Duration = Duration::from_millis(500);
 
 /// Name of the server to use: the one that is asked for, if it is there, or the only one there is.
@@ -48,7 +48,7 @@ pub fn find_server(link: &Session, wanted: Option<&str>) -> Result<String, Clien
 }
 
 /// What every server that answers within about a second says of itself, by name. One whose answer cannot be read, or that
-/// speaks another major version, is passed over with a line in the log.
+/// speaks another major version, is skipped with a line in the log.
 ///
 /// # Errors
 /// Zenoh fails.

@@ -11,7 +11,7 @@ use crate::PolicyError;
 /// Why a client cannot go on.
 #[derive(Debug, Error)]
 pub enum ClientError {
-    /// Nobody answers.
+    /// No server answers within the time.
     #[error("no server was found within {waited_s} s; start `sim-server`, or name where it is with -e tcp/HOST:PORT")]
     NoServer {
         /// How long was looked, s.
@@ -20,15 +20,15 @@ pub enum ClientError {
     /// More than one answers.
     #[error("there are several servers: {}; choose one with --server NAME", found.join(", "))]
     SeveralServers {
-        /// Their names.
+        /// Names of the servers that answer.
         found: Vec<String>,
     },
     /// Others answer, but not the one asked for.
     #[error("server '{name}' was not found within {waited_s} s; there is {}", if found.is_empty() { "none".into() } else { found.join(", ") })]
     NotThere {
-        /// As asked for.
+        /// The name that was asked for.
         name: String,
-        /// Who is there.
+        /// Names of the servers that answer.
         found: Vec<String>,
         /// How long was looked, s.
         waited_s: f64,
@@ -39,7 +39,7 @@ pub enum ClientError {
         found.join(", ")
     )]
     OldServer {
-        /// Their names.
+        /// Names of the servers.
         found: Vec<String>,
     },
     /// The server refuses a request.
@@ -54,12 +54,12 @@ pub enum ClientError {
         /// The server's words, with what to do.
         message: String,
     },
-    /// Another major version.
+    /// The server speaks another major version of the protocol.
     #[error("server {server} speaks protocol {found}, this client {PROTOCOL}; use a client of the server's version")]
     Version {
         /// Name of the server.
         server: String,
-        /// Its version.
+        /// Version that the server speaks.
         found: Version,
     },
     /// A reply cannot be read.
@@ -67,14 +67,14 @@ pub enum ClientError {
     Unreadable {
         /// Name of the server.
         server: String,
-        /// Why.
+        /// What the decoder says.
         #[source]
         source: DecodeError,
     },
     /// The server describes a session that cannot be.
     #[error("the server's session cannot be used: {reason}; use server and client of the same version")]
     Session {
-        /// What is wrong.
+        /// What is wrong with its description.
         reason: String,
     },
     /// No answer to a query.
@@ -92,7 +92,7 @@ pub enum ClientError {
     Handshake {
         /// Name of the server.
         server: String,
-        /// Why.
+        /// What is wrong with its answer.
         #[source]
         source: fiatlux_access::HandshakeError,
     },
@@ -113,10 +113,10 @@ pub enum ClientError {
     /// A stop was asked for.
     #[error("stopped")]
     Stopped,
-    /// Zenoh fails.
+    /// Zenoh reports a failure.
     #[error("Zenoh fails: {reason}; check the link (RUST_LOG=zenoh=debug shows more) and start again")]
     Zenoh {
-        /// Its words.
+        /// What Zenoh says about it.
         reason: String,
     },
 }

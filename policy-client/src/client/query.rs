@@ -1,5 +1,5 @@
 //! Queries: those that are waited for, and those whose end comes by mail. Anybody may answer a query, so an answer is taken when
-//! it is the server's, and others are passed over.
+//! it is the server's, and others are ignored.
 
 use std::cell::RefCell;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -18,7 +18,7 @@ use zenoh::{Session, Wait};
 use super::mailbox::Mailbox;
 use super::{Access, ClientError};
 
-/// Just after a connection, queries find nobody for a moment. For so long they are sent again, s.
+/// Just after a connection, queries find nobody for a moment. They are sent again during this time, s.
 const PATIENCE_S: f64 = 3.0;
 
 /// A question, as it is sent each time.
@@ -130,7 +130,7 @@ pub trait Content: Message {
 }
 
 /// Greets a server: asks with a hello, and takes the first answer that it has signed. `request` makes the request's payload of
-/// the hello, `attach` what goes before the token's proof in its attachment, `read` reads an answer.
+/// the hello, `attach` what precedes the token's proof in its attachment, `read` reads an answer.
 pub fn greet<T: Content>(
     link: &Session,
     server: &str,

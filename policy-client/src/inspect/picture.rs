@@ -9,7 +9,7 @@ use embedded_graphics::prelude::*;
 use embedded_graphics::primitives::{PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
 
-/// 8-bit sRGB.
+/// A picture in 8-bit sRGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Picture {
     pub width: usize,
@@ -33,13 +33,13 @@ impl Picture {
         output
     }
 
-    /// Colours a rectangle.
+    /// Fills a rectangle with one colour; what is outside the picture is left out.
     pub fn fill(&mut self, left: i32, top: i32, width: u32, height: u32, color: Rgb888) {
         let area = Rectangle::new(Point::new(left, top), Size::new(width, height));
         self.put(&area.into_styled(PrimitiveStyle::with_fill(color)));
     }
 
-    /// Each pixel as a square of so many.
+    /// Each pixel as a square of `times` by `times` pixels.
     pub fn enlarged(&self, times: usize) -> Self {
         let mut rgb = Vec::with_capacity(self.rgb.len() * times * times);
         for row in self.rgb.chunks_exact((3 * self.width).max(1)) {

@@ -31,7 +31,7 @@ const SCALE: i32 = 46;
 const NEAR: f64 = 0.3;
 /// Height that has the last colour, m.
 const HIGH: f64 = 2.0;
-/// A point below this is floor, m, and so much more a metre away: the angles that place it are noisy.
+/// A point below this is floor, m, and this much higher per metre of distance: the angles that place it are noisy.
 const FLOOR: [f64; 2] = [0.05, 0.03];
 
 /// Dark violet, blue, green, yellow, in steps that look equal: matplotlib's viridis at eighths.
@@ -195,7 +195,7 @@ fn range_at(share: f64) -> f64 {
     NEAR * (f64::from(RANGE) / NEAR).powf(share)
 }
 
-/// Near is bright.
+/// Colour of a range: near is bright.
 fn by_range(range: f64) -> Rgb888 {
     ramp(1.0 - share_of(range))
 }

@@ -15,7 +15,7 @@ const ELEVATION: f64 = 25.0 * PI / 180.0;
 /// A scan's hits and what else is known of the room, in a level frame on the floor below the pelvis: x ahead, y left, z up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
-    /// m.
+    /// Where the rays hit, m.
     pub points: Vec<[f64; 3]>,
     /// Exact positions of things by name; empty without the sensor privileged.
     pub things: Vec<(&'static str, [f64; 3])>,

@@ -21,7 +21,7 @@ pub struct Screen<W: Write> {
     out: W,
     style: Style,
     rows: usize,
-    /// Lines that stand there.
+    /// Lines that are on the screen.
     drawn: usize,
     next_s: f64,
 }
@@ -71,7 +71,7 @@ impl<W: Write> Screen<W> {
     }
 
     fn write(&mut self, frame: &str) {
-        // A terminal that is gone is no reason to stop.
+        // A closed terminal does not stop the program.
         let _ = self.out.write_all(frame.as_bytes()).and_then(|()| self.out.flush());
     }
 }

@@ -56,7 +56,7 @@ pub struct State {
 /// What has been seen of a sensor.
 #[derive(Default)]
 pub struct Seen {
-    /// In so many observations.
+    /// Number of observations that had it.
     pub count: u64,
     /// Step of the newest one.
     pub step: u64,
@@ -72,7 +72,7 @@ pub struct Seen {
 #[derive(Default)]
 pub struct OutOfLimits {
     pub steps: u64,
-    /// By joint.
+    /// Steps in which each joint was beyond its limits, by joint index.
     pub joints: Vec<u64>,
 }
 

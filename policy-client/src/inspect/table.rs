@@ -6,7 +6,7 @@ use super::text::{Lines, bytes, number};
 
 /// Lines of fewer letters go without units and bytes.
 const WIDE: usize = 78;
-/// So many numbers say more one by one than their least, mean and greatest do.
+/// Up to this many numbers are shown one by one; of more, the least, mean and greatest.
 const FEW: usize = 4;
 
 /// One line a term, under its sensor where that has several.

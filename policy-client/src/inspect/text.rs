@@ -19,12 +19,12 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// None yet.
+    /// A text without any line.
     pub fn new(style: Style) -> Self {
         Self { style, text: String::new() }
     }
 
-    /// The whole text.
+    /// The whole text, with a line feed after each line.
     pub fn text(self) -> String {
         self.text
     }

@@ -29,7 +29,7 @@ use play::{Job, setback};
 /// How long a server may take to end the run: it waits for clients that are gone.
 const FINISHING_TIME: Duration = Duration::from_secs(30);
 
-/// An episode that is under way for so long is played, or its session is waited for.
+/// An episode that is under way for this time is played, or its session is waited for.
 const AT_WORK: Duration = Duration::from_secs(2);
 
 /// Between two questions to a server that is to end the run.
@@ -333,7 +333,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             match said {
                 Ok(info) => self.on_ledger(&server, asked, &info),
                 Err(error) => {
-                    tracing::warn!("the run is not ended on server {server}: {error}");
+                    tracing::warn!("cannot end the run on server {server}: {error}");
                     finished = false;
                 }
             }

@@ -26,19 +26,19 @@ pub struct RunFile {
     pub run: String,
     /// Its secret: hexadecimal digits.
     pub key: String,
-    /// What is played.
+    /// The policy, tasks, seeds and session that the run is registered with.
     pub spec: RunSpec,
 }
 
 /// Why a run has no file.
 #[derive(Debug, Error)]
 pub enum RunFileError {
-    /// The system refuses.
+    /// The file cannot be read or written.
     #[error("cannot {what} the run file {}; name another one with --run-file", path.display())]
     Io {
         /// `read`, `create` or the like.
         what: &'static str,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// What the system says.
         #[source]
@@ -47,7 +47,7 @@ pub enum RunFileError {
     /// It is not the file of a run.
     #[error("{} is not the file of a run: {reason}; name another one with --run-file", path.display())]
     Content {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
@@ -58,17 +58,17 @@ pub enum RunFileError {
          --run-file to begin a new run", path.display(), differs.join(", ")
     )]
     Other {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Name of its run.
         run: String,
-        /// What differs.
+        /// Names of the settings that differ.
         differs: Vec<&'static str>,
     },
 }
 
 impl RunFile {
-    /// The run of a file. Where there is no file, a new run with a key of its own is drawn and written, for its owner's eyes
+    /// The run of a file. Without a file, a new run with a key of its own is drawn and written, for its owner's eyes
     /// only (mode 0600). A file is never changed afterwards.
     ///
     /// # Errors

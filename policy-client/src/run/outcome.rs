@@ -14,7 +14,7 @@ pub enum EpisodeFate {
 /// What came of one episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeOutcome {
-    /// Task.
+    /// Short name of the task.
     pub task: String,
     /// Seed; `None` where it is hosted and the run is not finished.
     pub seed: Option<u64>,
@@ -57,7 +57,7 @@ impl RunOutcome {
 /// An episode under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Playing {
-    /// Task.
+    /// Short name of the task.
     pub task: String,
     /// Seed; `None` where it is hosted.
     pub seed: Option<u64>,

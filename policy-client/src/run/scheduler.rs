@@ -11,7 +11,7 @@ pub(super) const MAX_TRIES: u32 = 3;
 /// Where an episode stands.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Standing {
-    /// To be opened.
+    /// Not open on any server.
     Waiting,
     /// Played by us on that server since that moment, or about to be.
     Playing { server: String, since: u64 },
@@ -116,8 +116,8 @@ impl Scheduler {
         self.moment
     }
 
-    /// What the ledger of a server says in answer to a question of that moment. Returns the episodes of ours that it no
-    /// longer plays, or that are decided elsewhere: they are to be broken off.
+    /// What the ledger of a server says in answer to a question of that moment. Returns the episodes that we play and
+    /// that it no longer plays, or that are decided elsewhere: they are to be broken off.
     pub(super) fn told(&mut self, name: &str, asked: u64, ledger: &[RunEpisode]) -> Vec<usize> {
         let mut broken_off = Vec::new();
         for (index, (episode, entry)) in self.episodes.iter_mut().zip(ledger).enumerate() {
@@ -221,7 +221,7 @@ impl Scheduler {
                 if let Some(server) = self.servers.get_mut(&server) {
                     server.room = load.max(1);
                 }
-                // With nothing else under way there is no end of an episode to wait for: its ledger is asked first.
+                // With nothing else under way, no episode's end can be waited for: its ledger is asked first.
                 if busy <= 1 {
                     self.episodes[index].standing = Standing::Held { server };
                 }
@@ -279,7 +279,7 @@ impl Scheduler {
         self.episodes.iter().map(|episode| (&episode.standing, episode.problem.as_deref()))
     }
 
-    /// Servers that are there.
+    /// Servers that are present.
     pub(super) fn live(&self) -> impl Iterator<Item = &str> {
         self.servers.iter().filter(|(_, server)| server.is_live()).map(|(name, _)| name.as_str())
     }

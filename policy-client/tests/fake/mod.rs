@@ -45,7 +45,7 @@ pub struct FakeServer {
 }
 
 impl FakeServer {
-    /// One of `lose` actions is passed over; 0 for none.
+    /// One of `lose` actions is ignored; 0 for none.
     pub fn new(link: &Session, name: &str, lose: u64) -> Self {
         let keys = ServerKeys::new(name);
         let session = keys.session("1");

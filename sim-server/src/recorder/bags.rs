@@ -22,7 +22,7 @@ use fiatlux_wire::{Frames, hands_named, layout_of, read_row};
 /// Rows from one set of poses to the next: 25 Hz.
 const ROWS_PER_FRAMES: u64 = 2;
 
-/// A session that goes on has one of its bags among so many of the folder.
+/// A session that goes on has one of its bags among the newest of the folder; this many are looked at.
 const LATEST: usize = 64;
 
 /// Most bags of one name in a folder.

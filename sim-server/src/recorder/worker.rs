@@ -31,7 +31,7 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 pub(super) enum WorkerEvent {
     /// The token of a session is there.
     Live(Arc<str>),
-    /// It is gone.
+    /// The token of a session is gone.
     Gone(Arc<str>),
     /// A record, sent or asked for.
     StepRecord(Arc<str>, ZBytes),
@@ -99,9 +99,9 @@ struct Followed {
     inlet: Inlet,
     state: RecorderSession,
     bags: Bags,
-    /// Unseals its records.
+    /// The key that unseals its records.
     rows: Option<RowsKey>,
-    /// Its token was withdrawn, by whomever.
+    /// Somebody withdrew its token, not always its server.
     is_gone: bool,
     /// A record of it has come.
     is_heard: bool,
@@ -109,7 +109,7 @@ struct Followed {
     _listed: Listed,
 }
 
-/// A worker's thread.
+/// What runs on a worker's thread.
 pub(super) struct Worker {
     pub zenoh: Zenoh,
     pub shared: Arc<Shared>,

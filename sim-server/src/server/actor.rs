@@ -31,7 +31,7 @@ pub(super) type Session = ServerSession<Simulation, Asker>;
 pub(super) enum Asker {
     /// To the client's query on that key, of that number; the gate knows who waits for it.
     Client(&'static str, u64),
-    /// To a recorder.
+    /// To a recorder's query.
     Recorder(Query),
 }
 
@@ -51,7 +51,7 @@ pub(super) struct Actor {
     pub is_replay: bool,
     /// When it is closed unless somebody has claimed it.
     pub claim_by: Duration,
-    /// The client's token was withdrawn, by whomever, since its last message.
+    /// Somebody withdrew the client's token since its last message, not always the client.
     pub token_gone: AtomicBool,
     /// The furthest acknowledgement so far.
     pub acknowledged: Mutex<Option<u64>>,
@@ -66,7 +66,7 @@ struct Inbox {
     waiting: [usize; 3],
     dropped: u64,
     tick: bool,
-    /// It stands in the run queue, or a worker has it.
+    /// It is in the run queue, or a worker has it.
     scheduled: bool,
     /// The earliest time that the timer holds for it.
     wake_at: Option<Duration>,
@@ -145,7 +145,7 @@ impl Actor {
         !std::mem::replace(&mut inbox.scheduled, true)
     }
 
-    /// The next input.
+    /// Takes the next input from the inbox; a tick comes first.
     pub fn take(&self) -> Option<Input<Asker>> {
         let mut inbox = lock(&self.inbox);
         if std::mem::take(&mut inbox.tick) {

@@ -37,7 +37,7 @@ pub(super) struct Simulation {
     run: Option<Run>,
     /// At an episode of a run.
     attempt: Option<Arc<Attempt>>,
-    /// Signs the results.
+    /// The identity that signs the results.
     signer: Option<Arc<Identity>>,
 }
 

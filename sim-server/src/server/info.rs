@@ -67,7 +67,7 @@ pub fn joints(scene: &Scene) -> Vec<Joint> {
     joints.map(joint).collect()
 }
 
-/// What pictures and features are made with, beside the scene; empty where there is nothing to name.
+/// What pictures and features are made with, besides the scene; empty where there is nothing to name.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Labels<'a> {
     pub weights: &'a str,
@@ -104,7 +104,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
     }
 }
 
-/// Of an episode.
+/// Header of an episode's bag.
 pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, episode: &Episode) -> EpisodeHeader {
     let scene = episode.scene();
     let robot = &scene.robot;

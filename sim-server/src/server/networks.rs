@@ -66,7 +66,7 @@ impl Networks {
         };
         // A client names a file of that folder and of no other.
         if Path::new(file).file_name().is_none_or(|name| name != file) {
-            return Err(wrong(format!("'{file}' is no name of a file; give one without a folder")));
+            return Err(wrong(format!("'{file}' is not the name of a file; give one without a folder")));
         }
         Weights::from_safetensors(folder.join(file)).map_err(|error| wrong(in_full(&error)))
     }
@@ -98,7 +98,7 @@ mod tests {
             refusal.message
         };
         for outside in ["../wrong", "/etc/passwd", "a/b", "..", "wrong/"] {
-            assert!(refused(&networks, outside).contains("is no name of a file"), "{outside}");
+            assert!(refused(&networks, outside).contains("is not the name of a file"), "{outside}");
         }
         assert!(refused(&networks, "missing").contains("missing"));
         assert!(refused(&networks, "wrong").contains("not a safetensors file"));

@@ -46,7 +46,7 @@ pub(super) struct Begun {
 pub(super) enum Taken {
     /// It is to be carried out.
     New,
-    /// It was before.
+    /// It was carried out before; this is what came of it.
     Again(Box<Begun>, Query),
     /// It waits with an earlier copy.
     Joined,

@@ -8,10 +8,10 @@ use super::lock;
 /// A session of which no message has come is closed after this time.
 pub(super) const CLAIM_TIME: Duration = Duration::from_secs(2);
 
-/// Where the server is full, a session that is not claimed keeps its place for so long.
+/// Where the server is full, a session that is not claimed keeps its place for this time.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// So many sessions may wait to be claimed on a small server, too.
+/// This many sessions may wait to be claimed even on a small server.
 const LEAST_UNCLAIMED: usize = 4;
 
 /// The places of a server, from the oldest one on.
@@ -26,10 +26,10 @@ struct Place {
     since: Duration,
 }
 
-/// Why there is no place.
+/// Why a session gets no place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NoPlace {
-    /// All are taken.
+    /// All places are taken.
     Full,
     /// The rest is kept for peers that have none.
     Kept,

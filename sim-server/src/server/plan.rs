@@ -28,7 +28,7 @@ const MAX_ACTION_DELAY_MS: u32 = 100;
 /// A session as it was asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plan {
-    /// As it came.
+    /// The request as it came.
     pub request: OpenRequest,
     pub task: Task,
     pub seed: u64,
@@ -101,7 +101,6 @@ pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
     check(&request)
 }
 
-/// Checks a request.
 pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
     check_version(request.protocol.as_ref())?;
     let unknown = |field: &str, error: String| Refusal::new(Code::Unknown, field, error);
@@ -179,7 +178,7 @@ fn reward(name: &str) -> Result<Variant, Refusal> {
     })
 }
 
-/// In control steps.
+/// A delay in ms, in control steps.
 fn action_delay(ms: u32) -> Result<usize, Refusal> {
     let step_ms = (CONTROL_DT * 1e3).round() as u32;
     if ms > MAX_ACTION_DELAY_MS || !ms.is_multiple_of(step_ms) {

@@ -44,7 +44,7 @@ pub(super) enum AnswerKind {
     /// A message of that name, on that key: of replies with one key, a query for all servers may keep the last alone. With
     /// its attachment, if it has one.
     Own(String, &'static str, Bytes, Option<[u8; SEAL_BYTES]>),
-    /// A refusal where there is no other form for it.
+    /// A refusal that has no other form.
     Refusal(Bytes),
 }
 

@@ -36,7 +36,7 @@ fn bulb_name(bulb: Bulb) -> &'static str {
 }
 
 impl Record {
-    /// Row 0, with everything that must be known beside the rows.
+    /// Row 0, with everything that must be known besides the rows.
     pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, seen: Seen) -> (Self, StepRecord) {
         let row = episode.row();
         let criteria = episode.verdict().criteria;

@@ -47,19 +47,19 @@ pub enum RecordError {
         "another server named '{server}' records into {folder}; stop it, or give this one another --name or --record"
     )]
     Taken {
-        /// Name of both.
+        /// Name that both servers have.
         server: String,
-        /// The folder.
+        /// The folder that both record into.
         folder: PathBuf,
     },
     /// The folder or its lock.
-    #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the space that is left")]
     Io {
-        /// What was tried.
+        /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
-        /// The file.
+        /// The file or folder that it was tried on.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: std::io::Error,
     },
@@ -131,7 +131,7 @@ impl Runs {
                     runs.insert(name, Arc::new(run));
                 }
                 // The other runs go on; this one cannot be registered again while its journal is there.
-                Err(error) => tracing::error!(run = name, error = in_full(&error), "a run is not taken up"),
+                Err(error) => tracing::error!(run = name, error = in_full(&error), "cannot take up a run"),
             }
         }
         tracing::info!(folder = %folder.display(), runs = runs.len(), "sessions are recorded here");
@@ -380,7 +380,7 @@ impl RunState {
                 self.pending.push_front(event);
                 return Err(not_written(&error));
             }
-            tracing::error!(error = in_full(&error), ?event, "an event of a run is not written");
+            tracing::error!(error = in_full(&error), ?event, "cannot write an event of a run");
         }
         Ok(())
     }

@@ -31,7 +31,7 @@ impl Built {
         Self { scene, shapes, visuals: Arc::default(), meshes }
     }
 
-    /// The scene's meshes.
+    /// The meshes of the scene, made when they are first asked for.
     pub fn visuals(&self) -> Arc<Visuals> {
         let make = || Arc::new(Visuals::with_robot(&self.scene, self.meshes.as_deref()));
         Arc::clone(self.visuals.get_or_init(make))

@@ -469,7 +469,6 @@ pub(super) fn names_one_server(query: &Query, key: &str) -> Result<(), Refusal> 
     Err(Refusal::new(Code::Value, "", message))
 }
 
-/// Answers a query.
 pub(super) fn reply(query: &Query, message: &str, bytes: Bytes) {
     reply_on(query.key_expr().as_str(), query, message, bytes, None);
 }

@@ -55,7 +55,7 @@ pub enum RecordsTo {
 pub struct ServerOptions {
     /// Name in all its keys.
     pub name: String,
-    /// Worker threads.
+    /// Threads that step sessions, at least one.
     pub workers: usize,
     /// Sessions that can be open at once.
     pub capacity: usize,
@@ -117,13 +117,13 @@ pub enum ServerError {
     /// A number that makes no server.
     #[error("{what} must be above 0")]
     Zero {
-        /// What is 0.
+        /// Which number is 0, for the message.
         what: &'static str,
     },
-    /// The robot's file.
+    /// The robot's file cannot be loaded.
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
-    /// The scene config.
+    /// The scene config makes no scene.
     #[error("cannot use the scene config")]
     Scene(#[from] SceneError),
     /// The folder of meshes.
@@ -141,9 +141,9 @@ pub enum ServerError {
     /// Zenoh refused a key.
     #[error("Zenoh refuses {key}: {reason}; is its session still open?")]
     Zenoh {
-        /// The key.
+        /// The key expression that was refused.
         key: String,
-        /// What Zenoh says.
+        /// What Zenoh says about it.
         reason: String,
     },
     /// The system gave no thread.
@@ -378,7 +378,7 @@ mod tests {
     use super::*;
     use crate::server::host::tests::PANICS;
 
-    /// A fault of ours closes the session that met it; the worker goes on with the others.
+    /// A fault of the server closes the session that met it; the worker goes on with the others.
     #[test]
     #[allow(clippy::unwrap_used)]
     fn a_panic_stays_in_its_session() {

@@ -100,12 +100,12 @@ fn agree(
     greeting.agree(&verified).unwrap()
 }
 
-/// What a session is opened with, beside the request.
+/// What a session is opened with, besides the request.
 pub fn greeting(zenoh: &Session) -> Greeting {
     Greeting::new(&zenoh.zid().to_string(), None).unwrap()
 }
 
-/// Opens a session.
+/// Opens a session, and gives what both sides know of it.
 pub fn open_session(zenoh: &Session, server: &str, request: &OpenRequest) -> Result<(SessionInfo, Secrets), Refusal> {
     let greeting = greeting(zenoh);
     let request = OpenRequest { hello: Some(greeting.hello()), ..request.clone() }.encode_to_vec();

@@ -18,9 +18,9 @@ use super::{PATIENCE, Running, Scratch, free_port};
 /// A server of a test's own, named `test`, on a port of its own.
 #[derive(Debug)]
 pub struct Service {
-    /// The server.
+    /// The process of the server.
     pub server: Running,
-    /// Its port.
+    /// The port that clients connect to.
     pub port: u16,
     /// Logs, and bags in `bags`. Dropped last.
     pub folder: Scratch,
@@ -82,7 +82,7 @@ impl Service {
     }
 }
 
-/// `tcp/127.0.0.1:PORT`.
+/// The endpoint of a port on this machine, `tcp/127.0.0.1:PORT`.
 pub fn endpoint(port: u16) -> String {
     format!("tcp/127.0.0.1:{port}")
 }
@@ -121,9 +121,9 @@ pub fn client(port: u16, args: &[&str], folder: &Scratch) -> Running {
 /// How an episode ended, as the policy client says.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Played {
-    /// Cause.
+    /// What ended the episode, such as `time-out`.
     pub cause: String,
-    /// Length in steps.
+    /// Control steps that were played.
     pub steps: u64,
     /// Digest of all rows.
     pub digest: String,

@@ -1,4 +1,4 @@
-//! Peers that send what no peer of ours sends. Whoever sends it is told what is wrong, and nobody else notices.
+//! Peers that send what none of our programs sends. Whoever sends it is told what is wrong, and nobody else notices.
 
 use std::time::{Duration, Instant};
 
@@ -44,7 +44,7 @@ fn bad_actions() -> Vec<(&'static str, Vec<u8>, Code, &'static str, &'static str
 const LONGER: [&str; 6] = ["--policy", "zero", "--task", "S08", "--episodes", "3"];
 
 /// Guards that a session survives whatever its client sends: each message is named in a notice, none becomes a step, the
-/// right action is still taken; and a session beside it has the rows that it has alone.
+/// right action is still taken; and a session next to it has the rows that it has alone.
 #[test]
 fn a_hostile_client() {
     let service = Service::start("hostile", &[]);

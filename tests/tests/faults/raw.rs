@@ -20,7 +20,7 @@ use zenoh::{Session, Wait};
 /// Joints of the robot.
 pub const JOINTS: usize = 53;
 
-/// A valid request.
+/// A request that a server accepts for the task.
 pub fn request(task: &str) -> OpenRequest {
     OpenRequest { protocol: Some(PROTOCOL), policy: "raw".into(), task: task.into(), ..OpenRequest::default() }
 }
@@ -73,7 +73,7 @@ fn open_with_keys(link: &Session, payload: Vec<u8>) -> Result<(SessionInfo, Opti
     }
 }
 
-/// A session.
+/// A session that sends and receives raw messages.
 pub struct Raw {
     pub link: Session,
     pub keys: SessionKeys,
@@ -136,12 +136,12 @@ impl Raw {
         observation
     }
 
-    /// The next notice.
+    /// The next notice; fails when none comes.
     pub fn notice(&self) -> Notice {
         self.notices.recv_timeout(PATIENCE).unwrap()
     }
 
-    /// All notices until none has come for so long.
+    /// All notices until none has come for that time.
     pub fn notices_until_quiet(&self, quiet: Duration) -> Vec<Notice> {
         std::iter::from_fn(|| self.notices.recv_timeout(quiet).ok()).collect()
     }
@@ -152,7 +152,7 @@ impl Raw {
     }
 }
 
-/// A valid action.
+/// An action that the server accepts: zeros for all joints.
 pub fn action(episode: u64, step: u64) -> Action {
     Action { episode, step, action: vec![0.0; JOINTS], joint_target: Vec::new(), chunk: None }
 }

@@ -24,13 +24,13 @@ const PUSH_LIMIT: f64 = 5.0;
 const HAND_SPEED: f64 = 0.05;
 /// Along and across the axis, N/m.
 const HAND_STIFFNESS: f64 = 100.0;
-/// N s/m.
+/// Damping along and across the axis, N s/m.
 const HAND_DAMPING: f64 = 1.0;
-/// N m/rad.
+/// Stiffness against turning, N m/rad.
 const HAND_TURN_STIFFNESS: f64 = 0.3;
-/// N m s/rad.
+/// Damping against turning, N m s/rad.
 const HAND_TURN_DAMPING: f64 = 0.002;
-/// N m.
+/// Largest torque of the hand, N m.
 const HAND_TORQUE_LIMIT: f64 = 0.3;
 
 /// A bulb at a socket, stepped as a world steps it: the hold advances once per control step and its wrench is kept.
@@ -181,7 +181,7 @@ fn around(angle: f64) -> Vector3<f64> {
     Vector3::new(libm::cos(angle), libm::sin(angle), 0.0)
 }
 
-/// Plug just outside the mouth, 1.5 mm beside the axis and tilted by 0.10 rad, in ten pairs of directions.
+/// Plug just outside the mouth, 1.5 mm off the axis and tilted by 0.10 rad, in ten pairs of directions.
 fn starts(scene: &Scene) -> impl Iterator<Item = Isometry3<f64>> + '_ {
     (0..10).map(|k| {
         let (lateral, tilt) = (TAU * f64::from(k) / 10.0, TAU * 0.37 * f64::from(k));
@@ -297,7 +297,7 @@ fn a_bulb_outside_the_tolerances_does_not_seat() {
     }
 }
 
-/// Pushed for 2 s from beside the mouth, or tilted beyond what the sleeve can right.
+/// Pushed for 2 s from next to the mouth, or tilted beyond what the sleeve can right.
 #[test]
 fn a_bulb_that_cannot_enter_does_not_seat() {
     for mount in [Mount::Ceiling, Mount::South] {

@@ -8,7 +8,7 @@ use fiatlux_bag::run::{Episode, Ledger, State, journals};
 use fiatlux_tests::programs::{PATIENCE, Running, Scratch, endpoint, free_port, grade};
 use serde_json::Value;
 
-/// Task and seed.
+/// Task and seed of an episode.
 pub type Name = (String, u64);
 
 /// A run as its user asks for it.
@@ -17,7 +17,7 @@ pub struct Asked {
     pub tasks: &'static str,
     pub seeds: &'static str,
     pub episodes: usize,
-    /// Episodes at once.
+    /// Most episodes at once, as given to the client.
     pub parallel: &'static str,
 }
 
@@ -34,7 +34,7 @@ pub struct Lab {
     shares: bool,
     /// Largest file of a server, in units of 512 bytes.
     file_blocks: Option<u32>,
-    /// Dropped last.
+    /// Where they record; dropped last, after its users.
     pub folder: Scratch,
 }
 

@@ -7,20 +7,20 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum LedgerError {
     /// The file or its folder.
-    #[error("cannot {action} {path}; check that it is there, its permissions, and the space that is left")]
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the space that is left")]
     Io {
-        /// What was tried.
+        /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
-        /// The file.
+        /// Path that it was tried on.
         path: PathBuf,
-        /// Why.
+        /// What the operating system says.
         #[source]
         source: io::Error,
     },
-    /// The journal is there already.
-    #[error("{path} is there already; give the run another name, or move its folder away")]
+    /// The journal exists already.
+    #[error("{path} exists already; give the run another name, or move its folder away")]
     Exists {
-        /// The file.
+        /// Path of the journal that exists.
         path: PathBuf,
     },
     /// A line that no server wrote so.
@@ -29,25 +29,25 @@ pub enum LedgerError {
          it"
     )]
     Line {
-        /// The file.
+        /// Path of the journal, for the message.
         path: PathBuf,
         /// Number of the line, from 1.
         line: usize,
-        /// What is wrong.
+        /// What is wrong with the line.
         reason: String,
     },
     /// An event that does not follow from what was before. Nothing was written.
     #[error("{path}: {reason}")]
     Event {
-        /// The file.
+        /// Path of the journal, for the message.
         path: PathBuf,
-        /// What is wrong.
+        /// Why the event cannot follow.
         reason: String,
     },
     /// An earlier write failed, and what of it is in the file is not known.
     #[error("{path} may end in half a line, because a write failed; free some space and start the server again")]
     Broken {
-        /// The file.
+        /// Path of the journal, for the message.
         path: PathBuf,
     },
 }

@@ -32,11 +32,11 @@ pub enum State {
 pub struct Played {
     /// Id of the session.
     pub session: String,
-    /// File name of the bag, beside the journal; never a path.
+    /// File name of the bag, in the journal's folder; never a path.
     pub bag: String,
     /// Digest of all rows.
     pub digest: String,
-    /// What ended it.
+    /// Name of the cause that ended the episode, such as `success` or `fall`.
     pub cause: String,
     /// By the protocol of the run.
     pub success: bool,
@@ -58,7 +58,7 @@ pub struct Prefix {
 /// One episode of the run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Episode {
-    /// Where it stands.
+    /// Whether it waits, is open, was played, or counts as failed.
     pub state: State,
     /// How often it was begun.
     pub attempts: u32,

@@ -21,7 +21,7 @@ impl LedgerWriter {
     /// Starts the journal of a run in its folder, which is made: all of the registration is on disk, or none of it.
     ///
     /// # Errors
-    /// It is there already, the registration is wrong, or the file cannot be written.
+    /// It exists already, the registration is wrong, or the file cannot be written.
     pub fn create(folder: &Path, registration: Registration) -> Result<Self, LedgerError> {
         let path = journal_of(folder, &registration.server);
         let wrong = |reason: String| LedgerError::Event { path: path.clone(), reason };
@@ -66,7 +66,7 @@ impl LedgerWriter {
         &self.ledger
     }
 
-    /// The file.
+    /// Path of the journal that is written.
     pub fn path(&self) -> &Path {
         &self.path
     }

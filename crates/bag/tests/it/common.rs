@@ -86,7 +86,7 @@ pub fn push(writer: &mut BagWriter, rows: std::ops::Range<u64>) {
     }
 }
 
-/// A whole bag.
+/// Writes a whole bag with that many rows, and gives its path.
 pub fn write(path: &Path, rows: u64) -> PathBuf {
     let mut writer = BagWriter::create(path, &header()).expect("a new bag");
     push(&mut writer, 0..rows);

@@ -247,7 +247,7 @@ fn made_up_bytes_never_panic() {
     }
 }
 
-/// A chunk that says it is larger than any of ours is not unpacked, whatever it unpacks to.
+/// A chunk that says it is larger than any that a recorder writes is not unpacked, whatever it unpacks to.
 #[test]
 fn a_bomb_is_refused() {
     let path = folder("bomb").join("a.mcap");

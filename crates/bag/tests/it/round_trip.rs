@@ -32,7 +32,8 @@ fn everything_reads_back() {
     assert_eq!(bag.scenes().filter(|read| read.is_ok()).count(), 1);
 }
 
-/// The crate's own reader, which knows nothing of ours: summary, indexes, checksums and the order of the messages.
+/// The crate's own reader, which knows nothing of this project: summary, indexes, checksums and the order of the
+/// messages.
 #[test]
 fn the_mcap_reader_finds_all_in_order() {
     let path = write(&folder("order").join("a.mcap"), ROWS);

@@ -12,7 +12,7 @@ pub(super) struct View<'a> {
     pub walking: &'a Walking,
     pub world: &'a World,
     pub row: &'a Row,
-    /// As of [`velocity`].
+    /// What [`velocity`] says of the row.
     pub velocity: Vector3<f64>,
     pub fell: bool,
 }
@@ -20,7 +20,6 @@ pub(super) struct View<'a> {
 /// Name, weight a second, value.
 pub(super) type TermOf = (&'static str, f64, fn(&View<'_>) -> f64);
 
-/// All terms.
 pub(super) const TERMS: [TermOf; 26] = [
     ("velocity", 3.0, tracks_velocity),
     ("turning", 1.5, tracks_turning),

@@ -33,7 +33,7 @@ const FLAT_WITHIN: f64 = 5e-4;
 /// Two capsules are parallel when the sine of the angle between them is below this.
 const PARALLEL_SINE: f64 = 0.02;
 
-/// Two balls.
+/// Contact of two balls.
 pub(crate) fn ball_ball(a: V3, radius_a: f64, b: V3, radius_b: f64, margin: f64, out: &mut impl FnMut(Point)) {
     let gap = b - a;
     let length_squared = gap.norm_squared();

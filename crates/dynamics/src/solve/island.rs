@@ -107,7 +107,7 @@ impl Islands {
         }
     }
 
-    /// Number of slots.
+    /// Number of slots: one for each tree, empty where another tree has taken it in.
     pub fn slots(&self) -> usize {
         self.slots.len()
     }

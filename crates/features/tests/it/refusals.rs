@@ -1,4 +1,4 @@
-//! Files that are no ResNet-18: each is refused by an error that names the tensor and what was found.
+//! Files that do not hold a ResNet-18: each is refused by an error that names the tensor and what was found.
 
 use std::sync::LazyLock;
 

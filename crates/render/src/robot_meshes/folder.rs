@@ -29,7 +29,7 @@ pub(super) enum Format {
     Obj,
 }
 
-/// A link's file.
+/// A file that is named after a link.
 #[derive(Debug)]
 pub(super) struct MeshFile {
     pub name: String,
@@ -81,7 +81,7 @@ pub(super) fn files(folder: &Path, robot: &Robot) -> Result<Vec<MeshFile>, MeshE
 }
 
 impl MeshFile {
-    /// None for a file that is no link's.
+    /// None for a file that is not named after a link.
     fn of(path: PathBuf, robot: &Robot) -> Option<Self> {
         let name = path.file_name()?.to_str()?.to_owned();
         let (stem, ending) = name.rsplit_once('.')?;

@@ -15,7 +15,7 @@ type Corners = [[f32; 3]; 3];
 const HEAD: usize = 84;
 const RECORD: usize = 50;
 
-/// A file's content.
+/// Content of a file, up to the size that is read.
 pub(super) fn bytes(path: &Path) -> Result<Vec<u8>, MeshError> {
     let unreadable = |source| MeshError::Read { path: path.into(), source };
     let mut bytes = Vec::new();
@@ -46,7 +46,7 @@ fn check(triangles: &[Corners]) -> Result<(), String> {
     let mut reach = 0.0_f32;
     for p in triangles.iter().flatten() {
         if p.iter().any(|value| !value.is_finite()) {
-            return Err("it has a coordinate that is no finite number; export the link's mesh again".into());
+            return Err("it has a coordinate that is not finite; export the link's mesh again".into());
         }
         for i in 0..3 {
             (low[i], high[i]) = (low[i].min(p[i]), high[i].max(p[i]));
@@ -108,7 +108,7 @@ fn stl(bytes: &[u8]) -> Result<Vec<Corners>, String> {
             _ => return Err("it is too short for an STL file; export the link's mesh again".into()),
         }
     }
-    let wrong = |error: std::io::Error| format!("it is no whole STL file ({error}); export the link's mesh again");
+    let wrong = |error: std::io::Error| format!("it is not a whole STL file ({error}); export the link's mesh again");
     let mut cursor = Cursor::new(whole);
     let reader = stl_io::create_stl_reader(&mut cursor).map_err(wrong)?;
     let mut triangles = Vec::new();
@@ -124,7 +124,7 @@ fn stl(bytes: &[u8]) -> Result<Vec<Corners>, String> {
 /// Positions and faces; a face of more than three corners becomes a fan.
 fn obj(bytes: &[u8]) -> Result<Vec<Corners>, String> {
     check_lines(bytes)?;
-    let text = std::str::from_utf8(bytes).map_err(|_| "it is no text; export the link's mesh again")?;
+    let text = std::str::from_utf8(bytes).map_err(|_| "it is not text; export the link's mesh again")?;
     let mut positions: Vec<[f32; 3]> = Vec::new();
     let mut triangles = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {

@@ -1,4 +1,5 @@
-//! A folder of meshes shows in the picture, has a label that is its content's, and is refused where it is no robot's.
+//! A folder of meshes shows in the picture, has a label that is its content's, and is refused where it is not a
+//! robot's.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -249,8 +250,8 @@ fn hostile_files_are_refused() {
         ("pelvis.stl", binary("", &[]), "no triangle"),
         ("pelvis.stl", binary("", &[[[0.1; 3]; 3]]), "export"),
         ("pelvis.stl", binary("", &[[[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0]]]), "with an area"),
-        ("pelvis.stl", binary("", &not_a_number), "no finite number"),
-        ("pelvis.stl", binary("", &infinite), "no finite number"),
+        ("pelvis.stl", binary("", &not_a_number), "is not finite"),
+        ("pelvis.stl", binary("", &infinite), "is not finite"),
         ("pelvis.stl", binary("", &cuboid([100.0, 50.0, 80.0])), "scale it by 0.001"),
         ("pelvis.stl", binary("", &cuboid([1e-6; 3])), "in metres"),
         ("pelvis.stl", binary("", &far), "in the link's frame"),
@@ -259,8 +260,8 @@ fn hostile_files_are_refused() {
             "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12 and some more words to fill".into(),
             "no STL",
         ),
-        ("pelvis.stl", "solid x\nfacet normal 0 0 NaN\n".into(), "no whole STL"),
-        ("pelvis.stl", ascii("solid", &cube).replace("endsolid", "").into(), "no whole STL"),
+        ("pelvis.stl", "solid x\nfacet normal 0 0 NaN\n".into(), "not a whole STL"),
+        ("pelvis.stl", ascii("solid", &cube).replace("endsolid", "").into(), "not a whole STL"),
         ("pelvis.stl", format!("solid x\nfacet normal {}\n", "1 ".repeat(10_000)).into(), "line of more than"),
         ("pelvis.obj", "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 4\n".into(), "line 4"),
         ("pelvis.obj", "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 0 3\n".into(), "line 4"),

@@ -17,7 +17,7 @@ fn masses_are_those_of_the_weighed_robot() {
     let robot = g1();
     assert!(close(robot.total_mass(), 34.58, 0.005), "{}", robot.total_mass());
     for side in robot.hand_links().chunks(17) {
-        // The three wrist links are no part of the hand unit.
+        // The three wrist links are not part of the hand unit.
         let unit: f64 = side[3..].iter().map(|&l| robot.links()[l].mass).sum();
         assert!(close(unit, 0.790, 1e-9), "{unit}");
     }

@@ -22,7 +22,7 @@ fn every_joint_has_its_body_and_drive() {
         assert_eq!(body.spec.name, robot.links()[joint.link].name);
         assert_eq!((body.qpos_start, body.dof_start), (at.qpos, at.dof));
         assert_eq!(model.drives()[at.drive], (at.body, joint.gains.drive()));
-        let Joint::Hinge(hinge) = &body.spec.joint else { panic!("{} is no hinge", joint.name) };
+        let Joint::Hinge(hinge) = &body.spec.joint else { panic!("{} is not a hinge", joint.name) };
         assert_eq!((hinge.lower, hinge.upper, hinge.armature), (joint.lower, joint.upper, joint.gains.armature));
     }
     let firsts: Vec<&str> = [1, 2, 5, 12, 19, 25, 31, 43].map(|i| model.bodies()[i].spec.name.as_str()).into();

@@ -8,7 +8,7 @@ use crate::task::Task;
 /// Mean and sample standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread {
-    /// Mean.
+    /// Arithmetic mean of the values.
     pub mean: f64,
     /// Sample standard deviation; `None` for a single value.
     pub std: Option<f64>,
@@ -31,11 +31,11 @@ fn mean(values: &[f64]) -> Option<f64> {
 /// All episodes of one task.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SubtaskScore {
-    /// The task.
+    /// The task that they are of.
     pub task: Task,
     /// Half the success rate and half the mean gate progress, for each layout seed; then over the seeds.
     pub score: Spread,
-    /// Successes.
+    /// How many episodes succeeded.
     pub success: Rate,
     /// Successes with nothing broken and nothing dropped.
     pub clean_success: Rate,
@@ -56,7 +56,7 @@ pub struct SubtaskScore {
 }
 
 impl SubtaskScore {
-    /// Scores a task's episodes; `None` where there are none. Those of other tasks are passed over.
+    /// Scores a task's episodes; `None` where there are none. Those of other tasks are ignored.
     pub fn of(task: Task, episodes: &[Episode]) -> Option<Self> {
         let own: Vec<&Episode> = episodes.iter().filter(|episode| episode.summary.task == task).collect();
         let seeds: BTreeSet<u64> = own.iter().map(|episode| episode.seed).collect();

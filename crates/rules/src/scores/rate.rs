@@ -6,7 +6,7 @@ const Z_95: f64 = 1.959963984540054;
 /// How often something happened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rate {
-    /// Times it happened.
+    /// How often it happened.
     pub hits: u64,
     /// Times it could have.
     pub trials: u64,

@@ -4,7 +4,7 @@
 //! below the fixture. The old bulb is in the socket, the fresh one on the bench.
 //!
 //! The gate reads the pelvis against the ladder's top point, so the second tread is high enough for it; whether the
-//! robot reached working height is recorded beside it.
+//! robot reached working height is recorded next to it.
 
 use super::page::*;
 

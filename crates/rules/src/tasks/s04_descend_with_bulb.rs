@@ -4,7 +4,7 @@
 //! the fresh bulb on the bench.
 //!
 //! The gate's place is within 0.6 m of the ladder, nearer than where S02 starts: the robot is still next to the lowest
-//! tread, or beside the ladder.
+//! tread, or next to the ladder.
 
 use super::bulb_criteria::{old_elevated, old_held};
 use super::page::*;

@@ -1,6 +1,6 @@
 //! S07 Approach New Bulb: walk up to the fresh bulb on the bench.
 //!
-//! Start: the robot stands beside the crate, turned towards the fresh bulb, hands free. The old bulb is in the crate,
+//! Start: the robot stands next to the crate, turned towards the fresh bulb, hands free. The old bulb is in the crate,
 //! the socket empty.
 //!
 //! 0.63 m keeps the robot clear of the bench and leaves the bulb just out of reach.

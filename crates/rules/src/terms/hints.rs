@@ -30,7 +30,7 @@ pub(crate) const FRESH_FORCE: TermSpec =
 /// Pays for the way to the ladder.
 pub(crate) const ROBOT_TO_LADDER: TermSpec = TermSpec::new("robot_to_ladder", TOWARDS, Kind::Approach(robot_to_ladder));
 
-/// m.
+/// Height of the pelvis, m.
 pub(crate) fn pelvis_height(row: &Row, _cx: &Context<'_>) -> f64 {
     row.robot.pose.translation.vector.z
 }

@@ -94,7 +94,7 @@ pub(crate) fn limbs_on_ladder(row: &Row, limbs: &[Limb], contact_n: f64) -> f64 
     loads.filter(|load| load.is_finite() && *load > contact_n).count() as f64 / limbs.len() as f64
 }
 
-/// Feet and palms.
+/// Both feet and both palms.
 pub(crate) const ALL_LIMBS: [Limb; LIMBS] = [Limb::LeftFoot, Limb::RightFoot, Limb::LeftPalm, Limb::RightPalm];
 
 /// A joint's number; 0 for a joint that the robot lacks.

@@ -72,13 +72,13 @@ impl TermSpec {
 /// What one term paid in one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Term {
-    /// Name in results.
+    /// Name of the term in results.
     pub name: &'static str,
-    /// Value before weighting.
+    /// What the term measured, before weighting.
     pub value: f64,
-    /// Weight.
+    /// Weight of the term in the reward.
     pub weight: f64,
-    /// What it paid.
+    /// What it added to the reward of the step.
     pub reward: f64,
 }
 
@@ -129,7 +129,7 @@ impl Ledger {
             Kind::Potential(potential) => self.rise_to(bounded(potential(row, context))),
             Kind::GateProgress => self.rise_to(view.verdict.progress),
             Kind::Record(measure) => {
-                // `max` takes the other where one is no number.
+                // `max` takes the other where one is NaN.
                 let best = finite(measure(row, context)).max(self.level);
                 self.rise_to(best)
             }

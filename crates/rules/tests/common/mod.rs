@@ -241,7 +241,7 @@ impl Draw {
         z ^ (z >> 31)
     }
 
-    /// From [-1, 1).
+    /// A number that is uniform in [-1, 1).
     pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
@@ -267,7 +267,7 @@ impl Draw {
         BodyRow { pose: self.pose(3.0), linear_velocity: self.vector(2.0), angular_velocity: self.vector(2.0) }
     }
 
-    /// Everything anywhere.
+    /// A row with every body, number and flag drawn at random.
     pub fn row(&mut self, step: u64) -> Row {
         let mut row = row_at(step, &room());
         row.robot = self.body();

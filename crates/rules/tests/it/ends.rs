@@ -300,7 +300,8 @@ fn an_episode_that_diverges_is_never_a_success() {
     assert_eq!(judge.summary().end.map(|end| end.cause()), Some(Cause::Diverged));
 }
 
-/// Rows that are missing, repeated or out of order are no time in which a gate held, a bulb moved or was struck.
+/// Rows that are missing, repeated or out of order do not count as time in which a gate held, a bulb moved or was
+/// struck.
 #[test]
 fn nothing_is_carried_over_a_gap() {
     let window = u64::from(Task::S06.spec().gate.sustain_steps);

@@ -56,7 +56,7 @@ fn misses(task: Task) -> Vec<Miss> {
             ("old_bulb_held", |r, _| let_go(r, OLD)),
         ],
         Task::S06 => vec![
-            // Beside the crate; lying across its wall; standing on its cap too high.
+            // Next to the crate; lying across its wall; standing on its cap too high.
             ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose.translation.vector.x += 0.5),
             ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose.translation.vector.y += 0.15),
             ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose = at([CRATE[0], CRATE[1], -0.0222])),
@@ -220,7 +220,7 @@ fn one_step_breaks_the_window() {
     }
 }
 
-/// A window that is one step short is no success, whatever comes after it.
+/// A window that is one step short is not a success, whatever comes after it.
 #[test]
 fn a_window_one_step_short_is_no_success() {
     for task in Task::ALL {

@@ -6,6 +6,7 @@ mod common;
 mod ends;
 mod gates;
 mod limits;
+mod page;
 mod progress;
 mod rewards;
 mod scores;

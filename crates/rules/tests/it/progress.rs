@@ -126,7 +126,7 @@ fn a_row_without_numbers_holds_nothing() {
         judge.advance(&row_at(1, &start_of(task)));
         let verdict = judge.advance(&row);
         assert_eq!(verdict.count, 0, "{task}: {:?}", verdict.criteria);
-        // The socket's hold is no number.
+        // Whether the socket holds a bulb is not one of the numbers.
         let conditions = verdict.conditions.without(Cause::Unseated);
         assert_eq!(conditions, Causes::of(&[Cause::Diverged]), "{task}: {conditions}");
     }

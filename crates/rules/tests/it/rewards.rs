@@ -10,7 +10,7 @@ mod training;
 use crate::common::*;
 use fiatlux_rules::{Causes, Judge, JudgeOptions, Rewards, Row, Task, Term, Variant};
 
-/// A judge, the reward beside it, and what each term has paid since the start.
+/// A judge, the reward next to it, and what each term has paid since the start.
 struct Meter {
     judge: Judge,
     rewards: Rewards,

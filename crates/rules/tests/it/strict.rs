@@ -1,5 +1,6 @@
-//! Protocol `strict` beside `published`: honest constructions of every task pass both; what misses one strict condition alone
-//! passes the published gate and fails by that condition; and no row after its end changes the published verdict.
+//! Protocol `strict` next to `published`: honest constructions of every task pass both; what misses one strict
+//! condition alone passes the published gate and fails by that condition; and no row after its end changes the
+//! published verdict.
 
 use crate::common::*;
 use fiatlux_rules::{

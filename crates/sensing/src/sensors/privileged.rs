@@ -1,4 +1,4 @@
-//! What a policy in training may see beside what the robot senses: exact, of the things around it.
+//! What a policy in training may see besides what the robot senses: exact, of the things around it.
 
 use fiatlux_proto::v3;
 use fiatlux_rules::{Bulb, Geometry, Row, Task};
@@ -72,17 +72,17 @@ fn pose(pose: &Isometry3<f64>) -> Option<v3::Pose> {
 /// The privileged terms of every task but `climb`: 48 numbers. Poses are of link origins in the world.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Privileged {
-    /// The pelvis.
+    /// Pose of the pelvis, m.
     pub robot: Isometry3<f64>,
-    /// The ladder.
+    /// Pose of the ladder, m.
     pub ladder: Isometry3<f64>,
-    /// The socket.
+    /// Pose of the socket, m.
     pub socket: Isometry3<f64>,
-    /// The fresh bulb.
+    /// Pose of the fresh bulb, m.
     pub fresh_bulb: Isometry3<f64>,
-    /// The old bulb.
+    /// Pose of the old bulb, m.
     pub old_bulb: Isometry3<f64>,
-    /// The crate.
+    /// Pose of the crate, m.
     pub crate_: Isometry3<f64>,
     /// d1 to d4, those of the full errand's rewards, m: the ladder's top point from the seat, the fresh bulb's plug from
     /// the seat, the old bulb's plug from the seat, the old bulb's origin from the crate's. A seated bulb changes none.
@@ -140,11 +140,11 @@ impl Privileged {
 /// The privileged terms of `climb`: 17 numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClimbPrivileged {
-    /// The pelvis.
+    /// Pose of the pelvis, m.
     pub robot: Isometry3<f64>,
     /// Velocity of the pelvis link's origin, pelvis frame, m/s, without noise.
     pub linear_velocity: Vector3<f64>,
-    /// The ladder.
+    /// Pose of the ladder, m.
     pub ladder: Isometry3<f64>,
 }
 

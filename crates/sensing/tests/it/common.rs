@@ -37,7 +37,7 @@ pub fn start_row(task: Task) -> (Arc<Scene>, Row) {
     (scene, row)
 }
 
-/// Standing posture.
+/// Joint angles of the standing posture, rad.
 pub fn q0(scene: &Scene) -> Vec<f64> {
     scene.robot.q0().to_vec()
 }

@@ -128,7 +128,7 @@ struct Crane {
     dynamics: Dynamics,
     state: State,
     locked: Vec<bool>,
-    /// Of the drives.
+    /// Targets of the drives, rad.
     targets: Vec<f64>,
     /// As a world would report it: pelvis, joints, efforts and forces on the feet.
     row: Row,
@@ -177,7 +177,6 @@ impl Crane {
         }
     }
 
-    /// A control step.
     fn step(&mut self) -> &Row {
         let scene = &self.scene;
         for _ in 0..SUBSTEPS {

@@ -57,7 +57,7 @@ fn direction(row: usize, column: usize) -> Vector3<f64> {
     turned * Vector3::x()
 }
 
-/// Face by face.
+/// Range to a box, found face by face.
 fn to_box(eye: &Point3<f64>, along: &Vector3<f64>, pose: &Isometry3<f64>, half: &Vector3<f64>) -> f64 {
     let local = pose.inverse_transform_point(eye);
     if (0..3).all(|axis| local[axis].abs() <= half[axis]) {

@@ -78,7 +78,7 @@ fn terms_describe_what_is_computed_and_sent() {
         assert_eq!(layout.check(&wrong).unwrap_err().to_string(), "camera is 16 x 32, not 64 x 32 pixels");
         let body = SessionInfo { terms: term_messages(Sensors::of_body(task), &rig.setup), ..SessionInfo::default() };
         let error = ObservationLayout::new(&body).unwrap().check(&rig.observe(all(), &row)).unwrap_err();
-        assert!(error.to_string().contains("is no term of the session"), "{error}");
+        assert!(error.to_string().contains("is not a term of the session"), "{error}");
     }
 }
 

@@ -12,13 +12,13 @@ pub enum SessionFailure {
     Reset {
         /// Index of the episode.
         episode: u64,
-        /// The server's words.
+        /// What the server says about it.
         message: String,
     },
     /// A command that no server takes; it was not sent.
     #[error("the policy commands {field} {problem} in step {step}; correct the policy")]
     Command {
-        /// `action` or `joint_target`.
+        /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
         /// What is wrong with it.
         problem: String,
@@ -32,17 +32,17 @@ pub enum SessionFailure {
         step: u64,
         /// Field of the action; may be empty.
         field: String,
-        /// The server's words.
+        /// What the server says about it.
         message: String,
-        /// The server's advice.
+        /// What to do about it, as the server advises.
         remedy: String,
     },
     /// The session is not there any more.
     #[error("{message}; {remedy}")]
     Lost {
-        /// The server's words.
+        /// What the server, or this client, says about it.
         message: String,
-        /// What to do.
+        /// What to do about it.
         remedy: String,
     },
     /// Messages of the server cannot be read.
@@ -61,7 +61,7 @@ pub enum SessionFailure {
     Order {
         /// Step that was expected.
         expected: u64,
-        /// Step that came.
+        /// Step of the observation that came.
         found: u64,
     },
     /// The server does not answer.
@@ -74,7 +74,7 @@ pub enum SessionFailure {
         server: String,
         /// What should have been answered.
         waited_for: String,
-        /// How long, s.
+        /// How long nothing came, s.
         silence_s: f64,
         /// How often it was sent.
         tries: u32,

@@ -28,7 +28,6 @@ fn give(session: &mut ClientSession, input: Input, now_s: f64) -> Vec<Output> {
     std::iter::from_fn(|| session.poll()).collect()
 }
 
-/// Publishes an observation.
 fn publish(session: &mut ClientSession, observation: &Observation, now_s: f64) -> Vec<Output> {
     give(session, Input::Observation(observation.encode_to_vec().into()), now_s)
 }
@@ -276,7 +275,7 @@ fn messages_that_cannot_be_read_are_passed_over_and_many_of_them_are_an_error() 
 }
 
 #[test]
-fn a_command_that_no_server_takes_is_the_policys_error() {
+fn a_command_that_no_server_takes_is_an_error_of_the_policy() {
     let commands = [
         (Command::Action(vec![0.0; 3]), "action of 3 numbers, not 2, in step 0"),
         (Command::JointTarget(vec![0.0, f64::NAN]), "joint_target NaN for joint 1 in step 0"),
@@ -292,7 +291,7 @@ fn a_command_that_no_server_takes_is_the_policys_error() {
     }
 }
 
-/// Whatever comes, there is no panic.
+/// Whatever comes, nothing panics.
 #[test]
 fn random_bytes_do_no_harm() {
     let mut random = fake::Dice::new(5);

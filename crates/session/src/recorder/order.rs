@@ -9,7 +9,7 @@ use fiatlux_proto::v3::{StepRecord, StepRecordRequest};
 /// Records of a session that wait for an earlier one. More are dropped, and asked for again when their turn comes.
 pub const MAX_WAITING: usize = 1024;
 
-/// A session from which nothing came for so long is asked whether there is more.
+/// A session from which nothing came for this time is asked whether there is more.
 const QUIET: Duration = Duration::from_secs(1);
 
 /// A session from which nothing came at all is asked less and less often, at last this often: anybody can announce one.
@@ -18,7 +18,7 @@ const SILENT: Duration = Duration::from_secs(5);
 /// Between two questions for the same record.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// A record that was not in so many answers is lost, where the server has had to forget it.
+/// A record that was not in this many answers is lost, where the server has had to forget it.
 const TRIES: u32 = 3;
 
 /// And where the server should still have it: the question, or its answer, may be what was lost.
@@ -50,7 +50,7 @@ pub(super) struct Order {
     waiting: BTreeMap<u64, StepRecord>,
     /// First number of the request that is being answered.
     asked: Option<u64>,
-    /// Not before this.
+    /// Nothing is asked for before this.
     ask_at: Duration,
     heard_at: Duration,
     since: Duration,

@@ -301,7 +301,7 @@ fn what_could_not_be_written_is_not_acknowledged() {
                             Write::Finish(_) => "f".into(),
                             Write::Cut(_) => "c".into(),
                         };
-                        // Of a bag that is open, only so many rows are on disk.
+                        // Of an open bag, only that many rows are on disk.
                         let on_disk = if (5..304).contains(&seq) { rows_before } else { 0 };
                         let fails = name == fails_at && seq >= 4;
                         session.handle(if fails { Input::WriteFailed } else { Input::OnDisk(on_disk) }, now);

@@ -33,25 +33,25 @@ impl Default for Timeouts {
 pub enum Input<R> {
     /// An [`Action`](fiatlux_proto::v3::Action) of the client.
     Action(Bytes),
-    /// Query `reset`.
+    /// Query `reset`: its payload, and where the reply goes.
     Reset(Bytes, R),
-    /// Query `close`.
+    /// Query `close`: its payload, and where the reply goes.
     Close(Bytes, R),
     /// Query `observation`, for the last one.
     Observation(R),
-    /// Query `look`.
+    /// Query `look`: its payload, and where the reply goes.
     Look(Bytes, R),
     /// The client's liveliness token is there.
     ClientSeen,
     /// The client's liveliness token is gone.
     ClientGone,
-    /// A recorder's acknowledgement.
+    /// A recorder's acknowledgement of records: a [`StepRecordAck`](fiatlux_proto::v3::StepRecordAck).
     Ack(Bytes),
     /// Query `truth/rows` of a recorder.
     StepRecords(Bytes, R),
-    /// So many messages of the client found the inbox full and were dropped.
+    /// That many messages of the client found the inbox full and were dropped.
     Dropped(u64),
-    /// A message of the client that is too large to be read, of so many bytes.
+    /// A message of the client that is too large to be read, with its size in bytes.
     TooLarge(usize),
     /// The session has to end, for this reason.
     Terminate(&'static str),
@@ -62,11 +62,11 @@ pub enum Input<R> {
 /// What a session wants sent.
 #[derive(Debug)]
 pub enum Output<R> {
-    /// Publish on `observation`.
+    /// Publish an [`Observation`](fiatlux_proto::v3::Observation) on `observation`.
     Observation(Bytes),
-    /// Publish on `notice`.
+    /// Publish a [`Notice`](fiatlux_proto::v3::Notice) on `notice`.
     Notice(Bytes),
-    /// Publish on `truth/row`.
+    /// Publish a [`StepRecord`](fiatlux_proto::v3::StepRecord) on `truth/row`.
     StepRecord(Bytes),
     /// Reply to a query, with the name of the replies' message.
     Reply(R, &'static str, Vec<Bytes>),

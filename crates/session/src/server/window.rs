@@ -12,7 +12,7 @@ pub(super) struct RecordWindow {
     records: VecDeque<Bytes>,
     /// Number of the first one kept.
     first: u64,
-    /// What they take.
+    /// Size of them all.
     bytes: usize,
 }
 
@@ -46,7 +46,7 @@ impl RecordWindow {
         }
     }
 
-    /// All is acknowledged.
+    /// Whether every record is acknowledged.
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()
     }

@@ -29,7 +29,7 @@ use self::trace::{Runs, Stage, TAIL_STEPS, Trace, is_clean_success};
 enum Args {
     /// Searches; a progress line goes to stderr for each better trace.
     Search {
-        /// The task.
+        /// Task whose gate to pass.
         task: Task,
         /// Whose gate to pass.
         #[arg(long, default_value = "published")]
@@ -40,10 +40,10 @@ enum Args {
         /// Room; 1000 and above are for searches.
         #[arg(long, default_value_t = 1000)]
         room: u64,
-        /// Episode.
+        /// Index of the episode.
         #[arg(long, default_value_t = 0)]
         episode: u64,
-        /// Tries at most.
+        /// Most tries before the search ends.
         #[arg(long, default_value_t = 20_000)]
         tries: u64,
         /// Threads; the result does not depend on them.
@@ -58,7 +58,7 @@ enum Args {
     },
     /// Plays traces and says what both judges make of them.
     Replay {
-        /// Files of traces.
+        /// Files of traces to play.
         #[arg(required = true)]
         traces: Vec<PathBuf>,
         /// Prints what the robot does, ten rows a second.

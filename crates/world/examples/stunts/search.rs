@@ -42,9 +42,9 @@ pub struct Search {
     pub protocol: Protocol,
     /// Seed of the search, which has nothing to do with the room's.
     pub seed: u64,
-    /// Tries at most.
+    /// Most tries before the search ends.
     pub tries: u64,
-    /// Threads.
+    /// Threads; the result does not depend on their number.
     pub threads: usize,
     /// Whether the first trace that passes is enough, robust or not.
     pub first: bool,
@@ -53,13 +53,13 @@ pub struct Search {
 /// A trace and what it is worth.
 #[derive(Debug, Clone)]
 pub struct Found {
-    /// The trace.
+    /// The trace that was found.
     pub trace: Trace,
     /// Number of its try.
     pub number: u64,
     /// Shaped score: the larger, the nearer to the gate.
     pub score: f64,
-    /// Passes the gate.
+    /// Whether it passes the gate.
     pub passes: bool,
     /// Passes after changes of each size of [`SHAKES`], of [`SHAKE_TRIES`].
     pub robust: [u64; SHAKES.len()],
@@ -77,7 +77,7 @@ pub struct Outcome {
     pub best: Found,
     /// Number of the first try that passed.
     pub first: Option<u64>,
-    /// Tries made.
+    /// Tries that were made.
     pub tries: u64,
 }
 

@@ -15,7 +15,7 @@ macro_rules! section {
 }
 
 section! {
-    /// `[room]`.
+    /// `[room]`: floor, walls and ceiling, world axes.
     RoomConfig {
         /// Floor for the layout, m.
         zone_x: [f64; 2],
@@ -29,15 +29,15 @@ section! {
         wall_south_y: f64,
         /// Extent of the south wall, m.
         wall_south_x: [f64; 2],
-        /// Outer faces, m.
+        /// Outer faces of the walls along x, m.
         outer_x: [f64; 2],
-        /// Outer faces, m.
+        /// Outer faces of the walls along y, m.
         outer_y: [f64; 2],
         /// Height of the walls, m.
         wall_top: f64,
         /// Height of the ceiling's underside, m.
         ceiling_height: f64,
-        /// m.
+        /// Thickness of the ceiling, m.
         ceiling_thickness: f64,
     }
 }
@@ -79,7 +79,7 @@ section! {
         outer_half: [f64; 2],
         /// Half extents of the interior, m.
         interior_half: [f64; 2],
-        /// m.
+        /// Height of the rim, m.
         rim_height: f64,
         /// Top of the inner floor, m.
         floor_height: f64,
@@ -106,9 +106,9 @@ section! {
         collar_half: f64,
         /// Where the plug's bottom rests, m.
         stop_height: f64,
-        /// Front face, m.
+        /// Front face, which the plug enters by, m.
         mouth_height: f64,
-        /// m.
+        /// Radius of the bore at the front face, m.
         mouth_radius: f64,
         /// Lower and upper end of the guide sleeve, m.
         sleeve_height: [f64; 2],
@@ -122,7 +122,7 @@ section! {
 section! {
     /// `[bulb]`; a solid of revolution about its +z.
     BulbConfig {
-        /// kg.
+        /// Mass of one bulb, kg.
         mass: f64,
         /// About the axis, kg m^2.
         axial_inertia: f64,
@@ -138,7 +138,7 @@ section! {
         solids: Vec<[f64; 3]>,
         /// Number of small balls around the cap's bottom.
         cap_balls: u32,
-        /// Their radius, m.
+        /// Radius of each of these balls, m.
         cap_ball_radius: f64,
         /// Radius of the ring of their centres, m.
         cap_ring_radius: f64,
@@ -150,11 +150,11 @@ section! {
 section! {
     /// `[ladder]`; its origin is on the floor in the centre of the footprint, its steps are on -y.
     LadderConfig {
-        /// kg.
+        /// Mass of the ladder, kg.
         mass: f64,
         /// Height of the centre of mass, m.
         com_z: f64,
-        /// Overall extents, m.
+        /// Overall extents along x, y and z, m.
         size: [f64; 3],
         /// Radius of rails, legs and guard rail, m.
         rail_radius: f64,
@@ -164,11 +164,11 @@ section! {
         leg_top: [f64; 2],
         /// Tops of the treads below the platform, ascending, m.
         tread_heights: Vec<f64>,
-        /// m.
+        /// Depth of a tread along y, m.
         tread_depth: f64,
-        /// m.
+        /// Thickness of a tread, m.
         tread_thickness: f64,
-        /// m.
+        /// Half the width of a tread along x, m.
         tread_half_width: f64,
         /// Extent of the platform, m.
         platform_x: [f64; 2],
@@ -176,7 +176,7 @@ section! {
         platform_y: [f64; 2],
         /// Top of the platform, m.
         platform_height: f64,
-        /// m.
+        /// Thickness of the platform, m.
         platform_thickness: f64,
         /// y of the guard rail's top bar, m.
         guard_y: f64,
@@ -186,7 +186,7 @@ section! {
 }
 
 section! {
-    /// `[attachment]`; see [`crate::hold_wrench`].
+    /// `[attachment]`: the socket's hold on a bulb; see [`crate::hold_wrench`].
     AttachmentConfig {
         /// Largest axial gap for seating, m.
         seat_gap: f64,
@@ -202,21 +202,21 @@ section! {
         hold_force: f64,
         /// Axial offset at which the force has fallen to zero, m.
         hold_range: f64,
-        /// N s/m.
+        /// Damping along the axis, N s/m.
         axial_damping: f64,
-        /// N.
+        /// Largest force along the axis, N.
         axial_limit: f64,
-        /// N/m.
+        /// Stiffness across the axis, N/m.
         lateral_stiffness: f64,
-        /// N s/m.
+        /// Damping across the axis, N s/m.
         lateral_damping: f64,
-        /// N.
+        /// Largest force across the axis, N.
         lateral_limit: f64,
         /// Torque per sine of the tilt, N m.
         tilt_stiffness: f64,
-        /// N m s.
+        /// Damping of turns across the axis, N m s.
         tilt_damping: f64,
-        /// N m.
+        /// Largest torque on the bulb, N m.
         torque_limit: f64,
     }
 }
@@ -242,24 +242,24 @@ impl Surface {
 }
 
 section! {
-    /// `[surfaces]`.
+    /// `[surfaces]`: friction of all surfaces but the robot's.
     Surfaces {
-        /// Floor.
+        /// The floor of the scene.
         floor: Surface,
-        /// Walls and ceiling.
+        /// Walls and ceiling of the room.
         room: Surface,
-        /// Bench and tray.
+        /// Work bench and its tray.
         bench: Surface,
-        /// Crate.
+        /// The crate for spent bulbs.
         #[serde(rename = "crate")]
         crate_: Surface,
         /// Fixture but for the sleeve.
         fixture: Surface,
         /// Guide sleeve of the socket.
         sleeve: Surface,
-        /// Bulbs.
+        /// Both bulbs, glass and cap.
         bulb: Surface,
-        /// Ladder.
+        /// All of the ladder.
         ladder: Surface,
     }
 }
@@ -291,7 +291,7 @@ section! {
 }
 
 section! {
-    /// `[climb]`.
+    /// `[climb]`: where things stand in the fixed scene of `climb`.
     ClimbConfig {
         /// x, y (m) and yaw (rad).
         ladder: [f64; 3],
@@ -305,7 +305,7 @@ section! {
 }
 
 section! {
-    /// `[robot]`.
+    /// `[robot]`: the standing posture at the start.
     RobotStartConfig {
         /// Height of the pelvis at the start, m.
         pelvis_height: f64,
@@ -326,11 +326,11 @@ section! {
 }
 
 section! {
-    /// `[start]`.
+    /// `[start]`: where the robot starts a task, and how much that varies.
     StartConfig {
-        /// On the floor.
+        /// Noise of a start on the floor.
         noise: StartNoise,
-        /// On the ladder.
+        /// Noise of a start on the ladder.
         ladder_noise: StartNoise,
         /// From the ladder, m.
         mounting_distance: f64,
@@ -360,7 +360,7 @@ section! {
 }
 
 section! {
-    /// `[start.carry]`.
+    /// `[start.carry]`: how a bulb is held in the hand at the start.
     CarryConfig {
         /// Angles of the carrying arm's joints by name, rad; the others stand as in the standing posture.
         arm: BTreeMap<String, f64>,

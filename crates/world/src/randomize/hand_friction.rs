@@ -6,7 +6,7 @@ use crate::{Random, Stream};
 pub struct HandFriction {
     /// The coefficient in force.
     pub dynamic_friction: f64,
-    /// Recorded, not used.
+    /// The static coefficient of the material, which is recorded and not used.
     pub static_friction: f64,
     /// Which of the seed's materials it is.
     pub bucket: u32,

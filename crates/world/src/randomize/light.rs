@@ -36,11 +36,11 @@ impl Light {
     pub const KEY_PITCH: [f64; 2] = [-15.0_f64.to_radians(), 15.0_f64.to_radians()];
     /// Yaw of the key light, rad.
     pub const KEY_YAW: [f64; 2] = [-30.0_f64.to_radians(), 30.0_f64.to_radians()];
-    /// Hue, degrees.
+    /// Hue of the tint, degrees.
     pub const TINT_HUE: [f64; 2] = [0.0, 360.0];
-    /// Saturation.
+    /// Saturation of the tint; 0 is grey.
     pub const TINT_SATURATION: [f64; 2] = [0.0, 0.15];
-    /// Value.
+    /// Value of the tint, a factor of brightness.
     pub const TINT_VALUE: [f64; 2] = [0.7, 1.2];
 }
 

@@ -27,7 +27,7 @@ const SELF_OVERLAP: f64 = 5e-4;
 
 /// Where a task puts the robot.
 enum Stand {
-    /// On the floor.
+    /// On the floor at that place.
     Floor(Place),
     /// On the floor at a distance from a thing, in a direction that may turn.
     Around { center: Vector2<f64>, distance: f64, bearing: f64, facing: Vector2<f64> },
@@ -226,7 +226,7 @@ impl Stand {
     /// Height of the lowest sole above what the robot is to stand on, m; the nominal one where nothing is there.
     fn gap_below_soles(&self, world: &World) -> Result<f64, StartError> {
         let near = nearby(world, 2.0 * LIFT)?.filter(|(owners, _)| self.bears(*owners, world.scene()));
-        // Bars beside the feet bear nothing.
+        // Bars next to the feet bear nothing.
         let below = near.filter(|(_, contact)| contact.normal.z.abs() > 0.99);
         let gap = below.map(|(_, contact)| contact.distance).fold(f64::INFINITY, f64::min);
         Ok(if gap.is_finite() { gap } else { LIFT })

@@ -41,11 +41,11 @@ impl Thing {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sensed {
     pub thing: Thing,
-    /// Sensed hand body.
+    /// Index of the sensed hand body, if it is one.
     pub hand: Option<u8>,
-    /// Foot or palm.
+    /// Index of the foot or palm, if it is one.
     pub limb: Option<u8>,
-    /// Foot or arm.
+    /// Index of the foot or arm, if it may carry the robot.
     pub support: Option<u8>,
 }
 

@@ -161,7 +161,7 @@ fn footprints_hold_the_shapes_of_what_stands_still() {
     for name in ["bench", "crate", "fixture", "wall_west", "wall_east", "wall_south", "ceiling"] {
         assert_eq!(names.iter().filter(|found| **found == name).count(), 1, "{name} in {names:?}");
     }
-    assert!(!names.contains(&"ladder"), "a ladder that can move is no footprint");
+    assert!(!names.contains(&"ladder"), "a ladder that can move is not a footprint");
     let find = |name: &str| footprints.iter().find(|footprint| footprint.name == name).unwrap();
     let crate_ = find("crate");
     let center = crate_.outline.iter().sum::<nalgebra::Vector2<f64>>() / 4.0;

@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use super::FlightReport;
 use crate::bench::BenchError;
 
-/// rad/s.
+/// Speeds of every joint at the start, rad/s.
 pub(super) const JOINT_SPEEDS: [f64; 2] = [15.0, 30.0];
 /// Starts, and steps of 5 ms from each.
 const STARTS: u64 = 16;
@@ -37,7 +37,7 @@ pub(super) fn measure(joint_speed: f64) -> Result<FlightReport, BenchError> {
     Ok(FlightReport { joint_speed, worst, mean })
 }
 
-/// Where [`measure`] starts.
+/// The states that [`measure`] starts from.
 pub(super) fn starts(model: &Model, joint_speed: f64) -> impl Iterator<Item = State> {
     (0..STARTS).map(move |start| {
         let mut random = Random::of_term(Stream::Trial, "flight", 0, start);

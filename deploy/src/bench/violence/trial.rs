@@ -32,7 +32,7 @@ pub(super) enum Pattern {
     Alternating,
     /// Each joint to one of its limits.
     Limits,
-    /// Actions of so many times the box [-1, 1].
+    /// Actions of that many times the box [-1, 1].
     Boxes(f64),
 }
 
@@ -75,7 +75,7 @@ impl Pattern {
     }
 }
 
-/// What runs share.
+/// What all runs share.
 pub(super) struct Trials {
     robot: Arc<Robot>,
     config: SceneConfig,
@@ -156,7 +156,7 @@ impl Trials {
     }
 }
 
-/// Plays so many control steps, or until the state has left the plausible.
+/// Plays that many control steps, or until the state has left the plausible.
 fn play(
     world: &mut World,
     run: u64,

@@ -11,7 +11,7 @@ use crate::cli::{Failure, policy};
 /// Seeds of the published protocol.
 const PUBLISHED_SEEDS: [u64; 4] = [0, 1, 2, 3];
 
-/// What is registered.
+/// What the run is registered with: policy, tasks, seeds and session.
 pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, Failure> {
     let mut spec = match policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, &Replay::open(path)?)?,

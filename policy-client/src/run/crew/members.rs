@@ -14,7 +14,7 @@ use crate::ClientError;
 /// Most episodes at once on a server where nobody says how many: its cores are not known here.
 const USUAL_ROOM: usize = 8;
 
-/// A server whose token is missing for so long is gone. A link that comes back sooner costs nothing.
+/// A server whose token is missing for this time is gone. A link that comes back sooner costs nothing.
 const MISSING_TIME: Duration = Duration::from_secs(2);
 
 /// Between two questions to the same server.

@@ -7,7 +7,7 @@ use fiatlux_rules::{CONTROL_DT, Task};
 
 use fiatlux_sensing::{Sensor, Sensors, Sight};
 
-/// Observations a second.
+/// Observations a second of simulated time.
 const STEP_HZ: f64 = 1.0 / CONTROL_DT;
 /// How often a bag has what its session asks for without a rate, Hz.
 const RECORD_HZ: f64 = 10.0;
@@ -15,9 +15,9 @@ const RECORD_HZ: f64 = 10.0;
 /// How a policy senses it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Use {
-    /// In observations, so many steps apart.
+    /// In observations, this many steps apart.
     Every(u64),
-    /// When it looks.
+    /// Only when the policy looks.
     Look,
     /// Not at all: the bag has it.
     BagOnly,
@@ -39,7 +39,7 @@ struct Choice {
 pub(in crate::server) struct SensorPlan(Vec<Choice>);
 
 impl SensorPlan {
-    /// All of them.
+    /// All sensors, whether the policy or only the bag gets them.
     pub fn all(&self) -> Sensors {
         self.of(|_| true)
     }

@@ -13,7 +13,7 @@ use crate::server::plan;
 
 /// Longest name or version of a policy, bytes.
 const MAX_NAME: usize = 128;
-/// Longest link, bytes.
+/// Longest link of a policy, bytes.
 const MAX_LINK: usize = 512;
 /// The subtasks of the benchmark.
 const SUBTASKS: usize = 12;

@@ -46,8 +46,8 @@ impl Mood {
     }
 }
 
-/// A row in which all that the errand pays for is anywhere, at its start, at its goal, just beside a threshold, or is no
-/// number.
+/// A row in which all that the errand pays for is anywhere, at its start, at its goal, just off a threshold, or is not
+/// a number.
 fn adversarial(draw: &mut Draw, mood: Mood, step: u64) -> Row {
     let start = start_of(Task::Replace);
     let anything = draw.row(step);

@@ -46,7 +46,7 @@ fn limits() -> Vec<Limit> {
             },
             [0.151, 0.149],
         ),
-        // Beside the crate it is dropped, in it disposed of.
+        // Next to the crate it is dropped, in it disposed of.
         (
             Replace,
             Drop,
@@ -107,7 +107,7 @@ fn the_row_that_ends_pays() {
 type Completion = (&'static str, f64, fn(&mut Row, f64), [f64; 2]);
 
 const COMPLETIONS: [Completion; 6] = [
-    // The ladder's top point is 0.1 m beside its root.
+    // The ladder's top point is 0.1 m to the side of its root.
     ("ladder_ready", 2.0, |row, d| row.ladder.pose = at([FIXTURE[0] + d, FIXTURE[1] - 0.1, 0.0]), [0.671, 0.669]),
     ("ladder_ready", 2.0, |row, a| row.ladder.pose = rotated(FIXTURE, Vector3::x(), a), [0.601, 0.599]),
     (
@@ -164,7 +164,7 @@ fn the_row_that_completes_pays() {
     }
 }
 
-/// Either half of the errand alone is no success. Success in the row of a fall pays, and the fall is charged.
+/// Either half of the errand alone is not a success. Success in the row of a fall pays, and the fall is charged.
 #[test]
 fn success_of_the_errand_takes_both_bulbs() {
     let [start, goal] = [start_of(Task::Replace), goal_of(Task::Replace)];

@@ -184,9 +184,9 @@ fn perfect_errand() {
     let end = meter.judge.verdict().end.expect("ended");
     assert_eq!((end.causes, end.step), (Causes::of(&[Cause::Success]), 3_935));
 
-    // The ladder's top point ends 0.38 m beside the seat and 0.983741 m below it; the old bulb 0.11 m beside the crate's
-    // origin and 0.0436 m above it. The start is (-3 - 0.1 sin 0.7, 1.52 + 0.1 cos 0.7, -0.983741) from the seat, and a
-    // seated bulb (4, 0.48, 2.2) from the crate.
+    // The ladder's top point ends 0.38 m to the side of the seat and 0.983741 m below it; the old bulb 0.11 m to the
+    // side of the crate's origin and 0.0436 m above it. The start is (-3 - 0.1 sin 0.7, 1.52 + 0.1 cos 0.7, -0.983741)
+    // from the seat, and a seated bulb (4, 0.48, 2.2) from the crate.
     let ladder = 5.0 * (1.0 - length(&[0.38, 0.983741]) / length(&[3.0644217687, 1.5964842187, 0.983741]));
     let disposal = 10.0 * (1.0 - length(&[0.11, 0.0436]) / length(&[4.0, 0.48, 2.2]));
     let gripping = 0.5 + 2.0 + 1.0 + 8.0 + 10.0 + 2.0 + (2.0 + 12.0 + 8.0 + 1.0 + 2.0);

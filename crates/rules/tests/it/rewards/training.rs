@@ -85,7 +85,7 @@ fn own_terms(task: Task) -> Vec<Own> {
     }
 }
 
-/// Weights of the terms that all tasks share, beside the charges for failures.
+/// Weights of the terms that all tasks share, besides the charges for failures.
 const SHARED: [(&str, f64); 9] = [
     ("gate_progress", 1.0),
     ("success_bonus", 500.0),
@@ -126,7 +126,7 @@ fn press(row: &mut Row, bulb: usize) {
     touch(row, 1 - bulb, LEFT, 9.0);
 }
 
-/// Part of the way over the floor, and upwards, which is no approach.
+/// Part of the way over the floor, and upwards, which is not an approach.
 fn go_towards(row: &mut Row, goal: Vector3<f64>, part: f64) {
     let place = &mut row.robot.pose.translation.vector;
     let height = place.z;
