@@ -45,6 +45,8 @@ impl Representation {
 pub enum Body {
     /// The whole-body controller, on the commands of the model.
     Wbc,
+    /// A decoder of motion tokens moves legs, waist and arms.
+    Tokens,
     /// The model's own joint targets. Joints that it does not name keep the posture of the start.
     Direct,
 }

@@ -11,7 +11,7 @@ fn shipped(name: &str) -> Mapping {
     Mapping::open(name, &robot()).unwrap()
 }
 
-/// Counts of numbers of the facts: 43 and 35, 49 and 53, 46 and 78, and those of the three others.
+/// Counts of numbers of the facts: 43 and 35, 49 and 53, 46 and 78, and those of the four others.
 #[test]
 fn shipped_mappings_have_the_dimensions_of_their_models() {
     let widths = |mapping: &Mapping, keys: &[Key]| keys.iter().map(|key| mapping.width(key)).sum::<usize>();
@@ -22,6 +22,7 @@ fn shipped_mappings_have_the_dimensions_of_their_models() {
         ("openpi_g1", 20, 23, 50),
         ("behavior_g1", 23, 23, 16),
         ("roboarena_g1", 8, 8, 10),
+        ("lerobot_g1", 4, 7, 20),
     ] {
         let mapping = shipped(name);
         assert_eq!(mapping.name, name);
@@ -61,6 +62,17 @@ fn wrong_files_are_refused() {
             continue;
         }
         let error = Mapping::from_toml("test", &text.replacen(from, to, 1), &robot()).unwrap_err().to_string();
+        assert!(error.contains(says), "{from} -> {to}: {error}");
+    }
+    let tokens = include_str!("../../mappings/unitree_g1_sonic.toml");
+    for (from, to, says) in [
+        ("body = \"tokens\"", "", "set body = \"tokens\""),
+        ("{ token = 64 }", "{ skip = 64 }", "needs one token in the actions, which have 0"),
+        ("{ token = 64 }", "{ token = 32 }, { token = 32 }", "which have 2"),
+        ("{ token = 64 }", "{ token = 64 }, { group = \"waist\" }", "belongs to the decoder of the tokens"),
+        ("{ token = 64 }", "{ token = 64 }, { term = \"navigate\" }", "it is a command; set body = \"wbc\""),
+    ] {
+        let error = Mapping::from_toml("test", &tokens.replacen(from, to, 1), &robot()).unwrap_err().to_string();
         assert!(error.contains(says), "{from} -> {to}: {error}");
     }
     let (head, tail) = text.split_once("# Relative keys").unwrap();

@@ -36,6 +36,11 @@ impl VlaSource {
         &self.0.mapping
     }
 
+    /// The motion tokens that nobody can read: their key and width. The policy refuses to play them.
+    pub fn undecoded(&self) -> Option<(&str, usize)> {
+        self.0.check_decoder().err().and(self.0.mapping.token())
+    }
+
     /// Asks for the contract, resets, and asks once for a chunk. What does not fit is in the result.
     ///
     /// # Errors
@@ -68,7 +73,7 @@ impl VlaSource {
             let start = Instant::now();
             let chunk = model.infer(&observation)?;
             let latency = start.elapsed();
-            let rows = mapping.rows(&shared.robot, q, &chunk);
+            let rows = shared.rows(q, &chunk);
             Ok(Answer { chunk, latency, rows })
         };
         Ok(Probed { contract, fit, sent, answer: ask() })
