@@ -1,6 +1,7 @@
 //! The policies that come with the program, one a file.
 
 mod body;
+mod carrier;
 mod foreign;
 mod hold;
 mod random;

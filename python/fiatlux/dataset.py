@@ -3,7 +3,7 @@
 import io
 from os import PathLike
 from pathlib import Path
-from typing import Any, Iterator, Mapping, Sequence
+from typing import Any, Iterator, Literal, Mapping, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,12 @@ _SENSED = (
     "joint_velocity",
 )
 
+_COMMAND = ["navigate:3", "height:1", "torso:3"]
+"""What a policy on a whole-body controller commands, as the record has it."""
+
+ActionForm = Literal["joints", "command"]
+"""Actions in action units, or commands of velocity, height and torso."""
+
 
 def export_lerobot(
     bags: str | PathLike[str] | Sequence[str | PathLike[str]],
@@ -39,7 +45,9 @@ def export_lerobot(
     *,
     repo_id: str = "fiatlux/bags",
     fps: int = ROWS_PER_SECOND,
-    vcodec: str = "libsvtav1",
+    vcodec: Optional[str] = "libsvtav1",
+    state: Sequence[str] = _SENSED,
+    action: ActionForm = "joints",
 ) -> Path:
     """Writes whole bags as a data set of LeRobot's, which needs the extra ``lerobot``; returns its folder.
 
@@ -55,12 +63,15 @@ def export_lerobot(
         repo_id: Name of the data set.
         fps: Frames a second: 50 divided by a whole number. Rows in between are left out, with their actions; rewards of a
             frame are sums until the next one.
-        vcodec: Video codec, as LeRobot names it.
+        vcodec: Video codec, as LeRobot names it; none for single pictures, which are exact and faster to train on.
+        state: Terms of proprioception that ``observation.state`` has, in their order.
+        action: ``command`` for what the policy commanded to its whole-body controller (velocity ahead, to the left and about the
+            vertical, height, and roll, pitch, yaw of the torso), which bags of policies such as ``walk`` have.
 
     Raises:
         ImportError: ``lerobot`` is not installed.
-        ValueError: No bags, a bag that was cut or that has no proprioception, bags of robots that differ, or an ``fps`` that
-            does not fit.
+        ValueError: No bags, a bag that was cut or that has no proprioception or commands, bags of robots that differ, a term
+            that is not known, or an ``fps`` that does not fit.
     """
     try:
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -68,18 +79,24 @@ def export_lerobot(
         raise ImportError("export_lerobot needs lerobot; install fiatlux[lerobot]") from error
     if fps <= 0 or ROWS_PER_SECOND % fps != 0:
         raise ValueError(f"fps is {fps}; give 50 divided by a whole number, such as 50, 25 or 10")
+    unknown = [name for name in state if name not in _SENSED]
+    if unknown or not state:
+        raise ValueError(f"state: {unknown or 'nothing'} is not known; name some of {', '.join(_SENSED)}")
+    if action not in ("joints", "command"):
+        raise ValueError(f"action is {action!r}; use joints or command")
     paths = _paths(bags)
     features, robot = None, ""
     for path in paths:
-        of_bag, robot_of_bag = _features(Bag(path), path)
+        of_bag, robot_of_bag = _features(Bag(path), path, state, action, "image" if vcodec is None else "video")
         if features is None:
             features, robot = of_bag, robot_of_bag
         elif features != of_bag or robot != robot_of_bag:
             differ = sorted(set(features) ^ set(of_bag)) or sorted(n for n in features if features[n] != of_bag[n]) or ["robot"]
             raise ValueError(f"{path} differs from {paths[0]} in {', '.join(differ)}; export such bags apart")
-    data = LeRobotDataset.create(repo_id, fps, features, root=out, robot_type=robot, use_videos=True, vcodec=vcodec)
+    video = {"use_videos": False} if vcodec is None else {"use_videos": True, "vcodec": vcodec}
+    data = LeRobotDataset.create(repo_id, fps, features, root=out, robot_type=robot, **video)
     for path in paths:
-        for frame in _frames(Bag(path), features, ROWS_PER_SECOND // fps):
+        for frame in _frames(Bag(path), state, action, ROWS_PER_SECOND // fps):
             data.add_frame(frame)
         data.save_episode()
     data.finalize()
@@ -97,7 +114,9 @@ def _paths(bags: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Pa
     return paths
 
 
-def _features(bag: Bag, path: Path) -> tuple[dict[str, Any], str]:
+def _features(
+    bag: Bag, path: Path, state: Sequence[str], action: ActionForm, picture: str
+) -> tuple[dict[str, Any], str]:
     """Columns of a bag's data set, and the name of its robot."""
     if not bag.is_whole or bag.result is None:
         raise ValueError(f"{path} is not whole; export bags of episodes that ended")
@@ -105,9 +124,13 @@ def _features(bag: Bag, path: Path) -> tuple[dict[str, Any], str]:
     joints: list[str] = list(header["joint_names"])
     if len(observation.get("proprioception.joint_position", ())) != len(bag["/state"]["step"]):
         raise ValueError(f"{path} has no proprioception in every row; record sessions that observe it in every step")
-    xyz = ("x", "y", "z")
-    state = [f"{name}.{axis}" for name in _SENSED[:3] for axis in xyz] + ["base_height"]
-    state += [f"{name}.{joint}" for name in _SENSED[4:] for joint in joints]
+    if action == "command" and _commands(bag) is None:
+        raise ValueError(f"{path} has no command with every action; record a policy on a whole-body controller, such as walk")
+
+    def parts(name: str) -> list[str]:
+        if name == "base_height":
+            return [name]
+        return [f"{name}.{part}" for part in (joints if name.startswith("joint_") else ("x", "y", "z"))]
 
     def one(dtype: str) -> dict[str, Any]:
         return {"dtype": dtype, "shape": (1,), "names": None}
@@ -116,8 +139,8 @@ def _features(bag: Bag, path: Path) -> tuple[dict[str, Any], str]:
         return {"dtype": "float32", "shape": (len(names),), "names": names}
 
     features: dict[str, Any] = {
-        "observation.state": several(state),
-        "action": several(joints),
+        "observation.state": several([part for name in state for part in parts(name)]),
+        "action": several(["vx", "vy", "wz", "height", "roll", "pitch", "yaw"] if action == "command" else joints),
         "next.reward": one("float32"),
         "next.reward_terms": several(_reward_terms(bag)),
         "next.done": one("bool"),
@@ -132,21 +155,33 @@ def _features(bag: Bag, path: Path) -> tuple[dict[str, Any], str]:
     for name, images in _images(bag).items():
         height, width, _ = next(iter(images.values())).shape
         features[f"observation.images.{name}"] = {
-            "dtype": "video",
+            "dtype": picture,
             "shape": (height, width, 3),
             "names": ["height", "width", "channels"],
         }
     return features, f"g1_{header['hands']}"
 
 
-def _frames(bag: Bag, features: Mapping[str, Any], stride: int) -> Iterator[dict[str, Any]]:
+def _commands(bag: Bag) -> Optional[NDArray[np.float32]]:
+    """What the policy commanded with each action, rows x 7; none in a bag that lacks it anywhere."""
+    actions = bag["/action"]
+    values, keys = actions.get("action.chunk.values"), actions.get("action.chunk.keys")
+    rows = len(bag["/state"]["step"]) - 1
+    if not isinstance(values, np.ndarray) or values.shape != (rows, 7) or keys != [_COMMAND] * rows:
+        return None
+    return values
+
+
+def _frames(bag: Bag, terms: Sequence[str], action: ActionForm, stride: int) -> Iterator[dict[str, Any]]:
     header, observation, rewards = bag.header, bag["/observation"], bag["/reward"]
     verdict = (bag.result or {})[header["episode_protocol"]]
-    actions = bag["/state"]["action"]
-    rows = len(actions) - 1
-    sensed = [np.reshape(observation[f"proprioception.{name}"], (rows + 1, -1)) for name in _SENSED]
+    rows = len(bag["/state"]["step"]) - 1
+    # The action that answers row k led to row k + 1.
+    actions = _commands(bag) if action == "command" else bag["/state"]["action"][1:]
+    assert actions is not None, "it was looked for"
+    sensed = [np.reshape(observation[f"proprioception.{name}"], (rows + 1, -1)) for name in terms]
     state = np.concatenate(sensed, axis=1).astype(np.float32)
-    terms = np.stack([rewards[f"terms.{name}.reward"] for name in _reward_terms(bag)], axis=1)
+    paid = np.stack([rewards[f"terms.{name}.reward"] for name in _reward_terms(bag)], axis=1)
     whole_episode = {
         "episode.success": np.array([bool(verdict["success"])]),
         "episode.gate_progress": np.array([verdict["gate_progress"]], np.float32),
@@ -167,10 +202,9 @@ def _frames(bag: Bag, features: Mapping[str, Any], stride: int) -> Iterator[dict
         yield {
             "task": header["instruction"],
             "observation.state": state[row],
-            # The action that answers row k led to row k + 1.
-            "action": np.asarray(actions[row + 1], np.float32),
+            "action": np.asarray(actions[row], np.float32),
             "next.reward": np.sum(rewards["total"][row:last], keepdims=True).astype(np.float32),
-            "next.reward_terms": np.sum(terms[row:last], axis=0).astype(np.float32),
+            "next.reward_terms": np.sum(paid[row:last], axis=0).astype(np.float32),
             "next.done": np.array([last == rows]),
             "next.success": np.array([last == rows and bool(verdict["success"])]),
             **whole_episode,

@@ -4,7 +4,7 @@
 #     python/tests/extras.sh [train] [ray] [lerobot] [mujoco]     (all without names)
 #
 # It downloads PyTorch twice, since the trainers and lerobot ask for versions that differ. FIATLUX_WHEEL names a wheel that is
-# built already.
+# built already, FIATLUX_TEST_PROGRAM the program fiatlux, without which lerobot's tests of commands are skipped.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 work="$(mktemp -d)"

@@ -169,7 +169,12 @@ def nested(flat):
     return observation
 
 
-def gr00t_actions(model, observation, embodiment, navigate):
+def motion_tokens(count, horizon, width):
+    """Tokens within their limits that differ from row to row and from chunk to chunk."""
+    return 0.9 * np.sin(0.4 * np.arange(width) + 0.05 * np.arange(horizon)[:, None] + count)
+
+
+def gr00t_actions(model, observation, embodiment, args):
     horizon = embodiment["horizon"]
     actions = {}
     for key, width in embodiment["action"].items():
@@ -179,10 +184,19 @@ def gr00t_actions(model, observation, embodiment, navigate):
         elif key == "base_height_command":
             row = np.array([0.75])
         elif key == "navigate_command":
-            row = np.array(navigate)
+            row = np.array(args.navigate)
+        elif key == "motion_token":
+            actions[key] = motion_tokens(model.count, horizon, width)[None].astype(np.float32)
+            if model.is_faulty("token"):
+                actions[key][0, 3, 5] = 1.3
+            continue
         else:
             row = np.zeros(width)
         actions[key] = np.repeat(row[None, None].astype(np.float32), horizon, axis=1)
+        if key == "left_arm":
+            by_row, by_chunk = args.ramp
+            ramp = (-1) ** model.count * (by_chunk + by_row * np.arange(horizon))
+            actions[key] += ramp[None, :, None].astype(np.float32)
     first = next(iter(actions))
     actions[first] = model.spoil(actions[first])
     return actions
@@ -245,7 +259,7 @@ def serve_gr00t(args):
         def make():
             if model.is_faulty("error"):
                 raise Refused("CUDA error: device-side assert triggered")
-            actions = gr00t_actions(model, observation, embodiment, args.navigate)
+            actions = gr00t_actions(model, observation, embodiment, args)
             if is_flat:
                 actions = {f"action.{key}": value for key, value in actions.items()}
             if model.is_faulty("huge"):
@@ -396,10 +410,16 @@ def main():
     serve.add_argument("--embodiment", default="unitree_g1", choices=EMBODIMENTS)
     serve.add_argument("--port", type=int, default=0)
     serve.add_argument("--delay", type=float, default=0.0)
-    serve.add_argument("--fault", default="", choices=["", "nan", "shape", "error", "huge", "die"])
+    serve.add_argument("--fault", default="", choices=["", "nan", "shape", "error", "huge", "die", "token"])
     serve.add_argument("--after", type=int, default=0, help="answers that are good before the fault")
     serve.add_argument("--size", type=lambda text: [int(side) for side in text.split("x")], default=[640, 480])
     serve.add_argument("--navigate", type=lambda text: [float(part) for part in text.split(",")], default=[0.0] * 3)
+    serve.add_argument(
+        "--ramp",
+        type=lambda text: [float(part) for part in text.split(",")],
+        default=[0.0] * 2,
+        help="what GR00T's left arm moves from row to row, and at once, forth and back from chunk to chunk, rad",
+    )
     serve.add_argument("--token", help="refuse GR00T requests without this API token")
     serve.add_argument("--key", help="refuse WebSocket clients without this API key")
     serve.add_argument("--stats", help="file for the share of time that the model was busy")

@@ -9,11 +9,15 @@ of a few kB; those of seed 1 are committed in crates/foreign/tests/fixtures:
 
     FIATLUX_PYTHON tests/oracle/foreign.py crates/foreign/tests/fixtures --small --seed 1
 
+With `--play gear.nvidia`, `gear.lerobot` or `sonic` it writes no networks but plays those in FOLDER on what a JSON on standard
+input says of each step (the keys of `sequence`; a waist's angles `waist` in place of a torso), and prints the targets as JSON.
+
 Needs numpy, onnx and onnxruntime (foreign.requirements.txt).
 """
 
 import argparse
 import json
+import sys
 from collections import deque
 from pathlib import Path
 
@@ -194,12 +198,37 @@ def write_safetensors(path, tensors):
     path.write_bytes(len(text).to_bytes(8, "little") + text + data)
 
 
+def torso(waist):
+    """Roll, pitch and yaw of a torso on a waist of yaw, roll and pitch."""
+    (cy, cr, cp), (sy, sr, sp) = np.cos(waist), np.sin(waist)
+    yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    turn = yaw @ roll @ pitch
+    return np.array([np.arctan2(turn[2, 1], turn[2, 2]), -np.arcsin(turn[2, 0]), np.arctan2(turn[1, 0], turn[0, 0])])
+
+
+def play(folder, name):
+    """Targets of what standard input says, as a list a step."""
+    player = Sonic(folder) if name == "sonic" else Gear(folder, name.removeprefix("gear."))
+    targets = []
+    for seen in json.load(sys.stdin):
+        seen = {key: np.array(numbers) for key, numbers in seen.items()}
+        if "waist" in seen:
+            seen["torso"] = torso(seen["waist"])
+        targets.append(player.step(seen).tolist())
+    json.dump(targets, sys.stdout)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--small", action="store_true")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--play", choices=["gear.nvidia", "gear.lerobot", "sonic"])
     arguments = parser.parse_args()
+    if arguments.play:
+        return play(arguments.folder, arguments.play)
     folder, sizes = arguments.folder, SIZES[arguments.small]
     folder.mkdir(parents=True, exist_ok=True)
     random = np.random.default_rng(arguments.seed)

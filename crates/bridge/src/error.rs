@@ -94,8 +94,8 @@ pub enum BridgeError {
     },
     /// The model speaks motion tokens, and nobody can read them.
     #[error(
-        "the mapping {mapping} commands the body by motion tokens ('{key}', {width} numbers), and no decoder is given: the \
-         ONNX file of the GEAR-SONIC decoder (994 inputs, 29 outputs) is missing"
+        "the mapping {mapping} commands the body by motion tokens ('{key}', {width} numbers), and no decoder is given; name the \
+         folder of the GEAR-SONIC decoder (ONNX, 994 inputs, 29 outputs) with --controller sonic:DIR"
     )]
     NoDecoder {
         /// Name of the mapping.

@@ -20,7 +20,7 @@ pub struct Row {
     pub height: Option<f64>,
     /// Roll, pitch and yaw of the torso, rad.
     pub torso: Option<[f64; 3]>,
-    /// A motion token; empty where the model speaks none.
+    /// A motion token as it came; empty where the model speaks none. Its decoder knows what numbers it takes.
     pub token: Vec<f64>,
 }
 
@@ -50,8 +50,7 @@ impl Mapping {
     /// Reads a chunk, after it was compared by [`crate::check_chunk`]. `q` are the angles of all joints at the question, rad.
     ///
     /// # Errors
-    /// [`BridgeError::Contract`]: a chunk that does not fit; [`BridgeError::Malformed`]: a wrist's rotation without a direction,
-    /// or a token beyond its bound.
+    /// [`BridgeError::Contract`]: a chunk that does not fit; [`BridgeError::Malformed`]: a wrist's rotation without a direction.
     pub fn rows(&self, robot: &Robot, q: &[f64], chunk: &ModelChunk) -> Result<Vec<Row>, BridgeError> {
         crate::check_chunk(self, chunk)?;
         let base = Base { robot, q };
@@ -139,22 +138,13 @@ impl Mapping {
                 (Part::Navigate, _) => row.velocity = values.try_into().ok(),
                 (Part::Height, _) => row.height = values.first().copied(),
                 (Part::Torso, _) => row.torso = values.try_into().ok(),
-                (Part::Token(_), _) => {
-                    if let Some(far) = values.iter().find(|value| value.abs() > MAX_TOKEN) {
-                        let problem = format!("a motion token has {far}; at most {MAX_TOKEN} is played");
-                        return Err(BridgeError::malformed(format!("the action '{}'", key.key), problem));
-                    }
-                    row.token = values.to_vec();
-                }
+                (Part::Token(_), _) => row.token = values.to_vec(),
                 _ => {}
             }
         }
         Ok(())
     }
 }
-
-/// Largest number of a motion token: the client of GEAR-SONIC skips a chunk with a larger one.
-const MAX_TOKEN: f64 = 1.25;
 
 /// Roll, pitch and yaw of a torso on a waist of three joints.
 fn leaned(yaw: f64, roll: f64, pitch: f64) -> [f64; 3] {

@@ -129,6 +129,12 @@ pub enum ForeignError {
         /// The largest size.
         most: f32,
     },
+    /// Not as many numbers as a token has.
+    #[error("a token has 64 numbers, and {found} were given; give all of one")]
+    Width {
+        /// How many there were.
+        found: usize,
+    },
     /// A file of tokens cannot be used.
     #[error("{} line {line}: {problem}; write 64 numbers a line, one line a control step of 20 ms, as numpy.savetxt does", path.display())]
     Tokens {

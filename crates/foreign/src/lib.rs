@@ -27,4 +27,4 @@ pub use gear::{Gear, HEIGHT, Reading};
 pub use model::Model;
 pub use plant::{GainsRule, Plant};
 pub use sonic::Sonic;
-pub use token::{FixedToken, RecordedTokens, TOKEN, TOKEN_LIMIT, Token, TokenSource};
+pub use token::{FixedToken, RecordedTokens, TOKEN, TOKEN_LIMIT, Token, TokenSource, token_of};

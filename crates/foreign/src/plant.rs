@@ -122,8 +122,9 @@ impl Plant {
                 }
                 if index < self.moved && rule == GainsRule::Own {
                     let gains = self.gains;
-                    let remedy =
-                        format!("open the session with --gains {gains}, or add gains=any to the policy's name");
+                    let remedy = format!(
+                        "open the session with --gains {gains}, or add ,gains=any after the controller's folder"
+                    );
                     let what = format!("a {term} of {name} of");
                     return Err(unfit(what, format!("{own:.3}"), format!("{found:.3}"), remedy));
                 }

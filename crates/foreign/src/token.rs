@@ -98,6 +98,16 @@ impl TokenSource for RecordedTokens {
     }
 }
 
+/// A token of a model's numbers.
+///
+/// # Errors
+/// [`ForeignError::Width`]: not 64 numbers; [`ForeignError::Token`]: one that is not finite or is beyond the limit.
+pub fn token_of(numbers: &[f64]) -> Result<Token, ForeignError> {
+    let numbers: &[f64; TOKEN] = numbers.try_into().map_err(|_| ForeignError::Width { found: numbers.len() })?;
+    let token = numbers.map(|number| number as f32);
+    check(&token).map(|()| token)
+}
+
 /// Refuses what is not finite, or beyond the limit.
 pub(crate) fn check(token: &Token) -> Result<(), ForeignError> {
     match token.iter().position(|value| value.is_nan() || value.abs() > TOKEN_LIMIT) {

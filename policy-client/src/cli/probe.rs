@@ -40,9 +40,10 @@ pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
         Ok(rows) => print_row(rows.first()),
         Err(error) => println!("answer    does not fit: {error}"),
     }
-    if let Some((key, width)) = source.mapping().token() {
+    if let Some((key, width)) = source.undecoded() {
         println!(
-            "decoder   missing: '{key}' has motion tokens of {width} numbers; the policy vla refuses to play them"
+            "decoder   missing: '{key}' has motion tokens of {width} numbers, which the policy vla plays with \
+             --controller sonic:DIR alone"
         );
     }
     Ok(probed.fit.is_ok() && rows.is_ok())

@@ -4,41 +4,172 @@ use std::path::Path;
 
 use fiatlux_foreign::{
     FixedToken, GainsRule, Gear as GearController, HEIGHT, Model, Plant, Reading, RecordedTokens,
-    Sonic as SonicController, TokenSource,
+    Sonic as SonicController, Token, TokenSource,
 };
-use fiatlux_proto::v3::{Observation, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
 
 use super::body::{self, Senses};
+use super::carrier::Body;
 use crate::{Command, Policy, PolicyError};
 
-/// Words of `gear`, and of `sonic`.
+/// Words of `gear`, of what carries a model's commands, and of `sonic`.
 const GEAR_FIELDS: &str = "reading, gains, vx, vy, wz, height, roll, pitch, yaw";
+const GEAR_FILE_FIELDS: &str = "reading, gains";
 const SONIC_FIELDS: &str = "token, gains";
+const SONIC_FILE_FIELDS: &str = "gains";
 
-/// GEAR's decoupled controller on one command: it moves legs and waist; arms and hands keep the staged posture.
-pub struct Gear {
+/// GEAR's networks and how they are read, for any number of episodes.
+#[derive(Debug)]
+pub(super) struct GearFiles {
     networks: [Model; 2],
     plant: Plant,
     reading: Reading,
     rule: GainsRule,
+}
+
+impl GearFiles {
+    /// What it is commanded to unless told otherwise.
+    pub const UPRIGHT: fiatlux_wbc::Command =
+        fiatlux_wbc::Command { velocity: [0.0; 3], height: HEIGHT, torso: [0.0; 3] };
+
+    /// Reads `DIR[,reading=nvidia|lerobot][,gains=own|any]`.
+    ///
+    /// # Errors
+    /// [`PolicyError::Words`], or networks that cannot be loaded.
+    pub fn open(text: &str) -> Result<Self, PolicyError> {
+        Self::open_with(text, GEAR_FILE_FIELDS, |_, _| None)
+    }
+
+    /// The same; `other` takes further words, and says whether it could.
+    fn open_with(
+        text: &str,
+        fields: &'static str,
+        mut other: impl FnMut(&str, &str) -> Option<()>,
+    ) -> Result<Self, PolicyError> {
+        let (folder, rest) = text.split_once(',').unwrap_or((text, ""));
+        let (mut reading, mut rule) = (Reading::default(), GainsRule::default());
+        for word in body::words(rest, fields) {
+            let (word, name, value) = word?;
+            let read = match name {
+                "reading" => value.parse().ok().map(|value| reading = value),
+                "gains" => value.parse().ok().map(|value| rule = value),
+                _ => other(name, value),
+            };
+            read.ok_or_else(|| PolicyError::Words { word: word.into(), fields })?;
+        }
+        let networks = GearController::read(Path::new(folder))?;
+        for network in &networks {
+            tracing::info!("gear: a network of SHA-256 {}", network.digest());
+        }
+        Ok(Self { networks, plant: Plant::gear(reading)?, reading, rule })
+    }
+
+    /// Its name in the record.
+    pub fn name(&self) -> &'static str {
+        match self.reading {
+            Reading::Nvidia => "gear",
+            Reading::Lerobot => "gear-lerobot",
+        }
+    }
+
+    /// The controller, at the start of an episode.
+    ///
+    /// # Errors
+    /// A session that does not fit, or a network that cannot be prepared.
+    pub fn controller(&self, policy: &'static str, info: &SessionInfo) -> Result<GearController, PolicyError> {
+        let q0 = fit(policy, &self.plant, info, self.rule)?;
+        Ok(GearController::new(&self.networks, self.reading, &q0)?)
+    }
+}
+
+/// The decoder of GEAR-SONIC, for any number of episodes.
+#[derive(Debug)]
+pub(super) struct SonicFiles {
+    decoder: Model,
+    plant: Plant,
+    rule: GainsRule,
+}
+
+impl SonicFiles {
+    /// Its name in the record.
+    pub const NAME: &str = "sonic";
+
+    /// Reads `DIR[,gains=own|any]`.
+    ///
+    /// # Errors
+    /// [`PolicyError::Words`], or a network that cannot be loaded.
+    pub fn open(text: &str) -> Result<Self, PolicyError> {
+        Self::open_with(text, SONIC_FILE_FIELDS, |_, _| Ok(None))
+    }
+
+    /// The same; `other` takes further words, and says whether it could.
+    fn open_with(
+        text: &str,
+        fields: &'static str,
+        mut other: impl FnMut(&str, &str) -> Result<Option<()>, PolicyError>,
+    ) -> Result<Self, PolicyError> {
+        let (folder, rest) = text.split_once(',').unwrap_or((text, ""));
+        let mut rule = GainsRule::default();
+        for word in body::words(rest, fields) {
+            let (word, name, value) = word?;
+            let read = match name {
+                "gains" => value.parse().ok().map(|value| rule = value),
+                _ => other(name, value)?,
+            };
+            read.ok_or_else(|| PolicyError::Words { word: word.into(), fields })?;
+        }
+        let decoder = SonicController::read(Path::new(folder))?;
+        tracing::info!("sonic: a network of SHA-256 {}", decoder.digest());
+        Ok(Self { decoder, plant: Plant::sonic()?, rule })
+    }
+
+    /// The body on this decoder, at the start of an episode.
+    ///
+    /// # Errors
+    /// A session that does not fit or lacks a term, or a network that cannot be prepared.
+    pub fn begin(
+        &self,
+        policy: &'static str,
+        info: &SessionInfo,
+        first: &Observation,
+    ) -> Result<SonicBody, PolicyError> {
+        let targets = body::staged(policy, info, first)?;
+        let q0 = fit(policy, &self.plant, info, self.rule)?;
+        Ok(SonicBody { controller: SonicController::new(&self.decoder, &q0)?, senses: Senses::new(policy), targets })
+    }
+}
+
+/// Legs, waist and arms by the decoder; hands keep the targets that they are given.
+pub(super) struct SonicBody {
+    controller: SonicController,
+    senses: Senses,
+    /// Of all joints, rad.
+    pub targets: Vec<f64>,
+}
+
+impl SonicBody {
+    /// Answers an observation.
+    ///
+    /// # Errors
+    /// An observation that lacks a term or is not finite, a token beyond its limit, or a network that fails.
+    pub fn step(&mut self, observation: &Observation, token: &Token) -> Result<Command, PolicyError> {
+        self.controller.step(&self.senses.read(observation)?, token, &mut self.targets)?;
+        Ok(Command::JointTarget(self.targets.clone()))
+    }
+}
+
+/// GEAR's decoupled controller on one command: it moves legs and waist; arms and hands keep the staged posture.
+pub struct Gear {
+    files: GearFiles,
     command: fiatlux_wbc::Command,
-    episode: Option<Episode<GearController>>,
+    body: Option<Body>,
 }
 
 /// The decoder of GEAR-SONIC on tokens: it moves legs, waist and arms; hands keep the staged posture.
 pub struct Sonic {
-    decoder: Model,
-    plant: Plant,
-    rule: GainsRule,
+    files: SonicFiles,
     tokens: Box<dyn TokenSource>,
-    episode: Option<Episode<SonicController>>,
-}
-
-struct Episode<T> {
-    controller: T,
-    senses: Senses,
-    /// Of all joints, rad.
-    targets: Vec<f64>,
+    body: Option<SonicBody>,
 }
 
 impl Gear {
@@ -48,47 +179,28 @@ impl Gear {
     /// # Errors
     /// [`PolicyError::Words`], or networks that cannot be loaded.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
-        let (folder, rest) = text.split_once(',').unwrap_or((text, ""));
-        let mut command = fiatlux_wbc::Command { height: HEIGHT, ..fiatlux_wbc::Command::default() };
-        let (mut reading, mut rule) = (Reading::default(), GainsRule::default());
-        for word in body::words(rest, GEAR_FIELDS) {
-            let (word, name, value) = word?;
-            let read = match name {
-                "reading" => value.parse().ok().map(|value| reading = value),
-                "gains" => value.parse().ok().map(|value| rule = value),
-                _ => body::set(&mut command, name, value),
-            };
-            read.ok_or_else(|| PolicyError::Words { word: word.into(), fields: GEAR_FIELDS })?;
-        }
-        let networks = GearController::read(Path::new(folder))?;
-        for network in &networks {
-            tracing::info!("gear: a network of SHA-256 {}", network.digest());
-        }
-        Ok(Self { networks, plant: Plant::gear(reading)?, reading, rule, command, episode: None })
+        let mut command = GearFiles::UPRIGHT;
+        let files = GearFiles::open_with(text, GEAR_FIELDS, |name, value| body::set(&mut command, name, value))?;
+        Ok(Self { files, command, body: None })
     }
 }
 
 impl Policy for Gear {
     fn name(&self) -> String {
-        match self.reading {
-            Reading::Nvidia => "gear".into(),
-            Reading::Lerobot => "gear-lerobot".into(),
-        }
+        self.files.name().into()
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        let targets = body::staged("gear", info, first)?;
-        let q0 = fit("gear", &self.plant, info, self.rule)?;
-        let controller = GearController::new(&self.networks, self.reading, &q0)?;
-        self.episode = Some(Episode { controller, senses: Senses::new("gear"), targets });
+        self.body = Some(Body::gear("gear", &self.files, info, first)?);
         Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let Episode { controller, senses, targets } =
-            self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("gear"))?;
-        controller.step(&senses.read(observation)?, &self.command, targets)?;
-        Ok(Command::JointTarget(targets.clone()))
+        self.body.as_mut().ok_or_else(|| PolicyError::not_reset("gear"))?.step(observation, &self.command)
+    }
+
+    fn source(&mut self) -> Option<Chunk> {
+        self.body.as_ref()?.record()
     }
 }
 
@@ -98,42 +210,31 @@ impl Sonic {
     /// # Errors
     /// [`PolicyError::Words`], or a network or tokens that cannot be loaded.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
-        let (folder, rest) = text.split_once(',').unwrap_or((text, ""));
-        let (mut tokens, mut rule): (Box<dyn TokenSource>, _) = (Box::new(FixedToken::default()), GainsRule::default());
-        for word in body::words(rest, SONIC_FIELDS) {
-            let (word, name, value) = word?;
-            let wrong = || PolicyError::Words { word: word.into(), fields: SONIC_FIELDS };
-            match name {
-                "token" => tokens = Box::new(RecordedTokens::read(Path::new(value))?),
-                "gains" => rule = value.parse().map_err(|_| wrong())?,
-                _ => return Err(wrong()),
+        let mut tokens: Box<dyn TokenSource> = Box::new(FixedToken::default());
+        let files = SonicFiles::open_with(text, SONIC_FIELDS, |name, value| {
+            if name != "token" {
+                return Ok(None);
             }
-        }
-        let decoder = SonicController::read(Path::new(folder))?;
-        tracing::info!("sonic: a network of SHA-256 {}", decoder.digest());
-        Ok(Self { decoder, plant: Plant::sonic()?, rule, tokens, episode: None })
+            tokens = Box::new(RecordedTokens::read(Path::new(value))?);
+            Ok(Some(()))
+        })?;
+        Ok(Self { files, tokens, body: None })
     }
 }
 
 impl Policy for Sonic {
     fn name(&self) -> String {
-        "sonic".into()
+        SonicFiles::NAME.into()
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        let targets = body::staged("sonic", info, first)?;
-        let q0 = fit("sonic", &self.plant, info, self.rule)?;
-        let controller = SonicController::new(&self.decoder, &q0)?;
-        self.episode = Some(Episode { controller, senses: Senses::new("sonic"), targets });
+        self.body = Some(self.files.begin("sonic", info, first)?);
         Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let Episode { controller, senses, targets } =
-            self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("sonic"))?;
-        let token = self.tokens.token(observation.step)?;
-        controller.step(&senses.read(observation)?, &token, targets)?;
-        Ok(Command::JointTarget(targets.clone()))
+        let body = self.body.as_mut().ok_or_else(|| PolicyError::not_reset("sonic"))?;
+        body.step(observation, &self.tokens.token(observation.step)?)
     }
 }
 

@@ -8,9 +8,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fiatlux_bridge::{
-    Body as Moves, BridgeError, Frames, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Play, Played,
-    Player, Row, Sensed, check_contract,
+    BridgeError, Frames, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Play, Played, Player, Row,
+    Sensed, check_contract,
 };
+use fiatlux_foreign::{BODY, token_of};
 use fiatlux_proto::limits::{MAX_CHUNK_KEYS, MAX_CHUNK_NUMBERS, MAX_CHUNK_PROBLEM};
 use fiatlux_proto::v3::{Chunk, Image, Mode, Observation, Sensor, SessionInfo};
 use fiatlux_robot::Robot;
@@ -18,7 +19,8 @@ use fiatlux_wbc::{CONTROL_DT, MOVED, Network};
 
 use self::asking::{Answered, Asker};
 use super::body;
-use super::wbc::Body;
+use super::carrier::Body;
+use super::foreign::{GearFiles, SonicBody, SonicFiles};
 use crate::{Command, Policy, PolicyError};
 pub use args::VlaArgs;
 pub use probe::{Answer, Probed};
@@ -36,10 +38,48 @@ struct Shared {
     mapping: Mapping,
     play: Play,
     robot: Robot,
-    network: Arc<Network>,
+    /// What moves the body; none where the model does it alone, or speaks tokens and no decoder is given.
+    carrier: Option<Carrier>,
     /// How long a server that is gone is tried again.
     patience: Duration,
     is_real_time: bool,
+}
+
+/// What moves the body on what a model says.
+#[derive(Debug)]
+enum Carrier {
+    /// Our controller, on commands.
+    Own(Arc<Network>),
+    /// GEAR's, on commands.
+    Gear(GearFiles),
+    /// The decoder of GEAR-SONIC, on motion tokens.
+    Sonic(SonicFiles),
+}
+
+impl Shared {
+    /// Refuses motion tokens that nobody can read.
+    fn check_decoder(&self) -> Result<(), BridgeError> {
+        match (self.mapping.token(), &self.carrier) {
+            (Some((key, width)), None) => {
+                Err(BridgeError::NoDecoder { mapping: self.mapping.name.clone(), key: key.into(), width })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What a chunk asks for, with all its tokens in their limits. `q` are the angles at the question, rad.
+    fn rows(&self, q: &[f64], chunk: &ModelChunk) -> Result<Vec<Row>, BridgeError> {
+        let rows = self.mapping.rows(&self.robot, q, chunk)?;
+        if let Some((key, _)) = self.mapping.token() {
+            for (at, row) in rows.iter().enumerate() {
+                token_of(&row.token).map_err(|error| BridgeError::Malformed {
+                    what: format!("the action '{key}'"),
+                    problem: format!("row {at}: {error}"),
+                })?;
+            }
+        }
+        Ok(rows)
+    }
 }
 
 impl VlaSource {
@@ -49,10 +89,7 @@ impl VlaSource {
     /// [`PolicyError::Bridge`]: nobody there, a contract that does not fit, or motion tokens, which need a decoder.
     fn check(&self) -> Result<(), PolicyError> {
         let shared = &self.0;
-        if let Some((key, width)) = shared.mapping.token() {
-            let (mapping, key) = (shared.mapping.name.clone(), key.to_owned());
-            return Err(BridgeError::NoDecoder { mapping, key, width }.into());
-        }
+        shared.check_decoder()?;
         let contract = shared.options.model()?.contract()?;
         Ok(check_contract(&shared.mapping, &contract)?)
     }
@@ -89,6 +126,8 @@ struct Episode {
 enum Driven {
     /// Arms and hands, and legs and waist by commands.
     Body(Box<Body>),
+    /// Hands, and the rest by motion tokens.
+    Tokens(Box<SonicBody>),
     /// Targets of all joints, rad.
     Joints(Vec<f64>),
 }
@@ -106,7 +145,12 @@ struct Note {
 
 impl Policy for Vla {
     fn name(&self) -> String {
-        format!("vla:{}:{}", self.shared.options.dialect.name(), self.shared.mapping.label())
+        let name = format!("vla:{}:{}", self.shared.options.dialect.name(), self.shared.mapping.label());
+        match &self.shared.carrier {
+            None | Some(Carrier::Own(_)) => name,
+            Some(Carrier::Gear(files)) => format!("{name}:{}", files.name()),
+            Some(Carrier::Sonic(_)) => format!("{name}:{}", SonicFiles::NAME),
+        }
     }
 
     fn sensors(&self) -> Vec<Sensor> {
@@ -147,9 +191,12 @@ impl Policy for Vla {
                 return Err(PolicyError::Sensor { policy: "vla", sensor });
             }
         }
-        let robot = match shared.mapping.body {
-            Moves::Wbc => Driven::Body(Box::new(Body::new("vla", Arc::clone(&shared.network), info, first)?)),
-            Moves::Direct => Driven::Joints(body::staged("vla", info, first)?),
+        shared.check_decoder()?;
+        let robot = match &shared.carrier {
+            None => Driven::Joints(body::staged("vla", info, first)?),
+            Some(Carrier::Own(network)) => Driven::Body(Box::new(Body::own("vla", Arc::clone(network), info, first)?)),
+            Some(Carrier::Gear(files)) => Driven::Body(Box::new(Body::gear("vla", files, info, first)?)),
+            Some(Carrier::Sonic(files)) => Driven::Tokens(Box::new(files.begin("vla", info, first)?)),
         };
         let asker = Asker::new(shared.options.model()?, shared.patience);
         let mut episode = Episode {
@@ -221,12 +268,16 @@ impl Episode {
         let remedy = "leave --sensors out, or name proprioception there";
         let missing = || BridgeError::Sensed { what: "proprioception".into(), remedy };
         let body = seen.proprioception.as_ref().ok_or_else(missing)?;
-        let &[x, y, z] = body.projected_gravity.as_slice() else { return Err(missing()) };
         let q: Vec<f64> =
             self.q0.iter().zip(&body.joint_position).map(|(q0, turned)| q0 + f64::from(*turned)).collect();
+        let velocity: Vec<f64> = body.joint_velocity.iter().map(|velocity| f64::from(*velocity)).collect();
+        let vector = |term: &[f32]| <[f32; 3]>::try_from(term).map(|term| term.map(f64::from)).map_err(|_| missing());
         let sensed = Sensed {
             joint_position: &q,
-            projected_gravity: [x, y, z].map(f64::from),
+            joint_velocity: &velocity,
+            base_angular_velocity: vector(&body.base_angular_velocity)?,
+            base_linear_velocity: vector(&body.base_linear_velocity)?,
+            projected_gravity: vector(&body.projected_gravity)?,
             base_height: f64::from(body.base_height),
         };
         let (instruction, session) = (&self.instruction, &self.session);
@@ -267,7 +318,7 @@ impl Episode {
         asked: u64,
         now: u64,
     ) -> Result<(), BridgeError> {
-        let rows = shared.mapping.rows(&shared.robot, q, &answered.chunk)?;
+        let rows = shared.rows(q, &answered.chunk)?;
         self.player.take(rows, asked, now)?;
         self.note.latency_s = answered.latency.as_secs_f64();
         self.note.server_s = answered.chunk.server_s;
@@ -275,31 +326,44 @@ impl Episode {
         Ok(())
     }
 
-    /// The command of a step. Before the first chunk, and after the last row of one, the body stands and the arms hold.
+    /// The command of a step. Before the first chunk, and after the last row of one, the body stands and the arms hold; a
+    /// token holds on, and before the first one the posture does.
     fn play(&mut self, seen: &Observation, played: Option<Played>) -> Result<Command, PolicyError> {
-        let held = Row::default();
-        let (row, is_over) = played.as_ref().map_or((&held, true), |played| (&played.row, played.is_over));
-        let mut command = fiatlux_wbc::Command::default();
-        if let Some(velocity) = row.velocity.filter(|_| !is_over) {
-            command.velocity = velocity;
-        }
-        command.height = row.height.unwrap_or(command.height);
-        command.torso = row.torso.unwrap_or(command.torso);
         if let Some(played) = &played {
             self.note.played = Some((played.chunk, played.at, played.age));
         }
+        let held = Row::default();
+        let (row, is_over) = played.as_ref().map_or((&held, true), |played| (&played.row, played.is_over));
         match &mut self.robot {
             Driven::Body(body) => {
-                let own = row.targets.iter().filter(|(joint, _)| *joint >= MOVED);
-                own.for_each(|(joint, target)| body.targets[*joint] = *target);
+                let mut command = body.upright();
+                if let Some(velocity) = row.velocity.filter(|_| !is_over) {
+                    command.velocity = velocity;
+                }
+                command.height = row.height.unwrap_or(command.height);
+                command.torso = row.torso.unwrap_or(command.torso);
+                put(&mut body.targets, row, MOVED);
                 body.step(seen, &command)
             }
+            Driven::Tokens(body) => {
+                put(&mut body.targets, row, BODY);
+                match row.token.is_empty() {
+                    true => Ok(Command::JointTarget(body.targets.clone())),
+                    false => body.step(seen, &token_of(&row.token)?),
+                }
+            }
             Driven::Joints(targets) => {
-                row.targets.iter().for_each(|(joint, target)| targets[*joint] = *target);
+                put(targets, row, 0);
                 Ok(Command::JointTarget(targets.clone()))
             }
         }
     }
+}
+
+/// The targets of a row, from a joint on: those before it are a controller's.
+fn put(targets: &mut [f64], row: &Row, from: usize) {
+    let own = row.targets.iter().filter(|(joint, _)| *joint >= from);
+    own.for_each(|(joint, target)| targets[*joint] = *target);
 }
 
 impl Note {

@@ -4,11 +4,11 @@ mod path;
 
 use std::sync::Arc;
 
-use fiatlux_proto::v3::{Observation, Pose, Privileged, Sensor, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_wbc::Network;
 
 use self::path::{Map, Point, distance};
-use super::wbc::Body;
+use super::carrier::Body;
 use crate::{Command, Policy, PolicyError};
 
 /// Control steps between plans.
@@ -99,7 +99,7 @@ impl Policy for Walk {
             return Err(PolicyError::Unfit { policy: "walk", reason });
         };
         privileged(first)?;
-        let body = Body::new("walk", Arc::clone(&self.network), info, first)?;
+        let body = Body::own("walk", Arc::clone(&self.network), info, first)?;
         let outlines = info.footprints.iter().filter(|print| print.bottom < 1.3 && print.top > 0.05);
         let map = Map::new(outlines.map(|print| (print.name.clone(), path::corners(&print.outline))));
         self.trip =
@@ -112,6 +112,10 @@ impl Policy for Walk {
         let wanted = trip.command(observation.step, privileged(observation)?)?;
         let command = trip.gently(wanted, observation.step);
         trip.body.step(observation, &command)
+    }
+
+    fn source(&mut self) -> Option<Chunk> {
+        self.trip.as_ref()?.body.record()
     }
 }
 

@@ -1,50 +1,13 @@
-//! Policy `wbc`: the whole-body controller on a fixed command, and the body that other policies stand on.
+//! Policy `wbc`: the whole-body controller on a fixed command.
 
 use std::sync::Arc;
 
-use fiatlux_proto::v3::{Observation, SessionInfo};
-use fiatlux_wbc::{CONTROL_DT, Controller, Network};
+use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
+use fiatlux_wbc::{Controller, Network};
 
-use super::body::{self, COMMAND, Senses};
+use super::body::{self, COMMAND};
+use super::carrier::Body;
 use crate::{Command, Policy, PolicyError};
-
-/// Legs and waist by the whole-body controller; arms and hands keep the targets that they are given.
-pub(crate) struct Body {
-    controller: Controller,
-    senses: Senses,
-    /// Of all joints, rad.
-    pub targets: Vec<f64>,
-}
-
-impl Body {
-    /// At the start of an episode; arms and hands keep the staged posture.
-    ///
-    /// # Errors
-    /// The session lacks a term, or its robot is not the controller's.
-    pub fn new(
-        policy: &'static str,
-        network: Arc<Network>,
-        info: &SessionInfo,
-        first: &Observation,
-    ) -> Result<Self, PolicyError> {
-        let targets = body::staged(policy, info, first)?;
-        network.contract().fits_joints(&body::joints(info))?;
-        if (info.control_dt - CONTROL_DT).abs() > 1e-9 {
-            let reason = format!("its control step is {} s instead of {CONTROL_DT} s", info.control_dt);
-            return Err(PolicyError::Unfit { policy, reason });
-        }
-        Ok(Self { controller: Controller::new(network), senses: Senses::new(policy), targets })
-    }
-
-    /// Answers an observation.
-    ///
-    /// # Errors
-    /// An observation that lacks a term or is not finite.
-    pub fn step(&mut self, observation: &Observation, command: &fiatlux_wbc::Command) -> Result<Command, PolicyError> {
-        self.controller.step(&self.senses.read(observation)?, command, &mut self.targets)?;
-        Ok(Command::JointTarget(self.targets.clone()))
-    }
-}
 
 /// Follows one command; the arms keep the posture of the start.
 pub struct Wbc {
@@ -82,11 +45,14 @@ impl Policy for Wbc {
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        self.body = Some(Body::new("wbc", Arc::clone(&self.network), info, first)?);
+        self.body = Some(Body::own("wbc", Arc::clone(&self.network), info, first)?);
         Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         self.body.as_mut().ok_or_else(|| PolicyError::not_reset("wbc"))?.step(observation, &self.command)
+    }
+    fn source(&mut self) -> Option<Chunk> {
+        self.body.as_ref()?.record()
     }
 }

@@ -1,5 +1,6 @@
 """Bags as a data set that LeRobot loads and trains on."""
 
+import io
 import os
 import subprocess
 import sys
@@ -72,13 +73,39 @@ def test_fewer_frames_keep_the_sum_of_the_rewards(run, tmp_path):
     assert total == pytest.approx(sum(bag.result["total_reward"] for bag in bags), rel=1e-4)
 
 
-def test_act_trains_on_it_for_200_steps(data, tmp_path):
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory):
+    """A data set of what `walk` commands, with single pictures."""
+    program = os.environ.get("FIATLUX_TEST_PROGRAM")
+    if program is None:
+        pytest.skip("FIATLUX_TEST_PROGRAM names no program fiatlux")
+    folder = tmp_path_factory.mktemp("walk")
+    command = [program, "evaluate", "--policy", "walk", "--tasks", "S05", "--seeds", "1001", "--out", folder]
+    subprocess.run([*command, "--record", "camera@10", "--image", "64x48"], check=True, capture_output=True)
+    out = tmp_path_factory.mktemp("commands") / "set"
+    kept = {"state": ["projected_gravity", "base_height"], "action": "command"}
+    return folder, fiatlux.export_lerobot(folder, out, fps=10, vcodec=None, **kept)
+
+
+def test_commands_are_a_data_set(commands):
+    folder, out = commands
+    bag, loaded = fiatlux.Bag(next(folder.rglob("*.mcap"))), load(out)
+    said = bag["/action"]["action.chunk.values"]
+    first, later = loaded[0], loaded[20]
+    assert first["action"].shape == (7,) and first["observation.state"].shape == (4,)
+    np.testing.assert_array_equal(later["action"].numpy(), said[100])
+    assert said[100][0] > 0.1 and float(first["action"][3]) == pytest.approx(0.75)
+    image = later["observation.images.camera"]
+    assert image.shape == (3, 48, 64) and loaded.features["observation.images.camera"]["dtype"] == "image"
+
+
+def train(root, out, chunk, *more):
     small = {
         "type": "act",
         "device": "cpu",
         "push_to_hub": "false",
-        "chunk_size": 10,
-        "n_action_steps": 10,
+        "chunk_size": chunk,
+        "n_action_steps": chunk,
         "dim_model": 64,
         "n_heads": 2,
         "dim_feedforward": 64,
@@ -88,18 +115,114 @@ def test_act_trains_on_it_for_200_steps(data, tmp_path):
         "pretrained_backbone_weights": "null",
     }
     command = [sys.executable, "-m", "lerobot.scripts.lerobot_train"]
-    command += ["--dataset.repo_id=fiatlux/bags", f"--dataset.root={data}", "--dataset.video_backend=pyav"]
+    command += ["--dataset.repo_id=fiatlux/bags", f"--dataset.root={root}", "--dataset.video_backend=pyav"]
     command += [f"--policy.{name}={value}" for name, value in small.items()]
-    command += [f"--output_dir={tmp_path / 'out'}", "--steps=200", "--batch_size=4", "--num_workers=0", "--log_freq=50"]
-    command += ["--eval_freq=0", "--save_freq=200", "--wandb.enable=false", "--seed=1"]
+    command += [f"--output_dir={out}", "--batch_size=4", "--num_workers=0", "--eval_freq=0"]
+    command += ["--wandb.enable=false", "--seed=1", *more]
     # Nothing is asked of a hub; one thread, since several fight where the machine is busy.
     environment = {**os.environ, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=1800)
     said = done.stdout + done.stderr
     assert done.returncode == 0, said[-3000:]
+    return said
+
+
+def test_act_trains_on_it_for_200_steps(data, tmp_path):
+    said = train(data, tmp_path / "out", 10, "--steps=200", "--log_freq=50", "--save_freq=200")
     assert (tmp_path / "out/checkpoints/000200/pretrained_model/model.safetensors").is_file()
     losses = [float(part.split("loss:")[1].split()[0]) for part in said.splitlines() if "loss:" in part]
     assert len(losses) == 4 and losses[-1] < losses[0]
+
+
+class Asked:
+    """What a client of GR00T's protocol asks a server of ours."""
+
+    def __init__(self, process):
+        import zmq
+
+        line = process.stdout.readline().split()
+        assert line[:1] == ["listening"], line
+        self.socket = zmq.Context.instance().socket(zmq.REQ)
+        self.socket.setsockopt(zmq.RCVTIMEO, 60_000)
+        self.socket.connect(line[1])
+
+    def __call__(self, endpoint, **data):
+        return self.raw(msgpack_of({"endpoint": endpoint, **({"data": data} if data else {})}))
+
+    def raw(self, request):
+        import msgpack
+
+        self.socket.send(request)
+
+        def array(value):
+            is_array = "__ndarray_class__" in value
+            return np.load(io.BytesIO(value["as_npy"]), allow_pickle=False) if is_array else value
+
+        return msgpack.unpackb(self.socket.recv(), object_hook=array)
+
+
+def msgpack_of(value):
+    import msgpack
+
+    def packed(array):
+        file = io.BytesIO()
+        np.save(file, array, allow_pickle=False)
+        return {"__ndarray_class__": True, "as_npy": file.getvalue()}
+
+    return msgpack.packb(value, default=packed)
+
+
+def test_a_checkpoint_is_served(commands, tmp_path):
+    """The answer is what LeRobot's own code makes of a frame of the data set; what does not fit is said by name."""
+    import torch
+    from lerobot.configs.policies import PreTrainedConfig
+    from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.policies.factory import make_pre_post_processors
+
+    train(commands[1], tmp_path / "out", 20, "--steps=2", "--save_freq=2")
+    folder = tmp_path / "out/checkpoints/000002/pretrained_model"
+    frame = load(commands[1])[20]
+    config = PreTrainedConfig.from_pretrained(folder)
+    config.device = "cpu"
+    policy = ACTPolicy.from_pretrained(folder, config=config).eval()
+    before, after = make_pre_post_processors(config, str(folder))
+    names = ("observation.state", "observation.images.camera", "task")
+    chunk = policy.predict_action_chunk(before({name: frame[name] for name in names}))
+    expected = torch.stack([after(row[None])[0] for row in chunk[0]]).numpy()
+
+    command = [sys.executable, "-m", "fiatlux.serve_lerobot", folder, "--port", "0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        ask = Asked(process)
+        contract = {group: config["as_dict"] for group, config in ask("get_modality_config").items()}
+        keys = {group: config["modality_keys"] for group, config in contract.items()}
+        assert keys == {"video": ["camera"], "state": ["state"], "action": ["action"], "language": ["task"]}
+        assert len(contract["action"]["delta_indices"]) == 20 and ask("reset", options=None) == {}
+        image = (frame["observation.images.camera"].permute(1, 2, 0) * 255).round().to(torch.uint8).numpy()
+        state = frame["observation.state"].numpy()
+        observation = {
+            "video": {"camera": image[None, None]},
+            "state": {"state": state[None, None]},
+            "language": {"task": [["carry the bulb"]]},
+        }
+        actions, _ = ask("get_action", observation=observation, options=None)
+        assert actions["action"].shape == (1, 20, 7) and actions["action"].dtype == np.float32
+        np.testing.assert_allclose(actions["action"][0], expected, atol=1e-5)
+        for group, key, value, says in [
+            ("video", "camera", image[None, None, :40], "video 'camera' is uint8 [1, 1, 40, 64, 3]; the model takes"),
+            ("state", "state", state[None], "state 'state' is float32 [1, 4]; the model takes float32 [1, 1, 4]"),
+            ("state", "state", state[None, None] * np.nan, "not finite"),
+            ("state", "other", state[None, None], "state has no 'state'"),
+            ("language", "task", "words", "[[WORDS]]"),
+        ]:
+            answer = ask("get_action", observation={**observation, group: {key: value}}, options=None)
+            assert says in answer["error"], answer
+        assert "Unknown endpoint" in ask("kill")["error"]
+        assert "cannot be read" in ask.raw(b"\xc1")["error"]
+        assert "state has no" in ask("get_action", observation=3)["error"] or "video has no" in ask("get_action")["error"]
+    finally:
+        process.kill()
+        process.wait()
 
 
 def test_bad_use_is_refused_by_name(run, tmp_path):
@@ -109,3 +232,7 @@ def test_bad_use_is_refused_by_name(run, tmp_path):
         fiatlux.export_lerobot(tmp_path, tmp_path / "b")
     with pytest.raises(FileNotFoundError, match="no bag at"):
         fiatlux.export_lerobot([tmp_path / "missing.mcap"], tmp_path / "c")
+    with pytest.raises(ValueError, match="state: .'limbs'. is not known"):
+        fiatlux.export_lerobot(run, tmp_path / "d", state=["limbs"])
+    with pytest.raises(ValueError, match="no command with every action"):
+        fiatlux.export_lerobot(run, tmp_path / "e", action="command")

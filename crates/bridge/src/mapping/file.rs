@@ -110,8 +110,9 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
     let dialects = dialects.map_err(|problem| reader.wrong("dialects", problem))?;
     let body = match file.body.as_str() {
         "wbc" => Body::Wbc,
+        "tokens" => Body::Tokens,
         "direct" => Body::Direct,
-        other => return Err(reader.wrong("body", format!("'{other}' is not known; use wbc or direct"))),
+        other => return Err(reader.wrong("body", format!("'{other}' is not known; use wbc, tokens or direct"))),
     };
     reader.hands = file.hands.as_deref().map(|hands| Hands::open(hands, robot)).transpose()?;
     let name_fits = |char: char| char.is_ascii_alphanumeric() || "_-.".contains(char);
@@ -219,7 +220,11 @@ impl Reader<'_> {
         self.range(&field, width, MOST.1)?;
         for part in &parts {
             let fits = match part {
-                Part::Gravity => is_state,
+                Part::Gravity
+                | Part::AngularVelocity
+                | Part::LinearVelocity
+                | Part::Turned(_)
+                | Part::Velocities(_) => is_state,
                 Part::Token(_) | Part::Navigate | Part::Torso => !is_state,
                 _ => true,
             };
@@ -282,20 +287,34 @@ impl Reader<'_> {
             FilePart { skip: Some(width), .. } if part.count() == 1 => Ok(Part::Skip(*width)),
             FilePart { term: Some(term), .. } if part.count() == 1 => match term.as_str() {
                 "projected_gravity" => Ok(Part::Gravity),
+                "base_angular_velocity" => Ok(Part::AngularVelocity),
+                "base_linear_velocity" => Ok(Part::LinearVelocity),
+                "joint_position" => Ok(Part::Turned(self.robot.joints().len())),
+                "joint_velocity" => Ok(Part::Velocities(self.robot.joints().len())),
                 "navigate" => Ok(Part::Navigate),
                 "height" => Ok(Part::Height),
                 "torso" => Ok(Part::Torso),
                 other => {
-                    Err(wrong(format!("term '{other}' is not known; use projected_gravity, navigate, height or torso")))
+                    let known = "projected_gravity, base_angular_velocity, base_linear_velocity, joint_position, \
+                                 joint_velocity, navigate, height or torso";
+                    Err(wrong(format!("term '{other}' is not known; use {known}")))
                 }
             },
             _ => Err(wrong("a part has one of joints, group, hand, grip, wrist, term, token and skip".into())),
         }
     }
 
-    /// Refuses joints that are commanded twice, or that belong to the whole-body controller.
+    /// Refuses joints that are commanded twice, or that belong to the whole-body controller, and tokens that nobody reads.
     fn uses(&self, actions: &[Key], body: Body) -> Result<(), BridgeError> {
         let mut used = vec![false; self.robot.joints().len()];
+        let tokens = actions.iter().flat_map(|key| &key.parts).filter(|part| matches!(part, Part::Token(_))).count();
+        match (body, tokens) {
+            (Body::Tokens, 1) | (Body::Wbc | Body::Direct, 0) => {}
+            (Body::Tokens, _) => {
+                return Err(self.wrong("body", format!("tokens needs one token in the actions, which have {tokens}")));
+            }
+            _ => return Err(self.wrong("body", "the actions have a motion token; set body = \"tokens\"".into())),
+        }
         for key in actions {
             for part in &key.parts {
                 let field = format!("action '{}'", key.key);
@@ -305,7 +324,7 @@ impl Reader<'_> {
                         self.hands.as_ref().map(|hands| hands.joints(*side)).unwrap_or_default()
                     }
                     Part::Wrist(side) => side.arm().collect(),
-                    Part::Navigate | Part::Height | Part::Torso if body == Body::Direct => {
+                    Part::Navigate | Part::Height | Part::Torso if body != Body::Wbc => {
                         return Err(self.wrong(&field, "it is a command; set body = \"wbc\"".into()));
                     }
                     Part::Torso => WAIST.collect(),
@@ -313,8 +332,13 @@ impl Reader<'_> {
                 };
                 for joint in joints {
                     let name = &self.robot.joints()[joint].name;
-                    if body == Body::Wbc && joint < MOVED && !WAIST.contains(&joint) {
-                        let problem = format!("{name} belongs to the whole-body controller; set body = \"direct\"");
+                    let owner = match body {
+                        Body::Wbc if joint < MOVED && !WAIST.contains(&joint) => "the whole-body controller",
+                        Body::Tokens if joint < BODY => "the decoder of the tokens",
+                        _ => "",
+                    };
+                    if !owner.is_empty() {
+                        let problem = format!("{name} belongs to {owner}; leave it out, or set body = \"direct\"");
                         return Err(self.wrong(&field, problem));
                     }
                     if std::mem::replace(&mut used[joint], true) {

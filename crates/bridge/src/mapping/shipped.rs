@@ -2,13 +2,14 @@
 
 use crate::Dialect;
 
-const SHIPPED: [(&str, &str); 6] = [
+const SHIPPED: [(&str, &str); 7] = [
     ("unitree_g1", include_str!("../../mappings/unitree_g1.toml")),
     ("real_g1", include_str!("../../mappings/real_g1.toml")),
     ("unitree_g1_sonic", include_str!("../../mappings/unitree_g1_sonic.toml")),
     ("openpi_g1", include_str!("../../mappings/openpi_g1.toml")),
     ("behavior_g1", include_str!("../../mappings/behavior_g1.toml")),
     ("roboarena_g1", include_str!("../../mappings/roboarena_g1.toml")),
+    ("lerobot_g1", include_str!("../../mappings/lerobot_g1.toml")),
 ];
 
 /// Their names.

@@ -4,11 +4,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use fiatlux_bridge::{BridgeError, Dialect, Mapping, ModelOptions, Play, Timeouts, default_mapping};
+use fiatlux_bridge::{Body, BridgeError, Dialect, Mapping, ModelOptions, Play, Timeouts, default_mapping};
+use fiatlux_foreign::TOKEN;
 use fiatlux_robot::Robot;
 use fiatlux_wbc::Network;
 
-use super::{Shared, VlaSource};
+use super::super::foreign::{GearFiles, SonicFiles};
+use super::{Carrier, Shared, VlaSource};
 use crate::PolicyError;
 
 /// Which model server the policy `vla` asks, and how its answers are played.
@@ -22,9 +24,13 @@ pub struct VlaArgs {
     #[arg(long, value_name = "URL")]
     pub model: Option<String>,
     /// What its keys are on this robot: a file, or unitree_g1, real_g1, unitree_g1_sonic, openpi_g1, behavior_g1,
-    /// roboarena_g1 [default: the dialect's]
+    /// roboarena_g1, lerobot_g1 [default: the dialect's]
     #[arg(long, value_name = "FILE")]
     pub map: Option<String>,
+    /// What carries the robot on the model's commands or motion tokens: own, gear:DIR or sonic:DIR with the folder of your ONNX
+    /// files, as the policies of that name; such as gear:DIR,reading=lerobot,gains=any [default: own, for commands]
+    #[arg(long, value_name = "NAME")]
+    pub controller: Option<String>,
     /// Rows of each chunk that are played [default: the mapping's]
     #[arg(long, value_name = "ROWS", value_parser = fiatlux_link::whole::<u16>(1..=400))]
     pub prefix: Option<u16>,
@@ -68,6 +74,10 @@ impl VlaArgs {
         if !mapping.dialects.contains(&dialect) {
             return Err(wrong("dialects", format!("it is not of {}; name another --map", dialect.name())).into());
         }
+        if let Some((key, width)) = mapping.token().filter(|(_, width)| *width != TOKEN) {
+            return Err(wrong(&format!("action '{key}'"), format!("a token has {TOKEN} numbers, not {width}")).into());
+        }
+        let carrier = self.carrier(&mapping)?;
         let prefix = self.prefix.map_or(mapping.prefix, usize::from);
         if prefix > mapping.horizon {
             return Err(wrong("prefix", format!("it is {prefix}, and a chunk has {} rows", mapping.horizon)).into());
@@ -87,10 +97,30 @@ impl VlaArgs {
             mapping,
             play,
             robot,
-            network: std::sync::Arc::new(Network::shipped()?),
+            carrier,
             patience: Duration::from_secs(self.model_patience.unwrap_or(30).into()),
             is_real_time,
         })))
+    }
+
+    /// What moves the body; none where the model does it alone, or speaks tokens and no decoder is given.
+    fn carrier(&self, mapping: &Mapping) -> Result<Option<Carrier>, PolicyError> {
+        let (kind, folder) =
+            self.controller.as_deref().map_or(("", ""), |name| name.split_once(':').unwrap_or((name, "")));
+        let given = self.controller.as_deref().unwrap_or_default();
+        let unfit = |problem: &str| {
+            let reason = format!("--controller is '{given}', and the mapping {} {problem}", mapping.name);
+            Err(PolicyError::Unfit { policy: "vla", reason })
+        };
+        match (mapping.body, kind, folder) {
+            (Body::Direct | Body::Tokens, "", _) => Ok(None),
+            (Body::Direct, ..) => unfit("moves all joints itself; leave it out"),
+            (Body::Wbc, "" | "own", "") => Ok(Some(Carrier::Own(std::sync::Arc::new(Network::shipped()?)))),
+            (Body::Wbc, "gear", files) if !files.is_empty() => Ok(Some(Carrier::Gear(GearFiles::open(files)?))),
+            (Body::Wbc, ..) => unfit("speaks commands; use own or gear:DIR"),
+            (Body::Tokens, "sonic", files) if !files.is_empty() => Ok(Some(Carrier::Sonic(SonicFiles::open(files)?))),
+            (Body::Tokens, ..) => unfit("speaks motion tokens; use sonic:DIR"),
+        }
     }
 
     /// The same, and compares the server's contract with the mapping.

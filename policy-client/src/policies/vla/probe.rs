@@ -36,6 +36,11 @@ impl VlaSource {
         &self.0.mapping
     }
 
+    /// The motion tokens that nobody can read: their key and width. The policy refuses to play them.
+    pub fn undecoded(&self) -> Option<(&str, usize)> {
+        self.0.check_decoder().err().and(self.0.mapping.token())
+    }
+
     /// Asks for the contract, resets, and asks once for a chunk. What does not fit is in the result.
     ///
     /// # Errors
@@ -54,11 +59,8 @@ impl VlaSource {
             frames.push(mapping, 0, sensor, Picture::new(width, height, rgb)?);
         }
         let q = shared.robot.q0();
-        let sensed = Sensed {
-            joint_position: q,
-            projected_gravity: [0.0, 0.0, -1.0],
-            base_height: shared.robot.standing_height(),
-        };
+        let zeros = vec![0.0; q.len()];
+        let sensed = Sensed::still(q, &zeros, shared.robot.standing_height());
         let observation = mapping.observe(&shared.robot, &sensed, &frames, 0, "Stand still.", "probe")?;
         let images = observation.images.iter().map(|(key, tensor)| (key.clone(), tensor.shape().to_vec()));
         let states = observation.states.iter().map(|(key, numbers)| (key.clone(), vec![numbers.len()]));
@@ -68,7 +70,7 @@ impl VlaSource {
             let start = Instant::now();
             let chunk = model.infer(&observation)?;
             let latency = start.elapsed();
-            let rows = mapping.rows(&shared.robot, q, &chunk);
+            let rows = shared.rows(q, &chunk);
             Ok(Answer { chunk, latency, rows })
         };
         Ok(Probed { contract, fit, sent, answer: ask() })

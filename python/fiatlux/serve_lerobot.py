@@ -1,0 +1,222 @@
+"""A model server for a policy that LeRobot trained: ``python -m fiatlux.serve_lerobot CHECKPOINT``.
+
+It speaks the protocol of Isaac GR00T's servers (MessagePack over ZeroMQ), so that the policy ``vla`` with ``--dialect gr00t``
+plays it. The contract that it announces follows from the policy's features: ``observation.images.NAME`` is the camera NAME,
+``observation.state`` the state ``state``, ``action`` the action ``action``, and a chunk has the policy's ``chunk_size`` rows.
+The mapping ``lerobot_g1`` fits data sets of :func:`fiatlux.export_lerobot` with ``action="command"``. Requests of another shape
+are answered with what is wrong. No pickle is read or written.
+
+It needs the extra ``lerobot``.
+"""
+
+import argparse
+import contextlib
+import io
+import sys
+from os import PathLike
+from pathlib import Path
+from typing import Any, Mapping, Optional, Sequence, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+LONGEST_REQUEST = 16 << 20
+"""Bytes of a request; ZeroMQ closes connections that send more."""
+
+_IMAGES = "observation.images."
+_STATE = "observation.state"
+_LANGUAGE = "task"
+
+
+class Refused(Exception):
+    """A request that cannot be answered; its words go to who asked."""
+
+
+class Model:
+    """A checkpoint of LeRobot's, on the CPU.
+
+    Args:
+        checkpoint: Folder ``pretrained_model`` of a training.
+
+    Raises:
+        ImportError: ``lerobot`` is not installed.
+        FileNotFoundError: No checkpoint there.
+        ValueError: A policy that this server cannot play, with the feature that it lacks.
+    """
+
+    def __init__(self, checkpoint: Union[str, "PathLike[str]"]) -> None:
+        folder = Path(checkpoint)
+        if not (folder / "config.json").is_file():
+            raise FileNotFoundError(f"no checkpoint at '{folder}'; name a folder pretrained_model with its config.json")
+        try:
+            import torch
+            from lerobot.configs.policies import PreTrainedConfig
+            from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+        except ImportError as error:
+            raise ImportError("serve_lerobot needs lerobot; install fiatlux[lerobot]") from error
+        self._torch = torch
+        config = PreTrainedConfig.from_pretrained(folder)
+        config.device = "cpu"
+        if config.n_obs_steps != 1:
+            raise ValueError(f"the policy sees {config.n_obs_steps} frames of the past; train one with n_obs_steps=1")
+        self.images = {key.removeprefix(_IMAGES): tuple(feature.shape) for key, feature in config.image_features.items()}
+        """Channels, height and width of each camera's pictures."""
+        self.rows = len(config.action_delta_indices)
+        """Rows of a chunk."""
+        unknown = sorted(set(config.input_features) - {_IMAGES + name for name in self.images} - {_STATE})
+        if unknown or _STATE not in config.input_features:
+            raise ValueError(f"the policy's inputs are {sorted(config.input_features)}; serve one of {_STATE} and {_IMAGES}NAME")
+        self.width = int(config.input_features[_STATE].shape[0])
+        """Numbers of the state."""
+        self._policy = get_policy_class(config.type).from_pretrained(folder, config=config).eval()
+        self._before, self._after = make_pre_post_processors(
+            config, str(folder), preprocessor_overrides={"device_processor": {"device": "cpu"}}
+        )
+
+    def contract(self) -> dict[str, Any]:
+        """GR00T's modality config."""
+
+        def config(deltas: Sequence[int], keys: Sequence[str], **more: Any) -> dict[str, Any]:
+            form = {"delta_indices": list(deltas), "modality_keys": list(keys), **more}
+            return {"__ModalityConfig_class__": True, "as_dict": form}
+
+        absolute = {"rep": "ABSOLUTE", "type": "NON_EEF", "format": "DEFAULT", "state_key": None}
+        return {
+            "video": config([0], list(self.images)),
+            "state": config([0], ["state"]),
+            "action": config(range(self.rows), ["action"], action_configs=[absolute]),
+            "language": config([0], [_LANGUAGE]),
+        }
+
+    def act(self, observation: Any) -> NDArray[np.float32]:
+        """A chunk, rows x numbers, for an observation with its ``video``, ``state`` and ``language``.
+
+        Raises:
+            Refused: A key that is missing, or numbers of another type or shape, or not finite.
+        """
+        torch = self._torch
+        state = _array(observation, "state", "state", np.float32, (1, 1, self.width))
+        if not np.isfinite(state).all():
+            raise Refused("state 'state' is not finite")
+        batch: dict[str, Any] = {_STATE: torch.from_numpy(state[:, 0].copy())}
+        for name, (channels, height, width) in self.images.items():
+            image = _array(observation, "video", name, np.uint8, (1, 1, height, width, channels))
+            batch[_IMAGES + name] = torch.from_numpy(image[:, 0].copy()).permute(0, 3, 1, 2).float() / 255.0
+        batch["task"] = [_words(observation)]
+        with torch.inference_mode():
+            chunk = self._policy.predict_action_chunk(self._before(batch))
+            # A row at a time has the shape that the postprocessor knows.
+            actions = torch.cat([self._after(row[None]) for row in chunk[0]])
+        return actions.to(torch.float32).numpy()
+
+
+def _array(observation: Any, group: str, key: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
+    found = observation.get(group) if isinstance(observation, Mapping) else None
+    array = found.get(key) if isinstance(found, Mapping) else None
+    if not isinstance(array, np.ndarray):
+        raise Refused(f"{group} has no '{key}'")
+    if array.dtype != dtype or array.shape != shape:
+        raise Refused(f"{group} '{key}' is {array.dtype} {list(array.shape)}; the model takes {np.dtype(dtype)} {list(shape)}")
+    return array
+
+
+def _words(observation: Mapping[str, Any]) -> str:
+    language = observation.get("language")
+    words = language.get(_LANGUAGE) if isinstance(language, Mapping) else None
+    for _ in range(2):
+        words = words[0] if isinstance(words, list) and len(words) == 1 else None
+    if not isinstance(words, str):
+        raise Refused(f"language has no '{_LANGUAGE}' of the form [[WORDS]]")
+    return words
+
+
+def _packed(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        file = io.BytesIO()
+        np.save(file, value, allow_pickle=False)
+        return {"__ndarray_class__": True, "as_npy": file.getvalue()}
+    raise TypeError(f"{type(value)} cannot be sent")
+
+
+def _unpacked(value: dict[str, Any]) -> Any:
+    if "__ndarray_class__" in value:
+        return np.load(io.BytesIO(value["as_npy"]), allow_pickle=False)
+    return value
+
+
+def answer(model: Model, data: bytes) -> bytes:
+    """The reply to a request. What cannot be answered is a map with ``error``."""
+    import msgpack
+
+    try:
+        try:
+            request = msgpack.unpackb(data, object_hook=_unpacked)
+        except Exception as error:
+            raise Refused(f"the request cannot be read: {error}") from error
+        if not isinstance(request, dict):
+            raise Refused("the request is not a map")
+        endpoint = request.get("endpoint", "get_action")
+        reply: Any
+        if endpoint == "ping":
+            reply = {"status": "ok", "message": "Server is running"}
+        elif endpoint == "get_modality_config":
+            reply = model.contract()
+        elif endpoint == "reset":
+            # A chunk follows from one observation: there is nothing to forget.
+            reply = {}
+        elif endpoint == "get_action":
+            given = request.get("data")
+            chunk = model.act(given.get("observation") if isinstance(given, dict) else None)
+            reply = [{"action": chunk[None]}, {}]
+        else:
+            raise Refused(f"Unknown endpoint: {endpoint!r}")
+    except Refused as error:
+        reply = {"error": str(error)}
+    packed: bytes = msgpack.packb(reply, default=_packed)
+    return packed
+
+
+def serve(model: Model, host: str = "127.0.0.1", port: int = 5555) -> None:
+    """Answers one request at a time until it is interrupted; prints ``listening tcp://HOST:PORT`` when it is ready.
+
+    Args:
+        model: The policy.
+        host: Address of this machine; ``0.0.0.0`` for all, which lets everybody on the network ask.
+        port: 0 for a free one.
+    """
+    import zmq
+
+    with zmq.Context() as context, context.socket(zmq.REP) as socket:
+        socket.setsockopt(zmq.MAXMSGSIZE, LONGEST_REQUEST)
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.bind(f"tcp://{host}:{port or '*'}")
+        print(f"listening {socket.getsockopt_string(zmq.LAST_ENDPOINT)}", flush=True)
+        while True:
+            socket.send(answer(model, socket.recv()))
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m fiatlux.serve_lerobot", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("checkpoint", help="folder pretrained_model of a training by LeRobot")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen at; 0.0.0.0 for the whole network")
+    parser.add_argument("--port", type=int, default=5555, help="0 for a free one [default: 5555]")
+    parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch [default: 1]")
+    given = parser.parse_args(arguments)
+    try:
+        # LeRobot prints while it loads.
+        with contextlib.redirect_stdout(sys.stderr):
+            model = Model(given.checkpoint)
+    except (ImportError, OSError, ValueError) as error:
+        print(f"serve_lerobot: {error}", file=sys.stderr)
+        return 1
+    model._torch.set_num_threads(max(1, given.threads))
+    try:
+        serve(model, given.host, given.port)
+    except KeyboardInterrupt:
+        pass
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
