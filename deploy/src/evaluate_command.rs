@@ -11,7 +11,7 @@ use fiatlux::evaluate::{EvaluateOptions, Outcome, Progress, evaluate};
 use fiatlux_link::ProgressLine;
 use fiatlux_policy::{SeedList, SessionArgs, TaskList, policies};
 use fiatlux_rules::CONTROL_DT;
-use fiatlux_scorer::{report, tables};
+use fiatlux_grading::{report, tables};
 
 /// Shown below the options.
 pub const EXAMPLES: &str = "Examples:

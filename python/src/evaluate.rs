@@ -9,7 +9,7 @@ use fiatlux::evaluate::{EvaluateError, ExternalOptions, ExternalProgress, Outcom
 use fiatlux_batch::ActionForm;
 use fiatlux_link::{LinkArgs, Role, in_full};
 use fiatlux_policy::{RunOptions, RunProgress};
-use fiatlux_scorer::report;
+use fiatlux_grading::report;
 use pyo3::prelude::*;
 
 use crate::FiatluxError;

@@ -9,7 +9,7 @@ use clap::{Args, Parser, Subcommand};
 use fiatlux_access::{KnownServers, PublicKey};
 use fiatlux_link::{LinkArgs, ProgressLine};
 use fiatlux_policy::AccessArgs;
-use fiatlux_scorer::{GradeOptions, Results, ScoreError, compare, grade, report, tables, verify};
+use fiatlux_grading::{GradeOptions, Results, ScoreError, compare, grade, report, tables, verify};
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;

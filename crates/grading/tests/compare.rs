@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use common::Folder;
-use fiatlux_scorer::{CompareError, RESULTS_VERSION, compare};
+use fiatlux_grading::{CompareError, RESULTS_VERSION, compare};
 use serde_json::{Value, json};
 
 /// An episode as `results.json` has it, as far as a comparison reads it.

@@ -9,7 +9,7 @@
 //! [`compare()`] tests two results against each other. [`verify()`] runs an episode again on a server. The scorer never links the simulator.
 //!
 //! ```
-//! use fiatlux_scorer::{GradeOptions, grade, tables};
+//! use fiatlux_grading::{GradeOptions, grade, tables};
 //!
 //! # fn bags() -> std::path::PathBuf {
 //! #     let folder = std::env::temp_dir().join(format!("fiatlux-scorer-example-{}", std::process::id()));
@@ -26,7 +26,7 @@
 //! assert_eq!((results.episodes.len(), results.excluded.len()), (0, 1));
 //! assert!(results.has_data_loss());
 //! # std::fs::remove_dir_all(folder).unwrap();
-//! # Ok::<(), fiatlux_scorer::ScoreError>(())
+//! # Ok::<(), fiatlux_grading::ScoreError>(())
 //! ```
 mod assemble;
 mod bag;
