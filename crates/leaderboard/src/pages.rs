@@ -1,0 +1,1 @@
+//! The pages, rendered on the server: leaderboard, runs, episodes with their replays, comparisons.

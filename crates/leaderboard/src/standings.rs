@@ -1,0 +1,1 @@
+//! Entries and their results as tables: one for each division, in order of strict clean success.
