@@ -1,4 +1,4 @@
-//! How long grading takes: 48 bags of 6,000 rows, and its parts. `cargo bench -p fiatlux-scorer [-- BAGS ROWS]`
+//! How long grading takes: 48 bags of 6,000 rows, and its parts. `cargo bench -p fiatlux-grading [-- BAGS ROWS]`
 
 #[path = "../tests/common/mod.rs"]
 mod common;

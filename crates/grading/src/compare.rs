@@ -16,7 +16,7 @@ use serde_json::Value;
 use thiserror::Error;
 
 use self::exact::sign_flip_p;
-use crate::RESULTS_VERSION;
+use crate::{RESULTS_VERSION, Results};
 
 /// Gate progress is counted in steps of one over this: exact for gates of up to ten criteria.
 const PROGRESS_STEPS: f64 = 2520.0;
@@ -108,6 +108,32 @@ impl Episode {
     /// Success and progress by the strict judge.
     fn strict(&self) -> Option<(bool, f64)> {
         self.strict_success.zip(self.strict_progress)
+    }
+}
+
+impl TryFrom<&Results> for Run {
+    type Error = serde_json::Error;
+
+    fn try_from(results: &Results) -> Result<Self, serde_json::Error> {
+        let fields = |value: Value| match value {
+            Value::Object(fields) => fields.into_iter().collect(),
+            _ => BTreeMap::new(),
+        };
+        let episodes = results.episodes.iter().map(|row| Episode {
+            task: row.task.clone(),
+            seed: row.seed,
+            episode: row.episode,
+            success: row.success,
+            gate_progress: row.gate_progress,
+            strict_success: row.strict_success,
+            strict_progress: row.strict_progress,
+        });
+        Ok(Self {
+            policy: results.policy.clone(),
+            episodes: episodes.collect(),
+            conditions: fields(serde_json::to_value(&results.conditions)?),
+            versions: fields(serde_json::to_value(&results.versions)?),
+        })
     }
 }
 
@@ -235,7 +261,30 @@ fn p_value(p: f64) -> String {
 /// # Errors
 /// [`CompareError`]: a file that cannot be read, conditions that differ unless `any_conditions`, or no pair.
 pub fn compare(a: &Path, b: &Path, any_conditions: bool) -> Result<Comparison, CompareError> {
-    let [(file_a, a), (file_b, b)] = [read(a)?, read(b)?];
+    pair_up(read(a)?, read(b)?, any_conditions)
+}
+
+/// [`compare`] of results in memory, each with the name that errors and [`Side::file`] give it.
+///
+/// # Errors
+/// As [`compare`], but for files.
+pub fn compare_results(
+    (name_a, a): (&str, &Results),
+    (name_b, b): (&str, &Results),
+    any_conditions: bool,
+) -> Result<Comparison, CompareError> {
+    let run = |name: &str, results: &Results| match Run::try_from(results) {
+        Ok(run) => Ok((PathBuf::from(name), run)),
+        Err(source) => Err(CompareError::Form { file: name.into(), source }),
+    };
+    pair_up(run(name_a, a)?, run(name_b, b)?, any_conditions)
+}
+
+fn pair_up(
+    (file_a, a): (PathBuf, Run),
+    (file_b, b): (PathBuf, Run),
+    any_conditions: bool,
+) -> Result<Comparison, CompareError> {
     let different = different_conditions(&a, &b);
     if let Some((field, a, b)) = different.first().filter(|_| !any_conditions) {
         return Err(CompareError::Conditions { field: field.clone(), a: a.to_string(), b: b.to_string() });

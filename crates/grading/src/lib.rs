@@ -6,13 +6,13 @@
 //! scored. The folder of a run is graded as the run: each of its episodes counts, as its journals say.
 //!
 //! [`tables`] and [`report`] write results down. The same bags give the same bytes in all of them.
-//! [`compare()`] tests two results against each other. [`verify()`] runs an episode again on a server. The scorer never links the simulator.
+//! [`compare()`] tests two results against each other. [`verify()`] runs an episode again on a server. This crate never links the simulator.
 //!
 //! ```
 //! use fiatlux_grading::{GradeOptions, grade, tables};
 //!
 //! # fn bags() -> std::path::PathBuf {
-//! #     let folder = std::env::temp_dir().join(format!("fiatlux-scorer-example-{}", std::process::id()));
+//! #     let folder = std::env::temp_dir().join(format!("fiatlux-grading-example-{}", std::process::id()));
 //! #     std::fs::create_dir_all(&folder).unwrap();
 //! #     std::fs::write(folder.join("notes.mcap"), "no bag").unwrap();
 //! #     folder
@@ -44,7 +44,7 @@ mod series;
 pub mod tables;
 mod verify;
 
-pub use compare::{CompareError, Comparison, Pairs, Side, compare};
+pub use compare::{CompareError, Comparison, Pairs, Side, compare, compare_results};
 pub use conditions::Conditions;
 pub use episode::{Graded, Grader, HeaderError};
 pub use error::ScoreError;

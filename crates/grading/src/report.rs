@@ -7,16 +7,21 @@ mod figure;
 mod markup;
 mod overview;
 mod sections;
+mod site;
 
 use std::fmt::Write;
 use std::path::Path;
 
+use episodes::Place;
 use markup::{escape, percent};
 
 use crate::tables::{conditions_line, count, run_line, seed_count};
 use crate::{RateRow, Results, Score};
 
-const STYLE: &str = include_str!("report/style.css");
+pub use site::{Site, SiteReport, episode_figure, site, task_cards};
+
+/// The style sheet of the page, for others that look like it.
+pub const STYLE: &str = include_str!("report/style.css");
 
 /// The page.
 pub fn html(results: &Results) -> String {
@@ -43,7 +48,7 @@ fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
     }
     sections::extra_tasks(&mut out, results);
     if !results.episodes.is_empty() {
-        episodes::section(&mut out, results, has_replay);
+        episodes::section(&mut out, results, Place::File(has_replay));
     }
     sections::excluded(&mut out, results);
     sections::conditions(&mut out, results);
@@ -66,11 +71,21 @@ fn headline(out: &mut String, results: &Results) {
         escape(&seed_count(results)),
         escape(&conditions_line(&results.conditions).replacen('b', "B", 1)),
     );
+    run_lines(out, results);
+    summary(out, results);
+}
+
+/// How far a run is, and what its journals say.
+fn run_lines(out: &mut String, results: &Results) {
     if let Some(run) = &results.run {
         for line in std::iter::once(&run_line(run)).chain(&run.notes) {
             let _ = writeln!(out, "<p class=\"soft\">{}.</p>", escape(line));
         }
     }
+}
+
+/// Warnings, and the numbers that count.
+fn summary(out: &mut String, results: &Results) {
     warnings(out, results);
     out.push_str("<div class=\"cards\">\n");
     let overall = &results.overall;
@@ -179,7 +194,7 @@ fn subtasks(out: &mut String, results: &Results) {
     );
     out.push_str(&overview::causes(results));
     out.push_str("</div>\n");
-    out.push_str("<div class=\"panel scroll\" style=\"margin-top:14px\">");
+    out.push_str("<div class=\"panel scroll\">");
     sections::task_table(out, &results.subtasks, true);
     out.push_str("</div>\n");
 }

@@ -2,8 +2,6 @@
 
 mod common;
 
-use std::process::Command;
-
 use common::{Folder, Story, begin, header, result, rows, sealed};
 use fiatlux_access::{Identity, sign_result};
 use fiatlux_bag::topic;
@@ -268,26 +266,15 @@ fn a_row_that_is_not_finite_is_named() {
     assert_eq!(refused.steps, 6);
 }
 
-/// Table, JSON and exit code all say it; other thresholds hide nothing.
+/// A table says it as well.
 #[test]
-fn a_changed_bag_shows_in_table_json_and_exit_code() {
-    let folder = Folder::new("bound-shown");
+fn a_changed_bag_shows_in_the_table() {
     let (header, rows, result) = episode();
     let mut changed = header.clone();
     (OF_THE_EPISODE[0].1)(&mut changed);
+    let folder = Folder::new("bound-shown");
     begin(&folder.0.join("a.mcap"), &changed, &rows).finish(&result).expect("finished");
     let results = graded(&folder);
     assert!(results.episodes.is_empty() && results.has_data_loss());
     assert!(tables::text(&results).contains("altered"), "{}", tables::text(&results));
-    let scorer = |args: &[&str]| {
-        let output = Command::new(env!("CARGO_BIN_EXE_scorer")).arg("grade").arg(&folder.0).args(args).output();
-        let output = output.expect("the scorer runs");
-        (output.status.code(), String::from_utf8(output.stdout).expect("text"))
-    };
-    let (code, text) = scorer(&[]);
-    assert!(code == Some(3) && text.contains("header was changed"), "{code:?}: {text}");
-    let (code, text) = scorer(&["--json", "--set", "fragility_n=30"]);
-    let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
-    assert_eq!((code, json["excluded"][0]["reason"].as_str()), (Some(3), Some("altered")));
-    assert_eq!(json["episodes"].as_array().map(Vec::len), Some(0));
 }

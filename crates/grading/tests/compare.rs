@@ -4,7 +4,6 @@
 mod common;
 
 use std::path::PathBuf;
-use std::process::Command;
 
 use common::Folder;
 use fiatlux_grading::{CompareError, RESULTS_VERSION, compare};
@@ -112,27 +111,4 @@ fn what_does_not_compare_is_refused_by_name() {
     let compared = compare(&a, &folder.0.join("time"), true).unwrap();
     assert_eq!(compared.different_conditions, ["time"]);
     assert_eq!((compared.a.unpaired, compared.b.unpaired), (1, 0));
-}
-
-#[test]
-fn the_command_prints_a_table_or_json() {
-    let folder = Folder::new("compare-command");
-    let one = vec![episode("S01", 0, true, 1.0), episode("S01", 1, false, 0.0)];
-    let a = written(&folder, "a", &results("one", one.clone()));
-    let b = written(&folder, "b", &results("two", one[..1].to_vec()));
-    let run = |arguments: &[&str]| {
-        let output = Command::new(env!("CARGO_BIN_EXE_scorer")).arg("compare").args(arguments).output().unwrap();
-        let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-        (output.status.code().unwrap(), out, err)
-    };
-    let [a, b] = [&a, &b].map(|path| path.to_str().unwrap());
-    let (code, out, _) = run(&[a, a]);
-    assert!(code == 0 && out.contains("\nall "), "{out}");
-    // One of A has no partner.
-    let (code, out, _) = run(&[a, b, "--json"]);
-    let json: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!((code, &json["overall"]["pairs"], &json["a"]["unpaired"]), (3, &json!(1), &json!(1)));
-    let (code, _, err) = run(&[a, "nowhere"]);
-    assert!(code == 1 && err.contains("cannot read nowhere"), "{err}");
-    assert_eq!(run(&[a]).0, 2);
 }

@@ -2,29 +2,51 @@
 
 use std::fmt::Write;
 
-use fiatlux_rules::{CONTROL_DT, Protocol, Task};
+use fiatlux_rules::{CONTROL_DT, Protocol, Task, TaskSpec};
 
-use super::figure::figure;
+use super::Site;
+use super::figure::{WIDTH, figure, height};
 use super::markup::{cause_class, escape, link, words};
 use crate::tables::count;
 use crate::{EpisodeRow, Results};
 
+/// Where a page finds the figures and replays of its episodes.
+#[derive(Clone, Copy)]
+pub(super) enum Place<'a> {
+    /// Figures in the page itself, replays in files; says whether one is there, by its path from the page's folder.
+    File(&'a dyn Fn(&str) -> bool),
+    /// Each at an address of a site.
+    Site(&'a Site<'a>),
+}
+
 /// All episodes, a fold a task. Few tasks are shown unfolded.
-pub(super) fn section(out: &mut String, results: &Results, has_replay: &dyn Fn(&str) -> bool) {
+pub(super) fn section(out: &mut String, results: &Results, place: Place<'_>) {
     out.push_str(
-        "<h2>Episodes</h2>\n<p class=\"soft small\">For each episode: which criteria of the gate held when, and the largest \
+        "<h2 id=\"episodes\">Episodes</h2>\n",
+    );
+    legend(out);
+    let limit_n = limit(results);
+    let groups: Vec<&[EpisodeRow]> = results.episodes.chunk_by(|a, b| a.task == b.task).collect();
+    for episodes in &groups {
+        group(out, episodes, limit_n, groups.len() <= 2, place);
+    }
+}
+
+/// The force at which a bulb breaks, N.
+pub(super) fn limit(results: &Results) -> f64 {
+    results.conditions.thresholds.get("fragility_n").copied().unwrap_or(50.0)
+}
+
+pub(super) fn legend(out: &mut String) {
+    out.push_str(
+        "<p class=\"soft small\">For each episode: which criteria of the gate held when, and the largest \
          contact force of a bulb on any body of either hand. Colours at the right end are the causes of the end.</p>\n\
          <div class=\"legend\"><span><i class=\"k-held\"></i>holds</span><span><i class=\"k-partly\"></i>holds in some \
          steps of the bar's width</span><span><i class=\"k-track\"></i>does not hold</span></div>\n",
     );
-    let limit_n = results.conditions.thresholds.get("fragility_n").copied().unwrap_or(50.0);
-    let groups: Vec<&[EpisodeRow]> = results.episodes.chunk_by(|a, b| a.task == b.task).collect();
-    for episodes in &groups {
-        group(out, episodes, limit_n, groups.len() <= 2, has_replay);
-    }
 }
 
-fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, has_replay: &dyn Fn(&str) -> bool) {
+fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, place: Place<'_>) {
     let id = &episodes[0].task;
     let passed = episodes.iter().filter(|episode| episode.strict_success.unwrap_or(episode.clean)).count();
     let progress = episodes.iter().map(|episode| episode.strict_progress.unwrap_or(episode.gate_progress)).sum::<f64>();
@@ -44,6 +66,19 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, ha
         chip(out, episode.strict_end.as_ref().unwrap_or(&episode.end));
     }
     out.push_str("</span></summary><div class=\"inner\">");
+    gate(out, spec);
+    cards(out, episodes, limit_n, place);
+    if let Place::Site(site) = place
+        && episodes.len() > site.most
+    {
+        let address = escape(&(site.task)(id));
+        let _ = write!(out, "<p><a href=\"{address}\">All {}</a></p>", count(episodes.len(), "episode"));
+    }
+    out.push_str("</div></details>\n");
+}
+
+/// What the task asks for.
+pub(super) fn gate(out: &mut String, spec: Option<&TaskSpec>) {
     if let Some(spec) = spec {
         let criteria: Vec<_> = spec.gate.criteria.iter().map(|criterion| words(criterion.name)).collect();
         let strict = spec.gate.criteria_of(Protocol::Strict).skip(criteria.len());
@@ -63,16 +98,24 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, ha
             spec.horizon_steps as f64 * CONTROL_DT
         );
     }
+}
+
+/// A card for each episode, as many as the place takes.
+pub(super) fn cards(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, place: Place<'_>) {
+    let most = match place {
+        Place::File(_) => usize::MAX,
+        Place::Site(site) => site.most,
+    };
     out.push_str("<div class=\"episodes\">");
-    episodes.iter().for_each(|episode| card(out, episode, limit_n, has_replay));
-    out.push_str("</div></div></details>\n");
+    episodes.iter().take(most).for_each(|episode| card(out, episode, limit_n, place));
+    out.push_str("</div>");
 }
 
 fn chip(out: &mut String, cause: &str) {
     let _ = write!(out, "<span class=\"chip b-{}\">{}</span>", cause_class(cause), escape(cause));
 }
 
-fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, has_replay: &dyn Fn(&str) -> bool) {
+fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: Place<'_>) {
     let index = if episode.episode == 0 { String::new() } else { format!(", episode {}", episode.episode) };
     let _ = write!(out, "<article class=\"episode\"><header><b>Seed {}{index}</b>", episode.seed);
     if let Some(cause) = &episode.failure {
@@ -98,7 +141,23 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, has_replay: &dyn F
         }
     }
     out.push_str("</header>");
-    out.push_str(&figure(episode, limit_n));
+    match place {
+        Place::File(_) => out.push_str(&figure(&episode.series, &episode.end, limit_n)),
+        Place::Site(site) => {
+            // Fetched when it comes into sight: it is drawn from the bag.
+            let lanes = episode.task.parse::<Task>().map_or(0, |task| task.spec().gate.criteria_of(Protocol::Strict).count());
+            let _ = write!(
+                out,
+                "<a href=\"{}\"><img src=\"{}\" loading=\"lazy\" width=\"{WIDTH}\" height=\"{}\" alt=\"Gate criteria and hand \
+                 force of {} seed {} over time\"></a>",
+                escape(&(site.episode)(episode)),
+                escape(&(site.figure)(episode)),
+                height(lanes),
+                escape(&episode.task),
+                episode.seed
+            );
+        }
+    }
     let also: Vec<_> = episode.causes.iter().filter(|cause| **cause != episode.end).map(String::as_str).collect();
     let mut notes = Vec::new();
     if !also.is_empty() {
@@ -112,9 +171,15 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, has_replay: &dyn F
     if !notes.is_empty() {
         out.push_str("<br>");
     }
-    let replay = format!("{}.html", episode.bag.strip_suffix(".mcap").unwrap_or(&episode.bag));
-    if has_replay(&replay) {
-        let _ = write!(out, "<a href=\"{}\">3D replay</a> \u{b7} ", link(&replay));
+    let replay = match place {
+        Place::Site(site) => Some((site.episode)(episode)),
+        Place::File(has_replay) => {
+            let file = format!("{}.html", episode.bag.strip_suffix(".mcap").unwrap_or(&episode.bag));
+            has_replay(&file).then(|| link(&file))
+        }
+    };
+    if let Some(address) = replay {
+        let _ = write!(out, "<a href=\"{}\">3D replay</a> \u{b7} ", escape(&address));
     }
     let short: String = episode.state_digest.chars().take(16).collect();
     let _ = write!(

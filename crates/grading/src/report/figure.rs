@@ -6,23 +6,30 @@ use fiatlux_rules::CONTROL_DT;
 
 use super::markup::{cause_class, px, words};
 use crate::tables::force;
-use crate::{EpisodeRow, Held};
+use crate::{Held, Series};
 
-const WIDTH: f64 = 520.0;
+pub(super) const WIDTH: f64 = 520.0;
 /// Where time begins and ends.
 const LEFT: f64 = 160.0;
 const RIGHT: f64 = 508.0;
 const LANE: f64 = 18.0;
 const FORCE: f64 = 74.0;
+/// Room above the force, and for the numbers below it.
+const HEAD: f64 = 22.0;
+const FOOT: f64 = 24.0;
 
-/// SVG of an episode; `limit_n` is the force at which a bulb breaks.
-pub(super) fn figure(episode: &EpisodeRow, limit_n: f64) -> String {
-    let series = &episode.series;
-    let lanes = LANE * series.criteria.len() as f64;
-    let (force_top, bottom) = (lanes + 22.0, lanes + 22.0 + FORCE);
-    let height = bottom + 24.0;
+/// Height of a figure with lanes for so many criteria.
+pub(super) fn height(criteria: usize) -> f64 {
+    LANE * criteria as f64 + HEAD + FORCE + FOOT
+}
+
+/// SVG of an episode that ended by `end`; `limit_n` is the force at which a bulb breaks.
+pub(super) fn figure(series: &Series, end: &str, limit_n: f64) -> String {
+    let height = height(series.criteria.len());
+    let bottom = height - FOOT;
+    let force_top = bottom - FORCE;
     let mut out = format!(
-        "<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"Gate criteria and hand force over time\">",
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"Gate criteria and hand force over time\">",
         px(WIDTH),
         px(height)
     );
@@ -30,8 +37,8 @@ pub(super) fn figure(episode: &EpisodeRow, limit_n: f64) -> String {
     for (i, (name, held)) in series.criteria.iter().zip(&series.held).enumerate() {
         lane(&mut out, &words(name), held, LANE * i as f64);
     }
-    hand_force(&mut out, episode, limit_n, force_top, bottom);
-    let class = cause_class(&episode.end);
+    hand_force(&mut out, series, limit_n, force_top, bottom);
+    let class = cause_class(end);
     let _ = write!(
         out,
         "<rect x=\"{}\" y=\"0\" width=\"3\" height=\"{}\" class=\"f-{class}\"/></svg>",
@@ -90,8 +97,7 @@ fn lane(out: &mut String, name: &str, held: &[Held], top: f64) {
     }
 }
 
-fn hand_force(out: &mut String, episode: &EpisodeRow, limit_n: f64, top: f64, bottom: f64) {
-    let series = &episode.series;
+fn hand_force(out: &mut String, series: &Series, limit_n: f64, top: f64, bottom: f64) {
     let peak = series.hand_force_n.iter().copied().fold(0.0, f64::max);
     // A crash of 1,000 N must not press the limit onto the floor: what is above is cut off, and the peak is written.
     let limit = limit_n.max(1.0);

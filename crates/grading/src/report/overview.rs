@@ -146,12 +146,11 @@ fn bar(out: &mut String, (x, width): (f64, f64), top: f64, share: f64, class: &s
 fn rate(out: &mut String, y: f64, rate: f64, [low, high]: [f64; 2], clean: bool) {
     let at = |share: f64| px(SUCCESS.0 + SUCCESS.1 * share);
     let (line, width) = if clean { ("s-accent", 2.0) } else { ("s-soft", 1.5) };
-    let point = if clean { "f-accent" } else { "s-soft" };
-    let fill = if clean { "" } else { " style=\"fill:var(--card)\"" };
+    let point = if clean { "f-accent" } else { "s-ring" };
     let _ = write!(
         out,
         "<path d=\"M{} {y}H{}\" class=\"{line}\" stroke-width=\"{width}\"/>\
-         <circle cx=\"{}\" cy=\"{y}\" r=\"3.6\" class=\"{point}\" stroke-width=\"1.5\"{fill}/>",
+         <circle cx=\"{}\" cy=\"{y}\" r=\"3.6\" class=\"{point}\" stroke-width=\"1.5\"/>",
         at(low),
         at(high),
         at(rate),

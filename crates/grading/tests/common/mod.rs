@@ -1,7 +1,7 @@
 //! Episodes made of moved rooms, and bags of them.
 #![allow(dead_code)] // Each test file uses a part of it.
 
-#[path = "../../../crates/rules/tests/common/mod.rs"]
+#[path = "../../../rules/tests/common/mod.rs"]
 pub mod room;
 
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ pub struct Folder(pub PathBuf);
 
 impl Folder {
     pub fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("fiatlux-scorer-{name}-{}", std::process::id()));
+        let path = std::env::temp_dir().join(format!("fiatlux-grading-{name}-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&path);
         std::fs::create_dir_all(&path).expect("a folder");
         Self(path)
