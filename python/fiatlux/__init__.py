@@ -2,8 +2,8 @@
 
 Importing it registers the environments. ``gymnasium.make("Fiatlux-S05-CarryBulbToDisposal-v1")`` is one episode at a time, by
 the benchmark's own rules; ``gymnasium.make_vec`` of the same id, or :class:`VectorEnv`, steps many worlds in one call for
-training. :func:`evaluate` plays a policy through the benchmark in this process, :class:`Client` on servers, and :class:`Bag`
-reads a recorded episode.
+training. :func:`evaluate` plays a policy through the benchmark in this process, :class:`Client` on servers, :class:`Bag`
+reads a recorded episode, and :func:`submit` sends a run to a leaderboard.
 """
 
 from ._native import BENCHMARK_VERSION, FiatluxError, __version__
@@ -15,6 +15,7 @@ from .env import Env
 from .evaluation import Evaluation, evaluate
 from .policy import Policy, PolicyLike
 from .settings import Settings
+from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
 from .vector import VectorEnv, WalkingVectorEnv
 
@@ -31,10 +32,12 @@ __all__ = [
     "Policy",
     "PolicyLike",
     "Settings",
+    "SubmissionError",
     "Task",
     "VectorEnv",
     "WalkingVectorEnv",
     "__version__",
     "evaluate",
     "export_lerobot",
+    "submit",
 ]

@@ -3,10 +3,14 @@
 use std::fmt;
 use std::str::FromStr;
 
-use fiatlux_grading::Conditions;
+use fiatlux_grading::{Conditions, Results};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 use time::OffsetDateTime;
+
+use crate::store::Digest;
 
 /// Names a submission: 16 hexadecimal digits, which follow from its content and its account.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -162,9 +166,15 @@ pub struct Division {
 }
 
 impl Division {
-    /// Of results with those conditions; `None` where they have a place in no ranking, for the reason that
-    /// [`Division::obstacle`] gives.
-    pub fn of(conditions: &Conditions) -> Option<Self> {
+    /// Of results; `None` where they have a place in no ranking, for the reason that [`Division::obstacle`] gives.
+    pub fn of(results: &Results) -> Option<Self> {
+        if !results.missing.is_empty() || results.episodes.is_empty() {
+            return None;
+        }
+        Self::of_conditions(&results.conditions)
+    }
+
+    fn of_conditions(conditions: &Conditions) -> Option<Self> {
         let time = match conditions.time.as_str() {
             "lockstep" => Time::Lockstep,
             "real time" => Time::RealTime,
@@ -182,12 +192,16 @@ impl Division {
         (ranked && is_known).then(|| Self { time, observations, hands: conditions.hands.clone() })
     }
 
-    /// Why results with those conditions are not ranked, in words; empty where they are.
-    pub fn obstacle(conditions: &Conditions) -> String {
-        if Self::of(conditions).is_some() {
+    /// Why results are not ranked, in words; empty where they are.
+    pub fn obstacle(results: &Results) -> String {
+        if Self::of(results).is_some() {
             return String::new();
         }
+        let conditions = &results.conditions;
         let mut reasons = conditions.deviations.clone();
+        if !results.missing.is_empty() {
+            reasons.push(format!("there is no episode of {} under some of the seeds", results.missing.join(", ")));
+        }
         if conditions.protocol != "strict" {
             reasons.push("episodes were not played by protocol strict".into());
         }
@@ -247,4 +261,83 @@ pub struct Entry {
     pub received: OffsetDateTime,
     /// Episodes that were verified, and how many are to be.
     pub progress: (u64, u64),
+}
+
+/// The word that stands for a value in JSON and in the database.
+pub(crate) fn word_to(value: impl Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(word)) => word,
+        _ => String::new(),
+    }
+}
+
+/// The value that a word stands for.
+pub(crate) fn word_of<T: DeserializeOwned>(word: &str) -> Result<T, serde_json::Error> {
+    serde_json::from_value(serde_json::Value::String(word.to_owned()))
+}
+
+/// A file that is to come.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct FileSpec {
+    pub name: String,
+    pub bytes: u64,
+    pub sha256: Digest,
+}
+
+/// How much a submission may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Most files.
+    pub files: usize,
+    /// Most bytes of a file.
+    pub file_bytes: u64,
+    /// Most bytes of all its files.
+    pub bytes: u64,
+}
+
+impl Default for Limits {
+    /// 20,000 files, 512 MiB each, 32 GiB together.
+    fn default() -> Self {
+        Self { files: 20_000, file_bytes: 512 << 20, bytes: 32 << 30 }
+    }
+}
+
+/// How the name of a bag ends.
+pub(crate) const BAG: &str = ".mcap";
+/// How the name of a run's journal ends.
+pub(crate) const JOURNAL: &str = ".run.jsonl";
+/// Longest name of a file, bytes.
+pub(crate) const MAX_NAME: usize = 160;
+
+/// Whether a file may have that name: it cannot lead out of a folder, and says what the file is.
+pub(crate) fn is_file_name(name: &str) -> bool {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
+    let stem = [BAG, JOURNAL].iter().find_map(|ending| name.strip_suffix(ending));
+    name.len() <= MAX_NAME
+        && name.bytes().all(is_plain)
+        && stem.is_some_and(|stem| stem.starts_with(|c: char| c != '.' && c != '-'))
+}
+
+/// Names a submission after its account and all that was said of it.
+pub(crate) fn id_of(account: &str, manifest: &Manifest, files: &[FileSpec]) -> SubmissionId {
+    let mut sum = Sha256::new();
+    let mut add = |text: &str| {
+        sum.update((text.len() as u64).to_le_bytes());
+        sum.update(text);
+    };
+    add("fiatlux submission 1");
+    add(account);
+    let Manifest { policy, version, authors, link, licence, note } = manifest;
+    [policy, version, link, licence, note].into_iter().for_each(|text| add(text));
+    add(&authors.len().to_string());
+    authors.iter().for_each(|author| add(author));
+    for FileSpec { name, bytes, sha256 } in files {
+        add(name);
+        add(&bytes.to_string());
+        add(sha256.as_str());
+    }
+    let digest = sum.finalize();
+    let mut first = [0; 8];
+    first.copy_from_slice(&digest[..8]);
+    SubmissionId(u64::from_be_bytes(first))
 }
