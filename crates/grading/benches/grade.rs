@@ -9,9 +9,9 @@ use std::time::Instant;
 use common::room::LAYOUT;
 use common::{Folder, Story, header, result, rows, write};
 use fiatlux_bag::Bag;
+use fiatlux_grading::{GradeOptions, Grader, grade, report};
 use fiatlux_proto::{Message, v3};
 use fiatlux_rules::{RowDigest, Task};
-use fiatlux_grading::{GradeOptions, Grader, grade, report};
 use fiatlux_wire::{read_row, state_message};
 
 fn main() {

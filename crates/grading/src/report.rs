@@ -18,6 +18,7 @@ use markup::{escape, percent};
 use crate::tables::{conditions_line, count, run_line, seed_count};
 use crate::{RateRow, Results, Score};
 
+pub use markup::cause_class;
 pub use site::{Site, SiteReport, episode_figure, site, task_cards};
 
 /// The style sheet of the page, for others that look like it.

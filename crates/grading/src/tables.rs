@@ -11,7 +11,7 @@ pub use text::text;
 use crate::{Conditions, Results, RunResult};
 
 /// Layout seeds in few characters: `0-3`, `0, 2, 7`.
-pub(crate) fn seeds(seeds: &[u64]) -> String {
+pub fn seeds(seeds: &[u64]) -> String {
     let mut parts: Vec<(u64, u64)> = Vec::new();
     for &seed in seeds {
         match parts.last_mut() {

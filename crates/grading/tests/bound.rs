@@ -5,10 +5,10 @@ mod common;
 use common::{Folder, Story, begin, header, result, rows, sealed};
 use fiatlux_access::{Identity, sign_result};
 use fiatlux_bag::topic;
+use fiatlux_grading::{ExcludedBag, Fault, GradeOptions, Results, grade, tables};
 use fiatlux_proto::v3::{self, EpisodeHeader, EpisodeResult};
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_rules::{Row, Task};
-use fiatlux_grading::{ExcludedBag, Fault, GradeOptions, Results, grade, tables};
 use fiatlux_wire::header_digest;
 
 /// The same for every test: an episode that succeeded.

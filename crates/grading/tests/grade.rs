@@ -4,9 +4,9 @@ mod common;
 
 use common::room::{OLD, take};
 use common::{Folder, Story, begin, header, result, rows, sealed, write};
+use fiatlux_grading::{Fault, GradeOptions, Grader, Results, ScoreError, grade, report, tables};
 use fiatlux_proto::{PROTOCOL, v3};
 use fiatlux_rules::{BENCHMARK_VERSION, Task};
-use fiatlux_grading::{Fault, GradeOptions, Grader, Results, ScoreError, grade, report, tables};
 
 fn grade_in(folder: &Folder, options: GradeOptions) -> Result<Results, ScoreError> {
     grade(std::slice::from_ref(&folder.0), &GradeOptions { relative_to: folder.0.clone(), ..options }, &|_| {})

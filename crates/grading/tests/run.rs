@@ -7,10 +7,10 @@ use std::path::PathBuf;
 
 use common::{Folder, Story, begin, header, result, rows, sealed};
 use fiatlux_bag::run::{Event, LedgerWriter, NOT_REPEATED, Planned, Registration};
+use fiatlux_grading::{Fault, GradeOptions, Results, ScoreError, grade, report, tables};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest, RunSpec, RunTicket};
 use fiatlux_rules::Task;
-use fiatlux_grading::{Fault, GradeOptions, Results, ScoreError, grade, report, tables};
 
 const WINS: Story = Story::Succeeds(30);
 const FALLS: Story = Story::Falls(20);

@@ -21,9 +21,7 @@ pub(super) enum Place<'a> {
 
 /// All episodes, a fold a task. Few tasks are shown unfolded.
 pub(super) fn section(out: &mut String, results: &Results, place: Place<'_>) {
-    out.push_str(
-        "<h2 id=\"episodes\">Episodes</h2>\n",
-    );
+    out.push_str("<h2 id=\"episodes\">Episodes</h2>\n");
     legend(out);
     let limit_n = limit(results);
     let groups: Vec<&[EpisodeRow]> = results.episodes.chunk_by(|a, b| a.task == b.task).collect();
@@ -145,7 +143,8 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: Place<'_>) 
         Place::File(_) => out.push_str(&figure(&episode.series, &episode.end, limit_n)),
         Place::Site(site) => {
             // Fetched when it comes into sight: it is drawn from the bag.
-            let lanes = episode.task.parse::<Task>().map_or(0, |task| task.spec().gate.criteria_of(Protocol::Strict).count());
+            let lanes =
+                episode.task.parse::<Task>().map_or(0, |task| task.spec().gate.criteria_of(Protocol::Strict).count());
             let _ = write!(
                 out,
                 "<a href=\"{}\"><img src=\"{}\" loading=\"lazy\" width=\"{WIDTH}\" height=\"{}\" alt=\"Gate criteria and hand \

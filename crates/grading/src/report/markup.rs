@@ -39,8 +39,9 @@ pub(super) fn words(name: &str) -> String {
     escape(&name.replace('_', " "))
 }
 
-/// The part of a class name that stands for a cause.
-pub(super) fn cause_class(cause: &str) -> &'static str {
+/// The part of a class name that stands for a cause of an end: the style has `b-fall` for a background, `f-fall` for a
+/// figure.
+pub fn cause_class(cause: &str) -> &'static str {
     match cause {
         "success" => "success",
         "diverged" => "diverged",

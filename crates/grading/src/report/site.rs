@@ -77,9 +77,12 @@ pub fn task_cards(results: &Results, episodes: &[EpisodeRow], site: &Site<'_>) -
 /// force on the hands. It is drawn from the rows of the bag, however much of it is whole. `None` where no row can be read.
 pub fn episode_figure(bag: &Path, results: &Results) -> Option<String> {
     let options = GradeOptions {
-        set: results.conditions.thresholds_set.iter().filter_map(|key| {
-            results.conditions.thresholds.get(key).map(|value| format!("{key}={value}"))
-        }).collect(),
+        set: results
+            .conditions
+            .thresholds_set
+            .iter()
+            .filter_map(|key| results.conditions.thresholds.get(key).map(|value| format!("{key}={value}")))
+            .collect(),
         published_counting: results.conditions.published_counting,
         ..GradeOptions::default()
     };
