@@ -87,6 +87,7 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },
         signers: args.signers.as_deref().map(KnownServers::read).transpose()?.unwrap_or_default(),
         grade_workers: args.workers,
+        ..ServiceOptions::default()
     };
     let service = Arc::new(Service::new(store, options));
     let listener = tokio::net::TcpListener::bind(args.http).await;

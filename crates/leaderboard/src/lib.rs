@@ -27,7 +27,7 @@ pub use client::{Submit, SubmitError, SubmitProgress, Submitted, Upload};
 pub use error::StoreError;
 pub use jobs::{Jobs, Verifier};
 pub use serve::serve;
-pub use service::{Service, ServiceOptions, router};
+pub use service::{Pace, Service, ServiceOptions, router};
 pub use store::{Account, AuditRow, Store, TokenRow};
 pub use submission::{
     Badge, Division, Entry, Limits, Manifest, ManifestError, Observations, State, SubmissionId, Time, WordError,

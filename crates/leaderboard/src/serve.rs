@@ -94,7 +94,7 @@ async fn answer(stream: TcpStream, router: Router, mut ended: watch::Receiver<bo
     let late = tokio::time::sleep(CONNECTION_TIME);
     let done = tokio::select! {
         done = connection.as_mut() => done,
-        _ = ended.wait_for(|ended| *ended) => {
+        () = async { drop(ended.wait_for(|ended| *ended).await) } => {
             connection.as_mut().graceful_shutdown();
             connection.await
         }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use axum::Router;
 use axum::middleware::from_fn_with_state;
@@ -15,11 +16,31 @@ use crate::{Store, SubmissionId, api, metrics, pages};
 /// Uploads whose content is compared with its digest at once.
 const SEALERS: usize = 4;
 
+/// How slowly an upload may come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pace {
+    /// Longest silence.
+    pub silence: Duration,
+    /// Time before it must have its least rate.
+    pub start: Duration,
+    /// Least rate over all its time, bytes/s.
+    pub least_rate: u64,
+}
+
+impl Default for Pace {
+    /// 30 s, 20 s, 4,096 bytes/s.
+    fn default() -> Self {
+        Self { silence: Duration::from_secs(30), start: Duration::from_secs(20), least_rate: 4096 }
+    }
+}
+
 /// How a service treats what it is sent.
 #[derive(Debug, Clone, Default)]
 pub struct ServiceOptions {
     /// How much a submission may be.
     pub limits: Limits,
+    /// How slowly it may come.
+    pub pace: Pace,
     /// Whose signatures make a run *hosted*: the keys of our own servers.
     pub signers: KnownServers,
     /// Threads that grade; 0 for one for each core.

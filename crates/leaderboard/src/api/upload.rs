@@ -3,7 +3,7 @@
 use std::path::Path as FilePath;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use axum::body::Body;
 use axum::extract::{Path, State};
@@ -17,14 +17,7 @@ use tokio::io::AsyncWriteExt as _;
 use super::answer::{Problem, account_of, json_of};
 use super::submissions::owned;
 use crate::store::StoredFile;
-use crate::{Service, State as Stage, StoreError, SubmissionId};
-
-/// Longest silence within an upload.
-const SILENCE: Duration = Duration::from_secs(30);
-/// Time before an upload must have its least rate.
-const START: Duration = Duration::from_secs(20);
-/// Least rate of an upload over all its time, bytes/s.
-const LEAST_RATE: u64 = 4096;
+use crate::{Pace, Service, State as Stage, StoreError, SubmissionId};
 
 /// `PUT /api/v1/submissions/{id}/files/{place}?offset=N`: bytes of a file from `N` on, which must be what is there already.
 pub(super) async fn upload(
@@ -108,16 +101,17 @@ async fn take(
     mut length: u64,
     mut body: Body,
 ) -> Result<u64, Failed> {
+    let Pace { silence, start: free, least_rate } = service.options.pace;
     let (start, first) = (Instant::now(), length);
     loop {
-        let frame = match tokio::time::timeout(SILENCE, body.frame()).await {
+        let frame = match tokio::time::timeout(silence, body.frame()).await {
             Ok(Some(Ok(frame))) => frame,
             Ok(None) => return Ok(length),
             Ok(Some(Err(_))) => {
                 return Err(Failed::Said(Problem::request("the upload broke off; go on from here").with_received(length)));
             }
             Err(_) => {
-                let message = format!("nothing came for {} s; go on from here", SILENCE.as_secs());
+                let message = format!("nothing came for {} s; go on from here", silence.as_secs());
                 return Err(Failed::Said(Problem::slow(message).with_received(length)));
             }
         };
@@ -131,8 +125,8 @@ async fn take(
         length += data.len() as u64;
         service.metrics.uploaded_bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
         let taken = start.elapsed();
-        if taken > START && (length - first) / taken.as_secs().max(1) < LEAST_RATE && length < whole {
-            let message = format!("less than {LEAST_RATE} bytes/s came; go on from here over a better connection");
+        if taken > free && (length - first) / taken.as_secs().max(1) < least_rate && length < whole {
+            let message = format!("less than {least_rate} bytes/s came; go on from here over a better connection");
             return Err(Failed::Said(Problem::slow(message).with_received(length)));
         }
     }

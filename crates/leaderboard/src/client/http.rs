@@ -97,11 +97,14 @@ impl Http {
         Ok(request)
     }
 
-    fn send(&self, request: ureq::http::request::Builder, body: &mut dyn Read) -> Result<Answer, String> {
+    fn send<'b>(&self, request: ureq::http::request::Builder, body: &'b mut (dyn Read + 'b)) -> Result<Answer, String> {
         let is_get = request.method_ref().is_some_and(|method| method == "GET");
-        let body = if is_get { SendBody::none() } else { SendBody::from_reader(body) };
-        let request = request.body(body).map_err(|error| error.to_string())?;
-        let mut answer = self.agent.run(request).map_err(|error| error.to_string())?;
+        let in_words = |error: ureq::http::Error| error.to_string();
+        let answer = match is_get {
+            true => self.agent.run(request.body(()).map_err(in_words)?),
+            false => self.agent.run(request.body(SendBody::from_reader(body)).map_err(in_words)?),
+        };
+        let mut answer = answer.map_err(|error| error.to_string())?;
         let status = answer.status().as_u16();
         let text = answer.body_mut().with_config().limit(MAX_ANSWER).read_to_string();
         let text = text.map_err(|error| error.to_string())?;
