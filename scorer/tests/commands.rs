@@ -37,7 +37,8 @@ fn a_changed_bag_shows_in_table_json_and_exit_code() {
 
 /// A folder with the `results.json` of one policy, an episode of S01 for each seed.
 fn results(folder: &Folder, policy: &str, seeds: u64) -> String {
-    let episode = |seed| json!({ "task": "S01", "seed": seed, "episode": 0, "success": seed == 0, "gate_progress": 0.5 });
+    let episode =
+        |seed| json!({ "task": "S01", "seed": seed, "episode": 0, "success": seed == 0, "gate_progress": 0.5 });
     let results = json!({
         "policy": policy,
         "episodes": (0..seeds).map(episode).collect::<Vec<_>>(),

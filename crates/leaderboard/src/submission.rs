@@ -125,7 +125,8 @@ impl Manifest {
 /// Characters that change how the text around them is shown: controls, and those of Unicode that turn its direction or have
 /// no width.
 fn is_unseen(c: char) -> bool {
-    c.is_control() || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
+    c.is_control()
+        || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
 fn is_link(text: &str) -> bool {
@@ -133,6 +134,9 @@ fn is_link(text: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_graphic() && !"\"'<>\\^`{|}".contains(c);
     rest.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_alphanumeric()) && rest.chars().all(is_plain))
 }
+
+/// Hands that have divisions.
+pub(crate) const RANKED_HANDS: [&str; 2] = ["inspire", "dex3"];
 
 /// Whether the world waited for the policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -188,7 +192,7 @@ impl Division {
         // Other hands are a division of their own, not a deviation.
         let is_hands = |deviation: &String| deviation.starts_with("hands are ");
         let ranked = conditions.deviations.iter().all(is_hands) && conditions.protocol == "strict";
-        let is_known = ["inspire", "dex3"].contains(&conditions.hands.as_str());
+        let is_known = RANKED_HANDS.contains(&conditions.hands.as_str());
         (ranked && is_known).then(|| Self { time, observations, hands: conditions.hands.clone() })
     }
 

@@ -34,7 +34,10 @@ fn a_submission_is_graded_and_listed() {
     let (status, theirs) = board.json("POST", "/api/v1/submissions", Some(&other), &wish(&manifest(), &files));
     assert!(status == 201 && theirs["id"] != json!(id), "{theirs}");
     let (_, text) = board.ask("GET", "/metrics", None, b"");
-    assert!(text.contains("fiatlux_submissions{state=\"verified\"} 1") && text.contains("fiatlux_graded_total 1"), "{text}");
+    assert!(
+        text.contains("fiatlux_submissions{state=\"verified\"} 1") && text.contains("fiatlux_graded_total 1"),
+        "{text}"
+    );
 }
 
 /// Guards that an upload goes on where it broke off, and that nothing but the announced content is kept.

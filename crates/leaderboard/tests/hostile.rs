@@ -116,7 +116,12 @@ fn names_and_sizes_that_do_not_fit_are_refused_early() {
         (manifest(), json!([file("a.mcap", 0)]), 413, "files[0].bytes"),
         (manifest(), json!([file("a.mcap", (1 << 20) + 1)]), 413, "files[0].bytes"),
         (manifest(), json!([file("a.mcap", 10), file("a.mcap", 10)]), 422, "is there twice"),
-        (manifest(), json!([file("a.mcap", 1), file("b.mcap", 1), file("c.mcap", 1), file("d.mcap", 1)]), 413, "4 of them"),
+        (
+            manifest(),
+            json!([file("a.mcap", 1), file("b.mcap", 1), file("c.mcap", 1), file("d.mcap", 1)]),
+            413,
+            "4 of them",
+        ),
         (
             manifest(),
             json!([file("a.mcap", 1 << 20), file("b.mcap", 1 << 20), file("c.mcap", 1)]),
@@ -154,10 +159,13 @@ fn names_and_sizes_that_do_not_fit_are_refused_early() {
         let (status, _) = board.ask("GET", address, Some(&token), b"");
         assert!([404, 405].contains(&status), "{address}: {status}");
     }
-    let (status, begun) = board.json("POST", "/api/v1/submissions", Some(&token), &json!({ "manifest": manifest(), "files": ok() }));
+    let (status, begun) =
+        board.json("POST", "/api/v1/submissions", Some(&token), &json!({ "manifest": manifest(), "files": ok() }));
     assert_eq!(status, 201);
     let id = begun["id"].as_str().unwrap();
-    for (place, expected) in [("1", 404), ("-1", 404), ("+0", 404), ("0/../0", 404), ("..%2f0", 404), ("4294967296", 404)] {
+    for (place, expected) in
+        [("1", 404), ("-1", 404), ("+0", 404), ("0/../0", 404), ("..%2f0", 404), ("4294967296", 404)]
+    {
         let address = format!("/api/v1/submissions/{id}/files/{place}?offset=0");
         assert_eq!(board.ask("PUT", &address, Some(&token), b"0123456789").0, expected, "{place}");
     }

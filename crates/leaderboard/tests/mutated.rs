@@ -33,8 +33,16 @@ fn mutated(random: &mut Pcg64Mcg, requests: &[Vec<u8>]) -> Vec<u8> {
                 bytes.drain(at..end);
             }
             _ => {
-                let odd: [&[u8]; 8] =
-                    [b"\r\n", b"\0", b"99999999999999999999", b"-1", b"../", b"\"", b"{{{{[[[[", b"Transfer-Encoding: chunked\r\n"];
+                let odd: [&[u8]; 8] = [
+                    b"\r\n",
+                    b"\0",
+                    b"99999999999999999999",
+                    b"-1",
+                    b"../",
+                    b"\"",
+                    b"{{{{[[[[",
+                    b"Transfer-Encoding: chunked\r\n",
+                ];
                 bytes.splice(at..at, odd[pick(odd.len())].iter().copied());
             }
         }
@@ -95,7 +103,8 @@ fn ten_thousand_mutated_requests() {
     let entries = board.runtime.block_on(board.store.entries()).unwrap();
     assert!(entries.iter().all(|entry| entry.badge == fiatlux_leaderboard::Badge::SelfReported));
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).and_then(|line| line.trim().strip_suffix(" kB"));
+    let peak =
+        status.lines().find_map(|line| line.strip_prefix("VmHWM:")).and_then(|line| line.trim().strip_suffix(" kB"));
     if let Some(peak) = peak {
         assert!(peak.trim().parse::<u64>().unwrap() * 1024 < MAX_MEMORY, "{peak} kB");
     }

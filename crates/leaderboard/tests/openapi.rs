@@ -66,8 +66,12 @@ fn the_document_has_every_route() {
     assert_eq!((status, &document["openapi"]), (200, &json!("3.1.0")));
     let documented: BTreeSet<&str> = document["paths"].as_object().unwrap().keys().map(String::as_str).collect();
     let source = include_str!("../src/api.rs");
-    let routed: BTreeSet<&str> =
-        source.split(".route(\"").skip(1).map(|rest| rest.split('"').next().unwrap()).filter(|path| !path.contains('*')).collect();
+    let routed: BTreeSet<&str> = source
+        .split(".route(\"")
+        .skip(1)
+        .map(|rest| rest.split('"').next().unwrap())
+        .filter(|path| !path.contains('*'))
+        .collect();
     assert_eq!(documented, routed);
     for path in routed {
         let address = path.replace("{id}", "0123456789abcdef").replace("{place}", "0");

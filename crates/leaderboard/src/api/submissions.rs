@@ -139,7 +139,9 @@ pub(super) async fn begin(
             return Err(too_many(format!("{most} submissions of the account wait for files; finish one of them")));
         }
         Begun::TooManyBytes(most) => {
-            return Err(too_many(format!("all submissions of the account may have {most} bytes; ask the administrator")));
+            return Err(too_many(format!(
+                "all submissions of the account may have {most} bytes; ask the administrator"
+            )));
         }
     };
     if status == StatusCode::CREATED {
@@ -168,10 +170,7 @@ pub(super) async fn one(
 }
 
 /// `GET /api/v1/submissions/{id}/results`: `results.json` of a submission that is graded.
-pub(super) async fn results(
-    State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
-) -> Result<Response, Problem> {
+pub(super) async fn results(State(service): State<Arc<Service>>, Path(id): Path<String>) -> Result<Response, Problem> {
     let missing = || Problem::missing("there is no such submission, or it is not graded");
     let id: SubmissionId = id.parse().map_err(|_| missing())?;
     let entry = service.store.entry(id).await?.ok_or_else(missing)?;

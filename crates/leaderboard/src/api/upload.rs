@@ -94,13 +94,7 @@ enum Failed {
     Said(Problem),
 }
 
-async fn take(
-    service: &Service,
-    out: &mut File,
-    whole: u64,
-    mut length: u64,
-    mut body: Body,
-) -> Result<u64, Failed> {
+async fn take(service: &Service, out: &mut File, whole: u64, mut length: u64, mut body: Body) -> Result<u64, Failed> {
     let Pace { silence, start: free, least_rate } = service.options.pace;
     let (start, first) = (Instant::now(), length);
     loop {
@@ -108,7 +102,9 @@ async fn take(
             Ok(Some(Ok(frame))) => frame,
             Ok(None) => return Ok(length),
             Ok(Some(Err(_))) => {
-                return Err(Failed::Said(Problem::request("the upload broke off; go on from here").with_received(length)));
+                return Err(Failed::Said(
+                    Problem::request("the upload broke off; go on from here").with_received(length),
+                ));
             }
             Err(_) => {
                 let message = format!("nothing came for {} s; go on from here", silence.as_secs());

@@ -8,15 +8,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use fiatlux_grading::{Verification, VerifyError, verify};
+use fiatlux_grading::{Difference, Verification, VerifyError, verify};
 use fiatlux_link::in_full;
 use fiatlux_policy::{Access, ClientError};
 use fiatlux_proto::v3::refusal::Code;
+use fiatlux_rules::{BENCHMARK_VERSION, pins};
 use sha2::{Digest as _, Sha256};
 use tokio::runtime::Handle;
 
 use super::Verifier;
 use crate::store::{Digest, EpisodeJob, Verdict};
+use crate::submission::RANKED_HANDS;
 use crate::{Service, StoreError};
 
 /// How often a worker without work looks for some.
@@ -25,10 +27,6 @@ const LOOK: Duration = Duration::from_millis(250);
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 /// So often a server may refuse an episode before it counts as one that cannot be replayed.
 const MOST_REFUSALS: u32 = 4;
-/// Fields of the header that say that the server is not one of this benchmark, not that the bag is wrong: grading has
-/// found them to be the pinned ones.
-const OF_THE_SERVER: [&str; 4] = ["model_digest", "scene_digest", "benchmark_version", "digest_layout"];
-
 /// Threads that verify.
 #[derive(Debug)]
 pub(super) struct Verifiers(Vec<JoinHandle<()>>);
@@ -225,14 +223,13 @@ fn of_verification(verification: &Verification) -> Outcome {
     if verification.is_equal() {
         return Outcome::Decided(Verdict::Equal, String::new());
     }
-    if let Some(difference) = &verification.header
-        && OF_THE_SERVER.contains(&difference.field.as_str())
+    if let Some(Difference { field, recorded, .. }) = &verification.header
+        && is_pinned(field, recorded)
     {
-        let field = &difference.field;
         return Outcome::Again(format!("{field} of the server is not that of the benchmark; start it without --scene"));
     }
-    let said = |place: String, difference: &fiatlux_grading::Difference| {
-        let fiatlux_grading::Difference { field, found, recorded } = difference;
+    let said = |place: String, difference: &Difference| {
+        let Difference { field, found, recorded } = difference;
         format!("{place}: {field} is {recorded} in the bag, {found} in the second run")
     };
     let header = verification.header.as_ref().map(|difference| said("header".into(), difference));
@@ -243,6 +240,17 @@ fn of_verification(verification: &Verification) -> Outcome {
         Some(end) => format!("the second run ended by {} at step {}", end.cause, end.steps),
     };
     Outcome::Decided(Verdict::Differs, row.or(header).or(result).unwrap_or_else(ended))
+}
+
+/// Whether a bag's header has the benchmark's own value of a field: where the second run has another one, the server is not
+/// one of the benchmark, and nothing is wrong with the bag.
+fn is_pinned(field: &str, recorded: &str) -> bool {
+    match field {
+        "model_digest" => RANKED_HANDS.into_iter().any(|hands| pins::model(hands) == Some(recorded)),
+        "scene_digest" => recorded == pins::SCENE,
+        "benchmark_version" => recorded == BENCHMARK_VERSION.to_string(),
+        _ => false,
+    }
 }
 
 /// Whether another try would be refused as well.

@@ -198,16 +198,18 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(failed)?;
-            audit(&mut tx, "service", "submission verified", &id, &format!("{} not replayed", count("refused")?)).await?;
+            audit(&mut tx, "service", "submission verified", &id, &format!("{} not replayed", count("refused")?))
+                .await?;
         }
         tx.commit().await.map_err(failed)
     }
 
     /// How many episodes there are of each verdict.
     pub(crate) async fn verdicts(&self) -> Result<Vec<Count>, StoreError> {
-        let rows = sqlx::query("SELECT verdict AS kind, COUNT(*) AS count FROM episodes GROUP BY verdict ORDER BY verdict")
-            .fetch_all(&self.pool)
-            .await;
+        let rows =
+            sqlx::query("SELECT verdict AS kind, COUNT(*) AS count FROM episodes GROUP BY verdict ORDER BY verdict")
+                .fetch_all(&self.pool)
+                .await;
         counts(rows)
     }
 }

@@ -101,8 +101,7 @@ impl Store {
     }
 
     pub(super) async fn one(&self, id: SubmissionId) -> Result<Option<Entry>, StoreError> {
-        let row =
-            sqlx::query(entries!("WHERE s.id = $1")).bind(id.to_string()).fetch_optional(&self.pool).await;
+        let row = sqlx::query(entries!("WHERE s.id = $1")).bind(id.to_string()).fetch_optional(&self.pool).await;
         row.map_err(StoreError::database(ASK))?.map(|row| entry_of(&row)).transpose()
     }
 
@@ -339,11 +338,12 @@ impl Store {
     /// Submissions that were begun before a moment, ms since 1970, and never came.
     pub(crate) async fn stale(&self, before_ms: i64) -> Result<Vec<SubmissionId>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
-        let rows = sqlx::query("SELECT id FROM submissions WHERE state = 'uploading' AND begun < $1 ORDER BY begun, id")
-            .bind(before_ms)
-            .fetch_all(&self.pool)
-            .await
-            .map_err(failed)?;
+        let rows =
+            sqlx::query("SELECT id FROM submissions WHERE state = 'uploading' AND begun < $1 ORDER BY begun, id")
+                .bind(before_ms)
+                .fetch_all(&self.pool)
+                .await
+                .map_err(failed)?;
         rows.iter().map(|row| id_of(row, "id")).collect()
     }
 
@@ -362,9 +362,10 @@ impl Store {
 
     /// How many submissions there are in each state.
     pub(crate) async fn states(&self) -> Result<Vec<Count>, StoreError> {
-        let rows = sqlx::query("SELECT state AS kind, COUNT(*) AS count FROM submissions GROUP BY state ORDER BY state")
-            .fetch_all(&self.pool)
-            .await;
+        let rows =
+            sqlx::query("SELECT state AS kind, COUNT(*) AS count FROM submissions GROUP BY state ORDER BY state")
+                .fetch_all(&self.pool)
+                .await;
         counts(rows)
     }
 }
@@ -376,12 +377,13 @@ pub(super) async fn refuse(
     who: &str,
     reason: &str,
 ) -> Result<(), StoreError> {
-    let done = sqlx::query("UPDATE submissions SET state = 'refused', reason = $2 WHERE id = $1 AND state <> 'refused'")
-        .bind(id.to_string())
-        .bind(reason)
-        .execute(&mut **tx)
-        .await
-        .map_err(StoreError::database(CHANGE))?;
+    let done =
+        sqlx::query("UPDATE submissions SET state = 'refused', reason = $2 WHERE id = $1 AND state <> 'refused'")
+            .bind(id.to_string())
+            .bind(reason)
+            .execute(&mut **tx)
+            .await
+            .map_err(StoreError::database(CHANGE))?;
     if done.rows_affected() == 1 {
         audit(tx, who, "submission refused", &id.to_string(), reason).await?;
     }

@@ -99,7 +99,8 @@ impl Board {
             let (status, answer) = self.ask("PUT", &address, Some(token), &std::fs::read(path).unwrap());
             assert_eq!(status, 200, "{answer}");
         }
-        let (status, finished) = self.json("POST", &format!("/api/v1/submissions/{id}/finish"), Some(token), &Value::Null);
+        let (status, finished) =
+            self.json("POST", &format!("/api/v1/submissions/{id}/finish"), Some(token), &Value::Null);
         assert_eq!(status, 202, "{finished}");
         id
     }
