@@ -104,11 +104,6 @@ pub(super) fn slug(version: u32, division: &Division) -> String {
     format!("{version}-{time}-{}-{}", observations(division.observations), division.hands)
 }
 
-/// The first eight digits of a submission's name, for pages where two have one policy's name.
-pub(super) fn short_id(entry: &Entry) -> String {
-    entry.id.to_string().chars().take(8).collect()
-}
-
 /// A date: `2026-11-23`.
 pub(super) fn date(entry: &Entry) -> String {
     entry.received.date().to_string()

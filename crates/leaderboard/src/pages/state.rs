@@ -43,7 +43,7 @@ struct Kept {
 #[derive(Debug, Default)]
 pub(super) struct Board {
     /// What it was made of, oldest first.
-    entries: Vec<Entry>,
+    pub entries: Vec<Entry>,
     /// Tables by division.
     pub tables: Vec<Table>,
     /// Of neighbours in a table, the better one first.
