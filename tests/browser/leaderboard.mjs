@@ -2,7 +2,8 @@
 //
 //   node leaderboard.mjs ADDRESS SCREENSHOTS
 //
-// ADDRESS is that of `scorer serve`, which has two ranked runs of the same rooms or more, and one without a place.
+// ADDRESS is that of `scorer serve`, which has two runs with a place in the same rooms, and one without, or will once they are
+// graded.
 // Exit code 0 when every check holds.
 
 import { mkdir } from "node:fs/promises";
@@ -54,7 +55,20 @@ async function pictures({ name, page }) {
   check(all > 1 && broken.length === 0, `${name}: all ${all} pictures are shown`, broken.join(" "));
 }
 
+// Until three submissions are graded.
+async function graded() {
+  const until = Date.now() + 2 * PATIENCE_MS;
+  while (Date.now() < until) {
+    const shown = await (await fetch(address)).text();
+    if (shown.split('class="policy"').length > 3) return;
+    await new Promise((done) => setTimeout(done, 500));
+  }
+  check(false, "three submissions are graded");
+  await end();
+}
+
 await mkdir(screenshots, { recursive: true });
+await graded();
 await everywhere(async (kind, settings) => {
   const at = (path, name, isReplay = false) => open(`${name}-${kind}`, new URL(path, address).href, settings, address, isReplay);
 
