@@ -19,7 +19,8 @@ const BUCKETS_MS: [u64; 10] = [1, 2, 5, 10, 20, 50, 100, 500, 2_000, 10_000];
 pub(crate) struct Metrics {
     /// Answers by the first digit of their status, from 1.
     answers: [AtomicU64; 5],
-    buckets: [AtomicU64; BUCKETS_MS.len()],
+    /// The last one has what took longer than all ends.
+    buckets: [AtomicU64; BUCKETS_MS.len() + 1],
     total_us: AtomicU64,
     /// Requests that are being answered.
     open: AtomicI64,
@@ -72,9 +73,8 @@ pub(crate) async fn measure(State(service): State<Arc<Service>>, request: Reques
     // How long an upload takes says how fast its sender is.
     if method != axum::http::Method::PUT {
         let ms = taken.as_millis() as u64;
-        if let Some(at) = BUCKETS_MS.iter().position(|end| ms < *end) {
-            metrics.buckets[at].fetch_add(1, Ordering::Relaxed);
-        }
+        let at = BUCKETS_MS.iter().position(|end| ms < *end).unwrap_or(BUCKETS_MS.len());
+        metrics.buckets[at].fetch_add(1, Ordering::Relaxed);
         metrics.total_us.fetch_add(taken.as_micros() as u64, Ordering::Relaxed);
     }
     tracing::debug!(%method, route, status, ms = taken.as_millis() as u64, "request");
@@ -89,10 +89,8 @@ pub(crate) async fn text(service: &Service) -> Result<String, StoreError> {
         let _ = write!(out, "# HELP fiatlux_{name} {help}\n# TYPE fiatlux_{name} {kind}\n");
     };
     head(&mut out, "requests_total", "counter", "Answers by class of status.");
-    let mut answers = 0;
     for (class, count) in (1..).zip(&metrics.answers) {
         let count = count.load(Ordering::Relaxed);
-        answers += count;
         let _ = writeln!(out, "fiatlux_requests_total{{status=\"{class}xx\"}} {count}");
     }
     head(&mut out, "request_seconds", "histogram", "Time to an answer, without uploads.");
@@ -102,8 +100,9 @@ pub(crate) async fn text(service: &Service) -> Result<String, StoreError> {
         let _ = writeln!(out, "fiatlux_request_seconds_bucket{{le=\"{}\"}} {below}", *end as f64 / 1000.0);
     }
     let total = metrics.total_us.load(Ordering::Relaxed) as f64 / 1e6;
-    let _ = writeln!(out, "fiatlux_request_seconds_bucket{{le=\"+Inf\"}} {}", answers.max(below));
-    let _ = writeln!(out, "fiatlux_request_seconds_sum {total}\nfiatlux_request_seconds_count {}", answers.max(below));
+    let all = below + metrics.buckets[BUCKETS_MS.len()].load(Ordering::Relaxed);
+    let _ = writeln!(out, "fiatlux_request_seconds_bucket{{le=\"+Inf\"}} {all}");
+    let _ = writeln!(out, "fiatlux_request_seconds_sum {total}\nfiatlux_request_seconds_count {all}");
     for (name, help, count) in [
         ("requests_open", "Requests that are being answered.", &metrics.open),
         ("connections_open", "Connections that are open.", &metrics.connections),

@@ -88,6 +88,8 @@ async fn answer(stream: TcpStream, router: Router, mut ended: watch::Receiver<bo
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_TIME)
         .max_headers(MAX_HEADERS)
+        // Some clients close their side once they have sent a request.
+        .half_close(true)
         .max_buf_size(MAX_HEAD)
         .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
     let mut connection = pin!(connection);

@@ -1,6 +1,6 @@
 //! Simulates episodes again, on one or many sim-servers.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,16 +25,19 @@ use crate::{Service, StoreError};
 const LOOK: Duration = Duration::from_millis(250);
 /// How long a worker waits whose server does not answer, at first and at most.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+/// How long an episode waits whose second run came to nothing.
+const LATER: Duration = Duration::from_secs(10);
 /// So often a server may refuse an episode before it counts as one that cannot be replayed.
 const MOST_REFUSALS: u32 = 4;
 /// Threads that verify.
 #[derive(Debug)]
 pub(super) struct Verifiers(Vec<JoinHandle<()>>);
 
-/// Which episodes are in work, and which were refused how often.
+/// Which episodes are in work, which came to nothing a moment ago, and which were refused how often.
 #[derive(Debug, Default)]
 struct Claims {
-    taken: BTreeMap<EpisodeJob, ()>,
+    taken: BTreeSet<EpisodeJob>,
+    later: BTreeMap<EpisodeJob, Instant>,
     refusals: BTreeMap<EpisodeJob, u32>,
 }
 
@@ -135,12 +138,13 @@ impl Worker {
     /// The next episode that no other thread has.
     fn claim(&self) -> Result<Option<EpisodeJob>, StoreError> {
         let mut claims = self.claims();
-        let most = claims.taken.len() as i64 + 1;
+        let now = Instant::now();
+        claims.later.retain(|_, until| *until > now);
+        let most = (claims.taken.len() + claims.later.len()) as i64 + 1;
         let waiting = self.runtime.block_on(self.service.store.waiting(most))?;
-        let job = waiting.into_iter().find(|job| !claims.taken.contains_key(job));
-        if let Some(job) = &job {
-            claims.taken.insert(job.clone(), ());
-        }
+        let is_free = |job: &EpisodeJob| !claims.taken.contains(job) && !claims.later.contains_key(job);
+        let job = waiting.into_iter().find(is_free);
+        claims.taken.extend(job.clone());
         Ok(job)
     }
 
@@ -200,6 +204,8 @@ impl Worker {
             Outcome::Again(reason) => {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(episode = %job, server = self.name, reason, "not verified; it is tried again");
+                // One that never comes to anything must not keep others waiting.
+                self.claims().later.insert(job.clone(), Instant::now() + LATER);
                 Ok(())
             }
             Outcome::NotTaken(reason) => {
