@@ -3,6 +3,7 @@
 //! A place in a table asks for all twelve subtasks in the same rooms: a share of successes over chosen tasks, or over more
 //! episodes of the easy ones, would compare with no other.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use fiatlux_grading::{CompareError, RateRow, Results, TaskResult, compare_results};
@@ -153,15 +154,18 @@ pub(crate) struct Table {
     pub places: Vec<Place>,
 }
 
+/// A version of the benchmark, the latest one first, and a division.
+type Group = (Reverse<u32>, Division);
+
 /// Tables of all divisions, those of the latest version of the benchmark first.
 pub(crate) fn tables(ranked: Vec<(Entry, Standing)>) -> Vec<Table> {
-    let mut groups: BTreeMap<(std::cmp::Reverse<u32>, Division), Vec<(Entry, Standing)>> = BTreeMap::new();
+    let mut groups: BTreeMap<Group, Vec<(Entry, Standing)>> = BTreeMap::new();
     for (entry, standing) in ranked {
         if let Some(division) = entry.division.clone() {
-            groups.entry((std::cmp::Reverse(standing.version), division)).or_default().push((entry, standing));
+            groups.entry((Reverse(standing.version), division)).or_default().push((entry, standing));
         }
     }
-    let table = |((version, division), mut rows): ((std::cmp::Reverse<u32>, Division), Vec<(Entry, Standing)>)| {
+    let table = |((version, division), mut rows): (Group, Vec<(Entry, Standing)>)| {
         rows.sort_by(|(entry_a, a), (entry_b, b)| {
             let by_score = b.strict.clean.total_cmp(&a.strict.clean).then(b.strict.score.total_cmp(&a.strict.score));
             by_score.then(entry_a.received.cmp(&entry_b.received)).then(entry_a.id.cmp(&entry_b.id))

@@ -1,5 +1,6 @@
 //! What the pages share: the service, and what is kept of what takes long.
 
+use std::collections::btree_map::Entry as Slot;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -108,9 +109,9 @@ impl Pages {
         let mut board = Board::default();
         let mut ranked = Vec::new();
         for entry in &entries {
-            if !kept.standings.contains_key(&entry.id) {
+            if let Slot::Vacant(slot) = kept.standings.entry(entry.id) {
                 let Some(results) = self.service.store.results(entry.id).await? else { continue };
-                kept.standings.insert(entry.id, Standing::of(&results));
+                slot.insert(Standing::of(&results));
             }
             match kept.standings.get(&entry.id) {
                 Some(Ok(standing)) => ranked.push((entry.clone(), standing.clone())),
@@ -123,9 +124,9 @@ impl Pages {
         for table in &board.tables {
             for pair in table.places.windows(2) {
                 let ids = (pair[0].entry.id, pair[1].entry.id);
-                if !kept.neighbours.contains_key(&ids) {
+                if let Slot::Vacant(slot) = kept.neighbours.entry(ids) {
                     let Some(tested) = self.neighbours(ids).await? else { continue };
-                    kept.neighbours.insert(ids, tested);
+                    slot.insert(tested);
                 }
                 if let Some(tested) = kept.neighbours.get(&ids) {
                     board.neighbours.insert(ids, tested.clone());

@@ -35,10 +35,20 @@ pub struct Board {
 impl Board {
     pub fn start(name: &str, options: ServiceOptions) -> Self {
         let folder = Folder::new(&format!("leaderboard-{name}"));
+        let store = folder.0.join("board");
+        Self::over(folder, &store, options)
+    }
+
+    /// On a folder that is there, such as a backup.
+    pub fn on(name: &str, store: &Path) -> Self {
+        Self::over(Folder::new(&format!("leaderboard-{name}")), store, ServiceOptions::default())
+    }
+
+    fn over(folder: Folder, store: &Path, options: ServiceOptions) -> Self {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
         let (stop, stopped) = oneshot::channel();
         let (address, store, jobs) = runtime.block_on(async {
-            let store = Store::open(&folder.0.join("board")).await.unwrap();
+            let store = Store::open(store).await.unwrap();
             let service = Arc::new(Service::new(store.clone(), options));
             let jobs = Jobs::start(&service, Vec::new(), Default::default(), 1).unwrap();
             let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
