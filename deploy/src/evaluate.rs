@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use fiatlux_grading::{GradeOptions, Results, ScoreError, grade};
 use fiatlux_policy::{PolicyError, SessionArgs, policies};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_rules::Task;
-use fiatlux_scorer::{GradeOptions, Results, ScoreError, grade};
 use fiatlux_sim::{RecorderError, ServerError, ServerOptions};
 use thiserror::Error;
 

@@ -8,10 +8,10 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Args;
 use fiatlux::evaluate::{EvaluateOptions, Outcome, Progress, evaluate};
+use fiatlux_grading::{report, tables};
 use fiatlux_link::ProgressLine;
 use fiatlux_policy::{SeedList, SessionArgs, TaskList, policies};
 use fiatlux_rules::CONTROL_DT;
-use fiatlux_scorer::{report, tables};
 
 /// Shown below the options.
 pub const EXAMPLES: &str = "Examples:

@@ -2,8 +2,9 @@
 
 Importing it registers the environments. ``gymnasium.make("Fiatlux-S05-CarryBulbToDisposal-v1")`` is one episode at a time, by
 the benchmark's own rules; ``gymnasium.make_vec`` of the same id, or :class:`VectorEnv`, steps many worlds in one call for
-training. :func:`evaluate` plays a policy through the benchmark in this process, :class:`Client` on servers, and :class:`Bag`
-reads a recorded episode. :class:`WholeBody` is a body for other policies to stand on.
+training. :func:`evaluate` plays a policy through the benchmark in this process, :class:`Client` on servers, :class:`Bag`
+reads a recorded episode, :func:`submit` sends a run to a leaderboard, and :class:`WholeBody` is a body for other policies to
+stand on.
 """
 
 from ._native import BENCHMARK_VERSION, FiatluxError, __version__
@@ -15,6 +16,7 @@ from .env import Env
 from .evaluation import Evaluation, evaluate
 from .policy import Policy, PolicyLike
 from .settings import Settings
+from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
 from .vector import VectorEnv, WalkingVectorEnv
 from .whole_body import WholeBody
@@ -32,6 +34,7 @@ __all__ = [
     "Policy",
     "PolicyLike",
     "Settings",
+    "SubmissionError",
     "Task",
     "VectorEnv",
     "WalkingVectorEnv",
@@ -39,4 +42,5 @@ __all__ = [
     "__version__",
     "evaluate",
     "export_lerobot",
+    "submit",
 ]

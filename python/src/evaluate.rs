@@ -7,9 +7,9 @@ use std::sync::mpsc;
 
 use fiatlux::evaluate::{EvaluateError, ExternalOptions, ExternalProgress, Outcome, evaluate_external};
 use fiatlux_batch::ActionForm;
+use fiatlux_grading::report;
 use fiatlux_link::{LinkArgs, Role, in_full};
 use fiatlux_policy::{RunOptions, RunProgress};
-use fiatlux_scorer::report;
 use pyo3::prelude::*;
 
 use crate::FiatluxError;

@@ -1,5 +1,9 @@
 //! The scorer.
 
+mod admin;
+mod serve;
+mod submit;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -7,15 +11,15 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use fiatlux_access::{KnownServers, PublicKey};
+use fiatlux_grading::{GradeOptions, Results, ScoreError, compare, grade, report, tables, verify};
 use fiatlux_link::{LinkArgs, ProgressLine};
 use fiatlux_policy::AccessArgs;
-use fiatlux_scorer::{GradeOptions, Results, ScoreError, compare, grade, report, tables, verify};
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
 const DATA_LOSS: u8 = 3;
 
-/// Grades recorded episodes: from bags to scores, tables and a report; compares runs.
+/// Grades recorded episodes: from bags to scores, tables and a report; compares runs; serves the leaderboard.
 ///
 /// Exit codes: 0 all is well; 1 failed, or an episode differs; 2 wrong usage; 3 done, but some bags could not be scored.
 /// Results go to stdout, everything else to stderr.
@@ -31,6 +35,9 @@ enum Command {
     Grade(GradeArgs),
     Compare(CompareArgs),
     Verify(VerifyArgs),
+    Serve(serve::ServeArgs),
+    Submit(submit::SubmitArgs),
+    Admin(admin::AdminArgs),
 }
 
 /// Grade bags from their rows alone, and write a table
@@ -139,11 +146,17 @@ struct VerifyArgs {
 }
 
 fn main() -> ExitCode {
-    fiatlux_link::init_quiet_log();
-    let done = match fiatlux_link::parse::<Cli>().command {
+    let command = fiatlux_link::parse::<Cli>().command;
+    if !matches!(command, Command::Serve(_)) {
+        fiatlux_link::init_quiet_log();
+    }
+    let done = match command {
         Command::Grade(args) => run_grade(&args),
         Command::Compare(args) => run_compare(&args),
         Command::Verify(args) => run_verify(&args),
+        Command::Serve(args) => serve::run(&args),
+        Command::Submit(args) => submit::run(&args),
+        Command::Admin(args) => admin::run(&args),
     };
     done.unwrap_or_else(|error| {
         eprintln!("scorer: {error:#}");

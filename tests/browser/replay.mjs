@@ -5,98 +5,30 @@
 // ADDRESS is that of `fiatlux view DIR --no-open`, where DIR has two bags or more and the first has rows; FILE.html is what
 // `fiatlux view BAG --out FILE.html` wrote. Exit code 0 when every check holds.
 
-import { mkdir, readFile } from "node:fs/promises";
-import { createRequire } from "node:module";
+import { mkdir } from "node:fs/promises";
 import { resolve } from "node:path";
 import { pathToFileURL } from "node:url";
 
-import { chromium, devices } from "playwright-core";
+import {
+  KINDS,
+  PATIENCE_MS,
+  accessible,
+  check,
+  clock,
+  close,
+  drawn,
+  end,
+  everywhere,
+  fits,
+  open,
+  picture,
+  seek,
+} from "./common.mjs";
 
 const [address, file, screenshots] = process.argv.slice(2);
-const browserPath = process.env.CHROMIUM ?? "/usr/bin/chromium";
-const axeSource = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
-const { defaultBrowserType, ...phone } = devices["Pixel 7"];
-const KINDS = { desktop: { viewport: { width: 1440, height: 900 } }, telephone: phone };
-const PATIENCE_MS = 60_000;
-
-let failures = 0;
-function check(holds, what, found = "") {
-  if (!holds) failures += 1;
-  console.log(`${holds ? "ok    " : "FAILED"} ${what}${holds || found === "" ? "" : `: ${found}`}`);
-}
-
-const browser = await chromium.launch({
-  executablePath: browserPath,
-  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
-});
-
-// A page of which every message and every request is noted.
-async function open(name, url, settings) {
-  const context = await browser.newContext({ ...settings, bypassCSP: false });
-  const page = await context.newPage();
-  const noted = { errors: [], strangers: [] };
-  page.on("console", (message) => {
-    // What a software renderer says of its speed is not about the page.
-    const isDriver = message.text().includes("GL Driver Message");
-    if (["error", "warning"].includes(message.type()) && !isDriver) noted.errors.push(message.text());
-  });
-  page.on("pageerror", (error) => noted.errors.push(error.message));
-  page.on("request", (request) => {
-    const isOwn =
-      ["data:", "blob:", "file:"].some((kind) => request.url().startsWith(kind)) || request.url().startsWith(address);
-    if (!isOwn) noted.strangers.push(request.url());
-  });
-  await page.goto(url);
-  await page.waitForSelector("html[data-ready=true]", { state: "attached", timeout: PATIENCE_MS });
-  return { name, page, noted, context };
-}
-
-async function close({ name, noted, context }) {
-  check(noted.errors.length === 0, `${name}: nothing on the console`, noted.errors.join(" | "));
-  check(noted.strangers.length === 0, `${name}: no request to another host`, noted.strangers.join(" "));
-  await context.close();
-}
-
-// Until the page has drawn.
-const drawn = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
-
-async function picture(page) {
-  await drawn(page);
-  return page.locator("#view").screenshot();
-}
-
-async function seek(page, share) {
-  await page.locator("#time").evaluate((time, part) => {
-    time.value = Math.round(Number(time.min) + part * (time.max - time.min));
-    time.dispatchEvent(new Event("input", { bubbles: true }));
-  }, share);
-  await drawn(page);
-}
-
-const clock = (page) => page.locator("#clock").textContent();
-
-async function accessible({ name, page }) {
-  // Not in the page's own world: its policy lets no script in.
-  await page.evaluate(axeSource);
-  const { violations } = await page.evaluate(() =>
-    globalThis.axe.run({ runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"] }),
-  );
-  const serious = violations.filter(({ impact }) => ["serious", "critical"].includes(impact));
-  const say = (list) =>
-    list.map(({ id, nodes }) => `${id} (${nodes.map((node) => node.target.join(" ")).join(", ")})`).join("; ");
-  check(serious.length === 0, `${name}: axe has no serious finding`, say(serious));
-  const others = violations.filter((violation) => !serious.includes(violation));
-  if (others.length > 0) console.log(`       ${name}: axe also says ${say(others)}`);
-}
-
-// Whether every pair of things that stand next to each other keeps off the other, and nothing is wider than the page.
-async function fits({ name, page }) {
-  const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
-  check(wide <= 0, `${name}: nothing is wider than the page`, `${wide} pixels`);
-}
 
 async function replay(name, url, settings) {
-  const opened = await open(name, url, settings);
+  const opened = await open(name, url, settings, address);
   const { page } = opened;
   const shots = [];
   for (const share of [0, 0.5, 1]) {
@@ -151,19 +83,14 @@ async function replay(name, url, settings) {
 }
 
 await mkdir(screenshots, { recursive: true });
-for (const [kind, device] of Object.entries(KINDS)) {
-  for (const colorScheme of ["light", "dark"]) {
-    const settings = { ...device, colorScheme };
-    const list = await open(`list-${kind}-${colorScheme}`, address, settings);
-    check((await list.page.locator("tbody tr").count()) > 1, `${list.name}: has the episodes`);
-    await list.page.screenshot({ path: `${screenshots}/${list.name}.png` });
-    await accessible(list);
-    await fits(list);
-    await close(list);
-    await replay(`replay-${kind}-${colorScheme}`, new URL("episode/0", address).href, settings);
-  }
-}
+await everywhere(async (kind, settings) => {
+  const list = await open(`list-${kind}`, address, settings, address);
+  check((await list.page.locator("tbody tr").count()) > 1, `${list.name}: has the episodes`);
+  await list.page.screenshot({ path: `${screenshots}/${list.name}.png` });
+  await accessible(list);
+  await fits(list);
+  await close(list);
+  await replay(`replay-${kind}`, new URL("episode/0", address).href, settings);
+});
 await replay("file-desktop-light", pathToFileURL(resolve(file)).href, { ...KINDS.desktop, colorScheme: "light" });
-await browser.close();
-console.log(failures === 0 ? "all checks hold" : `${failures} checks failed`);
-process.exit(failures === 0 ? 0 : 1);
+await end();

@@ -1,42 +1,78 @@
 #!/usr/bin/env bash
-# Looks at replays with a real browser: desktop and telephone, light and dark, served and as a file.
+# Looks at replays and at the leaderboard with a real browser: desktop and telephone, light and dark, served and as a file.
 #
 #   tests/browser/run.sh [SCREENSHOTS]
 #
-# Needs Node 20 or newer with npm, and Debian's chromium (or CHROMIUM=/path/to/it); no graphics card. FIATLUX names the program,
-# which is built otherwise; FIATLUX_BAGS a folder with two bags or more, which are played otherwise.
+# Needs Node 20 or newer with npm, and Debian's chromium (or CHROMIUM=/path/to/it); no graphics card. FIATLUX and SCORER name the
+# programs, which are built otherwise; FIATLUX_BAGS a folder with two bags or more, which are played otherwise. ONLY=replay or
+# ONLY=leaderboard leaves the other one out.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
 root="$(cd "$here/../.." && pwd)"
 work="$(mktemp -d)"
 shots="$(realpath -m "${1:-$work/screenshots}")"
-viewer=""
+servers=()
 finish() {
-    [ -z "$viewer" ] || kill "$viewer" 2>/dev/null || true
+    for server in "${servers[@]}"; do kill "$server" 2>/dev/null || true; done
+    wait 2>/dev/null || true
     rm -rf "$work"
 }
 trap finish EXIT
 
-cp "$here/package.json" "$here/package-lock.json" "$here/replay.mjs" "$work/"
+cp "$here"/package.json "$here"/package-lock.json "$here"/*.mjs "$work/"
 npm ci --prefix "$work" --no-audit --no-fund --silent
 
-fiatlux="${FIATLUX:-}"
-if [ -z "$fiatlux" ]; then
-    (cd "$root" && cargo build --locked --quiet --bin fiatlux)
-    fiatlux="${CARGO_TARGET_DIR:-$root/target}/debug/fiatlux"
+programs="${CARGO_TARGET_DIR:-$root/target}/debug"
+if [ -z "${FIATLUX:-}" ] || [ -z "${SCORER:-}" ]; then
+    (cd "$root" && cargo build --locked --quiet -p fiatlux -p fiatlux-scorer --bin fiatlux --bin scorer)
 fi
-bags="${FIATLUX_BAGS:-}"
-if [ -z "$bags" ]; then
-    bags="$work/run"
-    "$fiatlux" evaluate --policy walk --tasks S05,S09 --seeds 64 --out "$bags" >/dev/null 2>&1
-fi
-first="$(find "$bags" -name '*.mcap' | sort | head -n 1)"
-"$fiatlux" view "$first" --out "$work/replay.html" >/dev/null
+fiatlux="${FIATLUX:-$programs/fiatlux}"
+scorer="${SCORER:-$programs/scorer}"
 
-"$fiatlux" view "$bags" --no-open >"$work/address" 2>/dev/null &
-viewer=$!
-for _ in $(seq 100); do
-    [ -s "$work/address" ] && break
-    sleep 0.1
-done
-node "$work/replay.mjs" "$(head -n 1 "$work/address")" "$work/replay.html" "$shots"
+# Waits until a file has a line, for half a minute at most.
+first_line() {
+    for _ in $(seq 300); do
+        [ -s "$1" ] && break
+        sleep 0.1
+    done
+    head -n 1 "$1"
+}
+
+replays() {
+    local bags="${FIATLUX_BAGS:-}" first
+    if [ -z "$bags" ]; then
+        bags="$work/run"
+        "$fiatlux" evaluate --policy walk --tasks S05,S09 --seeds 64 --out "$bags" >/dev/null 2>&1
+    fi
+    first="$(find "$bags" -name '*.mcap' | sort | head -n 1)"
+    "$fiatlux" view "$first" --out "$work/replay.html" >/dev/null
+    "$fiatlux" view "$bags" --no-open >"$work/address" 2>/dev/null &
+    servers+=($!)
+    node "$work/replay.mjs" "$(first_line "$work/address")" "$work/replay.html" "$shots"
+}
+
+leaderboard() {
+    local address
+    # Two that are ranked, in the same rooms, and one that is not.
+    "$fiatlux" evaluate --policy random --tasks all --seeds 64,65 --out "$work/random" >/dev/null 2>&1
+    "$fiatlux" evaluate --policy zero --tasks all --seeds 64,65 --out "$work/zero" >/dev/null 2>&1
+    "$fiatlux" evaluate --policy walk --tasks S05 --seeds 64 --out "$work/walk" >/dev/null 2>&1
+    "$scorer" admin --folder "$work/board" account browser >/dev/null
+    "$scorer" admin --folder "$work/board" token browser >"$work/token"
+    "$scorer" serve --folder "$work/board" --http 127.0.0.1:0 >"$work/board.address" 2>"$work/board.log" &
+    servers+=($!)
+    address="$(first_line "$work/board.address" | sed 's/^serving //')"
+    for run in random zero walk; do
+        "$scorer" submit "$work/$run" --to "$address" --token "$work/token" --author "A. Person" --licence MIT >/dev/null
+    done
+    node "$work/leaderboard.mjs" "$address" "$shots"
+}
+
+case "${ONLY:-both}" in
+    replay) replays ;;
+    leaderboard) leaderboard ;;
+    *)
+        replays
+        leaderboard
+        ;;
+esac

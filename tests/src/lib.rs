@@ -2,6 +2,7 @@
 //! forces that can be applied. [`programs`] starts our programs as processes; [`lossy`] loses messages between them.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
+pub mod forge;
 pub mod grasp;
 pub mod lossy;
 pub mod posture;

@@ -5,7 +5,9 @@ const GAP = 2;
 const MARKS = 9;
 
 export class Bar {
-  constructor(canvas, doc, track, seek) {
+  // `span` is the time that the strip stands for, where that is not the track's own.
+  constructor(canvas, doc, track, seek, span = track) {
+    this.span = span;
     this.canvas = canvas;
     this.doc = doc;
     this.track = track;
@@ -33,12 +35,12 @@ export class Bar {
   }
 
   stepAt(x, width) {
-    const { first, last } = this.track;
+    const { first, last } = this.span;
     return first + ((last - first) * x) / Math.max(width, 1);
   }
 
   xOf(step, width) {
-    const { first, last } = this.track;
+    const { first, last } = this.span;
     return ((step - first) / Math.max(last - first, 1)) * width;
   }
 
@@ -65,7 +67,7 @@ export class Bar {
     this.lanes.forEach((lane, index) => {
       const y = MARKS + index * (LANE + GAP);
       pen.fillStyle = this.theme.track;
-      pen.fillRect(0, y, width, LANE);
+      pen.fillRect(0, y, Math.max(this.xOf(this.track.last, width), 0.75), LANE);
       pen.fillStyle = lane.published ? this.theme.held : this.theme.accent;
       this.spans(1 << index, (from, to) => {
         const x = this.xOf(from, width);

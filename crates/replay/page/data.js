@@ -4,7 +4,9 @@ const HEAD_WORDS = 5;
 // Rows are not blended over a hole of more than this many strides.
 const HOLE = 3;
 
-async function bytesOf(name) {
+const here = () => location.pathname.replace(/\/$/, "");
+
+async function bytesOf(address, name) {
   const block = document.getElementById(`block-${name}`);
   if (block) {
     const text = atob(block.textContent.trim());
@@ -12,15 +14,16 @@ async function bytesOf(name) {
     for (let i = 0; i < text.length; i += 1) bytes[i] = text.charCodeAt(i);
     return bytes.buffer;
   }
-  const answer = await fetch(`${location.pathname.replace(/\/$/, "")}/${name}`);
+  const answer = await fetch(`${address}/${name}`);
   if (!answer.ok) throw new Error(await answer.text());
   return answer.arrayBuffer();
 }
 
-export async function load() {
-  const text = new TextDecoder().decode(await bytesOf("document.json"));
+// The replay of the episode at an address; that of this page without one.
+export async function load(address = here()) {
+  const text = new TextDecoder().decode(await bytesOf(address, "document.json"));
   const doc = JSON.parse(text);
-  const [meshes, track] = await Promise.all([bytesOf("meshes.bin"), bytesOf("track.bin")]);
+  const [meshes, track] = await Promise.all([bytesOf(address, "meshes.bin"), bytesOf(address, "track.bin")]);
   return { doc, meshes: readMeshes(doc.stage, meshes), track: new Track(doc.track, track) };
 }
 

@@ -27,11 +27,14 @@ export const chip = (cause) =>
   element("span", { className: `chip c-${CAUSES.includes(cause) ? cause : "other"}` }, words(cause));
 
 // A task whose name says it all needs no number.
-const titleOf = ({ task, name }) =>
+export const titleOf = ({ task, name }) =>
   name.toLowerCase() === task.toLowerCase() || name === "" ? name || task : `${task} ${name}`;
 
 export class Panel {
-  constructor(root, { doc, track }, seek) {
+  // `address` is that of the episode, where that is not this page.
+  constructor(root, { doc, track }, seek, { address = location.pathname.replace(/\/$/, ""), isOneOfTwo = false } = {}) {
+    this.address = address;
+    this.isOneOfTwo = isOneOfTwo;
     this.doc = doc;
     this.track = track;
     this.lamps = [];
@@ -45,7 +48,7 @@ export class Panel {
 
   head() {
     const { episode } = this.doc;
-    document.title = `${episode.task}, seed ${episode.seed}: Fiatlux replay`;
+    if (!this.isOneOfTwo) document.title = `${episode.task}, seed ${episode.seed}: Fiatlux replay`;
     const facts = [`Policy ${episode.policy || "without a name"}`, `seed ${episode.seed}`];
     if (episode.episode !== "0") facts.push(`episode ${episode.episode}`);
     facts.push(`${episode.hands || "own"} hands`, `benchmark version ${episode.benchmark_version}`);
@@ -54,14 +57,18 @@ export class Panel {
       : element(
           "p",
           { className: "small" },
-          element("a", { href: `${location.pathname.replace(/\/$/, "")}/bag`, download: episode.bag }, `Download the bag`),
+          element("a", { href: `${this.address}/bag`, download: episode.bag }, `Download the bag`),
           element("span", { className: "soft" }, ` ${episode.bag}`),
         );
     return element(
       "header",
       {},
-      element("h1", {}, titleOf(episode)),
-      element("p", { className: "said" }, `\u201c${episode.instruction}\u201d`),
+      ...this.isOneOfTwo
+        ? []
+        : [
+            element("h1", {}, titleOf(episode)),
+            element("p", { className: "said" }, `\u201c${episode.instruction}\u201d`),
+          ],
       element("p", { className: "soft small" }, `${facts.join(", ")}.`),
       bag,
     );

@@ -145,6 +145,15 @@ export class Stage {
     this.controls.update();
   }
 
+  // Looks from where another picture does: from its robot to its robot, where the camera follows.
+  copyView(other) {
+    const moved = new THREE.Vector3();
+    if (this.following) moved.copy(this.pelvis).sub(other.pelvis);
+    this.controls.target.copy(other.controls.target).add(moved);
+    this.camera.position.copy(other.camera.position).add(moved);
+    this.camera.lookAt(this.controls.target);
+  }
+
   place(around) {
     this.frames.forEach((frame, index) => {
       this.track.poseAt(around, index, this.position, this.quaternion);

@@ -3,9 +3,7 @@
 use std::error::Error;
 use std::fmt::Write;
 use std::path::Path as FilePath;
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{Context, Poll};
 
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -14,17 +12,14 @@ use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
-use futures_core::Stream;
 use tokio::fs::File;
-use tokio::io::{AsyncRead, ReadBuf};
 
-use crate::page::{MODULES, Page, STYLE};
-use crate::serve::{Shelf, Shown};
+use crate::page::Page;
+use crate::serve::Shelf;
+use crate::shown::Shown;
+use crate::site::{page_part, whole_file};
 
-/// Bytes of a bag that are read at once.
-const BLOCK: usize = 64 * 1024;
 const HTML: &str = "text/html; charset=utf-8";
-const SCRIPT: &str = "text/javascript; charset=utf-8";
 const TEXT: &str = "text/plain; charset=utf-8";
 const JSON: &str = "application/json";
 const BYTES: &str = "application/octet-stream";
@@ -126,7 +121,7 @@ async fn bag(State(shelf): State<Arc<Shelf>>, Path(index): Path<String>) -> Resp
         return problem(StatusCode::NOT_FOUND, "the bag cannot be opened any more");
     };
     let name = format!("attachment; filename=\"{}\"", plain_name(path));
-    let mut answer = content(BYTES, Body::from_stream(Blocks { file, block: vec![0; BLOCK] }));
+    let mut answer = content(BYTES, whole_file(file));
     if let Ok(name) = HeaderValue::from_str(&name) {
         answer.headers_mut().insert(header::CONTENT_DISPOSITION, name);
     }
@@ -134,11 +129,8 @@ async fn bag(State(shelf): State<Arc<Shelf>>, Path(index): Path<String>) -> Resp
 }
 
 async fn page_file(Path(file): Path<String>) -> Response {
-    if file == STYLE.name {
-        return content("text/css; charset=utf-8", STYLE.text);
-    }
-    match MODULES.iter().find(|module| module.name == file) {
-        Some(module) => content(SCRIPT, module.text),
+    match page_part(&file) {
+        Some((kind, text)) => content(kind, text),
         None => problem(StatusCode::NOT_FOUND, "the page has no such file"),
     }
 }
@@ -184,25 +176,4 @@ fn in_full(error: &dyn Error) -> String {
 fn plain_name(path: &FilePath) -> String {
     let name = path.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
     name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()
-}
-
-/// The blocks of a file, one in memory at a time.
-struct Blocks {
-    file: File,
-    block: Vec<u8>,
-}
-
-impl Stream for Blocks {
-    type Item = std::io::Result<Bytes>;
-
-    fn poll_next(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        let Self { file, block } = self.get_mut();
-        let mut buffer = ReadBuf::new(block);
-        match Pin::new(file).poll_read(context, &mut buffer) {
-            Poll::Pending => Poll::Pending,
-            Poll::Ready(Err(error)) => Poll::Ready(Some(Err(error))),
-            Poll::Ready(Ok(())) if buffer.filled().is_empty() => Poll::Ready(None),
-            Poll::Ready(Ok(())) => Poll::Ready(Some(Ok(Bytes::copy_from_slice(buffer.filled())))),
-        }
-    }
 }

@@ -5,6 +5,7 @@
 //! Bag -> Replay                document, shapes and rows as bytes: a page that shows them needs no kinematics
 //! Bags -> Viewer::serve        a server on the loopback interface: a list of episodes, a page for each
 //! Replay -> standalone         the page and its data in one file
+//! Desk, site                   the same in pages of another server, one replay or two side by side
 //! ```
 //!
 //! The documents are for any page; ours is in `page/`, small modules of JavaScript without a build step. What it imports from
@@ -33,6 +34,8 @@ mod replay;
 mod rows;
 mod scene;
 mod serve;
+mod shown;
+pub mod site;
 mod standalone;
 mod text;
 mod track;
@@ -45,5 +48,6 @@ pub use replay::{Document, EpisodeInfo, REPLAY_VERSION, Replay, TrackInfo, diffe
 pub use rows::{Faults, Rows};
 pub use scene::{Frame, Group, Light, Material, Mesh, Stage};
 pub use serve::Viewer;
+pub use shown::{Desk, Shown};
 pub use standalone::standalone;
 pub use track::{ForceName, MAGIC, MOST_KEPT, POSE, TRACK_VERSION};

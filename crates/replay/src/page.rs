@@ -22,12 +22,14 @@ macro_rules! asset {
 pub(crate) const STYLE: Asset = asset!("page", "style.css");
 
 /// Modules of JavaScript: ours, and those of three.js.
-pub(crate) const MODULES: [Asset; 11] = [
+pub(crate) const MODULES: [Asset; 13] = [
     asset!("page", "arrows.js"),
     asset!("page", "bar.js"),
+    asset!("page", "controls.js"),
     asset!("page", "data.js"),
     asset!("page", "list.js"),
     asset!("page", "main.js"),
+    asset!("page", "pair.js"),
     asset!("page", "panel.js"),
     asset!("page", "player.js"),
     asset!("page", "stage.js"),
@@ -40,13 +42,17 @@ pub(crate) const MODULES: [Asset; 11] = [
 const NAMES: [(&str, &str); 2] =
     [("three", "three.module.min.js"), ("three/addons/controls/OrbitControls.js", "OrbitControls.js")];
 
-pub(crate) const REPLAY: &str = include_str!("../page/replay.html");
+const REPLAY: &str = include_str!("../page/replay.html");
+/// What a page of replays is made of, see [`crate::site`].
+pub(crate) const ONE: &str = include_str!("../page/view.html");
+pub(crate) const PAIR: &str = include_str!("../page/pair.html");
 pub(crate) const LIST: &str = include_str!("../page/list.html");
 
 /// Where the parts go that differ between a served page and a file.
-pub(crate) const HEAD: &str = "<!--head-->";
-pub(crate) const BACK: &str = "<!--back-->";
-pub(crate) const DATA: &str = "<!--data-->";
+const HEAD: &str = "<!--head-->";
+const VIEW: &str = "<!--view-->";
+const BACK: &str = "<!--back-->";
+const DATA: &str = "<!--data-->";
 
 /// No icon, so that no browser asks for one.
 const ICON: &str = "<link rel=\"icon\" href=\"data:,\">\n";
@@ -71,23 +77,47 @@ impl Page {
     }
 
     fn served(html: &str, module: &str, back: &str) -> Self {
-        let map = import_map(NAMES.map(|(name, file)| (name.to_owned(), format!("/page/{file}"))));
+        let Head { html: head, script } = Head::of(module);
         let policy = format!(
-            "default-src 'none'; script-src 'self' '{}'; style-src 'self'; connect-src 'self'; img-src data:; base-uri 'none'; \
+            "default-src 'none'; script-src 'self' {script}; style-src 'self'; connect-src 'self'; img-src data:; base-uri 'none'; \
              form-action 'none'; frame-ancestors 'none'",
-            hash_of(&map)
         );
-        let head = format!(
-            "{ICON}<link rel=\"stylesheet\" href=\"/page/{}\">\n<script type=\"importmap\">{map}</script>\n\
-             <script type=\"module\" src=\"/page/{module}\"></script>",
-            STYLE.name
-        );
-        Self { html: html.replace(HEAD, &head).replace(BACK, back).replace(DATA, ""), policy }
+        Self { html: put_together(html, &format!("{ICON}{head}"), back, ""), policy }
     }
 }
 
+/// What the head of a served page needs.
+pub(crate) struct Head {
+    /// Links to the style and to a module, and the map of names.
+    pub html: String,
+    /// The source for `script-src` of the page's policy that allows the map.
+    pub script: String,
+}
+
+impl Head {
+    /// Of a page that starts with a module.
+    pub fn of(module: &str) -> Self {
+        let map = import_map(NAMES.map(|(name, file)| (name.to_owned(), format!("/page/{file}"))));
+        let html = format!(
+            "<link rel=\"stylesheet\" href=\"/page/{}\">\n<script type=\"importmap\">{map}</script>\n\
+             <script type=\"module\" src=\"/page/{module}\"></script>",
+            STYLE.name
+        );
+        Self { html, script: format!("'{}'", hash_of(&map)) }
+    }
+}
+
+fn put_together(html: &str, head: &str, back: &str, data: &str) -> String {
+    html.replace(HEAD, head).replace(VIEW, ONE.trim_end()).replace(BACK, back).replace(DATA, data)
+}
+
+/// The page of a replay as a file that holds its data.
+pub(crate) fn file(data: &str) -> String {
+    put_together(REPLAY, &standalone_head(), "", data)
+}
+
 /// The head of a file that has everything in itself: no address but those of its own data can be loaded.
-pub(crate) fn standalone_head() -> String {
+fn standalone_head() -> String {
     let files = MODULES.iter().map(|module| (own_name(module.name), data_address(module.text)));
     let names = NAMES.iter().filter_map(|(name, file)| {
         let module = MODULES.iter().find(|module| module.name == *file)?;

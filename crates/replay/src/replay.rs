@@ -164,6 +164,13 @@ impl Replay {
         Ok(Self { document, track: track.bytes() })
     }
 
+    /// With another name for the bag's file.
+    #[must_use]
+    pub fn called(mut self, name: &str) -> Self {
+        self.document.episode.bag = short(name);
+        self
+    }
+
     /// What it shows.
     pub fn document(&self) -> &Document {
         &self.document

@@ -1,19 +1,15 @@
 //! The server of replays: for this machine alone.
 
-use std::fs;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime};
-
-use axum::body::Bytes;
+use std::time::Duration;
 
 use crate::answers::router;
 use crate::page::Page;
-use crate::{Bags, Replay, ReplayError};
+use crate::shown::{Desk, Shown};
+use crate::{Bags, ReplayError};
 
-/// Replays that are kept in memory, of at most 50 MB each.
-const MOST_KEPT: usize = 2;
 /// How often it looks whether it shall stop.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -71,67 +67,23 @@ async fn stopped(stop: &AtomicBool) {
     }
 }
 
-/// A replay as it is sent.
-#[derive(Debug, Clone)]
-pub(crate) struct Shown {
-    pub document: Bytes,
-    pub meshes: Bytes,
-    pub track: Bytes,
-}
-
-/// Which file it was made of, and which version of it: a bag may still be growing.
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct Edition {
-    index: usize,
-    length: u64,
-    modified: Option<SystemTime>,
-}
-
 /// The bags, their pages, and the replays that were asked for last.
 #[derive(Debug)]
 pub(crate) struct Shelf {
     pub bags: Bags,
     pub list: Page,
     pub replay: Page,
-    /// The last one is the one that was asked for last.
-    kept: Mutex<Vec<(Edition, Shown)>>,
+    desk: Desk,
 }
 
 impl Shelf {
     fn new(bags: Bags) -> Self {
         let replay = Page::replay(bags.count() > 1);
-        Self { bags, list: Page::list(), replay, kept: Mutex::default() }
+        Self { bags, list: Page::list(), replay, desk: Desk::default() }
     }
 
-    /// The replay of a bag; none where there is no bag of that number. One is read at a time, which bounds the memory.
+    /// The replay of a bag; none where there is no bag of that number.
     pub fn show(&self, index: usize) -> Option<Result<Shown, ReplayError>> {
-        let path = self.bags.file(index)?;
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let metadata = match fs::metadata(path) {
-            Ok(metadata) => metadata,
-            Err(source) => return Some(Err(ReplayError::Io { action: "read", path: path.into(), source })),
-        };
-        let edition = Edition { index, length: metadata.len(), modified: metadata.modified().ok() };
-        let found = match kept.iter().position(|(known, _)| *known == edition) {
-            Some(at) => kept.remove(at).1,
-            None => match Replay::open(path) {
-                Ok(replay) => Shown::from(replay),
-                Err(error) => return Some(Err(error)),
-            },
-        };
-        kept.retain(|(known, _)| known.index != index);
-        if kept.len() >= MOST_KEPT {
-            kept.remove(0);
-        }
-        kept.push((edition, found.clone()));
-        Some(Ok(found))
-    }
-}
-
-impl From<Replay> for Shown {
-    fn from(replay: Replay) -> Self {
-        let document = Bytes::from(replay.document_json());
-        let (meshes, track) = replay.into_bytes();
-        Self { document, meshes: meshes.into(), track: track.into() }
+        self.bags.file(index).map(|path| self.desk.show(path, None))
     }
 }

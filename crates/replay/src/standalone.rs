@@ -4,7 +4,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use crate::Replay;
-use crate::page::{BACK, DATA, HEAD, REPLAY, standalone_head};
+use crate::page::file;
 
 /// The page with all its data. It opens from a disk, without a server, and may load nothing from any host. It is about 4/3
 /// of the replay's bytes, and 1.5 MB.
@@ -19,5 +19,5 @@ pub fn standalone(replay: &Replay) -> String {
         STANDARD.encode_string(bytes, &mut data);
         data.push_str("</script>\n");
     }
-    REPLAY.replace(HEAD, &standalone_head()).replace(BACK, "").replace(DATA, &data)
+    file(&data)
 }

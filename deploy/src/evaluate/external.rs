@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use fiatlux_bag::run::{Ledger, State, journal_of};
+use fiatlux_grading::{GradeOptions, Results, grade};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_rules::Task;
-use fiatlux_scorer::{GradeOptions, Results, grade};
 use fiatlux_sim::{Server, ServerOptions};
 
 use super::lock::Lock;

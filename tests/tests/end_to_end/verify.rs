@@ -1,54 +1,10 @@
 //! `scorer verify` on bags of a forger who makes every digest anew: only the second run finds him, and says where.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use fiatlux_bag::{Bag, BagWriter, topic};
-use fiatlux_proto::Message;
-use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, Mode, State};
+use fiatlux_proto::v3::Mode;
+use fiatlux_tests::forge::Parts;
 use fiatlux_tests::programs::{PATIENCE, Running, Service, endpoint, grade};
-use fiatlux_wire::{header_digest, layout_of, read_identity, read_row};
-
-/// A bag's parts that a second run is compared with.
-struct Parts {
-    header: EpisodeHeader,
-    states: Vec<State>,
-    actions: Vec<ActionRecord>,
-    result: EpisodeResult,
-}
-
-impl Parts {
-    fn of(bag: &Path) -> Self {
-        let bag = Bag::open(bag).unwrap();
-        Self {
-            header: bag.header().clone(),
-            states: bag.states().map(Result::unwrap).collect(),
-            actions: bag.actions().map(Result::unwrap).collect(),
-            result: bag.result().unwrap().clone(),
-        }
-    }
-
-    /// Makes all digests fit the contents.
-    fn seal(&mut self) {
-        let mut digest = read_identity(&self.header).unwrap().digest();
-        self.header.digest_context = digest.hex();
-        let layout = layout_of(&self.header).unwrap();
-        self.states.iter().for_each(|state| digest.push(&read_row(state, layout).unwrap()));
-        self.result.end.as_mut().unwrap().digest = digest.hex();
-        self.result.header_digest = header_digest(&self.header);
-    }
-
-    fn write(&self, path: &Path) -> PathBuf {
-        let mut writer = BagWriter::create(path, &self.header).unwrap();
-        for state in &self.states {
-            let action = state.step.checked_sub(1).and_then(|before| self.actions.get(before as usize));
-            if let Some(action) = action {
-                writer.message(topic::ACTION, state.step, &action.encode_to_vec()).unwrap();
-            }
-            writer.message(topic::STATE, state.step, &state.encode_to_vec()).unwrap();
-        }
-        writer.finish(&self.result).unwrap()
-    }
-}
 
 /// The exit code of `scorer verify`, and what it says.
 fn verify(service: &Service, bag: &Path) -> (Option<i32>, String) {

@@ -1,0 +1,401 @@
+//! Two runs compared, episode by episode.
+//!
+//! Episodes are paired by task, seed and index: the same room and the same start. What differs within a pair is then the
+//! policy alone, so a test on the differences needs no assumption about rooms. [`sign_flip_p`] is the test, for successes
+//! and for gate progress alike.
+
+mod exact;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use fiatlux_rules::Task;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use thiserror::Error;
+
+use self::exact::sign_flip_p;
+use crate::{RESULTS_VERSION, Results};
+
+/// Gate progress is counted in steps of one over this: exact for gates of up to ten criteria.
+const PROGRESS_STEPS: f64 = 2520.0;
+
+/// Conditions that are the policy's own: what it senses within its word for observations.
+const OF_THE_POLICY: [&str; 2] = ["sensors", "weights"];
+
+/// Why two results cannot be compared.
+#[derive(Debug, Error)]
+pub enum CompareError {
+    /// A file cannot be read.
+    #[error("cannot read {}", .file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A file holds something else.
+    #[error("{} is no results.json of this scorer; grade its bags again", .file.display())]
+    Form {
+        /// The file.
+        file: PathBuf,
+        /// What does not fit.
+        source: serde_json::Error,
+    },
+    /// A file is of another form.
+    #[error(
+        "{} has form {found} of results.json, and this scorer reads {RESULTS_VERSION}; grade its bags again",
+        .file.display()
+    )]
+    Version {
+        /// The file.
+        file: PathBuf,
+        /// Its form.
+        found: u64,
+    },
+    /// Both were played or judged in different ways.
+    #[error("{field} is {a} in A and {b} in B; results compare under the same conditions, or with --any-conditions")]
+    Conditions {
+        /// The field of `conditions`.
+        field: String,
+        /// Its value in A, as JSON.
+        a: String,
+        /// Its value in B, as JSON.
+        b: String,
+    },
+    /// An episode stands twice in a file.
+    #[error("{} has {task}, seed {seed}, episode {episode} twice", .file.display())]
+    Twice {
+        /// The file.
+        file: PathBuf,
+        /// Its task.
+        task: String,
+        /// Its seed.
+        seed: u64,
+        /// Its index.
+        episode: u64,
+    },
+    /// They share no episode.
+    #[error("no episode of A has the task, seed and index of one of B; play both on the same seeds")]
+    NoPairs,
+}
+
+/// Of `results.json`, what is compared.
+#[derive(Debug, Deserialize)]
+struct Run {
+    policy: String,
+    episodes: Vec<Episode>,
+    conditions: BTreeMap<String, Value>,
+    versions: BTreeMap<String, Value>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Episode {
+    task: String,
+    seed: u64,
+    episode: u64,
+    success: bool,
+    gate_progress: f64,
+    /// By the strict judge; `null` where the episode was played by protocol `published`.
+    #[serde(default)]
+    strict_success: Option<bool>,
+    #[serde(default)]
+    strict_progress: Option<f64>,
+}
+
+impl Episode {
+    /// Success and progress by the strict judge.
+    fn strict(&self) -> Option<(bool, f64)> {
+        self.strict_success.zip(self.strict_progress)
+    }
+}
+
+impl TryFrom<&Results> for Run {
+    type Error = serde_json::Error;
+
+    fn try_from(results: &Results) -> Result<Self, serde_json::Error> {
+        let fields = |value: Value| match value {
+            Value::Object(fields) => fields.into_iter().collect(),
+            _ => BTreeMap::new(),
+        };
+        let episodes = results.episodes.iter().map(|row| Episode {
+            task: row.task.clone(),
+            seed: row.seed,
+            episode: row.episode,
+            success: row.success,
+            gate_progress: row.gate_progress,
+            strict_success: row.strict_success,
+            strict_progress: row.strict_progress,
+        });
+        Ok(Self {
+            policy: results.policy.clone(),
+            episodes: episodes.collect(),
+            conditions: fields(serde_json::to_value(&results.conditions)?),
+            versions: fields(serde_json::to_value(&results.versions)?),
+        })
+    }
+}
+
+type Key = (String, u64, u64);
+
+/// What a comparison found. As JSON, the output of `scorer compare --json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Comparison {
+    /// The first run.
+    pub a: Side,
+    /// The second run.
+    pub b: Side,
+    /// Whose success and progress are compared: `strict` where every episode has them, else `published`.
+    pub success: String,
+    /// Conditions that differ, where that was allowed.
+    pub different_conditions: Vec<String>,
+    /// Each task that both played, by its id.
+    pub tasks: Vec<Pairs>,
+    /// All pairs of the twelve subtasks; `null` without one.
+    pub overall: Option<Pairs>,
+}
+
+/// One of the two runs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Side {
+    /// Name of its policy.
+    pub policy: String,
+    /// Its results.
+    pub file: PathBuf,
+    /// Its episodes without a partner.
+    pub unpaired: usize,
+}
+
+/// Pairs of episodes, and what their differences say.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Pairs {
+    /// `S01`, or `all`.
+    pub task: String,
+    /// How many.
+    pub pairs: usize,
+    /// Successes of A.
+    pub successes_a: usize,
+    /// Successes of B.
+    pub successes_b: usize,
+    /// Pairs in which A alone succeeded.
+    pub only_a: usize,
+    /// Pairs in which B alone succeeded.
+    pub only_b: usize,
+    /// Exact two-sided p-value of the sign test (McNemar) on these.
+    pub success_p: f64,
+    /// Mean gate progress of A.
+    pub progress_a: f64,
+    /// Mean gate progress of B.
+    pub progress_b: f64,
+    /// Exact two-sided p-value of the sign-flip test on the differences in gate progress.
+    pub progress_p: f64,
+    /// Score of A less that of B over these pairs: half successes, half gate progress; overall weighted like S.
+    pub score_difference: f64,
+}
+
+impl Comparison {
+    /// Whether episodes were left out for want of a partner.
+    pub fn has_unpaired(&self) -> bool {
+        self.a.unpaired + self.b.unpaired > 0
+    }
+
+    /// As JSON: indented, with a newline at the end.
+    ///
+    /// # Errors
+    /// None in practice: there are no keys that JSON cannot have.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+
+    /// As a table for a terminal.
+    pub fn to_text(&self) -> String {
+        let mut out = String::new();
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "A: {} ({})", self.a.policy, self.a.file.display());
+        let _ = writeln!(out, "B: {} ({})", self.b.policy, self.b.file.display());
+        if !self.different_conditions.is_empty() {
+            let _ = writeln!(out, "DIFFERENT CONDITIONS: {}", self.different_conditions.join(", "));
+        }
+        if self.has_unpaired() {
+            let _ = writeln!(out, "Without a partner: {} of A, {} of B", self.a.unpaired, self.b.unpaired);
+        }
+        let _ = writeln!(
+            out,
+            "\n                {:^38}  {:^28}   score",
+            self.success.clone() + " successes",
+            "gate progress"
+        );
+        let _ = writeln!(
+            out,
+            "{:<8}{:>6}  {:>6}{:>6}{:>8}{:>8}{:>9}   {:>8}{:>8}{:>9}{:>9}",
+            "task", "pairs", "A", "B", "only A", "only B", "p", "A", "B", "p", "A - B"
+        );
+        for row in self.tasks.iter().chain(&self.overall) {
+            let _ = writeln!(
+                out,
+                "{:<8}{:>6}  {:>6}{:>6}{:>8}{:>8}{:>9}   {:>8.3}{:>8.3}{:>9}{:>+9.3}",
+                row.task,
+                row.pairs,
+                row.successes_a,
+                row.successes_b,
+                row.only_a,
+                row.only_b,
+                p_value(row.success_p),
+                row.progress_a,
+                row.progress_b,
+                p_value(row.progress_p),
+                row.score_difference
+            );
+        }
+        out
+    }
+}
+
+fn p_value(p: f64) -> String {
+    if p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.4}") }
+}
+
+/// Compares two results, each a file or a folder with a `results.json`.
+///
+/// # Errors
+/// [`CompareError`]: a file that cannot be read, conditions that differ unless `any_conditions`, or no pair.
+pub fn compare(a: &Path, b: &Path, any_conditions: bool) -> Result<Comparison, CompareError> {
+    pair_up(read(a)?, read(b)?, any_conditions)
+}
+
+/// [`compare`] of results in memory, each with the name that errors and [`Side::file`] give it.
+///
+/// # Errors
+/// As [`compare`], but for files.
+pub fn compare_results(
+    (name_a, a): (&str, &Results),
+    (name_b, b): (&str, &Results),
+    any_conditions: bool,
+) -> Result<Comparison, CompareError> {
+    let run = |name: &str, results: &Results| match Run::try_from(results) {
+        Ok(run) => Ok((PathBuf::from(name), run)),
+        Err(source) => Err(CompareError::Form { file: name.into(), source }),
+    };
+    pair_up(run(name_a, a)?, run(name_b, b)?, any_conditions)
+}
+
+fn pair_up(
+    (file_a, a): (PathBuf, Run),
+    (file_b, b): (PathBuf, Run),
+    any_conditions: bool,
+) -> Result<Comparison, CompareError> {
+    let different = different_conditions(&a, &b);
+    if let Some((field, a, b)) = different.first().filter(|_| !any_conditions) {
+        return Err(CompareError::Conditions { field: field.clone(), a: a.to_string(), b: b.to_string() });
+    }
+    let strict = a.episodes.iter().chain(&b.episodes).all(|episode| episode.strict().is_some());
+    let (of_a, of_b) = (by_key(&file_a, &a)?, by_key(&file_b, &b)?);
+    let mut pairs: BTreeMap<&str, Vec<Pair>> = BTreeMap::new();
+    let mut paired = 0;
+    for (key, a) in &of_a {
+        if let Some(b) = of_b.get(key) {
+            paired += 1;
+            pairs.entry(&key.0).or_default().push(Pair::new(a, b, strict));
+        }
+    }
+    if paired == 0 {
+        return Err(CompareError::NoPairs);
+    }
+    let subtask = |name: &&str| Task::SUBTASKS.into_iter().find(|task| task.short_id() == *name);
+    let scored: Vec<(f64, &Vec<Pair>)> =
+        pairs.iter().filter_map(|(name, pairs)| Some((subtask(name)?.weight(), pairs))).collect();
+    let all: Vec<Pair> = scored.iter().flat_map(|(_, pairs)| pairs.iter().copied()).collect();
+    let weights: f64 = scored.iter().map(|(weight, _)| weight).sum();
+    let difference: f64 = scored.iter().map(|(weight, pairs)| weight * score_difference(pairs)).sum();
+    let overall = (!all.is_empty()).then(|| Pairs { score_difference: difference / weights, ..summary("all", &all) });
+    Ok(Comparison {
+        success: if strict { "strict" } else { "published" }.into(),
+        different_conditions: different.into_iter().map(|(field, ..)| field).collect(),
+        tasks: pairs.iter().map(|(task, pairs)| summary(task, pairs)).collect(),
+        overall,
+        a: Side { policy: a.policy, file: file_a, unpaired: of_a.len() - paired },
+        b: Side { policy: b.policy, file: file_b, unpaired: of_b.len() - paired },
+    })
+}
+
+fn read(path: &Path) -> Result<(PathBuf, Run), CompareError> {
+    let file = if path.is_dir() { path.join("results.json") } else { path.to_owned() };
+    let text = std::fs::read(&file).map_err(|source| CompareError::Read { file: file.clone(), source })?;
+    let mut run: Run =
+        serde_json::from_slice(&text).map_err(|source| CompareError::Form { file: file.clone(), source })?;
+    // Earlier scorers left it out, for there was none.
+    run.conditions.entry("action_delay_ms".into()).or_insert(0.into());
+    let found = run.versions.get("results").and_then(Value::as_u64).unwrap_or_default();
+    if found != u64::from(RESULTS_VERSION) {
+        return Err(CompareError::Version { file, found });
+    }
+    Ok((file, run))
+}
+
+/// Fields of the conditions that differ, but for the policy's own, with both values.
+fn different_conditions(a: &Run, b: &Run) -> Vec<(String, Value, Value)> {
+    let names: BTreeSet<&String> = a.conditions.keys().chain(b.conditions.keys()).collect();
+    let value = |run: &Run, name: &String| run.conditions.get(name).cloned().unwrap_or_default();
+    let both = names.into_iter().map(|name| (name.clone(), value(a, name), value(b, name)));
+    both.filter(|(name, a, b)| a != b && !OF_THE_POLICY.contains(&name.as_str())).collect()
+}
+
+fn by_key(file: &Path, run: &Run) -> Result<BTreeMap<Key, Episode>, CompareError> {
+    let mut found = BTreeMap::new();
+    for episode in &run.episodes {
+        let Episode { task, seed, episode: index, .. } = episode.clone();
+        if found.insert((task.clone(), seed, index), episode.clone()).is_some() {
+            return Err(CompareError::Twice { file: file.to_owned(), task, seed, episode: index });
+        }
+    }
+    Ok(found)
+}
+
+/// Success and gate progress of A and B, both by one judge.
+#[derive(Debug, Clone, Copy)]
+struct Pair {
+    success: [bool; 2],
+    progress: [f64; 2],
+}
+
+impl Pair {
+    fn new(a: &Episode, b: &Episode, strict: bool) -> Self {
+        let judged = |episode: &Episode| {
+            let published = (episode.success, episode.gate_progress);
+            if strict { episode.strict().unwrap_or(published) } else { published }
+        };
+        let (a, b) = (judged(a), judged(b));
+        Self { success: [a.0, b.0], progress: [a.1, b.1] }
+    }
+}
+
+fn summary(task: &str, pairs: &[Pair]) -> Pairs {
+    let count = |is: &dyn Fn(&Pair) -> bool| pairs.iter().filter(|pair| is(pair)).count();
+    let successes: Vec<i64> = pairs.iter().map(|Pair { success: [a, b], .. }| i64::from(*a) - i64::from(*b)).collect();
+    let progress = pairs.iter().map(|Pair { progress: [a, b], .. }| ((a - b) * PROGRESS_STEPS).round() as i64);
+    let progress: Vec<i64> = progress.collect();
+    Pairs {
+        task: task.into(),
+        pairs: pairs.len(),
+        successes_a: count(&|pair| pair.success[0]),
+        successes_b: count(&|pair| pair.success[1]),
+        only_a: count(&|pair| pair.success[0] && !pair.success[1]),
+        only_b: count(&|pair| pair.success[1] && !pair.success[0]),
+        success_p: sign_flip_p(&successes),
+        progress_a: mean(pairs, |pair| pair.progress[0]),
+        progress_b: mean(pairs, |pair| pair.progress[1]),
+        progress_p: sign_flip_p(&progress),
+        score_difference: score_difference(pairs),
+    }
+}
+
+/// Mean over pairs that are there.
+fn mean(pairs: &[Pair], value: impl Fn(&Pair) -> f64) -> f64 {
+    pairs.iter().map(value).sum::<f64>() / pairs.len() as f64
+}
+
+fn score_difference(pairs: &[Pair]) -> f64 {
+    let score = |pair: &Pair, side: usize| 0.5 * (f64::from(u8::from(pair.success[side])) + pair.progress[side]);
+    mean(pairs, |pair| score(pair, 0) - score(pair, 1))
+}

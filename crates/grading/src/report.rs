@@ -1,0 +1,201 @@
+//! The report: one self-contained page, in light and dark, without scripts.
+//!
+//! Whatever comes from a bag is escaped. The same results give the same bytes.
+
+mod episodes;
+mod figure;
+mod markup;
+mod overview;
+mod sections;
+mod site;
+
+use std::fmt::Write;
+use std::path::Path;
+
+use episodes::Place;
+use markup::{escape, percent};
+
+use crate::tables::{conditions_line, count, run_line, seed_count};
+use crate::{RateRow, Results, Score};
+
+pub use markup::cause_class;
+pub use site::{Site, SiteReport, episode_figure, site, task_cards};
+
+/// The style sheet of the page, for others that look like it.
+pub const STYLE: &str = include_str!("report/style.css");
+
+/// The page.
+pub fn html(results: &Results) -> String {
+    page(results, &|_| false)
+}
+
+/// The page for a folder. Where the replay of an episode stands next to its bag, named as the bag but with `.html`, the
+/// episode has a link to it.
+pub fn html_in(results: &Results, folder: &Path) -> String {
+    page(results, &|replay| folder.join(replay).is_file())
+}
+
+/// `has_replay` says whether a file is there, by its path from the page's folder.
+fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
+    let mut out = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" \
+         content=\"light dark\">\n<title>Fiatlux: {}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n",
+        escape(&results.policy)
+    );
+    headline(&mut out, results);
+    if !results.subtasks.is_empty() {
+        subtasks(&mut out, results);
+    }
+    sections::extra_tasks(&mut out, results);
+    if !results.episodes.is_empty() {
+        episodes::section(&mut out, results, Place::File(has_replay));
+    }
+    sections::excluded(&mut out, results);
+    sections::conditions(&mut out, results);
+    sections::reproduce(&mut out, results);
+    out.push_str("</main>\n</body>\n</html>\n");
+    out
+}
+
+fn headline(out: &mut String, results: &Results) {
+    let _ = writeln!(out, "<div class=\"kicker\">Fiatlux evaluation</div>");
+    if results.episodes.is_empty() {
+        let _ = writeln!(out, "<h1>No episode could be scored</h1>\n<p>The bags and the reasons are listed below.</p>");
+        return;
+    }
+    let _ = writeln!(
+        out,
+        "<h1>Policy {}</h1>\n<p class=\"soft\">{}, {}. {}.</p>",
+        escape(&results.policy),
+        count(results.episodes.len(), "episode"),
+        escape(&seed_count(results)),
+        escape(&conditions_line(&results.conditions).replacen('b', "B", 1)),
+    );
+    run_lines(out, results);
+    summary(out, results);
+}
+
+/// How far a run is, and what its journals say.
+fn run_lines(out: &mut String, results: &Results) {
+    if let Some(run) = &results.run {
+        for line in std::iter::once(&run_line(run)).chain(&run.notes) {
+            let _ = writeln!(out, "<p class=\"soft\">{}.</p>", escape(line));
+        }
+    }
+}
+
+/// Warnings, and the numbers that count.
+fn summary(out: &mut String, results: &Results) {
+    warnings(out, results);
+    out.push_str("<div class=\"cards\">\n");
+    let overall = &results.overall;
+    if overall.episodes > 0 {
+        if let (Some(score), Some(success)) = (&results.score_strict, &overall.strict_success) {
+            score_card(out, "Score S, strict", score, "big");
+            rate_card(out, "Success, strict", success, overall.episodes, "big");
+        }
+        score_card(out, "Score S, published", &results.score, "mid");
+        rate_card(out, "Clean, published", &overall.clean_success, overall.episodes, "mid");
+        violations_card(out, results);
+    }
+    out.push_str("</div>\n");
+    if overall.episodes > 0 {
+        let _ = writeln!(
+            out,
+            "<p class=\"soft small\"><b>Published</b> is the paper's rulebook; <b>strict</b> also asks that a gate holds for \
+             a second, that the robot stands upright on what carries it, and that a bulb is in the grip of one hand: \
+             stunts pass the first and not the second. Rankings go by strict. <b>Clean</b> is a success with no bulb broken \
+             (a hand body above {} N at any step) and none dropped; a strict success always is. <b>S</b> is the mean of the \
+             subtasks' scores s, weighted by difficulty; s is half the success rate and half the mean gate progress. At 0 \
+             nothing was reached that the start did not give; an episode whose gate never fires adds at most half of its \
+             weight; at 1 every gate fired. The spread is the sample standard deviation over layout seeds: scores under \
+             different seeds do not compare, for the layout sets the difficulty.</p>",
+            results.conditions.thresholds.get("fragility_n").copied().unwrap_or_default()
+        );
+    }
+}
+
+/// What a reader must know before the first number.
+fn warnings(out: &mut String, results: &Results) {
+    let mut warn = |title: &str, text: &str| {
+        let _ = writeln!(out, "<div class=\"panel warn\"><b>{title}</b> {}</div>", escape(text));
+    };
+    if !results.conditions.ranked {
+        let text = format!("{}.", results.conditions.deviations.join("; "));
+        warn("Not ranked: this run is not played as the benchmark has it.", &text);
+    }
+    if !results.missing.is_empty() && !results.subtasks.is_empty() {
+        let how = match results.run {
+            Some(_) => "are not in the run; they count as 0 in its score.",
+            None => "did not run under every seed; what did not run is outside the score, not zero.",
+        };
+        let text = format!("{} {how}", results.missing.join(", "));
+        warn("Missing subtasks.", &text);
+    }
+    if results.has_data_loss() {
+        let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));
+        warn("Data loss.", &text);
+    }
+}
+
+fn rate_card(out: &mut String, name: &str, rate: &RateRow, episodes: u64, size: &str) {
+    let (value, [low, high]) = (rate.rate.unwrap_or_default(), rate.interval.unwrap_or([0.0, 1.0]));
+    let _ = writeln!(
+        out,
+        "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{}</div>\
+         <div class=\"card-note\">{} of {episodes} episodes<br>95\u{202f}% interval {} to {}</div></div>",
+        percent(value),
+        rate.hits,
+        percent(low),
+        percent(high)
+    );
+}
+
+fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
+    let Some(mean) = score.mean else { return };
+    let spread =
+        score.std.map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
+    let seeds: Vec<_> = score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
+    let shown =
+        if seeds.len() > 12 { format!("{} seeds", seeds.len()) } else { format!("by seed {}", seeds.join(", ")) };
+    let _ = writeln!(
+        out,
+        "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{spread}</div>\
+         <div class=\"card-note\">of 1, mean \u{b1} std<br>{shown}</div></div>"
+    );
+}
+
+fn violations_card(out: &mut String, results: &Results) {
+    let share = |rate: &RateRow| percent(rate.rate.unwrap_or_default());
+    let overall = &results.overall;
+    let _ = writeln!(
+        out,
+        "<div class=\"panel\"><div class=\"card-name\">Broken / dropped</div><div class=\"mid\">{} / {}</div>\
+         <div class=\"card-note\">{} with a broken bulb<br>{} with a dropped one</div></div>",
+        share(&overall.broken),
+        share(&overall.dropped),
+        count(overall.broken.hits as usize, "episode"),
+        overall.dropped.hits
+    );
+}
+
+fn subtasks(out: &mut String, results: &Results) {
+    out.push_str("<h2>Subtasks</h2>\n<div class=\"panel wide scroll\">");
+    out.push_str(&overview::figure(results));
+    let (protocol, success) = match results.score_strict {
+        Some(_) => ("strict", "strict success"),
+        None => ("published", "published clean success"),
+    };
+    let _ = write!(
+        out,
+        "<div class=\"legend\"><span><i class=\"k-accent\"></i>{protocol} score s, with its standard deviation over the \
+         seeds</span><span><i class=\"k-dot\"></i>{success} with Wilson interval</span><span><i class=\"k-ring\"></i>published \
+         success</span><span><i class=\"k-held\"></i>mean {protocol} gate progress</span></div>"
+    );
+    out.push_str(&overview::causes(results));
+    out.push_str("</div>\n");
+    out.push_str("<div class=\"panel scroll\">");
+    sections::task_table(out, &results.subtasks, true);
+    out.push_str("</div>\n");
+}

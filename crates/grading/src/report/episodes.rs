@@ -1,0 +1,191 @@
+//! The episodes of each task, with a figure each.
+
+use std::fmt::Write;
+
+use fiatlux_rules::{CONTROL_DT, Protocol, Task, TaskSpec};
+
+use super::Site;
+use super::figure::{WIDTH, figure, height};
+use super::markup::{cause_class, escape, link, words};
+use crate::tables::count;
+use crate::{EpisodeRow, Results};
+
+/// Where a page finds the figures and replays of its episodes.
+#[derive(Clone, Copy)]
+pub(super) enum Place<'a> {
+    /// Figures in the page itself, replays in files; says whether one is there, by its path from the page's folder.
+    File(&'a dyn Fn(&str) -> bool),
+    /// Each at an address of a site.
+    Site(&'a Site<'a>),
+}
+
+/// All episodes, a fold a task. Few tasks are shown unfolded.
+pub(super) fn section(out: &mut String, results: &Results, place: Place<'_>) {
+    out.push_str("<h2 id=\"episodes\">Episodes</h2>\n");
+    legend(out);
+    let limit_n = limit(results);
+    let groups: Vec<&[EpisodeRow]> = results.episodes.chunk_by(|a, b| a.task == b.task).collect();
+    for episodes in &groups {
+        group(out, episodes, limit_n, groups.len() <= 2, place);
+    }
+}
+
+/// The force at which a bulb breaks, N.
+pub(super) fn limit(results: &Results) -> f64 {
+    results.conditions.thresholds.get("fragility_n").copied().unwrap_or(50.0)
+}
+
+pub(super) fn legend(out: &mut String) {
+    out.push_str(
+        "<p class=\"soft small\">For each episode: which criteria of the gate held when, and the largest \
+         contact force of a bulb on any body of either hand. Colours at the right end are the causes of the end.</p>\n\
+         <div class=\"legend\"><span><i class=\"k-held\"></i>holds</span><span><i class=\"k-partly\"></i>holds in some \
+         steps of the bar's width</span><span><i class=\"k-track\"></i>does not hold</span></div>\n",
+    );
+}
+
+fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, place: Place<'_>) {
+    let id = &episodes[0].task;
+    let passed = episodes.iter().filter(|episode| episode.strict_success.unwrap_or(episode.clean)).count();
+    let progress = episodes.iter().map(|episode| episode.strict_progress.unwrap_or(episode.gate_progress)).sum::<f64>();
+    let progress = progress / episodes.len() as f64;
+    let protocol = if episodes[0].strict_success.is_some() { "strict" } else { "published and clean" };
+    let spec = id.parse::<Task>().ok().map(Task::spec);
+    let name = spec.map_or("", |spec| spec.name);
+    let open = if open { " open" } else { "" };
+    let _ = write!(
+        out,
+        "<details{open}><summary><span class=\"name\">{} {name}</span><span class=\"what\">{passed} of {} passed ({protocol}), gate \
+         progress {progress:.2}</span><span class=\"chips\">",
+        escape(id),
+        episodes.len()
+    );
+    for episode in episodes.iter().take(12) {
+        chip(out, episode.strict_end.as_ref().unwrap_or(&episode.end));
+    }
+    out.push_str("</span></summary><div class=\"inner\">");
+    gate(out, spec);
+    cards(out, episodes, limit_n, place);
+    if let Place::Site(site) = place
+        && episodes.len() > site.most
+    {
+        let address = escape(&(site.task)(id));
+        let _ = write!(out, "<p><a href=\"{address}\">All {}</a></p>", count(episodes.len(), "episode"));
+    }
+    out.push_str("</div></details>\n");
+}
+
+/// What the task asks for.
+pub(super) fn gate(out: &mut String, spec: Option<&TaskSpec>) {
+    if let Some(spec) = spec {
+        let criteria: Vec<_> = spec.gate.criteria.iter().map(|criterion| words(criterion.name)).collect();
+        let strict = spec.gate.criteria_of(Protocol::Strict).skip(criteria.len());
+        let strict: Vec<_> = strict.map(|criterion| words(criterion.name)).collect();
+        let window = match spec.gate.sustain_steps {
+            1 => "at one step".to_owned(),
+            steps => format!("for {:.1} s without a break", f64::from(steps) * CONTROL_DT),
+        };
+        let _ = write!(
+            out,
+            "<p class=\"small soft\">\u{201c}{}\u{201d} \u{2013} the published gate fires when all hold {window}: {}. Strict, all hold \
+             for {:.0} s, and so do: {}. At most {:.0} s.</p>",
+            escape(spec.instruction),
+            criteria.join(", "),
+            f64::from(spec.gate.strict_steps) * CONTROL_DT,
+            strict.join(", "),
+            spec.horizon_steps as f64 * CONTROL_DT
+        );
+    }
+}
+
+/// A card for each episode, as many as the place takes.
+pub(super) fn cards(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, place: Place<'_>) {
+    let most = match place {
+        Place::File(_) => usize::MAX,
+        Place::Site(site) => site.most,
+    };
+    out.push_str("<div class=\"episodes\">");
+    episodes.iter().take(most).for_each(|episode| card(out, episode, limit_n, place));
+    out.push_str("</div>");
+}
+
+fn chip(out: &mut String, cause: &str) {
+    let _ = write!(out, "<span class=\"chip b-{}\">{}</span>", cause_class(cause), escape(cause));
+}
+
+fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: Place<'_>) {
+    let index = if episode.episode == 0 { String::new() } else { format!(", episode {}", episode.episode) };
+    let _ = write!(out, "<article class=\"episode\"><header><b>Seed {}{index}</b>", episode.seed);
+    if let Some(cause) = &episode.failure {
+        out.push_str("<span class=\"verdict\">");
+        chip(out, cause);
+        let notes = escape(&episode.notes.join("; "));
+        let _ = write!(out, "</span></header><footer>a failure without rows that count<br>{notes}</footer></article>");
+        return;
+    }
+    let ended = |out: &mut String, protocol: &str, end: &str, steps: u64, progress: f64| {
+        let _ = write!(out, "<span class=\"verdict\"><span class=\"soft\">{protocol}</span> ");
+        chip(out, end);
+        let seconds = steps as f64 * CONTROL_DT;
+        let _ = write!(out, " after {seconds:.2} s <span class=\"soft\">progress {progress:.2}</span></span>");
+    };
+    if let (Some(steps), Some(progress)) = (episode.strict_steps, episode.strict_progress) {
+        ended(out, "strict", episode.strict_end.as_deref().unwrap_or("cut"), steps, progress);
+    }
+    ended(out, "published", &episode.end, episode.steps, episode.gate_progress);
+    for (is, name) in [(episode.broken, "broken"), (episode.dropped, "dropped")] {
+        if is {
+            let _ = write!(out, "<span class=\"flag\">{name}</span>");
+        }
+    }
+    out.push_str("</header>");
+    match place {
+        Place::File(_) => out.push_str(&figure(&episode.series, &episode.end, limit_n)),
+        Place::Site(site) => {
+            // Fetched when it comes into sight: it is drawn from the bag.
+            let lanes =
+                episode.task.parse::<Task>().map_or(0, |task| task.spec().gate.criteria_of(Protocol::Strict).count());
+            let _ = write!(
+                out,
+                "<a href=\"{}\"><img src=\"{}\" loading=\"lazy\" width=\"{WIDTH}\" height=\"{}\" alt=\"Gate criteria and hand \
+                 force of {} seed {} over time\"></a>",
+                escape(&(site.episode)(episode)),
+                escape(&(site.figure)(episode)),
+                height(lanes),
+                escape(&episode.task),
+                episode.seed
+            );
+        }
+    }
+    let also: Vec<_> = episode.causes.iter().filter(|cause| **cause != episode.end).map(String::as_str).collect();
+    let mut notes = Vec::new();
+    if !also.is_empty() {
+        notes.push(format!("in the same step: {}", also.join(", ")));
+    }
+    if episode.steps_in_gate > 0 {
+        notes.push(format!("all published criteria held in {}", count(episode.steps_in_gate as usize, "step")));
+    }
+    notes.extend(episode.notes.iter().cloned());
+    let _ = write!(out, "<footer>{}", escape(&notes.join("; ")));
+    if !notes.is_empty() {
+        out.push_str("<br>");
+    }
+    let replay = match place {
+        Place::Site(site) => Some((site.episode)(episode)),
+        Place::File(has_replay) => {
+            let file = format!("{}.html", episode.bag.strip_suffix(".mcap").unwrap_or(&episode.bag));
+            has_replay(&file).then(|| link(&file))
+        }
+    };
+    if let Some(address) = replay {
+        let _ = write!(out, "<a href=\"{}\">3D replay</a> \u{b7} ", escape(&address));
+    }
+    let short: String = episode.state_digest.chars().take(16).collect();
+    let _ = write!(
+        out,
+        "<span class=\"mono\">{}</span> \u{b7} rows <span class=\"mono\" title=\"{}\">{}</span></footer></article>",
+        escape(&episode.bag),
+        escape(&episode.state_digest),
+        escape(&short)
+    );
+}

@@ -1,0 +1,92 @@
+//! Parts of the report for the pages of a site, where figures and replays have addresses of their own.
+
+use std::path::Path;
+
+use super::episodes::{Place, cards, gate, legend, limit, section};
+use super::figure::figure;
+use super::{STYLE, run_lines, sections, subtasks, summary};
+use crate::bag::read;
+use crate::{EpisodeRow, GradeOptions, Results};
+
+/// Addresses of what belongs to an episode. They are escaped where they are written.
+pub struct Site<'a> {
+    /// Of its page, which has the replay.
+    pub episode: &'a dyn Fn(&EpisodeRow) -> String,
+    /// Of its figure as an SVG picture, see [`episode_figure`].
+    pub figure: &'a dyn Fn(&EpisodeRow) -> String,
+    /// Of the page with all episodes of a task, by the task's id.
+    pub task: &'a dyn Fn(&str) -> String,
+    /// Most episodes of a task that are shown.
+    pub most: usize,
+}
+
+/// The report in parts, as HTML without scripts and without styles of their own. Whatever comes from a bag is escaped.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SiteReport {
+    /// What a reader must know first, and cards with the numbers that count.
+    pub summary: String,
+    /// Figure and table of the subtasks.
+    pub subtasks: String,
+    /// Episodes by task, each with its figure.
+    pub episodes: String,
+    /// Bags that are not scored, conditions, versions, thresholds.
+    pub conditions: String,
+}
+
+/// The report in parts.
+pub fn site(results: &Results, site: &Site<'_>) -> SiteReport {
+    let part = |write: &dyn Fn(&mut String)| {
+        let mut out = String::new();
+        write(&mut out);
+        out
+    };
+    SiteReport {
+        summary: part(&|out| {
+            run_lines(out, results);
+            summary(out, results);
+        }),
+        subtasks: part(&|out| {
+            if !results.subtasks.is_empty() {
+                subtasks(out, results);
+            }
+            sections::extra_tasks(out, results);
+        }),
+        episodes: part(&|out| {
+            if !results.episodes.is_empty() {
+                section(out, results, Place::Site(site));
+            }
+        }),
+        conditions: part(&|out| {
+            sections::excluded(out, results);
+            sections::conditions(out, results);
+        }),
+    }
+}
+
+/// What a task asks for, and cards of some of its episodes.
+pub fn task_cards(results: &Results, episodes: &[EpisodeRow], site: &Site<'_>) -> String {
+    let mut out = String::new();
+    let task = episodes.first().and_then(|episode| episode.task.parse::<fiatlux_rules::Task>().ok());
+    gate(&mut out, task.map(fiatlux_rules::Task::spec));
+    legend(&mut out);
+    cards(&mut out, episodes, limit(results), Place::Site(site));
+    out
+}
+
+/// The figure of an episode as an SVG picture that stands alone, in light and dark: when each criterion held, and the
+/// force on the hands. It is drawn from the rows of the bag, however much of it is whole. `None` where no row can be read.
+pub fn episode_figure(bag: &Path, results: &Results) -> Option<String> {
+    let options = GradeOptions {
+        set: results
+            .conditions
+            .thresholds_set
+            .iter()
+            .filter_map(|key| results.conditions.thresholds.get(key).map(|value| format!("{key}={value}")))
+            .collect(),
+        published_counting: results.conditions.published_counting,
+        ..GradeOptions::default()
+    };
+    let graded = read(bag, &options).ok()?.graded;
+    let svg = figure(&graded.series, &graded.end, limit(results));
+    Some(svg.replacen('>', &format!("><style>{STYLE}svg {{ font-family: system-ui, sans-serif; }}</style>"), 1))
+}

@@ -1,0 +1,83 @@
+//! Results as tables: for a terminal, a spreadsheet and a paper.
+
+mod csv;
+mod latex;
+mod text;
+
+pub use csv::csv;
+pub use latex::latex;
+pub use text::text;
+
+use crate::{Conditions, Results, RunResult};
+
+/// Layout seeds in few characters: `0-3`, `0, 2, 7`.
+pub fn seeds(seeds: &[u64]) -> String {
+    let mut parts: Vec<(u64, u64)> = Vec::new();
+    for &seed in seeds {
+        match parts.last_mut() {
+            Some((_, last)) if last.checked_add(1) == Some(seed) => *last = seed,
+            _ => parts.push((seed, seed)),
+        }
+    }
+    let part = |(first, last): (u64, u64)| match last - first {
+        0 => first.to_string(),
+        1 => format!("{first}, {last}"),
+        _ => format!("{first}-{last}"),
+    };
+    parts.into_iter().map(part).collect::<Vec<_>>().join(", ")
+}
+
+/// `4 seeds (0-3)`.
+pub(crate) fn seed_count(results: &Results) -> String {
+    let list = seeds(&results.seeds);
+    match results.seeds.len() {
+        1 => format!("layout seed {list}"),
+        n => format!("{n} layout seeds ({list})"),
+    }
+}
+
+/// The four words, and what is not as the benchmark has it, in a line.
+pub(crate) fn conditions_line(conditions: &Conditions) -> String {
+    let Conditions { benchmark_version, protocol, seeds, observations, time, .. } = conditions;
+    let words = format!(
+        "benchmark version {benchmark_version}, {protocol} protocol, {seeds} seeds, {observations} observations, {time}"
+    );
+    match conditions.ranked {
+        true => words,
+        false => format!("{words}; NOT RANKED: {}", conditions.deviations.join("; ")),
+    }
+}
+
+/// `Run first: 48 episodes registered, 46 played, 2 failed (abandoned 1, not run 1)`.
+pub(crate) fn run_line(run: &RunResult) -> String {
+    let RunResult { name, registered, played, finished, .. } = run;
+    let failed: u64 = run.failed.values().sum();
+    let causes: Vec<_> = run.failed.iter().map(|(cause, count)| format!("{cause} {count}")).collect();
+    let causes = if causes.is_empty() { String::new() } else { format!(" ({})", causes.join(", ")) };
+    let rest = if *finished { "" } else { "; NOT FINISHED: episodes that are still to be played count as failures" };
+    let registered = count(*registered as usize, "episode");
+    format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
+}
+
+/// A count with its noun.
+pub(crate) fn count(n: usize, noun: &str) -> String {
+    let s = if n == 1 { "" } else { "s" };
+    format!("{n} {noun}{s}")
+}
+
+/// A force with as many digits as it deserves, N.
+pub(crate) fn force(newtons: f64) -> String {
+    if newtons >= 100.0 { format!("{newtons:.0}") } else { format!("{newtons:.1}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_in_few_characters() {
+        for (list, expected) in [(&[0, 1, 2, 3][..], "0-3"), (&[0, 1, 5], "0, 1, 5"), (&[7], "7"), (&[], "")] {
+            assert_eq!(seeds(list), expected);
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! Accounts and their tokens: who may submit, and how an administrator says so.
+//!
+//! A token is `fiatlux_ID_SECRET`: 16 and 64 hexadecimal digits. The store has the SHA-256 of it; the secret is 256 random
+//! bits, so a digest gives nothing away and needs no salt.
+
+use fiatlux_proto::keys::is_name;
+use subtle::ConstantTimeEq as _;
+use thiserror::Error;
+
+use crate::store::{Account, AuditRow, Digest, TokenRow, now_ms};
+use crate::{Entry, Store, StoreError, SubmissionId};
+
+const PREFIX: &str = "fiatlux_";
+const DAY_MS: i64 = 24 * 3600 * 1000;
+
+/// Most days that a token can be good for.
+pub const MAX_DAYS: u32 = 3650;
+
+/// Why an account or a token is not made or changed.
+#[derive(Debug, Error)]
+pub enum AccountError {
+    /// The store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A name that cannot be one.
+    #[error("'{name}' is not the name of an account; use 1 to 64 letters, digits, - or _")]
+    Name {
+        /// As it was given.
+        name: String,
+    },
+    /// There is one already.
+    #[error("there is an account '{name}'; choose another name, or change that one")]
+    Exists {
+        /// Its name.
+        name: String,
+    },
+    /// There is none.
+    #[error("there is no account '{name}'; `scorer admin accounts` lists all")]
+    NoAccount {
+        /// As it was given.
+        name: String,
+    },
+    /// No such token, or revoked before.
+    #[error("there is no token '{id}' that is not revoked; `scorer admin accounts` lists all")]
+    NoToken {
+        /// As it was given.
+        id: String,
+    },
+    /// No such submission.
+    #[error("there is no submission {id}; `scorer admin submissions` lists all")]
+    NoSubmission {
+        /// As it was given.
+        id: SubmissionId,
+    },
+}
+
+/// Why a request is not let in. It never says more than its sender knows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub(crate) enum Denied {
+    #[error("there is no token; send the header Authorization: Bearer TOKEN")]
+    Missing,
+    #[error("the token is not one of this service; ask its administrator for one")]
+    Wrong,
+    #[error("the token has expired; ask the administrator for a new one")]
+    Expired,
+    #[error("the token was revoked; ask the administrator for a new one")]
+    Revoked,
+    #[error("the account is closed; ask the administrator")]
+    Closed,
+}
+
+/// How much an account may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Quota {
+    /// Submissions that it may begin within 24 hours.
+    pub submissions_a_day: u32,
+    /// Bytes of all its submissions together.
+    pub max_bytes: u64,
+}
+
+impl Default for Quota {
+    /// 20 submissions a day, 64 GiB.
+    fn default() -> Self {
+        Self { submissions_a_day: 20, max_bytes: 64 << 30 }
+    }
+}
+
+impl Quota {
+    fn bytes(self) -> i64 {
+        i64::try_from(self.max_bytes).unwrap_or(i64::MAX)
+    }
+}
+
+impl Store {
+    /// Makes an account.
+    ///
+    /// # Errors
+    /// [`AccountError`]: its name, or there is one.
+    pub async fn make_account(&self, name: &str, quota: Quota) -> Result<(), AccountError> {
+        if !is_name(name) {
+            return Err(AccountError::Name { name: name.into() });
+        }
+        let account = Account {
+            name: name.into(),
+            created_ms: now_ms(),
+            closed_ms: None,
+            submissions_a_day: quota.submissions_a_day.into(),
+            max_bytes: quota.bytes(),
+        };
+        if self.add_account(&account).await? { Ok(()) } else { Err(AccountError::Exists { name: name.into() }) }
+    }
+
+    /// Sets the limits of an account, where they are given, and whether it is closed. The tokens of a closed account are worth
+    /// nothing; its submissions stay.
+    ///
+    /// # Errors
+    /// [`AccountError`]: there is none.
+    pub async fn set_account(
+        &self,
+        name: &str,
+        submissions_a_day: Option<u32>,
+        max_bytes: Option<u64>,
+        closed: bool,
+    ) -> Result<(), AccountError> {
+        let no_account = || AccountError::NoAccount { name: name.into() };
+        let known = self.account(name).await?.ok_or_else(no_account)?;
+        let account = Account {
+            closed_ms: closed.then(|| known.closed_ms.unwrap_or_else(now_ms)),
+            submissions_a_day: submissions_a_day.map_or(known.submissions_a_day, i64::from),
+            max_bytes: max_bytes.map_or(known.max_bytes, |bytes| i64::try_from(bytes).unwrap_or(i64::MAX)),
+            ..known
+        };
+        if self.change_account(&account).await? { Ok(()) } else { Err(no_account()) }
+    }
+
+    /// Makes a token, good for that many days, at most [`MAX_DAYS`]. It is shown now and never again.
+    ///
+    /// # Errors
+    /// [`AccountError`]: there is no such account; the system gives no random numbers.
+    pub async fn make_token(&self, account: &str, days: u32) -> Result<String, AccountError> {
+        if self.account(account).await?.is_none() {
+            return Err(AccountError::NoAccount { name: account.into() });
+        }
+        let mut random = [0; 40];
+        getrandom::fill(&mut random).map_err(StoreError::Random)?;
+        let hex: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        let (id, secret) = hex.split_at(16);
+        let token = format!("{PREFIX}{id}_{secret}");
+        let created_ms = now_ms();
+        let row = TokenRow {
+            id: id.into(),
+            account: account.into(),
+            sha256: Digest::of(token.as_bytes()).as_str().into(),
+            created_ms,
+            expires_ms: created_ms + i64::from(days.min(MAX_DAYS)) * DAY_MS,
+            revoked_ms: None,
+        };
+        self.add_token(&row).await?;
+        Ok(token)
+    }
+
+    /// Withdraws a token, by the 16 digits after `fiatlux_`, for good and at once.
+    ///
+    /// # Errors
+    /// [`AccountError::NoToken`].
+    pub async fn revoke_token(&self, id: &str) -> Result<(), AccountError> {
+        if self.revoke(id).await? { Ok(()) } else { Err(AccountError::NoToken { id: id.into() }) }
+    }
+
+    /// All accounts, by name, each with its tokens, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn list_accounts(&self) -> Result<Vec<(Account, Vec<TokenRow>)>, StoreError> {
+        let mut listed = Vec::new();
+        for account in self.accounts().await? {
+            let tokens = self.tokens(&account.name).await?;
+            listed.push((account, tokens));
+        }
+        Ok(listed)
+    }
+
+    /// All submissions in any state, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn list_submissions(&self) -> Result<Vec<Entry>, StoreError> {
+        self.every(None).await
+    }
+
+    /// The last lines of the audit log, newest last.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn list_audit(&self, most: u32) -> Result<Vec<AuditRow>, StoreError> {
+        self.audit_log(most.into()).await
+    }
+
+    /// Refuses a submission: it stands in no table from now on. Its bags stay.
+    ///
+    /// # Errors
+    /// [`AccountError::NoSubmission`].
+    pub async fn refuse_submission(&self, id: SubmissionId, reason: &str) -> Result<(), AccountError> {
+        if self.entry(id).await?.is_none() {
+            return Err(AccountError::NoSubmission { id });
+        }
+        Ok(self.refuse(id, "admin", reason).await?)
+    }
+
+    /// Removes a submission with the bags that no other one has. It cannot be undone; the same submission may come again.
+    ///
+    /// # Errors
+    /// [`AccountError::NoSubmission`].
+    pub async fn remove_submission(&self, id: SubmissionId) -> Result<(), AccountError> {
+        if self.remove(id, "admin").await? { Ok(()) } else { Err(AccountError::NoSubmission { id }) }
+    }
+
+    /// Whose a token is. Takes as long for a wrong secret as for the right one.
+    pub(crate) async fn account_by(&self, token: Option<&str>) -> Result<Result<Account, Denied>, StoreError> {
+        let Some(token) = token else { return Ok(Err(Denied::Missing)) };
+        let Some(id) = id_in(token) else { return Ok(Err(Denied::Wrong)) };
+        let Some(row) = self.token(id).await? else { return Ok(Err(Denied::Wrong)) };
+        let digest = Digest::of(token.as_bytes());
+        if !bool::from(digest.as_str().as_bytes().ct_eq(row.sha256.as_bytes())) {
+            return Ok(Err(Denied::Wrong));
+        }
+        if row.revoked_ms.is_some() {
+            return Ok(Err(Denied::Revoked));
+        }
+        if row.expires_ms <= now_ms() {
+            return Ok(Err(Denied::Expired));
+        }
+        let Some(account) = self.account(&row.account).await? else { return Ok(Err(Denied::Wrong)) };
+        Ok(if account.closed_ms.is_some() { Err(Denied::Closed) } else { Ok(account) })
+    }
+}
+
+/// The public part of a token.
+fn id_in(token: &str) -> Option<&str> {
+    let (id, secret) = token.strip_prefix(PREFIX)?.split_once('_')?;
+    let is_hex = |text: &str, length| text.len() == length && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+    (is_hex(id, 16) && is_hex(secret, 64)).then_some(id)
+}

@@ -1,0 +1,91 @@
+//! The JSON API: what programs ask for. `api/openapi.json` describes it, and a test compares the two.
+
+mod answer;
+mod submissions;
+mod upload;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::{Request, State};
+use axum::http::{Method, StatusCode, header};
+use axum::middleware::{Next, from_fn};
+use axum::response::{IntoResponse as _, Response};
+use axum::routing::{get, post, put};
+
+use crate::{Service, metrics};
+pub(crate) use answer::Problem;
+use answer::json_text;
+
+/// How long anything but an upload may take.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+const OPENAPI: &str = include_str!("api/openapi.json");
+
+/// Every address of the API with its methods, as `openapi.json` has them.
+pub(crate) fn router(service: Arc<Service>) -> Router {
+    Router::new()
+        .route("/api/openapi.json", get(openapi))
+        .route("/api/v1/account", get(submissions::account))
+        .route("/api/v1/submissions", get(submissions::list).post(submissions::begin))
+        .route("/api/v1/submissions/{id}", get(submissions::one))
+        .route("/api/v1/submissions/{id}/files/{place}", put(upload::upload))
+        .route("/api/v1/submissions/{id}/finish", post(submissions::finish))
+        .route("/api/v1/submissions/{id}/results", get(submissions::results))
+        .route("/api/{*other}", axum::routing::any(nothing))
+        .route("/health", get(health))
+        .route("/ready", get(ready))
+        .route("/metrics", get(measures))
+        .method_not_allowed_fallback(not_so)
+        .layer(from_fn(bounded))
+        .with_state(service)
+}
+
+/// Ends what takes too long. An upload has limits of its own.
+async fn bounded(request: Request, next: Next) -> Response {
+    if request.method() == Method::PUT {
+        return next.run(request).await;
+    }
+    match tokio::time::timeout(PATIENCE, next.run(request)).await {
+        Ok(answer) => answer,
+        Err(_) => Problem::busy("this took too long; try again later").into_response(),
+    }
+}
+
+async fn openapi() -> Response {
+    json_text(OPENAPI.to_owned())
+}
+
+async fn nothing() -> Problem {
+    Problem::missing("there is nothing at this address; /api/openapi.json lists what there is")
+}
+
+async fn not_so() -> Problem {
+    Problem::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        "method",
+        "this address has other methods; /api/openapi.json lists them",
+    )
+}
+
+/// The process answers.
+async fn health() -> &'static str {
+    "ok\n"
+}
+
+/// The database answers as well.
+async fn ready(State(service): State<Arc<Service>>) -> Result<&'static str, Problem> {
+    match service.store.ping().await {
+        Ok(()) => Ok("ok\n"),
+        Err(error) => {
+            tracing::error!(error = fiatlux_link::in_full(&error), "the service is not ready");
+            Err(Problem::busy("the database does not answer"))
+        }
+    }
+}
+
+async fn measures(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
+    let text = metrics::text(&service).await?;
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
+}

@@ -1,0 +1,293 @@
+//! Submissions: begun, listed, finished.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{IntoResponse as _, Response};
+use http_body_util::{BodyExt as _, LengthLimitError, Limited};
+use serde::{Deserialize, Serialize};
+use time::format_description::well_known::Rfc3339;
+
+use super::answer::{Problem, account_of, json_of};
+use crate::store::{Account, Begun, Digest, Draft, FileRow};
+use crate::submission::{BAG, FileSpec, JOURNAL, Limits, MAX_NAME, id_of, is_file_name};
+use crate::{Badge, Division, Entry, Manifest, Service, State as Stage, SubmissionId};
+
+/// Longest body of a request that begins a submission, bytes: about 250 for each file.
+const MAX_BODY: usize = 8 << 20;
+/// How long that body may take.
+const BODY_TIME: Duration = Duration::from_secs(30);
+
+/// What begins a submission.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wish {
+    manifest: Manifest,
+    files: Vec<WishedFile>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WishedFile {
+    name: String,
+    bytes: u64,
+    sha256: String,
+}
+
+/// A submission as JSON.
+#[derive(Debug, Serialize)]
+struct EntryJson {
+    id: String,
+    manifest: Manifest,
+    account: String,
+    state: Stage,
+    reason: String,
+    badge: Badge,
+    division: Option<Division>,
+    received: String,
+    episodes_verified: u64,
+    episodes_to_verify: u64,
+    /// For the submitter alone, until the submission is received.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    files: Option<Vec<FileJson>>,
+}
+
+#[derive(Debug, Serialize)]
+struct FileJson {
+    place: i64,
+    name: String,
+    bytes: i64,
+    sha256: String,
+    received: u64,
+    stored: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct AccountJson {
+    account: String,
+    submissions_a_day: i64,
+    max_bytes: i64,
+    max_files: usize,
+    max_file_bytes: u64,
+    max_submission_bytes: u64,
+    submissions: Vec<EntryJson>,
+}
+
+impl From<Entry> for EntryJson {
+    fn from(entry: Entry) -> Self {
+        Self {
+            id: entry.id.to_string(),
+            manifest: entry.manifest,
+            account: entry.account,
+            state: entry.state,
+            reason: entry.reason,
+            badge: entry.badge,
+            division: entry.division,
+            received: entry.received.format(&Rfc3339).unwrap_or_default(),
+            episodes_verified: entry.progress.0,
+            episodes_to_verify: entry.progress.1,
+            files: None,
+        }
+    }
+}
+
+/// `GET /api/v1/account`: the account of a token, its limits and all its submissions.
+pub(super) async fn account(State(service): State<Arc<Service>>, headers: HeaderMap) -> Result<Response, Problem> {
+    let account = account_of(&service, &headers).await?;
+    let submissions = service.store.every(Some(&account.name)).await?.into_iter().map(EntryJson::from).collect();
+    let Limits { files, file_bytes, bytes } = service.options.limits;
+    json_of(&AccountJson {
+        account: account.name,
+        submissions_a_day: account.submissions_a_day,
+        max_bytes: account.max_bytes,
+        max_files: files,
+        max_file_bytes: file_bytes,
+        max_submission_bytes: bytes,
+        submissions,
+    })
+}
+
+/// `GET /api/v1/submissions`: what is graded or verified, oldest first.
+pub(super) async fn list(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
+    let entries: Vec<EntryJson> = service.store.entries().await?.into_iter().map(EntryJson::from).collect();
+    json_of(&serde_json::json!({ "submissions": entries }))
+}
+
+/// `POST /api/v1/submissions`: says what will come. The same once more gives the same submission.
+pub(super) async fn begin(
+    State(service): State<Arc<Service>>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let account = account_of(&service, &headers).await?;
+    let wish = read(body).await?;
+    let (manifest, files) = check(wish, &service.options.limits)?;
+    let id = id_of(&account.name, &manifest, &files);
+    let draft = Draft { id, manifest, files };
+    let too_many = |message: String| Problem::new(StatusCode::TOO_MANY_REQUESTS, "limit", message);
+    let status = match service.store.begin(&account, &draft).await? {
+        Begun::New => StatusCode::CREATED,
+        Begun::Known => StatusCode::OK,
+        Begun::TooManyToday(most) => {
+            return Err(too_many(format!("the account may begin {most} submissions within 24 hours; wait")));
+        }
+        Begun::TooManyOpen(most) => {
+            return Err(too_many(format!("{most} submissions of the account wait for files; finish one of them")));
+        }
+        Begun::TooManyBytes(most) => {
+            return Err(too_many(format!(
+                "all submissions of the account may have {most} bytes; ask the administrator"
+            )));
+        }
+    };
+    if status == StatusCode::CREATED {
+        tracing::info!(submission = %id, account = account.name, files = draft.files.len(), "begun");
+    }
+    Ok((status, own(&service, id).await?).into_response())
+}
+
+/// `GET /api/v1/submissions/{id}`: for everybody once it is graded; before, and when it was refused, for its account.
+pub(super) async fn one(
+    State(service): State<Arc<Service>>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let missing = || Problem::missing("there is no such submission");
+    let id: SubmissionId = id.parse().map_err(|_| missing())?;
+    let entry = service.store.entry(id).await?.ok_or_else(missing)?;
+    if matches!(entry.state, Stage::Graded | Stage::Verified) {
+        return json_of(&EntryJson::from(entry));
+    }
+    let account = account_of(&service, &headers).await?;
+    if entry.account != account.name {
+        return Err(missing());
+    }
+    own(&service, id).await
+}
+
+/// `GET /api/v1/submissions/{id}/results`: `results.json` of a submission that is graded.
+pub(super) async fn results(State(service): State<Arc<Service>>, Path(id): Path<String>) -> Result<Response, Problem> {
+    let missing = || Problem::missing("there is no such submission, or it is not graded");
+    let id: SubmissionId = id.parse().map_err(|_| missing())?;
+    let entry = service.store.entry(id).await?.ok_or_else(missing)?;
+    if !matches!(entry.state, Stage::Graded | Stage::Verified) {
+        return Err(missing());
+    }
+    let results = service.store.results(id).await?.ok_or_else(missing)?;
+    json_of(&*results)
+}
+
+/// `POST /api/v1/submissions/{id}/finish`: all files are there. From then on the submission is accepted.
+pub(super) async fn finish(
+    State(service): State<Arc<Service>>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let account = account_of(&service, &headers).await?;
+    let id = owned(&service, &id, &account).await?.id;
+    let left = service.store.receive(id, &account.name).await?;
+    if left > 0 {
+        return Err(Problem::conflict("files", format!("{left} files have not come; send them first")));
+    }
+    tracing::info!(submission = %id, account = account.name, "received");
+    service.received.notify_one();
+    if let Err(error) = service.store.forget_incoming(id).await {
+        tracing::warn!(error = fiatlux_link::in_full(&error), "empty folder of an upload");
+    }
+    Ok((StatusCode::ACCEPTED, own(&service, id).await?).into_response())
+}
+
+/// A submission of an account.
+pub(super) async fn owned(service: &Service, id: &str, account: &Account) -> Result<Entry, Problem> {
+    let missing = || Problem::missing("your account has no such submission");
+    let id: SubmissionId = id.parse().map_err(|_| missing())?;
+    service.store.entry(id).await?.filter(|entry| entry.account == account.name).ok_or_else(missing)
+}
+
+/// A submission as its submitter sees it.
+async fn own(service: &Service, id: SubmissionId) -> Result<Response, Problem> {
+    let entry = service.store.entry(id).await?.ok_or_else(|| Problem::missing("there is no such submission"))?;
+    let mut shown = EntryJson::from(entry);
+    if shown.state == Stage::Uploading {
+        let folder = service.store.incoming(id);
+        let files = service.store.files(id).await?;
+        // As many questions to the file system as files: not on a thread that serves others.
+        let listed = tokio::task::spawn_blocking(move || {
+            let length = |file: &FileRow| std::fs::metadata(folder.join(file.place.to_string())).map_or(0, |m| m.len());
+            let shown = |file: FileRow| FileJson {
+                received: if file.stored { file.bytes as u64 } else { length(&file) },
+                place: file.place,
+                name: file.name,
+                bytes: file.bytes,
+                sha256: file.sha256,
+                stored: file.stored,
+            };
+            files.into_iter().map(shown).collect()
+        });
+        shown.files = Some(listed.await.map_err(|_| Problem::busy("the files cannot be listed; try again"))?);
+    }
+    json_of(&shown)
+}
+
+async fn read(body: Body) -> Result<Wish, Problem> {
+    let collected = tokio::time::timeout(BODY_TIME, Limited::new(body, MAX_BODY).collect()).await;
+    let bytes = match collected {
+        Err(_) => return Err(Problem::slow(format!("the body did not come within {} s", BODY_TIME.as_secs()))),
+        Ok(Err(error)) if error.is::<LengthLimitError>() => {
+            return Err(Problem::too_large(format!("the list of files may have {MAX_BODY} bytes")));
+        }
+        Ok(Err(_)) => return Err(Problem::request("the body was cut off")),
+        Ok(Ok(collected)) => collected.to_bytes(),
+    };
+    serde_json::from_slice(&bytes).map_err(|error| {
+        Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "json", format!("the body cannot be read as JSON: {error}"))
+    })
+}
+
+/// Whether what is announced could be taken; files by name.
+fn check(wish: Wish, limits: &Limits) -> Result<(Manifest, Vec<FileSpec>), Problem> {
+    let wrong = |code, message: String| Problem::new(StatusCode::UNPROCESSABLE_ENTITY, code, message);
+    wish.manifest.check().map_err(|error| wrong("manifest", error.to_string()))?;
+    if wish.files.is_empty() || !wish.files.iter().any(|file| file.name.ends_with(BAG)) {
+        return Err(wrong("files", format!("files: there is no bag; name some that end in {BAG}")));
+    }
+    if wish.files.len() > limits.files {
+        return Err(Problem::too_large(format!("files: {} of them; {} are taken", wish.files.len(), limits.files)));
+    }
+    let mut names = BTreeSet::new();
+    let mut total: u64 = 0;
+    let mut files = Vec::with_capacity(wish.files.len());
+    for (place, WishedFile { name, bytes, sha256 }) in wish.files.into_iter().enumerate() {
+        if !is_file_name(&name) {
+            return Err(wrong(
+                "files",
+                format!(
+                    "files[{place}].name: use letters, digits, -, _ and . alone, {MAX_NAME} at most, and end it in {BAG} or \
+                     {JOURNAL}"
+                ),
+            ));
+        }
+        if bytes == 0 || bytes > limits.file_bytes {
+            let most = limits.file_bytes;
+            return Err(Problem::too_large(format!("files[{place}].bytes: {name} has {bytes}; 1 to {most} are taken")));
+        }
+        total = total.saturating_add(bytes);
+        let Some(sha256) = Digest::parse(&sha256) else {
+            let message = format!("files[{place}].sha256: write 64 hexadecimal digits in lower case");
+            return Err(wrong("files", message));
+        };
+        if !names.insert(name.clone()) {
+            return Err(wrong("files", format!("files[{place}].name: {name} is there twice")));
+        }
+        files.push(FileSpec { name, bytes, sha256 });
+    }
+    if total > limits.bytes {
+        return Err(Problem::too_large(format!("files: {total} bytes together; {} are taken", limits.bytes)));
+    }
+    files.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok((wish.manifest, files))
+}

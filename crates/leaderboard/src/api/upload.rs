@@ -1,0 +1,158 @@
+//! Files: taken in from where the last connection broke off, and kept once they are what was announced.
+
+use std::path::Path as FilePath;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use axum::body::Body;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::Response;
+use http_body_util::BodyExt as _;
+use serde_json::json;
+use tokio::fs::{File, OpenOptions};
+use tokio::io::AsyncWriteExt as _;
+
+use super::answer::{Problem, account_of, json_of};
+use super::submissions::owned;
+use crate::store::StoredFile;
+use crate::{Pace, Service, State as Stage, StoreError, SubmissionId};
+
+/// `PUT /api/v1/submissions/{id}/files/{place}?offset=N`: bytes of a file from `N` on, which must be what is there already.
+pub(super) async fn upload(
+    State(service): State<Arc<Service>>,
+    Path((id, place)): Path<(String, String)>,
+    uri: Uri,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let account = account_of(&service, &headers).await?;
+    let entry = owned(&service, &id, &account).await?;
+    let no_file = || Problem::missing("the submission has no such file; places are those of its list of files");
+    let place: u32 = number(&place).and_then(|place| place.try_into().ok()).ok_or_else(no_file)?;
+    let file = service.store.file(entry.id, place).await?.ok_or_else(no_file)?;
+    if file.stored {
+        return json_of(&json!({ "received": file.bytes, "stored": true }));
+    }
+    if entry.state != Stage::Uploading {
+        return Err(Problem::conflict("state", "the submission takes no files any more"));
+    }
+    let offset = offset_in(uri.query()).ok_or_else(|| Problem::request("write ?offset=N, N in bytes"))?;
+    let claim = service.claim(entry.id, place);
+    let Some(claim) = claim else {
+        return Err(Problem::conflict("busy", "another request sends this file; try again when it has ended"));
+    };
+    let folder = service.store.incoming(entry.id);
+    tokio::fs::create_dir_all(&folder).await.map_err(StoreError::io("make", &folder))?;
+    let path = folder.join(place.to_string());
+    let received = append(&service, &path, &file, offset, body).await?;
+    if received < file.bytes {
+        return json_of(&json!({ "received": received, "stored": false }));
+    }
+    // Whoever sent all of it may hang up now: what is left is done all the same.
+    let sealing = tokio::spawn(async move {
+        let sealed = seal(&service, &path, &file, entry.id, place).await;
+        drop(claim);
+        sealed
+    });
+    let is_it = sealing.await.map_err(|_| Problem::busy("the file could not be kept; send it again"))??;
+    if !is_it {
+        let message = "the file has another SHA-256 than was announced; it was dropped: send it again from offset 0, and \
+                       announce what has changed as a new submission";
+        return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "digest", message).with_received(0));
+    }
+    json_of(&json!({ "received": received, "stored": true }))
+}
+
+/// Writes what comes behind what is there; how much is there then.
+async fn append(
+    service: &Service,
+    path: &FilePath,
+    file: &StoredFile,
+    offset: u64,
+    body: Body,
+) -> Result<u64, Problem> {
+    let io = |action| StoreError::io(action, path);
+    let mut out = OpenOptions::new().create(true).append(true).open(path).await.map_err(io("open"))?;
+    let length = out.metadata().await.map_err(io("read"))?.len();
+    if offset != length {
+        let message = format!("{length} bytes of the file are there; go on from that offset");
+        return Err(Problem::conflict("offset", message).with_received(length));
+    }
+    let taken = take(service, &mut out, file.bytes, length, body).await;
+    // What came before it broke off is worth keeping.
+    out.flush().await.map_err(io("write"))?;
+    taken.map_err(|failed| match failed {
+        Failed::Write(source) => io("write")(source).into(),
+        Failed::Said(problem) => problem,
+    })
+}
+
+enum Failed {
+    Write(std::io::Error),
+    Said(Problem),
+}
+
+async fn take(service: &Service, out: &mut File, whole: u64, mut length: u64, mut body: Body) -> Result<u64, Failed> {
+    let Pace { silence, start: free, least_rate } = service.options.pace;
+    let (start, first) = (Instant::now(), length);
+    loop {
+        let frame = match tokio::time::timeout(silence, body.frame()).await {
+            Ok(Some(Ok(frame))) => frame,
+            Ok(None) => return Ok(length),
+            Ok(Some(Err(_))) => {
+                return Err(Failed::Said(
+                    Problem::request("the upload broke off; go on from here").with_received(length),
+                ));
+            }
+            Err(_) => {
+                let message = format!("nothing came for {} s; go on from here", silence.as_secs());
+                return Err(Failed::Said(Problem::slow(message).with_received(length)));
+            }
+        };
+        let Ok(data) = frame.into_data() else { continue };
+        let room = whole - length;
+        if data.len() as u64 > room {
+            let message = format!("the file was announced with {whole} bytes, and more came");
+            return Err(Failed::Said(Problem::too_large(message).with_received(length)));
+        }
+        out.write_all(&data).await.map_err(Failed::Write)?;
+        length += data.len() as u64;
+        service.metrics.uploaded_bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
+        let taken = start.elapsed();
+        if taken > free && (length - first) / taken.as_secs().max(1) < least_rate && length < whole {
+            let message = format!("less than {least_rate} bytes/s came; go on from here over a better connection");
+            return Err(Failed::Said(Problem::slow(message).with_received(length)));
+        }
+    }
+}
+
+/// Keeps a file that has all its bytes, if they are what was announced; else drops it.
+async fn seal(
+    service: &Service,
+    path: &FilePath,
+    file: &StoredFile,
+    id: SubmissionId,
+    place: u32,
+) -> Result<bool, Problem> {
+    let busy = |_| Problem::busy("the service stops; send the rest again later");
+    let _permit = service.sealers.acquire().await.map_err(busy)?;
+    let mut reader = File::open(path).await.map_err(StoreError::io("open", path))?;
+    let is_it = service.store.blobs.put_checked(&file.digest, &mut reader, path).await?;
+    if is_it {
+        service.store.set_stored(id, place).await?;
+    }
+    tokio::fs::remove_file(path).await.map_err(StoreError::io("remove", path))?;
+    Ok(is_it)
+}
+
+fn offset_in(query: Option<&str>) -> Option<u64> {
+    query.and_then(|query| query.strip_prefix("offset=")).and_then(number)
+}
+
+/// Digits alone: no sign, no space.
+fn number(text: &str) -> Option<u64> {
+    let is_number = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    if is_number { text.parse().ok() } else { None }
+}

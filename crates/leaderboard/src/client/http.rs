@@ -1,0 +1,135 @@
+//! Requests to one service.
+
+use std::io::{self, Read};
+use std::time::Duration;
+
+use serde_json::Value;
+use ureq::http::Request;
+use ureq::{Agent, SendBody};
+
+use super::SubmitError;
+
+/// Longest answer, bytes: 20,000 files of about 250 each.
+const MAX_ANSWER: u64 = 16 << 20;
+/// How long a request without a file may take.
+const PATIENCE: Duration = Duration::from_secs(90);
+/// How long a connection may take to open.
+const CONNECT: Duration = Duration::from_secs(15);
+
+/// The service and the token that opens it.
+pub(super) struct Http {
+    agent: Agent,
+    url: String,
+    authorization: String,
+}
+
+/// What the service says.
+pub(super) struct Answer {
+    pub status: u16,
+    /// `null` where it is not JSON.
+    pub json: Value,
+}
+
+impl Answer {
+    /// The error behind it.
+    pub fn refused(&self) -> SubmitError {
+        let text = |field: &str| self.json["error"][field].as_str().map(str::to_owned);
+        let code = text("code").unwrap_or_else(|| self.status.to_string());
+        let message = text("message").unwrap_or_else(|| "it does not say why; is this a leaderboard?".into());
+        SubmitError::Refused { code, message }
+    }
+}
+
+impl Http {
+    pub fn new(url: &str, token: &str) -> Result<Self, SubmitError> {
+        let url = url.trim_end_matches('/');
+        let host = ["https://", "http://"].iter().find_map(|scheme| url.strip_prefix(scheme));
+        if !host.is_some_and(|host| !host.is_empty() && !host.contains(['/', '?', '#', '@', ' '])) {
+            return Err(SubmitError::Url { url: url.into() });
+        }
+        let config = Agent::config_builder()
+            .http_status_as_error(false)
+            // A token goes to the host that it was meant for.
+            .max_redirects(0)
+            .timeout_connect(Some(CONNECT))
+            .timeout_recv_response(Some(PATIENCE))
+            .user_agent(concat!("fiatlux/", env!("CARGO_PKG_VERSION")))
+            .build();
+        Ok(Self { agent: config.into(), url: url.into(), authorization: format!("Bearer {}", token.trim()) })
+    }
+
+    /// A request without a file.
+    pub fn ask(&self, method: &str, address: &str, body: Option<&str>) -> Result<Answer, String> {
+        let request = self.request(method, address, body.map_or(0, |body| body.len() as u64))?;
+        let mut bytes = body.unwrap_or_default().as_bytes();
+        self.send(request, &mut bytes)
+    }
+
+    /// A file, `length` bytes from where it stands. `on_bytes` is told of each part that was read, and stops the upload by
+    /// `false`.
+    pub fn put(
+        &self,
+        address: &str,
+        file: impl Read,
+        length: u64,
+        on_bytes: &mut dyn FnMut(u64) -> bool,
+    ) -> Result<Answer, String> {
+        let request = self.request("PUT", address, length)?;
+        self.send(request, &mut Told { file: file.take(length), on_bytes })
+    }
+
+    pub fn unanswered(&self, reason: String) -> SubmitError {
+        SubmitError::Unanswered { url: self.url.clone(), reason }
+    }
+
+    pub fn unreadable(&self, reason: &str) -> SubmitError {
+        SubmitError::Unreadable { url: self.url.clone(), reason: reason.into() }
+    }
+
+    fn request(&self, method: &str, address: &str, length: u64) -> Result<ureq::http::request::Builder, String> {
+        let mut request = Request::builder()
+            .method(method)
+            .uri(format!("{}{address}", self.url))
+            .header("Authorization", &self.authorization);
+        if method != "GET" {
+            request = request.header("Content-Length", length);
+        }
+        Ok(request)
+    }
+
+    fn send<'b>(&self, request: ureq::http::request::Builder, body: &'b mut (dyn Read + 'b)) -> Result<Answer, String> {
+        let is_get = request.method_ref().is_some_and(|method| method == "GET");
+        let in_words = |error: ureq::http::Error| error.to_string();
+        let answer = match is_get {
+            true => self.agent.run(request.body(()).map_err(in_words)?),
+            false => self.agent.run(request.body(SendBody::from_reader(body)).map_err(in_words)?),
+        };
+        let mut answer = answer.map_err(|error| error.to_string())?;
+        let status = answer.status().as_u16();
+        let text = answer.body_mut().with_config().limit(MAX_ANSWER).read_to_string();
+        let text = text.map_err(|error| error.to_string())?;
+        Ok(Answer { status, json: serde_json::from_str(&text).unwrap_or(Value::Null) })
+    }
+}
+
+impl std::fmt::Debug for Http {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Http").field("url", &self.url).finish_non_exhaustive()
+    }
+}
+
+/// Tells how much was read.
+struct Told<'a, R> {
+    file: R,
+    on_bytes: &'a mut dyn FnMut(u64) -> bool,
+}
+
+impl<R: Read> Read for Told<'_, R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let length = self.file.read(buffer)?;
+        if length > 0 && !(self.on_bytes)(length as u64) {
+            return Err(io::Error::new(io::ErrorKind::ConnectionAborted, "stopped"));
+        }
+        Ok(length)
+    }
+}

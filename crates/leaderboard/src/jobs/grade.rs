@@ -1,0 +1,192 @@
+//! Grades a submission: what it amounts to, where it is ranked, and what is to be verified.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use fiatlux_access::{KnownServers, PublicKey};
+use fiatlux_grading::{ExcludedBag, Fault, GradeOptions, Results, grade};
+use fiatlux_link::in_full;
+
+use crate::store::{EpisodePlan, FileRow, now_ms};
+use crate::{Badge, Division, Manifest, Service, StoreError, SubmissionId};
+
+/// Bags that are named in a refusal.
+const MOST_NAMED: usize = 3;
+
+/// Grades one submission that is received, and takes the outcome in.
+pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Result<(), StoreError> {
+    let store = &service.store;
+    let Some(entry) = store.entry(id).await? else { return Ok(()) };
+    let files = store.files(id).await?;
+    let start = now_ms();
+    let folder = Folder::make(service, id, &files).await?;
+    let options = GradeOptions {
+        workers: service.options.grade_workers,
+        relative_to: folder.0.clone(),
+        ..GradeOptions::default()
+    };
+    let path = folder.0.clone();
+    let graded = tokio::task::spawn_blocking(move || grade(&[path], &options, &|_| {})).await;
+    // Where the files of a submission make the grader panic, they would do so again.
+    let graded = match graded {
+        Ok(graded) => graded.map_err(|error| in_full(&error).replace(&folder.prefix(), "")),
+        Err(_) => Err("the grader failed on these files; please report them".into()),
+    };
+    drop(folder);
+    let outcome = graded.and_then(|results| outcome(results, &entry.manifest, &files, &service.options.signers));
+    match outcome {
+        Err(reason) => {
+            tracing::info!(submission = %id, reason, "refused");
+            store.refuse(id, "service", &reason).await
+        }
+        Ok(Outcome { results, badge, division, episodes }) => {
+            let json = results.to_json().map_err(|error| StoreError::corrupt("new results", error))?;
+            let digest = store.blobs.put(json.into_bytes()).await?;
+            store.set_graded(id, &digest, badge, division.as_ref(), &episodes).await?;
+            let to_verify = episodes.iter().filter(|episode| episode.verify).count();
+            tracing::info!(submission = %id, ?badge, to_verify, ms = now_ms() - start, "graded");
+            Ok(())
+        }
+    }
+}
+
+struct Outcome {
+    results: Results,
+    badge: Badge,
+    division: Option<Division>,
+    episodes: Vec<EpisodePlan>,
+}
+
+/// What graded files amount to, or why they are refused.
+fn outcome(
+    results: Results,
+    manifest: &Manifest,
+    files: &[FileRow],
+    signers: &KnownServers,
+) -> Result<Outcome, String> {
+    if let Some(reason) = losses(&results.excluded) {
+        return Err(reason);
+    }
+    if results.policy != manifest.policy {
+        let (said, played) = (&manifest.policy, &results.policy);
+        return Err(format!(
+            "policy is '{said}' in the manifest and '{played}' in the bags; submit it under that name"
+        ));
+    }
+    let division = Division::of(&results);
+    let badge = if is_hosted(&results, signers) { Badge::Hosted } else { Badge::SelfReported };
+    // An episode in real time goes another way the second time.
+    let verify = results.conditions.time == "lockstep";
+    let places: BTreeMap<&str, i64> = files.iter().map(|file| (file.name.as_str(), file.place)).collect();
+    let (mut episodes, mut seen) = (Vec::new(), BTreeSet::new());
+    for row in results.episodes.iter().filter(|row| row.failure.is_none()) {
+        let place = places.get(row.bag.as_str()).copied();
+        let place = place.ok_or_else(|| format!("{}: the bag is not among the files", row.bag))?;
+        if !seen.insert((row.task.as_str(), row.seed, row.episode)) {
+            return Err(format!(
+                "{}: a second bag of {}, seed {}, episode {}",
+                row.bag, row.task, row.seed, row.episode
+            ));
+        }
+        episodes.push(EpisodePlan { task: row.task.clone(), seed: row.seed, episode: row.episode, place, verify });
+    }
+    if episodes.is_empty() {
+        return Err("there is no episode that was played to its end".into());
+    }
+    Ok(Outcome { badge, division, episodes, results })
+}
+
+/// Bags that cannot be scored, with the reason; a second copy of a scored one is passed over.
+fn losses(excluded: &[ExcludedBag]) -> Option<String> {
+    let lost: Vec<&ExcludedBag> = excluded.iter().filter(|bag| bag.reason != Fault::Duplicate).collect();
+    let named = lost.iter().take(MOST_NAMED).map(|bag| format!("{}: {}: {}", bag.bag, bag.reason.name(), bag.detail));
+    let mut reason = named.collect::<Vec<_>>().join("; ");
+    if lost.len() > MOST_NAMED {
+        reason += &format!("; and {} more bags", lost.len() - MOST_NAMED);
+    }
+    (!lost.is_empty()).then_some(reason)
+}
+
+/// Whether a finished run was played by servers of ours in rooms that they drew: their signatures, which cover the header of
+/// each bag with its place in the run and whether the seed is hosted, say so.
+fn is_hosted(results: &Results, signers: &KnownServers) -> bool {
+    let run = results.run.as_ref().is_some_and(|run| run.hosted && run.finished && run.played > 0);
+    let is_known = |key: &str| key.parse::<PublicKey>().is_ok_and(|key| signers.name_of(&key).is_some());
+    let mut played = results.episodes.iter().filter(|row| row.failure.is_none());
+    run && results.conditions.seeds == "hosted" && played.all(|row| row.signed_by.as_deref().is_some_and(is_known))
+}
+
+/// A folder with the files of a submission under their names; removed when it is dropped.
+struct Folder(PathBuf);
+
+impl Folder {
+    async fn make(service: &Service, id: SubmissionId, files: &[FileRow]) -> Result<Self, StoreError> {
+        let path = service.store.work(id);
+        let blobs = service.store.blobs.clone();
+        let files: Vec<(String, crate::store::Digest)> = files
+            .iter()
+            .filter_map(|file| Some((file.name.clone(), crate::store::Digest::parse(&file.sha256)?)))
+            .collect();
+        let make = move || {
+            // Left by a service that was killed.
+            drop(std::fs::remove_dir_all(&path));
+            std::fs::create_dir_all(&path).map_err(StoreError::io("make", &path))?;
+            let folder = Self(path);
+            for (name, digest) in files {
+                let (from, to) = (blobs.local(&digest), folder.0.join(name));
+                link(&from, &to).map_err(StoreError::io("read", &from))?;
+            }
+            Ok(folder)
+        };
+        let made = tokio::task::spawn_blocking(make).await;
+        made.map_err(|_| StoreError::corrupt("the files of a submission", "a thread ended early"))?
+    }
+
+    /// What stands before the name of a file in a message.
+    fn prefix(&self) -> String {
+        self.0.join("").display().to_string()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        if let Err(error) = std::fs::remove_dir_all(&self.0) {
+            tracing::warn!(%error, folder = %self.0.display(), "a folder of the grader could not be removed");
+        }
+    }
+}
+
+/// The same file under another name; a copy where the file system has no links.
+fn link(from: &Path, to: &Path) -> std::io::Result<()> {
+    match std::fs::hard_link(from, to) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => std::fs::copy(from, to).map(drop),
+        linked => linked,
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// Guards what a submitter reads of bags that cannot be scored: the name, the kind and the reason of the first ones.
+    #[test]
+    fn a_refusal_names_the_bags() {
+        let bag = |name: &str, reason| ExcludedBag {
+            bag: name.into(),
+            reason,
+            detail: "row 7 is odd".into(),
+            task: None,
+            seed: None,
+            episode: None,
+            steps: 0,
+            gate_progress: 0.0,
+        };
+        assert_eq!(losses(&[bag("a.mcap", Fault::Duplicate)]), None);
+        let bags: Vec<_> = ["a", "b", "c", "d", "e"].map(|name| bag(name, Fault::Altered)).into();
+        let reason = losses(&bags).unwrap();
+        assert!(reason.starts_with("a: altered: row 7 is odd; b: "), "{reason}");
+        assert!(reason.ends_with("; and 2 more bags"), "{reason}");
+    }
+}

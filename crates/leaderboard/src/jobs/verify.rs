@@ -1,0 +1,276 @@
+//! Simulates episodes again, on one or many sim-servers.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Read as _;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use fiatlux_grading::{Difference, Verification, VerifyError, verify};
+use fiatlux_link::in_full;
+use fiatlux_policy::{Access, ClientError};
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_rules::{BENCHMARK_VERSION, pins};
+use sha2::{Digest as _, Sha256};
+use tokio::runtime::Handle;
+
+use super::Verifier;
+use crate::store::{Digest, EpisodeJob, Verdict};
+use crate::submission::RANKED_HANDS;
+use crate::{Service, StoreError};
+
+/// How often a worker without work looks for some.
+const LOOK: Duration = Duration::from_millis(250);
+/// How long a worker waits whose server does not answer, at first and at most.
+const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+/// How long an episode waits whose second run came to nothing.
+const LATER: Duration = Duration::from_secs(10);
+/// So often a server may refuse an episode before it counts as one that cannot be replayed.
+const MOST_REFUSALS: u32 = 4;
+/// Threads that verify.
+#[derive(Debug)]
+pub(super) struct Verifiers(Vec<JoinHandle<()>>);
+
+/// Which episodes are in work, which came to nothing a moment ago, and which were refused how often.
+#[derive(Debug, Default)]
+struct Claims {
+    taken: BTreeSet<EpisodeJob>,
+    later: BTreeMap<EpisodeJob, Instant>,
+    refusals: BTreeMap<EpisodeJob, u32>,
+}
+
+struct Worker {
+    service: Arc<Service>,
+    runtime: Handle,
+    verifier: Verifier,
+    access: Arc<Access>,
+    claims: Arc<Mutex<Claims>>,
+    stop: Arc<AtomicBool>,
+    name: String,
+}
+
+/// What came of a second run.
+enum Outcome {
+    Decided(Verdict, String),
+    /// Nothing: the server or the way to it failed.
+    Again(String),
+    /// The server does not take the episode.
+    NotTaken(String),
+    Stopped,
+}
+
+impl Verifiers {
+    pub fn start(
+        service: &Arc<Service>,
+        verifiers: Vec<Verifier>,
+        access: Access,
+        parallel: usize,
+        stop: &Arc<AtomicBool>,
+    ) -> std::io::Result<Self> {
+        let (access, claims) = (Arc::new(access), Arc::default());
+        let mut threads = Vec::new();
+        for verifier in verifiers {
+            for _ in 0..parallel {
+                let place = verifier.link.connect.join(", ");
+                let name = verifier.server.as_ref().map_or(place.clone(), |server| format!("{server} at {place}"));
+                let worker = Worker {
+                    service: Arc::clone(service),
+                    runtime: Handle::current(),
+                    verifier: verifier.clone(),
+                    access: Arc::clone(&access),
+                    claims: Arc::clone(&claims),
+                    stop: Arc::clone(stop),
+                    name,
+                };
+                threads.push(std::thread::Builder::new().name("verify".into()).spawn(move || worker.run())?);
+            }
+        }
+        Ok(Self(threads))
+    }
+
+    pub fn join(self) {
+        for thread in self.0 {
+            if thread.join().is_err() {
+                tracing::error!("a thread that verifies had ended early");
+            }
+        }
+    }
+}
+
+impl Worker {
+    fn run(&self) {
+        let mut pause = PAUSES.0;
+        while !self.stop.load(Ordering::Relaxed) {
+            let job = match self.claim() {
+                Ok(Some(job)) => job,
+                Ok(None) => {
+                    self.sleep(LOOK);
+                    continue;
+                }
+                Err(error) => {
+                    tracing::error!(error = in_full(&error), "the store gives no work");
+                    self.sleep(PAUSES.1);
+                    continue;
+                }
+            };
+            let outcome = self.again(&job);
+            let is_idle = matches!(outcome, Outcome::Again(_));
+            if let Err(error) = self.take_in(&job, outcome) {
+                tracing::error!(error = in_full(&error), "the outcome of a second run is lost; it is run again");
+                self.sleep(PAUSES.0);
+            }
+            self.claims().taken.remove(&job);
+            if is_idle {
+                self.sleep(pause);
+                pause = (pause * 2).min(PAUSES.1);
+            } else {
+                pause = PAUSES.0;
+            }
+        }
+    }
+
+    fn claims(&self) -> std::sync::MutexGuard<'_, Claims> {
+        self.claims.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The next episode that no other thread has.
+    fn claim(&self) -> Result<Option<EpisodeJob>, StoreError> {
+        let mut claims = self.claims();
+        let now = Instant::now();
+        claims.later.retain(|_, until| *until > now);
+        let most = (claims.taken.len() + claims.later.len()) as i64 + 1;
+        let waiting = self.runtime.block_on(self.service.store.waiting(most))?;
+        let is_free = |job: &EpisodeJob| !claims.taken.contains(job) && !claims.later.contains_key(job);
+        let job = waiting.into_iter().find(is_free);
+        claims.taken.extend(job.clone());
+        Ok(job)
+    }
+
+    fn sleep(&self, time: Duration) {
+        let start = Instant::now();
+        while !self.stop.load(Ordering::Relaxed) && start.elapsed() < time {
+            std::thread::sleep(time.min(Duration::from_millis(50)));
+        }
+    }
+
+    /// Runs an episode again.
+    fn again(&self, job: &EpisodeJob) -> Outcome {
+        let path = self.service.store.blobs.local(&job.bag);
+        let start = Instant::now();
+        let mut steps = 0;
+        let mut progress = |step, _| steps = step;
+        let Verifier { link, server } = &self.verifier;
+        let done = verify(&path, link, server.as_deref(), &self.access, &mut progress, &self.stop);
+        let metrics = &self.service.metrics;
+        metrics.verifying_ms.fetch_add(start.elapsed().as_millis() as u64, Ordering::Relaxed);
+        metrics.verified_steps.fetch_add(steps, Ordering::Relaxed);
+        match done {
+            Ok(verification) => of_verification(&verification),
+            Err(VerifyError::Client(ClientError::Stopped)) => Outcome::Stopped,
+            // It was read when it was graded: is it still the file that came?
+            Err(error @ (VerifyError::Bag { .. } | VerifyError::Reread(_) | VerifyError::Actions(_)))
+            | Err(error @ VerifyError::Client(ClientError::Policy(_))) => match digest_of(&path) {
+                Some(digest) if digest == job.bag => {
+                    let folder = path.parent().map(|folder| folder.join("").display().to_string()).unwrap_or_default();
+                    let reason = in_full(&error).replace(&folder, "").replace(job.bag.as_str(), "the bag");
+                    Outcome::Decided(Verdict::Differs, reason)
+                }
+                _ => Outcome::Again("the bag on disk is not the one that came; restore it from a backup".into()),
+            },
+            Err(VerifyError::Client(ClientError::Refused { code, field, message, .. })) if is_final(code) => {
+                Outcome::NotTaken(format!("{field}: {message}"))
+            }
+            Err(error @ VerifyError::Client(ClientError::Episode(_))) => Outcome::NotTaken(in_full(&error)),
+            Err(error) => Outcome::Again(in_full(&error)),
+        }
+    }
+
+    fn take_in(&self, job: &EpisodeJob, outcome: Outcome) -> Result<(), StoreError> {
+        let metrics = &self.service.metrics;
+        let decide = |verdict, detail: &str| {
+            metrics.verified.fetch_add(1, Ordering::Relaxed);
+            self.runtime.block_on(self.service.store.set_verdict(job, verdict, &self.name, detail))
+        };
+        match outcome {
+            Outcome::Stopped => Ok(()),
+            Outcome::Decided(verdict, detail) => {
+                if verdict != Verdict::Equal {
+                    tracing::info!(submission = %job.submission, episode = %job, server = self.name, detail, "differs");
+                }
+                decide(verdict, &detail)
+            }
+            Outcome::Again(reason) => {
+                metrics.retries.fetch_add(1, Ordering::Relaxed);
+                tracing::warn!(episode = %job, server = self.name, reason, "not verified; it is tried again");
+                // One that never comes to anything must not keep others waiting.
+                self.claims().later.insert(job.clone(), Instant::now() + LATER);
+                Ok(())
+            }
+            Outcome::NotTaken(reason) => {
+                metrics.retries.fetch_add(1, Ordering::Relaxed);
+                tracing::warn!(episode = %job, server = self.name, reason, "the server does not play it");
+                let mut claims = self.claims();
+                let times = claims.refusals.entry(job.clone()).or_default();
+                *times += 1;
+                if *times < MOST_REFUSALS {
+                    return Ok(());
+                }
+                claims.refusals.remove(job);
+                drop(claims);
+                decide(Verdict::Refused, &reason)
+            }
+        }
+    }
+}
+
+fn of_verification(verification: &Verification) -> Outcome {
+    if verification.is_equal() {
+        return Outcome::Decided(Verdict::Equal, String::new());
+    }
+    if let Some(Difference { field, recorded, .. }) = &verification.header
+        && is_pinned(field, recorded)
+    {
+        return Outcome::Again(format!("{field} of the server is not that of the benchmark; start it without --scene"));
+    }
+    let said = |place: String, difference: &Difference| {
+        let Difference { field, found, recorded } = difference;
+        format!("{place}: {field} is {recorded} in the bag, {found} in the second run")
+    };
+    let header = verification.header.as_ref().map(|difference| said("header".into(), difference));
+    let row = verification.row.as_ref().map(|(step, difference)| said(format!("step {step}"), difference));
+    let result = verification.result.as_ref().map(|difference| said("result".into(), difference));
+    let ended = || match &verification.simulated {
+        None => "the second run did not end where the bag does".to_owned(),
+        Some(end) => format!("the second run ended by {} at step {}", end.cause, end.steps),
+    };
+    Outcome::Decided(Verdict::Differs, row.or(header).or(result).unwrap_or_else(ended))
+}
+
+/// Whether a bag's header has the benchmark's own value of a field: where the second run has another one, the server is not
+/// one of the benchmark, and nothing is wrong with the bag.
+fn is_pinned(field: &str, recorded: &str) -> bool {
+    match field {
+        "model_digest" => RANKED_HANDS.into_iter().any(|hands| pins::model(hands) == Some(recorded)),
+        "scene_digest" => recorded == pins::SCENE,
+        "benchmark_version" => recorded == BENCHMARK_VERSION.to_string(),
+        _ => false,
+    }
+}
+
+/// Whether another try would be refused as well.
+fn is_final(code: Code) -> bool {
+    matches!(code, Code::Malformed | Code::Unknown | Code::Value | Code::Start)
+}
+
+fn digest_of(path: &Path) -> Option<Digest> {
+    let mut file = std::fs::File::open(path).ok()?;
+    let (mut sum, mut block) = (Sha256::new(), vec![0; 1 << 20]);
+    loop {
+        match file.read(&mut block).ok()? {
+            0 => return Some(Digest::from(sum)),
+            read => sum.update(&block[..read]),
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! The leaderboard: takes submissions over HTTP, grades and verifies their bags, and shows them.
+//!
+//! ```text
+//! a run's folder --client--> incoming/ --checks--> blobs/ --grade--> Results --verify on sim-servers--> badge
+//! Store                      what has come, what it amounts to, and the bags
+//! api, pages                 JSON for programs, HTML for people
+//! ```
+//!
+//! Grading never links the simulator; this crate does, through `fiatlux-replay`, and only to show pictures. What verifies
+//! is a sim-server on the other side of a Zenoh link.
+
+mod accounts;
+mod api;
+mod client;
+mod error;
+mod jobs;
+mod metrics;
+mod pages;
+mod serve;
+mod service;
+mod standings;
+mod store;
+mod submission;
+
+pub use accounts::{AccountError, MAX_DAYS, Quota};
+pub use client::{Submit, SubmitError, SubmitProgress, Submitted, Upload};
+pub use error::StoreError;
+pub use jobs::{Jobs, Verifier};
+pub use serve::serve;
+pub use service::{Pace, Service, ServiceOptions, router};
+pub use store::{Account, AuditRow, Store, TokenRow};
+pub use submission::{
+    Badge, Division, Entry, Limits, Manifest, ManifestError, Observations, State, SubmissionId, Time, WordError,
+};

@@ -1,0 +1,135 @@
+//! What the service counts, in the text format of Prometheus.
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::time::Instant;
+
+use axum::extract::{MatchedPath, Request, State};
+use axum::middleware::Next;
+use axum::response::Response;
+
+use crate::{Service, StoreError};
+
+/// Upper ends of the buckets of request times, ms.
+const BUCKETS_MS: [u64; 10] = [1, 2, 5, 10, 20, 50, 100, 500, 2_000, 10_000];
+
+/// Counters since the start.
+#[derive(Debug, Default)]
+pub(crate) struct Metrics {
+    /// Answers by the first digit of their status, from 1.
+    answers: [AtomicU64; 5],
+    /// The last one has what took longer than all ends.
+    buckets: [AtomicU64; BUCKETS_MS.len() + 1],
+    total_us: AtomicU64,
+    /// Requests that are being answered.
+    open: AtomicI64,
+    /// Connections that are open.
+    pub connections: AtomicI64,
+    /// Bytes of files that came.
+    pub uploaded_bytes: AtomicU64,
+    /// Submissions that were graded, refused ones as well.
+    pub graded: AtomicU64,
+    /// Episodes that a second run decided.
+    pub verified: AtomicU64,
+    /// Their control steps.
+    pub verified_steps: AtomicU64,
+    /// Time of second runs, ms, over all that ran at once.
+    pub verifying_ms: AtomicU64,
+    /// Second runs that came to nothing, and are tried again.
+    pub retries: AtomicU64,
+}
+
+/// Counts down when it goes, also where the request is dropped half-way.
+struct Counted<'a>(&'a AtomicI64);
+
+impl<'a> Counted<'a> {
+    fn new(count: &'a AtomicI64) -> Self {
+        count.fetch_add(1, Ordering::Relaxed);
+        Self(count)
+    }
+}
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Counts requests and logs them.
+pub(crate) async fn measure(State(service): State<Arc<Service>>, request: Request, next: Next) -> Response {
+    let metrics = &service.metrics;
+    let counted = Counted::new(&metrics.open);
+    let method = request.method().clone();
+    let route = request.extensions().get::<MatchedPath>().map_or_else(String::new, |path| path.as_str().to_owned());
+    let start = Instant::now();
+    let answer = next.run(request).await;
+    drop(counted);
+    let taken = start.elapsed();
+    let status = answer.status().as_u16();
+    if let Some(count) = usize::from(status / 100).checked_sub(1).and_then(|class| metrics.answers.get(class)) {
+        count.fetch_add(1, Ordering::Relaxed);
+    }
+    // How long an upload takes says how fast its sender is.
+    if method != axum::http::Method::PUT {
+        let ms = taken.as_millis() as u64;
+        let at = BUCKETS_MS.iter().position(|end| ms < *end).unwrap_or(BUCKETS_MS.len());
+        metrics.buckets[at].fetch_add(1, Ordering::Relaxed);
+        metrics.total_us.fetch_add(taken.as_micros() as u64, Ordering::Relaxed);
+    }
+    tracing::debug!(%method, route, status, ms = taken.as_millis() as u64, "request");
+    answer
+}
+
+/// Everything, as Prometheus reads it.
+pub(crate) async fn text(service: &Service) -> Result<String, StoreError> {
+    let metrics = &service.metrics;
+    let mut out = String::new();
+    let head = |out: &mut String, name: &str, kind: &str, help: &str| {
+        let _ = write!(out, "# HELP fiatlux_{name} {help}\n# TYPE fiatlux_{name} {kind}\n");
+    };
+    head(&mut out, "requests_total", "counter", "Answers by class of status.");
+    for (class, count) in (1..).zip(&metrics.answers) {
+        let count = count.load(Ordering::Relaxed);
+        let _ = writeln!(out, "fiatlux_requests_total{{status=\"{class}xx\"}} {count}");
+    }
+    head(&mut out, "request_seconds", "histogram", "Time to an answer, without uploads.");
+    let mut below = 0;
+    for (end, count) in BUCKETS_MS.iter().zip(&metrics.buckets) {
+        below += count.load(Ordering::Relaxed);
+        let _ = writeln!(out, "fiatlux_request_seconds_bucket{{le=\"{}\"}} {below}", *end as f64 / 1000.0);
+    }
+    let total = metrics.total_us.load(Ordering::Relaxed) as f64 / 1e6;
+    let all = below + metrics.buckets[BUCKETS_MS.len()].load(Ordering::Relaxed);
+    let _ = writeln!(out, "fiatlux_request_seconds_bucket{{le=\"+Inf\"}} {all}");
+    let _ = writeln!(out, "fiatlux_request_seconds_sum {total}\nfiatlux_request_seconds_count {all}");
+    for (name, help, count) in [
+        ("requests_open", "Requests that are being answered.", &metrics.open),
+        ("connections_open", "Connections that are open.", &metrics.connections),
+    ] {
+        head(&mut out, name, "gauge", help);
+        let _ = writeln!(out, "fiatlux_{name} {}", count.load(Ordering::Relaxed));
+    }
+    for (name, help, count) in [
+        ("uploaded_bytes_total", "Bytes of files that came.", &metrics.uploaded_bytes),
+        ("graded_total", "Submissions that were graded or refused.", &metrics.graded),
+        ("verified_total", "Episodes that a second run decided.", &metrics.verified),
+        ("verified_steps_total", "Control steps of those episodes.", &metrics.verified_steps),
+        ("verify_retries_total", "Second runs that came to nothing and are tried again.", &metrics.retries),
+    ] {
+        head(&mut out, name, "counter", help);
+        let _ = writeln!(out, "fiatlux_{name} {}", count.load(Ordering::Relaxed));
+    }
+    head(&mut out, "verifying_seconds_total", "counter", "Time of second runs, over all that ran at once.");
+    let verifying = metrics.verifying_ms.load(Ordering::Relaxed) as f64 / 1000.0;
+    let _ = writeln!(out, "fiatlux_verifying_seconds_total {verifying}");
+    head(&mut out, "submissions", "gauge", "Submissions by state.");
+    for count in service.store.states().await? {
+        let _ = writeln!(out, "fiatlux_submissions{{state=\"{}\"}} {}", count.kind, count.count);
+    }
+    head(&mut out, "episodes", "gauge", "Episodes by what a second run said.");
+    for count in service.store.verdicts().await? {
+        let _ = writeln!(out, "fiatlux_episodes{{verdict=\"{}\"}} {}", count.kind, count.count);
+    }
+    Ok(out)
+}

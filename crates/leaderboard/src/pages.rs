@@ -1,0 +1,97 @@
+//! The pages, rendered on the server: leaderboard, runs, episodes with their replays, comparisons.
+//!
+//! They work without JavaScript but for the replay. No address of theirs becomes a path of a file, and whatever comes from
+//! a submission is escaped by the templates. The policy of each page lets nothing be loaded from another host.
+
+mod answer;
+mod board;
+mod compare;
+mod episode;
+mod heavy;
+mod key;
+mod run;
+mod show;
+mod state;
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::{Path, Request};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
+use axum::middleware::{Next, from_fn};
+use axum::response::Response;
+use axum::routing::get;
+use fiatlux_grading::report;
+use fiatlux_replay::site::page_part;
+
+use self::answer::{Problem, unchanging};
+use self::state::Pages;
+use crate::Service;
+
+const CSS: &str = "text/css; charset=utf-8";
+const BOARD_STYLE: &str = include_str!("../style/board.css");
+const ICON: &str = include_str!("../style/icon.svg");
+
+/// What every page says of itself.
+const HEADERS: [(HeaderName, &str); 5] = [
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+    (HeaderName::from_static("permissions-policy"), "camera=(), geolocation=(), microphone=()"),
+];
+
+/// The pages of a service.
+pub(crate) fn router(service: Arc<Service>) -> Router {
+    Router::new()
+        .route("/", get(board::board))
+        .route("/about", get(board::about))
+        .route("/runs/{id}", get(run::run))
+        .route("/runs/{id}/tasks/{task}", get(run::task))
+        .route("/runs/{id}/episodes/{key}", get(episode::episode))
+        .route("/runs/{id}/episodes/{key}/document.json", get(episode::document))
+        .route("/runs/{id}/episodes/{key}/meshes.bin", get(episode::meshes))
+        .route("/runs/{id}/episodes/{key}/track.bin", get(episode::track))
+        .route("/runs/{id}/episodes/{key}/bag", get(episode::bag))
+        .route("/runs/{id}/episodes/{key}/figure.svg", get(episode::figure))
+        .route("/compare", get(compare::choose))
+        .route("/compare/{a}/{b}", get(compare::runs))
+        .route("/compare/{a}/{b}/episodes/{key}", get(compare::episodes))
+        .route("/page/{file}", get(page_file))
+        .route("/style/{file}", get(style))
+        .fallback(nothing)
+        .layer(from_fn(headers))
+        .with_state(Arc::new(Pages::new(service)))
+}
+
+async fn headers(request: Request, next: Next) -> Response {
+    let mut answer = next.run(request).await;
+    let headers = answer.headers_mut();
+    for (name, value) in HEADERS {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    if !headers.contains_key(header::CONTENT_SECURITY_POLICY) {
+        headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static("default-src 'none'; sandbox"));
+    }
+    answer
+}
+
+/// A module or the style of replays.
+async fn page_file(asked: HeaderMap, Path(file): Path<String>) -> Result<Response, Problem> {
+    let (kind, text) = page_part(&file).ok_or(Problem::Nothing)?;
+    Ok(unchanging(&asked, kind, text))
+}
+
+async fn style(asked: HeaderMap, Path(file): Path<String>) -> Result<Response, Problem> {
+    let (kind, text) = match file.as_str() {
+        "report.css" => (CSS, report::STYLE),
+        "board.css" => (CSS, BOARD_STYLE),
+        "icon.svg" => ("image/svg+xml", ICON),
+        _ => return Err(Problem::Nothing),
+    };
+    Ok(unchanging(&asked, kind, text))
+}
+
+async fn nothing() -> Problem {
+    Problem::Nothing
+}

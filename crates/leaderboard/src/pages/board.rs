@@ -1,0 +1,173 @@
+//! The leaderboard itself, and what there is to know about it.
+
+use std::sync::Arc;
+
+use askama::Template;
+use axum::extract::{RawQuery, State};
+use axum::response::Response;
+
+use super::answer::{Problem, page};
+use super::show;
+use super::state::{Board, Pages};
+use crate::Entry;
+use crate::standings::{Cell, Neighbours, Obstacle, Place, SIGNIFICANT, Table};
+
+/// Rows on one page.
+const ROWS: usize = 50;
+/// Submissions without a place on one page.
+const UNRANKED: usize = 50;
+
+/// A division to choose.
+struct Choice {
+    slug: String,
+    text: String,
+    version: u32,
+    count: usize,
+    is_shown: bool,
+}
+
+/// A row, and what the test says of it and the next one.
+struct Row<'a> {
+    place: &'a Place,
+    /// In words.
+    test: String,
+    /// They differ, as far as a test can say.
+    differs: bool,
+}
+
+#[derive(Template)]
+#[template(path = "board.html")]
+struct BoardPage<'a> {
+    choices: Vec<Choice>,
+    table: Option<&'a Table>,
+    rows: Vec<Row<'a>>,
+    /// Cells show scores, not shares of clean successes.
+    by_score: bool,
+    slug: String,
+    page: usize,
+    pages: usize,
+    unranked: &'a [(Entry, Obstacle)],
+    more_unranked: usize,
+}
+
+impl BoardPage<'_> {
+    /// What a cell shows by the strict rulebook, and by the published one.
+    fn value(&self, cell: &Cell) -> (f64, f64) {
+        if self.by_score { (cell.strict, cell.published) } else { (cell.strict_clean, cell.published_clean) }
+    }
+
+    /// A share times 100.
+    fn short(&self, share: &f64) -> String {
+        format!("{:.0}", 100.0 * share)
+    }
+}
+
+/// The ranking of a division: `?division=`, and `cells=clean` for shares of successes in place of scores.
+pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQuery) -> Result<Response, Problem> {
+    let board = pages.board().await?;
+    let query = query.as_deref();
+    let slug_of = |table: &Table| show::slug(table.version, &table.division);
+    let table = match show::asked(query, "division").next() {
+        Some(asked) => Some(board.tables.iter().find(|table| slug_of(table) == asked).ok_or(Problem::Nothing)?),
+        None => board.tables.first(),
+    };
+    let choices = board.tables.iter().map(|table| Choice {
+        slug: slug_of(table),
+        text: show::division(&table.division),
+        version: table.version,
+        count: table.places.len(),
+        is_shown: false,
+    });
+    let slug = table.map(slug_of).unwrap_or_default();
+    let choices = choices.map(|choice| Choice { is_shown: choice.slug == slug, ..choice }).collect();
+    let part = show::part(table.map_or(&[][..], |table| &table.places), ROWS, query);
+    let first = (part.page - 1) * ROWS;
+    let rows = (first..first + part.shown.len()).filter_map(|index| Some(row(&board, table?, index))).collect();
+    Ok(page(&BoardPage {
+        choices,
+        table,
+        rows,
+        by_score: show::asked(query, "cells").next() != Some("clean"),
+        slug,
+        page: part.page,
+        pages: part.pages,
+        unranked: &board.unranked[..board.unranked.len().min(UNRANKED)],
+        more_unranked: board.unranked.len().saturating_sub(UNRANKED),
+    }))
+}
+
+fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
+    let place = &table.places[index];
+    let Some(next) = table.places.get(index + 1) else { return Row { place, test: String::new(), differs: false } };
+    let (test, differs) = match board.neighbours.get(&(place.entry.id, next.entry.id)) {
+        Some(Neighbours::Tested { pairs, p }) => (format!("p = {}, {pairs} pairs", show::p_value(p)), *p < SIGNIFICANT),
+        Some(Neighbours::Untested(reason)) => (format!("not tested: {reason}"), false),
+        None => (String::new(), false),
+    };
+    Row { place, test, differs }
+}
+
+#[derive(Template)]
+#[template(path = "about.html")]
+struct AboutPage;
+
+/// What numbers, badges and divisions mean, and how to submit.
+pub(super) async fn about() -> Response {
+    page(&AboutPage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::standings::Standing;
+    use crate::standings::tables;
+    use crate::standings::tests::{entry, results};
+
+    /// A table of some policies, each with so many subtasks passed.
+    fn shown(policies: &[(&str, usize)]) -> String {
+        let rows = policies.iter().zip(1..).map(|((name, passed), id)| {
+            let results = results(*passed);
+            (entry(id, name, &results), Standing::of(&results).expect("a place"))
+        });
+        let board = Board { tables: tables(rows.collect()), ..Board::default() };
+        let table = &board.tables[0];
+        let page = BoardPage {
+            choices: Vec::new(),
+            table: Some(table),
+            rows: (0..table.places.len()).map(|index| row(&board, table, index)).collect(),
+            by_score: true,
+            slug: show::slug(table.version, &table.division),
+            page: 1,
+            pages: 1,
+            unranked: &[],
+            more_unranked: 0,
+        };
+        page.render().expect("rendered")
+    }
+
+    /// Whatever a policy calls itself, it is text.
+    #[test]
+    fn names_are_not_markup() {
+        let page = shown(&[("<script>alert('x')</script>", 4), ("\"><img src=x onerror=y>", 3)]);
+        assert!(!page.contains("<script") && !page.contains("<img src=x"), "{page}");
+        assert!(page.contains("&#60;script&#62;alert(&#39;x&#39;)"), "{page}");
+    }
+
+    /// The page's policy allows no inline style and no script; so it has none.
+    #[test]
+    fn nothing_needs_an_exception_from_the_policy() {
+        let page = shown(&[("a", 12), ("b", 0)]);
+        for forbidden in [" style=", "<style", "<script", " onclick", "javascript:", "//cdn", "http://", "https://"] {
+            assert!(!page.contains(forbidden), "{forbidden}");
+        }
+        assert!(page.contains("h10") && page.contains("h0"), "both ends of the colours");
+    }
+
+    #[test]
+    fn divisions_have_one_address_each() {
+        let results = results(1);
+        let table = &tables(vec![(entry(1, "a", &results), Standing::of(&results).expect("a place"))])[0];
+        assert_eq!(show::slug(table.version, &table.division), "4-lockstep-standard-inspire");
+        assert_eq!(show::division(&table.division), "Lockstep, standard observations, Inspire hands");
+    }
+}

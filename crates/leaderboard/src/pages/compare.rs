@@ -1,0 +1,150 @@
+//! Two runs, episode by episode, and two replays side by side.
+
+use std::sync::Arc;
+
+use askama::Template;
+use axum::extract::{Path, RawQuery, State};
+use axum::response::{IntoResponse, Redirect, Response};
+use fiatlux_grading::{CompareError, Comparison, EpisodeRow, Pairs, Results, compare_results};
+use fiatlux_replay::site::{SitePage, pair};
+
+use super::answer::{Problem, page, replay_page};
+use super::episode::find;
+use super::key::Key;
+use super::show;
+use super::state::Pages;
+use crate::{Entry, SubmissionId};
+
+/// Pairs on one page.
+const PAIRS: usize = 100;
+
+/// Goes to the comparison of the two runs that a form has chosen: `?run=&run=`.
+pub(super) async fn choose(RawQuery(query): RawQuery) -> Result<Response, Problem> {
+    let ids: Vec<&str> = show::asked(query.as_deref(), "run").collect();
+    let is_id = |id: &&str| id.parse::<SubmissionId>().is_ok();
+    match ids[..] {
+        [a, b] if a != b && ids.iter().all(is_id) => Ok(Redirect::to(&format!("/compare/{a}/{b}")).into_response()),
+        _ => Err(Problem::Asked("Go back and choose two different rows of the table.".into())),
+    }
+}
+
+/// An episode that both played.
+struct Both<'a> {
+    key: Key,
+    a: &'a EpisodeRow,
+    b: &'a EpisodeRow,
+}
+
+impl Both<'_> {
+    /// Both have a bag.
+    fn can_be_seen(&self) -> bool {
+        self.a.failure.is_none() && self.b.failure.is_none()
+    }
+}
+
+#[derive(Template)]
+#[template(path = "compare.html")]
+struct ComparePage<'a> {
+    a: &'a Entry,
+    b: &'a Entry,
+    comparison: &'a Comparison,
+    shown: &'a [Both<'a>],
+    only_different: bool,
+    /// The same in addresses of other pages of the list.
+    only: &'static str,
+    different: usize,
+    all: usize,
+    page: usize,
+    pages: usize,
+}
+
+/// Whether an episode is a success by the strict judge, where there is one.
+fn passed(row: &EpisodeRow) -> bool {
+    row.strict_success.unwrap_or(row.success)
+}
+
+impl ComparePage<'_> {
+    /// Gate progress by the strict judge, where there is one.
+    fn progress(&self, row: &EpisodeRow) -> f64 {
+        row.strict_progress.unwrap_or(row.gate_progress)
+    }
+
+    /// Tasks, and all of them together.
+    fn rows(&self) -> impl Iterator<Item = &Pairs> {
+        self.comparison.tasks.iter().chain(self.comparison.overall.as_ref())
+    }
+}
+
+/// Two runs: `?only=different` for the pairs of which one alone succeeded.
+pub(super) async fn runs(
+    State(pages): State<Arc<Pages>>,
+    Path((a, b)): Path<(String, String)>,
+    RawQuery(query): RawQuery,
+) -> Result<Response, Problem> {
+    let (entry_a, of_a) = pages.run(&a).await?;
+    let (entry_b, of_b) = pages.run(&b).await?;
+    let (left, right) = (Arc::clone(&of_a), Arc::clone(&of_b));
+    let compared = pages.heavy.run(move || compare_results((&a, &left), (&b, &right), true)).await?;
+    let comparison = compared.map_err(|error| match error {
+        CompareError::NoPairs => Problem::Asked(
+            "These two runs share no episode: no task was played by both in the same room. Choose two with common seeds.".into(),
+        ),
+        error => Problem::Asked(format!("These two runs cannot be compared: {error}.")),
+    })?;
+    let query = query.as_deref();
+    let mut both = pairs(&of_a, &of_b);
+    let all = both.len();
+    let differs = |both: &Both<'_>| passed(both.a) != passed(both.b);
+    let different = both.iter().filter(|both| differs(both)).count();
+    let only_different = show::asked(query, "only").next() == Some("different");
+    if only_different {
+        both.retain(differs);
+    }
+    let part = show::part(&both, PAIRS, query);
+    Ok(page(&ComparePage {
+        a: &entry_a,
+        b: &entry_b,
+        comparison: &comparison,
+        shown: part.shown,
+        only_different,
+        only: if only_different { "only=different&" } else { "" },
+        different,
+        all,
+        page: part.page,
+        pages: part.pages,
+    }))
+}
+
+/// What both have, in the order of the first one. Both are in order of task, seed and index.
+fn pairs<'a>(a: &'a Results, b: &'a Results) -> Vec<Both<'a>> {
+    let key = |row: &EpisodeRow| (row.task.clone(), row.seed, row.episode);
+    let others: std::collections::BTreeMap<_, &EpisodeRow> = b.episodes.iter().map(|row| (key(row), row)).collect();
+    let both = a.episodes.iter().filter_map(|row| Some(Both { key: Key::of(row)?, a: row, b: others.get(&key(row))? }));
+    both.collect()
+}
+
+#[derive(Template)]
+#[template(path = "pair.html")]
+struct PairPage<'a> {
+    a: &'a Entry,
+    b: &'a Entry,
+    key: Key,
+    replay: &'a SitePage,
+}
+
+/// Two replays of the same room, with one time bar.
+pub(super) async fn episodes(
+    State(pages): State<Arc<Pages>>,
+    Path((a, b, key)): Path<(String, String, String)>,
+) -> Result<Response, Problem> {
+    let (a, b) = (find(&pages, &a, &key).await?, find(&pages, &b, &key).await?);
+    for found in [&a, &b] {
+        if found.row().failure.is_some() {
+            let policy = &found.entry.manifest.policy;
+            return Err(Problem::Asked(format!("{policy} has no rows of this episode, so there is nothing to see.")));
+        }
+    }
+    let replay = pair();
+    let shown = PairPage { a: &a.entry, b: &b.entry, key: a.key, replay: &replay };
+    Ok(replay_page(&shown, &replay.script))
+}

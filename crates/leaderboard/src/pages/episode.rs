@@ -1,0 +1,176 @@
+//! An episode: its replay in 3D, its verdicts, its figure, its bag.
+
+use std::sync::Arc;
+
+use askama::Template;
+use axum::body::Bytes;
+use axum::extract::{Path, State};
+use axum::http::{HeaderValue, header};
+use axum::response::Response;
+use fiatlux_grading::{EpisodeRow, Results};
+use fiatlux_replay::Shown;
+use fiatlux_replay::site::{SitePage, one, whole_file};
+use tokio::fs::File;
+
+use super::answer::{Problem, content, page, replay_page, without_path};
+use super::key::Key;
+use super::show;
+use super::state::Pages;
+use crate::standings::Place;
+use crate::{Entry, SubmissionId};
+
+const JSON: &str = "application/json";
+const BYTES: &str = "application/octet-stream";
+/// What belongs to an episode stays as it is, but for later versions of the program.
+const FOR_AN_HOUR: HeaderValue = HeaderValue::from_static("public, max-age=3600");
+
+/// A run and one of its episodes.
+pub(super) struct Found {
+    pub entry: Entry,
+    pub results: Arc<Results>,
+    pub key: Key,
+    /// Index of its row.
+    index: usize,
+}
+
+impl Found {
+    pub fn row(&self) -> &EpisodeRow {
+        &self.results.episodes[self.index]
+    }
+
+    fn neighbour(&self, at: Option<usize>) -> Option<Key> {
+        at.and_then(|at| self.results.episodes.get(at)).and_then(Key::of)
+    }
+}
+
+/// The episode that an address names.
+pub(super) async fn find(pages: &Pages, id: &str, key: &str) -> Result<Found, Problem> {
+    let key: Key = key.parse().map_err(|()| Problem::Nothing)?;
+    let (entry, results) = pages.run(id).await?;
+    let index = results.episodes.iter().position(|row| key.is_of(row)).ok_or(Problem::Nothing)?;
+    Ok(Found { entry, results, key, index })
+}
+
+#[derive(Template)]
+#[template(path = "episode.html")]
+struct EpisodePage<'a> {
+    entry: &'a Entry,
+    row: &'a EpisodeRow,
+    key: Key,
+    /// None where there is no bag that counts.
+    replay: Option<&'a SitePage>,
+    before: Option<Key>,
+    after: Option<Key>,
+    others: Vec<&'a Place>,
+}
+
+impl EpisodePage<'_> {
+    /// By what it ended, after how many steps, with what progress, by the strict judge where there is one.
+    fn strict(&self) -> Option<(&str, u64, f64)> {
+        let row = self.row;
+        Some((row.strict_end.as_deref().unwrap_or("cut"), row.strict_steps?, row.strict_progress?))
+    }
+}
+
+/// The page of an episode.
+pub(super) async fn episode(
+    State(pages): State<Arc<Pages>>,
+    Path((id, key)): Path<(String, String)>,
+) -> Result<Response, Problem> {
+    let found = find(&pages, &id, &key).await?;
+    let board = pages.board().await?;
+    let others = board.place(found.entry.id).map_or_else(Vec::new, |(table, _)| {
+        table.places.iter().filter(|place| place.entry.id != found.entry.id).take(20).collect()
+    });
+    let replay = one();
+    let shown = EpisodePage {
+        entry: &found.entry,
+        row: found.row(),
+        key: found.key,
+        replay: found.row().failure.is_none().then_some(&replay),
+        before: found.neighbour(found.index.checked_sub(1)),
+        after: found.neighbour(Some(found.index + 1)),
+        others,
+    };
+    Ok(if shown.replay.is_some() { replay_page(&shown, &replay.script) } else { page(&shown) })
+}
+
+/// What the replay shows.
+pub(super) async fn document(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
+    part(state, path, JSON, |shown| shown.document).await
+}
+
+/// Its shapes.
+pub(super) async fn meshes(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
+    part(state, path, BYTES, |shown| shown.meshes).await
+}
+
+/// Its rows.
+pub(super) async fn track(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
+    part(state, path, BYTES, |shown| shown.track).await
+}
+
+async fn part(
+    State(pages): State<Arc<Pages>>,
+    Path((id, key)): Path<(String, String)>,
+    kind: &'static str,
+    part: fn(Shown) -> Bytes,
+) -> Result<Response, Problem> {
+    let (id, key) = names(&pages, &id, &key).await?;
+    let bag = pages.service.store.bag(id, key.task.short_id(), key.seed, key.episode).await?.ok_or(Problem::Nothing)?;
+    let desk = Arc::clone(&pages.desk);
+    let name = format!("{key}.mcap");
+    let shown = pages.heavy.run(move || {
+        let shown = desk.show(&bag, Some(&name));
+        shown.map_err(|error| Problem::Unshowable(without_path(&error, &bag, &name)))
+    });
+    Ok(for_an_hour(content(kind, part(shown.await??))))
+}
+
+/// The episode of an address, where anybody may see its run.
+async fn names(pages: &Pages, id: &str, key: &str) -> Result<(SubmissionId, Key), Problem> {
+    let key: Key = key.parse().map_err(|()| Problem::Nothing)?;
+    Ok((pages.open(id).await?.id, key))
+}
+
+/// The bag as it came.
+pub(super) async fn bag(
+    State(pages): State<Arc<Pages>>,
+    Path((id, key)): Path<(String, String)>,
+) -> Result<Response, Problem> {
+    let (id, key) = names(&pages, &id, &key).await?;
+    let bag = pages.service.store.bag(id, key.task.short_id(), key.seed, key.episode).await?.ok_or(Problem::Nothing)?;
+    let failed = |error: std::io::Error| {
+        tracing::error!("a bag cannot be read: {error}");
+        Problem::Failed
+    };
+    let file = File::open(&bag).await.map_err(failed)?;
+    let length = file.metadata().await.map_err(failed)?.len();
+    let mut answer = for_an_hour(content(BYTES, whole_file(file)));
+    let headers = answer.headers_mut();
+    headers.insert(header::CONTENT_LENGTH, HeaderValue::from(length));
+    if let Ok(name) = HeaderValue::try_from(format!("attachment; filename=\"{key}.mcap\"")) {
+        headers.insert(header::CONTENT_DISPOSITION, name);
+    }
+    Ok(answer)
+}
+
+/// When each criterion held, and the force on the hands, as a picture.
+pub(super) async fn figure(
+    State(pages): State<Arc<Pages>>,
+    Path((id, key)): Path<(String, String)>,
+) -> Result<Response, Problem> {
+    let found = find(&pages, &id, &key).await?;
+    let drawn = pages.figure(found.entry.id, found.key, found.results).await?;
+    let figure = drawn.ok_or_else(|| Problem::Unshowable("The bag has no row that can be drawn.".into()))?;
+    let mut answer = for_an_hour(content("image/svg+xml", figure));
+    // It has a style of its own, and nothing else.
+    let policy = HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'; sandbox");
+    answer.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy);
+    Ok(answer)
+}
+
+fn for_an_hour(mut answer: Response) -> Response {
+    answer.headers_mut().insert(header::CACHE_CONTROL, FOR_AN_HOUR);
+    answer
+}

@@ -1,0 +1,114 @@
+//! A run: its manifest, its report, its episodes.
+
+use std::sync::Arc;
+
+use askama::Template;
+use axum::extract::{Path, RawQuery, State};
+use axum::response::Response;
+use fiatlux_grading::report::{self, Site, SiteReport};
+use fiatlux_grading::{EpisodeRow, Results};
+use fiatlux_rules::Task;
+
+use super::answer::{Problem, page};
+use super::key::Key;
+use super::show;
+use super::state::Pages;
+use crate::standings::Place;
+use crate::{Entry, SubmissionId};
+
+/// Episodes of a task on the run's own page, and on the task's.
+const FEW: usize = 6;
+const MANY: usize = 24;
+/// Episodes of a task in the matrix.
+const SQUARES: usize = 64;
+
+/// A row of the matrix.
+struct Line<'a> {
+    task: Task,
+    passed: usize,
+    count: usize,
+    squares: Vec<(Key, &'a EpisodeRow)>,
+}
+
+#[derive(Template)]
+#[template(path = "run.html")]
+struct RunPage<'a> {
+    entry: &'a Entry,
+    results: &'a Results,
+    report: SiteReport,
+    /// Rank, of how many, and the address of the table.
+    place: Option<(usize, usize, String)>,
+    /// Why it has no place; empty where it has one.
+    obstacle: &'a str,
+    /// Others of its table to compare it with.
+    others: Vec<&'a Place>,
+    lines: Vec<Line<'a>>,
+    /// An episode that has a bag, for commands.
+    example: Option<Key>,
+}
+
+/// The page of a run.
+pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>) -> Result<Response, Problem> {
+    let (entry, results) = pages.run(&id).await?;
+    let board = pages.board().await?;
+    let found = board.place(entry.id);
+    let place = found.map(|(table, index)| {
+        let address = format!("/?division={}", show::slug(table.version, &table.division));
+        (table.places[index].rank, table.places.len(), address)
+    });
+    let others = found.map_or_else(Vec::new, |(table, _)| {
+        table.places.iter().filter(|place| place.entry.id != entry.id).take(20).collect()
+    });
+    let obstacle = board.unranked.iter().find(|(other, _)| other.id == entry.id).map_or("", |(_, why)| &why.0);
+    let lines = results.episodes.chunk_by(|a, b| a.task == b.task).filter_map(line).collect();
+    let example = results.episodes.iter().find(|row| row.failure.is_none()).and_then(Key::of);
+    let report = in_addresses(entry.id, FEW, |site| report::site(&results, site));
+    Ok(page(&RunPage { entry: &entry, results: &results, report, place, obstacle, others, lines, example }))
+}
+
+fn line(rows: &[EpisodeRow]) -> Option<Line<'_>> {
+    let task = rows.first()?.task.parse().ok()?;
+    let passed = rows.iter().filter(|row| row.strict_success.unwrap_or(row.clean)).count();
+    let squares = rows.iter().take(SQUARES).filter_map(|row| Some((Key::of(row)?, row))).collect();
+    Some(Line { task, passed, count: rows.len(), squares })
+}
+
+/// Calls back with the addresses of a run's episodes.
+fn in_addresses<T>(id: SubmissionId, most: usize, report: impl FnOnce(&Site<'_>) -> T) -> T {
+    let of = |row: &EpisodeRow| Key::of(row).map_or_else(String::new, |key| format!("/runs/{id}/episodes/{key}"));
+    report(&Site {
+        episode: &of,
+        figure: &|row| format!("{}/figure.svg", of(row)),
+        task: &|task| format!("/runs/{id}/tasks/{task}"),
+        most,
+    })
+}
+
+#[derive(Template)]
+#[template(path = "task.html")]
+struct TaskPage<'a> {
+    entry: &'a Entry,
+    task: Task,
+    count: usize,
+    cards: String,
+    page: usize,
+    pages: usize,
+}
+
+/// All episodes of a task, some on each page.
+pub(super) async fn task(
+    State(pages): State<Arc<Pages>>,
+    Path((id, task)): Path<(String, String)>,
+    RawQuery(query): RawQuery,
+) -> Result<Response, Problem> {
+    let (entry, results) = pages.run(&id).await?;
+    let task = task.parse::<Task>().ok().filter(|found| found.short_id() == task).ok_or(Problem::Nothing)?;
+    let is_of_task = |row: &&EpisodeRow| row.task == task.short_id();
+    let rows: Vec<EpisodeRow> = results.episodes.iter().filter(is_of_task).cloned().collect();
+    if rows.is_empty() {
+        return Err(Problem::Nothing);
+    }
+    let part = show::part(&rows, MANY, query.as_deref());
+    let cards = in_addresses(entry.id, MANY, |site| report::task_cards(&results, part.shown, site));
+    Ok(page(&TaskPage { entry: &entry, task, count: rows.len(), cards, page: part.page, pages: part.pages }))
+}

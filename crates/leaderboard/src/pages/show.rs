@@ -1,0 +1,167 @@
+//! How templates write numbers and words.
+
+use fiatlux_grading::EpisodeRow;
+
+use crate::{Badge, Division, Entry, Observations, Time};
+
+/// `41.7 %`.
+pub(super) fn percent(share: &f64) -> String {
+    format!("{:.1}\u{202f}%", 100.0 * share)
+}
+
+/// `0.512`.
+pub(super) fn score(value: &f64) -> String {
+    format!("{value:.3}")
+}
+
+/// ` ± 0.031`, or nothing.
+pub(super) fn spread(std: &Option<f64>) -> String {
+    std.map_or(String::new(), |std| format!("\u{b1}\u{202f}{std:.3}"))
+}
+
+/// `[35.1, 48.6]`, per cent.
+pub(super) fn interval([low, high]: &[f64; 2]) -> String {
+    format!("[{:.1}, {:.1}]", 100.0 * low, 100.0 * high)
+}
+
+/// A p-value with as many digits as it deserves.
+pub(super) fn p_value(p: &f64) -> String {
+    if *p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.4}") }
+}
+
+/// Number of a colour: 0 for 0, 10 for 1, and only for these.
+pub(super) fn heat(share: &f64) -> u8 {
+    match *share {
+        share if share <= 0.0 || !share.is_finite() => 0,
+        share if share >= 1.0 => 10,
+        share => (1.0 + share * 9.0).floor().clamp(1.0, 9.0) as u8,
+    }
+}
+
+/// The colour of a cause, as the report has it.
+pub(super) fn cause_class(cause: &str) -> &'static str {
+    fiatlux_grading::report::cause_class(cause)
+}
+
+/// The cause of an episode's end by the strict judge, where there was one; of one without rows, why it failed.
+pub(super) fn end_of(row: &EpisodeRow) -> &str {
+    row.failure.as_deref().or(row.strict_end.as_deref()).unwrap_or(&row.end)
+}
+
+/// One word for a badge, as a class too.
+pub(super) fn badge(badge: &Badge) -> &'static str {
+    match badge {
+        Badge::SelfReported => "self-reported",
+        Badge::Replayed => "replayed",
+        Badge::Hosted => "hosted",
+    }
+}
+
+/// What a badge says.
+pub(super) fn badge_text(badge: &Badge) -> &'static str {
+    match badge {
+        Badge::SelfReported => "Its bags agree with themselves; nobody else has simulated them yet.",
+        Badge::Replayed => "Every bag was simulated again here, and every number was equal to the last bit.",
+        Badge::Hosted => "Seeds were drawn after registration, and a server of ours recorded and signed every bag.",
+    }
+}
+
+/// `lockstep`.
+pub(super) fn time(time: Time) -> &'static str {
+    match time {
+        Time::Lockstep => "lockstep",
+        Time::RealTime => "real time",
+    }
+}
+
+/// `standard`.
+pub(super) fn observations(observations: Observations) -> &'static str {
+    match observations {
+        Observations::Standard => "standard",
+        Observations::Privileged => "privileged",
+    }
+}
+
+/// `Inspire`.
+pub(super) fn hands(hands: &str) -> &str {
+    match hands {
+        "inspire" => "Inspire",
+        "dex3" => "Dex3-1",
+        other => other,
+    }
+}
+
+/// `Lockstep, standard observations, Inspire hands`.
+pub(super) fn division(division: &Division) -> String {
+    let mut time = time(division.time).to_owned();
+    time[..1].make_ascii_uppercase();
+    format!("{time}, {} observations, {} hands", observations(division.observations), hands(&division.hands))
+}
+
+/// `7-lockstep-standard-inspire`: the division in an address.
+pub(super) fn slug(version: u32, division: &Division) -> String {
+    let time = time(division.time).replace(' ', "-");
+    format!("{version}-{time}-{}-{}", observations(division.observations), division.hands)
+}
+
+/// A date: `2026-11-23`.
+pub(super) fn date(entry: &Entry) -> String {
+    entry.received.date().to_string()
+}
+
+/// Seconds of some control steps: `12.34 s`.
+pub(super) fn seconds(steps: &u64) -> String {
+    format!("{:.2}\u{202f}s", *steps as f64 * fiatlux_rules::CONTROL_DT)
+}
+
+/// `64-75`, as the tables of results have it.
+pub(super) fn seeds(seeds: &[u64]) -> String {
+    fiatlux_grading::tables::seeds(seeds)
+}
+
+/// The values of a name in the query of an address. Nothing in our addresses needs escapes, so none are read.
+pub(super) fn asked<'a>(query: Option<&'a str>, name: &'a str) -> impl Iterator<Item = &'a str> {
+    let pairs = query.unwrap_or_default().split('&').filter_map(|pair| pair.split_once('='));
+    pairs.filter(move |(found, _)| *found == name).map(|(_, value)| value)
+}
+
+/// A part of a list that is shown on one page, and how many pages there are. Pages count from 1.
+pub(super) struct Part<'a, T> {
+    pub shown: &'a [T],
+    pub page: usize,
+    pub pages: usize,
+}
+
+/// The part that `page=` asks for; the nearest one that there is.
+pub(super) fn part<'a, T>(all: &'a [T], size: usize, query: Option<&str>) -> Part<'a, T> {
+    let pages = all.len().div_ceil(size).max(1);
+    let page = asked(query, "page").next().and_then(|page| page.parse().ok()).unwrap_or(1).clamp(1, pages);
+    let first = (page - 1) * size;
+    Part { shown: &all[first.min(all.len())..(first + size).min(all.len())], page, pages }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_nothing_and_all_have_the_end_colours() {
+        assert_eq!([0.0, 0.001, 0.5, 0.999, 1.0, f64::NAN].map(|share| heat(&share)), [0, 1, 5, 9, 10, 0]);
+    }
+
+    #[test]
+    fn a_query_chooses_among_pages_that_are_there() {
+        let all: Vec<u32> = (0..25).collect();
+        let shown = |query| {
+            let part = part(&all, 10, query);
+            (part.shown.to_vec(), part.page, part.pages)
+        };
+        assert_eq!(shown(None), ((0..10).collect(), 1, 3));
+        assert_eq!(shown(Some("page=3")), ((20..25).collect(), 3, 3));
+        assert_eq!(shown(Some("x=1&page=99999999999")), ((0..10).collect(), 1, 3));
+        assert_eq!(shown(Some("page=4")), ((20..25).collect(), 3, 3));
+        assert_eq!(shown(Some("page=0")).1, 1);
+        assert_eq!(part::<u32>(&[], 10, Some("page=2")).pages, 1);
+        assert_eq!(asked(Some("run=a&run=b&ran=c"), "run").collect::<Vec<_>>(), ["a", "b"]);
+    }
+}

@@ -1,0 +1,173 @@
+//! What the pages share: the service, and what is kept of what takes long.
+
+use std::collections::btree_map::Entry as Slot;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use axum::body::Bytes;
+use fiatlux_grading::Results;
+use fiatlux_replay::Desk;
+
+use super::answer::Problem;
+use super::heavy::Heavy;
+use super::key::Key;
+use crate::standings::{Neighbours, Obstacle, Standing, Table, tables};
+use crate::{Entry, Service, State, SubmissionId};
+
+/// For how long the tables are shown without looking for new entries.
+const FRESH: Duration = Duration::from_secs(1);
+/// Replays that are kept, of at most 50 MB each.
+const REPLAYS: usize = 4;
+/// Figures that are kept, of about 20 kB each.
+const FIGURES: usize = 512;
+
+/// What the pages share.
+#[derive(Debug)]
+pub(super) struct Pages {
+    pub service: Arc<Service>,
+    pub desk: Arc<Desk>,
+    pub heavy: Heavy,
+    figures: Mutex<VecDeque<((SubmissionId, String), Bytes)>>,
+    board: tokio::sync::Mutex<Kept>,
+}
+
+/// Tables and what they are made of. Results of an entry do not change.
+#[derive(Debug, Default)]
+struct Kept {
+    shown: Option<(Instant, Arc<Board>)>,
+    standings: BTreeMap<SubmissionId, Result<Standing, Obstacle>>,
+    neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
+}
+
+/// The leaderboard as it is now.
+#[derive(Debug, Default)]
+pub(super) struct Board {
+    /// What it was made of, oldest first.
+    pub entries: Vec<Entry>,
+    /// Tables by division.
+    pub tables: Vec<Table>,
+    /// Of neighbours in a table, the better one first.
+    pub neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
+    /// Entries without a place, latest first, and why.
+    pub unranked: Vec<(Entry, Obstacle)>,
+}
+
+impl Board {
+    /// Where an entry stands: its table and the index of its row.
+    pub fn place(&self, id: SubmissionId) -> Option<(&Table, usize)> {
+        self.tables.iter().find_map(|table| {
+            let index = table.places.iter().position(|place| place.entry.id == id)?;
+            Some((table, index))
+        })
+    }
+}
+
+impl Pages {
+    pub fn new(service: Arc<Service>) -> Self {
+        Self {
+            service,
+            desk: Arc::new(Desk::keeping(REPLAYS)),
+            heavy: Heavy::default(),
+            figures: Mutex::default(),
+            board: tokio::sync::Mutex::default(),
+        }
+    }
+
+    /// A submission that anybody may see.
+    pub async fn open(&self, id: &str) -> Result<Entry, Problem> {
+        let id: SubmissionId = id.parse().map_err(|_| Problem::Nothing)?;
+        let entry = self.service.store.entry(id).await?.ok_or(Problem::Nothing)?;
+        if matches!(entry.state, State::Graded | State::Verified) { Ok(entry) } else { Err(Problem::Nothing) }
+    }
+
+    /// A submission that anybody may see, and its results.
+    pub async fn run(&self, id: &str) -> Result<(Entry, Arc<Results>), Problem> {
+        let entry = self.open(id).await?;
+        let results = self.service.store.results(entry.id).await?.ok_or(Problem::Nothing)?;
+        Ok((entry, results))
+    }
+
+    /// The leaderboard, at most a second old.
+    pub async fn board(&self) -> Result<Arc<Board>, Problem> {
+        let mut kept = self.board.lock().await;
+        if let Some((made, board)) = &kept.shown
+            && made.elapsed() < FRESH
+        {
+            return Ok(Arc::clone(board));
+        }
+        let entries = self.service.store.entries().await?;
+        let board = match &kept.shown {
+            Some((_, board)) if board.entries == entries => Arc::clone(board),
+            _ => Arc::new(self.make(&mut kept, entries).await?),
+        };
+        kept.shown = Some((Instant::now(), Arc::clone(&board)));
+        Ok(board)
+    }
+
+    async fn make(&self, kept: &mut Kept, entries: Vec<Entry>) -> Result<Board, Problem> {
+        let mut board = Board::default();
+        let mut ranked = Vec::new();
+        for entry in &entries {
+            if let Slot::Vacant(slot) = kept.standings.entry(entry.id) {
+                let Some(results) = self.service.store.results(entry.id).await? else { continue };
+                slot.insert(Standing::of(&results));
+            }
+            match kept.standings.get(&entry.id) {
+                Some(Ok(standing)) => ranked.push((entry.clone(), standing.clone())),
+                Some(Err(obstacle)) => board.unranked.push((entry.clone(), obstacle.clone())),
+                None => {}
+            }
+        }
+        board.unranked.reverse();
+        board.tables = tables(ranked);
+        for table in &board.tables {
+            for pair in table.places.windows(2) {
+                let ids = (pair[0].entry.id, pair[1].entry.id);
+                if let Slot::Vacant(slot) = kept.neighbours.entry(ids) {
+                    let Some(tested) = self.neighbours(ids).await? else { continue };
+                    slot.insert(tested);
+                }
+                if let Some(tested) = kept.neighbours.get(&ids) {
+                    board.neighbours.insert(ids, tested.clone());
+                }
+            }
+        }
+        // What is withdrawn, or no longer next to each other, is forgotten.
+        kept.neighbours.clone_from(&board.neighbours);
+        kept.standings.retain(|id, _| entries.iter().any(|entry| entry.id == *id));
+        board.entries = entries;
+        Ok(board)
+    }
+
+    async fn neighbours(&self, (a, b): (SubmissionId, SubmissionId)) -> Result<Option<Neighbours>, Problem> {
+        let store = &self.service.store;
+        let (Some(of_a), Some(of_b)) = (store.results(a).await?, store.results(b).await?) else { return Ok(None) };
+        let tested = tokio::task::spawn_blocking(move || Neighbours::of((a, &of_a), (b, &of_b))).await;
+        tested.map(Some).map_err(|_| Problem::Failed)
+    }
+
+    /// The figure of an episode as SVG; `None` where its bag has no row.
+    pub async fn figure(&self, id: SubmissionId, key: Key, results: Arc<Results>) -> Result<Option<Bytes>, Problem> {
+        let name = (id, key.to_string());
+        if let Some(figure) = self.figures().iter().find(|(known, _)| *known == name).map(|(_, figure)| figure.clone())
+        {
+            return Ok(Some(figure));
+        }
+        let Some(bag) = self.service.store.bag(id, key.task.short_id(), key.seed, key.episode).await? else {
+            return Ok(None);
+        };
+        let drawn = self.heavy.run(move || fiatlux_grading::report::episode_figure(&bag, &results)).await?;
+        let Some(figure) = drawn.map(Bytes::from) else { return Ok(None) };
+        let mut figures = self.figures();
+        if figures.len() >= FIGURES {
+            figures.pop_front();
+        }
+        figures.push_back((name, figure.clone()));
+        Ok(Some(figure))
+    }
+
+    fn figures(&self) -> MutexGuard<'_, VecDeque<((SubmissionId, String), Bytes)>> {
+        self.figures.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,111 @@
+//! The HTTP server: bounded in connections, headers and waiting.
+
+use std::io;
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use axum::Router;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Semaphore, watch};
+use tokio::task::JoinSet;
+
+use crate::Service;
+
+/// Longest head of a request, bytes, and most that is kept of what a client sent ahead.
+const MAX_HEAD: usize = 32 << 10;
+/// Most headers of a request.
+const MAX_HEADERS: usize = 64;
+/// How long the head of a request may take, also from one request to the next.
+const HEAD_TIME: Duration = Duration::from_secs(10);
+/// How long a connection may live; a client opens another one then.
+const CONNECTION_TIME: Duration = Duration::from_secs(6 * 3600);
+/// How long requests have to end when the service stops.
+const DRAIN: Duration = Duration::from_secs(10);
+/// How long it waits after the system has refused a connection, such as for want of file handles.
+const PAUSE: Duration = Duration::from_millis(50);
+
+/// Answers requests until `stop` comes; then takes no new ones, and gives those that are open ten seconds.
+///
+/// # Errors
+/// The listener fails.
+pub async fn serve(
+    service: Arc<Service>,
+    listener: TcpListener,
+    most_connections: usize,
+    stop: impl Future<Output = ()>,
+) -> io::Result<()> {
+    let router = crate::router(Arc::clone(&service));
+    let places = Arc::new(Semaphore::new(most_connections));
+    let (ending, ended) = watch::channel(false);
+    let mut connections = JoinSet::new();
+    let mut stop = pin!(stop);
+    loop {
+        // Without a place nobody is taken in: who comes then waits in the system's queue.
+        let place = tokio::select! {
+            place = Arc::clone(&places).acquire_owned() => place,
+            () = &mut stop => break,
+        };
+        let Ok(place) = place else { break };
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
+            () = &mut stop => break,
+        };
+        while connections.try_join_next().is_some() {}
+        match accepted {
+            Ok((stream, _)) => {
+                let (service, router, ended) = (Arc::clone(&service), router.clone(), ended.clone());
+                connections.spawn(async move {
+                    service.metrics.connections.fetch_add(1, Ordering::Relaxed);
+                    answer(stream, router, ended).await;
+                    service.metrics.connections.fetch_sub(1, Ordering::Relaxed);
+                    drop(place);
+                });
+            }
+            Err(error) => {
+                tracing::warn!(%error, "a connection could not be taken");
+                tokio::time::sleep(PAUSE).await;
+            }
+        }
+    }
+    drop(listener);
+    ending.send_replace(true);
+    let drained = async { while connections.join_next().await.is_some() {} };
+    if tokio::time::timeout(DRAIN, drained).await.is_err() {
+        tracing::warn!(open = connections.len(), "connections were cut; their uploads can be resumed");
+    }
+    Ok(())
+}
+
+async fn answer(stream: TcpStream, router: Router, mut ended: watch::Receiver<bool>) {
+    // Small answers should not wait for each other; where it cannot be set, they do.
+    drop(stream.set_nodelay(true));
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEAD_TIME)
+        .max_headers(MAX_HEADERS)
+        // Some clients close their side once they have sent a request.
+        .half_close(true)
+        .max_buf_size(MAX_HEAD)
+        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+    let mut connection = pin!(connection);
+    let late = tokio::time::sleep(CONNECTION_TIME);
+    let done = tokio::select! {
+        done = connection.as_mut() => done,
+        () = async { drop(ended.wait_for(|ended| *ended).await) } => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
+        }
+        () = late => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
+        }
+    };
+    if let Err(error) = done {
+        tracing::debug!(%error, "a connection ended");
+    }
+}

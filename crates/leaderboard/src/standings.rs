@@ -1,0 +1,371 @@
+//! Entries and their results as tables: one for each division, in order of strict clean success. No I/O.
+//!
+//! A place in a table asks for all twelve subtasks in the same rooms: a share of successes over chosen tasks, or over more
+//! episodes of the easy ones, would compare with no other.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
+
+use fiatlux_grading::{CompareError, RateRow, Results, TaskResult, compare_results};
+use fiatlux_rules::Task;
+
+use crate::{Division, Entry, SubmissionId};
+
+/// What a submission's results say in a table.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Standing {
+    /// Version of the benchmark: scores of different ones never share a table.
+    pub version: u32,
+    /// By the strict judge.
+    pub strict: Scores,
+    /// By the published judge.
+    pub published: Scores,
+    /// The twelve subtasks, in order.
+    pub cells: Vec<Cell>,
+    /// Episodes of the twelve subtasks.
+    pub episodes: u64,
+    /// Layout seeds, ascending.
+    pub seeds: Vec<u64>,
+}
+
+/// Clean success over all episodes, and S.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Scores {
+    /// Share of clean successes.
+    pub clean: f64,
+    /// Wilson 95 % interval of it.
+    pub interval: [f64; 2],
+    /// Successes.
+    pub hits: u64,
+    /// Mean of S over the seeds.
+    pub score: f64,
+    /// Its sample standard deviation.
+    pub std: Option<f64>,
+}
+
+/// A subtask of a row.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Cell {
+    /// `S01`.
+    pub id: &'static str,
+    /// What it is called.
+    pub name: &'static str,
+    /// Episodes.
+    pub episodes: u64,
+    /// Score s by the strict judge, 0 to 1.
+    pub strict: f64,
+    /// Score s by the published judge.
+    pub published: f64,
+    /// Share of clean successes by the strict judge.
+    pub strict_clean: f64,
+    /// Share of clean successes by the published judge.
+    pub published_clean: f64,
+}
+
+/// Why a submission has no place in a table, in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Obstacle(pub String);
+
+impl Standing {
+    /// Of results that have a place in a table.
+    pub fn of(results: &Results) -> Result<Self, Obstacle> {
+        let found = |task: Task| results.subtasks.iter().find(|found| found.id == task.short_id());
+        let lacking: Vec<_> = Task::SUBTASKS.into_iter().filter(|task| found(*task).is_none()).collect();
+        if !lacking.is_empty() {
+            let names: Vec<_> = lacking.iter().map(|task| task.short_id()).collect();
+            return Err(Obstacle(format!("it has no episode of {}", names.join(", "))));
+        }
+        if Division::of(results).is_none() {
+            return Err(Obstacle(Division::obstacle(results)));
+        }
+        same_rooms(results)?;
+        let overall = &results.overall;
+        let strict = overall.strict_clean_success.as_ref().zip(results.score_strict.as_ref());
+        let (Some((strict_clean, strict_score)), Some(published)) = (strict, results.score.mean) else {
+            return Err(Obstacle("it has no strict score".into()));
+        };
+        let scores = |rate: &RateRow, score: f64, std| Scores {
+            clean: rate.rate.unwrap_or_default(),
+            interval: rate.interval.unwrap_or([0.0, 1.0]),
+            hits: rate.hits,
+            score,
+            std,
+        };
+        Ok(Self {
+            version: results.conditions.benchmark_version,
+            strict: scores(strict_clean, strict_score.mean.unwrap_or_default(), strict_score.std),
+            published: scores(&overall.clean_success, published, results.score.std),
+            cells: Task::SUBTASKS.into_iter().filter_map(|task| Some(Cell::of(task, found(task)?))).collect(),
+            episodes: overall.episodes,
+            seeds: results.seeds.clone(),
+        })
+    }
+}
+
+/// Whether every subtask has the same seeds and indices.
+fn same_rooms(results: &Results) -> Result<(), Obstacle> {
+    let mut rooms: BTreeMap<&str, BTreeSet<(u64, u64)>> = BTreeMap::new();
+    for row in results.episodes.iter().filter(|row| Task::SUBTASKS.iter().any(|task| task.short_id() == row.task)) {
+        rooms.entry(&row.task).or_default().insert((row.seed, row.episode));
+    }
+    let mut all = rooms.iter();
+    let Some((first, expected)) = all.next() else { return Err(Obstacle("it has no episode".into())) };
+    match all.find(|(_, found)| *found != expected) {
+        Some((other, _)) => Err(Obstacle(format!(
+            "{first} and {other} were not played in the same rooms; play all subtasks in all seeds"
+        ))),
+        None => Ok(()),
+    }
+}
+
+impl Cell {
+    fn of(task: Task, result: &TaskResult) -> Self {
+        Self {
+            id: task.short_id(),
+            name: task.name(),
+            episodes: result.episodes,
+            strict: result.strict_score_mean.unwrap_or_default(),
+            published: result.score_mean,
+            strict_clean: result.strict_clean_success_rate.unwrap_or_default(),
+            published_clean: result.clean_success_rate,
+        }
+    }
+}
+
+/// A place in a table.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Place {
+    /// 1 for the best; equal for equals.
+    pub rank: usize,
+    /// Who.
+    pub entry: Entry,
+    /// With what.
+    pub standing: Standing,
+}
+
+/// The ranking of a division.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Table {
+    /// Version of the benchmark.
+    pub version: u32,
+    /// What its rows share.
+    pub division: Division,
+    /// The best first.
+    pub places: Vec<Place>,
+}
+
+/// A version of the benchmark, the latest one first, and a division.
+type Group = (Reverse<u32>, Division);
+
+/// Tables of all divisions, those of the latest version of the benchmark first.
+pub(crate) fn tables(ranked: Vec<(Entry, Standing)>) -> Vec<Table> {
+    let mut groups: BTreeMap<Group, Vec<(Entry, Standing)>> = BTreeMap::new();
+    for (entry, standing) in ranked {
+        if let Some(division) = entry.division.clone() {
+            groups.entry((Reverse(standing.version), division)).or_default().push((entry, standing));
+        }
+    }
+    let table = |((version, division), mut rows): (Group, Vec<(Entry, Standing)>)| {
+        rows.sort_by(|(entry_a, a), (entry_b, b)| {
+            let by_score = b.strict.clean.total_cmp(&a.strict.clean).then(b.strict.score.total_cmp(&a.strict.score));
+            by_score.then(entry_a.received.cmp(&entry_b.received)).then(entry_a.id.cmp(&entry_b.id))
+        });
+        let mut places: Vec<Place> = Vec::with_capacity(rows.len());
+        for (entry, standing) in rows {
+            let rank = match places.last() {
+                Some(last) if is_equal(&last.standing, &standing) => last.rank,
+                _ => places.len() + 1,
+            };
+            places.push(Place { rank, entry, standing });
+        }
+        Table { version: version.0, division, places }
+    };
+    groups.into_iter().map(table).collect()
+}
+
+fn is_equal(a: &Standing, b: &Standing) -> bool {
+    (a.strict.clean, a.strict.score) == (b.strict.clean, b.strict.score)
+}
+
+/// What a paired test says of two neighbours in a table.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Neighbours {
+    /// They share episodes.
+    Tested {
+        /// How many.
+        pairs: usize,
+        /// Two-sided p-value of the sign test on successes.
+        p: f64,
+    },
+    /// They do not compare, for this reason.
+    Untested(String),
+}
+
+/// A p-value below this says that two neighbours differ.
+pub(crate) const SIGNIFICANT: f64 = 0.05;
+
+impl Neighbours {
+    /// Compares two results, episode by episode.
+    pub fn of((id_a, a): (SubmissionId, &Results), (id_b, b): (SubmissionId, &Results)) -> Self {
+        match compare_results((&id_a.to_string(), a), (&id_b.to_string(), b), false) {
+            Ok(compared) => match compared.overall {
+                Some(all) => Self::Tested { pairs: all.pairs, p: all.success_p },
+                None => Self::Untested("they share no subtask".into()),
+            },
+            Err(CompareError::NoPairs) => Self::Untested("they share no room".into()),
+            Err(CompareError::Conditions { field, .. }) => {
+                Self::Untested(format!("{} differs", field.replace('_', " ")))
+            }
+            Err(_) => Self::Untested("their results have different forms".into()),
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use fiatlux_grading::RESULTS_VERSION;
+    use serde_json::{Value, json};
+    use time::OffsetDateTime;
+
+    use super::*;
+    use crate::{Badge, Manifest, State};
+
+    /// Results of all subtasks in seeds 64 and 65, each a strict success in the first `passed` subtasks.
+    pub fn results(passed: usize) -> Results {
+        let rate = |hits: usize| json!({ "hits": hits, "rate": hits as f64 / 24.0, "interval": [0.1, 0.9] });
+        let tasks: Vec<Value> =
+            Task::SUBTASKS.iter().enumerate().map(|(i, task)| task_result(*task, i < passed)).collect();
+        let rows = Task::SUBTASKS
+            .iter()
+            .enumerate()
+            .flat_map(|(i, task)| [64, 65].map(|seed| episode(task.short_id(), seed, i < passed)));
+        let score = |mean: f64| json!({ "mean": mean, "std": 0.0, "per_seed": [] });
+        let mean = passed as f64 / 12.0;
+        let whole = json!({
+            "policy": "someone", "seeds": [64, 65], "score": score(mean), "score_strict": score(mean), "subtasks": tasks,
+            "missing": [], "episodes": rows.collect::<Vec<_>>(), "extra_tasks": [], "excluded": [], "run": null,
+            "overall": {
+                "episodes": 24, "clean_success": rate(2 * passed), "success": rate(2 * passed), "broken": rate(0),
+                "strict_success": rate(2 * passed), "strict_clean_success": rate(2 * passed), "dropped": rate(0),
+            },
+            "conditions": {
+                "benchmark_version": 4, "protocol": "strict", "seeds": "public", "observations": "standard",
+                "time": "lockstep", "gains": "fiatlux", "hands": "inspire", "noise": true, "end_on_overridden": [],
+                "ranked": true, "deviations": [], "thresholds": {}, "thresholds_set": [], "published_counting": false,
+                "model_digest": "", "scene_digest": "",
+            },
+            "versions": {
+                "results": RESULTS_VERSION, "scorer": "", "server": [], "protocol": [], "random": [], "digest_layout": "",
+            },
+        });
+        serde_json::from_value(whole).expect("results")
+    }
+
+    fn task_result(task: Task, passed: bool) -> Value {
+        let one = f64::from(u8::from(passed));
+        json!({
+            "id": task.short_id(), "name": task.name(), "weight": task.weight(), "score_mean": one, "score_std": 0.0,
+            "success_rate": one, "clean_success_rate": one, "gate_progress": one, "broken_rate": 0.0, "dropped_rate": 0.0,
+            "peak_hand_force_n": 0.0, "control_effort": 0.0, "mean_steps": 10.0, "episodes": 2, "episode_score": one,
+            "success_interval": [0.0, 1.0], "clean_success_interval": [0.0, 1.0], "broken_interval": [0.0, 1.0],
+            "dropped_interval": [0.0, 1.0], "ends": {}, "strict_score_mean": one, "strict_score_std": 0.0,
+            "strict_success_rate": one, "strict_clean_success_rate": one, "strict_progress": one,
+            "strict_success_interval": [0.0, 1.0], "strict_clean_success_interval": [0.0, 1.0],
+        })
+    }
+
+    fn episode(task: &str, seed: u64, passed: bool) -> Value {
+        let one = f64::from(u8::from(passed));
+        json!({
+            "task": task, "seed": seed, "episode": 0, "success": passed, "clean": passed, "broken": false, "dropped": false,
+            "gate_progress": one, "peak_hand_force_n": 0.0, "control_effort": 0.0, "steps": 10, "end": "fall",
+            "state_digest": "", "bag": "", "failure": null, "causes": [], "strict_success": passed, "strict_clean": passed,
+            "strict_progress": one, "strict_end": "fall", "strict_steps": 10, "steps_in_gate": 0, "notes": [],
+            "signed_by": null,
+        })
+    }
+
+    /// An entry of that number, received in the order of numbers.
+    pub fn entry(id: u64, policy: &str, results: &Results) -> Entry {
+        Entry {
+            id: SubmissionId(id),
+            manifest: Manifest { policy: policy.into(), ..Manifest::default() },
+            account: "lab".into(),
+            division: Division::of(results),
+            badge: Badge::Replayed,
+            state: State::Verified,
+            reason: String::new(),
+            received: OffsetDateTime::UNIX_EPOCH + time::Duration::seconds(id as i64),
+            progress: (24, 24),
+        }
+    }
+
+    fn placed(id: u64, results: &Results) -> (Entry, Standing) {
+        (entry(id, &format!("p{id}"), results), Standing::of(results).expect("a place"))
+    }
+
+    fn order(table: &Table) -> Vec<(usize, u64)> {
+        table.places.iter().map(|place| (place.rank, place.entry.id.0)).collect()
+    }
+
+    /// Strict clean success first, then strict S; equals share a rank, the earlier one above.
+    #[test]
+    fn the_best_is_first() {
+        let mut better_s = results(4);
+        better_s.score_strict.as_mut().expect("a score").mean = Some(0.9);
+        let rows = vec![placed(1, &results(4)), placed(2, &results(9)), placed(3, &results(4)), placed(4, &better_s)];
+        let tables = tables(rows);
+        assert_eq!(tables.len(), 1);
+        assert_eq!(order(&tables[0]), [(1, 2), (2, 4), (3, 1), (3, 3)]);
+    }
+
+    /// Nothing of one division or version is ranked with another's.
+    #[test]
+    fn divisions_and_versions_stand_apart() {
+        let change = |change: &dyn Fn(&mut Results)| {
+            let mut changed = results(4);
+            change(&mut changed);
+            changed
+        };
+        let all = [
+            results(4),
+            change(&|r| r.conditions.time = "real time".into()),
+            change(&|r| r.conditions.observations = "privileged".into()),
+            change(&|r| r.conditions.benchmark_version = 3),
+        ];
+        let tables = tables(all.iter().zip(1..).map(|(results, id)| placed(id, results)).collect());
+        assert_eq!(tables.iter().map(|table| table.places.len()).collect::<Vec<_>>(), [1; 4]);
+        assert_eq!(tables.last().map(|table| table.version), Some(3));
+    }
+
+    /// A share over chosen tasks or rooms would rank above an honest one.
+    #[test]
+    fn chosen_tasks_and_rooms_have_no_place() {
+        let refused = |change: &dyn Fn(&mut Results)| {
+            let mut changed = results(4);
+            change(&mut changed);
+            Standing::of(&changed).expect_err("no place").0
+        };
+        assert!(refused(&|r| r.subtasks.truncate(11)).contains("S12"));
+        let without = |r: &mut Results| r.episodes.retain(|row| (row.task.as_str(), row.seed) != ("S09", 65));
+        assert!(refused(&without).contains("S01 and S09 were not played in the same rooms"));
+        assert!(refused(&|r| r.conditions.deviations.push("actions are delayed by 20 ms".into())).contains("delayed"));
+        assert!(refused(&|r| r.conditions.protocol = "published".into()).contains("strict"));
+    }
+
+    /// 10 of 24 pairs in which one alone succeeds: 2 / 2^10. Different conditions do not compare.
+    #[test]
+    fn neighbours_are_tested_on_what_they_share() {
+        let (a, b) = (results(9), results(4));
+        let ids = (SubmissionId(1), SubmissionId(2));
+        assert_eq!(Neighbours::of((ids.0, &a), (ids.1, &b)), Neighbours::Tested { pairs: 24, p: 2.0 / 1024.0 });
+        let mut hosted = b.clone();
+        hosted.conditions.seeds = "hosted".into();
+        assert_eq!(Neighbours::of((ids.0, &a), (ids.1, &hosted)), Neighbours::Untested("seeds differs".into()));
+        let mut elsewhere = b;
+        for row in &mut elsewhere.episodes {
+            row.seed += 100;
+        }
+        assert_eq!(Neighbours::of((ids.0, &a), (ids.1, &elsewhere)), Neighbours::Untested("they share no room".into()));
+    }
+}

@@ -1,0 +1,217 @@
+//! What the service keeps: submissions, their results and bags, accounts, jobs.
+
+mod accounts;
+mod blobs;
+mod queue;
+mod schema;
+mod submissions;
+
+use std::collections::BTreeMap;
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use fiatlux_grading::Results;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Sqlite, Transaction};
+use time::OffsetDateTime;
+
+use crate::{Entry, StoreError, SubmissionId};
+pub use accounts::{Account, AuditRow, TokenRow};
+pub(crate) use blobs::{Blobs, Digest};
+pub(crate) use queue::{EpisodeJob, EpisodePlan, Verdict};
+pub(crate) use submissions::{Begun, Draft, StoredFile};
+pub use submissions::{Count, FileRow};
+
+const DATABASE: &str = "leaderboard.sqlite";
+const BLOBS: &str = "blobs";
+const INCOMING: &str = "incoming";
+const LOCK: &str = "lock";
+
+/// How long a statement waits for another process, such as an admin command.
+const BUSY: Duration = Duration::from_secs(20);
+/// Connections to the database.
+const CONNECTIONS: u32 = 8;
+/// Results that are kept in memory.
+const MOST_RESULTS: usize = 256;
+
+/// The folder of a service: a database, the bags by their content, and uploads that are not complete.
+#[derive(Debug, Clone)]
+pub struct Store {
+    folder: PathBuf,
+    pool: SqlitePool,
+    pub(crate) blobs: Blobs,
+    results: Arc<Mutex<BTreeMap<SubmissionId, Arc<Results>>>>,
+}
+
+impl Store {
+    /// Opens the folder; makes what is missing, and brings the database to this version.
+    ///
+    /// # Errors
+    /// [`StoreError`]: permissions, space, a database of a later version.
+    pub async fn open(folder: &Path) -> Result<Self, StoreError> {
+        for folder in [folder.to_path_buf(), folder.join(INCOMING)] {
+            std::fs::create_dir_all(&folder).map_err(StoreError::io("make", &folder))?;
+        }
+        let options = SqliteConnectOptions::new()
+            .filename(folder.join(DATABASE))
+            .create_if_missing(true)
+            .foreign_keys(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            // An answer says that something is on disk.
+            .synchronous(SqliteSynchronous::Full)
+            .busy_timeout(BUSY);
+        let pool = SqlitePoolOptions::new()
+            .max_connections(CONNECTIONS)
+            .connect_with(options)
+            .await
+            .map_err(StoreError::database("be opened"))?;
+        schema::migrate(&pool).await?;
+        let blobs = Blobs::open(&folder.join(BLOBS))?;
+        Ok(Self { folder: folder.into(), pool, blobs, results: Arc::default() })
+    }
+
+    /// The only service of this folder holds this lock while it runs; `None` where another one does.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`].
+    pub fn lock(&self) -> Result<Option<File>, StoreError> {
+        let path = self.folder.join(LOCK);
+        let file = File::create(&path).map_err(StoreError::io("make", &path))?;
+        match file.try_lock() {
+            Ok(()) => Ok(Some(file)),
+            Err(TryLockError::WouldBlock) => Ok(None),
+            Err(TryLockError::Error(source)) => Err(StoreError::Io { action: "lock", path, source }),
+        }
+    }
+
+    /// Whether the database answers.
+    ///
+    /// # Errors
+    /// It does not.
+    pub async fn ping(&self) -> Result<(), StoreError> {
+        sqlx::query("SELECT 1").execute(&self.pool).await.map(drop).map_err(StoreError::database("answer"))
+    }
+
+    /// Every submission that is graded or verified, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn entries(&self) -> Result<Vec<Entry>, StoreError> {
+        self.listed().await
+    }
+
+    /// A submission in any state; `None` where there is none of that name.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn entry(&self, id: SubmissionId) -> Result<Option<Entry>, StoreError> {
+        self.one(id).await
+    }
+
+    /// What a submission amounts to; `None` where it is not there or not graded.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn results(&self, id: SubmissionId) -> Result<Option<Arc<Results>>, StoreError> {
+        let known = || self.results.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = known().get(&id) {
+            return Ok(Some(Arc::clone(found)));
+        }
+        let Some(digest) = self.results_digest(id).await? else { return Ok(None) };
+        let bytes = self.blobs.read(&digest).await?;
+        let results: Results = serde_json::from_slice(&bytes)
+            .map_err(|error| StoreError::corrupt(format!("results.json of submission {id}"), error))?;
+        let results = Arc::new(results);
+        let mut known = known();
+        if known.len() >= MOST_RESULTS {
+            known.pop_first();
+        }
+        known.insert(id, Arc::clone(&results));
+        Ok(Some(results))
+    }
+
+    fn forget_results(&self, id: SubmissionId) {
+        self.results.lock().unwrap_or_else(PoisonError::into_inner).remove(&id);
+    }
+
+    /// The bag of an episode, a local file whose content was compared with its name when it came. `None` where the submission
+    /// has no such episode, or the episode counts as a failure without a bag.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn bag(
+        &self,
+        id: SubmissionId,
+        task: &str,
+        seed: u64,
+        episode: u64,
+    ) -> Result<Option<PathBuf>, StoreError> {
+        Ok(self.bag_digest(id, task, seed, episode).await?.map(|digest| self.blobs.local(&digest)))
+    }
+
+    /// Copies database and contents into another folder, which is then one of a service, while this one runs. Contents that are
+    /// there stay as they are; uploads that are not complete are left out. Returns how many files were new, and their bytes.
+    ///
+    /// # Errors
+    /// [`StoreError`]: permissions, space, a content that is missing.
+    pub async fn backup(&self, to: &Path) -> Result<(u64, u64), StoreError> {
+        std::fs::create_dir_all(to).map_err(StoreError::io("make", to))?;
+        let fresh = to.join("leaderboard.sqlite.new");
+        // Of a backup that was cut off.
+        drop(std::fs::remove_file(&fresh));
+        sqlx::query("VACUUM INTO $1")
+            .bind(fresh.to_string_lossy().into_owned())
+            .execute(&self.pool)
+            .await
+            .map_err(StoreError::database("be copied"))?;
+        let target = to.join(DATABASE);
+        for old in ["-wal", "-shm"].map(|end| to.join(format!("{DATABASE}{end}"))) {
+            drop(std::fs::remove_file(old));
+        }
+        std::fs::rename(&fresh, &target).map_err(StoreError::io("write", &target))?;
+        // What the copy of the database speaks of, not what has come since.
+        let copy = Self::open(to).await?;
+        let (mut files, mut bytes) = (0, 0);
+        for digest in copy.contents().await? {
+            if copy.blobs.has(&digest).await? {
+                continue;
+            }
+            let from = self.blobs.local(&digest);
+            let mut reader = tokio::fs::File::open(&from).await.map_err(StoreError::io("open", &from))?;
+            if !copy.blobs.put_checked(&digest, &mut reader, &from).await? {
+                return Err(StoreError::corrupt(from.display().to_string(), "its content is not that of its name"));
+            }
+            files += 1;
+            bytes += from.metadata().map_or(0, |data| data.len());
+        }
+        copy.pool.close().await;
+        Ok((files, bytes))
+    }
+
+    /// Where the files of a submission arrive.
+    pub(crate) fn incoming(&self, id: SubmissionId) -> PathBuf {
+        self.folder.join(INCOMING).join(id.to_string())
+    }
+
+    /// Where the files of a submission stand under their names while it is graded.
+    pub(crate) fn work(&self, id: SubmissionId) -> PathBuf {
+        self.folder.join(INCOMING).join(format!("{id}-graded"))
+    }
+
+    /// A transaction that writes. SQLite cannot make a writer of a reader without losing a race, so it begins as one.
+    async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        self.pool.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))
+    }
+}
+
+/// Now, ms since 1970.
+pub(crate) fn now_ms() -> i64 {
+    (OffsetDateTime::now_utc().unix_timestamp_nanos() / 1_000_000) as i64
+}
+
+/// A moment as a database has it.
+fn moment(ms: i64) -> OffsetDateTime {
+    OffsetDateTime::from_unix_timestamp_nanos(i128::from(ms) * 1_000_000).unwrap_or(OffsetDateTime::UNIX_EPOCH)
+}

@@ -1,0 +1,104 @@
+//! The tables, as a list of migrations: each is applied once, in its order, and never changed later.
+//!
+//! The SQL is what SQLite and PostgreSQL both take: `BIGINT` for numbers, `TEXT` for the rest, `$1` for parameters. Times are
+//! milliseconds since 1970. Seeds are written in decimal digits, since they fill 64 bits without a sign.
+
+use sqlx::sqlite::SqlitePool;
+use sqlx::{AssertSqlSafe, Row as _};
+
+use crate::StoreError;
+
+/// What each version adds, from version 1 on.
+const MIGRATIONS: &[&[&str]] = &[&[
+    "CREATE TABLE accounts (
+        name TEXT PRIMARY KEY,
+        created BIGINT NOT NULL,
+        closed BIGINT,
+        submissions_a_day BIGINT NOT NULL,
+        max_bytes BIGINT NOT NULL
+    )",
+    "CREATE TABLE tokens (
+        id TEXT PRIMARY KEY,
+        account TEXT NOT NULL REFERENCES accounts (name),
+        sha256 TEXT NOT NULL,
+        created BIGINT NOT NULL,
+        expires BIGINT NOT NULL,
+        revoked BIGINT
+    )",
+    "CREATE TABLE audit (
+        seq BIGINT PRIMARY KEY,
+        at BIGINT NOT NULL,
+        who TEXT NOT NULL,
+        action TEXT NOT NULL,
+        subject TEXT NOT NULL,
+        detail TEXT NOT NULL
+    )",
+    "CREATE TABLE submissions (
+        id TEXT PRIMARY KEY,
+        account TEXT NOT NULL REFERENCES accounts (name),
+        manifest TEXT NOT NULL,
+        state TEXT NOT NULL,
+        reason TEXT NOT NULL,
+        badge TEXT NOT NULL,
+        division TEXT,
+        begun BIGINT NOT NULL,
+        received BIGINT,
+        bytes BIGINT NOT NULL,
+        results TEXT
+    )",
+    "CREATE INDEX submissions_by_state ON submissions (state, received)",
+    "CREATE INDEX submissions_by_account ON submissions (account, begun)",
+    "CREATE TABLE files (
+        submission TEXT NOT NULL REFERENCES submissions (id),
+        place BIGINT NOT NULL,
+        name TEXT NOT NULL,
+        bytes BIGINT NOT NULL,
+        sha256 TEXT NOT NULL,
+        stored BIGINT NOT NULL,
+        PRIMARY KEY (submission, place)
+    )",
+    "CREATE INDEX files_by_content ON files (sha256)",
+    "CREATE TABLE episodes (
+        submission TEXT NOT NULL REFERENCES submissions (id),
+        task TEXT NOT NULL,
+        seed TEXT NOT NULL,
+        episode TEXT NOT NULL,
+        place BIGINT NOT NULL,
+        verdict TEXT NOT NULL,
+        server TEXT NOT NULL,
+        detail TEXT NOT NULL,
+        PRIMARY KEY (submission, task, seed, episode)
+    )",
+    "CREATE INDEX episodes_by_verdict ON episodes (verdict, submission)",
+]];
+
+/// Brings a database to the last version.
+pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
+    let failed = |action| StoreError::database(action);
+    sqlx::query("CREATE TABLE IF NOT EXISTS schema_version (version BIGINT NOT NULL)")
+        .execute(pool)
+        .await
+        .map_err(failed("be opened"))?;
+    let mut tx = pool.begin_with("BEGIN IMMEDIATE").await.map_err(failed("be locked"))?;
+    let row = sqlx::query("SELECT COALESCE(MAX(version), 0) AS version FROM schema_version")
+        .fetch_one(&mut *tx)
+        .await
+        .map_err(failed("tell its version"))?;
+    let found: i64 = row.try_get("version").map_err(failed("tell its version"))?;
+    let known = MIGRATIONS.len() as i64;
+    if found > known {
+        return Err(StoreError::Newer { found, known });
+    }
+    for (version, statements) in (1..).zip(MIGRATIONS).skip(usize::try_from(found).unwrap_or_default()) {
+        let version: i64 = version;
+        for statement in *statements {
+            sqlx::query(AssertSqlSafe(*statement)).execute(&mut *tx).await.map_err(failed("be migrated"))?;
+        }
+        sqlx::query("INSERT INTO schema_version (version) VALUES ($1)")
+            .bind(version)
+            .execute(&mut *tx)
+            .await
+            .map_err(failed("be migrated"))?;
+    }
+    tx.commit().await.map_err(failed("be migrated"))
+}

@@ -1,0 +1,82 @@
+//! Replays in the pages of another server.
+//!
+//! Such a page has [`SitePage::head`] in its head and [`SitePage::body`] in its body, and allows what [`SitePage::script`] names.
+//! [`one`] asks for `document.json`, `meshes.bin`, `track.bin` and `bag` below the page's own address; [`pair`] asks for the
+//! same of two addresses, which the attributes `data-a` and `data-b` of an element with the id `pair` name.
+//! Modules and style are asked for as `/page/NAME`: [`page_part`].
+
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+use axum::body::{Body, Bytes};
+use futures_core::Stream;
+use tokio::fs::File;
+use tokio::io::{AsyncRead, ReadBuf};
+
+use crate::page::{Head, MODULES, ONE, PAIR, STYLE};
+
+/// Bytes of a file that are read at once.
+const BLOCK: usize = 64 * 1024;
+
+/// The parts of a page with replays.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SitePage {
+    /// Links to style and modules.
+    pub head: String,
+    /// The only inline script in it, as a source for `script-src`; `'self'` allows the others.
+    pub script: String,
+    /// A `main` element. What is around it has the class that the style goes by.
+    pub body: &'static str,
+    /// That class.
+    pub class: &'static str,
+}
+
+/// A page with one replay.
+pub fn one() -> SitePage {
+    of("main.js", ONE, "replay")
+}
+
+/// A page with two replays side by side, and one time bar.
+pub fn pair() -> SitePage {
+    of("pair.js", PAIR, "pair")
+}
+
+fn of(module: &str, body: &'static str, class: &'static str) -> SitePage {
+    let Head { html: head, script } = Head::of(module);
+    SitePage { head, script, body, class }
+}
+
+/// A file of the page by its name: what it is, and its text.
+pub fn page_part(name: &str) -> Option<(&'static str, &'static str)> {
+    if name == STYLE.name {
+        return Some(("text/css; charset=utf-8", STYLE.text));
+    }
+    let module = MODULES.iter().find(|module| module.name == name)?;
+    Some(("text/javascript; charset=utf-8", module.text))
+}
+
+/// A file as the body of an answer, one block of it in memory at a time.
+pub fn whole_file(file: File) -> Body {
+    Body::from_stream(Blocks { file, block: vec![0; BLOCK] })
+}
+
+/// The blocks of a file, one in memory at a time.
+struct Blocks {
+    file: File,
+    block: Vec<u8>,
+}
+
+impl Stream for Blocks {
+    type Item = std::io::Result<Bytes>;
+
+    fn poll_next(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        let Self { file, block } = self.get_mut();
+        let mut buffer = ReadBuf::new(block);
+        match Pin::new(file).poll_read(context, &mut buffer) {
+            Poll::Pending => Poll::Pending,
+            Poll::Ready(Err(error)) => Poll::Ready(Some(Err(error))),
+            Poll::Ready(Ok(())) if buffer.filled().is_empty() => Poll::Ready(None),
+            Poll::Ready(Ok(())) => Poll::Ready(Some(Ok(Bytes::copy_from_slice(buffer.filled())))),
+        }
+    }
+}

@@ -1,0 +1,183 @@
+"""Submits recorded episodes to a leaderboard, with the standard library alone."""
+
+import hashlib
+import http.client
+import json
+import time
+import urllib.parse
+from collections.abc import Callable, Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+_BLOCK = 1 << 20
+_TRIES = 8
+_PATIENCE_S = 90.0
+
+
+class SubmissionError(Exception):
+    """The leaderboard refuses a request, or does not answer."""
+
+
+def submit(
+    folder: str | PathLike[str],
+    to: str,
+    token: str,
+    *,
+    policy: str | None = None,
+    version: str = "",
+    authors: tuple[str, ...] | list[str] = (),
+    link: str = "",
+    licence: str = "",
+    note: str = "",
+    wait: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Sends the bags and journals of a run's folder, or loose bags, to the leaderboard at ``to``, such as ``https://HOST``.
+
+    ``token`` is the text of an account's token. The policy's name is that of the bags. What broke off goes on from where it
+    was, also in a later call with the same arguments. ``progress`` is told bytes sent and bytes in all. Returns the
+    submission as the leaderboard tells it: ``id``, ``state``, ``reason``, ``badge`` and more; with ``wait`` once it is
+    verified or refused.
+
+    Raises :class:`SubmissionError` where the leaderboard refuses a request or does not answer, and ``ValueError`` where the
+    folder has no bags, or those of several runs.
+    """
+    files = _files(Path(folder))
+    if policy is None:
+        from .bag import Bag
+
+        policy = Bag(next(path for name, path in files.items() if name.endswith(".mcap"))).header["policy"]
+    manifest = {"policy": policy, "version": version, "authors": list(authors), "link": link, "licence": licence, "note": note}
+    listed = [{"name": name, "bytes": path.stat().st_size, "sha256": _sha256(path)} for name, path in files.items()]
+    service = _Service(to, token)
+    submission = service.ask("POST", "/api/v1/submissions", {"manifest": manifest, "files": listed})
+    if submission["state"] == "uploading":
+        whole, done = sum(file["bytes"] for file in listed), 0
+        for file in submission["files"]:
+            service.send(submission["id"], file, files[file["name"]])
+            done += file["bytes"]
+            if progress is not None:
+                progress(done, whole)
+        submission = service.ask("POST", f"/api/v1/submissions/{submission['id']}/finish", {})
+    while wait and submission["state"] not in ("verified", "refused"):
+        time.sleep(2.0)
+        submission = service.ask("GET", f"/api/v1/submissions/{submission['id']}")
+    return submission
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    """Files by the names under which they are submitted."""
+    bags = sorted(folder.rglob("*.mcap")) if folder.is_dir() else [folder]
+    journals = sorted(folder.rglob("*.run.jsonl")) if folder.is_dir() else []
+    runs = {journal.parent for journal in journals}
+    if len(runs) > 1:
+        raise ValueError(f"{len(runs)} runs are in {folder}; submit each by itself")
+    if runs:
+        # Journals name bags by their file names.
+        bags = [bag for bag in bags if bag.parent in runs]
+    if not bags:
+        raise ValueError(f"there is no bag in {folder}; name the folder of a run, or of *.mcap files")
+    files: dict[str, Path] = {}
+    for index, path in enumerate(bags + journals):
+        files[path.name if path.name not in files else f"{index}-{path.name}"] = path
+    return files
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest() if hasattr(hashlib, "file_digest") else _digest(file)
+
+
+def _digest(file: Any) -> str:
+    digest = hashlib.sha256()
+    while block := file.read(_BLOCK):
+        digest.update(block)
+    return digest.hexdigest()
+
+
+class _Service:
+    """A leaderboard, as the account of one token sees it."""
+
+    def __init__(self, url: str, token: str) -> None:
+        parts = urllib.parse.urlsplit(url.rstrip("/"))
+        if parts.scheme not in ("http", "https") or not parts.hostname or parts.path or parts.query or parts.username:
+            raise ValueError(f"'{url}' is not the address of a leaderboard; write https://HOST or http://HOST:PORT")
+        self._url = url
+        self._address = (parts.hostname, parts.port)
+        self._connect = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
+        self._headers = {"Authorization": f"Bearer {token.strip()}"}
+
+    def ask(self, method: str, path: str, content: Any = None) -> dict[str, Any]:
+        """A request without a file; tried again while nobody answers."""
+        body = None if content is None else json.dumps(content).encode()
+        failure: object = None
+        for pause in _pauses():
+            time.sleep(pause)
+            try:
+                status, answer = self._request(method, path, body, len(body or b""))
+            except (OSError, http.client.HTTPException) as error:
+                failure = error
+                continue
+            if status < 300:
+                return answer
+            if status < 500:
+                raise self._refused(status, answer)
+            failure = self._refused(status, answer)
+        raise SubmissionError(f"{self._url} does not answer ({failure}); try again later: what has arrived stays there")
+
+    def send(self, submission: str, file: dict[str, Any], path: Path) -> None:
+        """What is missing of a file, from where it broke off."""
+        received, failure = file["received"], None
+        if file["stored"]:
+            return
+        for pause in _pauses():
+            time.sleep(pause)
+            try:
+                with path.open("rb") as source:
+                    source.seek(received)
+                    where = f"/api/v1/submissions/{submission}/files/{file['place']}?offset={received}"
+                    status, answer = self._request("PUT", where, source, file["bytes"] - received)
+            except (OSError, http.client.HTTPException) as error:
+                failure = error
+            else:
+                if status == 200 and answer.get("stored"):
+                    return
+                if status in (400, 408, 409) or status >= 500 or status == 200:
+                    failure = self._refused(status, answer)
+                else:
+                    raise self._refused(status, answer)
+            told = self.ask("GET", f"/api/v1/submissions/{submission}")
+            there = next((there for there in told.get("files", []) if there["place"] == file["place"]), None)
+            if there is None:
+                raise SubmissionError(f"the submission takes no files any more; it is {told['state']}")
+            if there["stored"]:
+                return
+            received = there["received"]
+        raise SubmissionError(f"{path} does not arrive ({failure}); try again later: what has arrived stays there")
+
+    def _request(self, method: str, path: str, body: Any, length: int) -> tuple[int, Any]:
+        connection = self._connect(*self._address, timeout=_PATIENCE_S)
+        headers = self._headers if method == "GET" else {**self._headers, "Content-Length": str(length)}
+        try:
+            connection.request(method, path, body=body, headers=headers)
+            response = connection.getresponse()
+            text = response.read()
+        finally:
+            connection.close()
+        try:
+            return response.status, json.loads(text)
+        except ValueError:
+            return response.status, {}
+
+    @staticmethod
+    def _refused(status: int, answer: Any) -> SubmissionError:
+        said = answer.get("error", {}) if isinstance(answer, dict) else {}
+        return SubmissionError(f"the leaderboard refuses ({said.get('code', status)}): {said.get('message', 'it does not say why')}")
+
+
+def _pauses() -> Iterator[float]:
+    """How long to wait before each try, s."""
+    yield 0.0
+    for power in range(_TRIES):
+        yield min(0.5 * 2.0**power, 60.0)

@@ -1,0 +1,48 @@
+"""Submitting to a leaderboard: the program `scorer`, whose path is in FIATLUX_TEST_SCORER."""
+
+import os
+import pathlib
+import subprocess
+
+import fiatlux
+import pytest
+
+SCORER = os.environ.get("FIATLUX_TEST_SCORER")
+RUN = os.environ.get("FIATLUX_TEST_RUN")
+
+
+def admin(folder: pathlib.Path, *args: str) -> str:
+    done = subprocess.run([SCORER, "admin", "--folder", folder, *args], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+@pytest.mark.skipif(not (SCORER and RUN), reason="needs the program scorer and a recorded episode")
+def test_a_submission_arrives_and_is_decided(tmp_path: pathlib.Path) -> None:
+    folder = tmp_path / "board"
+    admin(folder, "account", "lab")
+    token = admin(folder, "token", "lab")
+    command = [SCORER, "serve", "--folder", folder, "--http", "127.0.0.1:0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as service:
+        try:
+            url = service.stdout.readline().split()[-1].rstrip("/")
+            with pytest.raises(fiatlux.SubmissionError, match="token"):
+                fiatlux.submit(RUN, url, token[:-1] + ("0" if token[-1] != "0" else "1"))
+            with pytest.raises(fiatlux.SubmissionError, match="link"):
+                fiatlux.submit(RUN, url, token, link="javascript:alert(1)")
+            told = []
+            sent = fiatlux.submit(RUN, url, token, licence="Apache-2.0", wait=True, progress=lambda *at: told.append(at))
+            assert sent["state"] == "verified" and sent["reason"] == "", sent
+            assert told[-1][0] == told[-1][1] > 0
+            # The same once more is the same submission.
+            again = fiatlux.submit(RUN, url, token, licence="Apache-2.0")
+            assert again["id"] == sent["id"]
+        finally:
+            service.terminate()
+
+
+def test_a_folder_without_bags_is_refused(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(ValueError, match="no bag"):
+        fiatlux.submit(tmp_path, "http://127.0.0.1:1", "fiatlux_0_0")
+    with pytest.raises(ValueError, match="not the address"):
+        (tmp_path / "a.mcap").write_bytes(b"")
+        fiatlux.submit(tmp_path, "127.0.0.1:1", "fiatlux_0_0", policy="zero")

@@ -1,0 +1,115 @@
+//! `scorer submit`: a run's folder to a leaderboard.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use fiatlux_leaderboard::{Manifest, State, Submit, SubmitProgress, Submitted, Upload};
+use fiatlux_link::ProgressLine;
+
+use crate::FAILED;
+
+/// Submit a run's folder, or loose bags, to a leaderboard
+///
+/// Sends the bags (*.mcap) and the journals of a run (*.run.jsonl). What broke off goes on from where it was, also in a later
+/// call of the same command. The policy's name is that of the bags; version and link are those of the run, where it has them.
+/// Prints the submission's id and address. Exit code 0: accepted, and with --wait verified; 1: refused or failed.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:
+  scorer submit runs/walk --to https://leaderboard.example --token token --author 'A. Author' --licence Apache-2.0 --wait")]
+pub struct SubmitArgs {
+    /// Folder of a run, or of bags
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+    /// The leaderboard, such as https://HOST
+    #[arg(long, value_name = "URL")]
+    to: String,
+    /// File with the token of your account there
+    #[arg(long, value_name = "FILE")]
+    token: PathBuf,
+    /// Version of the policy
+    #[arg(long, value_name = "TEXT")]
+    policy_version: Option<String>,
+    /// Who made the policy; may be repeated
+    #[arg(long, value_name = "NAME")]
+    author: Vec<String>,
+    /// Where the policy is described
+    #[arg(long, value_name = "URL")]
+    link: Option<String>,
+    /// Licence of the policy
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    licence: String,
+    /// What else a reader should know
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    note: String,
+    /// Wait until it is verified or refused
+    #[arg(long)]
+    wait: bool,
+    /// Print the service's answer as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Sends, and with `--wait` waits.
+pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
+    let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let token = read_token(&args.token)?;
+    let mut upload = Upload::find(&args.folder)?;
+    let Manifest { policy, version, link, .. } = upload.manifest;
+    upload.manifest = Manifest {
+        policy,
+        version: args.policy_version.clone().unwrap_or(version),
+        authors: args.author.clone(),
+        link: args.link.clone().unwrap_or(link),
+        licence: args.licence.clone(),
+        note: args.note.clone(),
+    };
+    let line = ProgressLine::default();
+    let mib = |bytes: u64| bytes >> 20;
+    let mut progress = |progress| {
+        line.show(|| match progress {
+            SubmitProgress::Reading(done, whole) => format!("reading {} of {} MiB", mib(done), mib(whole)),
+            SubmitProgress::Sending(done, whole) => {
+                format!("sent {} of {} MiB, {} left", mib(done), mib(whole), line.left(done, whole))
+            }
+            SubmitProgress::Verifying(done, whole) => format!("verified {done} of {whole} episodes"),
+        });
+    };
+    let mut client = Submit::to(&args.to, &token, &mut progress, &stop)?;
+    let sent = client.send(&upload);
+    let done = sent.and_then(|sent| if args.wait { client.wait(&sent.id) } else { Ok(sent) });
+    line.clear();
+    let submitted = done?;
+    crate::print(&said(&submitted, args)?)?;
+    Ok(if submitted.state == State::Refused { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
+}
+
+fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
+    let Submitted { id, state, reason, badge, episodes_verified, episodes_to_verify, .. } = submitted;
+    let place = format!("{}/runs/{id}", args.to.trim_end_matches('/'));
+    if args.json {
+        let json = serde_json::json!({
+            "id": id, "state": state, "reason": reason, "badge": badge, "url": place,
+            "episodes_verified": episodes_verified, "episodes_to_verify": episodes_to_verify,
+        });
+        return Ok(serde_json::to_string_pretty(&json)? + "\n");
+    }
+    Ok(match state {
+        State::Refused => format!("{id} refused: {reason}\n"),
+        State::Verified => format!("{id} verified, {episodes_verified} of {episodes_to_verify} replayed: {place}\n"),
+        _ => format!("{id} accepted: {place}\n"),
+    })
+}
+
+/// One line of a file.
+fn read_token(path: &Path) -> Result<String> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the token in {}", path.display()))?;
+    let token = text.trim();
+    anyhow::ensure!(
+        token.starts_with("fiatlux_") && !token.contains(char::is_whitespace),
+        "{} does not hold a token of a leaderboard: one line that begins with fiatlux_",
+        path.display()
+    );
+    Ok(token.to_owned())
+}

@@ -1,0 +1,67 @@
+//! The program: what its commands print, and their exit codes.
+#![allow(clippy::unwrap_used)]
+
+#[path = "../../crates/grading/tests/common/mod.rs"]
+mod common;
+
+use std::process::Command;
+
+use common::{Folder, Story, begin, header, result, rows};
+use fiatlux_grading::RESULTS_VERSION;
+use fiatlux_rules::Task;
+use serde_json::{Value, json};
+
+/// Exit code, stdout and stderr.
+fn scorer(args: &[&str]) -> (i32, String, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_scorer")).args(args).output().unwrap();
+    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    (output.status.code().unwrap(), out, err)
+}
+
+/// Output and exit code say that a bag was changed; other thresholds hide nothing.
+#[test]
+fn a_changed_bag_shows_in_table_json_and_exit_code() {
+    let folder = Folder::new("commands-changed");
+    let (header, rows) = (header(Task::S01, 3), rows(Task::S01, 3, Story::Succeeds(30)));
+    let result = result(&header, &rows);
+    let changed = fiatlux_proto::v3::EpisodeHeader { seed: 1, ..header };
+    begin(&folder.0.join("a.mcap"), &changed, &rows).finish(&result).unwrap();
+    let path = folder.0.to_str().unwrap();
+    let (code, text, _) = scorer(&["grade", path]);
+    assert!(code == 3 && text.contains("header was changed"), "{code}: {text}");
+    let (code, text, _) = scorer(&["grade", path, "--json", "--set", "fragility_n=30"]);
+    let json: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((code, json["excluded"][0]["reason"].as_str()), (3, Some("altered")));
+    assert_eq!(json["episodes"].as_array().map(Vec::len), Some(0));
+}
+
+/// A folder with the `results.json` of one policy, an episode of S01 for each seed.
+fn results(folder: &Folder, policy: &str, seeds: u64) -> String {
+    let episode =
+        |seed| json!({ "task": "S01", "seed": seed, "episode": 0, "success": seed == 0, "gate_progress": 0.5 });
+    let results = json!({
+        "policy": policy,
+        "episodes": (0..seeds).map(episode).collect::<Vec<_>>(),
+        "conditions": { "protocol": "published", "time": "lockstep", "sensors": [policy] },
+        "versions": { "results": RESULTS_VERSION },
+    });
+    let path = folder.0.join(policy);
+    std::fs::create_dir_all(&path).unwrap();
+    std::fs::write(path.join("results.json"), results.to_string()).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_comparison_prints_a_table_or_json() {
+    let folder = Folder::new("commands-compare");
+    let (a, b) = (results(&folder, "one", 2), results(&folder, "two", 1));
+    let (code, out, _) = scorer(&["compare", &a, &a]);
+    assert!(code == 0 && out.contains("\nall "), "{out}");
+    // One of A has no partner.
+    let (code, out, _) = scorer(&["compare", &a, &b, "--json"]);
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((code, &json["overall"]["pairs"], &json["a"]["unpaired"]), (3, &json!(1), &json!(1)));
+    let (code, _, err) = scorer(&["compare", &a, "nowhere"]);
+    assert!(code == 1 && err.contains("cannot read nowhere"), "{err}");
+    assert_eq!(scorer(&["compare", &a]).0, 2);
+}

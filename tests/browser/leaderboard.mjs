@@ -1,0 +1,140 @@
+// Looks at the leaderboard with a real browser.
+//
+//   node leaderboard.mjs ADDRESS SCREENSHOTS
+//
+// ADDRESS is that of `scorer serve`, which has two runs with a place in the same rooms, and one without, or will once they are
+// graded.
+// Exit code 0 when every check holds.
+
+import { mkdir } from "node:fs/promises";
+
+import { PATIENCE_MS, accessible, check, clock, close, drawn, end, everywhere, fits, open, picture, seek } from "./common.mjs";
+
+const [address, screenshots] = process.argv.slice(2);
+
+// Whether the server's pages say the same to a browser without JavaScript.
+async function without(settings) {
+  const plain = { ...settings, javaScriptEnabled: false };
+  const opened = await open("no-script", address, plain, address, false);
+  check((await opened.page.locator(".board tbody tr").count()) > 1, "no-script: the table is there");
+  await opened.page.locator(".board .policy").first().click();
+  await opened.page.locator(".sq").first().click();
+  check((await opened.page.locator("noscript").count()) === 1, "no-script: an episode says what is missing");
+  check(await opened.page.locator(".below .figure").isVisible(), "no-script: its figure is there");
+  await close(opened);
+}
+
+async function look(name, page, settings, full = true) {
+  await page.page.screenshot({ path: `${screenshots}/${name}.png`, fullPage: full });
+  await accessible(page);
+  await fits(page);
+  await close(page);
+}
+
+async function moves(name, page, view) {
+  const shots = [];
+  for (const share of [0, 0.5, 1]) {
+    await seek(page, share);
+    shots.push(await picture(page, view));
+  }
+  check(!shots[0].equals(shots[1]) && !shots[1].equals(shots[2]), `${name}: the picture changes as time moves`);
+  await seek(page, 0.5);
+}
+
+// All pictures of a page, which are asked for as they come into sight.
+async function pictures({ name, page }) {
+  await page.evaluate(async () => {
+    for (const fold of document.querySelectorAll("details")) fold.open = true;
+    for (const image of document.images) image.loading = "eager";
+    await Promise.all([...document.images].map((image) => image.decode().catch(() => {})));
+  });
+  const [all, broken] = await page.evaluate(() => {
+    const images = [...document.images];
+    return [images.length, images.filter((image) => image.naturalWidth === 0).map((image) => image.src)];
+  });
+  check(all > 1 && broken.length === 0, `${name}: all ${all} pictures are shown`, broken.join(" "));
+}
+
+// Until three submissions are graded.
+async function graded() {
+  const until = Date.now() + 2 * PATIENCE_MS;
+  while (Date.now() < until) {
+    const shown = await (await fetch(address)).text();
+    if (shown.split('class="policy"').length > 3) return;
+    await new Promise((done) => setTimeout(done, 500));
+  }
+  check(false, "three submissions are graded");
+  await end();
+}
+
+await mkdir(screenshots, { recursive: true });
+await graded();
+await everywhere(async (kind, settings) => {
+  const at = (path, name, isReplay = false) => open(`${name}-${kind}`, new URL(path, address).href, settings, address, isReplay);
+
+  const board = await at("/", "board");
+  const rows = board.page.locator(".board tbody tr");
+  check((await rows.count()) > 1, `${board.name}: has rows`);
+  check((await rows.first().locator(".cell").count()) === 12, `${board.name}: a cell for each subtask`);
+  const runs = await board.page.locator(".board .policy").evaluateAll((links) => links.map((link) => link.getAttribute("href")));
+  await board.page.locator(".board input").nth(0).check();
+  await board.page.locator(".board input").nth(1).check();
+  await board.page.keyboard.press("Tab");
+  await look(board.name, board, settings);
+
+  const run = await at(runs[0], "run");
+  const squares = await run.page.locator(".sq").evaluateAll((links) => links.map((link) => link.getAttribute("href")));
+  check(squares.length >= 12, `${run.name}: a square for each episode`, `${squares.length}`);
+  await pictures(run);
+  await look(run.name, run, settings);
+
+  const task = await at(`${runs[0]}/tasks/S05`, "task");
+  await pictures(task);
+  await look(task.name, task, settings);
+
+  const carried = squares.find((href) => href.includes("S05")) ?? squares[0];
+  const episode = await at(carried, "episode", true);
+  await moves(episode.name, episode.page, "#view");
+  await episode.page.keyboard.press("Home");
+  await drawn(episode.page);
+  check((await clock(episode.page)).startsWith("0.00 s"), `${episode.name}: keys move it`);
+  await seek(episode.page, 0.5);
+  await episode.page.screenshot({ path: `${screenshots}/episode-top-${kind}.png` });
+  await look(episode.name, episode, settings);
+
+  const ids = runs.map((href) => href.split("/").pop());
+  const compare = await at(`/compare?run=${ids[0]}&run=${ids[1]}`, "compare");
+  const sides = compare.page.locator("a", { hasText: "side by side" });
+  check((await sides.count()) > 1, `${compare.name}: episodes of both`);
+  const side = await sides.nth((await sides.count()) > 15 ? 14 : 0).getAttribute("href");
+  await look(compare.name, compare, settings);
+
+  const pair = await at(side, "pair", true);
+  await moves(`${pair.name} A`, pair.page, "#view-a");
+  await moves(`${pair.name} B`, pair.page, "#view-b");
+  const before = [await picture(pair.page, "#view-a"), await picture(pair.page, "#view-b")];
+  const box = await pair.page.locator("#view-a").boundingBox();
+  await pair.page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await pair.page.mouse.down();
+  await pair.page.mouse.move(box.x + box.width / 2 + 60, box.y + box.height / 2 + 15, { steps: 4 });
+  await pair.page.mouse.up();
+  const after = [await picture(pair.page, "#view-a"), await picture(pair.page, "#view-b")];
+  check(!after[0].equals(before[0]) && !after[1].equals(before[1]), `${pair.name}: a drag in one turns both`);
+  await pair.page.locator("#reset").click();
+  await pair.page.keyboard.press("Space");
+  await pair.page.waitForFunction(() => document.getElementById("play").dataset.playing === "false", null, {
+    timeout: PATIENCE_MS,
+  });
+  await seek(pair.page, 0.4);
+  await pair.page.screenshot({ path: `${screenshots}/pair-top-${kind}.png` });
+  await look(pair.name, pair, settings);
+
+  const about = await at("/about", "about");
+  await look(about.name, about, settings);
+  const nothing = await at("/runs/0000000000000000", "nothing");
+  // The answer 404 is on the console, and should be.
+  nothing.noted.errors.length = 0;
+  await look(nothing.name, nothing, settings);
+  if (kind === "desktop-light") await without(settings);
+});
+await end();

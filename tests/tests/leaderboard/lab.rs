@@ -1,0 +1,178 @@
+//! A server that plays and verifies, and a leaderboard over it.
+
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use fiatlux_access::{Identity, KnownServers};
+use fiatlux_tests::programs::{PATIENCE, Running, Scratch, Service, endpoint, free_port, program, wait_until};
+use serde_json::Value;
+
+/// A server that records, keeps runs and signs.
+pub struct Lab {
+    service: Service,
+    keys: Scratch,
+}
+
+impl Lab {
+    pub fn start(name: &str) -> Self {
+        let keys = Scratch::new(&format!("{name}-keys"));
+        let identity = Identity::generate().unwrap();
+        let [secret, runs] = ["identity", "runs"].map(|file| keys.path().join(file));
+        identity.write(&secret).unwrap();
+        let [secret, runs] = [secret, runs].map(|path| path.display().to_string());
+        let service = Service::start(name, &["--record", &runs, "--identity", &secret]);
+        let known = service.folder.path().join("known_servers");
+        std::fs::write(known, KnownServers::line("test", &identity.public())).unwrap();
+        Self { service, keys }
+    }
+
+    pub fn port(&self) -> u16 {
+        self.service.port
+    }
+
+    pub fn folder(&self) -> &Scratch {
+        &self.service.folder
+    }
+
+    /// The file of the server's key.
+    pub fn known_servers(&self) -> PathBuf {
+        self.folder().path().join("known_servers")
+    }
+
+    /// The files of a folder that are wanted, in a folder of their own.
+    pub fn copy(&self, from: &Path, name: &str, wanted: impl Fn(&str) -> bool) -> PathBuf {
+        let to = self.folder().path().join(name);
+        std::fs::create_dir_all(&to).unwrap();
+        for entry in std::fs::read_dir(from).unwrap() {
+            let entry = entry.unwrap();
+            let file = entry.file_name().into_string().unwrap();
+            if wanted(&file) {
+                std::fs::copy(entry.path(), to.join(file)).unwrap();
+            }
+        }
+        to
+    }
+}
+
+/// A whole run of policy `random`: twelve falls and drops. Its folder.
+pub fn played_run(lab: &Lab, name: &str, seeds: &[&str]) -> PathBuf {
+    let file = lab.folder().path().join(format!("{name}.toml")).display().to_string();
+    let link = endpoint(lab.port());
+    let mut args = vec!["evaluate", "--policy", "random", "-e", &link, "--run-file", &file, "--json"];
+    args.extend(seeds);
+    let mut client = Running::start("policy-client", &args, lab.folder());
+    let (status, text) = client.finish(PATIENCE);
+    assert!(status.success(), "{text}\n{}", client.log());
+    let run = std::fs::read_to_string(&file).unwrap();
+    let run = run
+        .lines()
+        .find_map(|line| line.strip_prefix("run = \"")?.strip_suffix('"'))
+        .unwrap_or_else(|| panic!("{run}"));
+    let runs = lab.keys.path().join("runs").join(run);
+    assert!(runs.is_dir(), "{}", runs.display());
+    runs
+}
+
+/// A leaderboard of a test's own.
+pub struct Board<'a> {
+    lab: &'a Lab,
+    service: Running,
+    args: Vec<String>,
+    port: u16,
+}
+
+impl<'a> Board<'a> {
+    /// That verifies on the lab's server.
+    pub fn start(lab: &'a Lab, args: &[&str]) -> Self {
+        Self::start_with(lab, &[&endpoint(lab.port())], args)
+    }
+
+    /// That verifies on those servers.
+    pub fn start_with(lab: &'a Lab, servers: &[&str], args: &[&str]) -> Self {
+        let port = free_port();
+        let folder = lab.folder().path().join("board").display().to_string();
+        for args in [&["account", "lab", "--submissions-a-day", "100000"][..], &["token", "lab"]] {
+            let done =
+                Command::new(program("scorer")).args(["admin", "--folder", &folder]).args(args).output().unwrap();
+            assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+            std::fs::write(lab.folder().path().join("token"), done.stdout).unwrap();
+        }
+        let http = format!("127.0.0.1:{port}");
+        let mut all: Vec<String> = ["serve", "--folder", &folder, "--http", &http].map(str::to_owned).into();
+        all.extend(args.iter().map(|&arg| arg.to_owned()));
+        let service = serve(lab, &all, servers);
+        Self { lab, service, args: all, port }
+    }
+
+    /// Kills it and starts it again.
+    pub fn restart(&mut self, servers: &[&str]) {
+        self.service.kill();
+        self.service = serve(self.lab, &self.args, servers);
+    }
+
+    pub fn url(&self) -> String {
+        format!("http://127.0.0.1:{}", self.port)
+    }
+
+    /// The file of the account's token.
+    pub fn token(&self) -> PathBuf {
+        self.lab.folder().path().join("token")
+    }
+
+    /// `scorer submit --wait --json`: its exit code and what it prints.
+    pub fn submit(&self, folder: &Path, args: &[&str]) -> (i32, Value) {
+        self.submit_with(folder, &[args, &["--wait"]].concat())
+    }
+
+    pub fn submit_without_waiting(&self, folder: &Path) -> (i32, Value) {
+        self.submit_with(folder, &[])
+    }
+
+    fn submit_with(&self, folder: &Path, args: &[&str]) -> (i32, Value) {
+        let [folder, token] = [folder, &self.token()].map(|path| path.display().to_string());
+        let url = self.url();
+        let mut all = vec!["submit", &folder, "--to", &url, "--token", &token, "--json"];
+        all.extend(args);
+        let mut client = Running::start("scorer", &all, self.lab.folder());
+        let (status, text) = client.finish(PATIENCE);
+        let said = serde_json::from_str(&text);
+        (
+            status.code().unwrap(),
+            said.unwrap_or_else(|error| panic!("{error}; log:\n{}{}", client.log(), self.service.log())),
+        )
+    }
+
+    /// What the service answers to its account.
+    pub fn get(&self, address: &str) -> Value {
+        let token = std::fs::read_to_string(self.token()).unwrap();
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let token = token.trim();
+        write!(
+            stream,
+            "GET {address} HTTP/1.1\r\nHost: board\r\nConnection: close\r\nAuthorization: Bearer {token}\r\n\r\n"
+        )
+        .unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+        assert!(head.starts_with("HTTP/1.1 200"), "{address}: {answer}");
+        serde_json::from_str(body).unwrap()
+    }
+}
+
+fn serve(lab: &Lab, args: &[String], servers: &[&str]) -> Running {
+    let mut all: Vec<&str> = args.iter().map(String::as_str).collect();
+    servers.iter().for_each(|server| all.extend(["-e", server]));
+    let mut service = Running::start("scorer", &all, lab.folder());
+    service.wait_for("serving http://127.0.0.1:");
+    service
+}
+
+/// Waits until a submission is in that state.
+pub fn wait_for_state(board: &Board<'_>, id: &str, state: &str) {
+    let address = format!("/api/v1/submissions/{id}");
+    wait_until(state, PATIENCE, || board.get(&address)["state"] == state);
+}
