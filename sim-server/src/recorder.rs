@@ -33,7 +33,7 @@ const MAX_UNHEARD: usize = 1024;
 /// How bags are named below the folder they go to. A name that is taken gets a number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Naming {
-    /// By session: `SERVER/SESSION/TASK-sSEED-eEPISODE.mcap`.
+    /// A folder for each session: `SERVER/SESSION/TASK-sSEED-eEPISODE.mcap`.
     #[default]
     BySession,
     /// All in one folder: `TASK-sSEED-eEPISODE.mcap`.

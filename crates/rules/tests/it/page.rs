@@ -12,7 +12,7 @@ fn section(task: Task) -> String {
     let page = include_str!("../../../../docs/tasks.md");
     let rest = page.split_once(&heading).unwrap_or_else(|| panic!("no heading '{}'", heading.trim())).1;
     // Lines of a list entry are one line here.
-    rest.split("\n## ").next().unwrap().replace("\n  ", " ")
+    rest.split("\n## ").next().expect("a section").replace("\n  ", " ")
 }
 
 /// The names in backquotes of the list entry that begins so.
@@ -46,7 +46,7 @@ fn the_page_of_tasks_is_the_rulebook() {
         assert!(section.contains(&format!("At the start {start} of them hold")), "{task}: what holds at its start");
         for protocol in Protocol::ALL {
             let entry = if protocol == Protocol::Published { "- Gate:" } else { "- Strict:" };
-            let line = section.lines().find(|line| line.starts_with(entry)).unwrap();
+            let line = section.lines().find(|line| line.starts_with(entry)).expect("an entry");
             let window = format!("window {}.", window(spec.gate.window(protocol)));
             assert!(line.contains(&window), "{task}: {line} without '{window}'");
         }
