@@ -12,7 +12,7 @@ const PAGES: [&str; 8] = [
     "CONTRIBUTING.md",
     "proto/PROTOCOL.md",
     "python/README.md",
-    "scorer/RESULTS.md",
+    "crates/grading/RESULTS.md",
     "crates/sensing/OBSERVATIONS.md",
     "tests/oracle/README.md",
 ];

@@ -65,7 +65,7 @@ const OF_THE_EPISODE: [(&str, Change); 16] = [
     ("generator", |header| header.random = "other/1".into()),
 ];
 
-/// What a reader is told beside that.
+/// What a reader is told besides.
 const OF_THE_RUN: [(&str, Change); 22] = [
     ("mode", |header| header.mode = v3::Mode::RealTime.into()),
     ("sensors", |header| header.sensors.push(v3::Sensor { name: "privileged".into(), ..Default::default() })),
