@@ -181,7 +181,7 @@ fn violations_card(out: &mut String, results: &Results) {
 }
 
 fn subtasks(out: &mut String, results: &Results) {
-    out.push_str("<h2>Subtasks</h2>\n<div class=\"panel wide scroll\">");
+    out.push_str("<h2>Subtasks</h2>\n<div class=\"panel wide scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Subtasks as a figure\">");
     out.push_str(&overview::figure(results));
     let (protocol, success) = match results.score_strict {
         Some(_) => ("strict", "strict success"),
@@ -195,7 +195,7 @@ fn subtasks(out: &mut String, results: &Results) {
     );
     out.push_str(&overview::causes(results));
     out.push_str("</div>\n");
-    out.push_str("<div class=\"panel scroll\">");
+    out.push_str("<div class=\"panel scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Subtasks as a table\">");
     sections::task_table(out, &results.subtasks, true);
     out.push_str("</div>\n");
 }

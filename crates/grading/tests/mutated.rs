@@ -80,8 +80,9 @@ fn ten_thousand_mutated_bags() {
     }
     assert!(reasons.len() >= 3, "{reasons:?}");
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let peak =
-        status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.trim().parse().ok());
+    let peak = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok());
     let peak: u64 = peak.unwrap_or(0) * 1024;
     assert!(peak < MAX_MEMORY, "{peak} bytes");
     eprintln!("{BAGS} bags: {reasons:?}, at most {} MiB", peak >> 20);

@@ -14,8 +14,8 @@ pub(super) fn task_table(out: &mut String, tasks: &[TaskResult], scored: bool) {
     let columns = if scored { 3 } else { 2 };
     let _ = write!(
         out,
-        "<table><thead><tr><th></th><th></th><th class=\"c\" colspan=\"{columns}\">strict</th><th class=\"c\" colspan=\"{}\">\
-         published</th><th></th><th></th><th></th><th></th><th></th></tr><tr><th class=\"l\">Task</th><th>n</th>\
+        "<table><thead><tr><td></td><td></td><th class=\"c\" colspan=\"{columns}\">strict</th><th class=\"c\" colspan=\"{}\">\
+         published</th><td></td><td></td><td></td><td></td><td></td></tr><tr><th class=\"l\">Task</th><th>n</th>\
          <th>Success</th><th>Gate<br>progress</th>{score_head}<th>Clean<br>success</th><th>Success</th><th>Gate<br>progress</th>\
          {score_head}<th>Broken</th><th>Dropped</th><th>Peak hand<br>force, N</th><th>Control<br>effort</th><th>Length,<br>s\
          </th></tr></thead><tbody>",
@@ -66,7 +66,7 @@ pub(super) fn extra_tasks(out: &mut String, results: &Results) {
         return;
     }
     out.push_str("<h2>Outside the score</h2>\n<p class=\"soft small\">These tasks have no weight in S.</p>\n");
-    out.push_str("<div class=\"panel scroll\">");
+    out.push_str("<div class=\"panel scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Tasks outside the score\">");
     task_table(out, &results.extra_tasks, false);
     out.push_str("</div>\n");
 }
@@ -77,7 +77,7 @@ pub(super) fn excluded(out: &mut String, results: &Results) {
         return;
     }
     out.push_str(
-        "<h2>Not scored</h2>\n<div class=\"panel scroll\"><table><thead><tr><th class=\"l\">Bag</th><th class=\"l\">Episode\
+        "<h2>Not scored</h2>\n<div class=\"panel scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Bags that are not scored\"><table><thead><tr><th class=\"l\">Bag</th><th class=\"l\">Episode\
          </th><th class=\"l\">Why</th><th>Steps</th><th>Progress</th></tr></thead><tbody>",
     );
     for bag in &results.excluded {
@@ -169,7 +169,7 @@ fn thresholds(out: &mut String, results: &Results) {
     let _ = write!(
         out,
         "<details><summary><span class=\"name\">Thresholds in force</span><span class=\"what\">{what}</span></summary>\
-         <div class=\"inner scroll\"><table><thead><tr><th class=\"l\">Name</th><th>Value</th><th>Published</th><th class=\
+         <div class=\"inner scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Thresholds\"><table><thead><tr><th class=\"l\">Name</th><th>Value</th><th>Published</th><th class=\
          \"l\">Set by</th></tr></thead><tbody>"
     );
     for (key, published) in usual.entries() {
@@ -200,7 +200,7 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
         options.push_str(" --published-counting");
     }
     let show = |out: &mut String, title: &str, command: &str| {
-        let _ = write!(out, "<h3>{title}</h3><pre>{}</pre>", escape(command));
+        let _ = write!(out, "<h3>{title}</h3><pre tabindex=\"0\">{}</pre>", escape(command));
     };
     out.push_str("<h2>How to get these numbers again</h2>\n<div class=\"panel\">");
     show(out, "Grade the same bags, from the folder that this page was written to", &grade_command(results, &options));
