@@ -15,7 +15,7 @@ fn a_submission_is_graded_and_listed() {
     let files = [3, 4].map(|seed| bag(&board.folder.0, seed));
     let id = board.submit(&token, &manifest(), &files);
     let entry = board.decided(&id, &token);
-    assert_eq!((&entry["state"], &entry["badge"]), (&json!("verified"), &json!("self_reported")), "{entry}");
+    assert_eq!((&entry["state"], &entry["badge"]), (&json!("graded"), &json!("self_reported")), "{entry}");
     // Two episodes of one task have a place in no table.
     assert_eq!(entry["division"], Value::Null);
     let (status, listed) = board.json("GET", "/api/v1/submissions", None, &Value::Null);
@@ -35,7 +35,7 @@ fn a_submission_is_graded_and_listed() {
     assert!(status == 201 && theirs["id"] != json!(id), "{theirs}");
     let (_, text) = board.ask("GET", "/metrics", None, b"");
     assert!(
-        text.contains("fiatlux_submissions{state=\"verified\"} 1") && text.contains("fiatlux_graded_total 1"),
+        text.contains("fiatlux_submissions{state=\"graded\"} 1") && text.contains("fiatlux_graded_total 1"),
         "{text}"
     );
 }
@@ -83,7 +83,7 @@ fn an_upload_goes_on_where_it_broke_off() {
     assert_eq!(board.ask("PUT", &at(0), Some(&token), &bytes).0, 200);
     assert_eq!(board.json("POST", &finish, Some(&token), &Value::Null).0, 202);
     assert_eq!(board.json("POST", &finish, Some(&token), &Value::Null).0, 202);
-    assert_eq!(board.decided(id, &token)["state"], "verified");
+    assert_eq!(board.decided(id, &token)["state"], "graded");
 }
 
 /// Guards what a submitter reads of bags that do not agree with themselves, and that nobody else reads it.

@@ -45,7 +45,7 @@ fn tokens_that_are_not_good_open_nothing() {
     let mixed = format!("{}{}", &good[..25], &other[25..]);
     let cases = [
         (None, "there is no token"),
-        (Some(""), "not one of this service"),
+        (Some(""), "there is no token"),
         (Some("fiatlux"), "not one of this service"),
         (Some(&*wrong), "not one of this service"),
         (Some(&*mixed), "not one of this service"),

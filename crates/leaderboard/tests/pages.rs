@@ -31,7 +31,7 @@ fn with_two(board: &Board, manifest: &Value) -> [String; 2] {
         let token = board.token(account);
         let id = board.submit(&token, manifest, if account == "one" { &better } else { &worse });
         let entry = board.decided(&id, &token);
-        assert_eq!(entry["state"], "verified", "{entry}");
+        assert_eq!(entry["state"], "graded", "{entry}");
         id
     })
 }

@@ -257,6 +257,10 @@ impl RecorderSession {
     }
 
     fn write(&mut self, mut record: Box<StepRecord>) {
+        // The bags before the one that is taken up ended on disk; the earlier recorder died before the server knew.
+        if self.resumed.is_some() && self.open.is_some_and(|open| record.episode < open.episode) {
+            return;
+        }
         let begins = record.step == 0 && record.header.is_some();
         let goes_on = self.open.is_some_and(|open| open.episode == record.episode);
         // A first row belongs to an open bag only where that was left before the server knew that it was on disk.

@@ -25,7 +25,7 @@ const FORGED: [(&str, bool, Change, &str); 15] = [
     ),
     ("seed", false, |parts, _| parts.header.seed += 1, "header was changed"),
     ("seed-sealed", true, |parts, _| parts.header.seed += 1, " in the second run"),
-    ("rows", true, |parts, other| parts.states.clone_from(&other.states), "was changed"),
+    ("rows", true, |parts, other| parts.states.clone_from(&other.states), "rows"),
     (
         "signature",
         true,

@@ -267,7 +267,7 @@ fn hostile_files_are_refused() {
         ("pelvis.obj", "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 0 3\n".into(), "line 4"),
         ("pelvis.obj", format!("v 0 0 0\nf 1 1 {}\nf 1 1 -2\n", i64::MIN).into(), "line 2"),
         ("pelvis.obj", "v 0 0\n".into(), "line 1"),
-        ("pelvis.obj", vec![0xff, 0xfe, 0, 0], "no text"),
+        ("pelvis.obj", vec![0xff, 0xfe, 0, 0], "not text"),
     ];
     for (name, bytes, words) in cases {
         let message = Folder::new("hostile").with(name, &bytes).refused();

@@ -195,6 +195,16 @@ fn a_recorder_goes_on_between_two_bags() {
     assert_eq!((recorder.written(), recorder.lost, recorder.next_seq(0)), ("o3 0 1 f".into(), 0, 102));
 }
 
+/// Guards the recorder that died just after it had begun a bag: the end of the one before comes once more.
+#[test]
+fn a_recorder_goes_on_at_the_beginning_of_a_bag() {
+    let mut recorder = Harness::of(RecorderSession::resume("r", header(1), 0, NOW));
+    assert!(recorder.request().is_some());
+    recorder.take(episode(0, 0, 3).into_iter().skip(1).chain(episode(3, 1, 2)));
+    recorder.give(Input::Answered);
+    assert_eq!((recorder.written(), recorder.next_seq(0)), ("0 1 f".into(), 5));
+}
+
 /// Guards the recorder that died with all rows on disk and without the result.
 #[test]
 fn the_result_alone_ends_a_resumed_bag() {
