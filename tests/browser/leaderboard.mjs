@@ -31,13 +31,15 @@ async function look(name, page, settings, full = true) {
   await close(page);
 }
 
+// Side by side, the shorter one stands at its end while the longer one goes on.
 async function moves(name, page, view) {
   const shots = [];
   for (const share of [0, 0.5, 1]) {
     await seek(page, share);
     shots.push(await picture(page, view));
   }
-  check(!shots[0].equals(shots[1]) && !shots[1].equals(shots[2]), `${name}: the picture changes as time moves`);
+  const goesOn = view !== "#view" || !shots[1].equals(shots[2]);
+  check(!shots[0].equals(shots[1]) && goesOn, `${name}: the picture changes as time moves`);
   await seek(page, 0.5);
 }
 
