@@ -123,6 +123,8 @@ await everywhere(async (kind, settings) => {
   const after = [await picture(pair.page, "#view-a"), await picture(pair.page, "#view-b")];
   check(!after[0].equals(before[0]) && !after[1].equals(before[1]), `${pair.name}: a drag in one turns both`);
   await pair.page.locator("#reset").click();
+  // It plays to the end, of which at most two seconds are left, and stops there.
+  await seek(pair.page, 0.99);
   await pair.page.keyboard.press("Space");
   await pair.page.waitForFunction(() => document.getElementById("play").dataset.playing === "false", null, {
     timeout: PATIENCE_MS,
