@@ -125,7 +125,7 @@ await everywhere(async (kind, settings) => {
   await pair.page.locator("#reset").click();
   // It plays to the end, of which at most two seconds are left, and stops there.
   await seek(pair.page, 0.99);
-  await pair.page.keyboard.press("Space");
+  await pair.page.locator("#play").click();
   await pair.page.waitForFunction(() => document.getElementById("play").dataset.playing === "false", null, {
     timeout: PATIENCE_MS,
   });
