@@ -195,7 +195,8 @@ def gr00t_actions(model, observation, embodiment, args):
         actions[key] = np.repeat(row[None, None].astype(np.float32), horizon, axis=1)
         if key == "left_arm":
             by_row, by_chunk = args.ramp
-            actions[key] += (by_row * np.arange(horizon) + by_chunk * model.count)[None, :, None].astype(np.float32)
+            ramp = (-1) ** model.count * (by_chunk + by_row * np.arange(horizon))
+            actions[key] += ramp[None, :, None].astype(np.float32)
     first = next(iter(actions))
     actions[first] = model.spoil(actions[first])
     return actions
@@ -417,7 +418,7 @@ def main():
         "--ramp",
         type=lambda text: [float(part) for part in text.split(",")],
         default=[0.0] * 2,
-        help="what GR00T's left arm moves from row to row and from chunk to chunk, rad",
+        help="what GR00T's left arm moves from row to row, and at once, forth and back from chunk to chunk, rad",
     )
     serve.add_argument("--token", help="refuse GR00T requests without this API token")
     serve.add_argument("--key", help="refuse WebSocket clients without this API key")

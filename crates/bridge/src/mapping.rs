@@ -69,8 +69,16 @@ pub enum Part {
     },
     /// Pose of a wrist in the pelvis frame: x, y, z, m, and the first two rows of its rotation.
     Wrist(Side),
-    /// Direction of gravity in the pelvis frame: 3. Of the state alone.
+    /// Direction of gravity in the pelvis frame: 3. This and the next four are of the state alone, as the robot senses them.
     Gravity,
+    /// Angular velocity of the pelvis in its frame, rad/s: 3.
+    AngularVelocity,
+    /// Linear velocity of the pelvis in its frame, m/s: 3.
+    LinearVelocity,
+    /// Angles of all joints, that many, less the standing posture, rad.
+    Turned(usize),
+    /// Velocities of all joints, that many, rad/s.
+    Velocities(usize),
     /// Forward, left, m/s, and turning velocity, rad/s: 3.
     Navigate,
     /// Height of the pelvis, m: 1.
@@ -90,9 +98,9 @@ impl Part {
             Self::Joints(joints) => joints.len(),
             Self::Hand(side) => hands.map_or(0, |hands| hands.width(*side)),
             Self::Wrist(_) => 9,
-            Self::Gravity | Self::Navigate | Self::Torso => 3,
+            Self::Gravity | Self::AngularVelocity | Self::LinearVelocity | Self::Navigate | Self::Torso => 3,
             Self::Grip { .. } | Self::Height => 1,
-            Self::Token(width) | Self::Skip(width) => *width,
+            Self::Turned(width) | Self::Velocities(width) | Self::Token(width) | Self::Skip(width) => *width,
         }
     }
 }

@@ -14,10 +14,30 @@ use crate::{BridgeError, ModelObservation};
 pub struct Sensed<'a> {
     /// Angles of all joints, rad.
     pub joint_position: &'a [f64],
+    /// Velocities of all joints, rad/s.
+    pub joint_velocity: &'a [f64],
+    /// Of the pelvis in its frame, rad/s.
+    pub base_angular_velocity: [f64; 3],
+    /// Of the pelvis in its frame, m/s.
+    pub base_linear_velocity: [f64; 3],
     /// Direction of gravity in the pelvis frame.
     pub projected_gravity: [f64; 3],
     /// Height of the pelvis, m.
     pub base_height: f64,
+}
+
+impl<'a> Sensed<'a> {
+    /// Of a robot upright and at rest. `zeros` has a zero for each joint.
+    pub fn still(joint_position: &'a [f64], zeros: &'a [f64], base_height: f64) -> Self {
+        Self {
+            joint_position,
+            joint_velocity: zeros,
+            base_angular_velocity: [0.0; 3],
+            base_linear_velocity: [0.0; 3],
+            projected_gravity: [0.0, 0.0, -1.0],
+            base_height,
+        }
+    }
 }
 
 /// Pictures of a session's cameras, as far back as a mapping wants them.
@@ -125,8 +145,9 @@ impl Mapping {
         numbers: &mut Vec<f32>,
     ) -> Result<(), BridgeError> {
         let q = sensed.joint_position;
-        if q.len() != robot.joints().len() {
-            let what = format!("angles of {} joints (it has {})", robot.joints().len(), q.len());
+        let (joints, found) = (robot.joints().len(), [q.len(), sensed.joint_velocity.len()]);
+        if found != [joints; 2] {
+            let what = format!("angles and velocities of {joints} joints (it has {found:?})");
             return Err(BridgeError::Sensed { what, remedy: "use the robot that the mapping was read for" });
         }
         let mut add = |values: &[f64]| numbers.extend(values.iter().map(|value| *value as f32));
@@ -138,6 +159,10 @@ impl Mapping {
             }
             (Part::Wrist(side), _) => add(&nine(&wrist(robot, *side, q)?)),
             (Part::Gravity, _) => add(&sensed.projected_gravity),
+            (Part::AngularVelocity, _) => add(&sensed.base_angular_velocity),
+            (Part::LinearVelocity, _) => add(&sensed.base_linear_velocity),
+            (Part::Turned(_), _) => q.iter().zip(robot.q0()).for_each(|(angle, q0)| add(&[angle - q0])),
+            (Part::Velocities(_), _) => add(sensed.joint_velocity),
             (Part::Height, _) => add(&[sensed.base_height]),
             // The file's reader lets no other part into a state.
             (other, hands) => add(&vec![0.0; other.width(hands.as_ref())]),

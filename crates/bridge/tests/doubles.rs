@@ -69,7 +69,8 @@ impl Drop for Double {
 
 fn observed(mapping: &Mapping, robot: &Robot) -> ModelObservation {
     let q = robot.q0();
-    let sensed = Sensed { joint_position: q, projected_gravity: [0.0, 0.0, -1.0], base_height: 0.78 };
+    let zeros = vec![0.0; q.len()];
+    let sensed = Sensed::still(q, &zeros, 0.78);
     let mut frames = Frames::default();
     for sensor in mapping.sensors() {
         let [width, height] = mapping.picture;

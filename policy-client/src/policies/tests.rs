@@ -199,6 +199,26 @@ fn foreign_controllers_move_their_own_joints() {
     }
 }
 
+/// What a policy commands to its whole-body controller is in the record of each action.
+#[test]
+fn commands_are_recorded() {
+    let robot = Robot::g1_inspire().expect("loads");
+    let (info, first) = standing(&robot, GainSet::Fiatlux);
+    for (name, height) in [("wbc:vx=0.25,wz=-0.5".to_owned(), 0.75), (format!("gear:{NETWORKS},vx=0.25,wz=-0.5"), 0.74)]
+    {
+        let mut policy = by_name(&name).expect("known");
+        policy.reset(&info, &first).expect("resets");
+        assert_eq!(policy.source(), None, "nothing is commanded yet");
+        for index in 0..2 {
+            policy.act(&first).expect("acts");
+            let chunk = policy.source().expect("a command");
+            assert_eq!((chunk.index, chunk.width, chunk.row), (index, 7, 0));
+            assert_eq!(chunk.keys, ["navigate:3", "height:1", "torso:3"]);
+            assert_eq!(chunk.values, [0.25, 0.0, -0.5, height, 0.0, 0.0, 0.0]);
+        }
+    }
+}
+
 #[test]
 fn foreign_controllers_refuse_what_does_not_fit() {
     let robot = Robot::g1_inspire().expect("loads");

@@ -268,12 +268,16 @@ impl Episode {
         let remedy = "leave --sensors out, or name proprioception there";
         let missing = || BridgeError::Sensed { what: "proprioception".into(), remedy };
         let body = seen.proprioception.as_ref().ok_or_else(missing)?;
-        let &[x, y, z] = body.projected_gravity.as_slice() else { return Err(missing()) };
         let q: Vec<f64> =
             self.q0.iter().zip(&body.joint_position).map(|(q0, turned)| q0 + f64::from(*turned)).collect();
+        let velocity: Vec<f64> = body.joint_velocity.iter().map(|velocity| f64::from(*velocity)).collect();
+        let vector = |term: &[f32]| <[f32; 3]>::try_from(term).map(|term| term.map(f64::from)).map_err(|_| missing());
         let sensed = Sensed {
             joint_position: &q,
-            projected_gravity: [x, y, z].map(f64::from),
+            joint_velocity: &velocity,
+            base_angular_velocity: vector(&body.base_angular_velocity)?,
+            base_linear_velocity: vector(&body.base_linear_velocity)?,
+            projected_gravity: vector(&body.projected_gravity)?,
             base_height: f64::from(body.base_height),
         };
         let (instruction, session) = (&self.instruction, &self.session);

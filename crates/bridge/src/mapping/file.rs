@@ -220,7 +220,11 @@ impl Reader<'_> {
         self.range(&field, width, MOST.1)?;
         for part in &parts {
             let fits = match part {
-                Part::Gravity => is_state,
+                Part::Gravity
+                | Part::AngularVelocity
+                | Part::LinearVelocity
+                | Part::Turned(_)
+                | Part::Velocities(_) => is_state,
                 Part::Token(_) | Part::Navigate | Part::Torso => !is_state,
                 _ => true,
             };
@@ -283,11 +287,17 @@ impl Reader<'_> {
             FilePart { skip: Some(width), .. } if part.count() == 1 => Ok(Part::Skip(*width)),
             FilePart { term: Some(term), .. } if part.count() == 1 => match term.as_str() {
                 "projected_gravity" => Ok(Part::Gravity),
+                "base_angular_velocity" => Ok(Part::AngularVelocity),
+                "base_linear_velocity" => Ok(Part::LinearVelocity),
+                "joint_position" => Ok(Part::Turned(self.robot.joints().len())),
+                "joint_velocity" => Ok(Part::Velocities(self.robot.joints().len())),
                 "navigate" => Ok(Part::Navigate),
                 "height" => Ok(Part::Height),
                 "torso" => Ok(Part::Torso),
                 other => {
-                    Err(wrong(format!("term '{other}' is not known; use projected_gravity, navigate, height or torso")))
+                    let known = "projected_gravity, base_angular_velocity, base_linear_velocity, joint_position, \
+                                 joint_velocity, navigate, height or torso";
+                    Err(wrong(format!("term '{other}' is not known; use {known}")))
                 }
             },
             _ => Err(wrong("a part has one of joints, group, hand, grip, wrist, term, token and skip".into())),

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::{ActionTerms, CameraTerms, Contract, ModelChunk, check_chunk, check_contract};
+use crate::{ActionTerms, CameraTerms, Contract, Frames, ModelChunk, Sensed, check_chunk, check_contract};
 
 fn robot() -> Robot {
     Robot::g1_inspire().unwrap()
@@ -85,6 +85,40 @@ fn wrong_files_are_refused() {
         let error = Mapping::from_toml("test", &text, &robot()).unwrap_err().to_string();
         assert!(error.contains(says), "{from} -> {to}: {error}");
     }
+}
+
+/// The whole state of a data set of ours: the terms in their order, joint angles less the standing posture.
+#[test]
+fn a_state_has_the_terms_of_proprioception() {
+    let terms = [
+        "base_angular_velocity",
+        "projected_gravity",
+        "base_linear_velocity",
+        "height",
+        "joint_position",
+        "joint_velocity",
+    ];
+    let parts = terms.map(|term| format!("{{ term = \"{term}\" }}")).join(", ");
+    let text = include_str!("../../mappings/lerobot_g1.toml");
+    let text = text.replace("{ term = \"projected_gravity\" }, { term = \"height\" }", &parts);
+    let text = text.replace("sensor = \"camera\"", "sensor = \"none\"");
+    let robot = robot();
+    let mapping = Mapping::from_toml("test", &text, &robot).unwrap();
+    let q: Vec<f64> = robot.q0().iter().map(|angle| angle + 0.25).collect();
+    let velocity = vec![-0.5; q.len()];
+    let sensed = Sensed {
+        base_angular_velocity: [1.0, 2.0, 3.0],
+        base_linear_velocity: [4.0, 5.0, 6.0],
+        ..Sensed::still(&q, &velocity, 0.75)
+    };
+    let seen = mapping.observe(&robot, &sensed, &Frames::default(), 0, "go", "it").unwrap();
+    let (key, numbers) = &seen.states[0];
+    assert_eq!((key.as_str(), numbers.len()), ("state", 116));
+    assert_eq!(numbers[..10], [1.0, 2.0, 3.0, 0.0, 0.0, -1.0, 4.0, 5.0, 6.0, 0.75]);
+    assert!(numbers[10..63].iter().all(|turned| (turned - 0.25).abs() < 1e-6));
+    assert_eq!(numbers[63..], [-0.5; 53]);
+    let short = Sensed { joint_velocity: &velocity[1..], ..sensed };
+    assert!(mapping.observe(&robot, &short, &Frames::default(), 0, "go", "it").is_err());
 }
 
 /// A server that fits a mapping.

@@ -59,11 +59,8 @@ impl VlaSource {
             frames.push(mapping, 0, sensor, Picture::new(width, height, rgb)?);
         }
         let q = shared.robot.q0();
-        let sensed = Sensed {
-            joint_position: q,
-            projected_gravity: [0.0, 0.0, -1.0],
-            base_height: shared.robot.standing_height(),
-        };
+        let zeros = vec![0.0; q.len()];
+        let sensed = Sensed::still(q, &zeros, shared.robot.standing_height());
         let observation = mapping.observe(&shared.robot, &sensed, &frames, 0, "Stand still.", "probe")?;
         let images = observation.images.iter().map(|(key, tensor)| (key.clone(), tensor.shape().to_vec()));
         let states = observation.states.iter().map(|(key, numbers)| (key.clone(), vec![numbers.len()]));

@@ -38,4 +38,12 @@ fn flags_that_are_missing_are_told() {
     assert!(error(model(Some("openpi_g1"), "tcp://lab:1")).contains("it is not of gr00t"));
     assert!(error(VlaArgs { prefix: Some(31), ..model(None, "tcp://lab:1") }).contains("a chunk has 30 rows"));
     assert!(error(model(None, "tcp://lab:1")).is_empty());
+    let on = |controller: &str| VlaArgs { controller: Some(controller.into()), ..model(None, "tcp://lab:1") };
+    assert!(error(on("own")).is_empty());
+    for controller in ["sonic:x", "gear", "gear:", "own:x", "walk"] {
+        let said = error(on(controller));
+        assert!(said.contains(&format!("'{controller}', and the mapping unitree_g1 speaks commands")), "{said}");
+    }
+    assert!(error(on("gear:/nowhere")).contains("/nowhere/Balance.onnx"));
+    assert!(error(on("gear:/nowhere,vx=1")).contains("use names of reading, gains"));
 }
