@@ -80,7 +80,9 @@ fn record(python: &PathBuf, dialect: &str, double: &[&str], args: &[&str]) -> Re
     let bag = folder.files(".mcap");
     let bag = Bag::open(bag.first().unwrap_or_else(|| panic!("no bag; {log}"))).unwrap();
     assert!(bag.header().policy.starts_with(&format!("vla:{dialect}:")), "{}", bag.header().policy);
-    let actions = bag.actions().filter_map(|action| action.unwrap().action).collect();
+    // In real time a row that no action reached has the last one again.
+    let came = bag.actions().map(Result::unwrap).filter(|record| !record.held);
+    let actions = came.filter_map(|record| record.action).collect();
     Recorded { log, bag, actions, _folder: folder }
 }
 
