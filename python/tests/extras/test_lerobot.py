@@ -220,9 +220,10 @@ def test_a_checkpoint_is_served(commands, tmp_path):
         assert "Unknown endpoint" in ask("kill")["error"]
         assert "cannot be read" in ask.raw(b"\xc1")["error"]
         assert "state has no" in ask("get_action", observation=3)["error"] or "video has no" in ask("get_action")["error"]
+        ask.socket.close(linger=0)
     finally:
         process.kill()
-        process.wait()
+        process.communicate()
 
 
 def test_bad_use_is_refused_by_name(run, tmp_path):
