@@ -1,7 +1,7 @@
 //! `policy-client list`.
 
 use clap::Args;
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{LinkArgs, Role, print};
 use fiatlux_policy::{describe_servers, policies};
 use fiatlux_proto::v3::ServerInfo;
 use serde_json::{Value, json};
@@ -30,14 +30,14 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
     let link = args.link.open(Role::Client)?;
     let servers = describe_servers(&link)?;
     if args.json {
-        println!("{:#}", Value::Array(servers.iter().map(as_json).collect()));
+        print(format!("{:#}\n", Value::Array(servers.iter().map(as_json).collect())));
     } else if servers.is_empty() {
         eprintln!("no server answers; start `sim-server`, or name where it is with -e tcp/HOST:PORT");
     }
     for server in servers.iter().filter(|_| !args.json) {
         let tasks: Vec<&str> = server.tasks.iter().map(|task| task.task.as_str()).collect();
-        println!(
-            "{}  version {}  {} of {} sessions open\n    tasks    {}\n    sensors  {}\n    gains    {}",
+        print(format!(
+            "{}  version {}  {} of {} sessions open\n    tasks    {}\n    sensors  {}\n    gains    {}\n",
             server.server,
             server.version,
             server.open_sessions,
@@ -45,7 +45,7 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
             tasks.join(" "),
             server.sensors.join(" "),
             server.gains.join(" ")
-        );
+        ));
     }
     Ok(!servers.is_empty())
 }
@@ -53,11 +53,11 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
 fn list_policies(json: bool) {
     if json {
         let policy = |(name, does): &(&str, &str)| json!({ "policy": name, "does": does });
-        println!("{:#}", Value::Array(policies::NAMES.iter().map(policy).collect()));
+        print(format!("{:#}\n", Value::Array(policies::NAMES.iter().map(policy).collect())));
         return;
     }
     for (name, does) in policies::NAMES {
-        println!("{name:<12}{does}");
+        print(format!("{name:<12}{does}\n"));
     }
 }
 

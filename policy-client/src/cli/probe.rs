@@ -2,6 +2,7 @@
 
 use clap::Args;
 use fiatlux_bridge::{Contract, ModelChunk, Representation, Row};
+use fiatlux_link::print;
 use fiatlux_policy::policies::{Answer, VlaArgs};
 
 use super::{Failure, usage};
@@ -23,61 +24,61 @@ pub struct ProbeArgs {
 pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
     let source = args.vla.source(false).map_err(usage)?;
     let probed = source.probe().map_err(anyhow::Error::from)?;
-    println!("mapping   {}", source.mapping().label());
+    print(format!("mapping   {}\n", source.mapping().label()));
     print_contract(&probed.contract);
     if let Err(error) = &probed.fit {
-        println!("contract  does not fit: {error}");
+        print(format!("contract  does not fit: {error}\n"));
     }
     for (key, shape) in &probed.sent {
-        println!("sent      {key} {shape:?}");
+        print(format!("sent      {key} {shape:?}\n"));
     }
     let Answer { chunk, latency, rows } = probed.answer.map_err(anyhow::Error::from)?;
     print_chunk(&chunk);
     let server =
         chunk.server_s.map_or_else(String::new, |time| format!(", {:.1} ms of them in the server", 1e3 * time));
-    println!("latency   {:.1} ms{server}", 1e3 * latency.as_secs_f64());
+    print(format!("latency   {:.1} ms{server}\n", 1e3 * latency.as_secs_f64()));
     match &rows {
         Ok(rows) => print_row(rows.first()),
-        Err(error) => println!("answer    does not fit: {error}"),
+        Err(error) => print(format!("answer    does not fit: {error}\n")),
     }
     if let Some((key, width)) = source.undecoded() {
-        println!(
+        print(format!(
             "decoder   missing: '{key}' has motion tokens of {width} numbers, which the policy vla plays with \
-             --controller sonic:DIR alone"
-        );
+             --controller sonic:DIR alone\n"
+        ));
     }
     Ok(probed.fit.is_ok() && rows.is_ok())
 }
 
 fn print_contract(contract: &Contract) {
     if *contract == Contract::default() {
-        return println!("contract  the server does not describe itself");
+        return print("contract  the server does not describe itself\n");
     }
     for camera in contract.cameras.iter().flatten() {
         let delta = camera.delta.as_ref().map_or_else(String::new, |delta| format!(", frames {delta:?}"));
-        println!("contract  camera '{}'{delta}", camera.key);
+        print(format!("contract  camera '{}'{delta}\n", camera.key));
     }
     if let Some(count) = contract.camera_count {
-        println!("contract  {count} cameras");
+        print(format!("contract  {count} cameras\n"));
     }
     if let Some([width, height]) = contract.image_size {
-        println!("contract  pictures of {width}x{height} pixels");
+        print(format!("contract  pictures of {width}x{height} pixels\n"));
     }
     for (key, _) in contract.states.iter().flatten() {
-        println!("contract  state '{key}'");
+        print(format!("contract  state '{key}'\n"));
     }
     for action in contract.actions.iter().flatten() {
         let name = action.representation.map_or("", Representation::name);
-        println!("contract  action '{}' {name}", action.key);
+        print(format!("contract  action '{}' {name}\n", action.key));
     }
     if let Some(keys) = &contract.language {
-        println!("contract  language '{}'", keys.join("', '"));
+        print(format!("contract  language '{}'\n", keys.join("', '")));
     }
     if let Some(rows) = contract.horizon {
-        println!("contract  {rows} rows a chunk");
+        print(format!("contract  {rows} rows a chunk\n"));
     }
     if let Some(space) = &contract.action_space {
-        println!("contract  action space {space}");
+        print(format!("contract  action space {space}\n"));
     }
 }
 
@@ -86,20 +87,20 @@ fn print_chunk(chunk: &ModelChunk) {
         let (least, most) = numbers
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), number| (least.min(*number), most.max(*number)));
-        println!("answer    {key} {} x {width}, from {least:.3} to {most:.3}", chunk.rows);
+        print(format!("answer    {key} {} x {width}, from {least:.3} to {most:.3}\n", chunk.rows));
     }
 }
 
 fn print_row(row: Option<&Row>) {
     let Some(row) = row else { return };
-    println!("row 0     {} joint targets", row.targets.len());
+    print(format!("row 0     {} joint targets\n", row.targets.len()));
     if let Some([x, y, turn]) = row.velocity {
-        println!("row 0     velocity {x:.2} m/s ahead, {y:.2} m/s to the left, {turn:.2} rad/s");
+        print(format!("row 0     velocity {x:.2} m/s ahead, {y:.2} m/s to the left, {turn:.2} rad/s\n"));
     }
     if let Some(height) = row.height {
-        println!("row 0     height {height:.2} m");
+        print(format!("row 0     height {height:.2} m\n"));
     }
     if let Some([roll, pitch, yaw]) = row.torso {
-        println!("row 0     torso roll {roll:.2}, pitch {pitch:.2}, yaw {yaw:.2} rad");
+        print(format!("row 0     torso roll {roll:.2}, pitch {pitch:.2}, yaw {yaw:.2} rad\n"));
     }
 }
