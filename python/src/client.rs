@@ -1,4 +1,4 @@
-//! Policies of Python's played over Zenoh: one episode at a time, or a whole run.
+//! Plays Python policies over Zenoh: one episode at a time, or a whole run.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +20,7 @@ use crate::settings::Settings;
 use crate::watch::watch;
 use crate::{build, failed, not_contiguous};
 
-/// A link to servers.
+/// A link to one server or several.
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Client {
     link: zenoh::Session,
@@ -42,7 +42,7 @@ impl Client {
         Ok(Self { link })
     }
 
-    /// Plays an episode in a session of its own; how it ended, as `EpisodeEnd` has it.
+    /// Plays an episode in a session of its own; returns how it ended, with the fields of `EpisodeEnd`.
     fn run(
         &self,
         py: Python<'_>,
@@ -118,7 +118,7 @@ impl Client {
     }
 }
 
-/// What a run is, but for what its sessions are opened with.
+/// A run, without the settings of its sessions.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Run {
@@ -161,7 +161,7 @@ impl Run {
     }
 }
 
-/// Plays a run, with a player of Python's for each episode.
+/// Plays a run, with a Python player for each episode.
 pub(crate) fn play(
     link: &zenoh::Session,
     options: &RunOptions,
@@ -217,7 +217,7 @@ fn describe(py: Python<'_>, outcome: &RunOutcome) -> PyResult<Py<PyDict>> {
     Ok(dict.unbind())
 }
 
-/// The exception of a policy, kept for the caller; it stops everything.
+/// The exception that a policy raised, kept for the caller; it stops everything.
 #[derive(Clone, Default)]
 pub(crate) struct Failure {
     pub error: Arc<Mutex<Option<PyErr>>>,
@@ -239,7 +239,7 @@ impl Failure {
     }
 }
 
-/// A policy of Python's: an object with `begin(info)` and `act(numbers)`, whose numbers are the observation's terms one after
+/// A Python policy: an object with `begin(info)` and `act(numbers)`, where the numbers are the observation's terms one after
 /// another.
 struct Player {
     object: Py<PyAny>,
@@ -247,11 +247,11 @@ struct Player {
     form: ActionForm,
     failure: Failure,
     terms: Vec<Part>,
-    /// The latest number of each term: one that is not due keeps its last.
+    /// The latest numbers of each term: a term that is not due keeps its last ones.
     numbers: Vec<f32>,
 }
 
-/// Where a term is in an observation's field.
+/// The place of a term in a field of the observation.
 struct Part {
     sensor: String,
     field: String,
@@ -294,7 +294,7 @@ impl Player {
     }
 }
 
-/// The terms that a session's observations have.
+/// The terms of a session's observations.
 fn seen(info: &SessionInfo) -> impl Iterator<Item = &fiatlux_proto::v3::ObservationTerm> {
     let is_seen = |name: &str| info.sensors.iter().all(|s| s.name != name || !(s.bag_only || s.on_request));
     info.terms.iter().filter(move |term| is_seen(&term.sensor))

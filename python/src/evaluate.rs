@@ -1,4 +1,4 @@
-//! The benchmark in this process, with bags: a server that records, and a client that plays.
+//! Runs the benchmark in this process and records bags, with a server and a client.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,8 +20,8 @@ use crate::watch::watch;
 /// Name of the server in this process.
 const SERVER: &str = "evaluate";
 
-/// Plays, records and grades a run in a folder, or what is left of it: the text of its `results.json`, and the episodes that
-/// are missing with the reason.
+/// Plays, records and grades a run in a folder, or the rest of it; returns the text of its `results.json`, and the missing
+/// episodes with the reason.
 #[pyfunction]
 pub(crate) fn evaluate_into(
     py: Python<'_>,
@@ -65,7 +65,7 @@ fn write(out: &Path, name: &str, text: &str) -> PyResult<()> {
     std::fs::write(out.join(name), text).map_err(Into::into)
 }
 
-/// Serves the run on a port of this machine and plays it there.
+/// Serves the run on a local port, and plays it there.
 fn host(
     hosting: &ExternalOptions,
     options: &RunOptions,
