@@ -1,4 +1,4 @@
-"""Reflection at the robot's median plane, and networks that obey it."""
+"""Reflection in the robot's median plane, and networks that respect it."""
 
 from typing import Any, Mapping, Sequence
 
@@ -9,12 +9,12 @@ from tensordict import TensorDict
 from torch import nn
 
 POLAR, AXIAL = (1, -1, 1), (-1, 1, -1)
-"""Signs of a vector's parts under the reflection, and of an axial vector's."""
+"""Signs of the components of a vector and of an axial vector under the reflection."""
 LEG, WAIST, ARM = (1, -1, -1, 1, 1, -1), (-1, -1, 1), (1, -1, -1, 1, -1, 1, -1)
-"""Signs of joints: turns about the lateral axis stay, others change."""
+"""Signs of joints: rotations about the lateral axis keep theirs, others change it."""
 
 Mirror = tuple[list[int], list[float]]
-"""Where each number of the reflection comes from, and its sign."""
+"""The index that each number of the reflection comes from, and its sign."""
 
 
 def _plain(signs: Sequence[float]) -> Mirror:
@@ -22,7 +22,7 @@ def _plain(signs: Sequence[float]) -> Mirror:
 
 
 def _pair(signs: Sequence[float]) -> Mirror:
-    """Left, then right."""
+    """The mirror of a pair of parts, left then right."""
     count = len(signs)
     return [*range(count, 2 * count), *range(count)], [*signs, *signs]
 
@@ -38,7 +38,7 @@ def _join(*parts: Mirror) -> Mirror:
 
 
 MOVED = _join(_pair(LEG), _plain(WAIST))
-"""Legs and waist, as in an action."""
+"""Reflection of legs and waist, as in an action."""
 FIELDS: dict[str, Mirror] = {
     "base_angular_velocity": _plain(AXIAL),
     "projected_gravity": _plain(POLAR),
@@ -62,13 +62,14 @@ FIELDS: dict[str, Mirror] = {
     "privileged.joint_velocity": _join(MOVED, _pair(ARM)),
     "privileged.hand_force": _pair(POLAR),
 }
-"""Reflection of each field of the walking task's observation, in one frame."""
+"""Reflection of one frame of each field of the walking task's observation."""
 
 
 def columns(fields: Mapping[str, tuple[slice, tuple[int, ...]]]) -> dict[str, tuple[np.ndarray, Mirror]]:
-    """Columns of the policy's and of the critic's observation, and their reflections.
+    """Columns of the policy's and the critic's observation, and their reflections.
 
-    The policy has all frames of what a robot senses; the critic the newest of what has no noise, and the privileged fields.
+    The policy gets all frames of what a robot senses; the critic gets the newest frame of the noise-free fields, and the
+    privileged fields.
     """
     groups: dict[str, tuple[list[int], list[Mirror]]] = {"policy": ([], []), "critic": ([], [])}
     for name, (place, shape) in fields.items():
@@ -85,7 +86,7 @@ def columns(fields: Mapping[str, tuple[slice, tuple[int, ...]]]) -> dict[str, tu
 
 
 class Reflection(nn.Module):
-    """Reflects vectors."""
+    """Reflects vectors in the median plane."""
 
     def __init__(self, mirror: Mirror) -> None:
         super().__init__()
@@ -110,7 +111,7 @@ class Symmetric(nn.Module):
 
 
 class SymmetricModel(MLPModel):
-    """RSL-RL's model with the symmetry built in. Its normaliser learns from both halves, so that it obeys it too."""
+    """RSL-RL's model with the symmetry built in. Its normaliser learns from vectors and their reflections, so it is symmetric."""
 
     def __init__(self, *args: Any, inputs: Mirror, outputs: Mirror, **settings: Any) -> None:
         super().__init__(*args, obs_normalization=True, **settings)
