@@ -128,7 +128,7 @@ impl Table {
             Value::List(values) if values.iter().any(|value| value.as_message().is_some()) => {
                 for (index, value) in values.into_iter().enumerate() {
                     if let Value::Message(message) = value {
-                        // What has a name is known by it.
+                        // Parts with a name are identified by it.
                         let name = message.get_field_by_name("name").and_then(|name| name.as_str().map(str::to_owned));
                         let name = name.filter(|name| !name.is_empty()).unwrap_or_else(|| index.to_string());
                         self.add(&message, &format!("{path}.{name}."));

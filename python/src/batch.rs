@@ -102,7 +102,7 @@ impl Batch {
         let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
         let ranges = build::ranges(common.ranges.as_ref())?;
         let config = SceneConfig::default();
-        // One start after the other, so that Ctrl-C works: staging one takes a tenth of a second.
+        // One start at a time, so that Ctrl-C works: staging one takes a tenth of a second.
         let mut banks: Vec<Bank> = Vec::new();
         for (seed, episode) in starts {
             let spec = [EpisodeSpec::new(task, seed, episode)];
@@ -229,7 +229,7 @@ impl Batch {
             return Err(interrupted);
         }
         stepped.map_err(error)?;
-        // Ctrl-C in a short step: the state is whole, and the next step can follow.
+        // Ctrl-C in a short step: the state is consistent, and the next step can follow.
         py.check_signals()
     }
 

@@ -34,7 +34,7 @@ impl Client {
             fiatlux_link::parse_endpoint(endpoint)
                 .map_err(|reason| PyValueError::new_err(format!("endpoint: {reason}")))?;
         }
-        // Of several servers one may be down at the start.
+        // One of several servers may be down at the start.
         let role = if endpoints.len() > 1 { Role::Server } else { Role::Client };
         let args = LinkArgs { connect: endpoints, config, ..LinkArgs::default() };
         let link = watch(py, move |_, _| args.open(role), |_, ()| Ok(()))?;
@@ -69,10 +69,9 @@ impl Client {
             py,
             move |stop, _| {
                 let mut policy = Player::new(player, name, form, Failure { stop: Arc::clone(stop), ..noted });
-                // Whatever a session asks of a client is asked for here alone.
                 let mut client = Link::open(&link, server.as_deref(), request)?;
                 let end = client.run_episode(episode, &mut policy, &mut |_| (), stop);
-                // A server misses a client that does not close its session.
+                // A server would wait for a client that does not close its session.
                 let _ = client.close();
                 end
             },
@@ -154,7 +153,7 @@ impl Run {
             hosted_seeds: self.hosted_seeds,
         };
         let file = RunFile::open(&self.run_file, &spec).map_err(|error| {
-            // The messages speak of the programs' flag.
+            // The messages name the programs' flag.
             PyValueError::new_err(in_full(&error).replace("--run-file", "run_file"))
         })?;
         Ok(RunOptions { server: self.server.clone(), parallel: self.parallel, patience, ..RunOptions::new(file) })
@@ -227,7 +226,7 @@ pub(crate) struct Failure {
 impl Failure {
     fn note(&self, error: PyErr) -> PolicyError {
         let reason = error.to_string();
-        // The first one is the cause of others.
+        // The first exception causes the others.
         self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         self.stop.store(true, Ordering::Relaxed);
         PolicyError::Unfit { policy: "of Python", reason }
@@ -330,7 +329,7 @@ impl Policy for Player {
                 is_due |= !field.1.is_empty();
                 match field.1.get(part.offset..part.offset + part.length) {
                     Some(numbers) => found.extend(numbers.iter().map(|number| *number as f32)),
-                    // A single number that is zero is not sent.
+                    // A single number is not sent if it is zero.
                     None => found.resize(found.len() + part.length, 0.0),
                 }
             }

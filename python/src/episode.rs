@@ -55,7 +55,7 @@ impl Episode {
             let visuals = sensors.meets(Sensors::WITH_IMAGE).then(|| Arc::new(Visuals::new(&scene)));
             let drawn = || visuals.clone().unwrap_or_else(|| Arc::new(Visuals::new(&scene)));
             suite.begin(&scene, NoiseSeed::of(&spec), drawn, Lighting::of(&spec.light()))?;
-            // The names of a batch's worlds, so that both kinds of environment have one form.
+            // The same names as in a batch, so that both kinds of environment have one form.
             let named = Rulebook::new(task, &scene, options, None).spec().clone();
             Ok((play, suite, visuals, named))
         };

@@ -78,7 +78,7 @@ fn host(
     let over = AtomicBool::new(false);
     let (played, served) = std::thread::scope(|scope| {
         let server = scope.spawn(|| {
-            // Owned here, so that a client learns of a server that could not start.
+            // Moved in here: if the server cannot start, dropping it ends the wait below.
             let sender = sender;
             evaluate_external(hosting, &over, &mut |progress| {
                 if let ExternalProgress::Waiting { endpoint } = progress {
@@ -86,7 +86,7 @@ fn host(
                 }
             })
         });
-        // A run that is over has no server any more.
+        // A run that is already finished starts no server.
         let played = endpoints.recv().ok().map(|endpoint| {
             let link = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }.open(Role::Client);
             let link = link.map_err(|error| in_full(&error))?;
@@ -99,7 +99,7 @@ fn host(
     let outcome = served.map_err(|_| "the server has a fault, described on stderr; please report it".to_owned())?;
     match (played, outcome) {
         (Some(Err(reason)), _) => Err(reason),
-        // The client knows more of it than the server's journal.
+        // The client knows more about it than the server's journal.
         (Some(Ok(run)), Err(EvaluateError::Nothing { .. })) => {
             let reasons = run
                 .episodes

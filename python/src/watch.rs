@@ -32,7 +32,7 @@ pub(crate) fn watch<T: Send + 'static, P: Send + 'static>(
     let (sender, mut events) = mpsc::channel();
     let theirs = Arc::clone(&stop);
     let thread = std::thread::Builder::new().name("fiatlux".into()).spawn(move || {
-        // Nobody listens any more after a second Ctrl-C.
+        // After a second Ctrl-C nobody is listening.
         let done = work(&theirs, &|progress| drop(sender.send(Event::Progress(progress))));
         let _ = sender.send(Event::Done(done));
     });

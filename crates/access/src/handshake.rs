@@ -371,7 +371,7 @@ mod tests {
         let (other, _) = welcome(&other, &hello, REPLY).unwrap();
         let refused = greeting.verify(REPLY, &other, Some(&identity.public()));
         assert!(matches!(refused, Err(HandshakeError::Server { .. })));
-        assert!(greeting.verify(REPLY, &other, None).is_ok(), "told nothing, it takes whoever signs");
+        assert!(greeting.verify(REPLY, &other, None).is_ok(), "without an expected key any signer is accepted");
         let (other, _) = welcome(&identity, &Greeting::new("", None).unwrap().hello(), REPLY).unwrap();
         assert!(!is_taken(REPLY, &other), "the answer to another hello");
     }

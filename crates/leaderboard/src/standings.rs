@@ -353,7 +353,7 @@ pub(crate) mod tests {
         assert!(refused(&|r| r.conditions.protocol = "published".into()).contains("strict"));
     }
 
-    /// 10 of 24 pairs in which one alone succeeds: 2 / 2^10. Different conditions do not compare.
+    /// Guards the test: in 10 of 24 pairs only one succeeds, so p = 2 / 2^10. Different conditions are not compared.
     #[test]
     fn neighbours_are_tested_on_what_they_share() {
         let (a, b) = (results(9), results(4));

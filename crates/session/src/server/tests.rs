@@ -91,7 +91,7 @@ fn a_row_is_recorded_after_its_observation_is_out() {
     assert!(matches!(outputs(&mut session)[..], [Output::Notice(_)]));
     act(&mut session, 0, vec![0.5, -0.5]);
     assert!(matches!(session.poll(), Some(Output::Observation(_))));
-    assert_eq!(records.get(), 1, "row 0 alone");
+    assert_eq!(records.get(), 1, "only row 0");
     let Some(Output::StepRecord(bytes)) = session.poll() else { panic!("no record") };
     let record = StepRecord::decode(bytes).expect("a record");
     assert_eq!((records.get(), record.seq, record.step, record.events.len()), (2, 1, 1, 2));
