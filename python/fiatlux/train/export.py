@@ -1,4 +1,4 @@
-"""Exports a trained policy as one file that contains its contract."""
+"""A trained policy as one file that carries its contract."""
 
 from pathlib import Path
 
@@ -14,17 +14,17 @@ POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
 
 
 def export(checkpoint: Path, file: Path, hardware: str) -> None:
-    """Writes a checkpoint's policy, with the normaliser folded into the first layer.
+    """Writes a checkpoint's policy; the normaliser goes into the first layer.
 
-    The file has ``layerN.weight`` (outputs x inputs) and ``layerN.bias``, for ELU between the layers, and an observation with the
-    symmetric network's action, with which a loader can check itself.
+    The file has ``layerN.weight`` (outputs x inputs) and ``layerN.bias``, ELU between the layers, and an observation with the
+    symmetric network's action, by which a loader checks itself.
     """
     state = load_checkpoint(checkpoint)
     settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
     index, sign = _join(*(FIELDS[name] for name in POLICY for _ in range(FRAMES)))
     index, sign = torch.tensor(index), torch.tensor(sign)
     out_index, out_sign = torch.tensor(MOVED[0]), torch.tensor(MOVED[1])
-    # The normaliser is symmetric except for rounding; make it exactly so.
+    # The normaliser is symmetric but for rounding; here exactly.
     mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0) for name in ("_mean", "_std"))
     mean = 0.5 * (mean + sign * mean[index])
     deviation = 0.5 * (deviation + deviation[index]) + 0.01

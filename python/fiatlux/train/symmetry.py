@@ -1,4 +1,4 @@
-"""Reflection in the robot's median plane, and networks that respect it."""
+"""Reflection at the robot's median plane, and networks that obey it."""
 
 from typing import Any, Mapping, Sequence
 
@@ -9,12 +9,12 @@ from tensordict import TensorDict
 from torch import nn
 
 POLAR, AXIAL = (1, -1, 1), (-1, 1, -1)
-"""Signs of the components of a vector and of an axial vector under the reflection."""
+"""Signs of a vector's parts under the reflection, and of an axial vector's."""
 LEG, WAIST, ARM = (1, -1, -1, 1, 1, -1), (-1, -1, 1), (1, -1, -1, 1, -1, 1, -1)
-"""Signs of joints: rotations about the lateral axis keep theirs, others change it."""
+"""Signs of joints: turns about the lateral axis stay, others change."""
 
 Mirror = tuple[list[int], list[float]]
-"""The index that each number of the reflection comes from, and its sign."""
+"""Where each number of the reflection comes from, and its sign."""
 
 
 def _plain(signs: Sequence[float]) -> Mirror:
@@ -22,7 +22,7 @@ def _plain(signs: Sequence[float]) -> Mirror:
 
 
 def _pair(signs: Sequence[float]) -> Mirror:
-    """The mirror of a pair of parts, left then right."""
+    """Left, then right."""
     count = len(signs)
     return [*range(count, 2 * count), *range(count)], [*signs, *signs]
 
@@ -38,7 +38,7 @@ def _join(*parts: Mirror) -> Mirror:
 
 
 MOVED = _join(_pair(LEG), _plain(WAIST))
-"""Reflection of legs and waist, as in an action."""
+"""Legs and waist, as in an action."""
 FIELDS: dict[str, Mirror] = {
     "base_angular_velocity": _plain(AXIAL),
     "projected_gravity": _plain(POLAR),
@@ -62,14 +62,13 @@ FIELDS: dict[str, Mirror] = {
     "privileged.joint_velocity": _join(MOVED, _pair(ARM)),
     "privileged.hand_force": _pair(POLAR),
 }
-"""Reflection of one frame of each field of the walking task's observation."""
+"""Reflection of each field of the walking task's observation, in one frame."""
 
 
 def columns(fields: Mapping[str, tuple[slice, tuple[int, ...]]]) -> dict[str, tuple[np.ndarray, Mirror]]:
-    """Columns of the policy's and the critic's observation, and their reflections.
+    """Columns of the policy's and of the critic's observation, and their reflections.
 
-    The policy gets all frames of what a robot senses; the critic gets the newest frame of the noise-free fields, and the
-    privileged fields.
+    The policy has all frames of what a robot senses; the critic the newest of what has no noise, and the privileged fields.
     """
     groups: dict[str, tuple[list[int], list[Mirror]]] = {"policy": ([], []), "critic": ([], [])}
     for name, (place, shape) in fields.items():
@@ -86,7 +85,7 @@ def columns(fields: Mapping[str, tuple[slice, tuple[int, ...]]]) -> dict[str, tu
 
 
 class Reflection(nn.Module):
-    """Reflects vectors in the median plane."""
+    """Reflects vectors."""
 
     def __init__(self, mirror: Mirror) -> None:
         super().__init__()
@@ -111,7 +110,7 @@ class Symmetric(nn.Module):
 
 
 class SymmetricModel(MLPModel):
-    """RSL-RL's model with the symmetry built in. Its normaliser learns from vectors and their reflections, so it is symmetric."""
+    """RSL-RL's model with the symmetry built in. Its normaliser learns from both halves, so that it obeys it too."""
 
     def __init__(self, *args: Any, inputs: Mirror, outputs: Mirror, **settings: Any) -> None:
         super().__init__(*args, obs_normalization=True, **settings)
