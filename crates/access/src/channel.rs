@@ -68,7 +68,7 @@ impl Channel {
     /// The channel of one side.
     ///
     /// # Errors
-    /// As for [`Secrets::mac_key`].
+    /// The same as those of [`Secrets::mac_key`].
     pub fn new(secrets: &Secrets, side: Side) -> Result<Self, crate::HandshakeError> {
         let [sends, receives] = [secrets.mac_key(side)?, secrets.mac_key(side.other())?];
         Ok(Self { sends, receives, next: 0, taken: Window::default(), refused: 0 })

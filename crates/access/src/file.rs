@@ -86,7 +86,7 @@ pub fn encode(prefix: &str, bytes: &[u8; 32]) -> String {
     format!("{prefix}:{}", STANDARD.encode(bytes))
 }
 
-/// Reads what [`encode`] wrote. Errors do not repeat the text, which may be a secret.
+/// Reads the output of [`encode`]. Errors do not repeat the text, which may be a secret.
 pub fn decode(text: &str, prefix: &str, field: &'static str, remedy: &'static str) -> Result<[u8; 32], FormatError> {
     let refuse = |problem: String| FormatError::new(field, problem, remedy);
     let coded = text.strip_prefix(prefix).and_then(|rest| rest.strip_prefix(':'));

@@ -389,7 +389,7 @@ mod tests {
             let error = welcome(&identity, &hello, REPLY).unwrap_err().to_string();
             assert!(error.starts_with(field), "{error}");
         }
-        // A point of small order: all would share the same secret.
+        // A point of small order, with which everybody would get the same secret.
         let hello = Hello { key: vec![0; 32], ..good };
         assert!(matches!(welcome(&identity, &hello, REPLY), Err(HandshakeError::Agreement)));
     }

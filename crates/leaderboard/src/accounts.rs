@@ -1,4 +1,4 @@
-//! Accounts and their tokens: who may submit, and how an administrator says so.
+//! Accounts and their tokens: who may submit, and what an administrator can change.
 //!
 //! A token is `fiatlux_ID_SECRET`: 16 and 64 hexadecimal digits. The store keeps its SHA-256; the secret is 256 random
 //! bits, so a digest gives nothing away and needs no salt.
@@ -215,7 +215,7 @@ impl Store {
         if self.remove(id, "admin").await? { Ok(()) } else { Err(AccountError::NoSubmission { id }) }
     }
 
-    /// Whose a token is. Takes as long for a wrong secret as for the right one.
+    /// The account of a token. Takes as long for a wrong secret as for the right one.
     pub(crate) async fn account_by(&self, token: Option<&str>) -> Result<Result<Account, Denied>, StoreError> {
         let Some(token) = token else { return Ok(Err(Denied::Missing)) };
         let Some(id) = id_in(token) else { return Ok(Err(Denied::Wrong)) };

@@ -1,4 +1,4 @@
-//! The JSON API: what programs ask for. `api/openapi.json` describes it, and a test compares the two.
+//! The JSON API for programs. `api/openapi.json` describes it, and a test compares the two.
 
 mod answer;
 mod submissions;

@@ -31,7 +31,7 @@ const PAUSE: Duration = Duration::from_millis(500);
 /// How often [`Submit::wait`] asks for the state of a submission.
 const POLL: Duration = Duration::from_secs(2);
 
-/// Why nothing was submitted.
+/// Why a submission failed.
 #[derive(Debug, Error)]
 pub enum SubmitError {
     /// The folder to submit cannot be searched for bags.

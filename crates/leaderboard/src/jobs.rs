@@ -21,7 +21,7 @@ use verify::Verifiers;
 
 /// How often the grader looks for work without being notified.
 const LOOK: Duration = Duration::from_secs(2);
-/// How long it waits after the store has failed.
+/// How long the grader waits after an error of the store.
 const PAUSE: Duration = Duration::from_secs(5);
 /// How often abandoned uploads are removed.
 const SWEEP: Duration = Duration::from_secs(600);

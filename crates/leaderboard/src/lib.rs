@@ -1,4 +1,4 @@
-//! The leaderboard: takes submissions over HTTP, grades and verifies their bags, and shows them.
+//! The leaderboard: accepts submissions over HTTP, grades and verifies their bags, and shows them.
 //!
 //! ```text
 //! a run's folder --client--> incoming/ --checks--> blobs/ --grade--> Results --verify on sim-servers--> badge

@@ -285,7 +285,7 @@ pub(crate) mod tests {
         })
     }
 
-    /// An entry of that number, received in the order of numbers.
+    /// An entry with this id; a larger id was received later.
     pub fn entry(id: u64, policy: &str, results: &Results) -> Entry {
         Entry {
             id: SubmissionId(id),
@@ -308,7 +308,7 @@ pub(crate) mod tests {
         table.places.iter().map(|place| (place.rank, place.entry.id.0)).collect()
     }
 
-    /// Strict clean success first, then strict S; equals share a rank, the earlier one above.
+    /// Guards the order: strict clean success, then strict S; equal rows share a rank, the earlier one above.
     #[test]
     fn the_best_is_first() {
         let mut better_s = results(4);

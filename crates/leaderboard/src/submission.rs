@@ -75,7 +75,7 @@ pub struct Manifest {
 pub struct ManifestError {
     /// Name of the field, such as `link`.
     pub field: &'static str,
-    /// What is wrong with it.
+    /// What is wrong with the field.
     pub problem: &'static str,
     /// What the submitter should do.
     pub remedy: &'static str,

@@ -87,7 +87,7 @@ impl From<StoreError> for Problem {
     }
 }
 
-/// JSON, which nothing on the way may keep.
+/// A JSON response that no cache may store.
 pub(super) fn json_text(text: String) -> Response {
     let headers = [
         (header::CONTENT_TYPE, "application/json"),
@@ -97,13 +97,13 @@ pub(super) fn json_text(text: String) -> Response {
     (headers, text).into_response()
 }
 
-/// A value as JSON.
+/// A response with a value as JSON.
 pub(super) fn json_of(value: &impl Serialize) -> Result<Response, Problem> {
     let text = serde_json::to_string(value).map_err(|error| StoreError::corrupt("an answer", error))?;
     Ok(json_text(text))
 }
 
-/// Whose token a request has.
+/// The account whose token a request carries.
 pub(super) async fn account_of(service: &Service, headers: &HeaderMap) -> Result<Account, Problem> {
     let text = headers.get(header::AUTHORIZATION).filter(|value| value.len() <= MAX_AUTHORIZATION);
     let text = text.and_then(|value| value.to_str().ok());

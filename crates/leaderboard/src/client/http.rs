@@ -26,7 +26,7 @@ pub(super) struct Http {
 /// A response of the service.
 pub(super) struct Answer {
     pub status: u16,
-    /// `null` where it is not JSON.
+    /// The body; `null` if it is not JSON.
     pub json: Value,
 }
 
@@ -58,7 +58,7 @@ impl Http {
         Ok(Self { agent: config.into(), url: url.into(), authorization: format!("Bearer {}", token.trim()) })
     }
 
-    /// A request without a file.
+    /// Sends a request without a file.
     pub fn ask(&self, method: &str, address: &str, body: Option<&str>) -> Result<Answer, String> {
         let request = self.request(method, address, body.map_or(0, |body| body.len() as u64))?;
         let mut bytes = body.unwrap_or_default().as_bytes();

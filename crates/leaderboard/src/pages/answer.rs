@@ -23,7 +23,7 @@ pub(super) enum Problem {
     Asked(String),
     /// The bag cannot be shown, for this reason.
     Unshowable(String),
-    /// Too many such requests at once.
+    /// Too many requests of this kind at once.
     Busy,
     /// The service itself failed; its log has the reason.
     Failed,

@@ -45,7 +45,7 @@ pub enum SessionFailure {
         /// What the user should do.
         remedy: String,
     },
-    /// Messages of the server cannot be read.
+    /// Several messages of the server could not be read.
     #[error("the server's {what} cannot be read: {reason}; use server and client of the same version")]
     Unreadable {
         /// Kind of the message, such as `observation`.

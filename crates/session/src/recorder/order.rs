@@ -294,7 +294,7 @@ mod tests {
         assert_eq!(order.next(), Some(Next::Lost { from: 1488, to: 1990 }));
     }
 
-    /// A recorder that starts late begins with the first record that the server has, before more of them are forgotten.
+    /// Guards that a late recorder begins with the first record that the server has, before more of them are forgotten.
     #[test]
     fn a_late_start_begins_where_the_server_does() {
         for kept in [600..1112, 600..612] {
@@ -327,7 +327,7 @@ mod tests {
         assert_eq!(seqs(&mut order).len(), MAX_WAITING);
     }
 
-    /// A recorder that comes back finds the window wherever it is, even when nothing new is sent.
+    /// Guards that a recorder that comes back finds the window wherever it is, even if nothing new is sent.
     #[test]
     fn a_search_finds_the_first_record() {
         for window in [0..1, 100..612, 4000..4512, 10_000..10_001] {
