@@ -1,4 +1,4 @@
-"""Fiatlux's batch and MuJoCo's own threaded `rollout`, one after the other on this machine: same states, same targets.
+"""Compares Fiatlux's batch with MuJoCo's own threaded `rollout`, one after the other: same machine, states and targets.
 
     python python/benchmarks/mujoco_rollout.py --worlds 64 --threads 2
 
@@ -100,7 +100,7 @@ class Batch:
 
 
 class Rollout:
-    """Worlds of the exported scene, each from the start state that the batch's world has."""
+    """Worlds of the exported scene, each in the start state of the batch's world."""
 
     def __init__(self, args, nearest):
         starts = {}
@@ -139,7 +139,7 @@ class Rollout:
 
 
 def check_states(ours, rollout):
-    """The joints' angles of all worlds are the same numbers on both sides."""
+    """Checks that the joint angles of all worlds are the same on both sides."""
     for world, positions in enumerate(ours.positions):
         theirs = rollout.joint_positions[world]
         if not np.isin(positions, theirs).all():

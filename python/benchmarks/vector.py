@@ -1,4 +1,4 @@
-"""What Python and the observation of the robot's body cost in a step of many worlds.
+"""Measures what Python and the observation of proprioception cost in a step of many worlds.
 
     python python/benchmarks/vector.py --worlds 1024 --threads 2
 
@@ -65,7 +65,7 @@ def main():
 
 
 def measure(env, steps):
-    """Seconds of a step, of its native call, and of the processor, from the start of the episodes."""
+    """Seconds for a step, for its native call, and of processor time, from the start of the episodes."""
     env.reset(seed=0)
     actions = np.zeros(env.action_space.shape, np.float32)
     env.step(actions)

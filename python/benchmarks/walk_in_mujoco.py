@@ -1,4 +1,4 @@
-"""The whole-body controller in Fiatlux's physics and in MuJoCo's, on the same commands, side by side.
+"""Runs the whole-body controller in Fiatlux's physics and in MuJoCo's, on the same commands, side by side.
 
     python python/benchmarks/walk_in_mujoco.py --episodes 64
 
@@ -49,7 +49,7 @@ def main():
 
 
 class Track:
-    """What an episode comes to."""
+    """Sums over an episode, and its results."""
 
     def __init__(self):
         self.errors, self.slips, self.loads = [], [], []
@@ -58,7 +58,7 @@ class Track:
         self.survived = True
 
     def take(self, command, velocity, foot_speeds, foot_loads):
-        """A control step: what was commanded and what came of it (m/s, m/s, rad/s), and speed and load of the feet."""
+        """Adds a control step: commanded and actual velocity (m/s, m/s, rad/s), and speed and load of the feet."""
         is_new = self.command is None or np.abs(command - self.command).max() > 1e-6
         self.command = command
         self.since = 0 if is_new else self.since + 1
@@ -91,7 +91,7 @@ def summary(tracks):
 
 
 def play_ours(episodes, seed):
-    """Fiatlux's episodes, and the commands that they had: steps, episodes, numbers of a command."""
+    """Plays the episodes in Fiatlux; returns them with their commands, an array of steps x episodes x numbers."""
     upright = {"height": (0.75, 0.75), "stand_height": (0.75, 0.75), "torso": ((0.0, 0.0),) * 3}
     env = fiatlux.WalkingVectorEnv(
         episodes,
@@ -131,12 +131,12 @@ def play_ours(episodes, seed):
 
 
 def command_of(numbers):
-    """A command by names; velocities alone, at the height that training stands at."""
+    """A command from velocities only, at the standing height used in training."""
     return dict(zip(("vx", "vy", "wz"), map(float, numbers[:3])))
 
 
 def bare_scene(nearest):
-    """The exported robot, on the floor alone."""
+    """The exported robot on an empty floor."""
     env = fiatlux.Env("S05", noise=False)
     env.reset(seed=1000)
     root = ElementTree.fromstring(env.to_mjcf(nearest))
@@ -158,7 +158,7 @@ def bare_scene(nearest):
 
 
 def play_theirs(model, commands):
-    """An episode in MuJoCo, from the standing posture."""
+    """Plays an episode in MuJoCo, from the standing posture."""
     data = mujoco.MjData(model)
     body = fiatlux.WholeBody()
     names = [model.actuator(index).name for index in range(model.nu)]
@@ -202,7 +202,7 @@ def play_theirs(model, commands):
 
 
 def foot_loads(model, data, feet):
-    """What the floor bears of each foot, N."""
+    """Load of each foot on the floor, N."""
     loads = np.zeros(2)
     force = np.zeros(6)
     for index in range(data.ncon):

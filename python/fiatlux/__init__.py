@@ -1,10 +1,10 @@
 """Environments of the Fiatlux benchmark: a humanoid that puts a ladder under a lamp, climbs it and swaps the bulb.
 
-Importing it registers the environments. ``gymnasium.make("Fiatlux-S05-CarryBulbToDisposal-v1")`` is one episode at a time, by
-the benchmark's own rules; ``gymnasium.make_vec`` of the same id, or :class:`VectorEnv`, steps many worlds in one call for
-training. :func:`evaluate` plays a policy through the benchmark in this process, :class:`Client` on servers, :class:`Bag`
-reads a recorded episode, :func:`submit` sends a run to a leaderboard, and :class:`WholeBody` is a body for other policies to
-stand on.
+Importing the package registers the environments. ``gymnasium.make("Fiatlux-S05-CarryBulbToDisposal-v1")`` plays one episode at a
+time, by the benchmark's own rules; ``gymnasium.make_vec`` with the same id, or :class:`VectorEnv`, steps many worlds in one call
+for training. :func:`evaluate` plays a policy through the benchmark in this process, :class:`Client` on servers, :class:`Bag`
+reads a recorded episode, :func:`submit` sends a run to a leaderboard, and :class:`WholeBody` controls legs and waist for other
+policies.
 """
 
 from ._native import BENCHMARK_VERSION, FiatluxError, __version__

@@ -1,4 +1,4 @@
-"""Makes the environments known to Gymnasium."""
+"""Registers the environments with Gymnasium."""
 
 import gymnasium
 
@@ -6,7 +6,7 @@ from .tasks import TASKS
 
 
 def register() -> None:
-    """Registers the fourteen tasks and walking, each as one environment and as a vector of them."""
+    """Registers the fourteen tasks, each as a single environment and as a vector of worlds, and walking as a vector."""
     for task in TASKS.values():
         gymnasium.register(
             id=task.id,

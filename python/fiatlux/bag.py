@@ -8,10 +8,10 @@ from . import _native
 
 
 class Bag(Mapping[str, dict[str, Any]]):
-    """A recorded episode: topics of columns.
+    """A recorded episode: a mapping of topics, each with its columns.
 
-    ``bag["/state"]["joint_position"]`` is an array of rows x joints. A topic is read when it is first asked for. A column's
-    name is the path of a field of the topic's message; where only some messages have it, ``NAME.rows`` has their places.
+    ``bag["/state"]["joint_position"]`` is an array of rows x joints. A topic is read on first use. The name of a column is the
+    path of a field in the topic's message; if only some messages have the field, ``NAME.rows`` holds their indices.
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:
@@ -20,17 +20,17 @@ class Bag(Mapping[str, dict[str, Any]]):
 
     @cached_property
     def header(self) -> dict[str, Any]:
-        """What was set when the episode began, as nested dictionaries under the names of the message ``EpisodeHeader``."""
+        """The conditions of the episode, as nested dictionaries with the field names of the message ``EpisodeHeader``."""
         return self._bag.header()
 
     @cached_property
     def result(self) -> dict[str, Any] | None:
-        """How the episode ended, as ``EpisodeResult``; none in a bag that was cut."""
+        """How the episode ended, with the field names of ``EpisodeResult``; ``None`` in a bag that was cut."""
         return self._bag.result()
 
     @property
     def is_whole(self) -> bool:
-        """Whether all of the episode is there."""
+        """Whether the bag holds the whole episode."""
         return self._bag.is_whole
 
     def __getitem__(self, topic: str) -> dict[str, Any]:

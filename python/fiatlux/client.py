@@ -1,4 +1,4 @@
-"""Policies played on servers over Zenoh."""
+"""Plays policies on servers over Zenoh."""
 
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, Callable, Sequence
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 class Client:
     """A link to one server, or to several.
 
-    Waiting for a server and playing leave the interpreter's lock free, and Ctrl-C ends them. A policy is called in another
+    Waiting for a server and playing release the interpreter's lock, and Ctrl-C stops them. The policy is called in another
     thread than the caller's.
 
     Args:
-        endpoint: Where the server is, such as ``"tcp/192.168.1.7:7447"``; several may be given as a list.
-        config: A Zenoh config file, as the programs take it; it has the certificates of an encrypted link.
+        endpoint: Address of the server, such as ``"tcp/192.168.1.7:7447"``; several may be given as a list.
+        config: A Zenoh config file, the same as for the programs; it names the certificates of an encrypted link.
 
     Raises:
-        ValueError: The endpoint cannot be read.
-        ConnectionError: Nobody answers there.
+        ValueError: The endpoint is not a valid one.
+        ConnectionError: Nobody answers at the endpoint.
     """
 
     def __init__(
@@ -52,12 +52,12 @@ class Client:
         Args:
             policy: See :data:`fiatlux.PolicyLike`.
             task: Short id or environment id.
-            seed, episode: Which episode.
-            server: Name of the server; not needed where there is one only.
+            seed, episode: Seed of the room, and index of the episode.
+            server: Name of the server; not needed if there is only one.
             name: The policy's name, for the record.
-            observation: Form of the observations. Sensors may have a rate here, such as ``"camera@10"``; in between, an
-                observation has the last image.
-            record: Sensors that the bag is to have, such as ``"camera"``; the episode then waits for a recorder.
+            observation: Form of the observations. Sensors may have a rate here, such as ``"camera@10"``; in between,
+                observations repeat the last image.
+            record: Sensors to record in the bag, such as ``"camera"``; the episode then waits for a recorder.
             settings: See :class:`fiatlux.Settings`.
         """
         asked = complete(task, observation, settings)
@@ -83,23 +83,23 @@ class Client:
         progress: Callable[[dict[str, Any]], None] | None = None,
         **settings: "Unpack[Settings]",
     ) -> dict[str, Any]:
-        """Plays a whole run; called again with the same run file and arguments, it goes on where the run stands.
+        """Plays a whole run; called again with the same run file and arguments, it resumes the run.
 
-        The server records the run and keeps its score. The result has the ``run``'s name, whether it is ``finished``, the
+        The server records the run and keeps its score. The result has the name of the ``run``, whether it is ``finished``, the
         ``servers`` that took part, and its ``episodes``, each with its ``fate``: ``"played"``, ``"failed"``, or ``"lost"``, which
         the next call plays.
 
         Args:
             policy: See :data:`fiatlux.PolicyLike`. It must be deterministic: an episode that was cut off is played again.
-            tasks, seeds: Played once each.
-            parallel: Episodes at once; as many as the servers take by default. One policy object that has ``reset`` plays
-                them one by one: give its class to play several.
-            hosted_seeds: Number of seeds that the server draws, in place of ``seeds``.
+            tasks, seeds: Every task is played once under every seed.
+            parallel: Episodes to play at once; by default as many as the servers allow. A policy object with ``reset`` plays
+                one at a time: give its class to play several.
+            hosted_seeds: Number of seeds that the server draws, instead of ``seeds``.
             server: Name of the server, or of a group: ``lab`` stands for ``lab``, ``lab-1`` and so on.
-            name, version, link: The policy's, for the record.
-            run_file: File with the run's name and secret key; it is written where there is none.
-            patience_s: How long to wait for servers that are gone.
-            observation, record: As of :meth:`run`.
+            name, version, link: Name, version and web page of the policy, for the record.
+            run_file: File with the run's name and secret key; it is created if it does not exist.
+            patience_s: How long to wait for servers that are gone, s.
+            observation, record: As in :meth:`run`.
             progress: Called a few times a second with a dictionary of counts.
             settings: See :class:`fiatlux.Settings`.
         """
@@ -124,7 +124,7 @@ def run_of(
     name: str | None,
     run_file: str | PathLike[str],
 ) -> dict[str, Any]:
-    """A run as the native part takes it, with usual values for what is not given."""
+    """A run in the form that the native part takes, with defaults for what is not given."""
     if is_stateful(policy):
         if parallel not in (None, 1):
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Bags as a LeRobot data set."""
+"""Exports bags as a LeRobot data set."""
 
 import io
 from os import PathLike
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .bag import Bag
 
 ROWS_PER_SECOND = 50
-"""Control steps of a second."""
+"""Control steps in a second."""
 
 _CHOSEN = {
     "policy": "policy",
@@ -21,7 +21,7 @@ _CHOSEN = {
     "reward": "reward",
     "protocol": "episode_protocol",
 }
-"""Columns of what was chosen for the episode, by their field of its header."""
+"""Columns of the episode's settings, with their fields in its header."""
 
 _SENSED = (
     "base_angular_velocity",
@@ -33,7 +33,7 @@ _SENSED = (
 )
 
 _COMMAND = ["navigate:3", "height:1", "torso:3"]
-"""What a policy on a whole-body controller commands, as the record has it."""
+"""The keys of a command to a whole-body controller, as they are recorded."""
 
 ActionForm = Literal["joints", "command"]
 """Actions in action units, or commands of velocity, height and torso."""
@@ -49,29 +49,29 @@ def export_lerobot(
     state: Sequence[str] = _SENSED,
     action: ActionForm = "joints",
 ) -> Path:
-    """Writes whole bags as a data set of LeRobot's, which needs the extra ``lerobot``; returns its folder.
+    """Writes complete bags as a LeRobot data set, and returns its folder; needs the extra ``lerobot``.
 
-    A frame is a row with the action that answers it: what the robot sensed of its own body (``observation.state``, noise
-    included), the action in action units (``action``), the instruction (``task``), and what the step paid and led to
-    (``next.reward``, ``next.reward_terms``, ``next.done``, ``next.success``). ``episode.*`` has what holds for the whole
-    episode: the judge's verdict, what was chosen, and in ``episode.conditions`` the numbers that were drawn, whose names the
-    data set's features have. Recorded images become videos (``observation.images.*``); between two images the older one stays.
+    A frame is a row with the action that answers it: the robot's proprioception (``observation.state``, noise included), the
+    action in action units (``action``), the instruction (``task``), and the reward and outcome of the step (``next.reward``,
+    ``next.reward_terms``, ``next.done``, ``next.success``). ``episode.*`` holds for the whole episode: the judge's verdict, the
+    settings, and in ``episode.conditions`` the numbers that were drawn; the data set's features give their names. Recorded
+    images become videos (``observation.images.*``); between two images the older one is repeated.
 
     Args:
         bags: Bags, or a folder of them.
         out: Folder of the data set, which must not exist.
         repo_id: Name of the data set.
-        fps: Frames a second: 50 divided by a whole number. Rows in between are left out, with their actions; rewards of a
-            frame are sums until the next one.
-        vcodec: Video codec, as LeRobot names it; none for single pictures, which are exact and faster to train on.
-        state: Terms of proprioception that ``observation.state`` has, in their order.
-        action: ``command`` for what the policy commanded to its whole-body controller (velocity ahead, to the left and about the
-            vertical, height, and roll, pitch, yaw of the torso), which bags of policies such as ``walk`` have.
+        fps: Frames a second: 50 divided by a whole number. Rows in between are left out, with their actions; the reward of a
+            frame is the sum up to the next one.
+        vcodec: Video codec, as LeRobot names it; ``None`` for single pictures, which are exact and faster to train on.
+        state: Terms of proprioception for ``observation.state``, in this order.
+        action: ``"command"`` for the commands to the whole-body controller (velocity ahead, to the left and about the vertical,
+            height, and roll, pitch, yaw of the torso), which bags of policies such as ``walk`` have.
 
     Raises:
         ImportError: ``lerobot`` is not installed.
-        ValueError: No bags, a bag that was cut or that has no proprioception or commands, bags of robots that differ, a term
-            that is not known, or an ``fps`` that does not fit.
+        ValueError: There are no bags, a bag was cut or has no proprioception or commands, bags are of different robots, a term
+            is unknown, or ``fps`` does not divide 50.
     """
     try:
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -92,7 +92,7 @@ def export_lerobot(
             features, robot = of_bag, robot_of_bag
         elif features != of_bag or robot != robot_of_bag:
             differ = sorted(set(features) ^ set(of_bag)) or sorted(n for n in features if features[n] != of_bag[n]) or ["robot"]
-            raise ValueError(f"{path} differs from {paths[0]} in {', '.join(differ)}; export such bags apart")
+            raise ValueError(f"{path} differs from {paths[0]} in {', '.join(differ)}; export such bags separately")
     video = {"use_videos": False} if vcodec is None else {"use_videos": True, "vcodec": vcodec}
     data = LeRobotDataset.create(repo_id, fps, features, root=out, robot_type=robot, **video)
     for path in paths:
@@ -110,7 +110,7 @@ def _paths(bags: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Pa
     else:
         paths = [Path(bag) for bag in bags]
     if not paths:
-        raise ValueError(f"bags: no file *.mcap below {bags}")
+        raise ValueError(f"bags: no file *.mcap in {bags}")
     return paths
 
 
@@ -119,7 +119,7 @@ def _features(
 ) -> tuple[dict[str, Any], str]:
     """Columns of a bag's data set, and the name of its robot."""
     if not bag.is_whole or bag.result is None:
-        raise ValueError(f"{path} is not whole; export bags of episodes that ended")
+        raise ValueError(f"{path} is incomplete; export bags of episodes that have ended")
     header, observation = bag.header, bag["/observation"]
     joints: list[str] = list(header["joint_names"])
     if len(observation.get("proprioception.joint_position", ())) != len(bag["/state"]["step"]):
@@ -163,7 +163,7 @@ def _features(
 
 
 def _commands(bag: Bag) -> Optional[NDArray[np.float32]]:
-    """What the policy commanded with each action, rows x 7; none in a bag that lacks it anywhere."""
+    """The command with each action, rows x 7; ``None`` if any action of the bag lacks it."""
     actions = bag["/action"]
     values, keys = actions.get("action.chunk.values"), actions.get("action.chunk.keys")
     rows = len(bag["/state"]["step"]) - 1
@@ -178,7 +178,7 @@ def _frames(bag: Bag, terms: Sequence[str], action: ActionForm, stride: int) -> 
     rows = len(bag["/state"]["step"]) - 1
     # The action that answers row k led to row k + 1.
     actions = _commands(bag) if action == "command" else bag["/state"]["action"][1:]
-    assert actions is not None, "it was looked for"
+    assert actions is not None, "_features has checked it"
     sensed = [np.reshape(observation[f"proprioception.{name}"], (rows + 1, -1)) for name in terms]
     state = np.concatenate(sensed, axis=1).astype(np.float32)
     paid = np.stack([rewards[f"terms.{name}.reward"] for name in _reward_terms(bag)], axis=1)

@@ -1,4 +1,4 @@
-"""One episode at a time, by the benchmark's own rules."""
+"""Plays one episode at a time, by the benchmark's own rules."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 TRAINING_SEEDS = (1000, 2**31)
-"""Seeds below are for fixtures, tests and judging policies."""
+"""Seeds for training, from the first up to but not including the second. Lower ones are for fixtures, tests and judging."""
 
 
 class Env(gymnasium.Env[Any, NDArray[np.float32]]):
     """A task of the benchmark.
 
-    The same seed, episode and actions give the same rows, rewards, ends and digest as every other program of Fiatlux.
+    The same seed, episode and actions give the same rows, rewards, ends and digest as in every other Fiatlux program.
 
     Args:
         task: Short id or environment id.
         observation: Form of the observation, see :data:`fiatlux.spaces.ObservationForm`.
-        render_mode: ``"rgb_array"`` or none.
+        render_mode: ``"rgb_array"`` or ``None``.
         render_size: Width and height of rendered pictures, pixels.
-        render_camera: Name of one of the robot's cameras; none looks at the robot from its side.
+        render_camera: Name of one of the robot's cameras; ``None`` shows the robot from its side.
         settings: See :class:`fiatlux.Settings`.
     """
 
@@ -62,10 +62,10 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         self.action_space = self._layout.action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begins an episode: with a seed, episode 0 of it; without one, the next episode of the seed before.
+        """Begins an episode: with a seed, its episode 0; without one, the next episode of the last seed.
 
-        The seed is the benchmark's: it draws the room and, with the episode, all else. Without any, one is drawn from those
-        for training. ``options`` may name ``"episode"``, the index of an episode of the seed.
+        The seed is the benchmark's: it draws the room and, together with the episode, everything else. If none was ever given,
+        one is drawn from the seeds for training. ``options`` may have ``"episode"``, the index of an episode of the seed.
         """
         self._check_open()
         super().reset(seed=seed)
@@ -85,7 +85,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._observation(), {"seed": self._seed, "episode": self._index}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Takes a control step of 20 ms. A wrong shape, NaN and a step after the end are a ``ValueError``."""
+        """Takes a control step of 20 ms. A wrong shape, NaN or a step after the end raises ``ValueError``."""
         self._check_begun()
         array = as_actions(action, self.action_space.shape or (), np.float64)
         reward, terminated, truncated = self._episode.step(array)
@@ -95,7 +95,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._observation(), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture of the present row, or nothing without a render mode."""
+        """Renders the present row as height x width x 3; returns ``None`` without a render mode."""
         self._check_begun()
         if self.render_mode is None:
             return None
@@ -104,7 +104,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         return np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
 
     def close(self) -> None:
-        """Ends the environment; every later call is an error."""
+        """Closes the environment; every later call raises an error."""
         self._closed = True
 
     @property
@@ -114,7 +114,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._episode.digest
 
     def summary(self) -> dict[str, Any]:
-        """What the episode amounts to so far, under the names of ``results.json``."""
+        """Summary of the episode so far, with the names of ``results.json``."""
         self._check_begun()
         return self._episode.summary()
 
@@ -124,17 +124,17 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._episode.row()
 
     def to_mjcf(self, nearest: bool = True) -> str:
-        """The scene as MuJoCo's MJCF; its keyframe is the present state with the joint targets in force.
+        """The scene as MJCF for MuJoCo; its keyframe is the present state with the present joint targets.
 
-        ``nearest`` asks for the options of MuJoCo that are nearest to the simulator's, otherwise for MuJoCo's defaults. What holds
-        a bulb in its socket is not in it.
+        With ``nearest`` it has the options of MuJoCo that are closest to this simulator, otherwise MuJoCo's defaults. It does not
+        model how the socket holds a bulb.
         """
         self._check_begun()
         return self._episode.mjcf(nearest)
 
     @property
     def task(self) -> Task:
-        """The task that is played."""
+        """The task of this environment."""
         return next(task for task in TASKS.values() if self._task in (task.short_id, task.id))
 
     @property

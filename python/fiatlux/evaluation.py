@@ -1,4 +1,4 @@
-"""The benchmark in this process."""
+"""Runs the benchmark in this process."""
 
 import json
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a policy achieved."""
+    """The result of a policy in the benchmark."""
 
     scores: dict[str, Any]
-    """The benchmark's scores, under the names of ``results.json``."""
+    """The benchmark's scores, with the names of ``results.json``."""
     episodes: list[dict[str, Any]]
-    """Each episode by the judge that ends it, under the names of ``results.json``; ``state_digest`` is the digest of its rows.
-    A recorded one has its ``bag``, a path below the folder."""
+    """Each episode as judged by the judge that ended it, with the names of ``results.json``; ``state_digest`` is the digest of
+    its rows. A recorded one has its ``bag``, a path relative to the folder."""
     lost: tuple[str, ...] = ()
     """Episodes of a recorded evaluation that are missing, with the reason."""
 
@@ -61,32 +61,32 @@ def evaluate(
     progress: Callable[[dict[str, Any]], None] | None = None,
     **settings: "Unpack[Settings]",
 ) -> Evaluation:
-    """Plays a policy through tasks and seeds, an episode each: by default the 48 of the benchmark.
+    """Plays a policy through tasks and seeds, one episode for each pair: by default the 48 episodes of the benchmark.
 
-    The rows, and so the digests, are those of the program ``fiatlux evaluate`` for the same actions.
+    For the same actions, the rows and digests are those of the program ``fiatlux evaluate``.
 
     Args:
         policy: See :data:`fiatlux.PolicyLike`.
-        tasks: Short ids.
-        seeds: Benchmark seeds.
+        tasks: Short ids of the tasks.
+        seeds: Seeds of the benchmark; every task is played under each.
         out: Folder for bags, ``results.json`` and ``report.html``. Episodes then go through a server and a client in this
-            process, as in the program; the same call goes on where an earlier one was stopped.
-        parallel: Episodes at once, with ``out`` only. See :meth:`fiatlux.Client.evaluate`.
+            process, as in the program; the same call resumes an evaluation that was stopped.
+        parallel: Episodes to play at once, only with ``out``. See :meth:`fiatlux.Client.evaluate`.
         name: The policy's name, for the record.
         observation: Form of the observations.
-        record: Sensors that the bags are to have, other than the small ones, such as ``"camera"``.
-        max_steps: Cuts episodes after this number of steps; the table is then not comparable with others. Not with ``out``.
+        record: Sensors to record in the bags in addition to the small ones, such as ``"camera"``.
+        max_steps: Cuts episodes after this number of steps; the table cannot be compared with others then. Not with ``out``.
         progress: Called with the summary of each episode as it ends; with ``out``, a few times a second with a dictionary of
             counts.
         settings: See :class:`fiatlux.Settings`.
     """
     if out is not None:
         if max_steps is not None:
-            raise ValueError("max_steps: a bag has its whole episode; leave out or max_steps away")
+            raise ValueError("max_steps: a bag always holds a whole episode; drop either out or max_steps")
         return _recorded(policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, settings)
     for field, given in (("parallel", parallel is not None), ("record", len(record) > 0)):
         if given:
-            raise ValueError(f"{field}: only a recorded evaluation has it; name a folder with out")
+            raise ValueError(f"{field}: only a recorded evaluation takes it; name a folder with out")
     episodes = []
     for task in tasks:
         env = Env(task, observation=observation, **settings)
@@ -100,7 +100,7 @@ def evaluate(
 
 
 def play(env: Env, policy: PolicyLike, seed: int, episode: int = 0, max_steps: int | None = None) -> dict[str, Any]:
-    """Plays one episode; its summary."""
+    """Plays one episode, and returns its summary."""
     played: Any = policy() if isinstance(policy, type) else policy
     observed, _ = env.reset(seed=seed, options={"episode": episode})
     begin = getattr(played, "reset", None)
@@ -135,7 +135,7 @@ def _recorded(
 
 
 def _summary(row: Mapping[str, Any], bag: Bag) -> dict[str, Any]:
-    """A graded episode by the judge that ended it, as :meth:`fiatlux.Env.summary` has it."""
+    """A graded episode as judged by the judge that ended it, in the form of :meth:`fiatlux.Env.summary`."""
     result = bag.result or {}
     verdict = result[bag.header["episode_protocol"]]
     return {

@@ -1,4 +1,4 @@
-"""Policies, and how they are played by the native part."""
+"""Policies, and how the native part plays them."""
 
 from typing import Any, Callable, Mapping, Protocol, Union
 
@@ -11,7 +11,7 @@ from .spaces import Layout, ObservationForm, as_actions
 class Policy(Protocol):
     """Answers each observation with an action.
 
-    A method ``reset(info)``, where there is one, is called at the start of each episode with its ``task``, ``instruction``,
+    A method ``reset(info)``, if the policy has one, is called at the start of each episode with its ``task``, ``instruction``,
     ``seed`` and ``episode``.
     """
 
@@ -19,16 +19,16 @@ class Policy(Protocol):
 
 
 PolicyLike = Union[Policy, Callable[[Any], Any], type]
-"""A policy. A class is made anew, without arguments, for each episode; anything else is used for all of them."""
+"""A policy. A class is instantiated without arguments for each episode; an object plays all of them."""
 
 
 def is_stateful(policy: PolicyLike) -> bool:
-    """Whether one object would be told of several episodes at once."""
+    """Whether the policy is one object whose ``reset`` several episodes would share."""
     return not isinstance(policy, type) and callable(getattr(policy, "reset", None))
 
 
 def name_of(policy: PolicyLike) -> str:
-    """Name of a policy for the record."""
+    """The name of a policy for the record."""
     given = getattr(policy, "__name__", None)
     return given if isinstance(given, str) else type(policy).__name__
 
@@ -42,7 +42,7 @@ class Player:
         self._layout: Layout | None = None
 
     def begin(self, info: Mapping[str, Any], spec: Mapping[str, Any]) -> None:
-        """An episode begins, whose observations have these fields."""
+        """Begins an episode whose observations have these fields."""
         self._layout = Layout(spec, self._observation)
         reset = getattr(self._policy, "reset", None)
         if callable(reset):

@@ -1,8 +1,7 @@
 """Evaluation and rollouts over a Ray cluster; needs the extra ``ray``.
 
-Each episode is a task of Ray's, which it runs on a free core of any node, and anew elsewhere where a node is lost. An episode
-follows from task, seed, episode and policy alone, so that results are those of :func:`fiatlux.evaluate` in one process,
-whatever nodes there are.
+Each episode is a Ray task, which runs on a free core of any node, and is repeated on another node if its own is lost. An episode
+depends only on task, seed, episode and policy, so the results are those of :func:`fiatlux.evaluate` in one process, on any nodes.
 """
 
 from typing import TYPE_CHECKING, Any, Callable, Iterator, Sequence
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 LOST_NODES = 3
-"""How often an episode is begun again after its node was lost."""
+"""How often an episode is restarted after its node was lost."""
 
 
 def evaluate(
@@ -38,13 +37,13 @@ def evaluate(
     num_gpus: float = 0,
     **settings: "Unpack[Settings]",
 ) -> Evaluation:
-    """As :func:`fiatlux.evaluate` without bags, over the cluster that ``ray.init`` has joined.
+    """Like :func:`fiatlux.evaluate` without bags, on the cluster that ``ray.init`` has joined.
 
     Args:
-        policy: It is pickled and sent to each node once; each episode begins with a copy as it was sent.
-        tasks, seeds, observation, max_steps, settings: As of :func:`fiatlux.evaluate`.
+        policy: Pickled and sent to each node once; each episode begins with a fresh copy of it.
+        tasks, seeds, observation, max_steps, settings: As in :func:`fiatlux.evaluate`.
         progress: Called with the summary of each episode as it ends, in any order.
-        num_cpus, num_gpus: What an episode takes of a node.
+        num_cpus, num_gpus: What an episode needs on its node.
     """
     jobs = [(task, seed) for task in tasks for seed in seeds]
     remote = _episode.options(num_cpus=num_cpus, num_gpus=num_gpus)
@@ -69,10 +68,10 @@ def rollouts(
     num_gpus: float = 0,
     **settings: "Unpack[Settings]",
 ) -> Iterator[dict[str, Any]]:
-    """Plays an episode of each seed, and yields each as arrays, in the order of the seeds.
+    """Plays an episode for each seed, and yields each as arrays, in the order of the seeds.
 
-    An episode has ``observations`` (one more than steps; flat vectors), ``actions``, ``rewards``, ``terminated`` and ``truncated`` of
-    its last step, and its ``summary``. Arguments are as of :func:`evaluate`.
+    An episode has ``observations`` (flat vectors, one more than steps), ``actions``, ``rewards``, ``terminated`` and
+    ``truncated`` of its last step, and its ``summary``. The arguments are as in :func:`evaluate`.
     """
     remote = _rollout.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
@@ -84,7 +83,7 @@ def rollouts(
 def rollout(
     policy: PolicyLike, task: str, seed: int, max_steps: int | None = None, **settings: "Unpack[Settings]"
 ) -> dict[str, Any]:
-    """An episode of :func:`rollouts`, in this process."""
+    """Plays one episode of :func:`rollouts` in this process."""
     env = Env(task, observation="flat", **settings)
     observations: list[NDArray[np.float32]] = []
     actions: list[NDArray[Any]] = []

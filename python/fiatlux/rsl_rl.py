@@ -1,6 +1,6 @@
-"""Worlds as RSL-RL's ``VecEnv``; needs the extra ``train``.
+"""Wraps worlds as a ``VecEnv`` of RSL-RL; needs the extra ``train``.
 
-Observation groups: ``policy`` has the fields that a robot can sense, ``critic`` all of them.
+There are two observation groups: ``policy`` has the fields that a robot can sense, ``critic`` has all of them.
 """
 
 from typing import Any
@@ -17,10 +17,10 @@ class RslRlVecEnv(VecEnv):
     """Wraps a vector of worlds that was made with ``observation="flat"``.
 
     Args:
-        env: The worlds.
-        max_episode_length: Control steps until time-out, as the task has them; the runner reads it.
-        device: Where tensors go.
-        cfg: Whatever the runner is to log of the environment.
+        env: The worlds, with flat observations.
+        max_episode_length: Control steps until the task's time-out; the runner reads it.
+        device: PyTorch device of the tensors.
+        cfg: What the runner should log about the environment.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class RslRlVecEnv(VecEnv):
     ) -> None:
         shape = env.single_observation_space.shape
         if shape is None:
-            raise ValueError("env has observations of named fields; make it with observation='flat'")
+            raise ValueError("the observations of env are dictionaries; make it with observation='flat'")
         self.env = env
         self.num_envs = env.num_envs
         self.num_actions = int(np.prod(env.single_action_space.shape or ()))
@@ -50,7 +50,7 @@ class RslRlVecEnv(VecEnv):
         return self._latest
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """Takes a control step; a time-out is marked in the extras, for the runner to bootstrap from."""
+        """Takes a control step; marks time-outs in the extras, so that the runner can bootstrap."""
         observation, rewards, terminated, truncated, info = self.env.step(actions.detach().cpu().numpy())
         ended = torch.as_tensor(terminated | truncated, device=self.device)
         self.episode_length_buf = torch.where(ended, 0, self.episode_length_buf + 1)

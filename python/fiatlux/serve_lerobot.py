@@ -1,10 +1,10 @@
 """A model server for a policy that LeRobot trained: ``python -m fiatlux.serve_lerobot CHECKPOINT``.
 
 It speaks the protocol of Isaac GR00T's servers (MessagePack over ZeroMQ), so that the policy ``vla`` with ``--dialect gr00t``
-plays it. The contract that it announces follows from the policy's features: ``observation.images.NAME`` is the camera NAME,
+can use it. The contract that it announces follows from the policy's features: ``observation.images.NAME`` is the camera NAME,
 ``observation.state`` the state ``state``, ``action`` the action ``action``, and a chunk has the policy's ``chunk_size`` rows.
-The mapping ``lerobot_g1`` fits data sets of :func:`fiatlux.export_lerobot` with ``action="command"``. Requests of another shape
-are answered with what is wrong. No pickle is read or written.
+The mapping ``lerobot_g1`` fits data sets of :func:`fiatlux.export_lerobot` with ``action="command"``. The reply to a bad request
+says what is wrong. No pickle is read or written.
 
 It needs the extra ``lerobot``.
 """
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LONGEST_REQUEST = 16 << 20
-"""Bytes of a request; ZeroMQ closes connections that send more."""
+"""Longest request, bytes; ZeroMQ closes connections that send more."""
 
 _IMAGES = "observation.images."
 _STATE = "observation.state"
@@ -29,19 +29,19 @@ _LANGUAGE = "task"
 
 
 class Refused(Exception):
-    """A request that cannot be answered; its words go to who asked."""
+    """A request that cannot be answered; its message goes back to the sender."""
 
 
 class Model:
-    """A checkpoint of LeRobot's, on the CPU.
+    """A LeRobot checkpoint, on the CPU.
 
     Args:
-        checkpoint: Folder ``pretrained_model`` of a training.
+        checkpoint: The folder ``pretrained_model`` of a training run.
 
     Raises:
         ImportError: ``lerobot`` is not installed.
-        FileNotFoundError: No checkpoint there.
-        ValueError: A policy that this server cannot play, with the feature that it lacks.
+        FileNotFoundError: The folder holds no checkpoint.
+        ValueError: This server cannot serve the policy; the message names the feature.
     """
 
     def __init__(self, checkpoint: Union[str, "PathLike[str]"]) -> None:
@@ -58,16 +58,16 @@ class Model:
         config = PreTrainedConfig.from_pretrained(folder)
         config.device = "cpu"
         if config.n_obs_steps != 1:
-            raise ValueError(f"the policy sees {config.n_obs_steps} frames of the past; train one with n_obs_steps=1")
+            raise ValueError(f"the policy needs {config.n_obs_steps} observation steps; train one with n_obs_steps=1")
         self.images = {key.removeprefix(_IMAGES): tuple(feature.shape) for key, feature in config.image_features.items()}
         """Channels, height and width of each camera's pictures."""
         self.rows = len(config.action_delta_indices)
-        """Rows of a chunk."""
+        """Number of rows in a chunk."""
         unknown = sorted(set(config.input_features) - {_IMAGES + name for name in self.images} - {_STATE})
         if unknown or _STATE not in config.input_features:
             raise ValueError(f"the policy's inputs are {sorted(config.input_features)}; serve one of {_STATE} and {_IMAGES}NAME")
         self.width = int(config.input_features[_STATE].shape[0])
-        """Numbers of the state."""
+        """Length of the state."""
         self._policy = get_policy_class(config.type).from_pretrained(folder, config=config).eval()
         self._before, self._after = make_pre_post_processors(
             config, str(folder), preprocessor_overrides={"device_processor": {"device": "cpu"}}
@@ -89,10 +89,10 @@ class Model:
         }
 
     def act(self, observation: Any) -> NDArray[np.float32]:
-        """A chunk, rows x numbers, for an observation with its ``video``, ``state`` and ``language``.
+        """Returns a chunk, rows x numbers, for an observation with ``video``, ``state`` and ``language``.
 
         Raises:
-            Refused: A key that is missing, or numbers of another type or shape, or not finite.
+            Refused: A key is missing, or its numbers have a wrong type or shape or are not finite.
         """
         torch = self._torch
         state = _array(observation, "state", "state", np.float32, (1, 1, self.width))
@@ -105,7 +105,7 @@ class Model:
         batch["task"] = [_words(observation)]
         with torch.inference_mode():
             chunk = self._policy.predict_action_chunk(self._before(batch))
-            # A row at a time has the shape that the postprocessor knows.
+            # The postprocessor expects one row at a time.
             actions = torch.cat([self._after(row[None]) for row in chunk[0]])
         return actions.to(torch.float32).numpy()
 
@@ -145,7 +145,7 @@ def _unpacked(value: dict[str, Any]) -> Any:
 
 
 def answer(model: Model, data: bytes) -> bytes:
-    """The reply to a request. What cannot be answered is a map with ``error``."""
+    """The reply to a request. If it cannot be answered, the reply is a map with ``error``."""
     import msgpack
 
     try:
@@ -162,7 +162,7 @@ def answer(model: Model, data: bytes) -> bytes:
         elif endpoint == "get_modality_config":
             reply = model.contract()
         elif endpoint == "reset":
-            # A chunk follows from one observation: there is nothing to forget.
+            # A chunk depends on one observation only, so there is no state to reset.
             reply = {}
         elif endpoint == "get_action":
             given = request.get("data")
@@ -177,12 +177,12 @@ def answer(model: Model, data: bytes) -> bytes:
 
 
 def serve(model: Model, host: str = "127.0.0.1", port: int = 5555) -> None:
-    """Answers one request at a time until it is interrupted; prints ``listening tcp://HOST:PORT`` when it is ready.
+    """Answers one request at a time until interrupted; prints ``listening tcp://HOST:PORT`` when ready.
 
     Args:
-        model: The policy.
-        host: Address of this machine; ``0.0.0.0`` for all, which lets everybody on the network ask.
-        port: 0 for a free one.
+        model: The policy to serve.
+        host: Address to listen on; ``0.0.0.0`` for all, which lets everybody on the network send requests.
+        port: Port to listen on; 0 picks a free one.
     """
     import zmq
 
@@ -196,11 +196,11 @@ def serve(model: Model, host: str = "127.0.0.1", port: int = 5555) -> None:
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """The command line."""
+    """Runs the command line, and returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m fiatlux.serve_lerobot", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("checkpoint", help="folder pretrained_model of a training by LeRobot")
-    parser.add_argument("--host", default="127.0.0.1", help="address to listen at; 0.0.0.0 for the whole network")
-    parser.add_argument("--port", type=int, default=5555, help="0 for a free one [default: 5555]")
+    parser.add_argument("checkpoint", help="folder pretrained_model of a LeRobot training run")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on; 0.0.0.0 for the whole network")
+    parser.add_argument("--port", type=int, default=5555, help="port to listen on; 0 picks a free one [default: 5555]")
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch [default: 1]")
     given = parser.parse_args(arguments)
     try:

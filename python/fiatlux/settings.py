@@ -1,4 +1,4 @@
-"""What an episode is played with: the same keys for single environments, vectors of worlds, and sessions on a server."""
+"""Settings of episodes: the same keys for single environments, vectors of worlds, and sessions on a server."""
 
 from os import PathLike, fspath
 from typing import Any, Mapping, Sequence, TypedDict
@@ -7,21 +7,21 @@ from .tasks import TASKS
 
 
 class Settings(TypedDict, total=False):
-    """Settings that every way of playing the benchmark takes; each may be left out."""
+    """Settings that every way of playing the benchmark takes; all are optional."""
 
     sensors: Sequence[str] | None
-    """What is observed, in the simulator's order. By default the robot's own body: proprioception, contact forces and the
-    last action."""
+    """Names of the sensors; observations have them in the simulator's order. By default proprioception, contact forces and
+    the last action."""
     privileged: bool
-    """Adds the exact poses of the things around the robot, which no robot senses."""
+    """Adds the exact poses of the things around the robot, which a real robot cannot sense."""
     action_form: str
-    """``"action"``: joint target = q0 + 0.5 action. ``"joint_target"``: rad."""
+    """``"action"``: joint target = q0 + 0.5 action. ``"joint_target"``: joint targets, rad."""
     reward: str
-    """``"benchmark"`` pays gate progress alone, ``"training"`` the shaped reward."""
+    """``"benchmark"`` pays gate progress only, ``"training"`` the shaped reward."""
     protocol: str
     """Which judge ends the episode: ``"strict"`` or ``"published"``."""
     noise: bool
-    """Noise of the sensors."""
+    """Whether the sensors have noise."""
     robot: str
     """Name of the robot: ``"g1_inspire"``, or ``"g1_bare"`` with welded fingers."""
     gains: str
@@ -47,7 +47,7 @@ _DEFAULTS: dict[str, Any] = {
 
 
 def complete(task: str | None, observation: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """All settings as the native part takes them; refuses a key that is not one. Without a task, ``privileged`` is refused
+    """All settings in the form that the native part takes; refuses an unknown key. Without a task, ``privileged`` is refused
     unless the sensors are named."""
     for name in given:
         if name not in _DEFAULTS:
@@ -61,7 +61,7 @@ def complete(task: str | None, observation: str, given: Mapping[str, Any]) -> di
 
 
 def _sensors(task: str | None, observation: str, sensors: Sequence[str] | None, privileged: bool) -> list[str] | None:
-    """Names of the sensors; none for the default."""
+    """Names of the sensors; ``None`` for the default ones."""
     if isinstance(sensors, str):
         raise ValueError(f"sensors is {sensors!r}; give a list of names")
     if observation == "published":
@@ -72,7 +72,7 @@ def _sensors(task: str | None, observation: str, sensors: Sequence[str] | None, 
         return None if sensors is None else list(sensors)
     if sensors is None:
         if task is None:
-            raise ValueError("privileged: name the sensors too, since the tasks of a run differ in theirs")
+            raise ValueError("privileged: name the sensors too, since the tasks of a run have different defaults")
         contact = "limb_contact" if task in ("climb", TASKS["climb"].id) else "hand_contact"
         sensors = ["proprioception", contact, "last_action"]
     return [*sensors, "privileged"]

@@ -1,4 +1,4 @@
-"""Spaces of actions and observations, and observations as they show them."""
+"""Spaces of actions and observations, and the conversion of vectors to them."""
 
 from typing import Any, Literal, Mapping, get_args
 
@@ -11,11 +11,11 @@ ObservationForm = Literal["dict", "flat", "published"]
 published benchmark, 6,543 numbers (6,453 in ``climb``), with the features of the camera's image."""
 
 _UNBOUNDED = 1e9
-"""Bound of numbers that have none: no row has larger ones, and checkers warn of infinite bounds."""
+"""Bound of unbounded numbers: no row has larger ones, and checkers warn about infinite bounds."""
 
 
 class Layout:
-    """Where the fields of an observation are in its vector."""
+    """The places of an observation's fields in its vector."""
 
     def __init__(self, spec: Mapping[str, Any], form: ObservationForm) -> None:
         if form not in get_args(ObservationForm):
@@ -27,7 +27,7 @@ class Layout:
         start = 0
         for name, shape, low, high in spec["observation"]:
             length = int(np.prod(shape, dtype=np.int64))
-            # A single number is a field of one, for libraries that know no other.
+            # A single number becomes a field of length 1, since some libraries cannot handle scalars.
             shape = tuple(shape) or (1,)
             low, high = max(low, -_UNBOUNDED), min(high, _UNBOUNDED)
             self.fields[name] = (slice(start, start + length), shape)
@@ -44,7 +44,7 @@ class Layout:
         self.reward_terms: list[str] = spec["rewards"]
 
     def show(self, numbers: NDArray[np.float32], copy: bool) -> Any:
-        """Vectors, with any axes before the last, in the layout's form."""
+        """Converts vectors, with any number of leading axes, to the layout's form."""
         if copy:
             numbers = numbers.copy()
         if self.form != "dict":
@@ -54,7 +54,7 @@ class Layout:
 
 
 def as_actions(actions: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
-    """Actions as the simulator takes them; refuses another shape."""
+    """Actions in the form that the simulator takes; refuses a wrong shape."""
     try:
         array = np.ascontiguousarray(actions, dtype=dtype)
     except (TypeError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""Worlds as Stable-Baselines3's ``VecEnv``; needs the extra ``train``."""
+"""Wraps worlds as a ``VecEnv`` of Stable-Baselines3; needs the extra ``train``."""
 
 from typing import Any, Sequence
 
@@ -10,7 +10,7 @@ from .vector import VectorEnv, WalkingVectorEnv
 
 
 def _undotted(observation: Any) -> Any:
-    """An observation with names that PyTorch's modules may have."""
+    """An observation whose names are valid for PyTorch modules."""
     if not isinstance(observation, dict):
         return observation
     return {name.replace(".", "_"): part for name, part in observation.items()}
@@ -19,7 +19,7 @@ def _undotted(observation: Any) -> Any:
 class StableBaselinesVecEnv(VecEnv):
     """Wraps a vector of worlds; observations may be flat or dictionaries.
 
-    PyTorch allows no dot in a module's name, and the library makes one for each field: ``privileged.foot_load`` is
+    PyTorch allows no dots in module names, and the library makes a module for each field: ``privileged.foot_load`` is
     ``privileged_foot_load`` here.
     """
 
@@ -33,7 +33,7 @@ class StableBaselinesVecEnv(VecEnv):
         super().__init__(env.num_envs, space, env.single_action_space)
 
     def reset(self) -> Any:
-        """Begins an episode in every world; by the seed given to :meth:`seed`, once."""
+        """Begins an episode in every world; uses the seed given to :meth:`seed` once."""
         seed = self._seeds[0]
         observation, _ = self.env.reset(seed=seed)
         self._reset_seeds()
@@ -41,11 +41,11 @@ class StableBaselinesVecEnv(VecEnv):
         return _undotted(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keeps the actions for :meth:`step_wait`."""
+        """Stores the actions for :meth:`step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Takes the control step."""
+        """Takes the control step with the stored actions."""
         observation, rewards, terminated, truncated, info = self.env.step(self._actions)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = terminated | truncated
@@ -64,7 +64,7 @@ class StableBaselinesVecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the vector, once for each world that is asked for."""
+        """An attribute of the vector, repeated for each requested world."""
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:

@@ -1,4 +1,4 @@
-"""Submits recorded episodes to a leaderboard, with the standard library alone."""
+"""Submits recorded episodes to a leaderboard; needs only the standard library."""
 
 import hashlib
 import http.client
@@ -35,13 +35,13 @@ def submit(
 ) -> dict[str, Any]:
     """Sends the bags and journals of a run's folder, or loose bags, to the leaderboard at ``to``, such as ``https://HOST``.
 
-    ``token`` is the text of an account's token. The policy's name is that of the bags. What broke off goes on from where it
-    was, also in a later call with the same arguments. ``progress`` is told bytes sent and bytes in all. Returns the
-    submission as the leaderboard tells it: ``id``, ``state``, ``reason``, ``badge`` and more; with ``wait`` once it is
-    verified or refused.
+    ``token`` is the text of an account's token. ``policy`` is by default the policy's name in the bags. An interrupted upload
+    resumes where it stopped, even in a later call with the same arguments. ``progress`` is called with the bytes sent and the
+    bytes in total. Returns the submission as the leaderboard reports it: ``id``, ``state``, ``reason``, ``badge`` and more; with
+    ``wait``, once it is verified or refused.
 
-    Raises :class:`SubmissionError` where the leaderboard refuses a request or does not answer, and ``ValueError`` where the
-    folder has no bags, or those of several runs.
+    Raises :class:`SubmissionError` if the leaderboard refuses a request or does not answer, and ``ValueError`` if the folder has
+    no bags, or bags of several runs.
     """
     files = _files(Path(folder))
     if policy is None:
@@ -67,12 +67,12 @@ def submit(
 
 
 def _files(folder: Path) -> dict[str, Path]:
-    """Files by the names under which they are submitted."""
+    """The files by the names under which they are submitted."""
     bags = sorted(folder.rglob("*.mcap")) if folder.is_dir() else [folder]
     journals = sorted(folder.rglob("*.run.jsonl")) if folder.is_dir() else []
     runs = {journal.parent for journal in journals}
     if len(runs) > 1:
-        raise ValueError(f"{len(runs)} runs are in {folder}; submit each by itself")
+        raise ValueError(f"{folder} holds {len(runs)} runs; submit each of them separately")
     if runs:
         # Journals name bags by their file names.
         bags = [bag for bag in bags if bag.parent in runs]
@@ -97,7 +97,7 @@ def _digest(file: Any) -> str:
 
 
 class _Service:
-    """A leaderboard, as the account of one token sees it."""
+    """One leaderboard, with the token of an account."""
 
     def __init__(self, url: str, token: str) -> None:
         parts = urllib.parse.urlsplit(url.rstrip("/"))
@@ -109,7 +109,7 @@ class _Service:
         self._headers = {"Authorization": f"Bearer {token.strip()}"}
 
     def ask(self, method: str, path: str, content: Any = None) -> dict[str, Any]:
-        """A request without a file; tried again while nobody answers."""
+        """Sends a request without a file; tries again while the service does not answer."""
         body = None if content is None else json.dumps(content).encode()
         failure: object = None
         for pause in _pauses():
@@ -124,10 +124,10 @@ class _Service:
             if status < 500:
                 raise self._refused(status, answer)
             failure = self._refused(status, answer)
-        raise SubmissionError(f"{self._url} does not answer ({failure}); try again later: what has arrived stays there")
+        raise SubmissionError(f"{self._url} does not answer ({failure}); try again later: the service keeps what has arrived")
 
     def send(self, submission: str, file: dict[str, Any], path: Path) -> None:
-        """What is missing of a file, from where it broke off."""
+        """Sends the missing part of a file."""
         received, failure = file["received"], None
         if file["stored"]:
             return
@@ -150,11 +150,11 @@ class _Service:
             told = self.ask("GET", f"/api/v1/submissions/{submission}")
             there = next((there for there in told.get("files", []) if there["place"] == file["place"]), None)
             if there is None:
-                raise SubmissionError(f"the submission takes no files any more; it is {told['state']}")
+                raise SubmissionError(f"the submission takes no more files; its state is {told['state']}")
             if there["stored"]:
                 return
             received = there["received"]
-        raise SubmissionError(f"{path} does not arrive ({failure}); try again later: what has arrived stays there")
+        raise SubmissionError(f"{path} could not be sent ({failure}); try again later: the service keeps what has arrived")
 
     def _request(self, method: str, path: str, body: Any, length: int) -> tuple[int, Any]:
         connection = self._connect(*self._address, timeout=_PATIENCE_S)
@@ -173,7 +173,7 @@ class _Service:
     @staticmethod
     def _refused(status: int, answer: Any) -> SubmissionError:
         said = answer.get("error", {}) if isinstance(answer, dict) else {}
-        return SubmissionError(f"the leaderboard refuses ({said.get('code', status)}): {said.get('message', 'it does not say why')}")
+        return SubmissionError(f"the leaderboard refuses ({said.get('code', status)}): {said.get('message', 'no reason given')}")
 
 
 def _pauses() -> Iterator[float]:

@@ -9,13 +9,13 @@ class Task(NamedTuple):
     """A task of the benchmark."""
 
     short_id: str
-    """``S05``, ``replace``."""
+    """Short id, such as ``S05`` or ``replace``."""
     id: str
-    """``Fiatlux-S05-CarryBulbToDisposal-v1``."""
+    """Id of the environment, such as ``Fiatlux-S05-CarryBulbToDisposal-v1``."""
     name: str
-    """``Carry Bulb to Disposal``."""
+    """Name in words, such as ``Carry Bulb to Disposal``."""
     instruction: str
-    """What the robot is told."""
+    """Instruction to the robot, in words."""
     horizon_steps: int
     """Control steps of 20 ms until time-out."""
 
@@ -24,4 +24,4 @@ TASKS: dict[str, Task] = {task.short_id: task for task in (Task(*fields) for fie
 """All tasks, by short id."""
 
 SUBTASKS: tuple[str, ...] = tuple(f"S{number:02}" for number in range(1, 13))
-"""The twelve subtasks that the benchmark's score is made of."""
+"""Short ids of the twelve subtasks that make up the benchmark's score."""

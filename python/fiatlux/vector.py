@@ -1,4 +1,4 @@
-"""Many worlds in one call, for training."""
+"""Steps many worlds in one call, for training."""
 
 import os
 from typing import TYPE_CHECKING, Any, Mapping, Sequence
@@ -26,7 +26,7 @@ def _common(
     variations: int,
     disturbances: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
-    """What all batches are made with; without a number of threads, one for each core."""
+    """Settings that all batches share; without a number of threads, one for each core."""
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return {
@@ -40,11 +40,11 @@ def _common(
 
 
 class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
-    """What all vectors of worlds share.
+    """Base class of all vectors of worlds.
 
-    Autoreset mode ``SAME_STEP``: where an episode ends, the next one begins in the same step. The step's observation is then
-    the new episode's first, and ``info["final_obs"]`` has the last one of the old in the worlds that ``info["_final_obs"]``
-    marks.
+    The autoreset mode is ``SAME_STEP``: when an episode ends, the next one begins in the same step. The observation of that
+    step is the first of the new episode; ``info["final_obs"]`` has the last one of the old episode for the worlds that
+    ``info["_final_obs"]`` marks.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
@@ -70,12 +70,12 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begins an episode in every world; with a seed, all that follows is as in a new batch of that seed."""
+        """Begins an episode in every world; with a seed, everything after it is as in a new batch with that seed."""
         self._check_open()
         if seed is not None and not isinstance(seed, (int, np.integer)):
             raise ValueError("seed: give one number for all worlds; each draws from a stream of its own")
         if options:
-            raise ValueError(f"options has no {next(iter(options))!r}; there are none")
+            raise ValueError(f"options has no {next(iter(options))!r}; leave options out")
         self._batch.reset(None if seed is None else int(seed), self._observation)
         return self._layout.show(self._observation, self._copy), {}
 
@@ -84,7 +84,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
     ) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Takes a control step of 20 ms in every world.
 
-        ``info`` has ``reward_terms`` (worlds x terms, named by :attr:`reward_terms`), ``success``, and ``final_obs`` where an
+        ``info`` has ``reward_terms`` (worlds x terms, named by :attr:`reward_terms`), ``success``, and ``final_obs`` if any
         episode ended.
         """
         self._check_open()
@@ -115,22 +115,22 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
 
     @property
     def fields(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
-        """Where each field of an observation is in the flat vector, and its shape."""
+        """Place of each field of an observation in the flat vector, and its shape."""
         return self._layout.fields
 
     def save(self) -> _native.Snapshot:
-        """The state of all worlds, for :meth:`restore` in this process: what follows from it is the same to the last bit."""
+        """The state of all worlds, for :meth:`restore` in this process; what follows from it repeats to the last bit."""
         self._check_open()
         return self._batch.save()
 
     def restore(self, snapshot: _native.Snapshot) -> Any:
-        """Goes back to a state; the observation of that moment."""
+        """Goes back to a saved state, and returns its observation."""
         self._check_open()
         self._batch.restore(snapshot, self._observation)
         return self._layout.show(self._observation, self._copy)
 
     def row(self, world: int) -> dict[str, Any]:
-        """A world's present state as arrays, as of :meth:`fiatlux.Env.row`."""
+        """A world's present state as arrays, as in :meth:`fiatlux.Env.row`."""
         self._check_open()
         return self._batch.row(world)
 
@@ -149,19 +149,19 @@ class VectorEnv(_Batch):
     """Many worlds of a task of the benchmark.
 
     Args:
-        num_envs: Worlds.
-        seeds: Rooms, by the benchmark's seeds. The worlds are spread over them and stay in them, so that there must be as many
-            worlds as rooms.
-        episodes: Start states of each room; an episode begins at one of them.
-        num_threads: Threads; all cores where it is left out. Results do not depend on it.
-        seed: Of the worlds' random streams.
+        num_envs: Number of worlds.
+        seeds: The benchmark's seeds of the rooms. The worlds are spread over the rooms and stay in them, so there must be at
+            least as many worlds as rooms.
+        episodes: Number of start states in each room; an episode begins at one of them.
+        num_threads: Number of threads; by default one for each core. Results do not depend on it.
+        seed: Seed of the worlds' random streams.
         ranges: What varies between worlds, such as ``{"mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``; the keys are
             ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``.
-        variations: How many are drawn for each start.
+        variations: Number of variations drawn for each start.
         disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
-            "force_n", "torque_nm"}}``; keys that are left out have usual values.
-        copy: Returned arrays are the caller's own; otherwise the next step overwrites them.
-        final_obs: Also observes the last row of each episode.
+            "force_n", "torque_nm"}}``; missing keys have defaults.
+        copy: Whether returned arrays are copies; otherwise the next step overwrites them.
+        final_obs: Whether to observe the last row of each episode too.
         settings: See :class:`fiatlux.Settings`.
     """
 
@@ -192,20 +192,20 @@ class VectorEnv(_Batch):
 
 
 class WalkingVectorEnv(_Batch):
-    """Many worlds of walking by velocity command, on a floor; arguments that are not listed are as of :class:`VectorEnv`.
+    """Many worlds of walking by velocity command, on a floor. Arguments not listed here are as in :class:`VectorEnv`.
 
     Fields of the observation whose names begin with ``privileged.`` are for a critic.
 
     Args:
-        frames: Frames in an observation, the newest last.
+        frames: Number of frames in an observation, the newest last.
         horizon_steps: Control steps until time-out.
         command: Ranges of the commanded velocities: forwards and left, m/s, and about the vertical, rad/s.
         height: Range of the pelvis's commanded height while walking, m.
         stand_height: Range of the pelvis's commanded height while standing, m.
         torso: Ranges of the torso's commanded roll, pitch and yaw, rad.
-        arm_range: The arms, which are driven from outside, go through this part of their joints' ranges.
-        load_kg: Largest load in a hand.
-        hand_force_n: Largest force that pulls at a hand along each of the world's axes.
+        arm_range: Share of their joints' ranges that the arms, which are driven from outside, go through.
+        load_kg: Largest load in a hand, kg.
+        hand_force_n: Largest force that pulls at a hand along each of the world's axes, N.
     """
 
     def __init__(

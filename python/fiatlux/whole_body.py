@@ -1,4 +1,4 @@
-"""The whole-body controller as a body for other policies."""
+"""The whole-body controller, for policies that move only arms and hands themselves."""
 
 from typing import Any, Mapping
 
@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from . import _native
 
 LEGS_AND_WAIST = 15
-"""Joints that the controller moves: the first ones of the joint order. Arms and hands, the others, are the policy's."""
+"""Number of joints that the controller moves, the first ones in joint order. The policy moves the others: arms and hands."""
 
 
 class WholeBody:
     """Walks, stands and bends on command, whatever the arms do: the controller of the policy ``wbc``.
 
-    It needs the standard observation in its form ``"dict"``, and an episode with the benchmark's gains and joint targets as
-    actions (``action_form="joint_target"``). A policy that stands on it::
+    It needs the standard observation in the form ``"dict"``, and an episode with the benchmark's gains and joint targets as
+    actions (``action_form="joint_target"``). A policy that uses it::
 
         class Wave:
             def reset(self, info):
@@ -32,16 +32,16 @@ class WholeBody:
         self._native = _native.WholeBody()
         joints = self._native.joints()
         self.joint_names: list[str] = [joint[0] for joint in joints]
-        """Legs, waist and arms, in the order of actions."""
+        """Names of the joints of legs, waist and arms, in the order of actions."""
         self.q0: NDArray[np.float64] = np.array([joint[1] for joint in joints])
         """Their angles in the standing posture, rad."""
 
     def reset(self) -> None:
-        """Begins another episode."""
+        """Resets the controller for another episode."""
         self._native.restart()
 
     def targets(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
-        """The joint targets that were given last, rad, for all joints; those of the start at first."""
+        """The last targets of all joints, rad; at first those that the episode starts with."""
         last = np.asarray(observation["last_action"], np.float64)
         q0 = np.zeros(last.shape)
         q0[: len(self.q0)] = self.q0
@@ -59,16 +59,16 @@ class WholeBody:
         pitch: float = 0.0,
         yaw: float = 0.0,
     ) -> NDArray[np.float64]:
-        """Targets of the 15 joints of legs and waist, rad; call it once for each observation.
+        """Returns the targets of the 15 joints of legs and waist, rad; call it once for each observation.
 
         Args:
-            observation: Fields by name; those of the robot's own body are read.
+            observation: Fields by name; only those of proprioception are read.
             vx, vy, wz: Velocity of the pelvis forwards and to the left, m/s, and about the vertical, rad/s.
-            height: Of the pelvis above the floor, m.
-            roll, pitch, yaw: Of the torso, rad, from upright axes that point where the pelvis points.
+            height: Height of the pelvis above the floor, m.
+            roll, pitch, yaw: Angles of the torso, rad, relative to upright axes that point where the pelvis points.
 
         Raises:
-            ValueError: The command is outside of the trained range, or the observation lacks a field or is not finite.
+            ValueError: The command is outside the trained range, or the observation lacks a field or is not finite.
         """
         command = [vx, vy, wz, height, roll, pitch, yaw]
         self._native.check(command)

@@ -1,4 +1,4 @@
-//! Bags as NumPy's arrays, topic by topic.
+//! Bags as NumPy arrays, topic by topic.
 
 use std::collections::BTreeMap;
 
@@ -13,10 +13,10 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::{failed, guarded};
 
-/// Topics that can be read as columns.
+/// Names of the topics that can be read as columns.
 const TOPICS: [&str; 6] = ["/state", "/action", "/observation", "/reward", "/event", "/camera"];
 
-/// A bag, whose topics are read when they are asked for.
+/// A bag, whose topics are read on first use.
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Bag {
     file: File,
@@ -40,18 +40,18 @@ impl Bag {
         dictionary(py, &dynamic(&self.pool, self.file.header())?)
     }
 
-    /// How it ended; none in a bag that was cut.
+    /// How the episode ended; `None` in a bag that was cut.
     fn result<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         self.file.result().map(|result| dictionary(py, &dynamic(&self.pool, result)?)).transpose()
     }
 
-    /// Whether all of the episode is there.
+    /// Whether the bag holds the whole episode.
     #[getter]
     fn is_whole(&self) -> bool {
         matches!(self.file.completeness(), Completeness::Whole)
     }
 
-    /// Topics that can be read as columns.
+    /// Names of the topics that can be read as columns.
     #[staticmethod]
     fn topics() -> Vec<&'static str> {
         TOPICS.into()
@@ -88,7 +88,7 @@ impl Bag {
     }
 }
 
-/// A message of this project with the names of its fields.
+/// A message of this project, with the names of its fields.
 fn dynamic<M: Message + Name>(pool: &DescriptorPool, message: &M) -> PyResult<DynamicMessage> {
     let name = M::full_name();
     let descriptor = pool.get_message_by_name(&name);
@@ -96,7 +96,7 @@ fn dynamic<M: Message + Name>(pool: &DescriptorPool, message: &M) -> PyResult<Dy
     DynamicMessage::decode(descriptor, message.encode_to_vec().as_slice()).map_err(|error| failed(&error))
 }
 
-/// Messages side by side: a column for each number, list of numbers or text in them, by its path.
+/// Messages as columns: one for each number, list of numbers or text in them, by its path.
 #[derive(Default)]
 struct Table {
     columns: BTreeMap<String, Column>,
@@ -105,9 +105,9 @@ struct Table {
 
 #[derive(Default)]
 struct Column {
-    /// The messages that have it.
+    /// Indices of the messages that have the field.
     rows: Vec<usize>,
-    /// How many values each of them has; none where it is a single one.
+    /// Number of values in each message; `None` for a single value.
     lengths: Vec<Option<usize>>,
     values: Vec<Value>,
 }
@@ -128,7 +128,7 @@ impl Table {
             Value::List(values) if values.iter().any(|value| value.as_message().is_some()) => {
                 for (index, value) in values.into_iter().enumerate() {
                     if let Value::Message(message) = value {
-                        // What has a name is known by it.
+                        // Parts with a name are identified by it.
                         let name = message.get_field_by_name("name").and_then(|name| name.as_str().map(str::to_owned));
                         let name = name.filter(|name| !name.is_empty()).unwrap_or_else(|| index.to_string());
                         self.add(&message, &format!("{path}.{name}."));
@@ -160,7 +160,7 @@ impl Table {
 }
 
 impl Column {
-    /// An array with a row for each message, where all have as many values; else a list of lists.
+    /// An array with a row for each message if all have the same number of values; otherwise a list of lists.
     fn array<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let Self { lengths, values, .. } = self;
         let is_even = lengths.windows(2).all(|pair| pair[0] == pair[1]);

@@ -1,4 +1,4 @@
-//! Batches over NumPy's arrays.
+//! Batches that read and write NumPy arrays.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,20 +16,20 @@ use pyo3::types::PyDict;
 use crate::settings::{self, Settings};
 use crate::{build, failed, guarded, not_contiguous, refused};
 
-/// From one look for Ctrl-C to the next in a step.
+/// Time between two checks for Ctrl-C during a step.
 const SIGNALS: Duration = Duration::from_millis(50);
 
-/// Many worlds in step.
+/// Many worlds that step together.
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct Batch {
     worlds: Worlds,
 }
 
-/// State of a batch, to be restored later.
+/// State of a batch that can be restored later.
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Snapshot(Saved);
 
-/// What all batches are made with.
+/// Settings that all batches share.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Common<'py> {
@@ -47,7 +47,7 @@ impl Common<'_> {
     }
 }
 
-/// What walking is played with.
+/// Settings of the walking task.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct WalkingSettings {
@@ -77,7 +77,7 @@ fn error(error: BatchError) -> PyErr {
     }
 }
 
-/// Builds without the interpreter's lock, so that other threads of Python go on.
+/// Builds without the interpreter's lock, so that other Python threads can run.
 fn built(py: Python<'_>, config: BatchConfig, task: &dyn Task) -> PyResult<Batch> {
     let worlds = py.detach(|| guarded(|| Worlds::new(config, task)))?.map_err(error)?;
     py.check_signals()?;
@@ -102,7 +102,7 @@ impl Batch {
         let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
         let ranges = build::ranges(common.ranges.as_ref())?;
         let config = SceneConfig::default();
-        // One start after the other, so that Ctrl-C works: staging one takes a tenth of a second.
+        // One start at a time, so that Ctrl-C works: staging one takes a tenth of a second.
         let mut banks: Vec<Bank> = Vec::new();
         for (seed, episode) in starts {
             let spec = [EpisodeSpec::new(task, seed, episode)];
@@ -168,7 +168,7 @@ impl Batch {
         build::describe(py, self.worlds.spec())
     }
 
-    /// Begins an episode in every world, after new random streams where a seed is given.
+    /// Begins an episode in every world; a seed first restarts the random streams.
     fn reset(
         &mut self,
         py: Python<'_>,
@@ -229,11 +229,11 @@ impl Batch {
             return Err(interrupted);
         }
         stepped.map_err(error)?;
-        // Ctrl-C in a short step: the state is whole, and the next step can follow.
+        // Ctrl-C in a short step: the state is consistent, and the next step can follow.
         py.check_signals()
     }
 
-    /// Begins an episode in one world, from its bank or from another world's present row.
+    /// Begins an episode in one world, from its bank of starts or from another world's present row.
     #[pyo3(signature = (world, observation, like=None))]
     fn reset_world(
         &mut self,
@@ -255,7 +255,7 @@ impl Batch {
         guarded(|| self.worlds.restore(&snapshot.0, observation))?.map_err(error)
     }
 
-    /// A world's present row, as far as a learner or a test reads it.
+    /// The parts of a world's present row that a learner or a test reads.
     fn row<'py>(&self, py: Python<'py>, world: usize) -> PyResult<Bound<'py, PyDict>> {
         describe_row(py, &self.copy_of(world)?)
     }

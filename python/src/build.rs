@@ -1,4 +1,4 @@
-//! Names of Python's arguments as our types.
+//! Converts Python arguments to our types.
 
 use fiatlux_batch::{Disturbances, Field, Pushes, Ranges, Spec, Wrenches};
 use fiatlux_robot::Robot;
@@ -23,7 +23,7 @@ pub(crate) fn sensors() -> Vec<&'static str> {
     Sensor::ALL.map(Sensor::name).into()
 }
 
-/// The contract of a controller that was trained with this version, as JSON.
+/// The contract of a controller trained with this version, as JSON.
 #[pyfunction]
 pub(crate) fn controller_contract(
     frames: usize,
@@ -43,7 +43,7 @@ pub(crate) fn task(name: &str) -> PyResult<Task> {
     by_id.map_or_else(|| name.parse().map_err(|error: fiatlux_rules::UnknownTask| refused(&error)), Ok)
 }
 
-/// A spec as Python's own types.
+/// A spec in Python's own types.
 pub(crate) fn describe<'py>(py: Python<'py>, spec: &Spec) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let field = |field: &Field| (field.name.clone(), field.shape.clone(), field.range[0], field.range[1]);
@@ -54,7 +54,7 @@ pub(crate) fn describe<'py>(py: Python<'py>, spec: &Spec) -> PyResult<Bound<'py,
     Ok(dict)
 }
 
-/// Takes a known key out of a dictionary of settings.
+/// Removes a known key from a dictionary of settings.
 fn take<'py, T: FromPyObjectOwned<'py>>(settings: &Bound<'py, PyDict>, key: &str) -> PyResult<Option<T>> {
     let Some(value) = settings.get_item(key)? else { return Ok(None) };
     settings.del_item(key)?;
@@ -71,7 +71,7 @@ fn nothing_left(field: &str, settings: &Bound<'_, PyDict>, known: &str) -> PyRes
     }
 }
 
-/// Ranges of what varies between worlds, from a dictionary.
+/// Reads the ranges of what varies between worlds from a dictionary.
 pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ranges>> {
     let Some(settings) = settings else { return Ok(None) };
     let settings = settings.copy()?;
@@ -90,7 +90,7 @@ pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ra
     Ok(Some(ranges))
 }
 
-/// Disturbances from a dictionary.
+/// Reads the disturbances from a dictionary.
 pub(crate) fn disturbances(robot: &Robot, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Disturbances> {
     let Some(settings) = settings else { return Ok(Disturbances::default()) };
     let settings = settings.copy()?;

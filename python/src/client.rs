@@ -1,4 +1,4 @@
-//! Policies of Python's played over Zenoh: one episode at a time, or a whole run.
+//! Plays Python policies over Zenoh: one episode at a time, or a whole run.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +20,7 @@ use crate::settings::Settings;
 use crate::watch::watch;
 use crate::{build, failed, not_contiguous};
 
-/// A link to servers.
+/// A link to one server or several.
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Client {
     link: zenoh::Session,
@@ -34,7 +34,7 @@ impl Client {
             fiatlux_link::parse_endpoint(endpoint)
                 .map_err(|reason| PyValueError::new_err(format!("endpoint: {reason}")))?;
         }
-        // Of several servers one may be down at the start.
+        // One of several servers may be down at the start.
         let role = if endpoints.len() > 1 { Role::Server } else { Role::Client };
         let args = LinkArgs { connect: endpoints, config, ..LinkArgs::default() };
         let link = watch(py, move |_, _| args.open(role), |_, ()| Ok(()))?;
@@ -42,7 +42,7 @@ impl Client {
         Ok(Self { link })
     }
 
-    /// Plays an episode in a session of its own; how it ended, as `EpisodeEnd` has it.
+    /// Plays an episode in a session of its own; returns how it ended, with the fields of `EpisodeEnd`.
     fn run(
         &self,
         py: Python<'_>,
@@ -69,10 +69,9 @@ impl Client {
             py,
             move |stop, _| {
                 let mut policy = Player::new(player, name, form, Failure { stop: Arc::clone(stop), ..noted });
-                // Whatever a session asks of a client is asked for here alone.
                 let mut client = Link::open(&link, server.as_deref(), request)?;
                 let end = client.run_episode(episode, &mut policy, &mut |_| (), stop);
-                // A server misses a client that does not close its session.
+                // A server would wait for a client that does not close its session.
                 let _ = client.close();
                 end
             },
@@ -118,7 +117,7 @@ impl Client {
     }
 }
 
-/// What a run is, but for what its sessions are opened with.
+/// A run, without the settings of its sessions.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Run {
@@ -154,14 +153,14 @@ impl Run {
             hosted_seeds: self.hosted_seeds,
         };
         let file = RunFile::open(&self.run_file, &spec).map_err(|error| {
-            // The messages speak of the programs' flag.
+            // The messages name the programs' flag.
             PyValueError::new_err(in_full(&error).replace("--run-file", "run_file"))
         })?;
         Ok(RunOptions { server: self.server.clone(), parallel: self.parallel, patience, ..RunOptions::new(file) })
     }
 }
 
-/// Plays a run, with a player of Python's for each episode.
+/// Plays a run, with a Python player for each episode.
 pub(crate) fn play(
     link: &zenoh::Session,
     options: &RunOptions,
@@ -217,7 +216,7 @@ fn describe(py: Python<'_>, outcome: &RunOutcome) -> PyResult<Py<PyDict>> {
     Ok(dict.unbind())
 }
 
-/// The exception of a policy, kept for the caller; it stops everything.
+/// The exception that a policy raised, kept for the caller; it stops everything.
 #[derive(Clone, Default)]
 pub(crate) struct Failure {
     pub error: Arc<Mutex<Option<PyErr>>>,
@@ -227,7 +226,7 @@ pub(crate) struct Failure {
 impl Failure {
     fn note(&self, error: PyErr) -> PolicyError {
         let reason = error.to_string();
-        // The first one is the cause of others.
+        // The first exception causes the others.
         self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         self.stop.store(true, Ordering::Relaxed);
         PolicyError::Unfit { policy: "of Python", reason }
@@ -239,7 +238,7 @@ impl Failure {
     }
 }
 
-/// A policy of Python's: an object with `begin(info)` and `act(numbers)`, whose numbers are the observation's terms one after
+/// A Python policy: an object with `begin(info)` and `act(numbers)`, where the numbers are the observation's terms one after
 /// another.
 struct Player {
     object: Py<PyAny>,
@@ -247,11 +246,11 @@ struct Player {
     form: ActionForm,
     failure: Failure,
     terms: Vec<Part>,
-    /// The latest number of each term: one that is not due keeps its last.
+    /// The latest numbers of each term: a term that is not due keeps its last ones.
     numbers: Vec<f32>,
 }
 
-/// Where a term is in an observation's field.
+/// The place of a term in a field of the observation.
 struct Part {
     sensor: String,
     field: String,
@@ -294,7 +293,7 @@ impl Player {
     }
 }
 
-/// The terms that a session's observations have.
+/// The terms of a session's observations.
 fn seen(info: &SessionInfo) -> impl Iterator<Item = &fiatlux_proto::v3::ObservationTerm> {
     let is_seen = |name: &str| info.sensors.iter().all(|s| s.name != name || !(s.bag_only || s.on_request));
     info.terms.iter().filter(move |term| is_seen(&term.sensor))
@@ -330,7 +329,7 @@ impl Policy for Player {
                 is_due |= !field.1.is_empty();
                 match field.1.get(part.offset..part.offset + part.length) {
                     Some(numbers) => found.extend(numbers.iter().map(|number| *number as f32)),
-                    // A single number that is zero is not sent.
+                    // A single number is not sent if it is zero.
                     None => found.resize(found.len() + part.length, 0.0),
                 }
             }

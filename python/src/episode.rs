@@ -16,11 +16,11 @@ use crate::batch::describe_row;
 use crate::settings::Settings;
 use crate::{build, failed, guarded, not_contiguous, refused};
 
-/// Where the camera of a picture for people stands from the robot, m, and its vertical field of view, rad.
+/// Position of the camera of rendered pictures relative to the robot, m, and its vertical field of view, rad.
 const EYE: [f64; 3] = [2.6, -2.2, 1.2];
 const FIELD_OF_VIEW: f64 = 0.9;
 
-/// One episode of the benchmark: the same rows and digest as the service's.
+/// One episode of the benchmark, with the same rows and digest as on a server.
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct Episode {
     play: Play,
@@ -55,7 +55,7 @@ impl Episode {
             let visuals = sensors.meets(Sensors::WITH_IMAGE).then(|| Arc::new(Visuals::new(&scene)));
             let drawn = || visuals.clone().unwrap_or_else(|| Arc::new(Visuals::new(&scene)));
             suite.begin(&scene, NoiseSeed::of(&spec), drawn, Lighting::of(&spec.light()))?;
-            // The names of a batch's worlds, so that both kinds of environment have one form.
+            // The same names as in a batch, so that both kinds of environment have one form.
             let named = Rulebook::new(task, &scene, options, None).spec().clone();
             Ok((play, suite, visuals, named))
         };
@@ -90,7 +90,7 @@ impl Episode {
         .map_err(|error| failed(&error))
     }
 
-    /// Takes a control step: what it paid, terminated, truncated.
+    /// Takes a control step; returns reward, terminated, truncated.
     fn step(&mut self, py: Python<'_>, action: PyReadonlyArrayDyn<'_, f64>) -> PyResult<(f64, bool, bool)> {
         let action = action.as_slice().map_err(|_| not_contiguous("action"))?;
         let Self { play, form, .. } = self;
@@ -106,7 +106,7 @@ impl Episode {
         Ok((self.play.reward(), end.is_some_and(|end| end.is_terminated()), end.is_some_and(|end| end.is_truncated())))
     }
 
-    /// What each term of the reward paid in the last step.
+    /// Value of each term of the reward in the last step.
     fn reward_terms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let terms = PyDict::new(py);
         self.play.terms().iter().try_for_each(|term| terms.set_item(term.name, term.reward))?;
@@ -119,7 +119,7 @@ impl Episode {
         self.play.digest().hex()
     }
 
-    /// What the episode amounts to so far, under the names of `results.json`.
+    /// Summary of the episode so far, with the names of `results.json`.
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (summary, spec) = (self.play.summary(), self.play.spec());
         let dict = PyDict::new(py);
@@ -139,12 +139,12 @@ impl Episode {
         Ok(dict)
     }
 
-    /// The present row, as far as a learner or a test reads it.
+    /// The parts of the present row that a learner or a test reads.
     fn row<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         describe_row(py, self.play.row())
     }
 
-    /// The scene as MuJoCo's MJCF, whose keyframe `start` is the present state with the targets in force.
+    /// The scene as MJCF for MuJoCo; its keyframe `start` is the present state with the present targets.
     fn mjcf(&self, nearest: bool) -> PyResult<String> {
         let (scene, row) = (self.play.scene(), self.play.row());
         let mut targets = vec![0.0; scene.model.drives().len()];
@@ -159,7 +159,7 @@ impl Episode {
         guarded(|| to_mjcf(&scene.model, self.play.world().state(), &targets, &options))
     }
 
-    /// A picture for people, RGB, row by row from the top: from the robot's side, or from one of its cameras.
+    /// A picture for display, RGB, row by row from the top: from the robot's side, or from one of its cameras.
     #[pyo3(signature = (width, height, camera=None))]
     fn render<'py>(
         &mut self,

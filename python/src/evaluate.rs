@@ -1,4 +1,4 @@
-//! The benchmark in this process, with bags: a server that records, and a client that plays.
+//! Runs the benchmark in this process and records bags, with a server and a client.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,8 +20,8 @@ use crate::watch::watch;
 /// Name of the server in this process.
 const SERVER: &str = "evaluate";
 
-/// Plays, records and grades a run in a folder, or what is left of it: the text of its `results.json`, and the episodes that
-/// are missing with the reason.
+/// Plays, records and grades a run in a folder, or the rest of it; returns the text of its `results.json`, and the missing
+/// episodes with the reason.
 #[pyfunction]
 pub(crate) fn evaluate_into(
     py: Python<'_>,
@@ -65,7 +65,7 @@ fn write(out: &Path, name: &str, text: &str) -> PyResult<()> {
     std::fs::write(out.join(name), text).map_err(Into::into)
 }
 
-/// Serves the run on a port of this machine and plays it there.
+/// Serves the run on a local port, and plays it there.
 fn host(
     hosting: &ExternalOptions,
     options: &RunOptions,
@@ -78,7 +78,7 @@ fn host(
     let over = AtomicBool::new(false);
     let (played, served) = std::thread::scope(|scope| {
         let server = scope.spawn(|| {
-            // Owned here, so that a client learns of a server that could not start.
+            // Moved in here: if the server cannot start, dropping it ends the wait below.
             let sender = sender;
             evaluate_external(hosting, &over, &mut |progress| {
                 if let ExternalProgress::Waiting { endpoint } = progress {
@@ -86,7 +86,7 @@ fn host(
                 }
             })
         });
-        // A run that is over has no server any more.
+        // A run that is already finished starts no server.
         let played = endpoints.recv().ok().map(|endpoint| {
             let link = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }.open(Role::Client);
             let link = link.map_err(|error| in_full(&error))?;
@@ -99,7 +99,7 @@ fn host(
     let outcome = served.map_err(|_| "the server has a fault, described on stderr; please report it".to_owned())?;
     match (played, outcome) {
         (Some(Err(reason)), _) => Err(reason),
-        // The client knows more of it than the server's journal.
+        // The client knows more about it than the server's journal.
         (Some(Ok(run)), Err(EvaluateError::Nothing { .. })) => {
             let reasons = run
                 .episodes

@@ -1,5 +1,5 @@
-//! The native part of the Python package `fiatlux`: batches and episodes that write into NumPy's arrays. What users meet is
-//! in `fiatlux/*.py`; nothing here is meant for them.
+//! The native part of the Python package `fiatlux`: batches and episodes that write into NumPy arrays. The public interface
+//! is in `fiatlux/*.py`; nothing here is meant for users.
 
 mod bag;
 mod batch;
@@ -24,22 +24,22 @@ create_exception!(
     "The simulator refused a request. The message names the field and the remedy."
 );
 
-/// An error with all its causes, as the package's exception.
+/// Turns an error with all its causes into the package's exception.
 fn failed(error: &dyn std::error::Error) -> PyErr {
     FiatluxError::new_err(in_full(error))
 }
 
-/// The same as a `ValueError`: the caller gave something wrong.
+/// The same as a `ValueError`, for a wrong argument.
 fn refused(error: &dyn std::error::Error) -> PyErr {
     PyValueError::new_err(in_full(error))
 }
 
-/// A buffer that is not one run of numbers.
+/// The error for an array that is not contiguous.
 fn not_contiguous(field: &str) -> PyErr {
     PyValueError::new_err(format!("{field} is not C-contiguous; give numpy.ascontiguousarray({field})"))
 }
 
-/// A panic is a fault in this package. It has printed its message and becomes an exception that Python can catch.
+/// A panic is a bug in this package. It has printed its message, and becomes an exception that Python can catch.
 fn guarded<T>(work: impl FnOnce() -> T) -> PyResult<T> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(work))
         .map_err(|_| PyRuntimeError::new_err("fiatlux has a fault, described on stderr; please report it"))

@@ -1,4 +1,4 @@
-//! The benchmark's scores of episodes.
+//! Computes the benchmark's scores from episodes.
 
 use fiatlux_rules::{Benchmark, Episode, Summary};
 use pyo3::exceptions::PyKeyError;
@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 
 use crate::build;
 
-/// Rolls summaries of episodes up into the benchmark's scores, under the names of `results.json`.
+/// Combines summaries of episodes into the benchmark's scores, with the names of `results.json`.
 #[pyfunction]
 pub(crate) fn benchmark<'py>(py: Python<'py>, episodes: Vec<Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyDict>> {
     let episodes = episodes.iter().map(read).collect::<PyResult<Vec<_>>>()?;

@@ -1,4 +1,4 @@
-//! What an episode is played with, as Python gives it: one dictionary for single environments, batches and sessions.
+//! The settings of an episode as Python passes them: one dictionary for single environments, batches and sessions.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,10 +15,10 @@ use pyo3::prelude::*;
 
 use crate::refused;
 
-/// Seed of the network's weights where no file is named, as a server has it.
+/// Seed of the network's weights if no file is named, the same as a server's.
 const WEIGHTS_SEED: u64 = 0;
 
-/// The keys of `fiatlux.settings.Settings`, all of them given.
+/// The keys of `fiatlux.settings.Settings`, all of them present.
 #[derive(Clone, FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings {
@@ -66,7 +66,7 @@ impl Settings {
         }
     }
 
-    /// Without names, those of the robot's own body.
+    /// Sensors by name; without names, those of the robot's own body.
     fn sensors(&self, task: Task) -> PyResult<Sensors> {
         let Some(names) = &self.sensors else { return Ok(Sensors::of_body(task)) };
         names.iter().try_fold(Sensors::NONE, |set, name| {
@@ -77,8 +77,8 @@ impl Settings {
         })
     }
 
-    /// The network of the camera's features, where the sensors need it. The last one is kept for the next episode: it takes
-    /// 95 MB and some tenths of a second.
+    /// The network of the camera's features, if the sensors need it. The last one is kept for the next episode, since it
+    /// takes 95 MB and some tenths of a second to load.
     pub(crate) fn network(&self, sensors: Sensors) -> PyResult<Option<ResNet18>> {
         static KEPT: Mutex<Option<(Option<PathBuf>, ResNet18)>> = Mutex::new(None);
         if !sensors.meets(Sensors::WITH_FEATURES) {
@@ -101,8 +101,8 @@ impl Settings {
         Ok(Some(twin))
     }
 
-    /// What a session is opened with, task, seed and policy aside. Here sensors may have a rate, such as `camera@10`; `record`
-    /// names those that the bag is to have.
+    /// The request for a session, except task, seed and policy. Here sensors may have a rate, such as `camera@10`; `record`
+    /// names those to record in the bag.
     pub(crate) fn request(&self, record: &[String]) -> PyResult<OpenRequest> {
         let (robot, _) = self.robot()?;
         let mut request = OpenRequest {
@@ -129,7 +129,7 @@ impl Settings {
     }
 }
 
-/// Sensors as the programs' flags have them.
+/// Parses sensors as the programs' flags do.
 fn session_args(sensors: &[String], record: &[String]) -> PyResult<SessionArgs> {
     #[derive(clap::Parser)]
     struct Flags {

@@ -1,4 +1,4 @@
-//! Work that takes long, on a thread of its own, while Python's Ctrl-C works.
+//! Runs long work on a thread of its own, so that Ctrl-C works in Python.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
-/// Between two looks for Ctrl-C.
+/// Time between two checks for Ctrl-C.
 const PERIOD: Duration = Duration::from_millis(50);
-/// How long work that was asked to stop is waited for. A query that has no answer yet outlives it and ends by itself.
+/// How long to wait for work that was asked to stop. A query without an answer may take longer, and ends by itself.
 const STOPPING_TIME: Duration = Duration::from_secs(10);
 
-/// What the work tells while it goes on.
+/// Progress that the work reports.
 pub(crate) type Tell<'a, P> = &'a dyn Fn(P);
 
 enum Event<T, P> {
@@ -21,8 +21,8 @@ enum Event<T, P> {
     Done(T),
 }
 
-/// Does the work without the interpreter's lock. It is told to stop by Ctrl-C, or by an exception of `on_progress`, which is
-/// called in this thread.
+/// Does the work without the interpreter's lock. Ctrl-C stops it, and so does an exception of `on_progress`, which is called
+/// in this thread.
 pub(crate) fn watch<T: Send + 'static, P: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce(&Arc<AtomicBool>, Tell<'_, P>) -> T + Send + 'static,
@@ -32,7 +32,7 @@ pub(crate) fn watch<T: Send + 'static, P: Send + 'static>(
     let (sender, mut events) = mpsc::channel();
     let theirs = Arc::clone(&stop);
     let thread = std::thread::Builder::new().name("fiatlux".into()).spawn(move || {
-        // Nobody listens any more after a second Ctrl-C.
+        // After a second Ctrl-C nobody is listening.
         let done = work(&theirs, &|progress| drop(sender.send(Event::Progress(progress))));
         let _ = sender.send(Event::Done(done));
     });

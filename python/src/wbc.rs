@@ -1,4 +1,4 @@
-//! The whole-body controller for policies in Python.
+//! Gives policies in Python the whole-body controller.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 
 use crate::{failed, refused};
 
-/// The controller of this version, for one robot.
+/// The controller that this version ships, for one robot.
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct WholeBody {
     controller: Controller,
@@ -21,23 +21,23 @@ impl WholeBody {
         Ok(Self { controller: Controller::new(Arc::new(network)) })
     }
 
-    /// Begins another episode.
+    /// Resets the controller's state for another episode.
     fn restart(&mut self) {
         self.controller.restart();
     }
 
-    /// Names, standing angles (rad) and drives of the joints that it knows: legs, waist, arms.
+    /// Name, standing angle (rad), stiffness, damping and effort limit of each joint that it knows: legs, waist, arms.
     fn joints(&self) -> Vec<(String, f64, f64, f64, f64)> {
         let joints = &self.controller.network().contract().joints;
         joints.iter().map(|j| (j.name.clone(), j.q0, j.stiffness, j.damping, j.effort_limit)).collect()
     }
 
-    /// Refuses a command (vx, vy, wz, height, roll, pitch, yaw) outside of the trained range.
+    /// Refuses a command (vx, vy, wz, height, roll, pitch, yaw) outside the trained range.
     fn check(&self, command: [f64; 7]) -> PyResult<()> {
         self.controller.check(&command_of(command)).map_err(|error| refused(&error))
     }
 
-    /// Targets of legs and waist, rad.
+    /// Takes a control step; returns the joint targets of legs and waist, rad.
     fn step(
         &mut self,
         base_angular_velocity: [f64; 3],

@@ -1,4 +1,4 @@
-"""Policies of Python's over Zenoh, and evaluations with bags."""
+"""Tests Python policies over Zenoh, and evaluations with bags."""
 
 import _thread
 import json
@@ -11,7 +11,7 @@ import pytest
 
 
 class Waver:
-    """Deterministic, with a state of its own within an episode."""
+    """A deterministic policy with state within an episode."""
 
     def reset(self, info):
         assert info["instruction"] and info["episode"] == 0

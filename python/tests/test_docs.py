@@ -1,4 +1,4 @@
-"""The examples of README and pages run: blocks ```python in order, a page's in one namespace.
+"""Runs the examples in README and pages: the ```python blocks of a page in order, in one namespace.
 
 Blocks that need a server, or an extra, name it: `extras/` has the same calls.
 """

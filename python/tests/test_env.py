@@ -1,4 +1,4 @@
-"""One episode at a time."""
+"""Tests single environments, one episode at a time."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""The benchmark in this process."""
+"""Tests the benchmark in this process."""
 
 import fiatlux
 import numpy as np

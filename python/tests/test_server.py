@@ -1,4 +1,4 @@
-"""The client against a server of its own process.
+"""Tests the client against a server in a process of its own.
 
 `FIATLUX_TEST_SERVER` names the program `sim-server`.
 """
@@ -68,7 +68,7 @@ def fail(observation):
 
 
 def test_a_run_goes_on_after_its_server_was_killed(server, tmp_path):
-    """The run is stopped in its second episode, its server is killed, and another one takes up its folder."""
+    """The run is stopped in its second episode, its server is killed, and another server takes over its folder."""
     tasks, seeds, begun = ["S05"], [0, 1, 2], []
 
     class Stopped(Waver):

@@ -1,4 +1,4 @@
-"""Submitting to a leaderboard: the program `scorer`, whose path is in FIATLUX_TEST_SCORER."""
+"""Tests submissions to a leaderboard, served by the program `scorer`, whose path is in FIATLUX_TEST_SCORER."""
 
 import os
 import pathlib

@@ -1,4 +1,4 @@
-"""Many worlds in one call."""
+"""Tests many worlds in one call."""
 
 import _thread
 import threading
@@ -167,7 +167,7 @@ def test_ctrl_c_breaks_a_long_step_off():
     threading.Timer(0.1 * whole, _thread.interrupt_main).start()
     with pytest.raises(KeyboardInterrupt):
         env.step(actions)
-    # The time is compared by its ratio: a step of so many worlds takes long on any machine.
+    # Times are compared as a ratio: a step of this many worlds takes long on any machine.
     assert time.monotonic() - began < 1.8 * whole
     with pytest.raises(fiatlux.FiatluxError, match="reset"):
         env.step(actions)

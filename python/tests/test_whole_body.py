@@ -1,4 +1,4 @@
-"""A policy in Python that stands on the whole-body controller."""
+"""Tests a Python policy that uses the whole-body controller."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ import fiatlux
 
 
 def play(steps, **command):
-    """Walks in S05's room from its start; the pelvis's poses."""
+    """Walks in S05's room from its start; returns the poses of the pelvis."""
     env = fiatlux.Env("S05", action_form="joint_target", observation="dict")
     observation, _ = env.reset(seed=64)
     body = fiatlux.WholeBody()

@@ -1,4 +1,4 @@
-//! `scorer admin`: accounts, tokens and submissions of a leaderboard, by whoever may write its folder.
+//! `scorer admin`: manages accounts, tokens and submissions of a leaderboard, for whoever may write its folder.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -13,12 +13,12 @@ use time::format_description::well_known::Rfc3339;
 
 /// Manage a leaderboard: accounts, tokens, submissions, backups
 ///
-/// Works on the folder of the service, while it runs or not. Everything is in its audit log.
+/// Works on the folder of the service, whether it runs or not. Every change is written to the audit log.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  scorer admin --folder board account lab                 make an account
-  scorer admin --folder board token lab --days 90         and a token for it, which is shown once
-  scorer admin --folder board backup /backups/board       copy what is there, while the service runs")]
+  scorer admin --folder board account lab                 create an account
+  scorer admin --folder board token lab --days 90         create a token for it, which is shown only once
+  scorer admin --folder board backup /backups/board       copy the folder, even while the service runs")]
 pub struct AdminArgs {
     /// Folder of the service
     #[arg(long, value_name = "DIR", global = true, default_value = ".")]
@@ -29,76 +29,76 @@ pub struct AdminArgs {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make an account
+    /// Create an account that may submit
     Account {
-        /// Its name: letters, digits, - and _
+        /// Name of the account: letters, digits, - and _
         name: String,
         #[command(flatten)]
         limits: LimitArgs,
     },
-    /// Change the limits of an account, close it, or open it again
+    /// Change the limits of an account, and open it; with --close, close it
     Change {
-        /// Its name
+        /// Name of the account
         name: String,
         #[command(flatten)]
         limits: LimitArgs,
-        /// Its tokens are worth nothing from now on
+        /// Close the account: its tokens are refused from now on
         #[arg(long)]
         close: bool,
     },
-    /// Make a token, and print it: it cannot be shown again
+    /// Create a token and print it; it cannot be shown again
     Token {
-        /// The account
+        /// Name of the account that the token is for
         account: String,
-        /// For how many days it is good
+        /// Number of days for which the token is valid
         #[arg(long, value_name = "N", default_value_t = 365, value_parser = whole::<u32>(0..=MAX_DAYS))]
         days: u32,
     },
-    /// Withdraw a token at once and for good
+    /// Revoke a token at once and for good
     Revoke {
-        /// The 16 digits after fiatlux_
+        /// Id of the token: the 16 digits after fiatlux_
         id: String,
     },
     /// List accounts with their tokens
     Accounts,
-    /// List submissions in any state
+    /// List all submissions, whatever their state
     Submissions,
     /// Take a submission out of the tables
     Refuse {
-        /// The submission
+        /// Id of the submission
         id: SubmissionId,
-        /// Why; its submitter reads it
+        /// Reason, which the submitter can read
         reason: String,
     },
     /// Remove a submission and its bags for good
     Remove {
-        /// The submission
+        /// Id of the submission
         id: SubmissionId,
     },
     /// Show the end of the audit log
     Log {
-        /// How many lines
+        /// Number of lines to show
         #[arg(long, value_name = "N", default_value_t = 50, value_parser = whole::<u32>(1..=1_000_000))]
         last: u32,
     },
-    /// Copy database and bags into a folder, which is one of a service then; bags that are there already stay
+    /// Copy database and bags into a folder that `scorer serve` can use; bags copied by an earlier backup are kept
     Backup {
-        /// The folder
+        /// Folder for the backup
         to: PathBuf,
     },
 }
 
 #[derive(Debug, Args)]
 struct LimitArgs {
-    /// Submissions that it may begin within 24 hours [default: 20]
+    /// Submissions that the account may begin within 24 hours [default: 20]
     #[arg(long, value_name = "N", value_parser = whole::<u32>(0..=1_000_000))]
     submissions_a_day: Option<u32>,
-    /// Bytes of all its submissions [default: 64 GiB]
+    /// Largest size of all its submissions together, bytes [default: 64 GiB]
     #[arg(long, value_name = "BYTES", value_parser = whole::<u64>(0..=1 << 60))]
     max_bytes: Option<u64>,
 }
 
-/// Does what is asked for.
+/// Runs the subcommand, and prints its result.
 pub fn run(args: &AdminArgs) -> Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start")?;
     let said = runtime.block_on(done(args))?;
@@ -164,13 +164,13 @@ async fn done(args: &AdminArgs) -> Result<String> {
         }
         Command::Backup { to } => {
             let (files, bytes) = store.backup(to).await?;
-            writeln!(said, "{} has all; {files} files, {bytes} bytes were new", to.display())?;
+            writeln!(said, "{} is up to date: copied {files} new files, {bytes} bytes", to.display())?;
         }
     }
     Ok(said)
 }
 
-/// A moment as people write it.
+/// A time in RFC 3339.
 fn when(ms: i64) -> String {
     let at = OffsetDateTime::from_unix_timestamp(ms / 1000).ok();
     at.and_then(|at| at.format(&Rfc3339).ok()).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! The scorer.
+//! The program `scorer`: grades, compares and verifies bags, and serves the leaderboard.
 
 mod admin;
 mod serve;
@@ -19,9 +19,9 @@ const FAILED: u8 = 1;
 const USAGE: u8 = 2;
 const DATA_LOSS: u8 = 3;
 
-/// Grades recorded episodes: from bags to scores, tables and a report; compares runs; serves the leaderboard.
+/// Grades recorded episodes: turns bags into scores, tables and a report; compares runs; serves the leaderboard.
 ///
-/// Exit codes: 0 all is well; 1 failed, or an episode differs; 2 wrong usage; 3 done, but some bags could not be scored.
+/// Exit codes: 0 success; 1 failed, or an episode differs; 2 wrong usage; 3 done, but some bags could not be scored.
 /// Results go to stdout, everything else to stderr.
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
@@ -42,44 +42,44 @@ enum Command {
 
 /// Grade bags from their rows alone, and write a table
 ///
-/// Every number comes from the recorded rows, so thresholds can be changed without a new run. All bags of one call share
-/// their conditions (benchmark version, policy, protocol, seeds, time, gains, sensors, what varies, thresholds, ends, model
-/// and scene). Bags that are cut, aborted, or do not agree with themselves (checksums, header, rows, result) are listed
-/// with the reason and not scored; the exit code is then 3. A second copy of an episode with the same rows is listed and
-/// passed over; two different recordings of one episode are an error.
+/// Every number comes from the recorded rows, so thresholds can be changed without a new run. All bags of one call must have
+/// the same conditions (benchmark version, policy, protocol, seeds, time, gains, sensors, what varies, thresholds, ends,
+/// model and scene). Bags that are cut, aborted or inconsistent (checksums, header, rows, result) are listed with the reason
+/// but not scored; the exit code is then 3. A second copy of an episode with the same rows is listed but not scored; two
+/// different recordings of one episode are an error.
 ///
-/// The folder of a run, with its journals (*.run.jsonl), is graded as the run: every episode that was registered counts, and
-/// one that was not played to its end is a failure. S is over all twelve subtasks. A played episode whose bag is missing or
-/// altered is a failure, too, and the exit code is 3.
+/// The folder of a run, with its journals (*.run.jsonl), is graded as a run: every registered episode counts, and one that
+/// was not played to its end is a failure. S is over all twelve subtasks. A played episode whose bag is missing or altered
+/// is a failure too, and the exit code is 3.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   scorer grade runs/zero                               the table
-  scorer grade runs/zero --html runs/zero/report.html  and the report
-  scorer grade runs/zero --json --out results.json     results.json, as `fiatlux evaluate` writes it
+  scorer grade runs/zero --html runs/zero/report.html  and also a report
+  scorer grade runs/zero --json --out results.json     results.json, like that of `fiatlux evaluate`
   scorer grade runs/zero --set fragility_n=30          what if bulbs broke at 30 N?")]
 struct GradeArgs {
-    /// Bags, or folders that are searched for *.mcap to any depth
+    /// Bags, or folders to search for *.mcap, including subfolders
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Write JSON: the fields of results.json
+    /// Write JSON, with the fields of results.json
     #[arg(long, group = "format")]
     json: bool,
-    /// Write CSV: one line an episode
+    /// Write CSV, with one line for each episode
     #[arg(long, group = "format")]
     csv: bool,
     /// Write a LaTeX table (booktabs)
     #[arg(long, group = "format")]
     latex: bool,
-    /// Also write a report: one self-contained page
+    /// Also write a report, as one self-contained HTML page
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
-    /// Write to a file instead of stdout; bags are then named from its folder
+    /// Write to a file instead of stdout; the names of bags are then relative to its folder
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Judge by another threshold, such as fragility_n=30; may be repeated, and a wrong name lists all
+    /// Judge with another threshold, such as fragility_n=30; may be repeated; a wrong name lists all of them
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Count criteria as the published numbers do: from row 1, and with a row of the next episode
+    /// Count criteria as the published numbers do: from row 1, including one row of the next episode
     #[arg(long)]
     published_counting: bool,
     /// Threads [default: one for each core]
@@ -88,55 +88,55 @@ struct GradeArgs {
     workers: usize,
 }
 
-/// Compare two runs, episode by episode
+/// Compare two runs episode by episode
 ///
 /// Episodes are paired by task, seed and index, so that both policies had the same room and the same start. A table shows
 /// successes and gate progress of both, by task and over the twelve subtasks, with exact p-values.
 ///
-/// Both come of one test, the sign-flip test: if neither policy were better, each pair's difference would be as likely with
-/// either sign; p is the share of all choices of signs whose sum is at least as far from zero as the one found. All choices
-/// are counted, none are drawn, however many pairs there are. On successes this is McNemar's exact test. Success and
-/// progress are those of the strict judge where both files have them, else of the published one. Over many tasks some p will be small by chance: the
-/// line `all` is the one to decide by.
+/// Both p-values come from the sign-flip test: if neither policy were better, the difference of each pair would be equally
+/// likely with either sign; p is the share of all choices of signs whose sum is at least as far from zero as the one found.
+/// It counts all choices instead of sampling them, for any number of pairs. On successes this is McNemar's exact test.
+/// Success and progress are those of the strict judge if both files have them, otherwise of the published one. Over many
+/// tasks some p will be small by chance, so decide by the line `all`.
 ///
-/// Files of different conditions are refused; what the policies sense may differ as long as the word for it does not. Exit
-/// codes: 0 compared; 1 refused or failed; 3 compared, but some episodes had no partner.
+/// Runs of different conditions are refused; their sensors may differ, as long as the observations are of the same kind,
+/// such as standard. Exit codes: 0 compared; 1 refused or failed; 3 compared, but some episodes had no partner.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
   scorer compare results/stand results/hold")]
 struct CompareArgs {
-    /// results.json of A, or the folder that has it
+    /// results.json of run A, or its folder
     #[arg(value_name = "A")]
     a: PathBuf,
-    /// results.json of B, or the folder that has it
+    /// results.json of run B, or its folder
     #[arg(value_name = "B")]
     b: PathBuf,
-    /// Compare although conditions differ; the output lists them
+    /// Compare even if conditions differ; the output lists them
     #[arg(long)]
     any_conditions: bool,
-    /// Write JSON
+    /// Write the comparison as JSON instead of text
     #[arg(long)]
     json: bool,
 }
 
 /// Simulate a recorded episode again on a server, and compare bit for bit
 ///
-/// First checks the bag as grade does. Then opens a session with the conditions in its header, sends its actions once more
-/// and compares header, rows and result of the second run with the bag's. What differs first is named with both values.
-/// Says which server signed the bag. Exit code 0: equal to the last bit, and signed by a trusted server where --signers names
-/// some; 1: it differs, or could not be run.
+/// First checks the bag as grade does. Then opens a session with the conditions in its header, sends its actions again, and
+/// compares header, rows and result of the second run with those in the bag. Prints the first difference with both values,
+/// and which server signed the bag. Exit code 0: equal to the last bit and, with --signers, signed by a trusted server; 1: it
+/// differs, or could not be simulated.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
   scorer verify results/zero/bags/S01-s0-e0.mcap -e tcp/127.0.0.1:7447")]
 struct VerifyArgs {
-    /// The bag
+    /// Bag to verify (*.mcap)
     #[arg(value_name = "BAG")]
     bag: PathBuf,
-    /// Name of the server, where several are there
+    /// Name of the server, if several can be reached
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
-    /// File with the keys of servers whose signatures you trust, a line NAME ed25519:BASE64 each; a bag that none of them
-    /// signed differs
+    /// File with the keys of servers that you trust, one line NAME ed25519:BASE64 each; a bag that none of them signed
+    /// fails
     #[arg(long, value_name = "FILE")]
     signers: Option<PathBuf>,
     #[command(flatten)]
@@ -173,7 +173,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
         workers: args.workers,
         relative_to: args.out.as_deref().or(args.html.as_deref()).map(folder).unwrap_or_default(),
     };
-    // The names of bags are relative to these folders.
+    // The folders must exist: the names of bags are relative to them.
     for folder in [&args.out, &args.html].into_iter().flatten().map(|file| folder(file)) {
         make(&folder)?;
     }
@@ -185,7 +185,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     line.clear();
     let results = graded?;
     if let Some(file) = &args.html {
-        // Replays are looked for where the names of bags begin.
+        // The report finds replays only if the names of bags are relative to its own folder.
         let is_base = args.out.as_deref().is_none_or(|out| folder(out) == folder(file));
         let page = if is_base { report::html_in(&results, &folder(file)) } else { report::html(&results) };
         write(file, &page)?;
@@ -233,11 +233,11 @@ fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
     Ok(if verified.is_equal() && is_trusted { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
 }
 
-/// Whose word the bag is, and whether that is enough: where no file says who is trusted, anybody's is.
+/// Says who signed the bag, and whether that is enough: without a list of trusted keys, it always is.
 fn signature(signer: Option<&PublicKey>, signers: Option<&KnownServers>) -> (String, bool) {
     match (signer, signers) {
         (None, signers) => ("not signed".into(), signers.is_none()),
-        (Some(key), None) => (format!("signed by {key}; --signers FILE says whom you trust"), true),
+        (Some(key), None) => (format!("signed by {key}; use --signers FILE to say whom you trust"), true),
         (Some(key), Some(signers)) => match signers.name_of(key) {
             Some(name) => (format!("signed by {name}, {key}"), true),
             None => (format!("signed by {key}, which is not among the trusted keys"), false),
@@ -249,14 +249,14 @@ fn make(folder: &Path) -> Result<()> {
     if folder.as_os_str().is_empty() {
         return Ok(());
     }
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot create the folder {}", folder.display()))
 }
 
 fn write(file: &Path, text: &str) -> Result<()> {
     std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
-/// Writes to stdout. That the reader has gone, as `head` does, is no failure.
+/// Writes to stdout. It is not a failure if the reader has closed the pipe, as `head` does.
 fn print(text: &str) -> Result<()> {
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("cannot write to stdout"),

@@ -1,4 +1,4 @@
-//! `scorer serve`: the leaderboard.
+//! `scorer serve`: runs the leaderboard.
 
 use std::io::Write as _;
 use std::net::SocketAddr;
@@ -15,51 +15,51 @@ use fiatlux_leaderboard::{Jobs, Limits, Service, ServiceOptions, Store, Verifier
 use fiatlux_link::{LinkArgs, whole};
 use fiatlux_policy::AccessArgs;
 
-/// How often it looks whether it shall stop.
+/// How often it checks whether to stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Serve the leaderboard: take submissions, grade and verify them, show them
+/// Serve the leaderboard: accept submissions, grade and verify them, and show them
 ///
-/// Everything is in one folder, which is made on the first start: a database, the bags by their content, and uploads that are
-/// not complete. Episodes are simulated again on the sim-servers that -e names, each by itself; without any, they wait.
-/// Accounts and tokens are made with `scorer admin`. TLS is for a proxy in front of it, on the same machine.
+/// Everything is kept in one folder, which is created on the first start: a database, the bags by their content, and
+/// incomplete uploads. Episodes are simulated again on the sim-servers that -e names, over one link for each; without any,
+/// they wait. Create accounts and tokens with `scorer admin`. For TLS, run a proxy in front of it on the same machine.
 ///
-/// When it is ready it prints one line on stdout; its log goes to stderr. Interrupted (SIGINT, SIGTERM) it ends its requests
-/// and exits with 0. It may be killed at any moment: what was accepted is there, and goes on.
+/// When it is ready it prints one line on stdout; its log goes to stderr. On SIGINT or SIGTERM it ends its requests and exits
+/// with 0. It may be killed at any moment: after a restart, work on accepted submissions goes on.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   scorer serve --folder board                                     pages and API on http://127.0.0.1:8080/
-  scorer serve --folder board -e tcp/127.0.0.1:7447               and verify on a server of this machine
+  scorer serve --folder board -e tcp/127.0.0.1:7447               and verify on a server on this machine
   scorer serve --folder board -e tcp/10.0.0.5:7447 -e tcp/10.0.0.6:7447 --parallel 8 --signers known_servers")]
 pub struct ServeArgs {
-    /// Folder of the service
+    /// Folder of the service, created if it does not exist
     #[arg(long, value_name = "DIR")]
     folder: PathBuf,
-    /// Address of pages and API; port 0 is a free one
+    /// Address of pages and API; port 0 picks a free one
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
-    /// Name of a server that verifies; may be repeated where several are behind one router
+    /// Name of a server that verifies; may be repeated if several are behind one router
     #[arg(long, value_name = "NAME")]
     server: Vec<String>,
-    /// Episodes that are verified at once on each server
+    /// Episodes to verify at the same time on each server
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<usize>(1..=256))]
     parallel: usize,
-    /// File with the keys of our own servers, a line NAME ed25519:BASE64 each: their signatures make a run hosted
+    /// File with the keys of your own servers, one line NAME ed25519:BASE64 each: their signatures make a run hosted
     #[arg(long, value_name = "FILE")]
     signers: Option<PathBuf>,
     /// Threads that grade [default: one for each core]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = whole::<usize>(0..=1024))]
     workers: usize,
-    /// Connections that may be open at once; further ones wait
+    /// Connections that may be open at the same time; further ones wait
     #[arg(long, value_name = "N", default_value_t = 512, value_parser = whole::<usize>(1..=65_536))]
     connections: usize,
-    /// Most files of a submission
+    /// Largest number of files of a submission
     #[arg(long, value_name = "N", default_value_t = Limits::default().files, value_parser = whole::<usize>(1..=20_000))]
     max_files: usize,
-    /// Most bytes of a file
+    /// Largest size of a file, bytes
     #[arg(long, value_name = "BYTES", default_value_t = Limits::default().file_bytes, value_parser = whole::<u64>(1..=1 << 40))]
     max_file_bytes: u64,
-    /// Most bytes of a submission
+    /// Largest size of a submission, bytes
     #[arg(long, value_name = "BYTES", default_value_t = Limits::default().bytes, value_parser = whole::<u64>(1..=1 << 50))]
     max_bytes: u64,
     #[command(flatten)]
@@ -68,14 +68,14 @@ pub struct ServeArgs {
     link: LinkArgs,
 }
 
-/// Serves until it is told to stop.
+/// Serves until a signal asks it to stop.
 pub fn run(args: &ServeArgs) -> Result<ExitCode> {
     fiatlux_link::init_log();
-    // Before anybody can find it: an interrupt that comes early is not lost.
+    // Before it can be reached, so that an early interrupt is not lost.
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start threads")?;
     let served = runtime.block_on(serve(args, stop));
-    // A grading that is half done is done again.
+    // An unfinished grading is repeated after the next start.
     runtime.shutdown_background();
     served.map(|()| ExitCode::SUCCESS)
 }
@@ -83,7 +83,7 @@ pub fn run(args: &ServeArgs) -> Result<ExitCode> {
 async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
     let store = Store::open(&args.folder).await?;
     let Some(_lock) = store.lock()? else {
-        bail!("another service runs on {}; stop it first, or name another folder", args.folder.display());
+        bail!("another service is running on {}; stop it first, or use another folder", args.folder.display());
     };
     let options = ServiceOptions {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },
@@ -96,19 +96,19 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
     let listener = listener.with_context(|| format!("cannot listen on {}; choose another with --http", args.http))?;
     let verifiers = verifiers(args);
     if verifiers.is_empty() {
-        tracing::warn!("no server verifies: name one with -e; until then episodes wait");
+        tracing::warn!("there is no server to verify on: name one with -e; until then episodes wait");
     }
     let jobs = Jobs::start(&service, verifiers, args.access.read()?, args.parallel).context("cannot start threads")?;
     let mut stdout = std::io::stdout();
     writeln!(stdout, "serving http://{}/", listener.local_addr()?)?;
     stdout.flush()?;
     let served = fiatlux_leaderboard::serve(service, listener, args.connections, stopped(&stop)).await;
-    tracing::info!("interrupted: second runs are ended; what is half done is done again");
-    tokio::task::spawn_blocking(|| jobs.stop()).await.context("the jobs ended badly")?;
+    tracing::info!("interrupted: stopping verifications; unfinished ones are repeated after the next start");
+    tokio::task::spawn_blocking(|| jobs.stop()).await.context("the background jobs panicked")?;
     served.context("the listener failed")
 }
 
-/// Each endpoint by itself, and each name there.
+/// One verifier for each pair of an endpoint and a server name.
 fn verifiers(args: &ServeArgs) -> Vec<Verifier> {
     let LinkArgs { connect, config, .. } = &args.link;
     let mut links: Vec<LinkArgs> =

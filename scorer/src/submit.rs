@@ -1,4 +1,4 @@
-//! `scorer submit`: a run's folder to a leaderboard.
+//! `scorer submit`: sends the folder of a run to a leaderboard.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -12,9 +12,9 @@ use crate::FAILED;
 
 /// Submit a run's folder, or loose bags, to a leaderboard
 ///
-/// Sends the bags (*.mcap) and the journals of a run (*.run.jsonl). What broke off goes on from where it was, also in a later
-/// call of the same command. The policy's name is that of the bags; version and link are those of the run, where it has them.
-/// Prints the submission's id and address. Exit code 0: accepted, and with --wait verified; 1: refused or failed.
+/// Sends the bags (*.mcap) and the journals of a run (*.run.jsonl). An interrupted upload resumes where it stopped when the
+/// same command is run again. The policy's name comes from the bags; version and link come from the run, if it has them.
+/// Prints the submission's id and address. Exit code 0: accepted and, with --wait, verified; 1: refused or failed.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
   scorer submit runs/walk --to https://leaderboard.example --token token --author 'A. Author' --licence Apache-2.0 --wait")]
@@ -22,28 +22,28 @@ pub struct SubmitArgs {
     /// Folder of a run, or of bags
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// The leaderboard, such as https://HOST
+    /// Address of the leaderboard, such as https://HOST
     #[arg(long, value_name = "URL")]
     to: String,
-    /// File with the token of your account there
+    /// File with the token of your account on the leaderboard
     #[arg(long, value_name = "FILE")]
     token: PathBuf,
-    /// Version of the policy
+    /// Version of the policy [default: that of the run]
     #[arg(long, value_name = "TEXT")]
     policy_version: Option<String>,
     /// Who made the policy; may be repeated
     #[arg(long, value_name = "NAME")]
     author: Vec<String>,
-    /// Where the policy is described
+    /// Address of a page about the policy [default: that of the run]
     #[arg(long, value_name = "URL")]
     link: Option<String>,
-    /// Licence of the policy
+    /// Licence of the policy, such as Apache-2.0
     #[arg(long, value_name = "TEXT", default_value = "")]
     licence: String,
-    /// What else a reader should know
+    /// Anything else that a reader should know
     #[arg(long, value_name = "TEXT", default_value = "")]
     note: String,
-    /// Wait until it is verified or refused
+    /// Wait until the submission is verified or refused
     #[arg(long)]
     wait: bool,
     /// Print the service's answer as JSON
@@ -51,7 +51,7 @@ pub struct SubmitArgs {
     json: bool,
 }
 
-/// Sends, and with `--wait` waits.
+/// Sends the submission, and with `--wait` waits for the verdict.
 pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let token = read_token(&args.token)?;
@@ -102,13 +102,13 @@ fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
     })
 }
 
-/// One line of a file.
+/// Reads the only line of the file.
 fn read_token(path: &Path) -> Result<String> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the token in {}", path.display()))?;
     let token = text.trim();
     anyhow::ensure!(
         token.starts_with("fiatlux_") && !token.contains(char::is_whitespace),
-        "{} does not hold a token of a leaderboard: one line that begins with fiatlux_",
+        "{} does not hold the token of a leaderboard, which is one line that begins with fiatlux_",
         path.display()
     );
     Ok(token.to_owned())

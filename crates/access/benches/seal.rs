@@ -1,5 +1,5 @@
-//! What it costs that nobody else can speak in a session: `cargo bench -p fiatlux-access [-- STEP_US]`, where `STEP_US` is how
-//! long a step takes without it (`fiatlux bench service`), 250 us by default.
+//! What authentication costs a session: `cargo bench -p fiatlux-access [-- STEP_US]`, where `STEP_US` is the time of a step
+//! without it (`fiatlux bench service`), 250 us by default.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark measures time")]
 
@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use fiatlux_access::{Channel, Greeting, HandshakeError, Identity, Label, Reply, RowsKey, Secrets, Side, welcome};
 
-/// Bytes of an action of 53 numbers, of an observation with the default sensors, and of a record.
+/// Sizes of an action of 53 numbers, of an observation with the default sensors, and of a record, bytes.
 const ACTION: usize = 430;
 const OBSERVATION: usize = 1110;
 const RECORD: usize = 5000;
@@ -52,7 +52,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Microseconds of one call, in the fastest of several batches: others may use the machine.
+/// Microseconds for one call, in the fastest of several batches, since others may be using the machine.
 fn time(mut call: impl FnMut()) -> f64 {
     let batch = |call: &mut dyn FnMut()| {
         let start = Instant::now();
@@ -62,7 +62,7 @@ fn time(mut call: impl FnMut()) -> f64 {
     (0..BATCHES).map(|_| batch(&mut call)).fold(f64::INFINITY, f64::min)
 }
 
-/// What both sides know after a handshake.
+/// The secrets of both sides after a handshake.
 fn session() -> Result<(Secrets, Secrets), HandshakeError> {
     let identity = Identity::generate()?;
     let greeting = Greeting::new("peer", None)?;

@@ -1,7 +1,7 @@
-//! What is said in a session: numbered, and bound to the session's keys.
+//! Numbers and authenticates the messages of a session with the session's keys.
 //!
-//! The payload stays as it is. Next to it, in Zenoh's attachment, are 8 bytes with the message's number, little-endian, and the
-//! first 16 bytes of HMAC-SHA256 over what the message is, that number, and the payload.
+//! The payload stays as it is. Zenoh's attachment holds 8 bytes with the number of the message, little-endian, and the first
+//! 16 bytes of HMAC-SHA256 over the label of the message, its number and its payload.
 
 use ring::hmac;
 use subtle::ConstantTimeEq as _;
@@ -12,41 +12,41 @@ use crate::handshake::{Secrets, Side};
 /// Length of an attachment, bytes.
 pub const SEAL_BYTES: usize = NUMBER_BYTES + MAC_BYTES;
 
-/// Length of the authentication code, which stands alone where a message has no number, bytes.
+/// Length of the authentication code, bytes; messages without a number have nothing else.
 pub const MAC_BYTES: usize = 16;
 
 const NUMBER_BYTES: usize = 8;
 
-/// So far behind the newest a message may come: those of another priority overtake it.
+/// How far behind the newest number a message may come: messages of another priority can overtake it.
 const WINDOW: u64 = 64;
 
-/// What a message is.
+/// The kind of a message, which its authentication code covers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Label<'a> {
-    /// Published or asked on the key of the session that ends so.
+    /// A publication or query on the session's key that ends with this name.
     Message(&'a str),
-    /// The answer to the query on such a key that has that number.
+    /// The reply to the query with this number on such a key.
     Reply(&'a str, u64),
 }
 
-/// Why a message is not the peer's.
+/// Why a message was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum Refused {
     /// The attachment is missing, or was not made by this protocol.
-    #[error("it has no attachment of {SEAL_BYTES} bytes; send what the session's keys make of it")]
+    #[error("it has no attachment of {SEAL_BYTES} bytes; send the one made with the session's keys")]
     Form,
-    /// Not made with the session's keys, for this use, or of these bytes.
-    #[error("its code does not fit; someone else sent it, or it was changed on the way")]
+    /// The code was not made with the session's keys for these bytes and this label.
+    #[error("its authentication code is wrong; someone else sent it, or it was changed on the way")]
     Forged,
-    /// The peer's own message, once more.
-    #[error("message {0} was taken already")]
+    /// A message of the peer that was received before.
+    #[error("message {0} was received before")]
     Repeated(u64),
-    /// The peer's own message, too late to be told from a repetition.
-    #[error("message {0} comes more than {WINDOW} messages late")]
+    /// A message of the peer that comes too late to be distinguished from a repetition.
+    #[error("message {0} is more than {WINDOW} messages late")]
     Late(u64),
 }
 
-/// One side's end of a session.
+/// One end of a session: seals what it sends, and checks what it receives.
 pub struct Channel {
     sends: hmac::Key,
     receives: hmac::Key,
@@ -55,29 +55,29 @@ pub struct Channel {
     refused: u64,
 }
 
-/// Numbers that were taken.
+/// The numbers that were received.
 #[derive(Debug, Default)]
 struct Window {
-    /// The number after the largest one that was taken.
+    /// The largest number that was received, plus one.
     end: u64,
-    /// Bit k stands for `end - 1 - k`.
+    /// Bit k says whether `end - 1 - k` was received.
     bits: u64,
 }
 
 impl Channel {
-    /// The channel of that side.
+    /// The channel of one side.
     ///
     /// # Errors
-    /// As for [`Secrets::mac_key`].
+    /// The same as those of [`Secrets::mac_key`].
     pub fn new(secrets: &Secrets, side: Side) -> Result<Self, crate::HandshakeError> {
         let [sends, receives] = [secrets.mac_key(side)?, secrets.mac_key(side.other())?];
         Ok(Self { sends, receives, next: 0, taken: Window::default(), refused: 0 })
     }
 
-    /// The attachment of the next message.
+    /// Makes the attachment of the next message.
     pub fn seal(&mut self, label: Label<'_>, payload: &[u8]) -> [u8; SEAL_BYTES] {
         let number = self.next;
-        // It takes centuries to come round.
+        // It takes centuries to wrap around.
         self.next = self.next.wrapping_add(1);
         let mut attachment = [0; SEAL_BYTES];
         attachment[..NUMBER_BYTES].copy_from_slice(&number.to_le_bytes());
@@ -85,17 +85,17 @@ impl Channel {
         attachment
     }
 
-    /// Takes a message of the peer; its number. A query takes one answer, so the number of a reply may come in any order.
+    /// Checks a message of the peer, and returns its number. Replies may come in any order, since each query takes only one.
     ///
     /// # Errors
-    /// [`Refused`]. [`Refused::Repeated`] and [`Refused::Late`] are said of nothing but what the peer has made.
+    /// [`Refused`]. Only messages that the peer itself has made can be [`Refused::Repeated`] or [`Refused::Late`].
     pub fn open(&mut self, label: Label<'_>, payload: &[u8], attachment: &[u8]) -> Result<u64, Refused> {
         let opened = self.check(label, payload, attachment);
         self.refused += u64::from(opened.is_err());
         opened
     }
 
-    /// Messages that were refused so far.
+    /// Number of messages refused so far.
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -159,7 +159,7 @@ fn mac(key: &hmac::Key, label: Label<'_>, number: u64, payload: &[u8]) -> [u8; M
     shortened(&context.sign())
 }
 
-/// The first bytes of a code.
+/// The first bytes of an authentication code.
 pub(crate) fn shortened(tag: &hmac::Tag) -> [u8; MAC_BYTES] {
     let mut code = [0; MAC_BYTES];
     code.copy_from_slice(&tag.as_ref()[..MAC_BYTES]);
@@ -191,7 +191,7 @@ mod tests {
         assert_eq!((server.refused(), client.refused()), (3, 0));
     }
 
-    /// Nothing of a message can be changed: no bit of payload or attachment, nor what it is, nor its direction or session.
+    /// Guards that nothing of a message can be changed: no bit of payload or attachment, nor its label, direction or session.
     #[test]
     fn every_change_is_found() {
         let (mut client, mut server) = pair();
@@ -252,7 +252,7 @@ mod tests {
         assert_eq!((open(199), open(198), open(199)), (Ok(199), Ok(198), Err(Refused::Repeated(199))));
     }
 
-    /// A random order with repetitions: each number is taken at most once, and each that is not far behind at least once.
+    /// Random order with repetitions: no number is accepted twice, and every number that is not too far behind is accepted.
     #[test]
     fn a_number_is_never_taken_twice() {
         let (mut client, mut server) = pair();
@@ -287,7 +287,7 @@ mod tests {
         assert_eq!(server.refused(), 100_000);
     }
 
-    /// SplitMix64.
+    /// The SplitMix64 generator, so that the test repeats exactly.
     struct Random(u64);
 
     impl Random {

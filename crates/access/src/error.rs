@@ -1,4 +1,4 @@
-//! Why a key or a token cannot be used.
+//! Errors of keys, tokens and their files.
 
 use std::io;
 use std::path::PathBuf;
@@ -9,25 +9,25 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum AccessError {
     /// The file cannot be read.
-    #[error("cannot read {}; `fiatlux keys --out DIR` makes such files", path.display())]
+    #[error("cannot read {}; `fiatlux keys --out DIR` creates such files", path.display())]
     Read {
         /// Path of the file that cannot be read.
         path: PathBuf,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         source: io::Error,
     },
-    /// The file cannot be made.
-    #[error("cannot write {}; check the folder, its permissions and the space that is left", path.display())]
+    /// The file cannot be written.
+    #[error("cannot write {}; check the folder, its permissions and the free disk space", path.display())]
     Write {
-        /// Path of the file that cannot be made.
+        /// Path of the file that cannot be written.
         path: PathBuf,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         source: io::Error,
     },
-    /// A file of that name exists; keys are never overwritten.
-    #[error("{} exists and is not overwritten; move it away or name another file", path.display())]
+    /// The file exists already; keys are never overwritten.
+    #[error("{} exists and will not be overwritten; move it away or name another file", path.display())]
     Exists {
         /// Path that is already taken.
         path: PathBuf,
@@ -37,7 +37,7 @@ pub enum AccessError {
     Exposed {
         /// Path of the exposed file.
         path: PathBuf,
-        /// Its permission bits as the system gives them, such as 0o644.
+        /// Permission bits of the file, such as 0o644.
         mode: u32,
     },
     /// A line of a file is wrong.
@@ -47,27 +47,27 @@ pub enum AccessError {
         path: PathBuf,
         /// Number of the line, from 1.
         line: usize,
-        /// What of the line is wrong.
+        /// Which part of the line is wrong.
         field: &'static str,
-        /// What is wrong with it. Never repeats a secret.
+        /// What is wrong with it; never repeats a secret.
         problem: String,
-        /// How it is written.
+        /// How to write it correctly.
         remedy: &'static str,
     },
-    /// The system has no random numbers to give.
-    #[error("the system gives no random numbers; a key needs them")]
+    /// The system's random source failed, so no key can be made.
+    #[error("the system's random source failed; a key needs random numbers")]
     Random(#[source] getrandom::Error),
 }
 
-/// What is wrong with a text that should be a key or a token, without its place.
+/// What is wrong with a text that should be a key or a token, without the file and line it comes from.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("{field}: {problem}; {remedy}")]
 pub struct FormatError {
-    /// What of the text is wrong.
+    /// Which part of the text is wrong.
     pub field: &'static str,
-    /// What is wrong with it. Never repeats a secret.
+    /// What is wrong with it; never repeats a secret.
     pub problem: String,
-    /// How it is written.
+    /// How to write it correctly.
     pub remedy: &'static str,
 }
 
@@ -76,7 +76,7 @@ impl FormatError {
         Self { field, problem: problem.into(), remedy }
     }
 
-    /// In that line of a file.
+    /// The same error with a file and a line.
     pub(crate) fn at(self, path: &std::path::Path, line: usize) -> AccessError {
         let Self { field, problem, remedy } = self;
         AccessError::Line { path: path.to_owned(), line, field, problem, remedy }

@@ -1,4 +1,4 @@
-//! Files of keys: how they are made, and who may read them.
+//! Files of keys: writes them, and checks who may read them.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Write as _};
@@ -10,10 +10,10 @@ use base64::engine::general_purpose::STANDARD;
 
 use crate::{AccessError, FormatError};
 
-/// No file of keys is larger, bytes: a path to something else is refused before it fills the memory.
+/// Largest file of keys, bytes: a path to another kind of file is refused before it fills the memory.
 const MAX_FILE: u64 = 1 << 20;
 
-/// Makes a file with that text and those permission bits, on disk when this returns. A secret's mode is 0o600.
+/// Creates a file with this text and these permission bits (0o600 for a secret). It is on disk when this returns.
 ///
 /// # Errors
 /// [`AccessError::Exists`]: nothing is overwritten; [`AccessError::Write`].
@@ -24,16 +24,16 @@ pub fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), AccessError> 
     };
     let mut file = OpenOptions::new().write(true).create_new(true).mode(mode).open(path).map_err(write)?;
     let written = file.write_all(text.as_bytes()).and_then(|()| file.sync_all());
-    // Half a key helps nobody, and would stand in the way of a second try.
+    // Half a key is useless, and would block a second try.
     written.inspect_err(|_| drop(fs::remove_file(path))).map_err(write)
 }
 
-/// Text of a file that others may read.
+/// Reads a file that others may read too.
 pub fn read_public(path: &Path) -> Result<String, AccessError> {
     read(path, |_| Ok(()))
 }
 
-/// Text of a file that nobody but its owner may read.
+/// Reads a file that only its owner may read.
 pub fn read_secret(path: &Path) -> Result<String, AccessError> {
     read(path, |file| {
         let source = |source| AccessError::Read { path: path.to_owned(), source };
@@ -49,12 +49,12 @@ fn read(path: &Path, check: impl FnOnce(&File) -> Result<(), AccessError>) -> Re
     let mut text = String::new();
     file.take(MAX_FILE + 1).read_to_string(&mut text).map_err(error)?;
     if text.len() as u64 > MAX_FILE {
-        return Err(error(io::Error::new(io::ErrorKind::FileTooLarge, "it is larger than any file of keys")));
+        return Err(error(io::Error::new(io::ErrorKind::FileTooLarge, "it is too large for a file of keys")));
     }
     Ok(text)
 }
 
-/// The lines of a file that say something, with their numbers from 1. `#` begins a comment where a line or a word begins.
+/// The lines that are not empty, without comments, with their numbers from 1. `#` starts a comment at the start of a word.
 pub fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(index, line)| (index + 1, line));
     numbered.map(|(number, line)| (number, without_comment(line).trim())).filter(|(_, line)| !line.is_empty())
@@ -66,7 +66,7 @@ fn without_comment(line: &str) -> &str {
     comment.map_or(line, |at| &line[..at])
 }
 
-/// The only line of a file that has one, comments aside, with its number.
+/// The only line of a file, comments aside, with its number.
 pub fn only_line<'a>(
     path: &Path,
     text: &'a str,
@@ -81,12 +81,12 @@ pub fn only_line<'a>(
     }
 }
 
-/// `PREFIX:BASE64` of 32 bytes.
+/// Writes 32 bytes as `PREFIX:BASE64`.
 pub fn encode(prefix: &str, bytes: &[u8; 32]) -> String {
     format!("{prefix}:{}", STANDARD.encode(bytes))
 }
 
-/// Reads what [`encode`] wrote. Errors do not repeat the text, which may be a secret.
+/// Reads the output of [`encode`]. Errors do not repeat the text, which may be a secret.
 pub fn decode(text: &str, prefix: &str, field: &'static str, remedy: &'static str) -> Result<[u8; 32], FormatError> {
     let refuse = |problem: String| FormatError::new(field, problem, remedy);
     let coded = text.strip_prefix(prefix).and_then(|rest| rest.strip_prefix(':'));

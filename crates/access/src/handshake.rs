@@ -1,7 +1,8 @@
 //! How a client and a server agree on the keys of a session, while others listen.
 //!
-//! The client sends a [`Hello`] with its request, the server a [`Welcome`] with its reply, signed over all that both said. Both
-//! have an ephemeral X25519 key; what they share is known to nobody else, and the signature tells whose reply it is.
+//! The client sends a [`Hello`] with its request. The server replies with a [`Welcome`], whose signature covers everything that
+//! both sides sent. Each side has an ephemeral X25519 key; only the two know the shared secret, and the signature proves who
+//! replied.
 
 use fiatlux_proto::v3::{Hello, Welcome};
 use ring::agreement::{self, EphemeralPrivateKey, UnparsedPublicKey, X25519};
@@ -12,7 +13,7 @@ use thiserror::Error;
 
 use crate::{AccessError, Identity, PublicKey, Token, random};
 
-/// With the version of the protocol that this exchange is of.
+/// Labels of hashes and signatures, with the version of the protocol that defined this exchange.
 const LABEL: &[u8] = b"fiatlux handshake 3.4";
 const TOKEN_LABEL: &[u8] = b"fiatlux token 3.4";
 const RUN_LABEL: &[u8] = b"fiatlux run 3.4";
@@ -23,7 +24,7 @@ pub const PROOF_BYTES: usize = 32;
 /// Longest Zenoh id in a hello, bytes.
 const MAX_PEER: usize = 64;
 
-/// Why no keys are agreed on.
+/// Why client and server could not agree on keys.
 #[derive(Debug, Error)]
 pub enum HandshakeError {
     /// The hello cannot be used.
@@ -31,26 +32,26 @@ pub enum HandshakeError {
     Hello {
         /// Name of the field of the hello that cannot be used.
         field: &'static str,
-        /// What is wrong with it, and how it should be.
+        /// What is wrong with it, and what it should be.
         problem: &'static str,
     },
-    /// The reply names no key, or its signature is not by that key over what both sides said.
+    /// The reply names no key, or that key did not sign what both sides sent.
     #[error("the reply is not signed by the key that it names; someone else answered, or it was changed on the way")]
     Signature,
-    /// The reply is signed by another key than the server is known by.
+    /// The reply is signed by another key than the one expected.
     #[error(
-        "the reply is signed by {found}, and the server's key is {expected}; someone else answered, or the server has a new key"
+        "the reply is signed by {found}, but the server's key is {expected}; someone else answered, or the server has a new key"
     )]
     Server {
-        /// The key that it should have.
+        /// The key that the client knows for this server.
         expected: PublicKey,
-        /// The key that it has.
+        /// The key that signed the reply.
         found: PublicKey,
     },
-    /// A key with which nothing can be agreed on.
-    #[error("the two keys of the exchange give no secret; draw new ones")]
+    /// One of the two ephemeral keys gives no shared secret.
+    #[error("the two keys of the exchange give no shared secret; draw new ones")]
     Agreement,
-    /// The system has no random numbers to give.
+    /// The system's random source failed.
     #[error(transparent)]
     Random(#[from] AccessError),
 }
@@ -58,9 +59,9 @@ pub enum HandshakeError {
 /// The two ends of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// It opened the session.
+    /// The side that opened the session.
     Client,
-    /// It runs the session.
+    /// The side that runs the session.
     Server,
 }
 
@@ -73,16 +74,16 @@ impl Side {
     }
 }
 
-/// What a reply is about, as the signature binds it.
+/// The parts of a reply that its signature covers.
 #[derive(Debug, Clone, Copy)]
 pub struct Reply<'a> {
-    /// The request that it answers, as it was sent.
+    /// The request it answers, byte for byte as it was sent.
     pub request: &'a [u8],
     /// Name of the server.
     pub server: &'a str,
-    /// Id of the session or the link; empty where the request is refused.
+    /// Id of the session or the link; empty if the request is refused.
     pub id: &'a str,
-    /// What the reply holds, encoded: a `SessionInfo`, `RunInfo` or `Refusal`.
+    /// The encoded content of the reply: a `SessionInfo`, `RunInfo` or `Refusal`.
     pub content: &'a [u8],
 }
 
@@ -92,18 +93,18 @@ pub struct Greeting {
     hello: Hello,
 }
 
-/// What a client has found a reply to be: signed, and by whom.
+/// A reply whose signature the client has checked.
 pub struct Verified {
     transcript: [u8; 32],
     server: PublicKey,
     key: Vec<u8>,
 }
 
-/// What both sides of a session know and nobody else; the keys of all its uses follow from it.
+/// The secret that only the two sides of a session know; all keys of the session are derived from it.
 pub struct Secrets(Prk);
 
 impl Greeting {
-    /// Draws what a request needs. `peer` is the client's Zenoh id.
+    /// Draws the random parts of a request. `peer` is the client's Zenoh id.
     ///
     /// # Errors
     /// [`HandshakeError::Random`] or [`HandshakeError::Agreement`].
@@ -118,15 +119,15 @@ impl Greeting {
         Ok(Self { private, hello })
     }
 
-    /// What the request carries.
+    /// The message that goes with the request.
     pub fn hello(&self) -> Hello {
         self.hello.clone()
     }
 
-    /// Checks a reply, which leaves the greeting as it is: others may answer too.
+    /// Checks a reply. The greeting can check more than one, since others may answer too.
     ///
     /// # Errors
-    /// [`HandshakeError::Signature`]; [`HandshakeError::Server`] where `expected` is another key.
+    /// [`HandshakeError::Signature`]; [`HandshakeError::Server`] if `expected` is another key.
     pub fn verify(
         &self,
         reply: Reply<'_>,
@@ -155,13 +156,13 @@ impl Greeting {
 }
 
 impl Verified {
-    /// Whose reply it is.
+    /// Key of the server that signed the reply.
     pub fn server(&self) -> &PublicKey {
         &self.server
     }
 }
 
-/// Whether a request's hello can be answered.
+/// Checks whether a request's hello can be answered.
 ///
 /// # Errors
 /// [`HandshakeError::Hello`], which names the field.
@@ -179,7 +180,7 @@ pub fn check_hello(hello: &Hello) -> Result<(), HandshakeError> {
     Ok(())
 }
 
-/// A server's half: what its reply carries, and the secrets.
+/// The server's half: the message for its reply, and the secrets of the session.
 ///
 /// # Errors
 /// [`HandshakeError`]: a hello that cannot be answered.
@@ -193,14 +194,14 @@ pub fn welcome(identity: &Identity, hello: &Hello, reply: Reply<'_>) -> Result<(
     Ok((Welcome { key, identity: identity.public().as_bytes().to_vec(), signature }, secrets))
 }
 
-/// A token's proof for a request: its attachment.
+/// Proves that the sender of a request has the token; goes into the request's attachment.
 pub fn proof(secret: &[u8; 32], request: &[u8]) -> [u8; PROOF_BYTES] {
     let mut proof = [0; PROOF_BYTES];
     proof.copy_from_slice(proof_context(secret, request).sign().as_ref());
     proof
 }
 
-/// Whether the proof is of that token and that request; it takes as long for a wrong one.
+/// Whether the proof was made with this token for this request. Takes as long for a wrong proof as for the right one.
 #[must_use]
 pub fn is_proof(secret: &[u8; 32], request: &[u8], proof: &[u8]) -> bool {
     use subtle::ConstantTimeEq as _;
@@ -215,26 +216,26 @@ fn proof_context(secret: &[u8; 32], request: &[u8]) -> hmac::Context {
     context
 }
 
-/// The key pair of a run, of its secret.
+/// The key pair of a run, derived from the run's secret.
 ///
 /// # Errors
-/// [`HandshakeError::Agreement`]: no pair follows from it.
+/// [`HandshakeError::Agreement`]: the secret gives no key pair.
 pub fn run_identity(secret: &str) -> Result<Identity, HandshakeError> {
     let mut seed = [0; 32];
     seed.copy_from_slice(hash(&[RUN_LABEL, b" key\0", secret.as_bytes()]).as_ref());
     Identity::from_seed(seed).ok_or(HandshakeError::Agreement)
 }
 
-/// What the key of a run signs to register with a server: the request as it is sent, for that server.
+/// The bytes that the key of a run signs to register with a server: the name of the server, and the request as it is sent.
 pub fn registration(server: &str, request: &[u8]) -> Vec<u8> {
     [RUN_LABEL, b" register\0", server.as_bytes(), b"\0", request].concat()
 }
 
 impl Secrets {
-    /// Key of the codes of all that this side sends.
+    /// Key of the authentication codes of all messages that this side sends.
     ///
     /// # Errors
-    /// [`HandshakeError::Agreement`], which does not happen.
+    /// [`HandshakeError::Agreement`], which cannot happen.
     pub fn mac_key(&self, sender: Side) -> Result<hmac::Key, HandshakeError> {
         let info: &[u8] = match sender {
             Side::Client => b"client to server",
@@ -243,7 +244,7 @@ impl Secrets {
         expand_mac(&self.0, info)
     }
 
-    /// Key of the records of the session, for its opener.
+    /// The root key, from which [`crate::RowsKey`] derives the keys of records for the session's opener.
     pub(crate) fn prk(&self) -> &Prk {
         &self.0
     }
@@ -271,7 +272,7 @@ pub(crate) fn expand_aead(secret: &Prk, info: &[u8]) -> Result<aead::LessSafeKey
     Ok(aead::LessSafeKey::new(key.into()))
 }
 
-/// SHA-256 of parts, one after the other.
+/// SHA-256 of the concatenated parts.
 pub fn hash(parts: &[&[u8]]) -> digest::Digest {
     let mut context = digest::Context::new(&digest::SHA256);
     parts.iter().for_each(|part| context.update(part));
@@ -298,7 +299,7 @@ fn transcript(hello: &Hello, server_key: &[u8], reply: Reply<'_>) -> [u8; 32] {
     transcript
 }
 
-/// What is signed: no other use of an identity begins so.
+/// The bytes that the server signs; no other signature of an identity covers bytes that begin like this.
 fn signed(transcript: &[u8; 32]) -> Vec<u8> {
     [LABEL, b" signature\0", transcript].concat()
 }
@@ -337,7 +338,7 @@ mod tests {
         assert_eq!(server.open(label, b"x", &client.seal(label, b"x")), Ok(0));
     }
 
-    /// Whoever relays an exchange can neither change it nor answer in the server's place.
+    /// Guards that a relay can neither change an exchange nor answer in the server's place.
     #[test]
     fn a_reply_that_was_changed_is_found() {
         let (identity, greeting) = (Identity::generate().unwrap(), Greeting::new("", None).unwrap());
@@ -370,7 +371,7 @@ mod tests {
         let (other, _) = welcome(&other, &hello, REPLY).unwrap();
         let refused = greeting.verify(REPLY, &other, Some(&identity.public()));
         assert!(matches!(refused, Err(HandshakeError::Server { .. })));
-        assert!(greeting.verify(REPLY, &other, None).is_ok(), "told nothing, it takes whoever signs");
+        assert!(greeting.verify(REPLY, &other, None).is_ok(), "without an expected key any signer is accepted");
         let (other, _) = welcome(&identity, &Greeting::new("", None).unwrap().hello(), REPLY).unwrap();
         assert!(!is_taken(REPLY, &other), "the answer to another hello");
     }
@@ -388,7 +389,7 @@ mod tests {
             let error = welcome(&identity, &hello, REPLY).unwrap_err().to_string();
             assert!(error.starts_with(field), "{error}");
         }
-        // A point of small order: all would share the same secret.
+        // A point of small order, with which everybody would get the same secret.
         let hello = Hello { key: vec![0; 32], ..good };
         assert!(matches!(welcome(&identity, &hello, REPLY), Err(HandshakeError::Agreement)));
     }

@@ -1,4 +1,4 @@
-//! Who a server is: an Ed25519 key pair that lasts longer than its process, its port and its machine.
+//! The identity of a server: an Ed25519 key pair that stays the same when its process, port or machine changes.
 
 use std::fmt;
 use std::path::Path;
@@ -17,7 +17,7 @@ const SECRET_REMEDY: &str = "an identity is one line, fiatlux-identity:BASE64 of
 const PUBLIC_PREFIX: &str = "ed25519";
 const PUBLIC_REMEDY: &str = "a public key is ed25519:BASE64 of 32 bytes, as the server prints it";
 
-/// A server's key pair. Whoever has it can pass for the server.
+/// A server's key pair. Whoever has it can impersonate the server.
 pub struct Identity {
     seed: [u8; 32],
     pair: Ed25519KeyPair,
@@ -29,7 +29,7 @@ impl Identity {
     /// # Errors
     /// [`AccessError::Random`].
     pub fn generate() -> Result<Self, AccessError> {
-        // A seed of the right length always makes a pair, so this loops once.
+        // Every seed of the right length gives a key pair, so this loops once.
         loop {
             if let Some(identity) = Self::from_seed(random()?) {
                 return Ok(identity);
@@ -46,7 +46,7 @@ impl Identity {
         let (line, text) = file::only_line(path, &text, "identity", SECRET_REMEDY)?;
         let seed =
             file::decode(text, SECRET_PREFIX, "identity", SECRET_REMEDY).map_err(|error| error.at(path, line))?;
-        let refused = || FormatError::new("identity", "no key pair follows from it", SECRET_REMEDY).at(path, line);
+        let refused = || FormatError::new("identity", "it gives no key pair", SECRET_REMEDY).at(path, line);
         Self::from_seed(seed).ok_or_else(refused)
     }
 
@@ -58,14 +58,14 @@ impl Identity {
         write_new(path, &(file::encode(SECRET_PREFIX, &self.seed) + "\n"), 0o600)
     }
 
-    /// The half that everybody may know.
+    /// The public half, which everybody may know.
     pub fn public(&self) -> PublicKey {
         let mut key = [0; 32];
         key.copy_from_slice(self.pair.public_key().as_ref());
         PublicKey(key)
     }
 
-    /// Signature of a message. The caller separates its uses: no two kinds of message may have the same bytes.
+    /// Signs a message. The caller must make sure that no two kinds of messages can have the same bytes.
     pub fn sign(&self, message: &[u8]) -> [u8; SIGNATURE_BYTES] {
         let mut signature = [0; SIGNATURE_BYTES];
         signature.copy_from_slice(self.pair.sign(message).as_ref());
@@ -83,22 +83,22 @@ impl fmt::Debug for Identity {
     }
 }
 
-/// What a server signs is checked with it. Its text is `ed25519:BASE64`, on one line, to be pasted.
+/// The key that checks a server's signatures. As text it is one line, `ed25519:BASE64`, that can be pasted.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PublicKey([u8; 32]);
 
 impl PublicKey {
-    /// The key of these bytes, as they stand in a message.
+    /// The key from its 32 bytes in a message.
     pub fn from_bytes(bytes: [u8; 32]) -> Self {
         Self(bytes)
     }
 
-    /// As they stand in a message.
+    /// The 32 bytes of the key, as in a message.
     pub fn as_bytes(&self) -> &[u8; 32] {
         &self.0
     }
 
-    /// Whether the owner of this key signed that message. Bytes that are not a key have signed nothing.
+    /// Whether the owner of this key signed the message; `false` also if the bytes are not a valid key.
     #[must_use]
     pub fn verify(&self, message: &[u8], signature: &[u8]) -> bool {
         UnparsedPublicKey::new(&ED25519, self.0).verify(message, signature).is_ok()

@@ -1,4 +1,4 @@
-//! The servers whose keys a client knows, by name.
+//! The list of servers whose keys a client knows, by name.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,31 +24,31 @@ impl KnownServers {
         for (number, line) in lines(&read_public(path)?) {
             let (name, key) = server(line).map_err(|error| error.at(path, number))?;
             if known.insert(name.to_owned(), key).is_some() {
-                let problem = format!("'{name}' stands in an earlier line, too");
+                let problem = format!("'{name}' is in an earlier line too");
                 return Err(
-                    FormatError::new("NAME", problem, "keep the line with the server's present key").at(path, number)
+                    FormatError::new("NAME", problem, "keep the line with the server's current key").at(path, number)
                 );
             }
         }
         Ok(Self(known))
     }
 
-    /// The key of the server of that name, where it is known.
+    /// The key of the server of this name; `None` if it is not known.
     pub fn key_of(&self, name: &str) -> Option<PublicKey> {
         self.0.get(name).copied()
     }
 
-    /// The name that a key stands under, the first one in the alphabet of several.
+    /// The name of the server with this key, the first in the alphabet if there are several; `None` if it is not known.
     pub fn name_of(&self, key: &PublicKey) -> Option<&str> {
         self.0.iter().find(|(_, known)| *known == key).map(|(name, _)| name.as_str())
     }
 
-    /// Names of all servers that are known, sorted.
+    /// Names of all known servers, sorted.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.keys().map(String::as_str)
     }
 
-    /// One line of such a file.
+    /// One line of the file, with its line break.
     pub fn line(name: &str, key: &PublicKey) -> String {
         format!("{name} {key}\n")
     }

@@ -1,17 +1,17 @@
-//! Who is who on a network that others share: keys and tokens, and the files that hold them.
+//! Identities on a shared network: keys and tokens, and the files that hold them.
 //!
 //! | file | who has it | what it does |
 //! |---|---|---|
-//! | identity | the server | proves that it is the server of that key, and signs results: [`Identity`] |
+//! | identity | the server | proves that the server owns its key, and signs results: [`Identity`] |
 //! | known servers | clients | pins the keys of servers by name: [`KnownServers`] |
 //! | token | a client | opens sessions: [`Token`] |
-//! | tokens | the server | says whose tokens it takes, and how many sessions each may have open: [`Tokens`] |
-//! | recorder key | server and recorder | tells a recorder from others that read rows: [`RecorderKey`] |
+//! | tokens | the server | lists the tokens it accepts, and how many sessions each may have open: [`Tokens`] |
+//! | recorder key | server and recorder | lets only this recorder read rows: [`RecorderKey`] |
 //!
-//! What is said with them: [`Greeting`] and [`welcome`] agree on the keys of a session, a [`Channel`] numbers and seals its
-//! messages, and a [`RowsKey`] hides its records from all but their recorder.
+//! The protocol uses them like this: [`Greeting`] and [`welcome`] agree on the keys of a session, a [`Channel`] numbers and
+//! authenticates its messages, and a [`RowsKey`] encrypts its records for their recorder.
 //!
-//! A file with a secret is made with mode 0600, and refused where others can read it. No file is ever overwritten.
+//! A file with a secret is created with mode 0600, and refused if others can read it. No file is ever overwritten.
 //!
 //! ```
 //! use fiatlux_access::{Identity, PublicKey};
@@ -50,7 +50,7 @@ pub use tokens::{Grant, MAX_LIMIT, SECRET_BYTES, Token, Tokens};
 /// Fills an array from the system's random source.
 ///
 /// # Errors
-/// [`AccessError::Random`]: the system gives none.
+/// [`AccessError::Random`]: the random source failed.
 pub fn random<const N: usize>() -> Result<[u8; N], AccessError> {
     let mut bytes = [0; N];
     getrandom::fill(&mut bytes).map_err(AccessError::Random)?;

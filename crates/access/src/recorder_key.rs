@@ -9,7 +9,7 @@ use crate::{AccessError, random};
 const PREFIX: &str = "fiatlux-recorder";
 const REMEDY: &str = "a recorder key is one line, fiatlux-recorder:BASE64 of 32 bytes, as `fiatlux keys` writes it";
 
-/// Whoever has it may read rows and acknowledge them.
+/// The key that allows a recorder to read rows and acknowledge them.
 #[derive(Clone)]
 pub struct RecorderKey([u8; 32]);
 

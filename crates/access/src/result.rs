@@ -1,26 +1,26 @@
-//! The signature of an episode's result: whose word it is.
+//! The signature of an episode's result, which says what server vouches for it.
 
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{EpisodeResult, Signature};
 
 use crate::{Identity, PublicKey, hash};
 
-/// No other message that an identity signs begins with this.
+/// Prefix of the signed bytes; no other message that an identity signs begins with it.
 const CONTEXT: &[u8] = b"fiatlux episode result\0";
 
-/// What the signature of a result says.
+/// What the signature of a result shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signer {
     /// The result carries no signature.
     Nobody,
-    /// The owner of this key gave the result as it is here.
+    /// The owner of this key signed exactly this result.
     Key(PublicKey),
-    /// It does not fit the result: one of the two was changed, or copied from another bag.
+    /// The signature does not fit the result: one of the two was changed, or copied from another bag.
     Mismatch,
 }
 
 impl Signer {
-    /// The key that signed, where one did.
+    /// The key of a valid signature; `None` otherwise.
     pub fn key(self) -> Option<PublicKey> {
         match self {
             Self::Key(key) => Some(key),
@@ -29,13 +29,13 @@ impl Signer {
     }
 }
 
-/// Signs a result as it is now, in place of an earlier signature.
+/// Signs the result in its present form, and replaces an earlier signature.
 pub fn sign_result(identity: &Identity, result: &mut EpisodeResult) {
     let signature = identity.sign(&signed(result)).to_vec();
     result.signature = Some(Signature { key: identity.public().as_bytes().to_vec(), signature });
 }
 
-/// Who signed a result. It says nothing of whether that key can be trusted.
+/// Who signed a result. Whether to trust that key is for the caller to decide.
 pub fn signer_of(result: &EpisodeResult) -> Signer {
     let Some(Signature { key, signature }) = &result.signature else { return Signer::Nobody };
     let Ok(key) = <[u8; 32]>::try_from(key.as_slice()).map(PublicKey::from_bytes) else { return Signer::Mismatch };
@@ -54,7 +54,7 @@ mod tests {
 
     use super::*;
 
-    /// Guards that a signature holds for one result alone, to the last bit of either.
+    /// Guards that a signature is valid only for one result, to the last bit of either.
     #[test]
     fn a_signature_fits_what_was_signed_and_nothing_else() {
         let identity = Identity::generate().unwrap();

@@ -1,4 +1,4 @@
-//! Records on their way to a recorder, sealed: policies share the network, and must not see them.
+//! Encrypts records on their way to a recorder: policies share the network, and must not see them.
 
 use ring::aead::{Aad, LessSafeKey, NONCE_LEN, Nonce};
 use ring::hkdf::{HKDF_SHA256, Prk, Salt};
@@ -9,31 +9,31 @@ use crate::channel::shortened;
 use crate::handshake::{expand_aead, expand_mac};
 use crate::{HandshakeError, MAC_BYTES, RecorderKey, Secrets};
 
-/// First bytes of a nonce, so that no other use of the key has the same one.
+/// First bytes of a nonce, which no other use of the key has.
 const RECORD: u32 = 1;
 
 const SEQ_BYTES: usize = 8;
 
-/// Seals the records of one session and proves who asks for them.
+/// Encrypts the records of one session, and proves who asks for them.
 pub struct RowsKey {
     seals: LessSafeKey,
     proves: hmac::Key,
 }
 
 impl RowsKey {
-    /// Of a session that a recorder with this key records.
+    /// The key of a session that a recorder with this key records.
     ///
     /// # Errors
-    /// [`HandshakeError::Agreement`], which does not happen.
+    /// [`HandshakeError::Agreement`], which cannot happen.
     pub fn of_recorder(key: &RecorderKey, server: &str, session: &str) -> Result<Self, HandshakeError> {
         let salt = Salt::new(HKDF_SHA256, format!("fiatlux records 3.4\0{server}\0{session}").as_bytes());
         Self::of(&salt.extract(key.as_bytes()))
     }
 
-    /// Of a session whose opener reads its records.
+    /// The key of a session whose records its opener reads.
     ///
     /// # Errors
-    /// [`HandshakeError::Agreement`], which does not happen.
+    /// [`HandshakeError::Agreement`], which cannot happen.
     pub fn of_opener(secrets: &Secrets) -> Result<Self, HandshakeError> {
         Self::of(secrets.prk())
     }
@@ -42,18 +42,19 @@ impl RowsKey {
         Ok(Self { seals: expand_aead(secret, b"records")?, proves: expand_mac(secret, b"recorder to server")? })
     }
 
-    /// A record under its number, which no other record of the session has: the number, the ciphertext, and a tag of 16 bytes.
+    /// Encrypts a record; no other record of the session may have the same number. Returns the number, the ciphertext and a
+    /// tag of 16 bytes.
     pub fn seal(&self, seq: u64, record: &[u8]) -> Vec<u8> {
         let mut sealed = Vec::with_capacity(SEQ_BYTES + record.len() + MAC_BYTES);
         sealed.extend(seq.to_le_bytes());
         sealed.extend(record);
         let tag = self.seals.seal_in_place_separate_tag(nonce(seq), Aad::empty(), &mut sealed[SEQ_BYTES..]);
-        // It fails for a record of 256 GiB alone; what is sent then is refused.
+        // This fails only for a record of 256 GiB; the receiver refuses what is sent then.
         sealed.extend(tag.iter().flat_map(|tag| tag.as_ref()));
         sealed
     }
 
-    /// What was sealed; `None` where somebody else did.
+    /// Decrypts a record; `None` if it was not sealed with this key.
     pub fn open(&self, sealed: &[u8]) -> Option<Vec<u8>> {
         let (seq, sealed) = sealed.split_first_chunk::<SEQ_BYTES>()?;
         let mut record = sealed.to_vec();
@@ -62,7 +63,7 @@ impl RowsKey {
         Some(record)
     }
 
-    /// The attachment of what a recorder sends on the key that ends so.
+    /// The attachment of a recorder's message; `label` is the end of the Zenoh key it is sent on.
     pub fn prove(&self, label: &str, payload: &[u8]) -> [u8; MAC_BYTES] {
         let mut context = hmac::Context::with_key(&self.proves);
         context.update(label.as_bytes());
@@ -71,7 +72,7 @@ impl RowsKey {
         shortened(&context.sign())
     }
 
-    /// Whether a recorder with this key sent it.
+    /// Whether a recorder with this key sent the message.
     #[must_use]
     pub fn is_proved(&self, label: &str, payload: &[u8], attachment: &[u8]) -> bool {
         bool::from(self.prove(label, payload)[..].ct_eq(attachment))

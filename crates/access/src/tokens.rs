@@ -1,4 +1,4 @@
-//! Who may open sessions: a client's token, and the server's list of those that it takes.
+//! Who may open sessions: a client's token, and the server's list of tokens that it accepts.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -14,7 +14,7 @@ use crate::{AccessError, FormatError, random};
 /// Length of a token's secret, bytes. In files it has twice as many hexadecimal digits.
 pub const SECRET_BYTES: usize = 32;
 
-/// Most sessions that a token can have open at once.
+/// Largest number of sessions that a token can allow at once.
 pub const MAX_LIMIT: u32 = 65_536;
 
 const TOKEN_REMEDY: &str = "a token is one line, ID:SECRET, the secret of 64 hexadecimal digits";
@@ -22,7 +22,7 @@ const GRANT_REMEDY: &str = "each line is ID SECRET LIMIT, the secret of 64 hexad
 const LIMIT_REMEDY: &str = "LIMIT is how many sessions it may have open at once, 1 to 65536";
 const ID_REMEDY: &str = "an ID has 1 to 64 letters, digits, - or _";
 
-/// Lets a client open sessions. Its text is `ID:SECRET`.
+/// A client's right to open sessions. As text it is `ID:SECRET`.
 #[derive(Clone)]
 pub struct Token {
     id: String,
@@ -30,8 +30,8 @@ pub struct Token {
 }
 
 impl Token {
-    /// A new token of that id, its secret from the system's random source. Files take ids of 1 to 64 letters, digits, `-`
-    /// or `_`.
+    /// A new token with this id and a secret from the system's random source. In files, an id must have 1 to 64 letters, digits,
+    /// `-` or `_`.
     ///
     /// # Errors
     /// [`AccessError::Random`].
@@ -57,12 +57,12 @@ impl Token {
         write_new(path, &format!("{}:{}\n", self.id, hex(&self.secret)), 0o600)
     }
 
-    /// Who has it; no secret.
+    /// The public id of its owner.
     pub fn id(&self) -> &str {
         &self.id
     }
 
-    /// The secret itself, as the key of a MAC. It is never sent.
+    /// The secret, used as the key of a MAC and never sent.
     pub fn secret(&self) -> &[u8; SECRET_BYTES] {
         &self.secret
     }
@@ -84,7 +84,7 @@ impl FromStr for Token {
     }
 }
 
-/// What a server grants to the owner of a token.
+/// What a server allows the owner of a token.
 #[derive(Clone)]
 pub struct Grant {
     token: Token,
@@ -92,22 +92,22 @@ pub struct Grant {
 }
 
 impl Grant {
-    /// Lets the owner of that token have `limit` sessions open at once; the limit is at most [`MAX_LIMIT`].
+    /// Allows the owner of the token to have `limit` sessions open at once, at most [`MAX_LIMIT`].
     pub fn new(token: Token, limit: u32) -> Self {
         Self { token, limit }
     }
 
-    /// Public id of the token that the sessions are granted to; never its secret.
+    /// Public id of the token.
     pub fn id(&self) -> &str {
         &self.token.id
     }
 
-    /// How many sessions it may have open at once.
+    /// Number of sessions that the owner may have open at once.
     pub fn limit(&self) -> u32 {
         self.limit
     }
 
-    /// The token's secret, as the key of a MAC.
+    /// The token's secret, used as the key of a MAC.
     pub fn secret(&self) -> &[u8; SECRET_BYTES] {
         &self.token.secret
     }
@@ -119,7 +119,7 @@ impl fmt::Debug for Grant {
     }
 }
 
-/// Whose tokens a server takes. A line of the file is `ID SECRET LIMIT`.
+/// The tokens that a server accepts. A line of the file is `ID SECRET LIMIT`.
 #[derive(Debug, Clone, Default)]
 pub struct Tokens(BTreeMap<String, Grant>);
 
@@ -134,7 +134,7 @@ impl Tokens {
             let grant = grant(line).map_err(|error| error.at(path, number))?;
             let id = grant.id().to_owned();
             if grants.insert(id.clone(), grant).is_some() {
-                let problem = format!("'{id}' stands in an earlier line, too");
+                let problem = format!("'{id}' is in an earlier line too");
                 return Err(FormatError::new("ID", problem, "give each client an id of its own").at(path, number));
             }
         }
@@ -151,19 +151,19 @@ impl Tokens {
         write_new(path, &format!("# ID SECRET LIMIT: who may open sessions, and how many at once\n{lines}"), 0o600)
     }
 
-    /// What the owner of the token of that id is granted. The caller checks that it is the owner who asks.
+    /// What the owner of the token with this id is allowed. The caller must check that the owner is asking.
     pub fn of(&self, id: &str) -> Option<&Grant> {
         self.0.get(id)
     }
 
-    /// What the owner of this token is granted: nothing where the secret differs. Takes as long for a wrong secret as for
+    /// What the owner of this token is allowed; `None` if the secret differs. Takes as long for a wrong secret as for
     /// the right one.
     pub fn check(&self, token: &Token) -> Option<&Grant> {
         let grant = self.0.get(&token.id)?;
         bool::from(grant.token.secret.ct_eq(&token.secret)).then_some(grant)
     }
 
-    /// All that are granted something, sorted by id.
+    /// All accepted tokens, sorted by id.
     pub fn iter(&self) -> impl Iterator<Item = &Grant> {
         self.0.values()
     }
@@ -190,7 +190,7 @@ fn id_of(id: &str) -> Result<String, FormatError> {
     if is_name(id) {
         Ok(id.into())
     } else {
-        Err(FormatError::new("ID", "it has other characters or length", ID_REMEDY))
+        Err(FormatError::new("ID", "it has the wrong length or characters", ID_REMEDY))
     }
 }
 

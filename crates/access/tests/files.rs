@@ -1,4 +1,4 @@
-//! The files as others find them: read back, guarded, refused with their line.
+//! The files from outside: they read back, are guarded, and are refused with the line that is wrong.
 #![allow(clippy::unwrap_used)]
 
 use std::fs::{self, Permissions};
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use fiatlux_access::{AccessError, Grant, Identity, KnownServers, PublicKey, RecorderKey, Token, Tokens};
 
-/// A folder that goes with the test.
+/// A folder that is removed after the test.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -24,7 +24,7 @@ impl Folder {
         self.0.join(name)
     }
 
-    /// A file with that text that its owner alone can read.
+    /// Writes a file that only its owner can read.
     fn secret(&self, name: &str, text: &str) -> PathBuf {
         let path = self.file(name);
         fs::write(&path, text).unwrap();
@@ -43,7 +43,7 @@ fn mode(path: &Path) -> u32 {
     fs::metadata(path).unwrap().permissions().mode() & 0o777
 }
 
-/// RFC 8032, section 7.1, test 3: guards that the signature is Ed25519 as others have it.
+/// RFC 8032, section 7.1, test 3: guards that the signature is standard Ed25519.
 #[test]
 fn signs_as_the_standard_says() {
     let folder = Folder::new();
@@ -147,7 +147,7 @@ fn a_wrong_line_is_named_without_its_secret() {
         (identity, "fiatlux-identity:AAAA".into(), "it has 3 bytes, not 32"),
         (identity, "# mine\nfiatlux-identity:!!".into(), ":2: identity: it is not base64"),
         (recorder, "fiatlux-recorder:AAAA\nx".into(), ":2: recorder key: the file has a second line"),
-        (known, format!("a {key}\n\n# b\na {key}"), ":4: NAME: 'a' stands in an earlier line"),
+        (known, format!("a {key}\n\n# b\na {key}"), ":4: NAME: 'a' is in an earlier line"),
         (known, format!("a/b {key}"), ":1: NAME: 'a/b' cannot be a server's name"),
         (known, "a".into(), ":1: public key: it is missing"),
         (known, format!("a {wrong}"), ":1: public key: it has 3 bytes, not 32"),
@@ -157,7 +157,7 @@ fn a_wrong_line_is_named_without_its_secret() {
         (token, "lab:12".into(), ":1: SECRET: it is not 64 hexadecimal digits"),
         (token, format!("lab:{}é", &hex[2..]), ":1: SECRET: it is not 64 hexadecimal digits"),
         (tokens, format!("a {hex} 1\nb {hex}"), ":2: line: it has 2 words, not 3"),
-        (tokens, format!("a {hex} 1\na {hex} 1"), ":2: ID: 'a' stands in an earlier line"),
+        (tokens, format!("a {hex} 1\na {hex} 1"), ":2: ID: 'a' is in an earlier line"),
         (tokens, format!("a {hex} 0"), ":1: LIMIT: "),
         (tokens, format!("a {hex} -1"), ":1: LIMIT: "),
         (tokens, format!("a {hex} 65537"), ":1: LIMIT: "),

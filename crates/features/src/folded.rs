@@ -5,10 +5,10 @@ use crate::weights::Filled;
 /// What batch norm adds to the variance; torchvision's default.
 const EPSILON: f64 = 1e-5;
 
-/// A convolution with bias: `weight * g / sqrt(v + e)` and `b - m * g / sqrt(v + e)`, reckoned in f64.
+/// A convolution with bias: `weight * g / sqrt(v + e)` and `b - m * g / sqrt(v + e)`, computed in f64.
 #[derive(Debug, Clone)]
 pub(crate) struct Folded {
-    /// As `[outputs][inputs][rows][columns]`.
+    /// Kernel weights in the order `[outputs][inputs][rows][columns]`.
     weights: Vec<f32>,
     pub bias: Vec<f32>,
     pub inputs: usize,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fiatlux_proto::is_of_images;
 use fiatlux_proto::v3;
-use fiatlux_rules::{BENCHMARK_VERSION, Thresholds, pins};
+use fiatlux_rules::{BENCHMARK_VERSION, Task, Thresholds, pins};
 use serde::{Deserialize, Serialize};
 
 /// Conditions that all episodes of a table share.
@@ -87,7 +87,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
         ("hands", hands(header).into()),
         ("fixed", listed(&fixed(header))),
         ("prop_scale", prop_scale(header)),
-        ("sensors", listed(&sensors(header))),
+        ("sensors", listed(&comparable_sensors(header))),
         ("weights", quoted(weights(header))),
         ("meshes", quoted(meshes(header))),
         ("action_delay_ms", action_delay_ms(header).to_string()),
@@ -273,6 +273,16 @@ fn prop_scale(header: &v3::EpisodeHeader) -> String {
     if changed.is_empty() { PUBLISHED.into() } else { changed.join(", ") }
 }
 
+/// The sensors, where the contact sensor that a task's body comes with has one name: limbs in `climb`, hands elsewhere.
+fn comparable_sensors(header: &v3::EpisodeHeader) -> Vec<String> {
+    let climbs = header.task == Task::Climb.to_string();
+    let own = |sensor: String| match sensor.strip_prefix("limb_contact@") {
+        Some(rest) if climbs => format!("hand_contact@{rest}"),
+        _ => sensor,
+    };
+    sensors(header).into_iter().map(own).collect()
+}
+
 fn sensors(header: &v3::EpisodeHeader) -> Vec<String> {
     let rate = |sensor: &v3::Sensor| match sensor {
         v3::Sensor { on_request: true, .. } => "look".into(),
@@ -342,6 +352,18 @@ mod tests {
 
     fn words(conditions: &Conditions) -> [&str; 4] {
         [&conditions.protocol, &conditions.seeds, &conditions.observations, &conditions.time].map(String::as_str)
+    }
+
+    /// `evaluate --tasks all,climb` gives one table.
+    #[test]
+    fn the_contact_sensor_of_a_tasks_own_body_is_no_difference() {
+        let with = |task: &str, contact: &str| v3::EpisodeHeader {
+            task: task.into(),
+            sensors: vec!["proprioception".into(), contact.into()],
+            ..pinned()
+        };
+        assert_eq!(compared(&with("climb", "limb_contact")), compared(&with("S05", "hand_contact")));
+        assert_ne!(compared(&with("S05", "limb_contact")), compared(&with("S05", "hand_contact")));
     }
 
     /// What varies, what props are like and what is sensed are conditions; what the bag alone has is none.

@@ -226,21 +226,38 @@ pub fn verify(
     stop: &AtomicBool,
 ) -> Result<Verification, VerifyError> {
     let wrong = |reason: String| VerifyError::Bag { bag: path.display().to_string(), reason };
-    let content = bag::read(path, &GradeOptions::default()).map_err(|(_, reason)| wrong(reason))?;
-    let flaw = content.graded.flaw.as_ref();
-    if let Some(reason) = content.damage.map(|(_, why)| why).or_else(|| flaw.map(ToString::to_string)) {
-        return Err(wrong(reason));
-    }
+    // What it says of itself is graded while it is played: one core here, one at the server.
+    std::thread::scope(|scope| {
+        let grading = scope.spawn(|| bag::read(path, &GradeOptions::default()));
+        let played = play_again(path, link, server, access, &wrong, progress, stop);
+        let content = grading.join().map_err(|_| wrong("a grading thread ended early".into()))?;
+        let content = content.map_err(|(_, reason)| wrong(reason))?;
+        let flaw = content.graded.flaw.as_ref();
+        if let Some(reason) = content.damage.map(|(_, why)| why).or_else(|| flaw.map(ToString::to_string)) {
+            return Err(wrong(reason));
+        }
+        Ok(Verification { signer: content.graded.signer, ..played? })
+    })
+}
+
+/// A second run, compared with the bag's rows; who signed them is not asked.
+fn play_again(
+    path: &Path,
+    link: &LinkArgs,
+    server: Option<&str>,
+    access: &Access,
+    wrong: &dyn Fn(String) -> VerifyError,
+    progress: &mut dyn FnMut(u64, u64),
+    stop: &AtomicBool,
+) -> Result<Verification, VerifyError> {
     let bag = Bag::open(path)?;
     let ended = bag.result().and_then(|result| Some((result, result.end.clone()?)));
     let (result, recorded) = ended.ok_or_else(|| wrong("the recording has no result".into()))?;
-    check_mode(&bag, &wrong)?;
+    check_mode(&bag, wrong)?;
     let session = link.open(Role::Client)?;
     let mut run_again = |rows| {
         let recorded = recorded.clone();
-        let signer = content.graded.signer;
-        SecondRun { path, bag: &bag, result, recorded, signer, session: &session, server, access, rows }
-            .play(progress, stop)
+        SecondRun { path, bag: &bag, result, recorded, session: &session, server, access, rows }.play(progress, stop)
     };
     // The digest is over all rows: only where it differs are they looked at, one by one, and where
     // the first or the last can no longer be had.
@@ -265,7 +282,6 @@ struct SecondRun<'a> {
     bag: &'a Bag,
     result: &'a EpisodeResult,
     recorded: EpisodeEnd,
-    signer: Option<PublicKey>,
     session: &'a zenoh::Session,
     server: Option<&'a str>,
     access: &'a Access,
@@ -274,7 +290,7 @@ struct SecondRun<'a> {
 
 impl SecondRun<'_> {
     fn play(self, progress: &mut dyn FnMut(u64, u64), stop: &AtomicBool) -> Result<Verification, VerifyError> {
-        let Self { path, bag, result, recorded, signer, session, server, access, rows } = self;
+        let Self { path, bag, result, recorded, session, server, access, rows } = self;
         let mut replay = Replay::open(path)?;
         // Sensors change no row, and some take long.
         let request = OpenRequest { sensors: vec!["last_action".into()], weights: String::new(), ..replay.request() };
@@ -326,7 +342,7 @@ impl SecondRun<'_> {
         }
         Ok(Verification {
             recorded,
-            signer,
+            signer: None,
             simulated,
             header: comparison.header_difference,
             row: comparison.row_difference,

@@ -1,6 +1,6 @@
-//! Accounts and their tokens: who may submit, and how an administrator says so.
+//! Accounts and their tokens: who may submit, and what an administrator can change.
 //!
-//! A token is `fiatlux_ID_SECRET`: 16 and 64 hexadecimal digits. The store has the SHA-256 of it; the secret is 256 random
+//! A token is `fiatlux_ID_SECRET`: 16 and 64 hexadecimal digits. The store keeps its SHA-256; the secret is 256 random
 //! bits, so a digest gives nothing away and needs no salt.
 
 use fiatlux_proto::keys::is_name;
@@ -13,53 +13,53 @@ use crate::{Entry, Store, StoreError, SubmissionId};
 const PREFIX: &str = "fiatlux_";
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
-/// Most days that a token can be good for.
+/// Longest lifetime of a token, days.
 pub const MAX_DAYS: u32 = 3650;
 
-/// Why an account or a token is not made or changed.
+/// Why an account, a token or a submission could not be changed.
 #[derive(Debug, Error)]
 pub enum AccountError {
-    /// The store.
+    /// The store could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// A name that cannot be one.
-    #[error("'{name}' is not the name of an account; use 1 to 64 letters, digits, - or _")]
+    /// The name of a new account has other characters than it may, or too many.
+    #[error("'{name}' cannot be the name of an account; use 1 to 64 letters, digits, - or _")]
     Name {
-        /// As it was given.
+        /// The name as the caller gave it.
         name: String,
     },
-    /// There is one already.
-    #[error("there is an account '{name}'; choose another name, or change that one")]
+    /// An account of this name exists already.
+    #[error("the account '{name}' exists already; choose another name, or change it with `scorer admin change`")]
     Exists {
-        /// Its name.
+        /// Name of the existing account.
         name: String,
     },
-    /// There is none.
-    #[error("there is no account '{name}'; `scorer admin accounts` lists all")]
+    /// No account has this name.
+    #[error("there is no account '{name}'; `scorer admin accounts` lists all of them")]
     NoAccount {
-        /// As it was given.
+        /// The name as the caller gave it.
         name: String,
     },
-    /// No such token, or revoked before.
-    #[error("there is no token '{id}' that is not revoked; `scorer admin accounts` lists all")]
+    /// No token has this id, or it was revoked before.
+    #[error("there is no token '{id}', or it is revoked already; `scorer admin accounts` lists all of them")]
     NoToken {
-        /// As it was given.
+        /// The id as the caller gave it.
         id: String,
     },
-    /// No such submission.
-    #[error("there is no submission {id}; `scorer admin submissions` lists all")]
+    /// No submission has this id.
+    #[error("there is no submission {id}; `scorer admin submissions` lists all of them")]
     NoSubmission {
-        /// As it was given.
+        /// The id as the caller gave it.
         id: SubmissionId,
     },
 }
 
-/// Why a request is not let in. It never says more than its sender knows.
+/// Why a request is not let in. The message tells its sender nothing new about other accounts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub(crate) enum Denied {
-    #[error("there is no token; send the header Authorization: Bearer TOKEN")]
+    #[error("the request has no token; send the header Authorization: Bearer TOKEN")]
     Missing,
-    #[error("the token is not one of this service; ask its administrator for one")]
+    #[error("this service did not issue the token; ask its administrator for one")]
     Wrong,
     #[error("the token has expired; ask the administrator for a new one")]
     Expired,
@@ -69,7 +69,7 @@ pub(crate) enum Denied {
     Closed,
 }
 
-/// How much an account may have.
+/// How much an account may submit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quota {
     /// Submissions that it may begin within 24 hours.
@@ -92,10 +92,10 @@ impl Quota {
 }
 
 impl Store {
-    /// Makes an account.
+    /// Creates an account.
     ///
     /// # Errors
-    /// [`AccountError`]: its name, or there is one.
+    /// [`AccountError`]: the name cannot be one, or is taken.
     pub async fn make_account(&self, name: &str, quota: Quota) -> Result<(), AccountError> {
         if !is_name(name) {
             return Err(AccountError::Name { name: name.into() });
@@ -110,11 +110,11 @@ impl Store {
         if self.add_account(&account).await? { Ok(()) } else { Err(AccountError::Exists { name: name.into() }) }
     }
 
-    /// Sets the limits of an account, where they are given, and whether it is closed. The tokens of a closed account are worth
-    /// nothing; its submissions stay.
+    /// Sets the limits that are given, and closes the account or opens it again. The tokens of a closed account are refused;
+    /// its submissions stay.
     ///
     /// # Errors
-    /// [`AccountError`]: there is none.
+    /// [`AccountError`]: there is no such account.
     pub async fn set_account(
         &self,
         name: &str,
@@ -133,10 +133,10 @@ impl Store {
         if self.change_account(&account).await? { Ok(()) } else { Err(no_account()) }
     }
 
-    /// Makes a token, good for that many days, at most [`MAX_DAYS`]. It is shown now and never again.
+    /// Creates a token that is valid for `days`, at most [`MAX_DAYS`]. The store keeps only its digest, so show it now.
     ///
     /// # Errors
-    /// [`AccountError`]: there is no such account; the system gives no random numbers.
+    /// [`AccountError`]: there is no such account; the system's random source failed.
     pub async fn make_token(&self, account: &str, days: u32) -> Result<String, AccountError> {
         if self.account(account).await?.is_none() {
             return Err(AccountError::NoAccount { name: account.into() });
@@ -159,7 +159,7 @@ impl Store {
         Ok(token)
     }
 
-    /// Withdraws a token, by the 16 digits after `fiatlux_`, for good and at once.
+    /// Revokes a token at once and for good; `id` is the 16 digits after `fiatlux_`.
     ///
     /// # Errors
     /// [`AccountError::NoToken`].
@@ -180,7 +180,7 @@ impl Store {
         Ok(listed)
     }
 
-    /// All submissions in any state, oldest first.
+    /// All submissions, whatever their state, oldest first.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -196,7 +196,7 @@ impl Store {
         self.audit_log(most.into()).await
     }
 
-    /// Refuses a submission: it stands in no table from now on. Its bags stay.
+    /// Refuses a submission, which takes it out of all tables. Its bags stay.
     ///
     /// # Errors
     /// [`AccountError::NoSubmission`].
@@ -207,7 +207,7 @@ impl Store {
         Ok(self.refuse(id, "admin", reason).await?)
     }
 
-    /// Removes a submission with the bags that no other one has. It cannot be undone; the same submission may come again.
+    /// Removes a submission and the bags that no other one uses. This cannot be undone; the submitter may send it again.
     ///
     /// # Errors
     /// [`AccountError::NoSubmission`].
@@ -215,7 +215,7 @@ impl Store {
         if self.remove(id, "admin").await? { Ok(()) } else { Err(AccountError::NoSubmission { id }) }
     }
 
-    /// Whose a token is. Takes as long for a wrong secret as for the right one.
+    /// The account of a token. Takes as long for a wrong secret as for the right one.
     pub(crate) async fn account_by(&self, token: Option<&str>) -> Result<Result<Account, Denied>, StoreError> {
         let Some(token) = token else { return Ok(Err(Denied::Missing)) };
         let Some(id) = id_in(token) else { return Ok(Err(Denied::Wrong)) };

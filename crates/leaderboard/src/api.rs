@@ -1,4 +1,4 @@
-//! The JSON API: what programs ask for. `api/openapi.json` describes it, and a test compares the two.
+//! The JSON API for programs. `api/openapi.json` describes it, and a test compares the two.
 
 mod answer;
 mod submissions;
@@ -18,12 +18,12 @@ use crate::{Service, metrics};
 pub(crate) use answer::Problem;
 use answer::json_text;
 
-/// How long anything but an upload may take.
+/// Time limit of every request except uploads.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 const OPENAPI: &str = include_str!("api/openapi.json");
 
-/// Every address of the API with its methods, as `openapi.json` has them.
+/// Every address of the API with its methods, as in `openapi.json`.
 pub(crate) fn router(service: Arc<Service>) -> Router {
     Router::new()
         .route("/api/openapi.json", get(openapi))
@@ -42,14 +42,14 @@ pub(crate) fn router(service: Arc<Service>) -> Router {
         .with_state(service)
 }
 
-/// Ends what takes too long. An upload has limits of its own.
+/// Ends requests that take too long. An upload has limits of its own.
 async fn bounded(request: Request, next: Next) -> Response {
     if request.method() == Method::PUT {
         return next.run(request).await;
     }
     match tokio::time::timeout(PATIENCE, next.run(request)).await {
         Ok(answer) => answer,
-        Err(_) => Problem::busy("this took too long; try again later").into_response(),
+        Err(_) => Problem::busy("the request took too long; try again later").into_response(),
     }
 }
 
@@ -58,23 +58,23 @@ async fn openapi() -> Response {
 }
 
 async fn nothing() -> Problem {
-    Problem::missing("there is nothing at this address; /api/openapi.json lists what there is")
+    Problem::missing("there is nothing at this address; /api/openapi.json lists all addresses")
 }
 
 async fn not_so() -> Problem {
     Problem::new(
         StatusCode::METHOD_NOT_ALLOWED,
         "method",
-        "this address has other methods; /api/openapi.json lists them",
+        "this address does not take this method; /api/openapi.json lists those it takes",
     )
 }
 
-/// The process answers.
+/// Answers as long as the process lives, whatever the state of the store.
 async fn health() -> &'static str {
     "ok\n"
 }
 
-/// The database answers as well.
+/// Answers 200 only if the database answers as well.
 async fn ready(State(service): State<Arc<Service>>) -> Result<&'static str, Problem> {
     match service.store.ping().await {
         Ok(()) => Ok("ok\n"),

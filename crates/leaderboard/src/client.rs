@@ -1,6 +1,6 @@
 //! Submits a run's folder, or loose bags, to a leaderboard.
 //!
-//! What broke off goes on from where it was, also in a later call: the same files with the same manifest are the same
+//! An interrupted upload resumes where it stopped, even in a later call: the same files with the same manifest are the same
 //! submission.
 
 mod http;
@@ -24,109 +24,111 @@ use crate::submission::{MAX_NAME, is_file_name};
 use crate::{Manifest, ManifestError, State};
 use http::{Answer, Http};
 
-/// So often a request is tried that came to nothing, without a byte that arrived in between.
+/// How often a failed request is tried again as long as no byte gets through.
 const TRIES: u32 = 8;
-/// How long it waits before the second try; twice as long before each further one, up to a minute.
+/// Wait before the second try; doubles with each further one, up to a minute.
 const PAUSE: Duration = Duration::from_millis(500);
-/// How often it asks how a submission goes on.
+/// How often [`Submit::wait`] asks for the state of a submission.
 const POLL: Duration = Duration::from_secs(2);
 
-/// Why nothing was submitted.
+/// Why a submission failed.
 #[derive(Debug, Error)]
 pub enum SubmitError {
-    /// The folder.
+    /// The folder to submit cannot be searched for bags.
     #[error(transparent)]
     Find(#[from] FindError),
-    /// A bag, or the journal of a run.
-    #[error("cannot read what is to be submitted")]
+    /// A bag or the journal of a run cannot be read.
+    #[error("cannot read the bags to submit")]
     Bag(#[from] BagError),
-    /// A file.
+    /// A file of the submission cannot be opened or read.
     #[error("cannot read {}", path.display())]
     Read {
-        /// The file.
+        /// File that could not be read.
         path: PathBuf,
-        /// Why.
+        /// The operating system's error.
         #[source]
         source: std::io::Error,
     },
-    /// Nothing there.
+    /// The folder to submit holds no bags.
     #[error("there is no bag in {}; name the folder of a run, or of *.mcap files", path.display())]
     NoBags {
-        /// The folder.
+        /// Folder that was searched.
         path: PathBuf,
     },
-    /// Several runs.
-    #[error("{} runs are in {}; submit each by itself", runs, path.display())]
+    /// The folder to submit holds several runs; a submission is one run.
+    #[error("{} holds {runs} runs; submit each of them separately", path.display())]
     Runs {
-        /// The folder.
+        /// Folder that was searched.
         path: PathBuf,
-        /// How many.
+        /// Number of runs in it, 2 or more.
         runs: usize,
     },
-    /// A name that the service does not take.
-    #[error("'{name}' is not a name that the service takes; use letters, digits, -, _ and . alone, {MAX_NAME} at most")]
+    /// The service does not accept a file of this name.
+    #[error(
+        "the service does not accept a file named '{name}'; use only letters, digits, -, _ and ., {MAX_NAME} at most"
+    )]
     Name {
-        /// The file's name.
+        /// Name of the file, without its folder.
         name: String,
     },
-    /// The manifest.
+    /// A field of the manifest is wrong.
     #[error(transparent)]
     Manifest(#[from] ManifestError),
-    /// The address of the service.
+    /// The address of the service is not a URL of a host.
     #[error("'{url}' is not the address of a service; write https://HOST or http://HOST:PORT")]
     Url {
-        /// As it was given.
+        /// The address as the caller gave it.
         url: String,
     },
-    /// No answer.
-    #[error("{url} does not answer ({reason}); start again later: what has arrived stays there")]
+    /// The service did not answer, after several tries.
+    #[error("{url} does not answer ({reason}); start again later: the service keeps what has arrived")]
     Unanswered {
-        /// The service.
+        /// Address of the service.
         url: String,
-        /// Why, by the last try.
+        /// What went wrong with the last try.
         reason: String,
     },
-    /// It refuses a request.
-    #[error("the service refuses ({code}): {message}")]
+    /// The service refused a request; trying again does not help.
+    #[error("the service refuses the request ({code}): {message}")]
     Refused {
-        /// One word.
+        /// The kind of refusal, one word such as `token`; the HTTP status where the service gives none.
         code: String,
-        /// Its words.
+        /// The service's own message, which says what to do.
         message: String,
     },
-    /// It answers something else.
-    #[error("{url} is not a leaderboard, or one of another version: {reason}")]
+    /// The answer is not one of a leaderboard of this version.
+    #[error("{url} is not a leaderboard, or runs another version: {reason}")]
     Unreadable {
-        /// The service.
+        /// Address of the service.
         url: String,
-        /// Why.
+        /// What is wrong with the answer.
         reason: String,
     },
-    /// A file changed under way.
+    /// A file changed while it was sent.
     #[error("{} was changed while it was sent; submit again", path.display())]
     Changed {
-        /// The file.
+        /// File that changed on disk.
         path: PathBuf,
     },
-    /// A stop was asked for.
-    #[error("stopped; the same command goes on from here")]
+    /// The caller asked to stop.
+    #[error("stopped; run the same command again to resume")]
     Stopped,
 }
 
-/// What is to be submitted.
+/// The files and the manifest of a submission.
 #[derive(Debug, Clone)]
 pub struct Upload {
-    /// What is said of the policy.
+    /// What the submitter says of the policy; fill it in before [`Submit::send`].
     pub manifest: Manifest,
     files: Vec<(String, PathBuf)>,
 }
 
 impl Upload {
-    /// All bags below a folder, and the journals of the run whose folder it is. The manifest has the policy's name, and where
-    /// the run says so its version and link; the rest is for the caller to fill in.
+    /// All bags below a folder and, if it is the folder of a run, its journals. The manifest gets the policy's name and, where
+    /// the run has them, its version and link; the caller fills in the rest.
     ///
     /// # Errors
-    /// [`SubmitError`]: no bag, several runs, names that the service does not take.
+    /// [`SubmitError`]: no bag, several runs, names that the service does not accept.
     pub fn find(path: &Path) -> Result<Self, SubmitError> {
         let found = BagFiles::find(&[path.to_path_buf()])?;
         if found.runs.len() > 1 {
@@ -163,7 +165,7 @@ impl Upload {
         Ok(Self { manifest, files })
     }
 
-    /// How many files.
+    /// Number of files to send, bags and journals together.
     pub fn files(&self) -> usize {
         self.files.len()
     }
@@ -174,31 +176,31 @@ fn name_of(path: &Path) -> Result<String, SubmitError> {
     name.to_str().map(str::to_owned).ok_or_else(|| SubmitError::Name { name: name.to_string_lossy().into_owned() })
 }
 
-/// How far it is.
+/// What [`Submit`] is doing, and how far it has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SubmitProgress {
-    /// Files are read for their digests: bytes done, and in all.
+    /// Digests of the files are being computed: bytes done, bytes in total.
     Reading(u64, u64),
-    /// Files are sent: bytes done, and in all.
+    /// Files are being sent: bytes done, bytes in total.
     Sending(u64, u64),
-    /// The service verifies: episodes done, and in all.
+    /// The service is verifying: episodes done, episodes in total.
     Verifying(u64, u64),
 }
 
-/// A submission as the service tells it.
+/// A submission as the service reports it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Submitted {
-    /// Names it.
+    /// Id of the submission, 16 hexadecimal digits.
     pub id: String,
-    /// How far it is.
+    /// How far the service has come with it.
     pub state: State,
-    /// Why it was refused; else empty.
+    /// Why it was refused; empty otherwise.
     pub reason: String,
-    /// How much of it was seen to be true.
+    /// How much of it has been confirmed.
     pub badge: crate::Badge,
-    /// Episodes that were verified.
+    /// Episodes that were verified so far.
     pub episodes_verified: u64,
-    /// Episodes that are to be.
+    /// Episodes to verify in total; 0 until the submission is graded.
     pub episodes_to_verify: u64,
     #[serde(default)]
     files: Vec<Place>,
@@ -221,7 +223,7 @@ pub struct Submit<'a> {
 }
 
 impl<'a> Submit<'a> {
-    /// To the service at an address such as `https://HOST`.
+    /// A client of the service at `url`, such as `https://HOST`. Setting `stop` ends its work with [`SubmitError::Stopped`].
     ///
     /// # Errors
     /// [`SubmitError::Url`].
@@ -234,7 +236,7 @@ impl<'a> Submit<'a> {
         Ok(Self { http: Http::new(url, token)?, progress, stop })
     }
 
-    /// Sends everything that the service does not have yet. From then on the submission is accepted.
+    /// Sends everything that the service does not have yet. When this returns, the service has accepted the submission.
     ///
     /// # Errors
     /// [`SubmitError`].
@@ -248,7 +250,9 @@ impl<'a> Submit<'a> {
         let whole = submitted.files.iter().map(|file| file.bytes).sum();
         let mut done = 0;
         for file in std::mem::take(&mut submitted.files) {
-            let path = paths.get(&file.name).ok_or_else(|| self.http.unreadable("it names a file of no such name"))?;
+            let path = paths
+                .get(&file.name)
+                .ok_or_else(|| self.http.unreadable("it asks for a file that was not announced"))?;
             if !file.stored {
                 self.file(&submitted.id, &file, path, done, whole)?;
             }
@@ -259,7 +263,7 @@ impl<'a> Submit<'a> {
         self.ask("POST", &finish, None)
     }
 
-    /// Waits until a submission is decided.
+    /// Waits until a submission is verified or refused.
     ///
     /// # Errors
     /// [`SubmitError`].
@@ -275,7 +279,7 @@ impl<'a> Submit<'a> {
         }
     }
 
-    /// The files by name, and what is said of them before they are sent.
+    /// The files by name, and the request that announces them.
     fn announce(&mut self, upload: &Upload) -> Result<(BTreeMap<String, PathBuf>, serde_json::Value), SubmitError> {
         let mut sizes = Vec::new();
         for (_, path) in &upload.files {
@@ -307,7 +311,7 @@ impl<'a> Submit<'a> {
         Ok((paths, json!({ "manifest": upload.manifest, "files": files })))
     }
 
-    /// Sends what is missing of a file; asks how much is there whenever it breaks off.
+    /// Sends the missing part of a file; after an interruption it asks how much has arrived.
     fn file(&mut self, id: &str, file: &Place, path: &Path, done: u64, whole: u64) -> Result<(), SubmitError> {
         let read = |source| SubmitError::Read { path: path.into(), source };
         let (mut received, mut tries) = (file.received, 0);
@@ -330,7 +334,7 @@ impl<'a> Submit<'a> {
                 Ok(Answer { status: 200, json }) if json["stored"] == true => return Ok(()),
                 Ok(Answer { status: 422, .. }) => return Err(SubmitError::Changed { path: path.into() }),
                 Ok(answer @ Answer { status: 400..=407 | 410..=499, .. }) => return Err(answer.refused()),
-                // 408 too slow, 409 another offset or a connection that has not ended yet, 5xx.
+                // 408: too slow; 409: another offset, or an earlier connection is still open; 5xx.
                 Ok(answer) => answer.refused().to_string(),
                 Err(reason) => reason,
             };
@@ -341,7 +345,7 @@ impl<'a> Submit<'a> {
             self.pause(wait_before(tries))?;
             let submitted = self.ask("GET", &format!("/api/v1/submissions/{id}"), None)?;
             let there = submitted.files.iter().find(|there| there.place == file.place);
-            let there = there.ok_or_else(|| self.http.unreadable("it takes no files any more"))?;
+            let there = there.ok_or_else(|| self.http.unreadable("it no longer lists the file"))?;
             if there.stored {
                 return Ok(());
             }
@@ -352,7 +356,7 @@ impl<'a> Submit<'a> {
         }
     }
 
-    /// A request without a file, tried again while nobody answers.
+    /// A request without a file, tried again while the service does not answer.
     fn ask(&mut self, method: &str, address: &str, body: Option<String>) -> Result<Submitted, SubmitError> {
         let mut tries = 0;
         loop {

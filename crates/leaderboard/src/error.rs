@@ -1,60 +1,60 @@
-//! Why something could not be kept or found.
+//! Errors of the store.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-/// Why the store could not do what it was asked for.
+/// Why the store could not be read or written.
 #[derive(Debug, Error)]
 pub enum StoreError {
-    /// A file or folder of the store.
-    #[error("cannot {action} {}; check its permissions and the space that is left", path.display())]
+    /// A file or folder of the store cannot be used.
+    #[error("cannot {action} {}; check its permissions and the free disk space", path.display())]
     Io {
-        /// What was tried.
+        /// Verb of the operation that failed, such as `open`.
         action: &'static str,
-        /// On what.
+        /// File or folder that the operation was for.
         path: PathBuf,
-        /// Why.
+        /// The operating system's error.
         #[source]
         source: io::Error,
     },
-    /// The database.
-    #[error("the database cannot {action}; check the space that is left, and that nothing else writes to the folder")]
+    /// A statement failed in the database.
+    #[error("the database cannot {action}; check the free disk space, and that nothing else writes to the folder")]
     Database {
-        /// What was tried.
+        /// What the database could not do, such as `be opened`.
         action: &'static str,
-        /// Why.
+        /// The error that SQLite reported.
         #[source]
         source: sqlx::Error,
     },
-    /// The store of bags.
-    #[error("the store of bags cannot {action}; check its permissions and the space that is left")]
+    /// An operation failed in the store of bags.
+    #[error("the store of bags cannot {action}; check its permissions and the free disk space")]
     Blobs {
-        /// What was tried.
+        /// What the store could not do, such as `read a file`.
         action: &'static str,
-        /// Why.
+        /// The error that the store of bags reported.
         #[source]
         source: object_store::Error,
     },
-    /// The database was written by a later version.
-    #[error("the database has version {found}, this program knows {known}; start the version that wrote it")]
+    /// The database was written by a later version of the program.
+    #[error("the database has version {found}, this program knows up to {known}; start the version that wrote it")]
     Newer {
-        /// Of the database.
+        /// Version of the database.
         found: i64,
-        /// The last one that is known here.
+        /// Latest version that this program can read.
         known: i64,
     },
-    /// Something in the store that this program did not write so.
+    /// Something in the store is not as this program writes it.
     #[error("{what} in the store cannot be read: {reason}; restore the folder from a backup")]
     Corrupt {
-        /// What.
+        /// What is damaged, with its id where it has one.
         what: String,
-        /// Why.
+        /// What is wrong with it.
         reason: String,
     },
-    /// The system's random source.
-    #[error("the system gives no random numbers")]
+    /// The system's random source failed, so no token can be made.
+    #[error("the system's random source failed")]
     Random(#[source] getrandom::Error),
 }
 

@@ -1,8 +1,8 @@
-//! The work on submissions: each is graded, then its episodes are verified, then it has its badge.
+//! The work on submissions: each is graded, then its episodes are verified, then it gets its badge.
 //!
-//! What is to be done follows from the store ([`crate::store`]), and each step is one transaction. A service that is killed
-//! anywhere in a step does it again when it is back, to the same result: grading depends on the bags alone, and a second
-//! run gives the same bytes.
+//! The state of the store ([`crate::store`]) says what there is to do, and each step is one transaction. A service that is
+//! killed in the middle of a step repeats it after the next start, with the same result: grading depends on the bags alone,
+//! and simulating an episode again gives the same bytes.
 
 mod grade;
 mod verify;
@@ -19,25 +19,25 @@ use crate::store::now_ms;
 use crate::{Service, StoreError};
 use verify::Verifiers;
 
-/// How often the grader looks by itself.
+/// How often the grader looks for work without being notified.
 const LOOK: Duration = Duration::from_secs(2);
-/// How long it waits after the store has failed.
+/// How long the grader waits after an error of the store.
 const PAUSE: Duration = Duration::from_secs(5);
-/// How often abandoned uploads are looked for.
+/// How often abandoned uploads are removed.
 const SWEEP: Duration = Duration::from_secs(600);
-/// Age at which an upload that is not complete is removed, ms.
+/// Age at which an incomplete upload is removed, ms.
 const STALE_MS: i64 = 7 * 24 * 3600 * 1000;
 
-/// A sim-server that simulates episodes again.
+/// A sim-server that simulates episodes again to verify them.
 #[derive(Debug, Clone)]
 pub struct Verifier {
-    /// Where it is.
+    /// Endpoints and settings of the Zenoh link that leads to it.
     pub link: LinkArgs,
-    /// Its name there; `None` where there is one server.
+    /// Name of the server on that link; `None` if it is the only one.
     pub server: Option<String>,
 }
 
-/// The work in the background of a service.
+/// The background work of a service.
 #[derive(Debug)]
 pub struct Jobs {
     stop: Arc<AtomicBool>,
@@ -46,11 +46,11 @@ pub struct Jobs {
 }
 
 impl Jobs {
-    /// Starts to grade, and to verify with each of the servers, `parallel` episodes at a time on each. Where there is no
-    /// server, episodes wait until a service has one. Needs the runtime that the service runs on.
+    /// Starts to grade, and to verify on each of the servers, `parallel` episodes at a time on each. Without a server,
+    /// episodes wait until the service is started with one. Call it on the Tokio runtime of the service.
     ///
     /// # Errors
-    /// The system gives no threads.
+    /// The system refuses to start a thread.
     pub fn start(
         service: &Arc<Service>,
         verifiers: Vec<Verifier>,
@@ -64,7 +64,7 @@ impl Jobs {
         Ok(Self { stop, tasks: vec![grader, sweeper], verifiers })
     }
 
-    /// Stops; what is half done is done again by the next service. Blocks until the second runs have ended.
+    /// Stops, and blocks until the running simulations have ended. The next service repeats what was left unfinished.
     pub fn stop(self) {
         self.stop.store(true, Ordering::Relaxed);
         self.tasks.iter().for_each(JoinHandle::abort);
@@ -77,11 +77,11 @@ async fn grade_all(service: Arc<Service>, stop: Arc<AtomicBool>) {
         match grade_next(&service).await {
             Ok(true) => {}
             Ok(false) => {
-                // Rung, or by itself: an admin command may have changed something.
+                // Also looks without a notification: an admin command may have changed something.
                 drop(tokio::time::timeout(LOOK, service.received.notified()).await);
             }
             Err(error) => {
-                tracing::error!(error = in_full(&error), "a submission could not be graded; it is tried again");
+                tracing::error!(error = in_full(&error), "a submission could not be graded; trying again");
                 tokio::time::sleep(PAUSE).await;
             }
         }
@@ -99,8 +99,8 @@ async fn sweep(service: Arc<Service>) {
     loop {
         match sweep_once(&service).await {
             Ok(0) => {}
-            Ok(removed) => tracing::info!(removed, "uploads that were never finished are removed"),
-            Err(error) => tracing::error!(error = in_full(&error), "old uploads could not be removed"),
+            Ok(removed) => tracing::info!(removed, "removed uploads that were never finished"),
+            Err(error) => tracing::error!(error = in_full(&error), "cannot remove uploads that were never finished"),
         }
         tokio::time::sleep(SWEEP).await;
     }

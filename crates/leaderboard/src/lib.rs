@@ -1,13 +1,13 @@
-//! The leaderboard: takes submissions over HTTP, grades and verifies their bags, and shows them.
+//! The leaderboard: accepts submissions over HTTP, grades and verifies their bags, and shows them.
 //!
 //! ```text
 //! a run's folder --client--> incoming/ --checks--> blobs/ --grade--> Results --verify on sim-servers--> badge
-//! Store                      what has come, what it amounts to, and the bags
+//! Store                      submissions, their results and their bags
 //! api, pages                 JSON for programs, HTML for people
 //! ```
 //!
-//! Grading never links the simulator; this crate does, through `fiatlux-replay`, and only to show pictures. What verifies
-//! is a sim-server on the other side of a Zenoh link.
+//! Grading never links the simulator; this crate does, through `fiatlux-replay`, and only to show pictures. Verifying is
+//! the work of a sim-server on the other side of a Zenoh link.
 
 mod accounts;
 mod api;

@@ -1,4 +1,4 @@
-//! What the service counts, in the text format of Prometheus.
+//! Counters of the service, in the text format of Prometheus.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -11,36 +11,36 @@ use axum::response::Response;
 
 use crate::{Service, StoreError};
 
-/// Upper ends of the buckets of request times, ms.
+/// Upper bounds of the buckets of request times, ms.
 const BUCKETS_MS: [u64; 10] = [1, 2, 5, 10, 20, 50, 100, 500, 2_000, 10_000];
 
-/// Counters since the start.
+/// Counters since the start of the service.
 #[derive(Debug, Default)]
 pub(crate) struct Metrics {
-    /// Answers by the first digit of their status, from 1.
+    /// Responses by the first digit of their status, from 1.
     answers: [AtomicU64; 5],
-    /// The last one has what took longer than all ends.
+    /// The last bucket counts requests over the largest bound.
     buckets: [AtomicU64; BUCKETS_MS.len() + 1],
     total_us: AtomicU64,
-    /// Requests that are being answered.
+    /// Requests that are being answered now.
     open: AtomicI64,
-    /// Connections that are open.
+    /// Connections that are open now.
     pub connections: AtomicI64,
-    /// Bytes of files that came.
+    /// Bytes of files received.
     pub uploaded_bytes: AtomicU64,
-    /// Submissions that were graded, refused ones as well.
+    /// Submissions that were graded, including refused ones.
     pub graded: AtomicU64,
-    /// Episodes that a second run decided.
+    /// Episodes whose verification has a verdict.
     pub verified: AtomicU64,
-    /// Their control steps.
+    /// Control steps simulated to verify episodes.
     pub verified_steps: AtomicU64,
-    /// Time of second runs, ms, over all that ran at once.
+    /// Time spent verifying, ms, summed over parallel workers.
     pub verifying_ms: AtomicU64,
-    /// Second runs that came to nothing, and are tried again.
+    /// Verifications that failed without a verdict and are tried again.
     pub retries: AtomicU64,
 }
 
-/// Counts down when it goes, also where the request is dropped half-way.
+/// Counts down when dropped, even if the request is cancelled halfway.
 struct Counted<'a>(&'a AtomicI64);
 
 impl<'a> Counted<'a> {
@@ -70,7 +70,7 @@ pub(crate) async fn measure(State(service): State<Arc<Service>>, request: Reques
     if let Some(count) = usize::from(status / 100).checked_sub(1).and_then(|class| metrics.answers.get(class)) {
         count.fetch_add(1, Ordering::Relaxed);
     }
-    // How long an upload takes says how fast its sender is.
+    // The time of an upload only says how fast its sender is.
     if method != axum::http::Method::PUT {
         let ms = taken.as_millis() as u64;
         let at = BUCKETS_MS.iter().position(|end| ms < *end).unwrap_or(BUCKETS_MS.len());
@@ -81,19 +81,19 @@ pub(crate) async fn measure(State(service): State<Arc<Service>>, request: Reques
     answer
 }
 
-/// Everything, as Prometheus reads it.
+/// All counters, as Prometheus reads them.
 pub(crate) async fn text(service: &Service) -> Result<String, StoreError> {
     let metrics = &service.metrics;
     let mut out = String::new();
     let head = |out: &mut String, name: &str, kind: &str, help: &str| {
         let _ = write!(out, "# HELP fiatlux_{name} {help}\n# TYPE fiatlux_{name} {kind}\n");
     };
-    head(&mut out, "requests_total", "counter", "Answers by class of status.");
+    head(&mut out, "requests_total", "counter", "Responses by class of status.");
     for (class, count) in (1..).zip(&metrics.answers) {
         let count = count.load(Ordering::Relaxed);
         let _ = writeln!(out, "fiatlux_requests_total{{status=\"{class}xx\"}} {count}");
     }
-    head(&mut out, "request_seconds", "histogram", "Time to an answer, without uploads.");
+    head(&mut out, "request_seconds", "histogram", "Time to a response, without uploads.");
     let mut below = 0;
     for (end, count) in BUCKETS_MS.iter().zip(&metrics.buckets) {
         below += count.load(Ordering::Relaxed);
@@ -104,30 +104,30 @@ pub(crate) async fn text(service: &Service) -> Result<String, StoreError> {
     let _ = writeln!(out, "fiatlux_request_seconds_bucket{{le=\"+Inf\"}} {all}");
     let _ = writeln!(out, "fiatlux_request_seconds_sum {total}\nfiatlux_request_seconds_count {all}");
     for (name, help, count) in [
-        ("requests_open", "Requests that are being answered.", &metrics.open),
-        ("connections_open", "Connections that are open.", &metrics.connections),
+        ("requests_open", "Requests that are being answered now.", &metrics.open),
+        ("connections_open", "Connections that are open now.", &metrics.connections),
     ] {
         head(&mut out, name, "gauge", help);
         let _ = writeln!(out, "fiatlux_{name} {}", count.load(Ordering::Relaxed));
     }
     for (name, help, count) in [
-        ("uploaded_bytes_total", "Bytes of files that came.", &metrics.uploaded_bytes),
+        ("uploaded_bytes_total", "Bytes of files received.", &metrics.uploaded_bytes),
         ("graded_total", "Submissions that were graded or refused.", &metrics.graded),
-        ("verified_total", "Episodes that a second run decided.", &metrics.verified),
-        ("verified_steps_total", "Control steps of those episodes.", &metrics.verified_steps),
-        ("verify_retries_total", "Second runs that came to nothing and are tried again.", &metrics.retries),
+        ("verified_total", "Episodes whose verification has a verdict.", &metrics.verified),
+        ("verified_steps_total", "Control steps simulated to verify episodes.", &metrics.verified_steps),
+        ("verify_retries_total", "Verifications that failed without a verdict and are tried again.", &metrics.retries),
     ] {
         head(&mut out, name, "counter", help);
         let _ = writeln!(out, "fiatlux_{name} {}", count.load(Ordering::Relaxed));
     }
-    head(&mut out, "verifying_seconds_total", "counter", "Time of second runs, over all that ran at once.");
+    head(&mut out, "verifying_seconds_total", "counter", "Time spent verifying, summed over parallel workers.");
     let verifying = metrics.verifying_ms.load(Ordering::Relaxed) as f64 / 1000.0;
     let _ = writeln!(out, "fiatlux_verifying_seconds_total {verifying}");
     head(&mut out, "submissions", "gauge", "Submissions by state.");
     for count in service.store.states().await? {
         let _ = writeln!(out, "fiatlux_submissions{{state=\"{}\"}} {}", count.kind, count.count);
     }
-    head(&mut out, "episodes", "gauge", "Episodes by what a second run said.");
+    head(&mut out, "episodes", "gauge", "Episodes by the verdict of their verification.");
     for count in service.store.verdicts().await? {
         let _ = writeln!(out, "fiatlux_episodes{{verdict=\"{}\"}} {}", count.kind, count.count);
     }

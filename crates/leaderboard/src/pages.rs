@@ -1,7 +1,7 @@
 //! The pages, rendered on the server: leaderboard, runs, episodes with their replays, comparisons.
 //!
-//! They work without JavaScript but for the replay. No address of theirs becomes a path of a file, and whatever comes from
-//! a submission is escaped by the templates. The policy of each page lets nothing be loaded from another host.
+//! Everything but the replay works without JavaScript. No address becomes the path of a file, and whatever comes from
+//! a submission is escaped by the templates. The Content-Security-Policy of each page forbids loading from other hosts.
 
 mod answer;
 mod board;
@@ -32,7 +32,7 @@ const CSS: &str = "text/css; charset=utf-8";
 const BOARD_STYLE: &str = include_str!("../style/board.css");
 const ICON: &str = include_str!("../style/icon.svg");
 
-/// What every page says of itself.
+/// Headers of every page.
 const HEADERS: [(HeaderName, &str); 5] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
@@ -76,7 +76,7 @@ async fn headers(request: Request, next: Next) -> Response {
     answer
 }
 
-/// A module or the style of replays.
+/// A script module or the style sheet of replays.
 async fn page_file(asked: HeaderMap, Path(file): Path<String>) -> Result<Response, Problem> {
     let (kind, text) = page_part(&file).ok_or(Problem::Nothing)?;
     Ok(unchanging(&asked, kind, text))

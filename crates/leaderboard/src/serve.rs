@@ -1,4 +1,4 @@
-//! The HTTP server: bounded in connections, headers and waiting.
+//! The HTTP server, with limits on connections, headers and waiting times.
 
 use std::io;
 use std::pin::pin;
@@ -16,20 +16,20 @@ use tokio::task::JoinSet;
 
 use crate::Service;
 
-/// Longest head of a request, bytes, and most that is kept of what a client sent ahead.
+/// Longest head of a request, bytes, and the most that is buffered of what a client sends ahead.
 const MAX_HEAD: usize = 32 << 10;
 /// Most headers of a request.
 const MAX_HEADERS: usize = 64;
-/// How long the head of a request may take, also from one request to the next.
+/// How long the head of a request may take, counted from the end of the request before it.
 const HEAD_TIME: Duration = Duration::from_secs(10);
-/// How long a connection may live; a client opens another one then.
+/// How long a connection may live; after that a client must open another one.
 const CONNECTION_TIME: Duration = Duration::from_secs(6 * 3600);
 /// How long requests have to end when the service stops.
 const DRAIN: Duration = Duration::from_secs(10);
-/// How long it waits after the system has refused a connection, such as for want of file handles.
+/// Wait after the system has refused a connection, for example because file handles ran out.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// Answers requests until `stop` comes; then takes no new ones, and gives those that are open ten seconds.
+/// Answers requests until `stop` completes; then takes no new ones, and gives open ones ten seconds to end.
 ///
 /// # Errors
 /// The listener fails.
@@ -45,7 +45,7 @@ pub async fn serve(
     let mut connections = JoinSet::new();
     let mut stop = pin!(stop);
     loop {
-        // Without a place nobody is taken in: who comes then waits in the system's queue.
+        // While no place is free, new connections wait in the system's queue.
         let place = tokio::select! {
             place = Arc::clone(&places).acquire_owned() => place,
             () = &mut stop => break,
@@ -67,7 +67,7 @@ pub async fn serve(
                 });
             }
             Err(error) => {
-                tracing::warn!(%error, "a connection could not be taken");
+                tracing::warn!(%error, "cannot accept a connection");
                 tokio::time::sleep(PAUSE).await;
             }
         }
@@ -82,7 +82,7 @@ pub async fn serve(
 }
 
 async fn answer(stream: TcpStream, router: Router, mut ended: watch::Receiver<bool>) {
-    // Small answers should not wait for each other; where it cannot be set, they do.
+    // Small responses should not wait for each other; if this cannot be set, they do.
     drop(stream.set_nodelay(true));
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -106,6 +106,6 @@ async fn answer(stream: TcpStream, router: Router, mut ended: watch::Receiver<bo
         }
     };
     if let Err(error) = done {
-        tracing::debug!(%error, "a connection ended");
+        tracing::debug!(%error, "a connection ended with an error");
     }
 }

@@ -1,4 +1,4 @@
-//! The running service: what its handlers and its jobs share.
+//! The running service: the state that its handlers and its jobs share.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,17 +13,17 @@ use crate::metrics::Metrics;
 use crate::submission::Limits;
 use crate::{Store, SubmissionId, api, metrics, pages};
 
-/// Uploads whose content is compared with its digest at once.
+/// Number of uploads whose digest is checked at the same time.
 const SEALERS: usize = 4;
 
-/// How slowly an upload may come.
+/// How slow an upload may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
-    /// Longest silence.
+    /// Longest time without a byte; after it the upload is cut.
     pub silence: Duration,
-    /// Time before it must have its least rate.
+    /// Grace period before the lowest rate is enforced.
     pub start: Duration,
-    /// Least rate over all its time, bytes/s.
+    /// Lowest average rate since the upload began, bytes/s.
     pub least_rate: u64,
 }
 
@@ -34,34 +34,34 @@ impl Default for Pace {
     }
 }
 
-/// How a service treats what it is sent.
+/// Settings of a service.
 #[derive(Debug, Clone, Default)]
 pub struct ServiceOptions {
-    /// How much a submission may be.
+    /// How large a submission may be.
     pub limits: Limits,
-    /// How slowly it may come.
+    /// How slow an upload may be; slower ones are cut and can be resumed.
     pub pace: Pace,
-    /// Whose signatures make a run *hosted*: the keys of our own servers.
+    /// Keys of the operator's own servers, whose signatures make a run *hosted*.
     pub signers: KnownServers,
-    /// Threads that grade; 0 for one for each core.
+    /// Threads that grade; 0 means one for each core.
     pub grade_workers: usize,
 }
 
-/// What handlers and jobs share.
+/// The state that handlers and jobs share.
 #[derive(Debug)]
 pub struct Service {
     /// Submissions, results and bags.
     pub store: Store,
     pub(crate) options: ServiceOptions,
     pub(crate) metrics: Metrics,
-    /// Rung when a submission is received.
+    /// Notified when a submission is received.
     pub(crate) received: Notify,
     pub(crate) sealers: Semaphore,
     busy: Mutex<BTreeSet<(SubmissionId, u32)>>,
 }
 
 impl Service {
-    /// Over an open store.
+    /// A service on an open store; it does nothing until its router is served and its jobs are started.
     pub fn new(store: Store, options: ServiceOptions) -> Self {
         Self {
             store,
@@ -73,14 +73,14 @@ impl Service {
         }
     }
 
-    /// The right to write one file of a submission; `None` while another request has it.
+    /// The exclusive right to write one file of a submission; `None` while another request has it.
     pub(crate) fn claim(self: &Arc<Self>, id: SubmissionId, place: u32) -> Option<Claim> {
         let mut busy = self.busy.lock().unwrap_or_else(PoisonError::into_inner);
         busy.insert((id, place)).then(|| Claim { service: Arc::clone(self), what: (id, place) })
     }
 }
 
-/// A file that one request writes.
+/// The right of one request to write a file; dropping it frees the file.
 #[derive(Debug)]
 pub(crate) struct Claim {
     service: Arc<Service>,
@@ -93,7 +93,7 @@ impl Drop for Claim {
     }
 }
 
-/// All that is answered: `/api/...`, `/health`, `/ready`, `/metrics` and the pages.
+/// Routes of the whole service: `/api/...`, `/health`, `/ready`, `/metrics` and the pages.
 pub fn router(service: Arc<Service>) -> Router {
     let measured = from_fn_with_state(Arc::clone(&service), metrics::measure);
     api::router(Arc::clone(&service)).merge(pages::router(service)).layer(measured)

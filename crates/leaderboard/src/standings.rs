@@ -1,7 +1,7 @@
 //! Entries and their results as tables: one for each division, in order of strict clean success. No I/O.
 //!
-//! A place in a table asks for all twelve subtasks in the same rooms: a share of successes over chosen tasks, or over more
-//! episodes of the easy ones, would compare with no other.
+//! A place in a table requires all twelve subtasks in the same rooms: a success rate over chosen tasks, or over more
+//! episodes of the easy ones, could not be compared with any other.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,20 +11,20 @@ use fiatlux_rules::Task;
 
 use crate::{Division, Entry, SubmissionId};
 
-/// What a submission's results say in a table.
+/// What a table shows of a submission's results.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Standing {
     /// Version of the benchmark: scores of different ones never share a table.
     pub version: u32,
-    /// By the strict judge.
+    /// Scores by the strict judge.
     pub strict: Scores,
-    /// By the published judge.
+    /// Scores by the published judge.
     pub published: Scores,
-    /// The twelve subtasks, in order.
+    /// One cell for each of the twelve subtasks, S01 first.
     pub cells: Vec<Cell>,
-    /// Episodes of the twelve subtasks.
+    /// Number of episodes, all twelve subtasks together.
     pub episodes: u64,
-    /// Layout seeds, ascending.
+    /// Layout seeds that were played, ascending.
     pub seeds: Vec<u64>,
 }
 
@@ -33,24 +33,24 @@ pub(crate) struct Standing {
 pub(crate) struct Scores {
     /// Share of clean successes.
     pub clean: f64,
-    /// Wilson 95 % interval of it.
+    /// Wilson 95 % interval of `clean`.
     pub interval: [f64; 2],
-    /// Successes.
+    /// Number of clean successes.
     pub hits: u64,
     /// Mean of S over the seeds.
     pub score: f64,
-    /// Its sample standard deviation.
+    /// Sample standard deviation of S over the seeds; `None` with one seed.
     pub std: Option<f64>,
 }
 
 /// A subtask of a row.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cell {
-    /// `S01`.
+    /// Short id of the subtask, such as `S01`.
     pub id: &'static str,
-    /// What it is called.
+    /// Name of the subtask in words.
     pub name: &'static str,
-    /// Episodes.
+    /// Number of episodes of this subtask.
     pub episodes: u64,
     /// Score s by the strict judge, 0 to 1.
     pub strict: f64,
@@ -62,18 +62,18 @@ pub(crate) struct Cell {
     pub published_clean: f64,
 }
 
-/// Why a submission has no place in a table, in words.
+/// Why a submission has no place in a table, as text for the page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Obstacle(pub String);
 
 impl Standing {
-    /// Of results that have a place in a table.
+    /// The row of a submission, or why its results have no place in a table.
     pub fn of(results: &Results) -> Result<Self, Obstacle> {
         let found = |task: Task| results.subtasks.iter().find(|found| found.id == task.short_id());
         let lacking: Vec<_> = Task::SUBTASKS.into_iter().filter(|task| found(*task).is_none()).collect();
         if !lacking.is_empty() {
             let names: Vec<_> = lacking.iter().map(|task| task.short_id()).collect();
-            return Err(Obstacle(format!("it has no episode of {}", names.join(", "))));
+            return Err(Obstacle(format!("no episode of {}", names.join(", "))));
         }
         if Division::of(results).is_none() {
             return Err(Obstacle(Division::obstacle(results)));
@@ -82,7 +82,7 @@ impl Standing {
         let overall = &results.overall;
         let strict = overall.strict_clean_success.as_ref().zip(results.score_strict.as_ref());
         let (Some((strict_clean, strict_score)), Some(published)) = (strict, results.score.mean) else {
-            return Err(Obstacle("it has no strict score".into()));
+            return Err(Obstacle("no strict score".into()));
         };
         let scores = |rate: &RateRow, score: f64, std| Scores {
             clean: rate.rate.unwrap_or_default(),
@@ -109,7 +109,7 @@ fn same_rooms(results: &Results) -> Result<(), Obstacle> {
         rooms.entry(&row.task).or_default().insert((row.seed, row.episode));
     }
     let mut all = rooms.iter();
-    let Some((first, expected)) = all.next() else { return Err(Obstacle("it has no episode".into())) };
+    let Some((first, expected)) = all.next() else { return Err(Obstacle("no episodes".into())) };
     match all.find(|(_, found)| *found != expected) {
         Some((other, _)) => Err(Obstacle(format!(
             "{first} and {other} were not played in the same rooms; play all subtasks in all seeds"
@@ -135,11 +135,11 @@ impl Cell {
 /// A place in a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Place {
-    /// 1 for the best; equal for equals.
+    /// 1 for the best; rows with equal scores share a rank.
     pub rank: usize,
-    /// Who.
+    /// The submission that has this place.
     pub entry: Entry,
-    /// With what.
+    /// Its scores, as the table shows them.
     pub standing: Standing,
 }
 
@@ -148,9 +148,9 @@ pub(crate) struct Place {
 pub(crate) struct Table {
     /// Version of the benchmark.
     pub version: u32,
-    /// What its rows share.
+    /// Division of all its rows.
     pub division: Division,
-    /// The best first.
+    /// Rows of the table, the best first; never empty.
     pub places: Vec<Place>,
 }
 
@@ -190,14 +190,14 @@ fn is_equal(a: &Standing, b: &Standing) -> bool {
 /// What a paired test says of two neighbours in a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Neighbours {
-    /// They share episodes.
+    /// Both played some of the same episodes.
     Tested {
-        /// How many.
+        /// Number of episodes that both played.
         pairs: usize,
         /// Two-sided p-value of the sign test on successes.
         p: f64,
     },
-    /// They do not compare, for this reason.
+    /// They cannot be compared; the text says why.
     Untested(String),
 }
 
@@ -210,13 +210,13 @@ impl Neighbours {
         match compare_results((&id_a.to_string(), a), (&id_b.to_string(), b), false) {
             Ok(compared) => match compared.overall {
                 Some(all) => Self::Tested { pairs: all.pairs, p: all.success_p },
-                None => Self::Untested("they share no subtask".into()),
+                None => Self::Untested("no common subtask".into()),
             },
-            Err(CompareError::NoPairs) => Self::Untested("they share no room".into()),
+            Err(CompareError::NoPairs) => Self::Untested("no common room".into()),
             Err(CompareError::Conditions { field, .. }) => {
                 Self::Untested(format!("{} differs", field.replace('_', " ")))
             }
-            Err(_) => Self::Untested("their results have different forms".into()),
+            Err(_) => Self::Untested("results of different formats".into()),
         }
     }
 }
@@ -285,7 +285,7 @@ pub(crate) mod tests {
         })
     }
 
-    /// An entry of that number, received in the order of numbers.
+    /// An entry with this id; a larger id was received later.
     pub fn entry(id: u64, policy: &str, results: &Results) -> Entry {
         Entry {
             id: SubmissionId(id),
@@ -308,7 +308,7 @@ pub(crate) mod tests {
         table.places.iter().map(|place| (place.rank, place.entry.id.0)).collect()
     }
 
-    /// Strict clean success first, then strict S; equals share a rank, the earlier one above.
+    /// Guards the order: strict clean success, then strict S; equal rows share a rank, the earlier one above.
     #[test]
     fn the_best_is_first() {
         let mut better_s = results(4);
@@ -319,7 +319,7 @@ pub(crate) mod tests {
         assert_eq!(order(&tables[0]), [(1, 2), (2, 4), (3, 1), (3, 3)]);
     }
 
-    /// Nothing of one division or version is ranked with another's.
+    /// Divisions and versions are ranked apart from each other.
     #[test]
     fn divisions_and_versions_stand_apart() {
         let change = |change: &dyn Fn(&mut Results)| {
@@ -338,7 +338,7 @@ pub(crate) mod tests {
         assert_eq!(tables.last().map(|table| table.version), Some(3));
     }
 
-    /// A share over chosen tasks or rooms would rank above an honest one.
+    /// A rate over chosen tasks or rooms would rank above an honest one.
     #[test]
     fn chosen_tasks_and_rooms_have_no_place() {
         let refused = |change: &dyn Fn(&mut Results)| {
@@ -353,7 +353,7 @@ pub(crate) mod tests {
         assert!(refused(&|r| r.conditions.protocol = "published".into()).contains("strict"));
     }
 
-    /// 10 of 24 pairs in which one alone succeeds: 2 / 2^10. Different conditions do not compare.
+    /// Guards the test: in 10 of 24 pairs only one succeeds, so p = 2 / 2^10. Different conditions are not compared.
     #[test]
     fn neighbours_are_tested_on_what_they_share() {
         let (a, b) = (results(9), results(4));
@@ -366,6 +366,6 @@ pub(crate) mod tests {
         for row in &mut elsewhere.episodes {
             row.seed += 100;
         }
-        assert_eq!(Neighbours::of((ids.0, &a), (ids.1, &elsewhere)), Neighbours::Untested("they share no room".into()));
+        assert_eq!(Neighbours::of((ids.0, &a), (ids.1, &elsewhere)), Neighbours::Untested("no common room".into()));
     }
 }

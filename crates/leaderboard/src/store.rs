@@ -1,4 +1,4 @@
-//! What the service keeps: submissions, their results and bags, accounts, jobs.
+//! What the service stores: submissions, their results and bags, accounts, jobs.
 
 mod accounts;
 mod blobs;
@@ -31,12 +31,12 @@ const LOCK: &str = "lock";
 
 /// How long a statement waits for another process, such as an admin command.
 const BUSY: Duration = Duration::from_secs(20);
-/// Connections to the database.
+/// Number of connections to the database.
 const CONNECTIONS: u32 = 8;
-/// Results that are kept in memory.
+/// Number of results that are kept in memory.
 const MOST_RESULTS: usize = 256;
 
-/// The folder of a service: a database, the bags by their content, and uploads that are not complete.
+/// The folder of a service: a database, the bags by their content, and incomplete uploads.
 #[derive(Debug, Clone)]
 pub struct Store {
     folder: PathBuf,
@@ -46,7 +46,7 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the folder; makes what is missing, and brings the database to this version.
+    /// Opens the folder; creates what is missing, and upgrades the database to this version.
     ///
     /// # Errors
     /// [`StoreError`]: permissions, space, a database of a later version.
@@ -59,7 +59,7 @@ impl Store {
             .create_if_missing(true)
             .foreign_keys(true)
             .journal_mode(SqliteJournalMode::Wal)
-            // An answer says that something is on disk.
+            // When a request is answered, its data must be on disk.
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(BUSY);
         let pool = SqlitePoolOptions::new()
@@ -72,7 +72,7 @@ impl Store {
         Ok(Self { folder: folder.into(), pool, blobs, results: Arc::default() })
     }
 
-    /// The only service of this folder holds this lock while it runs; `None` where another one does.
+    /// Locks the folder for the one service that may run on it; `None` if another one runs. Keep the file while serving.
     ///
     /// # Errors
     /// [`StoreError::Io`].
@@ -86,10 +86,10 @@ impl Store {
         }
     }
 
-    /// Whether the database answers.
+    /// Checks that the database answers.
     ///
     /// # Errors
-    /// It does not.
+    /// [`StoreError::Database`]: it does not answer.
     pub async fn ping(&self) -> Result<(), StoreError> {
         sqlx::query("SELECT 1").execute(&self.pool).await.map(drop).map_err(StoreError::database("answer"))
     }
@@ -102,7 +102,7 @@ impl Store {
         self.listed().await
     }
 
-    /// A submission in any state; `None` where there is none of that name.
+    /// A submission in any state; `None` if none has this id.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -110,7 +110,7 @@ impl Store {
         self.one(id).await
     }
 
-    /// What a submission amounts to; `None` where it is not there or not graded.
+    /// The results of a submission; `None` if it does not exist or is not graded yet.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -136,8 +136,8 @@ impl Store {
         self.results.lock().unwrap_or_else(PoisonError::into_inner).remove(&id);
     }
 
-    /// The bag of an episode, a local file whose content was compared with its name when it came. `None` where the submission
-    /// has no such episode, or the episode counts as a failure without a bag.
+    /// Path of an episode's bag, a local file whose digest was checked when it was uploaded. `None` if the submission has no
+    /// such episode, or if the episode counts as a failure without a bag.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -151,15 +151,15 @@ impl Store {
         Ok(self.bag_digest(id, task, seed, episode).await?.map(|digest| self.blobs.local(&digest)))
     }
 
-    /// Copies database and contents into another folder, which is then one of a service, while this one runs. Contents that are
-    /// there stay as they are; uploads that are not complete are left out. Returns how many files were new, and their bytes.
+    /// Copies database and files into another folder, while the service runs; a service can be started on the copy. Files that
+    /// the copy has already are kept; incomplete uploads are left out. Returns the number of new files, and their bytes.
     ///
     /// # Errors
-    /// [`StoreError`]: permissions, space, a content that is missing.
+    /// [`StoreError`]: permissions, space, a missing file.
     pub async fn backup(&self, to: &Path) -> Result<(u64, u64), StoreError> {
         std::fs::create_dir_all(to).map_err(StoreError::io("make", to))?;
         let fresh = to.join("leaderboard.sqlite.new");
-        // Of a backup that was cut off.
+        // Left by an interrupted backup.
         drop(std::fs::remove_file(&fresh));
         sqlx::query("VACUUM INTO $1")
             .bind(fresh.to_string_lossy().into_owned())
@@ -171,7 +171,7 @@ impl Store {
             drop(std::fs::remove_file(old));
         }
         std::fs::rename(&fresh, &target).map_err(StoreError::io("write", &target))?;
-        // What the copy of the database speaks of, not what has come since.
+        // The files that the copy of the database names, not those added since.
         let copy = Self::open(to).await?;
         let (mut files, mut bytes) = (0, 0);
         for digest in copy.contents().await? {
@@ -181,7 +181,10 @@ impl Store {
             let from = self.blobs.local(&digest);
             let mut reader = tokio::fs::File::open(&from).await.map_err(StoreError::io("open", &from))?;
             if !copy.blobs.put_checked(&digest, &mut reader, &from).await? {
-                return Err(StoreError::corrupt(from.display().to_string(), "its content is not that of its name"));
+                return Err(StoreError::corrupt(
+                    from.display().to_string(),
+                    "its content does not have the digest in its name",
+                ));
             }
             files += 1;
             bytes += from.metadata().map_or(0, |data| data.len());
@@ -190,28 +193,28 @@ impl Store {
         Ok((files, bytes))
     }
 
-    /// Where the files of a submission arrive.
+    /// Folder in which the files of a submission arrive.
     pub(crate) fn incoming(&self, id: SubmissionId) -> PathBuf {
         self.folder.join(INCOMING).join(id.to_string())
     }
 
-    /// Where the files of a submission stand under their names while it is graded.
+    /// Folder with the files of a submission under their own names, while it is graded.
     pub(crate) fn work(&self, id: SubmissionId) -> PathBuf {
         self.folder.join(INCOMING).join(format!("{id}-graded"))
     }
 
-    /// A transaction that writes. SQLite cannot make a writer of a reader without losing a race, so it begins as one.
+    /// A transaction that writes from its first statement: SQLite cannot turn a reader into a writer without races.
     async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
         self.pool.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))
     }
 }
 
-/// Now, ms since 1970.
+/// The current time, ms since 1970.
 pub(crate) fn now_ms() -> i64 {
     (OffsetDateTime::now_utc().unix_timestamp_nanos() / 1_000_000) as i64
 }
 
-/// A moment as a database has it.
+/// A time from the database, ms since 1970.
 fn moment(ms: i64) -> OffsetDateTime {
     OffsetDateTime::from_unix_timestamp_nanos(i128::from(ms) * 1_000_000).unwrap_or(OffsetDateTime::UNIX_EPOCH)
 }

@@ -1,4 +1,4 @@
-//! What is submitted: a manifest and a run's files, its division, its state and its badge.
+//! A submission: its manifest and files, its division, its state and its badge.
 
 use std::fmt;
 use std::str::FromStr;
@@ -12,7 +12,7 @@ use time::OffsetDateTime;
 
 use crate::store::Digest;
 
-/// Names a submission: 16 hexadecimal digits, which follow from its content and its account.
+/// Id of a submission: 16 hexadecimal digits, computed from its content and its account.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SubmissionId(pub(crate) u64);
 
@@ -35,18 +35,18 @@ impl FromStr for SubmissionId {
     }
 }
 
-/// A word or number that is not one of those that stand for something here.
+/// A word that cannot be read as what it should name.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("not the name of a {what}; it is {expected}")]
+#[error("not the id of a {what}; write {expected}")]
 pub struct WordError {
-    /// What it was read as.
+    /// What it should name, such as `submission`.
     pub what: &'static str,
-    /// What it may be.
+    /// The form it must have.
     pub expected: &'static str,
 }
 
-/// What a submitter says of a policy. Plain text from outside: bounded and without control characters, but to be escaped
-/// wherever it is shown. Nothing in it is checked to be true.
+/// What a submitter says of a policy. This is untrusted text: bounded and without control characters, but it must be
+/// escaped wherever it is shown. Nobody checks that it is true.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -55,40 +55,40 @@ pub struct Manifest {
     /// Its version, up to 80 bytes.
     #[serde(default)]
     pub version: String,
-    /// Who made it: up to 32 names of up to 120 bytes.
+    /// Who made it: up to 32 names of up to 120 bytes each.
     #[serde(default)]
     pub authors: Vec<String>,
-    /// Where it is described: empty, or an address that begins with `https://` or `http://`, up to 400 bytes.
+    /// Where it is described: empty, or a URL that begins with `https://` or `http://`, up to 400 bytes.
     #[serde(default)]
     pub link: String,
     /// Licence of the policy, such as `Apache-2.0`, up to 80 bytes.
     #[serde(default)]
     pub licence: String,
-    /// Anything else that a reader should know, up to 2,000 bytes; lines may be broken.
+    /// Anything else that a reader should know, up to 2,000 bytes; may contain line breaks.
     #[serde(default)]
     pub note: String,
 }
 
-/// A field of a manifest that cannot be taken.
+/// Why a field of a manifest is not accepted.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("manifest: {field} {problem}; {remedy}")]
 pub struct ManifestError {
-    /// The field.
+    /// Name of the field, such as `link`.
     pub field: &'static str,
-    /// What is wrong with it.
+    /// What is wrong with the field.
     pub problem: &'static str,
-    /// What to do.
+    /// What the submitter should do.
     pub remedy: &'static str,
 }
 
-/// Most authors of a submission.
+/// Largest number of authors of a submission.
 const MAX_AUTHORS: usize = 32;
 
 impl Manifest {
-    /// Whether all its texts fit.
+    /// Checks the length and the characters of every field.
     ///
     /// # Errors
-    /// The first field that does not.
+    /// The first field that is not accepted.
     pub fn check(&self) -> Result<(), ManifestError> {
         let wrong = |field, problem, remedy| Err(ManifestError { field, problem, remedy });
         if self.policy.trim().is_empty() {
@@ -106,23 +106,27 @@ impl Manifest {
         ];
         for (field, text, most) in texts.into_iter().chain(self.authors.iter().map(|name| ("authors", name, 120))) {
             if text.len() > most {
-                return wrong(field, "is too long", "the documentation of the manifest has the lengths");
+                return wrong(field, "is too long", "shorten it to the length in the documentation");
             }
             if text.chars().any(|c| is_unseen(c) && !(field == "note" && c == '\n')) {
-                return wrong(field, "has a control character or one that turns text around", "write plain text");
+                return wrong(
+                    field,
+                    "has a control character or one that changes the direction of text",
+                    "write plain text",
+                );
             }
         }
         if self.authors.iter().any(|name| name.trim().is_empty()) {
             return wrong("authors", "has an empty name", "leave it out");
         }
         if !self.link.is_empty() && !is_link(&self.link) {
-            return wrong("link", "is not an address", "write https:// and a host, or leave it empty");
+            return wrong("link", "is not a URL", "write https:// and a host, or leave it empty");
         }
         Ok(())
     }
 }
 
-/// Characters that change how the text around them is shown: controls, and those of Unicode that turn its direction or have
+/// Characters that change how the text around them is shown: controls, and those of Unicode that change its direction or have
 /// no width.
 fn is_unseen(c: char) -> bool {
     c.is_control()
@@ -135,16 +139,16 @@ fn is_link(text: &str) -> bool {
     rest.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_alphanumeric()) && rest.chars().all(is_plain))
 }
 
-/// Hands that have divisions.
+/// Hands that have divisions of their own.
 pub(crate) const RANKED_HANDS: [&str; 2] = ["inspire", "dex3"];
 
 /// Whether the world waited for the policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Time {
-    /// It did.
+    /// The world waited for each action.
     Lockstep,
-    /// 50 Hz by the wall clock.
+    /// The world ran at 50 Hz by the wall clock and did not wait.
     RealTime,
 }
 
@@ -152,13 +156,13 @@ pub enum Time {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Observations {
-    /// What a robot senses, as published.
+    /// Only what a robot can sense.
     Standard,
-    /// Also the exact state or the judge's verdict.
+    /// Also the exact state of the world, or the judge's verdict.
     Privileged,
 }
 
-/// Rankings never mix these.
+/// The conditions that a ranking never mixes.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Division {
     /// Whether the world waited for the policy.
@@ -170,7 +174,7 @@ pub struct Division {
 }
 
 impl Division {
-    /// Of results; `None` where they have a place in no ranking, for the reason that [`Division::obstacle`] gives.
+    /// The division of results; `None` if they are not ranked, for the reason that [`Division::obstacle`] gives.
     pub fn of(results: &Results) -> Option<Self> {
         if !results.missing.is_empty() || results.episodes.is_empty() {
             return None;
@@ -196,7 +200,7 @@ impl Division {
         (ranked && is_known).then(|| Self { time, observations, hands: conditions.hands.clone() })
     }
 
-    /// Why results are not ranked, in words; empty where they are.
+    /// Why results are not ranked, as text for the page; empty if they are.
     pub fn obstacle(results: &Results) -> String {
         if Self::of(results).is_some() {
             return String::new();
@@ -204,10 +208,10 @@ impl Division {
         let conditions = &results.conditions;
         let mut reasons = conditions.deviations.clone();
         if !results.missing.is_empty() {
-            reasons.push(format!("there is no episode of {} under some of the seeds", results.missing.join(", ")));
+            reasons.push(format!("some of the seeds have no episode of {}", results.missing.join(", ")));
         }
         if conditions.protocol != "strict" {
-            reasons.push("episodes were not played by protocol strict".into());
+            reasons.push("the episodes were not played by protocol strict".into());
         }
         if reasons.is_empty() {
             reasons.push(format!("observations are '{}', hands '{}'", conditions.observations, conditions.hands));
@@ -216,58 +220,58 @@ impl Division {
     }
 }
 
-/// How much of a submission has been seen to be true. A later one is worth more.
+/// How much of a submission has been confirmed, in ascending order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Badge {
-    /// Its bags agree with themselves, and that is all.
+    /// Its bags are consistent; nothing else was checked.
     SelfReported,
-    /// Every bag was simulated again, and was equal to the last bit.
+    /// Every bag was simulated again, with results equal to the last bit.
     Replayed,
-    /// Seeds were drawn after registration, and every bag is signed by a server of ours.
+    /// Seeds were drawn after registration, and every bag is signed by one of the operator's servers.
     Hosted,
 }
 
-/// How far a submission has come.
+/// Stages of a submission, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// Files are still to come.
+    /// Some files are still missing.
     Uploading,
-    /// All files have come, and wait to be graded.
+    /// All files have arrived and wait to be graded.
     Received,
-    /// Its scores are known; bags may still be verified.
+    /// Its scores are known; its bags are being verified.
     Graded,
-    /// All that could be verified was.
+    /// Everything that could be verified was.
     Verified,
-    /// It has no place here, for the reason that is given with it.
+    /// It is in no table; only its submitter can still see it, with the reason.
     Refused,
 }
 
-/// A submission as others may see it.
+/// A submission as others can see it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// Names it.
+    /// Id of the submission, part of the addresses of its pages.
     pub id: SubmissionId,
     /// What the submitter says of the policy.
     pub manifest: Manifest,
-    /// Whose it is: the name of the account, no secret.
+    /// Name of the account that submitted it, which is public.
     pub account: String,
-    /// Where it is ranked; `None` where it is not, or not graded yet.
+    /// Where it is ranked; `None` if it is not ranked or not graded yet.
     pub division: Option<Division>,
-    /// How much of it has been seen to be true.
+    /// How much of it has been confirmed.
     pub badge: Badge,
-    /// How far it has come.
+    /// How far the service has come with it.
     pub state: State,
-    /// Why it was refused; else empty.
+    /// Why it was refused; empty otherwise.
     pub reason: String,
-    /// When its last file had come; when it was begun, where it has not.
+    /// When the submission was complete; until then, when it was begun.
     pub received: OffsetDateTime,
-    /// Episodes that were verified, and how many are to be.
+    /// Episodes verified so far, and episodes to verify in total.
     pub progress: (u64, u64),
 }
 
-/// The word that stands for a value in JSON and in the database.
+/// The word for a value in JSON and in the database.
 pub(crate) fn word_to(value: impl Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(word)) => word,
@@ -275,12 +279,12 @@ pub(crate) fn word_to(value: impl Serialize) -> String {
     }
 }
 
-/// The value that a word stands for.
+/// The value of such a word.
 pub(crate) fn word_of<T: DeserializeOwned>(word: &str) -> Result<T, serde_json::Error> {
     serde_json::from_value(serde_json::Value::String(word.to_owned()))
 }
 
-/// A file that is to come.
+/// A file that a submitter has announced.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct FileSpec {
     pub name: String,
@@ -288,14 +292,14 @@ pub(crate) struct FileSpec {
     pub sha256: Digest,
 }
 
-/// How much a submission may be.
+/// How large a submission may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Most files.
+    /// Largest number of files.
     pub files: usize,
-    /// Most bytes of a file.
+    /// Largest size of one file, bytes.
     pub file_bytes: u64,
-    /// Most bytes of all its files.
+    /// Largest size of all files together, bytes.
     pub bytes: u64,
 }
 
@@ -306,14 +310,14 @@ impl Default for Limits {
     }
 }
 
-/// How the name of a bag ends.
+/// Ending of the file name of a bag.
 pub(crate) const BAG: &str = ".mcap";
-/// How the name of a run's journal ends.
+/// Ending of the file name of a run's journal.
 pub(crate) const JOURNAL: &str = ".run.jsonl";
-/// Longest name of a file, bytes.
+/// Longest file name, bytes.
 pub(crate) const MAX_NAME: usize = 160;
 
-/// Whether a file may have that name: it cannot lead out of a folder, and says what the file is.
+/// Whether a file may have this name: it cannot lead out of a folder, and its ending says what the file is.
 pub(crate) fn is_file_name(name: &str) -> bool {
     let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
     let stem = [BAG, JOURNAL].iter().find_map(|ending| name.strip_suffix(ending));
@@ -322,7 +326,7 @@ pub(crate) fn is_file_name(name: &str) -> bool {
         && stem.is_some_and(|stem| stem.starts_with(|c: char| c != '.' && c != '-'))
 }
 
-/// Names a submission after its account and all that was said of it.
+/// The id of a submission: a hash of its account, its manifest and its list of files.
 pub(crate) fn id_of(account: &str, manifest: &Manifest, files: &[FileSpec]) -> SubmissionId {
     let mut sum = Sha256::new();
     let mut add = |text: &str| {

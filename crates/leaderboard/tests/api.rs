@@ -1,4 +1,4 @@
-//! A submission from its announcement to its results, and what a broken connection leaves.
+//! Tests a submission from its announcement to its results, and uploads over broken connections.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -7,7 +7,7 @@ use common::{Board, bag, manifest, sha256, wish};
 use fiatlux_leaderboard::{ServiceOptions, Store};
 use serde_json::{Value, json};
 
-/// Guards the whole way: announced, sent, graded, listed, its results those of the grader, its bag the one that was sent.
+/// Guards the whole way of a submission: announced, sent, graded, listed, with the grader's results and the bag that was sent.
 #[test]
 fn a_submission_is_graded_and_listed() {
     let board = Board::start("graded", ServiceOptions::default());
@@ -16,7 +16,7 @@ fn a_submission_is_graded_and_listed() {
     let id = board.submit(&token, &manifest(), &files);
     let entry = board.decided(&id, &token);
     assert_eq!((&entry["state"], &entry["badge"]), (&json!("graded"), &json!("self_reported")), "{entry}");
-    // Two episodes of one task have a place in no table.
+    // Two episodes of one task are not ranked.
     assert_eq!(entry["division"], Value::Null);
     let (status, listed) = board.json("GET", "/api/v1/submissions", None, &Value::Null);
     assert_eq!((status, &listed["submissions"][0]["id"]), (200, &json!(id)));
@@ -25,11 +25,11 @@ fn a_submission_is_graded_and_listed() {
     let path = board.runtime.block_on(board.store.bag(id.parse().unwrap(), "S01", 4, 0)).unwrap().unwrap();
     assert_eq!(std::fs::read(path).unwrap(), std::fs::read(&files[1]).unwrap());
     assert_eq!(board.runtime.block_on(board.store.bag(id.parse().unwrap(), "S01", 5, 0)).unwrap(), None);
-    // The same once more is the same submission, whatever the order of its files.
+    // Announcing it again gives the same submission, whatever the order of its files.
     let turned = [files[1].clone(), files[0].clone()];
     let (status, again) = board.json("POST", "/api/v1/submissions", Some(&token), &wish(&manifest(), &turned));
     assert_eq!((status, &again["id"]), (200, &json!(id)));
-    // Another account's is another one.
+    // The same files from another account are another submission.
     let other = board.token("other");
     let (status, theirs) = board.json("POST", "/api/v1/submissions", Some(&other), &wish(&manifest(), &files));
     assert!(status == 201 && theirs["id"] != json!(id), "{theirs}");
@@ -40,7 +40,7 @@ fn a_submission_is_graded_and_listed() {
     );
 }
 
-/// Guards that an upload goes on where it broke off, and that nothing but the announced content is kept.
+/// Guards that an upload resumes where it stopped, and that only the announced content is kept.
 #[test]
 fn an_upload_goes_on_where_it_broke_off() {
     let board = Board::start("resumed", ServiceOptions::default());
@@ -50,7 +50,7 @@ fn an_upload_goes_on_where_it_broke_off() {
     let (_, begun) = board.json("POST", "/api/v1/submissions", Some(&token), &wish(&manifest(), &[file]));
     let id = begun["id"].as_str().unwrap();
     let at = |offset: usize| format!("/api/v1/submissions/{id}/files/0?offset={offset}");
-    // The head promises all bytes, and the connection ends after some.
+    // The head announces all bytes, but the connection ends after some.
     let head = format!(
         "PUT {} HTTP/1.1\r\nHost: board\r\nAuthorization: Bearer {token}\r\nContent-Length: {}\r\n\r\n",
         at(0),
@@ -61,7 +61,7 @@ fn an_upload_goes_on_where_it_broke_off() {
     assert_eq!(entry["files"][0]["received"], 1000, "{entry}");
     let finish = format!("/api/v1/submissions/{id}/finish");
     assert_eq!(board.json("POST", &finish, Some(&token), &Value::Null).0, 409);
-    // A gap, and what is there once more.
+    // An offset that leaves a gap, and one that repeats bytes.
     for offset in [0, 999, 1001] {
         let (status, text) = board.ask("PUT", &at(offset), Some(&token), &bytes[1000..]);
         assert!(status == 409 && text.contains("\"received\":1000"), "{offset}: {text}");
@@ -70,7 +70,7 @@ fn an_upload_goes_on_where_it_broke_off() {
     assert_eq!(status, 413, "{text}");
     let (_, entry) = board.json("GET", &format!("/api/v1/submissions/{id}"), Some(&token), &Value::Null);
     let received = entry["files"][0]["received"].as_u64().unwrap() as usize;
-    // One byte is another one: the file is dropped.
+    // One byte differs: the file is dropped.
     let mut changed = bytes.clone();
     *changed.last_mut().unwrap() ^= 1;
     if received < bytes.len() {
@@ -79,14 +79,14 @@ fn an_upload_goes_on_where_it_broke_off() {
     }
     let (status, text) = board.ask("PUT", &at(0), Some(&token), &bytes);
     assert!(status == 200 && text.contains("\"stored\":true"), "{text}");
-    // Whoever did not hear of it may send it again.
+    // A client that missed the answer may send the file again.
     assert_eq!(board.ask("PUT", &at(0), Some(&token), &bytes).0, 200);
     assert_eq!(board.json("POST", &finish, Some(&token), &Value::Null).0, 202);
     assert_eq!(board.json("POST", &finish, Some(&token), &Value::Null).0, 202);
     assert_eq!(board.decided(id, &token)["state"], "graded");
 }
 
-/// Guards what a submitter reads of bags that do not agree with themselves, and that nobody else reads it.
+/// Guards what a submitter reads about inconsistent bags, and that nobody else can read it.
 #[test]
 fn a_changed_bag_is_refused_with_its_name() {
     let board = Board::start("refused", ServiceOptions::default());
@@ -104,14 +104,14 @@ fn a_changed_bag_is_refused_with_its_name() {
     assert_eq!(board.json("GET", &address, None, &Value::Null).0, 401);
     assert_eq!(board.json("GET", &address, Some(&board.token("other")), &Value::Null).0, 404);
     assert_eq!(board.json("GET", &format!("{address}/results"), Some(&token), &Value::Null).0, 404);
-    // Another name for the policy than the bags have.
+    // The manifest has another policy name than the bags.
     let file = bag(&board.folder.0, 9);
     let id = board.submit(&token, &json!({ "policy": "best" }), &[file]);
     let reason = board.decided(&id, &token)["reason"].to_string();
     assert!(reason.contains("'best' in the manifest and 'zero' in the bags"), "{reason}");
 }
 
-/// Guards that a backup is a service of its own with the same entries and bags, made while the first one runs.
+/// Guards that a backup made while the service runs works as a service with the same entries and bags.
 #[test]
 fn a_backup_has_the_same_entries_and_bags() {
     let board = Board::start("backup", ServiceOptions::default());
@@ -129,7 +129,7 @@ fn a_backup_has_the_same_entries_and_bags() {
         let [a, b] = [&copy, &board.store].map(|store| store.bag(id, "S01", 3, 0));
         let [a, b] = [a.await.unwrap().unwrap(), b.await.unwrap().unwrap()].map(|path| std::fs::read(path).unwrap());
         assert_eq!(sha256(&a), sha256(&b));
-        // What is removed there is still here.
+        // A submission removed from the original is still in the copy.
         copy.remove_submission(id).await.unwrap();
         assert!(copy.entries().await.unwrap().is_empty());
         assert_eq!(board.store.entries().await.unwrap().len(), 1);

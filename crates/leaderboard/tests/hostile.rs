@@ -1,4 +1,4 @@
-//! Requests that must not be let in, one by one.
+//! Tests requests that the service must refuse, one by one.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -19,7 +19,7 @@ fn options() -> ServiceOptions {
     }
 }
 
-/// Guards who is let in: nobody without the token of an account that is open, unexpired and not revoked.
+/// Guards that nobody gets in without a token that is neither expired nor revoked, of an account that is open.
 #[test]
 fn tokens_that_are_not_good_open_nothing() {
     let board = Board::start("tokens", options());
@@ -41,15 +41,15 @@ fn tokens_that_are_not_good_open_nothing() {
     });
     let last = if good.ends_with('0') { "1" } else { "0" };
     let wrong = good[..good.len() - 1].to_owned() + last;
-    // Its own public part with the secret of another one.
+    // The public part of one token with the secret of another.
     let mixed = format!("{}{}", &good[..25], &other[25..]);
     let cases = [
-        (None, "there is no token"),
-        (Some(""), "there is no token"),
-        (Some("fiatlux"), "not one of this service"),
-        (Some(&*wrong), "not one of this service"),
-        (Some(&*mixed), "not one of this service"),
-        (Some(&good[..good.len() - 1]), "not one of this service"),
+        (None, "has no token"),
+        (Some(""), "has no token"),
+        (Some("fiatlux"), "did not issue the token"),
+        (Some(&*wrong), "did not issue the token"),
+        (Some(&*mixed), "did not issue the token"),
+        (Some(&good[..good.len() - 1]), "did not issue the token"),
         (Some(&*expired), "has expired"),
         (Some(&*revoked), "was revoked"),
         (Some(&*closed), "is closed"),
@@ -68,7 +68,7 @@ fn tokens_that_are_not_good_open_nothing() {
             assert!(status == 401 && message.contains(expected), "{method} {address} {token:?}: {status} {message}");
         }
     }
-    // A good token of another account finds nothing there.
+    // A valid token of another account finds nothing.
     for (method, address) in &requests[2..] {
         let (status, answer) = board.json(method, address, Some(&other), &wished);
         assert_eq!(status, 404, "{method} {address}: {answer}");
@@ -76,7 +76,7 @@ fn tokens_that_are_not_good_open_nothing() {
     assert_eq!(board.json("GET", "/api/v1/account", Some(&good), &Value::Null).0, 200);
 }
 
-/// Guards that nothing a client names becomes a path, and that what is too much is refused before it is sent.
+/// Guards that no name from a client becomes a path, and that too large submissions are refused before they are sent.
 #[test]
 fn names_and_sizes_that_do_not_fit_are_refused_early() {
     let board = Board::start("names", options());
@@ -115,7 +115,7 @@ fn names_and_sizes_that_do_not_fit_are_refused_early() {
         (manifest(), json!([file("a.run.jsonl", 10)]), 422, "there is no bag"),
         (manifest(), json!([file("a.mcap", 0)]), 413, "files[0].bytes"),
         (manifest(), json!([file("a.mcap", (1 << 20) + 1)]), 413, "files[0].bytes"),
-        (manifest(), json!([file("a.mcap", 10), file("a.mcap", 10)]), 422, "is there twice"),
+        (manifest(), json!([file("a.mcap", 10), file("a.mcap", 10)]), 422, "is listed twice"),
         (
             manifest(),
             json!([file("a.mcap", 1), file("b.mcap", 1), file("c.mcap", 1), file("d.mcap", 1)]),
@@ -135,9 +135,9 @@ fn names_and_sizes_that_do_not_fit_are_refused_early() {
         (json!({ "policy": " " }), ok(), 422, "policy is empty"),
         (json!({ "policy": "a".repeat(81) }), ok(), 422, "policy is too long"),
         (json!({ "policy": "a\u{1b}[2J" }), ok(), 422, "policy has a control character"),
-        (json!({ "policy": "a\u{202e}b" }), ok(), 422, "turns text around"),
-        (json!({ "policy": "a", "link": "javascript:alert(1)" }), ok(), 422, "link is not an address"),
-        (json!({ "policy": "a", "link": "https://a\" onclick=x" }), ok(), 422, "link is not an address"),
+        (json!({ "policy": "a\u{202e}b" }), ok(), 422, "changes the direction of text"),
+        (json!({ "policy": "a", "link": "javascript:alert(1)" }), ok(), 422, "link is not a URL"),
+        (json!({ "policy": "a", "link": "https://a\" onclick=x" }), ok(), 422, "link is not a URL"),
         (json!({ "policy": "a", "authors": vec!["b"; 33] }), ok(), 422, "authors has more than 32"),
         (json!({ "policy": "a", "note": "n".repeat(2001) }), ok(), 422, "note is too long"),
         (json!({ "policy": "a", "pickle": "x" }), ok(), 422, "unknown field"),
@@ -191,7 +191,7 @@ fn a_body_without_end_is_cut_off() {
     assert_eq!(board.ask("GET", "/health", None, b"").0, 200);
 }
 
-/// Guards that an upload that comes too slowly is ended, keeps what came, and holds nothing up.
+/// Guards that a slow upload is ended, keeps the bytes that arrived, and does not hold up others.
 #[test]
 fn a_silent_upload_is_ended() {
     let board = Board::start("slow", options());
@@ -207,14 +207,14 @@ fn a_silent_upload_is_ended() {
     let mut stream = TcpStream::connect(board.address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     stream.write_all(head.as_bytes()).unwrap();
-    // It sends no more, and does not hang up.
+    // The client stops sending, but does not hang up.
     let mut answer = Vec::new();
     stream.read_to_end(&mut answer).unwrap();
     let (status, text) = read(&answer).unwrap();
     assert!(status == 408 && text.contains("\"received\":3"), "{status} {text}");
 }
 
-/// Guards against heads that are too long, too many, or never end.
+/// Guards against heads that are too long, have too many headers, or never end.
 #[test]
 fn floods_of_headers_are_refused() {
     let board = Board::start("headers", options());
@@ -228,7 +228,7 @@ fn floods_of_headers_are_refused() {
     let address = format!("GET /{} HTTP/1.1\r\nHost: board\r\n\r\n", "a".repeat(1 << 20));
     let status = read(&board.raw(address.as_bytes())).map(|(status, _)| status);
     assert!(status.is_none_or(|status| [414, 431].contains(&status)), "{status:?}");
-    // A head that never ends: the service hangs up by itself.
+    // If a head never ends, the service hangs up.
     let mut stream = TcpStream::connect(board.address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     stream.write_all(b"GET /health HTTP/1.1\r\nHost: bo").unwrap();
@@ -238,7 +238,7 @@ fn floods_of_headers_are_refused() {
     assert_eq!(board.ask("GET", "/health", None, b"").0, 200);
 }
 
-/// Guards the limits of an account.
+/// Guards an account's limits on bytes, on submissions a day, and on open submissions.
 #[test]
 fn an_account_has_limits() {
     let board = Board::start("limits", options());
@@ -257,7 +257,7 @@ fn an_account_has_limits() {
     set(Some(1), Some(1 << 40));
     let (status, message) = begin("b.mcap", 100);
     assert!(status == 429 && message.contains("1 submissions within 24 hours"), "{status} {message}");
-    // What was begun goes on.
+    // A submission that was begun may continue.
     assert_eq!(begin("a.mcap", 100).0, 200);
     set(Some(100), None);
     let statuses: Vec<u16> = (0..10).map(|k| begin(&format!("c{k}.mcap"), 1).0).collect();

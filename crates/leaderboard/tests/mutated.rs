@@ -1,4 +1,4 @@
-//! 10,000 requests that were changed at random: none stops the service, and none is answered by a fault of its own.
+//! Sends 10,000 randomly changed requests: none stops the service, and none gets an internal error.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -8,7 +8,7 @@ use fiatlux_leaderboard::{Pace, ServiceOptions};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 
-/// Most memory that the process may ever have had, bytes.
+/// Largest peak memory that the process may reach, bytes.
 const MAX_MEMORY: u64 = 1 << 30;
 
 fn mutated(random: &mut Pcg64Mcg, requests: &[Vec<u8>]) -> Vec<u8> {
@@ -22,7 +22,7 @@ fn mutated(random: &mut Pcg64Mcg, requests: &[Vec<u8>]) -> Vec<u8> {
             2 => bytes.truncate(at + 1),
             3 => bytes.insert(at, pick(256) as u8),
             4 => {
-                // A part of another request.
+                // Inserts a part of another request.
                 let other = &requests[pick(requests.len())];
                 let from = pick(other.len());
                 let part = other[from..(from + 1 + pick(64)).min(other.len())].to_vec();
@@ -86,8 +86,8 @@ fn ten_thousand_mutated_requests() {
         let sent = mutated(&mut random, &requests);
         let answer = board.raw(&sent);
         let status = if answer.is_empty() { 0 } else { read(&answer).map_or(1, |(status, _)| status) };
-        // No answer is right where the head never ended or makes no sense; a handler that panics gives none either, so a
-        // request whose head was left as it was must have one.
+        // A request whose head never ends or makes no sense may go without an answer. A handler that panics gives none
+        // either, so a request with an unchanged head must get one.
         let is_whole = requests.iter().any(|request| {
             let head = request.windows(4).position(|end| end == b"\r\n\r\n").unwrap() + 4;
             request.len() > head && sent.len() >= request.len() && sent[..head] == request[..head]
@@ -99,7 +99,7 @@ fn ten_thousand_mutated_requests() {
     assert_eq!(board.ask("GET", "/health", None, b"").0, 200);
     assert_eq!(board.ask("GET", "/ready", None, b"").0, 200);
     assert!([200, 400, 401, 404, 422].iter().all(|status| statuses.contains_key(status)), "{statuses:?}");
-    // Nothing was made true by it: only the untouched submission may have come whole.
+    // The changed requests had no effect: at most the original submission is complete.
     let entries = board.runtime.block_on(board.store.entries()).unwrap();
     assert!(entries.iter().all(|entry| entry.badge == fiatlux_leaderboard::Badge::SelfReported));
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The document of the API, compared with its routes and with what it really answers.
+//! Compares the document of the API with its routes and with real answers.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -11,12 +11,12 @@ use serde_json::{Value, json};
 
 const METHODS: [&str; 5] = ["get", "post", "put", "delete", "patch"];
 
-/// In what a value is not of a schema, as far as our document uses JSON Schema.
+/// How a value violates a schema, if it does; knows the part of JSON Schema that our document uses.
 fn misfit(document: &Value, schema: &Value, value: &Value, at: &str) -> Option<String> {
     if let Some(target) = schema["$ref"].as_str() {
         let name = target.strip_prefix("#/components/schemas/").unwrap();
         let schema = &document["components"]["schemas"][name];
-        assert!(schema.is_object(), "{target} is not there");
+        assert!(schema.is_object(), "{target} does not exist");
         return misfit(document, schema, value, at);
     }
     if let Some(choices) = schema["oneOf"].as_array() {
@@ -35,7 +35,7 @@ fn misfit(document: &Value, schema: &Value, value: &Value, at: &str) -> Option<S
         "boolean" => value.is_boolean(),
         "null" => value.is_null(),
         "integer" => value.is_i64() || value.is_u64(),
-        other => panic!("{other} is a type that this test does not know"),
+        other => panic!("{other} is a type unknown to this test"),
     };
     if !is_type {
         return Some(format!("{at} is {value}, not of type {}", schema["type"]));
@@ -58,7 +58,7 @@ fn misfit(document: &Value, schema: &Value, value: &Value, at: &str) -> Option<S
     })
 }
 
-/// Guards that the document has every address with every method, and no other.
+/// Guards that the document lists exactly the addresses and methods that exist.
 #[test]
 fn the_document_has_every_route() {
     let board = Board::start("openapi-routes", ServiceOptions::default());
@@ -83,7 +83,7 @@ fn the_document_has_every_route() {
     }
 }
 
-/// Guards that what is answered is what the document says, errors included.
+/// Guards that answers match the document, errors included.
 #[test]
 fn answers_are_as_documented() {
     let board = Board::start("openapi-answers", ServiceOptions::default());

@@ -1,4 +1,4 @@
-//! The pages: what they show of submissions, what they let a browser load, and what they refuse.
+//! Tests the pages: what they show of submissions, what they let a browser load, and what they refuse.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -11,7 +11,7 @@ use fiatlux_leaderboard::ServiceOptions;
 use fiatlux_rules::Task;
 use serde_json::{Value, json};
 
-/// Bags of all subtasks in a room.
+/// Writes bags of all subtasks in one room.
 fn all_subtasks(board: &Board, folder: &str, story: impl Fn(Task) -> Story) -> Vec<PathBuf> {
     let folder = board.folder.0.join(folder);
     std::fs::create_dir_all(&folder).unwrap();
@@ -23,7 +23,7 @@ fn all_subtasks(board: &Board, folder: &str, story: impl Fn(Task) -> Story) -> V
     Task::SUBTASKS.into_iter().map(bag).collect()
 }
 
-/// Two submissions in the same room, the first one with a success: their ids.
+/// Sends two submissions in the same room, the first with a success; returns their ids.
 fn with_two(board: &Board, manifest: &Value) -> [String; 2] {
     let carries = |task| if task == Task::S05 { Story::Succeeds(60) } else { Story::Falls(40) };
     let better = all_subtasks(board, "better", carries);
@@ -37,7 +37,7 @@ fn with_two(board: &Board, manifest: &Value) -> [String; 2] {
     })
 }
 
-/// Head and body of an answer.
+/// Head (in lower case) and body of an answer.
 fn answer(board: &Board, address: &str) -> (String, String) {
     let request = format!("GET {address} HTTP/1.1\r\nHost: board\r\nConnection: close\r\n\r\n");
     let answer = board.raw(request.as_bytes());
@@ -46,7 +46,7 @@ fn answer(board: &Board, address: &str) -> (String, String) {
     (head.to_ascii_lowercase(), body.to_owned())
 }
 
-/// Guards that each page is there, has a policy without exceptions, and shows strangers' text as text.
+/// Guards that each page exists, has a strict Content-Security-Policy, and shows submitted text as text.
 #[test]
 fn every_page_is_there_and_lets_nothing_in() {
     let board = Board::start("pages", ServiceOptions::default());
@@ -76,12 +76,12 @@ fn every_page_is_there_and_lets_nothing_in() {
             head.contains("x-content-type-options: nosniff") && head.contains("referrer-policy: no-referrer"),
             "{head}"
         );
-        // A policy without exceptions for styles; scripts are those of the replay.
+        // The policy has no exceptions for styles; the only scripts are those of the replay.
         assert!(!body.contains(" style=") && !body.contains("<style"), "{page}");
         assert!(!body.contains("<script>x") && !body.contains("<img src=x") && !body.contains("<b>A</b>"), "{page}");
     }
     let (_, table) = answer(&board, "/");
-    // Their order is the business of the unit tests of standings.
+    // The unit tests of standings check their order.
     assert!([&a, &b].iter().all(|id| table.contains(&format!("/runs/{id}\""))), "{table}");
 
     let (head, figure) = answer(&board, &format!("{episode}/figure.svg"));
@@ -92,12 +92,12 @@ fn every_page_is_there_and_lets_nothing_in() {
     assert!(head.contains("filename=\"s05-s3-e0.mcap\""), "{head}");
     let length = std::fs::metadata(board.folder.0.join("better/S05-s3-e0.mcap")).unwrap().len();
     assert!(head.contains(&format!("content-length: {length}")), "{head}");
-    // These bags are of no scene that could be drawn; the answer says so, and not where the file is.
+    // These bags have no scene to draw; the answer says so without the path of the file.
     let (head, document) = answer(&board, &format!("{episode}/document.json"));
     assert!(head.starts_with("http/1.1 422") && !document.contains("blobs"), "{head}\n{document}");
 }
 
-/// Guards that no address reaches anything but what it names, and that what is not there is not there.
+/// Guards that an address reaches only what it names, and that unknown addresses get 404.
 #[test]
 fn other_addresses_are_refused() {
     let board = Board::start("addresses", ServiceOptions::default());
@@ -136,7 +136,7 @@ fn other_addresses_are_refused() {
             format!("GET {address} HTTP/1.1\r\nHost: board\r\nConnection: close\r\nIf-None-Match: {tag}\r\n\r\n");
         assert!(String::from_utf8_lossy(&board.raw(again.as_bytes())).starts_with("HTTP/1.1 304"), "{address}");
     }
-    // What is still on its way is its owner's business.
+    // An incomplete submission has no public page.
     let wish = common::wish(&common::manifest(), &[common::bag(&board.folder.0, 5)]);
     let (_, begun) = board.json("POST", "/api/v1/submissions", Some(&token), &wish);
     let begun = begun["id"].as_str().unwrap();

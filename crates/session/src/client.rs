@@ -1,4 +1,4 @@
-//! A client's side of a session. The rules that it follows are those of `proto/PROTOCOL.md`.
+//! A client's side of a session. It follows the rules in `proto/PROTOCOL.md`.
 
 mod failure;
 #[cfg(test)]
@@ -21,37 +21,37 @@ pub use failure::SessionFailure;
 /// Longest time between two tries.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
-/// A query that nobody has answered for this time is asked again. No two are under way at once: a reset that came late
-/// would abort the episode that the earlier one started.
+/// A query without an answer is repeated after this time. Two are never under way at once: a late reset would abort the
+/// episode that the earlier one started.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(16);
 
-/// This many refusals of one action, or unreadable messages, without an observation between them are not an accident.
+/// The client gives up after this many refusals of one action, or unreadable messages, without an observation between them.
 const MAX_REFUSALS: u32 = 3;
 
-/// An action is not sent again earlier, however short round trips are.
+/// Shortest time before an action is sent again, however short round trips are.
 const SHORTEST_WAIT: Duration = Duration::from_millis(20);
 
-/// Actions that a client may send ahead of their observations: half of what may wait in a session, so that all of them may
+/// Actions that a client may send ahead of their observations: half of what may wait in a session, so that all of them can
 /// be sent again.
 const MAX_AHEAD: usize = MAX_WAITING_MESSAGES / 2;
 
-/// A server whose token is away for this time, and that says nothing meanwhile, is gone.
+/// A server is gone if its token is away for this time and no message comes from it.
 const AWAY: Duration = Duration::from_secs(5);
 
-/// Once in this many tries the last observation is asked for too.
+/// One in this many tries also asks for the last observation.
 const ASK_EVERY: u32 = 4;
 
 /// How a query ended: with a reply, an error reply, or none.
 pub type Answer = Option<Result<Bytes, Bytes>>;
 
-/// What reaches a client.
+/// An input of a client.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Input {
-    /// Start this episode; one that runs is given up.
+    /// Start this episode; a running one is given up.
     Start(u64),
     /// The policy's answer to the last [`Output::Observation`], or for [`ClientSession::next_step`].
     Command(Command),
-    /// Where the next command comes from, for the record. A server that does not know it gets none.
+    /// The model's chunk that the next command comes from, for the record. Servers that cannot take it do not get it.
     Chunk(Box<Chunk>),
     /// A message on `observation`.
     Observation(Bytes),
@@ -61,24 +61,24 @@ pub enum Input {
     Reset(Answer),
     /// The query `observation` has ended.
     LastObservation(Answer),
-    /// The server's token of the session has come, or gone.
+    /// The server's liveliness token of the session has appeared (`true`) or gone (`false`).
     ServerSeen(bool),
-    /// Nothing but the time.
+    /// Nothing has arrived; only time has passed.
     Tick,
 }
 
-/// What a client wants done.
+/// What the caller should do for a client.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Output {
     /// Query `reset` with this [`ResetRequest`].
     Reset(Bytes),
     /// Publish this [`Action`](fiatlux_proto::v3::Action) as it is encoded.
     Action(Bytes),
-    /// Query `observation`, whose last one may have been lost on the way.
+    /// Query `observation`, since the last one may have been lost.
     AskObservation,
-    /// Time between an action and its observation, which follows.
+    /// Time between an action and its observation, which is the next output.
     RoundTrip(Duration),
-    /// The policy has to answer this.
+    /// The policy has to answer this observation.
     Observation(Box<Observation>),
     /// The episode has ended; nothing follows.
     Done(EpisodeEnd),
@@ -88,14 +88,14 @@ pub enum Output {
 
 #[derive(Debug, Default)]
 enum Phase {
-    /// No episode runs.
+    /// No episode is running; waits for [`Input::Start`].
     #[default]
     Idle,
-    /// `reset` is asked; the query is out until then, or the next one waits for then.
+    /// A reset is under way. `until` is when the open query ends, or when the next one is sent.
     Resetting { out: bool, until: Duration },
-    /// The policy has to answer the observation of that step.
+    /// The policy has to answer the observation of this step.
     Acting { step: u64 },
-    /// The action of that step is out, and those of the steps that follow; at least one.
+    /// The actions of this step and of the steps that follow are sent; there is at least one.
     Waiting { step: u64, actions: VecDeque<Bytes>, again: Duration },
 }
 
@@ -105,28 +105,28 @@ pub struct ClientSession {
     info: SessionInfo,
     layout: Result<ObservationLayout, TermError>,
     resend: Duration,
-    /// A server that says nothing for this time is gone.
+    /// A server that sends nothing for this time is gone.
     silence: Duration,
     episode: u64,
     phase: Phase,
     outputs: VecDeque<Output>,
-    /// Since when nothing has come forward.
+    /// Time of the last progress.
     since: Duration,
-    /// Wait before the next try.
+    /// Pause before the next try.
     wait: Duration,
     tries: u32,
     refusals: u32,
-    /// Since when the server's token is gone.
+    /// When the server's token went away.
     away: Option<Duration>,
-    /// Query `observation` is out.
+    /// The query `observation` is under way.
     asking: bool,
-    /// The server's words that the session, or its recording, is lost.
+    /// The server's message that the session, or its recording, is lost.
     lost: Option<SessionFailure>,
-    /// Where the next command comes from.
+    /// The chunk that the next command comes from.
     chunk: Option<Chunk>,
-    /// The last thing that went wrong, to explain a silence with.
+    /// The last thing that went wrong, to explain a silence.
     problem: Option<String>,
-    /// When the action went out first.
+    /// When the action was first sent.
     sent_at: Duration,
     /// Smoothed time between an action and its observation.
     round_trip: Option<Duration>,
@@ -175,7 +175,7 @@ impl Machine for ClientSession {
 }
 
 impl ClientSession {
-    /// Of a session as the server described it.
+    /// A client of the session that the server has described.
     pub fn new(info: &SessionInfo) -> Self {
         let resend = seconds(info.resend_s)
             .map_or(LONGEST_WAIT, |resend| resend.clamp(Duration::from_millis(10), Duration::from_secs(10)));
@@ -184,7 +184,7 @@ impl ClientSession {
             info: info.clone(),
             layout: ObservationLayout::new(info),
             resend,
-            // A server that waits for its recorder is silent for that time without being dead.
+            // A server that waits for its recorder may be silent for that long.
             silence: grace.max(2 * RECORDER_TIMEOUT),
             episode: 0,
             phase: Phase::Idle,
@@ -203,7 +203,7 @@ impl ClientSession {
         }
     }
 
-    /// The step whose command may be given before its observation is there: in lockstep, where the policy needs none.
+    /// The step whose command may be given before its observation arrives; only in lockstep, for policies that need none.
     pub fn next_step(&self) -> Option<u64> {
         match &self.phase {
             Phase::Waiting { step, actions, .. } if actions.len() < MAX_AHEAD && !self.is_real_time() => {
@@ -213,10 +213,10 @@ impl ClientSession {
         }
     }
 
-    /// Passes an observation on whose parts are as the session describes its terms: one that was looked at.
+    /// Returns the answer to a look if its parts are those that the session announced.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// What is wrong with the observation.
     pub fn check(&self, observation: Observation) -> Result<Observation, String> {
         let layout = self.layout.as_ref().map_err(ToString::to_string)?;
         layout.check(&observation).map_err(|error| error.to_string())?;
@@ -320,14 +320,14 @@ impl ClientSession {
         };
         match notice.code() {
             Code::Lost => {
-                // The recording alone may be lost. Asking tells.
+                // Perhaps only the recording is lost. A query shows it.
                 self.problem = Some(notice.message.clone());
                 self.lost = Some(SessionFailure::Lost { message: notice.message, remedy: notice.remedy });
                 if matches!(self.phase, Phase::Waiting { .. }) {
                     self.ask_observation();
                 }
             }
-            // One that was lost on the way: those behind it come too early, until it is sent again.
+            // An action was lost: those after it come too early, until it is sent again.
             Code::Step if self.is_ahead() => self.problem = Some(notice.message),
             Code::Malformed | Code::Size | Code::Value | Code::Step => self.refused(notice),
             Code::Rate | Code::Late | Code::Unspecified => self.problem = Some(notice.message),
@@ -353,7 +353,7 @@ impl ClientSession {
             Phase::Resetting { .. } => self.ask_reset(now),
             Phase::Waiting { step, actions, again } => {
                 *again = now + self.wait;
-                // Once the clock runs, an action that comes again only comes late.
+                // Once the clock runs, a repeated action would only be late.
                 let send = !real_time || *step == 0;
                 if send {
                     self.outputs.extend(actions.iter().cloned().map(Output::Action));
@@ -372,7 +372,7 @@ impl ClientSession {
         }
         let real_time = self.is_real_time();
         match &mut self.phase {
-            // Others are old or come twice.
+            // Any other is old, or a repetition.
             Phase::Waiting { step, actions, .. } if observation.step > *step => {
                 let answered = observation.step - *step;
                 if !real_time && answered > actions.len() as u64 {
@@ -389,11 +389,11 @@ impl ClientSession {
                 }
                 self.accept(observation, now);
             }
-            // In real time the newest one counts.
+            // In real time only the newest one counts.
             Phase::Acting { step } if real_time && observation.step > *step => {
                 self.accept(observation, now);
             }
-            // The server answers: it is there, and its session too.
+            // The server answers, so the server and its session are there.
             Phase::Waiting { .. } => (self.lost, self.away) = (None, None),
             _ => {}
         }
@@ -425,8 +425,8 @@ impl ClientSession {
         }
     }
 
-    /// The server refused an action, its present step being the notice's. One refusal may be of an old copy, or of what
-    /// someone else sent; the same action refused again and again is ours.
+    /// The server refused an action; the notice has the server's present step. A single refusal may be for an old copy, or for
+    /// something that someone else sent. Only repeated refusals of the same action are ours.
     fn refused(&mut self, notice: Notice) {
         let Phase::Waiting { step, .. } = self.phase else { return };
         if notice.episode != self.episode {
@@ -469,7 +469,7 @@ impl ClientSession {
 
     fn came_forward(&mut self, now: Duration) {
         self.since = now;
-        // A message that is lost is missed early where the others are quick.
+        // If round trips are short, a lost message is noticed early.
         self.wait = self.round_trip.map_or(self.resend, |time| (4 * time).max(SHORTEST_WAIT).min(self.resend));
         (self.tries, self.refusals) = (0, 0);
         if let Phase::Waiting { again, .. } = &mut self.phase {
@@ -477,7 +477,7 @@ impl ClientSession {
         }
     }
 
-    /// Takes in the time of a step there and back, which a message that was sent again lengthens.
+    /// Updates the smoothed round trip; a message that was sent again lengthens it.
     fn measure(&mut self, time: Duration) {
         self.outputs.push_back(Output::RoundTrip(time));
         if self.tries == 0 {
@@ -490,7 +490,7 @@ impl ClientSession {
     }
 }
 
-/// A time in a message; none where it cannot be one.
+/// A time in a message, s; `None` if it is not a valid one.
 fn seconds(secs: f64) -> Option<Duration> {
     secs.is_finite().then(|| Duration::try_from_secs_f64(secs.max(0.0)).unwrap_or(Duration::MAX))
 }

@@ -1,38 +1,38 @@
-//! What a policy asks of the robot, and the one check of it at both ends of a session.
+//! A policy's command to the robot, and its check, which both ends of a session share.
 
 use fiatlux_proto::limits::{MAX_CHUNK_KEYS, MAX_CHUNK_NUMBERS, MAX_CHUNK_PROBLEM};
 use fiatlux_proto::v3::{Action, Chunk, Joint, SessionInfo};
 use thiserror::Error;
 
-/// What the robot is told to do for one step: a number for each joint, in the order of `SessionInfo.joints`.
+/// A command for one step: a number for each joint, in the order of `SessionInfo.joints`.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Command {
     /// In action units: joint target = q0 + action_scale * action.
     Action(Vec<f64>),
-    /// Joint targets themselves, rad.
+    /// Joint targets as angles, rad.
     JointTarget(Vec<f64>),
 }
 
-/// Why a command is not carried out.
+/// Why a command is refused.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum CommandError {
-    /// Not exactly one of the two forms.
+    /// The message must have exactly one of the two lists.
     #[error("{} filled", if *.both { "both action and joint_target are" } else { "neither action nor joint_target is" })]
     Form {
         /// Both are filled; otherwise neither is.
         both: bool,
     },
-    /// Not a number for each joint.
+    /// The list does not have one number for each joint.
     #[error("{field} has {found} numbers instead of {expected}")]
     Length {
         /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
-        /// How many there are.
+        /// Length of the list.
         found: usize,
-        /// How many joints the robot has.
+        /// Number of joints of the robot.
         expected: usize,
     },
-    /// NaN or infinite, or, where the session has no bound, a joint target that is infinite in action units.
+    /// A number is NaN or infinite; without a bound in the session also a joint target that is infinite in action units.
     #[error("{field} of joint '{name}' is not finite")]
     NotFinite {
         /// Which of the two lists: `action` or `joint_target`.
@@ -44,7 +44,7 @@ pub enum CommandError {
         /// The number that was commanded.
         value: f64,
     },
-    /// A number beyond the bound that `SessionInfo.action_limit` sets.
+    /// A number is beyond the bound that `SessionInfo.action_limit` sets.
     #[error("{field} of joint '{name}' is {value:?}; it must be from {low} to {high}")]
     Range {
         /// Which of the two lists: `action` or `joint_target`.
@@ -55,21 +55,21 @@ pub enum CommandError {
         name: String,
         /// The number that was commanded.
         value: f64,
-        /// The least that is taken.
+        /// Smallest number that the session accepts.
         low: f64,
-        /// The largest that is taken.
+        /// Largest number that the session accepts.
         high: f64,
     },
-    /// What is said of a model's chunk cannot be.
+    /// The description of the model's chunk is not valid.
     #[error("chunk {problem}")]
     Chunk {
-        /// What is wrong with it.
+        /// What is wrong with the chunk.
         problem: &'static str,
     },
 }
 
 impl CommandError {
-    /// The field of the message that is wrong.
+    /// Name of the wrong field of the message.
     pub fn field(&self) -> &'static str {
         match self {
             Self::Form { .. } => "action",
@@ -78,19 +78,19 @@ impl CommandError {
         }
     }
 
-    /// What its sender can do.
+    /// What the sender should do.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Range { field: "action", .. } => "clip the action, whose usual range is [-1, 1]",
             Self::Range { .. } => "clip joint targets to the limits of the joints",
-            Self::Chunk { .. } => "send the chunk as PROTOCOL.md has it, or none",
+            Self::Chunk { .. } => "send the chunk as PROTOCOL.md describes it, or none",
             _ => "fill one of action and joint_target with a finite number for each joint",
         }
     }
 }
 
 impl Command {
-    /// What an action that arrived asks for, checked against the session.
+    /// Reads the command of an action that arrived, and checks it against the session.
     ///
     /// # Errors
     /// [`CommandError`]: the form, the length, or a number that is not finite or out of range.
@@ -105,7 +105,7 @@ impl Command {
         Ok(command)
     }
 
-    /// Whether a session takes it.
+    /// Checks whether the session accepts the command.
     ///
     /// # Errors
     /// [`CommandError`]: the length, or a number that is not finite or out of range.
@@ -118,7 +118,7 @@ impl Command {
         if numbers.len() != joints.len() {
             return Err(CommandError::Length { field, found: numbers.len(), expected: joints.len() });
         }
-        // Without a bound, as from an older server, an action must still be finite.
+        // Older servers set no bound; an action must still be finite.
         let limit = if info.action_limit > 0.0 { info.action_limit } else { f64::MAX };
         for (joint, (&value, Joint { name, q0, .. })) in numbers.iter().zip(joints).enumerate() {
             let (middle, unit) = match self {
@@ -137,7 +137,7 @@ impl Command {
         Ok(())
     }
 
-    /// The message that carries it.
+    /// The message that carries the command.
     pub fn into_action(self, episode: u64, step: u64) -> Action {
         let (action, joint_target) = match self {
             Self::Action(numbers) => (numbers, Vec::new()),
@@ -147,7 +147,7 @@ impl Command {
     }
 }
 
-/// Whether what is said of a model's chunk is within its bounds.
+/// Checks the bounds of a model's chunk.
 pub(crate) fn check_chunk(chunk: &Chunk) -> Result<(), CommandError> {
     let is_time = |time: f64| time.is_finite() && time >= 0.0;
     let count = chunk.values.len();
@@ -157,8 +157,8 @@ pub(crate) fn check_chunk(chunk: &Chunk) -> Result<(), CommandError> {
         (count <= MAX_CHUNK_NUMBERS, "has too many numbers"),
         (if width == 0 { count == 0 } else { count.is_multiple_of(width) }, "has numbers that do not fill its rows"),
         (chunk.values.iter().all(|number| number.is_finite()), "has a number that is not finite"),
-        (is_time(chunk.age_s) && is_time(chunk.latency_s), "has a time that cannot be"),
-        (chunk.server_s.is_none_or(is_time), "has a time that cannot be"),
+        (is_time(chunk.age_s) && is_time(chunk.latency_s), "has a time that is negative or not finite"),
+        (chunk.server_s.is_none_or(is_time), "has a time that is negative or not finite"),
         (chunk.keys.len() <= most_keys, "has too many keys"),
         (chunk.keys.iter().all(|key| key.len() <= longest_key), "has a key that is too long"),
         (chunk.problem.len() <= MAX_CHUNK_PROBLEM, "has a problem that is too long"),
@@ -173,7 +173,7 @@ pub(crate) fn check_chunk(chunk: &Chunk) -> Result<(), CommandError> {
 mod tests {
     use super::*;
 
-    /// Each bound is one: within it a chunk is taken, beyond it refused by its field.
+    /// Guards each bound: a chunk within it is accepted, one beyond it is refused by its field.
     #[test]
     fn chunks_are_bounded() {
         let good = Chunk {

@@ -1,8 +1,8 @@
-//! A session between a policy, a simulation and a recorder as three state machines without I/O, clock or threads.
+//! The session of a policy, a simulation and a recorder, as three state machines without I/O, clock or threads.
 //!
-//! [`ClientSession`], [`ServerSession`] and [`RecorderSession`] hold the rules of `proto/PROTOCOL.md` and have one
+//! [`ClientSession`], [`ServerSession`] and [`RecorderSession`] follow the rules of `proto/PROTOCOL.md` and have one
 //! shape, [`Machine`]: inputs with their time go in, one queue comes out. Programs carry the messages, over Zenoh or in
-//! memory. What a server simulates is a [`Host`]; here one that counts:
+//! memory. The simulation of a server is a [`Host`]; the one in this example counts:
 //!
 //! ```
 //! use fiatlux_proto::v3::*;

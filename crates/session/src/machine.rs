@@ -6,18 +6,18 @@ use std::time::Duration;
 /// carries out what [`poll`](Machine::poll) returns until that is `None`, and sleeps until the next message or until
 /// [`wake_at`](Machine::wake_at), when it gives a `Tick`.
 pub trait Machine {
-    /// What reaches the peer.
+    /// What happens to the peer: messages, answers, and time passing.
     type Input;
-    /// What the peer wants done.
+    /// What the caller should do for the peer.
     type Output;
 
-    /// Takes one input, and whatever the time has brought.
+    /// Handles one input, and everything that is due at `now`.
     fn handle(&mut self, input: Self::Input, now: Duration);
 
-    /// What is to be done next, in this order. Carry it out before the next call: a machine may do work of its own between
+    /// The next thing to do, in order. Do it before the next call: a machine may do work of its own between
     /// two outputs, while the other side acts on the first.
     fn poll(&mut self) -> Option<Self::Output>;
 
-    /// When the machine has to be shown the time, once nothing is left to poll.
+    /// When to give the machine a `Tick`, once nothing is left to poll; `None` if only a message can wake it.
     fn wake_at(&self) -> Option<Duration>;
 }

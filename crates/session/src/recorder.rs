@@ -1,5 +1,5 @@
-//! A recorder's side of a session: which record goes into which bag, which bags are cut, and what is acknowledged. The
-//! rules that it follows are those of `proto/PROTOCOL.md`.
+//! A recorder's side of a session: which record goes into which bag, which bags are cut, and what is acknowledged. It
+//! follows the rules in `proto/PROTOCOL.md`.
 
 mod order;
 #[cfg(test)]
@@ -16,91 +16,91 @@ use crate::machine::Machine;
 pub use order::MAX_WAITING;
 use order::{Next, Order};
 
-/// An acknowledgement that can wait does so until it covers this many records, or half of the longest time allowed.
+/// An acknowledgement waits until it covers this many records, or for at most half of the longest time allowed.
 const RECORDS_PER_ACK: u64 = 64;
 
-/// A server that is gone for this time does not come back to finish its episode.
+/// A server that is gone for this time will not come back to finish its episode.
 const SERVER_TIMEOUT: Duration = RECORDER_TIMEOUT;
 
-/// What reaches a recorder of one session.
+/// An input of a recorder of one session.
 #[derive(Debug)]
 pub enum Input {
-    /// A [`StepRecord`], published or in answer to a request, in whatever order.
+    /// A [`StepRecord`], published or in reply to a request, in any order.
     StepRecord(Bytes),
     /// The query of a request has ended.
     Answered,
-    /// The session's liveliness token is there.
+    /// The session's liveliness token has appeared.
     ServerSeen,
     /// The session's liveliness token is gone.
     ServerGone,
-    /// The open bag has all rows before this step on disk; 0 where no bag is open.
+    /// All rows of the open bag before this step are on disk; 0 if no bag is open.
     OnDisk(u64),
-    /// What was to be written last is not on disk, and its bag is given up: what follows of its episode is dropped. Nothing of
-    /// that is acknowledged. The rows are skipped when a later episode has its bag.
+    /// The last write failed, and its bag is given up: the rest of its episode is dropped and not acknowledged. These rows are
+    /// skipped once a later episode has its bag.
     WriteFailed,
-    /// Nothing but the time.
+    /// Nothing has arrived; only time has passed.
     Tick,
 }
 
-/// What a recorder wants done.
+/// What the caller should do for a recorder.
 #[derive(Debug, PartialEq)]
 pub enum Output {
-    /// Write this, then say what is on disk.
+    /// Write this, then report what is on disk.
     Write(Write),
-    /// Query `truth/rows` with this [`StepRecordRequest`](fiatlux_proto::v3::StepRecordRequest). All replies have one key:
-    /// ask with Zenoh's consolidation off.
+    /// Query `truth/rows` with this [`StepRecordRequest`](fiatlux_proto::v3::StepRecordRequest). All replies have the same key:
+    /// switch Zenoh's consolidation off for the query.
     Request(Bytes),
     /// Publish this [`StepRecordAck`] on `truth/ack`.
     Ack(Bytes),
-    /// That many records are in no bag: they were gone before they were heard of, or their bag had to be given up.
+    /// This many records are in no bag: the server had dropped them, or their bag had to be given up.
     Lost(u64),
-    /// Nothing more comes, and no bag is open.
+    /// Nothing more will come, and no bag is open.
     Done,
 }
 
-/// What goes into bags.
+/// What to write into a bag.
 #[derive(Debug, PartialEq)]
 pub enum Write {
     /// Begin a new bag with this header.
     Open(Box<EpisodeHeader>),
     /// A row, or the events that end an episode without one.
     Row(Box<StepRecord>),
-    /// The bag is whole.
+    /// The bag is complete; close it.
     Finish(Box<EpisodeResult>),
-    /// The bag ends before its episode, for this reason.
+    /// The bag ends before its episode, for this reason; close it.
     Cut(String),
 }
 
-/// A bag that is open.
+/// State of the open bag.
 #[derive(Debug, Clone, Copy)]
 struct OpenBag {
     episode: u64,
-    /// The row that comes next.
+    /// Step of the row that comes next.
     next_step: u64,
 }
 
-/// One session's records on their way into bags.
+/// Puts the records of one session into bags.
 #[derive(Debug)]
 pub struct RecorderSession {
-    /// Name of the recorder.
+    /// Name of the recorder, which its acknowledgements carry.
     name: String,
     order: Order,
     open: Option<OpenBag>,
     /// Header of a bag that is resumed, until its first record.
     resumed: Option<EpisodeHeader>,
-    /// Number that row 0 of the open bag's episode has or would have.
+    /// Record number that row 0 of the open bag's episode has, or would have.
     first_seq: Option<u64>,
     /// The step after the last row on disk of the open bag.
     on_disk: u64,
     writes: VecDeque<Write>,
-    /// Since when the session's token is gone.
+    /// When the session's token went away.
     gone_at: Option<Duration>,
     is_done: bool,
     told_lost: bool,
     acked: u64,
     /// Number of the record after the last bag that ended.
     whole_to: u64,
-    /// A bag could not be written: no more than this is acknowledged until another one is open.
+    /// Set when a bag could not be written: nothing beyond this is acknowledged until another bag is open.
     lost_from: Option<u64>,
     ack_at: Duration,
     /// A bag has ended since the last acknowledgement.
@@ -117,7 +117,7 @@ impl Machine for RecorderSession {
         match input {
             Input::StepRecord(bytes) => match decode::<StepRecord>(&bytes, MAX_SERVER_MESSAGE) {
                 Ok(record) => self.order.take(record, now),
-                Err(error) => tracing::warn!(%error, "a record is dropped; does the server speak this version?"),
+                Err(error) => tracing::warn!(%error, "dropped an unreadable record; is the server of this version?"),
             },
             Input::Answered => self.order.answered(now),
             Input::ServerSeen => self.gone_at = None,
@@ -139,7 +139,7 @@ impl Machine for RecorderSession {
         }
     }
 
-    /// Writes come first, so that requests and acknowledgements know of what they brought to disk.
+    /// Writes come first, so that requests and acknowledgements take into account what they put on disk.
     fn poll(&mut self) -> Option<Output> {
         while self.writes.is_empty() {
             match self.order.next() {
@@ -167,7 +167,7 @@ impl Machine for RecorderSession {
 }
 
 impl RecorderSession {
-    /// A session of which nothing is on disk, for the recorder of that name.
+    /// A session of which nothing is on disk, for the recorder of this name.
     pub fn new(name: &str, now: Duration) -> Self {
         Self {
             name: name.into(),
@@ -189,12 +189,12 @@ impl RecorderSession {
         }
     }
 
-    /// A session of which there are whole bags and no open one. What the server no longer has is in them.
+    /// A session with complete bags on disk and no open one. Records that the server no longer has are in these bags.
     pub fn again(name: &str, now: Duration) -> Self {
         Self { order: Order::new(true, now), ..Self::new(name, now) }
     }
 
-    /// A session with an open bag of that header that has the rows before `next_step` on disk.
+    /// A session with an open bag of this header, which has all rows before `next_step` on disk.
     pub fn resume(name: &str, header: EpisodeHeader, next_step: u64, now: Duration) -> Self {
         Self {
             order: Order::new(true, now),
@@ -205,7 +205,7 @@ impl RecorderSession {
         }
     }
 
-    /// What the server is to be asked or told, once all is written.
+    /// What to request from the server or tell it, once everything is written.
     fn poll_server(&mut self) -> Option<Output> {
         if let Some(request) = self.order.request(self.now) {
             return Some(Output::Request(request.encode_to_vec().into()));
@@ -223,7 +223,7 @@ impl RecorderSession {
             self.cut("the server went away before the episode ended");
             return self.writes.pop_front().map(Output::Write);
         }
-        // What was sent before the token went may still be on its way.
+        // Records sent before the token went away may still be on their way.
         let is_done = self.open.is_none() && gone_for >= ACK_PERIOD;
         if !is_done || self.is_done {
             return None;
@@ -244,7 +244,7 @@ impl RecorderSession {
         match (self.open, self.first_seq) {
             (None, _) => self.order.next_seq(),
             (Some(_), Some(first)) => first.saturating_add(self.on_disk).min(self.order.next_seq()),
-            // Resumed, and nothing came yet.
+            // Resumed, and nothing has come yet.
             (Some(_), None) => 0,
         }
     }
@@ -257,13 +257,13 @@ impl RecorderSession {
     }
 
     fn write(&mut self, mut record: Box<StepRecord>) {
-        // The bags before the one that is taken up ended on disk; the earlier recorder died before the server knew.
+        // The bags before the resumed one are complete on disk; the earlier recorder died before it could acknowledge them.
         if self.resumed.is_some() && self.open.is_some_and(|open| record.episode < open.episode) {
             return;
         }
         let begins = record.step == 0 && record.header.is_some();
         let goes_on = self.open.is_some_and(|open| open.episode == record.episode);
-        // A first row belongs to an open bag only where that was left before the server knew that it was on disk.
+        // A first row can belong to an open bag only if its recorder died before acknowledging it.
         if !goes_on || begins && record.header != self.resumed {
             self.cut("the session went on to another episode");
             // Only its first row opens a bag; what follows a cut is dropped.
@@ -289,7 +289,7 @@ impl RecorderSession {
             open.next_step += u64::from(is_row);
             self.writes.push_back(Write::Row(record));
         }
-        // The last row may be there without the result that came with it.
+        // The last row may be on disk without the result that came with it.
         if let Some(result) = result {
             self.open = None;
             self.first_seq = None;

@@ -1,4 +1,4 @@
-//! A server's side of a session. The rules that it follows are those of `proto/PROTOCOL.md`.
+//! A server's side of a session. It follows the rules in `proto/PROTOCOL.md`.
 
 mod action;
 mod host;
@@ -31,23 +31,23 @@ use window::RecordWindow;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
     Open,
-    /// Closed at that time; records wait for their recorder.
+    /// Closed at this time; records still wait for their recorder.
     Draining(Duration),
     Done,
 }
 
-/// An episode that runs or has ended with a row; one that was aborted is gone.
+/// An episode that is running or has ended with a row; an aborted one is dropped.
 #[derive(Debug)]
 struct Run {
     episode: u64,
     step: u64,
     is_over: bool,
-    /// The present observation, as published, and when.
+    /// The present observation as published, and the time of publication.
     observation: Bytes,
     observed_at: Duration,
-    /// Real time, from the first action on.
+    /// The clock of a real-time session, from the first action on.
     clock: Option<Clock>,
-    /// Real time: steps in which the last action held.
+    /// Number of steps in real time for which no new action came.
     missed_steps: u64,
 }
 
@@ -67,14 +67,14 @@ impl Run {
     }
 }
 
-/// What waits for room in the recording window.
+/// Input that waits for room in the recording window.
 #[derive(Debug)]
 enum Deferred<R> {
     Action(Box<ReceivedAction>),
     Reset(u64, R),
 }
 
-/// One client's session on a server, over the simulation `H`. Replies go to `R`.
+/// One client's session on a server, with the simulation `H`. `R` says where replies go.
 #[derive(Debug)]
 pub struct ServerSession<H, R> {
     host: H,
@@ -83,24 +83,24 @@ pub struct ServerSession<H, R> {
     timeouts: Timeouts,
     phase: Phase,
     run: Option<Run>,
-    /// The step whose observation is out and whose record is not made yet.
+    /// The step whose observation is sent, but whose record is not made yet.
     unrecorded: Option<Unrecorded>,
     window: RecordWindow,
     deferred: Option<Deferred<R>>,
     recording: Recording,
     notices: NoticeLimiter,
-    /// Since when the client shows no token.
+    /// When the client's token went away.
     client_gone: Option<Duration>,
-    /// Since when the session waits for its client.
+    /// When the session began to wait for its client.
     client_silent: Duration,
-    /// What happened between two rows.
+    /// Events since the last row.
     events: Vec<Event>,
-    /// Refused actions that are not among the events any more.
+    /// Number of refused actions that are no longer listed among the events.
     refused: u64,
     outputs: VecDeque<Output<R>>,
 }
 
-/// Events between two rows that are recorded one by one; more are counted.
+/// Most events between two rows that are recorded one by one; further ones are only counted.
 pub const MAX_EVENTS: usize = 16;
 
 impl<H: Host, R> Machine for ServerSession<H, R> {
@@ -131,12 +131,12 @@ impl<H: Host, R> Machine for ServerSession<H, R> {
             Input::StepRecords(bytes, to) => self.on_records(&bytes, to),
             Input::Dropped(count) => {
                 let message = format!("{count} messages found {} others waiting", limits::MAX_WAITING_MESSAGES);
-                let remedy = "send one action for each observation, and the same one again after resend_s";
+                let remedy = "send one action for each observation, and repeat it only after resend_s";
                 self.notify(NoticeCode::Rate, count, "", message, remedy, now);
             }
             Input::TooLarge(length) => {
                 let message = format!("a message of {length} bytes; the limit is {}", limits::MAX_CLIENT_MESSAGE);
-                self.notify(NoticeCode::Size, 1, "", message, "send one action a message", now);
+                self.notify(NoticeCode::Size, 1, "", message, "send one action in each message", now);
             }
             Input::Terminate(why) => self.terminate(why, now),
             Input::Tick => {}
@@ -144,7 +144,7 @@ impl<H: Host, R> Machine for ServerSession<H, R> {
         self.pass_time(now);
     }
 
-    /// A row is recorded after its observation is out: a client on another core acts meanwhile.
+    /// Records a row after its observation is sent, so that a client on another core can act meanwhile.
     fn poll(&mut self) -> Option<Output<R>> {
         if self.outputs.is_empty() {
             self.record_step();
@@ -173,7 +173,7 @@ impl<H: Host, R> Machine for ServerSession<H, R> {
 }
 
 impl<H: Host, R> ServerSession<H, R> {
-    /// A session of which no episode runs yet. Its timeouts go into `info`, which describes it to its client: robot, mode
+    /// A session without an episode yet. Its timeouts go into `info`, which describes it to its client; robot, mode
     /// and control step in force are read from there. A `recorded` session waits for a recorder.
     pub fn new(host: H, info: SessionInfo, recorded: bool, timeouts: Timeouts, now: Duration) -> Self {
         let info = SessionInfo {
@@ -202,17 +202,17 @@ impl<H: Host, R> ServerSession<H, R> {
         }
     }
 
-    /// What the client is told of it.
+    /// The description that the client gets.
     pub fn info(&self) -> &SessionInfo {
         &self.info
     }
 
-    /// The simulation that the session plays.
+    /// The simulation that this session runs.
     pub fn host(&self) -> &H {
         &self.host
     }
 
-    /// Whether nothing is lost when the server stops now.
+    /// Whether the server can stop now without losing anything.
     pub fn is_settled(&self) -> bool {
         let draining = matches!(self.phase, Phase::Draining(_)) && !self.recorded && !self.recording.registered;
         self.phase == Phase::Done || draining
@@ -305,7 +305,7 @@ impl<H: Host, R> ServerSession<H, R> {
         self.reply(to, "CloseReply", &CloseReply { refusal });
     }
 
-    /// Closes for a reason that the client did not give.
+    /// Closes the session for a reason that the client did not ask for.
     fn terminate(&mut self, why: &str, now: Duration) {
         if self.phase == Phase::Open {
             self.notify(NoticeCode::Lost, 1, "", format!("the session is closed: {why}"), "open another one", now);
@@ -318,14 +318,14 @@ impl<H: Host, R> ServerSession<H, R> {
             self.reply_to_reset(to, Err(closed()));
         }
         self.abort(why, now);
-        // Nobody may listen when its time has come.
+        // Sent now, since nobody may be listening later.
         let held = self.notices.flush();
         self.send_notice(held);
         self.phase = Phase::Draining(now);
         self.outputs.push_back(Output::Closed);
     }
 
-    /// Ends the episode that runs without a last row.
+    /// Ends the running episode without a last row.
     fn abort(&mut self, why: &str, now: Duration) {
         self.record_step();
         let Some(run) = self.run.take().filter(|run| !run.is_over) else { return };
@@ -350,7 +350,7 @@ impl<H: Host, R> ServerSession<H, R> {
         self.publish_record(record, now);
     }
 
-    /// Sensors at the present step, for a client that waits with its action.
+    /// Answers a look: sensors at the present step, for a client that has not acted yet.
     fn look(&mut self, bytes: &[u8]) -> Result<Observation, Refusal> {
         let request: LookRequest = decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
         if self.phase != Phase::Open {
@@ -391,7 +391,7 @@ impl<H: Host, R> ServerSession<H, R> {
         self.outputs.extend(notice.map(|notice| Output::Notice(notice.encode_to_vec().into())));
     }
 
-    /// Notes what happened between two rows.
+    /// Notes an event between two rows.
     fn note(&mut self, kind: &str, subject: &str, detail: String) {
         if self.run.as_ref().is_none_or(|run| run.is_over) {
             return;
@@ -404,7 +404,7 @@ impl<H: Host, R> ServerSession<H, R> {
         }
     }
 
-    /// What was noted, for the record of that step.
+    /// The noted events, for the record of the step.
     fn take_events(&mut self, step: u64) -> impl Iterator<Item = Event> + use<H, R> {
         let more = std::mem::take(&mut self.refused);
         let more = (more > 0).then(|| Event {

@@ -1,1 +1,1 @@
-"""Training of controllers: ``python -m fiatlux.train walk --out DIR``; needs the extra ``train``."""
+"""Trains controllers: ``python -m fiatlux.train walk --out DIR``; needs the extra ``train``."""

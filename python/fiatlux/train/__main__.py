@@ -1,4 +1,4 @@
-"""The command line of :mod:`fiatlux.train`."""
+"""Command line of :mod:`fiatlux.train`."""
 
 import argparse
 import dataclasses
@@ -11,28 +11,28 @@ from .settings import Settings
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m fiatlux.train", description="Trains controllers.")
     commands = parser.add_subparsers(dest="command", required=True)
-    walk = commands.add_parser("walk", help="the whole-body controller, by PPO")
-    walk.add_argument("--out", type=Path, required=True, help="folder of checkpoints, curve and TensorBoard events")
-    walk.add_argument("--resume", action="store_true", help="go on from the last checkpoint in --out")
-    walk.add_argument("--minutes", type=float, help="stop at the first checkpoint after so many minutes")
-    walk.add_argument("--device", help="of the networks, as PyTorch names it (default: the GPU, or else the CPU)")
-    walk.add_argument("--threads", type=int, help="of the worlds (default: all cores)")
+    walk = commands.add_parser("walk", help="train the whole-body controller by PPO")
+    walk.add_argument("--out", type=Path, required=True, help="folder for checkpoints, learning curve and TensorBoard events")
+    walk.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
+    walk.add_argument("--minutes", type=float, help="stop at the first checkpoint after this many minutes")
+    walk.add_argument("--device", help="PyTorch device of the networks (default: the GPU if there is one, otherwise the CPU)")
+    walk.add_argument("--threads", type=int, help="number of threads for the worlds (default: one for each core)")
     for field in dataclasses.fields(Settings):
         is_list = isinstance(field.default, tuple)
         kind = int if is_list else type(field.default)
         many = {"nargs": "+"} if is_list else {}
         help_text = f"{field.metadata['help']} (default: {field.default})"
         walk.add_argument(f"--{field.name.replace('_', '-')}", type=kind, default=None, help=help_text, **many)
-    evaluate = commands.add_parser("evaluate", help="a checkpoint's deterministic policy, test by test")
+    evaluate = commands.add_parser("evaluate", help="test a checkpoint's deterministic policy")
     evaluate.add_argument("checkpoint", type=Path)
     evaluate.add_argument("--episodes", type=int, default=1000)
     evaluate.add_argument("--tests", nargs="+", help="names of tests (default: all)")
     evaluate.add_argument("--threads", type=int)
     evaluate.add_argument("--device", default="cpu")
-    export = commands.add_parser("export", help="a checkpoint as one file with its contract inside")
+    export = commands.add_parser("export", help="write a checkpoint as one file that includes its contract")
     export.add_argument("checkpoint", type=Path)
     export.add_argument("file", type=Path, help="the .safetensors file to write")
-    export.add_argument("--hardware", default="", help="what it was trained on, for the contract")
+    export.add_argument("--hardware", default="", help="hardware it was trained on, for the contract")
     arguments = parser.parse_args()
 
     if arguments.command == "walk":

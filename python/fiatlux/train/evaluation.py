@@ -1,4 +1,4 @@
-"""How well a policy walks: survival, and errors of one-second means."""
+"""Measures how well a policy walks: survival, and errors of one-second means."""
 
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,9 @@ from .settings import worlds_of
 from .worlds import Worlds
 
 SECOND = 50
-"""Control steps of a second."""
+"""Control steps in a second."""
 SETTLES = 75
-"""Control steps after a new command in which errors do not count."""
+"""Control steps after a new command during which errors do not count."""
 
 UPRIGHT = {
     "height": (0.75, 0.75),
@@ -40,10 +40,10 @@ TESTS: dict[str, dict[str, Any]] = {
 def measure(
     actor: Any, device: str, threads: int | None, episodes: int, steps: int, seed: int, settings: dict[str, Any]
 ) -> dict[str, float]:
-    """Plays an episode in each of so many worlds, up to ``steps`` control steps, with the policy's mean actions.
+    """Plays ``episodes`` episodes in parallel, up to ``steps`` control steps each, with the policy's mean actions.
 
-    ``survived`` is a share; the others are means over the seconds that lie a second and a half or more after a command, of
-    those worlds that have not fallen: the size of the error of the one-second mean of velocity (m/s, rad/s), height (m) and
+    ``survived`` is a share. The others are means over the worlds that have not fallen, and over the seconds that begin at least
+    one and a half seconds after a command: the absolute error of the one-second mean of velocity (m/s, rad/s), height (m) and
     torso angles (rad).
     """
     worlds = Worlds(
@@ -100,7 +100,7 @@ def measure(
 
 
 def score(actor: Any, device: str, threads: int | None) -> dict[str, float]:
-    """A short test over the whole range, by which checkpoints are chosen: higher is better."""
+    """A short test over the whole range that ranks checkpoints: higher is better."""
     was_training = actor.training
     found = measure(actor, device, threads, 256, 500, 1, TESTS["all"])
     actor.train(was_training)
@@ -118,7 +118,7 @@ def score(actor: Any, device: str, threads: int | None) -> dict[str, float]:
 
 
 def main(checkpoint: Path, episodes: int, tests: list[str] | None, threads: int | None, device: str) -> int:
-    """Prints a table of tests of a checkpoint."""
+    """Prints a table of a checkpoint's tests."""
     from .walk import load_checkpoint, models, settings_of
 
     state = load_checkpoint(checkpoint)

@@ -7,7 +7,8 @@ from safetensors.torch import save_file
 
 from .. import _native
 from .symmetry import FIELDS, MOVED, _join
-from .walk import load_checkpoint, settings_of
+from .walk import load_checkpoint, models, settings_of
+from .worlds import Worlds
 
 FRAMES = 4
 POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
@@ -17,7 +18,7 @@ def export(checkpoint: Path, file: Path, hardware: str) -> None:
     """Writes a checkpoint's policy; the normaliser goes into the first layer.
 
     The file has ``layerN.weight`` (outputs x inputs) and ``layerN.bias``, ELU between the layers, and an observation with the
-    symmetric network's action, by which a loader checks itself.
+    action of the mean of network and mirror image, by which a loader checks itself.
     """
     state = load_checkpoint(checkpoint)
     settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
@@ -28,8 +29,9 @@ def export(checkpoint: Path, file: Path, hardware: str) -> None:
     mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0) for name in ("_mean", "_std"))
     mean = 0.5 * (mean + sign * mean[index])
     deviation = 0.5 * (deviation + deviation[index]) + 0.01
-    names = [name.removesuffix(".weight") for name in weights if name.startswith("mlp.network") and name.endswith(".weight")]
-    layers = [[weights[f"{name}.{part}"].double() for part in ("weight", "bias")] for name in names]
+    actor, _ = models(Worlds(1, "cpu"), settings)
+    actor.load_state_dict(weights)
+    layers = [[part.detach().double() for part in layer] for layer in actor.mlp.layers()]
     layers[0][0] = layers[0][0] / deviation
     layers[0][1] = layers[0][1] - layers[0][0] @ mean
     tensors = {}

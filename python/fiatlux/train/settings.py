@@ -29,6 +29,7 @@ class Settings:
     calm_over: int = _of(20_000_000, "samples over which they fall")
     harder: float = _of(0.08, "growth of the difficulty at a checkpoint whose robots seldom fell")
     falls: float = _of(1.5, "falls in 1,000 control steps of a world below which the difficulty grows")
+    tracks: float = _of(0.75, "part of the most that velocity can pay from which on the difficulty grows")
     most_difficult: float = _of(1.0, "where the difficulty stops growing")
     start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it")
     widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed")

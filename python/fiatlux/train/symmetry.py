@@ -97,16 +97,38 @@ class Reflection(nn.Module):
 
 
 class Symmetric(nn.Module):
-    """The mean of a network and its mirror image: reflected inputs give reflected outputs exactly."""
+    """A network whose reflected inputs give reflected outputs exactly, for the price of any network of its size.
 
-    def __init__(self, network: nn.Module, inputs: Mirror, outputs: Mirror) -> None:
+    The units of a hidden layer come in pairs, of which the second sees what the first would see in the mirror. So half of the
+    weights are free, and the others are those again, in another place.
+    """
+
+    def __init__(self, network: nn.Sequential, inputs: Mirror, outputs: Mirror) -> None:
         super().__init__()
-        self.network = network
         self.inputs, self.outputs = Reflection(inputs), Reflection(outputs)
+        linear = [layer for layer in network if isinstance(layer, nn.Linear)]
+        if any(layer.out_features % 2 for layer in linear[:-1]):
+            raise ValueError("hidden layers have pairs of units: give even sizes")
+        parts = [(layer.weight[: len(layer.weight) // 2], layer.bias[: len(layer.bias) // 2]) for layer in linear[:-1]]
+        parts.append((linear[-1].weight[:, : linear[-1].in_features // 2], linear[-1].bias))
+        self.weights = nn.ParameterList(weight.detach().clone() for weight, _ in parts)
+        self.biases = nn.ParameterList(bias.detach().clone() for _, bias in parts)
+
+    def layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """Weight (outputs x inputs) and bias of each layer, as of a network without symmetry."""
+        first, *hidden, last = self.weights
+        weights = [torch.cat((first, self.inputs(first)))]
+        weights += [torch.cat((weight, weight.roll(weight.shape[1] // 2, dims=1))) for weight in hidden]
+        weights.append(torch.cat((last, self.outputs(last.T).T), dim=1))
+        biases = [torch.cat((bias, bias)) for bias in self.biases[:-1]]
+        biases.append(0.5 * (self.biases[-1] + self.outputs(self.biases[-1])))
+        return list(zip(weights, biases))
 
     def forward(self, numbers: torch.Tensor) -> torch.Tensor:
-        seen, mirrored = self.network(torch.cat((numbers, self.inputs(numbers)))).chunk(2)
-        return 0.5 * (seen + self.outputs(mirrored))
+        *hidden, (weight, bias) = self.layers()
+        for hidden_weight, hidden_bias in hidden:
+            numbers = nn.functional.elu(nn.functional.linear(numbers, hidden_weight, hidden_bias))
+        return nn.functional.linear(numbers, weight, bias)
 
 
 class SymmetricModel(MLPModel):

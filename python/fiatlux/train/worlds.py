@@ -1,4 +1,4 @@
-"""Worlds of walking as RSL-RL's observations."""
+"""Provides worlds of walking with the observation groups of RSL-RL."""
 
 from typing import Any
 
@@ -25,14 +25,14 @@ class Worlds:
         self.observation = self._show()
 
     def step(self, actions: torch.Tensor) -> tuple[torch.Tensor, np.ndarray, np.ndarray, np.ndarray]:
-        """Takes a control step: reward, terminated, truncated, and terms of the reward."""
+        """Takes a control step; returns reward, terminated, truncated, and the terms of the reward."""
         numbers, reward, terminated, truncated, info = self.env.step(actions.detach().cpu().numpy())
         self.numbers = numbers
         self.observation = self._show()
         return torch.from_numpy(reward).to(self.device), terminated, truncated, info["reward_terms"]
 
     def field(self, name: str) -> np.ndarray:
-        """The newest frame of a field, worlds by numbers."""
+        """The newest frame of a field, worlds x numbers."""
         place, shape = self.env.fields[name]
         return self.numbers[:, place].reshape(self.num_envs, -1, shape[-1])[:, -1]
 

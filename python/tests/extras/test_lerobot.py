@@ -1,4 +1,4 @@
-"""Bags as a data set that LeRobot loads and trains on."""
+"""Tests that LeRobot loads an exported data set and trains on it."""
 
 import io
 import os
@@ -75,7 +75,7 @@ def test_fewer_frames_keep_the_sum_of_the_rewards(run, tmp_path):
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory):
-    """A data set of what `walk` commands, with single pictures."""
+    """A data set of the commands of `walk`, with single pictures."""
     program = os.environ.get("FIATLUX_TEST_PROGRAM")
     if program is None:
         pytest.skip("FIATLUX_TEST_PROGRAM names no program fiatlux")
@@ -135,7 +135,7 @@ def test_act_trains_on_it_for_200_steps(data, tmp_path):
 
 
 class Asked:
-    """What a client of GR00T's protocol asks a server of ours."""
+    """Sends a request of GR00T's protocol to our server."""
 
     def __init__(self, process):
         import zmq
@@ -173,7 +173,7 @@ def msgpack_of(value):
 
 
 def test_a_checkpoint_is_served(commands, tmp_path):
-    """The answer is what LeRobot's own code makes of a frame of the data set; what does not fit is said by name."""
+    """The answer equals that of LeRobot's own code for a frame of the data set; a wrong input is named."""
     import torch
     from lerobot.configs.policies import PreTrainedConfig
     from lerobot.policies.act.modeling_act import ACTPolicy

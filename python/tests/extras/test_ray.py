@@ -1,4 +1,4 @@
-"""Evaluation and rollouts over a cluster of two nodes, one of which is killed."""
+"""Tests evaluation and rollouts on a cluster of two nodes, one of which is killed."""
 
 import os
 import sys
@@ -17,7 +17,7 @@ ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
 
 class Waver:
-    """Deterministic, with a state of its own within an episode."""
+    """A deterministic policy with state within an episode."""
 
     def reset(self, info):
         self.rng = np.random.default_rng(info["seed"])
@@ -27,7 +27,7 @@ class Waver:
 
 
 class SlowWaver(Waver):
-    """Slow enough that a node can be killed within an episode."""
+    """A policy slow enough that a node can be killed during an episode."""
 
     def __call__(self, observation):
         time.sleep(0.02)
@@ -60,7 +60,7 @@ def test_results_are_the_local_ones_though_a_node_is_lost(cluster):
 
     spread = fiatlux.ray.evaluate(SlowWaver, tasks, seeds, max_steps=60, progress=progress)
     assert len(seen) == 6 and spread.episodes == local.episodes and spread.scores == local.scores
-    # Ray notices by its health checks, which may take longer than the rest of the evaluation.
+    # Ray notices through its health checks, which may take longer than the rest of the evaluation.
     until = time.monotonic() + 120
     while len([node for node in ray.nodes() if node["Alive"]]) != 1:
         assert time.monotonic() < until, "the node that was taken away passes for alive"

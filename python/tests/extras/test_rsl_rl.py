@@ -1,4 +1,4 @@
-"""RSL-RL's runner on walking."""
+"""Tests RSL-RL's runner on walking."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's checkers and PPO."""
+"""Tests the worlds with Stable-Baselines3's checkers and PPO."""
 
 import warnings
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.filterwarnings("default")
 
 @pytest.mark.parametrize("observation", ["flat", "dict"])
 def test_the_checker_passes(observation):
-    """The checker advises boxes of actions from -1 to 1, which is the default form."""
+    """The checker recommends action boxes from -1 to 1, as in the default form."""
     env = fiatlux.Env("S05", observation=observation, sensors=["proprioception", "last_action"])
     with warnings.catch_warnings():
         warnings.simplefilter("error")

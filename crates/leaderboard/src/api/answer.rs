@@ -1,4 +1,4 @@
-//! Answers: JSON, and what is wrong with a request.
+//! Responses: JSON, and the errors of requests.
 
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -8,16 +8,16 @@ use serde_json::json;
 use crate::store::Account;
 use crate::{Service, StoreError};
 
-/// Longest token with what stands before it, bytes.
+/// Longest value of the header Authorization, bytes.
 const MAX_AUTHORIZATION: usize = 256;
 
-/// Why a request is not done: `{"error": {"code", "message"}}`, and more fields where they help.
+/// Why a request failed, sent as `{"error": {"code", "message"}}`, with more fields where they help.
 #[derive(Debug)]
 pub(crate) struct Problem {
     status: StatusCode,
     code: &'static str,
     message: String,
-    /// Bytes of a file that are there.
+    /// Bytes of the file that have arrived, for errors of an upload.
     received: Option<u64>,
 }
 
@@ -26,37 +26,37 @@ impl Problem {
         Self { status, code, message: message.into(), received: None }
     }
 
-    /// Something in the request is wrong.
+    /// 400: the request is malformed.
     pub fn request(message: impl Into<String>) -> Self {
         Self::new(StatusCode::BAD_REQUEST, "request", message)
     }
 
-    /// There is no such thing, or it is none of the sender's business.
+    /// 404: it does not exist, or the sender must not know whether it does.
     pub fn missing(message: impl Into<String>) -> Self {
         Self::new(StatusCode::NOT_FOUND, "missing", message)
     }
 
-    /// It does not go with what is there.
+    /// 409: the request conflicts with the present state.
     pub fn conflict(code: &'static str, message: impl Into<String>) -> Self {
         Self::new(StatusCode::CONFLICT, code, message)
     }
 
-    /// It is too much.
+    /// 413: the request or a file is larger than allowed.
     pub fn too_large(message: impl Into<String>) -> Self {
         Self::new(StatusCode::PAYLOAD_TOO_LARGE, "size", message)
     }
 
-    /// It came too slowly.
+    /// 408: the data arrived too slowly; the client may resume.
     pub fn slow(message: impl Into<String>) -> Self {
         Self::new(StatusCode::REQUEST_TIMEOUT, "slow", message)
     }
 
-    /// It may work later.
+    /// 503: the service cannot do this now; the client should try again later.
     pub fn busy(message: impl Into<String>) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", message)
     }
 
-    /// With how much of the file is there.
+    /// Adds how many bytes of the file have arrived, which is where the client should resume.
     pub fn with_received(mut self, received: u64) -> Self {
         self.received = Some(received);
         self
@@ -70,7 +70,7 @@ impl IntoResponse for Problem {
             body["received"] = json!(received);
         }
         let mut answer = (self.status, json_text(body.to_string())).into_response();
-        // What is left of a body that nobody reads would be taken for the next request.
+        // Tells clients how to authenticate.
         let headers = answer.headers_mut();
         if self.status == StatusCode::UNAUTHORIZED {
             headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
@@ -81,13 +81,13 @@ impl IntoResponse for Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        // A caller cannot help it, and need not know where the store is.
+        // The caller cannot help it, and must not learn where the store is.
         tracing::error!(error = fiatlux_link::in_full(&error), "a request failed");
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "store", "the service cannot reach its store; try again later")
     }
 }
 
-/// JSON, which nothing on the way may keep.
+/// A JSON response that no cache may store.
 pub(super) fn json_text(text: String) -> Response {
     let headers = [
         (header::CONTENT_TYPE, "application/json"),
@@ -97,13 +97,13 @@ pub(super) fn json_text(text: String) -> Response {
     (headers, text).into_response()
 }
 
-/// A value as JSON.
+/// A response with a value as JSON.
 pub(super) fn json_of(value: &impl Serialize) -> Result<Response, Problem> {
     let text = serde_json::to_string(value).map_err(|error| StoreError::corrupt("an answer", error))?;
     Ok(json_text(text))
 }
 
-/// Whose token a request has.
+/// The account whose token a request carries.
 pub(super) async fn account_of(service: &Service, headers: &HeaderMap) -> Result<Account, Problem> {
     let text = headers.get(header::AUTHORIZATION).filter(|value| value.len() <= MAX_AUTHORIZATION);
     let text = text.and_then(|value| value.to_str().ok());

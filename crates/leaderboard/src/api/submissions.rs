@@ -1,4 +1,4 @@
-//! Submissions: begun, listed, finished.
+//! Requests that begin, list and finish submissions.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ const MAX_BODY: usize = 8 << 20;
 /// How long that body may take.
 const BODY_TIME: Duration = Duration::from_secs(30);
 
-/// What begins a submission.
+/// The body of the request that begins a submission.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Wish {
@@ -51,7 +51,7 @@ struct EntryJson {
     received: String,
     episodes_verified: u64,
     episodes_to_verify: u64,
-    /// For the submitter alone, until the submission is received.
+    /// Only for the submitter, and only until the submission is received.
     #[serde(skip_serializing_if = "Option::is_none")]
     files: Option<Vec<FileJson>>,
 }
@@ -111,13 +111,13 @@ pub(super) async fn account(State(service): State<Arc<Service>>, headers: Header
     })
 }
 
-/// `GET /api/v1/submissions`: what is graded or verified, oldest first.
+/// `GET /api/v1/submissions`: all submissions that are graded or verified, oldest first.
 pub(super) async fn list(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
     let entries: Vec<EntryJson> = service.store.entries().await?.into_iter().map(EntryJson::from).collect();
     json_of(&serde_json::json!({ "submissions": entries }))
 }
 
-/// `POST /api/v1/submissions`: says what will come. The same once more gives the same submission.
+/// `POST /api/v1/submissions`: announces the files. Sending the same again returns the same submission.
 pub(super) async fn begin(
     State(service): State<Arc<Service>>,
     headers: HeaderMap,
@@ -133,14 +133,16 @@ pub(super) async fn begin(
         Begun::New => StatusCode::CREATED,
         Begun::Known => StatusCode::OK,
         Begun::TooManyToday(most) => {
-            return Err(too_many(format!("the account may begin {most} submissions within 24 hours; wait")));
+            return Err(too_many(format!("the account may begin only {most} submissions within 24 hours; wait")));
         }
         Begun::TooManyOpen(most) => {
-            return Err(too_many(format!("{most} submissions of the account wait for files; finish one of them")));
+            return Err(too_many(format!(
+                "{most} submissions of the account still wait for files; finish one of them"
+            )));
         }
         Begun::TooManyBytes(most) => {
             return Err(too_many(format!(
-                "all submissions of the account may have {most} bytes; ask the administrator"
+                "all submissions of the account together may have {most} bytes; ask the administrator for more"
             )));
         }
     };
@@ -150,7 +152,7 @@ pub(super) async fn begin(
     Ok((status, own(&service, id).await?).into_response())
 }
 
-/// `GET /api/v1/submissions/{id}`: for everybody once it is graded; before, and when it was refused, for its account.
+/// `GET /api/v1/submissions/{id}`: open to everybody once it is graded; before that, and if it was refused, only to its account.
 pub(super) async fn one(
     State(service): State<Arc<Service>>,
     Path(id): Path<String>,
@@ -169,9 +171,9 @@ pub(super) async fn one(
     own(&service, id).await
 }
 
-/// `GET /api/v1/submissions/{id}/results`: `results.json` of a submission that is graded.
+/// `GET /api/v1/submissions/{id}/results`: `results.json` of a graded submission.
 pub(super) async fn results(State(service): State<Arc<Service>>, Path(id): Path<String>) -> Result<Response, Problem> {
-    let missing = || Problem::missing("there is no such submission, or it is not graded");
+    let missing = || Problem::missing("there is no such submission, or it is not graded yet");
     let id: SubmissionId = id.parse().map_err(|_| missing())?;
     let entry = service.store.entry(id).await?.ok_or_else(missing)?;
     if !matches!(entry.state, Stage::Graded | Stage::Verified) {
@@ -181,7 +183,7 @@ pub(super) async fn results(State(service): State<Arc<Service>>, Path(id): Path<
     json_of(&*results)
 }
 
-/// `POST /api/v1/submissions/{id}/finish`: all files are there. From then on the submission is accepted.
+/// `POST /api/v1/submissions/{id}/finish`: says that all files are sent. The answer 202 means that the submission is accepted.
 pub(super) async fn finish(
     State(service): State<Arc<Service>>,
     Path(id): Path<String>,
@@ -191,17 +193,17 @@ pub(super) async fn finish(
     let id = owned(&service, &id, &account).await?.id;
     let left = service.store.receive(id, &account.name).await?;
     if left > 0 {
-        return Err(Problem::conflict("files", format!("{left} files have not come; send them first")));
+        return Err(Problem::conflict("files", format!("{left} files are still missing; send them first")));
     }
     tracing::info!(submission = %id, account = account.name, "received");
     service.received.notify_one();
     if let Err(error) = service.store.forget_incoming(id).await {
-        tracing::warn!(error = fiatlux_link::in_full(&error), "empty folder of an upload");
+        tracing::warn!(error = fiatlux_link::in_full(&error), "cannot remove the empty folder of an upload");
     }
     Ok((StatusCode::ACCEPTED, own(&service, id).await?).into_response())
 }
 
-/// A submission of an account.
+/// A submission, if it belongs to the account.
 pub(super) async fn owned(service: &Service, id: &str, account: &Account) -> Result<Entry, Problem> {
     let missing = || Problem::missing("your account has no such submission");
     let id: SubmissionId = id.parse().map_err(|_| missing())?;
@@ -215,7 +217,7 @@ async fn own(service: &Service, id: SubmissionId) -> Result<Response, Problem> {
     if shown.state == Stage::Uploading {
         let folder = service.store.incoming(id);
         let files = service.store.files(id).await?;
-        // As many questions to the file system as files: not on a thread that serves others.
+        // One call to the file system for each file: too slow for a thread that serves others.
         let listed = tokio::task::spawn_blocking(move || {
             let length = |file: &FileRow| std::fs::metadata(folder.join(file.place.to_string())).map_or(0, |m| m.len());
             let shown = |file: FileRow| FileJson {
@@ -236,9 +238,9 @@ async fn own(service: &Service, id: SubmissionId) -> Result<Response, Problem> {
 async fn read(body: Body) -> Result<Wish, Problem> {
     let collected = tokio::time::timeout(BODY_TIME, Limited::new(body, MAX_BODY).collect()).await;
     let bytes = match collected {
-        Err(_) => return Err(Problem::slow(format!("the body did not come within {} s", BODY_TIME.as_secs()))),
+        Err(_) => return Err(Problem::slow(format!("the body did not arrive within {} s", BODY_TIME.as_secs()))),
         Ok(Err(error)) if error.is::<LengthLimitError>() => {
-            return Err(Problem::too_large(format!("the list of files may have {MAX_BODY} bytes")));
+            return Err(Problem::too_large(format!("the list of files may have at most {MAX_BODY} bytes")));
         }
         Ok(Err(_)) => return Err(Problem::request("the body was cut off")),
         Ok(Ok(collected)) => collected.to_bytes(),
@@ -248,7 +250,7 @@ async fn read(body: Body) -> Result<Wish, Problem> {
     })
 }
 
-/// Whether what is announced could be taken; files by name.
+/// Checks an announced submission; returns its files sorted by name.
 fn check(wish: Wish, limits: &Limits) -> Result<(Manifest, Vec<FileSpec>), Problem> {
     let wrong = |code, message: String| Problem::new(StatusCode::UNPROCESSABLE_ENTITY, code, message);
     wish.manifest.check().map_err(|error| wrong("manifest", error.to_string()))?;
@@ -256,7 +258,11 @@ fn check(wish: Wish, limits: &Limits) -> Result<(Manifest, Vec<FileSpec>), Probl
         return Err(wrong("files", format!("files: there is no bag; name some that end in {BAG}")));
     }
     if wish.files.len() > limits.files {
-        return Err(Problem::too_large(format!("files: {} of them; {} are taken", wish.files.len(), limits.files)));
+        return Err(Problem::too_large(format!(
+            "files: {} of them; at most {} are allowed",
+            wish.files.len(),
+            limits.files
+        )));
     }
     let mut names = BTreeSet::new();
     let mut total: u64 = 0;
@@ -266,14 +272,16 @@ fn check(wish: Wish, limits: &Limits) -> Result<(Manifest, Vec<FileSpec>), Probl
             return Err(wrong(
                 "files",
                 format!(
-                    "files[{place}].name: use letters, digits, -, _ and . alone, {MAX_NAME} at most, and end it in {BAG} or \
+                    "files[{place}].name: use only letters, digits, -, _ and ., {MAX_NAME} at most, and end it in {BAG} or \
                      {JOURNAL}"
                 ),
             ));
         }
         if bytes == 0 || bytes > limits.file_bytes {
             let most = limits.file_bytes;
-            return Err(Problem::too_large(format!("files[{place}].bytes: {name} has {bytes}; 1 to {most} are taken")));
+            return Err(Problem::too_large(format!(
+                "files[{place}].bytes: {name} has {bytes}; 1 to {most} are allowed"
+            )));
         }
         total = total.saturating_add(bytes);
         let Some(sha256) = Digest::parse(&sha256) else {
@@ -281,12 +289,12 @@ fn check(wish: Wish, limits: &Limits) -> Result<(Manifest, Vec<FileSpec>), Probl
             return Err(wrong("files", message));
         };
         if !names.insert(name.clone()) {
-            return Err(wrong("files", format!("files[{place}].name: {name} is there twice")));
+            return Err(wrong("files", format!("files[{place}].name: {name} is listed twice")));
         }
         files.push(FileSpec { name, bytes, sha256 });
     }
     if total > limits.bytes {
-        return Err(Problem::too_large(format!("files: {total} bytes together; {} are taken", limits.bytes)));
+        return Err(Problem::too_large(format!("files: {total} bytes together; at most {} are allowed", limits.bytes)));
     }
     files.sort_by(|a, b| a.name.cmp(&b.name));
     Ok((wish.manifest, files))

@@ -1,4 +1,4 @@
-//! Files: taken in from where the last connection broke off, and kept once they are what was announced.
+//! Uploads: each resumes where the last connection stopped, and a file is kept only if it is what was announced.
 
 use std::path::Path as FilePath;
 use std::sync::Arc;
@@ -19,7 +19,8 @@ use super::submissions::owned;
 use crate::store::StoredFile;
 use crate::{Pace, Service, State as Stage, StoreError, SubmissionId};
 
-/// `PUT /api/v1/submissions/{id}/files/{place}?offset=N`: bytes of a file from `N` on, which must be what is there already.
+/// `PUT /api/v1/submissions/{id}/files/{place}?offset=N`: the bytes of a file from `N` on; `N` must be how many have arrived
+/// already.
 pub(super) async fn upload(
     State(service): State<Arc<Service>>,
     Path((id, place)): Path<(String, String)>,
@@ -36,12 +37,12 @@ pub(super) async fn upload(
         return json_of(&json!({ "received": file.bytes, "stored": true }));
     }
     if entry.state != Stage::Uploading {
-        return Err(Problem::conflict("state", "the submission takes no files any more"));
+        return Err(Problem::conflict("state", "the submission is complete and takes no more files"));
     }
-    let offset = offset_in(uri.query()).ok_or_else(|| Problem::request("write ?offset=N, N in bytes"))?;
+    let offset = offset_in(uri.query()).ok_or_else(|| Problem::request("write ?offset=N, with N in bytes"))?;
     let claim = service.claim(entry.id, place);
     let Some(claim) = claim else {
-        return Err(Problem::conflict("busy", "another request sends this file; try again when it has ended"));
+        return Err(Problem::conflict("busy", "another request is sending this file; try again when it has ended"));
     };
     let folder = service.store.incoming(entry.id);
     tokio::fs::create_dir_all(&folder).await.map_err(StoreError::io("make", &folder))?;
@@ -50,22 +51,22 @@ pub(super) async fn upload(
     if received < file.bytes {
         return json_of(&json!({ "received": received, "stored": false }));
     }
-    // Whoever sent all of it may hang up now: what is left is done all the same.
+    // A client that has sent everything may hang up now: the rest is done all the same.
     let sealing = tokio::spawn(async move {
         let sealed = seal(&service, &path, &file, entry.id, place).await;
         drop(claim);
         sealed
     });
-    let is_it = sealing.await.map_err(|_| Problem::busy("the file could not be kept; send it again"))??;
+    let is_it = sealing.await.map_err(|_| Problem::busy("the file could not be stored; send it again"))??;
     if !is_it {
-        let message = "the file has another SHA-256 than was announced; it was dropped: send it again from offset 0, and \
-                       announce what has changed as a new submission";
+        let message = "the file does not have the announced SHA-256 and was deleted: send it again from offset 0, or \
+                       announce the changed file as a new submission";
         return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "digest", message).with_received(0));
     }
     json_of(&json!({ "received": received, "stored": true }))
 }
 
-/// Writes what comes behind what is there; how much is there then.
+/// Appends the body to what has arrived; returns how many bytes have arrived then.
 async fn append(
     service: &Service,
     path: &FilePath,
@@ -77,11 +78,11 @@ async fn append(
     let mut out = OpenOptions::new().create(true).append(true).open(path).await.map_err(io("open"))?;
     let length = out.metadata().await.map_err(io("read"))?.len();
     if offset != length {
-        let message = format!("{length} bytes of the file are there; go on from that offset");
+        let message = format!("{length} bytes of the file have arrived; resume at that offset");
         return Err(Problem::conflict("offset", message).with_received(length));
     }
     let taken = take(service, &mut out, file.bytes, length, body).await;
-    // What came before it broke off is worth keeping.
+    // Even if it was interrupted, what has arrived is worth keeping.
     out.flush().await.map_err(io("write"))?;
     taken.map_err(|failed| match failed {
         Failed::Write(source) => io("write")(source).into(),
@@ -103,18 +104,18 @@ async fn take(service: &Service, out: &mut File, whole: u64, mut length: u64, mu
             Ok(None) => return Ok(length),
             Ok(Some(Err(_))) => {
                 return Err(Failed::Said(
-                    Problem::request("the upload broke off; go on from here").with_received(length),
+                    Problem::request("the upload was interrupted; resume at `received`").with_received(length),
                 ));
             }
             Err(_) => {
-                let message = format!("nothing came for {} s; go on from here", silence.as_secs());
+                let message = format!("nothing arrived for {} s; resume at `received`", silence.as_secs());
                 return Err(Failed::Said(Problem::slow(message).with_received(length)));
             }
         };
         let Ok(data) = frame.into_data() else { continue };
         let room = whole - length;
         if data.len() as u64 > room {
-            let message = format!("the file was announced with {whole} bytes, and more came");
+            let message = format!("the file was announced with {whole} bytes, but more arrived");
             return Err(Failed::Said(Problem::too_large(message).with_received(length)));
         }
         out.write_all(&data).await.map_err(Failed::Write)?;
@@ -122,13 +123,14 @@ async fn take(service: &Service, out: &mut File, whole: u64, mut length: u64, mu
         service.metrics.uploaded_bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
         let taken = start.elapsed();
         if taken > free && (length - first) / taken.as_secs().max(1) < least_rate && length < whole {
-            let message = format!("less than {least_rate} bytes/s came; go on from here over a better connection");
+            let message =
+                format!("less than {least_rate} bytes/s arrived; resume at `received` over a better connection");
             return Err(Failed::Said(Problem::slow(message).with_received(length)));
         }
     }
 }
 
-/// Keeps a file that has all its bytes, if they are what was announced; else drops it.
+/// Keeps a complete file if it has the announced digest; otherwise deletes it and returns `false`.
 async fn seal(
     service: &Service,
     path: &FilePath,
@@ -136,7 +138,7 @@ async fn seal(
     id: SubmissionId,
     place: u32,
 ) -> Result<bool, Problem> {
-    let busy = |_| Problem::busy("the service stops; send the rest again later");
+    let busy = |_| Problem::busy("the service is stopping; send the rest again later");
     let _permit = service.sealers.acquire().await.map_err(busy)?;
     let mut reader = File::open(path).await.map_err(StoreError::io("open", path))?;
     let is_it = service.store.blobs.put_checked(&file.digest, &mut reader, path).await?;
@@ -151,7 +153,7 @@ fn offset_in(query: Option<&str>) -> Option<u64> {
     query.and_then(|query| query.strip_prefix("offset=")).and_then(number)
 }
 
-/// Digits alone: no sign, no space.
+/// A number of digits only: no sign, no space.
 fn number(text: &str) -> Option<u64> {
     let is_number = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     if is_number { text.parse().ok() } else { None }

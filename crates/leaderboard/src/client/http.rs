@@ -1,4 +1,4 @@
-//! Requests to one service.
+//! HTTP requests to one service.
 
 use std::io::{self, Read};
 use std::time::Duration;
@@ -9,33 +9,33 @@ use ureq::{Agent, SendBody};
 
 use super::SubmitError;
 
-/// Longest answer, bytes: 20,000 files of about 250 each.
+/// Longest response, bytes: 20,000 files of about 250 each.
 const MAX_ANSWER: u64 = 16 << 20;
 /// How long a request without a file may take.
 const PATIENCE: Duration = Duration::from_secs(90);
 /// How long a connection may take to open.
 const CONNECT: Duration = Duration::from_secs(15);
 
-/// The service and the token that opens it.
+/// One service, and the token for it.
 pub(super) struct Http {
     agent: Agent,
     url: String,
     authorization: String,
 }
 
-/// What the service says.
+/// A response of the service.
 pub(super) struct Answer {
     pub status: u16,
-    /// `null` where it is not JSON.
+    /// The body; `null` if it is not JSON.
     pub json: Value,
 }
 
 impl Answer {
-    /// The error behind it.
+    /// The error that the response describes.
     pub fn refused(&self) -> SubmitError {
         let text = |field: &str| self.json["error"][field].as_str().map(str::to_owned);
         let code = text("code").unwrap_or_else(|| self.status.to_string());
-        let message = text("message").unwrap_or_else(|| "it does not say why; is this a leaderboard?".into());
+        let message = text("message").unwrap_or_else(|| "it gives no reason; is this a leaderboard?".into());
         SubmitError::Refused { code, message }
     }
 }
@@ -49,7 +49,7 @@ impl Http {
         }
         let config = Agent::config_builder()
             .http_status_as_error(false)
-            // A token goes to the host that it was meant for.
+            // A redirect must not carry the token to another host.
             .max_redirects(0)
             .timeout_connect(Some(CONNECT))
             .timeout_recv_response(Some(PATIENCE))
@@ -58,15 +58,15 @@ impl Http {
         Ok(Self { agent: config.into(), url: url.into(), authorization: format!("Bearer {}", token.trim()) })
     }
 
-    /// A request without a file.
+    /// Sends a request without a file.
     pub fn ask(&self, method: &str, address: &str, body: Option<&str>) -> Result<Answer, String> {
         let request = self.request(method, address, body.map_or(0, |body| body.len() as u64))?;
         let mut bytes = body.unwrap_or_default().as_bytes();
         self.send(request, &mut bytes)
     }
 
-    /// A file, `length` bytes from where it stands. `on_bytes` is told of each part that was read, and stops the upload by
-    /// `false`.
+    /// Sends `length` bytes of a file from its current position. `on_bytes` gets the length of each part that was read, and
+    /// stops the upload by returning `false`.
     pub fn put(
         &self,
         address: &str,
@@ -118,7 +118,7 @@ impl std::fmt::Debug for Http {
     }
 }
 
-/// Tells how much was read.
+/// Reports how much was read.
 struct Told<'a, R> {
     file: R,
     on_bytes: &'a mut dyn FnMut(u64) -> bool,

@@ -1,4 +1,4 @@
-//! Grades a submission: what it amounts to, where it is ranked, and what is to be verified.
+//! Grades a submission: its results, its division, and the episodes to verify.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use fiatlux_link::in_full;
 use crate::store::{EpisodePlan, FileRow, now_ms};
 use crate::{Badge, Division, Manifest, Service, StoreError, SubmissionId};
 
-/// Bags that are named in a refusal.
+/// Largest number of bags that a refusal names.
 const MOST_NAMED: usize = 3;
 
-/// Grades one submission that is received, and takes the outcome in.
+/// Grades one received submission, and stores the outcome.
 pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Result<(), StoreError> {
     let store = &service.store;
     let Some(entry) = store.entry(id).await? else { return Ok(()) };
@@ -28,7 +28,7 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
     };
     let path = folder.0.clone();
     let graded = tokio::task::spawn_blocking(move || grade(&[path], &options, &|_| {})).await;
-    // Where the files of a submission make the grader panic, they would do so again.
+    // Files that make the grader panic once would do so again.
     let graded = match graded {
         Ok(graded) => graded.map_err(|error| in_full(&error).replace(&folder.prefix(), "")),
         Err(_) => Err("the grader failed on these files; please report them".into()),
@@ -58,7 +58,7 @@ struct Outcome {
     episodes: Vec<EpisodePlan>,
 }
 
-/// What graded files amount to, or why they are refused.
+/// The outcome of graded files, or why they are refused.
 fn outcome(
     results: Results,
     manifest: &Manifest,
@@ -70,13 +70,11 @@ fn outcome(
     }
     if results.policy != manifest.policy {
         let (said, played) = (&manifest.policy, &results.policy);
-        return Err(format!(
-            "policy is '{said}' in the manifest and '{played}' in the bags; submit it under that name"
-        ));
+        return Err(format!("policy is '{said}' in the manifest and '{played}' in the bags; use the name in the bags"));
     }
     let division = Division::of(&results);
     let badge = if is_hosted(&results, signers) { Badge::Hosted } else { Badge::SelfReported };
-    // An episode in real time goes another way the second time.
+    // An episode in real time does not repeat exactly.
     let verify = results.conditions.time == "lockstep";
     let places: BTreeMap<&str, i64> = files.iter().map(|file| (file.name.as_str(), file.place)).collect();
     let (mut episodes, mut seen) = (Vec::new(), BTreeSet::new());
@@ -92,12 +90,12 @@ fn outcome(
         episodes.push(EpisodePlan { task: row.task.clone(), seed: row.seed, episode: row.episode, place, verify });
     }
     if episodes.is_empty() {
-        return Err("there is no episode that was played to its end".into());
+        return Err("no episode was played to its end".into());
     }
     Ok(Outcome { badge, division, episodes, results })
 }
 
-/// Bags that cannot be scored, with the reason; a second copy of a scored one is passed over.
+/// Names the bags that cannot be scored, with the reason; ignores second copies of scored ones.
 fn losses(excluded: &[ExcludedBag]) -> Option<String> {
     let lost: Vec<&ExcludedBag> = excluded.iter().filter(|bag| bag.reason != Fault::Duplicate).collect();
     let named = lost.iter().take(MOST_NAMED).map(|bag| format!("{}: {}: {}", bag.bag, bag.reason.name(), bag.detail));
@@ -108,8 +106,8 @@ fn losses(excluded: &[ExcludedBag]) -> Option<String> {
     (!lost.is_empty()).then_some(reason)
 }
 
-/// Whether a finished run was played by servers of ours in rooms that they drew: their signatures, which cover the header of
-/// each bag with its place in the run and whether the seed is hosted, say so.
+/// Whether the operator's servers played a finished run in rooms that they drew. Their signatures prove it: they cover the
+/// header of each bag, with its place in the run and whether the seed is hosted.
 fn is_hosted(results: &Results, signers: &KnownServers) -> bool {
     let run = results.run.as_ref().is_some_and(|run| run.hosted && run.finished && run.played > 0);
     let is_known = |key: &str| key.parse::<PublicKey>().is_ok_and(|key| signers.name_of(&key).is_some());
@@ -129,7 +127,7 @@ impl Folder {
             .filter_map(|file| Some((file.name.clone(), crate::store::Digest::parse(&file.sha256)?)))
             .collect();
         let make = move || {
-            // Left by a service that was killed.
+            // Left over from a service that was killed.
             drop(std::fs::remove_dir_all(&path));
             std::fs::create_dir_all(&path).map_err(StoreError::io("make", &path))?;
             let folder = Self(path);
@@ -143,7 +141,7 @@ impl Folder {
         made.map_err(|_| StoreError::corrupt("the files of a submission", "a thread ended early"))?
     }
 
-    /// What stands before the name of a file in a message.
+    /// The path in front of file names in messages.
     fn prefix(&self) -> String {
         self.0.join("").display().to_string()
     }
@@ -152,12 +150,12 @@ impl Folder {
 impl Drop for Folder {
     fn drop(&mut self) {
         if let Err(error) = std::fs::remove_dir_all(&self.0) {
-            tracing::warn!(%error, folder = %self.0.display(), "a folder of the grader could not be removed");
+            tracing::warn!(%error, folder = %self.0.display(), "cannot remove a folder of the grader");
         }
     }
 }
 
-/// The same file under another name; a copy where the file system has no links.
+/// Gives a file a second name; copies it if the file system has no links.
 fn link(from: &Path, to: &Path) -> std::io::Result<()> {
     match std::fs::hard_link(from, to) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => std::fs::copy(from, to).map(drop),
@@ -170,7 +168,7 @@ fn link(from: &Path, to: &Path) -> std::io::Result<()> {
 mod tests {
     use super::*;
 
-    /// Guards what a submitter reads of bags that cannot be scored: the name, the kind and the reason of the first ones.
+    /// Guards what a submitter reads about bags that cannot be scored: the name, the kind and the reason of the first ones.
     #[test]
     fn a_refusal_names_the_bags() {
         let bag = |name: &str, reason| ExcludedBag {

@@ -1,4 +1,4 @@
-//! Simulates episodes again, on one or many sim-servers.
+//! Verifies episodes by simulating them again, on one or many sim-servers.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read as _;
@@ -21,19 +21,20 @@ use crate::store::{Digest, EpisodeJob, Verdict};
 use crate::submission::RANKED_HANDS;
 use crate::{Service, StoreError};
 
-/// How often a worker without work looks for some.
+/// How often an idle worker looks for work.
 const LOOK: Duration = Duration::from_millis(250);
-/// How long a worker waits whose server does not answer, at first and at most.
+/// Shortest and longest pause of a worker whose server does not answer.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
-/// How long an episode waits whose second run came to nothing.
+/// How long an episode waits after a verification that failed without a verdict.
 const LATER: Duration = Duration::from_secs(10);
-/// So often a server may refuse an episode before it counts as one that cannot be replayed.
+/// After this many refusals by servers, an episode counts as one that cannot be replayed.
 const MOST_REFUSALS: u32 = 4;
-/// Threads that verify.
+
+/// The worker threads, `parallel` for each server.
 #[derive(Debug)]
 pub(super) struct Verifiers(Vec<JoinHandle<()>>);
 
-/// Which episodes are in work, which came to nothing a moment ago, and which were refused how often.
+/// The episodes in work, those that failed a moment ago with the end of their pause, and how often each was refused.
 #[derive(Debug, Default)]
 struct Claims {
     taken: BTreeSet<EpisodeJob>,
@@ -51,12 +52,12 @@ struct Worker {
     name: String,
 }
 
-/// What came of a second run.
+/// Outcome of an attempt to verify an episode.
 enum Outcome {
     Decided(Verdict, String),
-    /// Nothing: the server or the way to it failed.
+    /// No verdict, because the server or the connection to it failed: try again.
     Again(String),
-    /// The server does not take the episode.
+    /// The server refuses to play the episode.
     NotTaken(String),
     Stopped,
 }
@@ -93,7 +94,7 @@ impl Verifiers {
     pub fn join(self) {
         for thread in self.0 {
             if thread.join().is_err() {
-                tracing::error!("a thread that verifies had ended early");
+                tracing::error!("a thread that verifies has panicked");
             }
         }
     }
@@ -110,7 +111,7 @@ impl Worker {
                     continue;
                 }
                 Err(error) => {
-                    tracing::error!(error = in_full(&error), "the store gives no work");
+                    tracing::error!(error = in_full(&error), "cannot read the next job from the store");
                     self.sleep(PAUSES.1);
                     continue;
                 }
@@ -118,7 +119,7 @@ impl Worker {
             let outcome = self.again(&job);
             let is_idle = matches!(outcome, Outcome::Again(_));
             if let Err(error) = self.take_in(&job, outcome) {
-                tracing::error!(error = in_full(&error), "the outcome of a second run is lost; it is run again");
+                tracing::error!(error = in_full(&error), "cannot store the outcome of a verification; it is repeated");
                 self.sleep(PAUSES.0);
             }
             self.claims().taken.remove(&job);
@@ -135,7 +136,7 @@ impl Worker {
         self.claims.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next episode that no other thread has.
+    /// Claims the next episode that no other thread works on.
     fn claim(&self) -> Result<Option<EpisodeJob>, StoreError> {
         let mut claims = self.claims();
         let now = Instant::now();
@@ -155,7 +156,7 @@ impl Worker {
         }
     }
 
-    /// Runs an episode again.
+    /// Simulates an episode again, and compares.
     fn again(&self, job: &EpisodeJob) -> Outcome {
         let path = self.service.store.blobs.local(&job.bag);
         let start = Instant::now();
@@ -169,7 +170,7 @@ impl Worker {
         match done {
             Ok(verification) => of_verification(&verification),
             Err(VerifyError::Client(ClientError::Stopped)) => Outcome::Stopped,
-            // It was read when it was graded: is it still the file that came?
+            // The bag could be read when it was graded: is it still the same file?
             Err(error @ (VerifyError::Bag { .. } | VerifyError::Reread(_) | VerifyError::Actions(_)))
             | Err(error @ VerifyError::Client(ClientError::Policy(_))) => match digest_of(&path) {
                 Some(digest) if digest == job.bag => {
@@ -177,7 +178,9 @@ impl Worker {
                     let reason = in_full(&error).replace(&folder, "").replace(job.bag.as_str(), "the bag");
                     Outcome::Decided(Verdict::Differs, reason)
                 }
-                _ => Outcome::Again("the bag on disk is not the one that came; restore it from a backup".into()),
+                _ => {
+                    Outcome::Again("the bag on disk is not the one that was uploaded; restore it from a backup".into())
+                }
             },
             Err(VerifyError::Client(ClientError::Refused { code, field, message, .. })) if is_final(code) => {
                 Outcome::NotTaken(format!("{field}: {message}"))
@@ -203,14 +206,14 @@ impl Worker {
             }
             Outcome::Again(reason) => {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
-                tracing::warn!(episode = %job, server = self.name, reason, "not verified; it is tried again");
-                // One that never comes to anything must not keep others waiting.
+                tracing::warn!(episode = %job, server = self.name, reason, "could not be verified; trying again later");
+                // An episode that always fails must not hold up the others.
                 self.claims().later.insert(job.clone(), Instant::now() + LATER);
                 Ok(())
             }
             Outcome::NotTaken(reason) => {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
-                tracing::warn!(episode = %job, server = self.name, reason, "the server does not play it");
+                tracing::warn!(episode = %job, server = self.name, reason, "the server refuses to play it");
                 let mut claims = self.claims();
                 let times = claims.refusals.entry(job.clone()).or_default();
                 *times += 1;
@@ -232,7 +235,9 @@ fn of_verification(verification: &Verification) -> Outcome {
     if let Some(Difference { field, recorded, .. }) = &verification.header
         && is_pinned(field, recorded)
     {
-        return Outcome::Again(format!("{field} of the server is not that of the benchmark; start it without --scene"));
+        return Outcome::Again(format!(
+            "the server's {field} is not that of the benchmark; start the server without --scene"
+        ));
     }
     let said = |place: String, difference: &Difference| {
         let Difference { field, found, recorded } = difference;
@@ -248,8 +253,8 @@ fn of_verification(verification: &Verification) -> Outcome {
     Outcome::Decided(Verdict::Differs, row.or(header).or(result).unwrap_or_else(ended))
 }
 
-/// Whether a bag's header has the benchmark's own value of a field: where the second run has another one, the server is not
-/// one of the benchmark, and nothing is wrong with the bag.
+/// Whether a bag's header has the benchmark's own value of a field. If the second run has another one, the server is not
+/// set up for the benchmark, and nothing is wrong with the bag.
 fn is_pinned(field: &str, recorded: &str) -> bool {
     match field {
         "model_digest" => RANKED_HANDS.into_iter().any(|hands| pins::model(hands) == Some(recorded)),
@@ -259,7 +264,7 @@ fn is_pinned(field: &str, recorded: &str) -> bool {
     }
 }
 
-/// Whether another try would be refused as well.
+/// Whether another try would be refused too.
 fn is_final(code: Code) -> bool {
     matches!(code, Code::Malformed | Code::Unknown | Code::Value | Code::Start)
 }

@@ -1,4 +1,4 @@
-//! Answers: pages with their policy, files, and what is said where there is none.
+//! Responses: pages with their Content-Security-Policy, files, and error pages.
 
 use std::error::Error;
 
@@ -10,28 +10,28 @@ use sha2::{Digest, Sha256};
 
 use crate::StoreError;
 
-/// Policy of a page without scripts.
+/// Content-Security-Policy of a page without scripts.
 const POLICY: &str = "default-src 'none'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; \
                       frame-ancestors 'none'";
 
-/// Why there is no page.
+/// Why a page cannot be shown.
 #[derive(Debug)]
 pub(super) enum Problem {
     /// No such address, run or episode.
     Nothing,
-    /// The address asks for something that does not go.
+    /// The address asks for something impossible; the text says what to do.
     Asked(String),
-    /// The bag cannot be shown.
+    /// The bag cannot be shown, for this reason.
     Unshowable(String),
-    /// Too many such requests at once.
+    /// Too many requests of this kind at once.
     Busy,
-    /// The service itself failed; what happened is in its log.
+    /// The service itself failed; its log has the reason.
     Failed,
 }
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        tracing::error!("a page cannot be made: {}", fiatlux_link::in_full(&error));
+        tracing::error!("cannot make a page: {}", fiatlux_link::in_full(&error));
         Self::Failed
     }
 }
@@ -48,10 +48,10 @@ impl IntoResponse for Problem {
         let (status, title, text) = match &self {
             Self::Nothing => (
                 StatusCode::NOT_FOUND,
-                "Nothing here",
+                "Not found",
                 "There is no page, run or episode at this address. Runs appear once they are graded.",
             ),
-            Self::Asked(text) => (StatusCode::BAD_REQUEST, "That does not go", text.as_str()),
+            Self::Asked(text) => (StatusCode::BAD_REQUEST, "Bad request", text.as_str()),
             Self::Unshowable(text) => (StatusCode::UNPROCESSABLE_ENTITY, "This bag cannot be shown", text.as_str()),
             Self::Busy => (
                 StatusCode::SERVICE_UNAVAILABLE,
@@ -59,7 +59,7 @@ impl IntoResponse for Problem {
                 "Many replays are being read right now. Try again in a moment.",
             ),
             Self::Failed => {
-                (StatusCode::INTERNAL_SERVER_ERROR, "This did not work", "The service failed. Its log says why.")
+                (StatusCode::INTERNAL_SERVER_ERROR, "Internal error", "The service failed. Its log says why.")
             }
         };
         let mut answer = page(&ProblemPage { title, text });
@@ -76,14 +76,14 @@ pub(super) fn page(template: &impl Template) -> Response {
     page_with(template, POLICY.to_owned())
 }
 
-/// A page with replays; `script` is the source of its inline script.
+/// A page with replays; `script` is the source that the policy allows for its inline script.
 pub(super) fn replay_page(template: &impl Template, script: &str) -> Response {
     page_with(template, format!("{POLICY}; script-src 'self' {script}; connect-src 'self'"))
 }
 
 fn page_with(template: &impl Template, policy: String) -> Response {
     let Ok(html) = template.render() else {
-        tracing::error!("a template cannot be rendered");
+        tracing::error!("cannot render a template");
         return StatusCode::INTERNAL_SERVER_ERROR.into_response();
     };
     let mut answer = content("text/html; charset=utf-8", html);
@@ -95,12 +95,12 @@ fn page_with(template: &impl Template, policy: String) -> Response {
     answer
 }
 
-/// A body of some kind.
+/// A response with a body of this content type.
 pub(super) fn content(kind: &'static str, body: impl Into<Body>) -> Response {
     ([(header::CONTENT_TYPE, kind)], body.into()).into_response()
 }
 
-/// A file that is compiled in: a browser asks whether it has changed, and gets it only then.
+/// A file that is compiled in. Browsers ask whether it has changed, and get it only if so.
 pub(super) fn unchanging(asked: &HeaderMap, kind: &'static str, text: &'static str) -> Response {
     let digest: String = Sha256::digest(text).iter().take(8).map(|byte| format!("{byte:02x}")).collect();
     let tag = format!("\"{digest}\"");
@@ -117,7 +117,7 @@ pub(super) fn unchanging(asked: &HeaderMap, kind: &'static str, text: &'static s
     answer
 }
 
-/// An error of a replay without the path of the file, which is nobody's business.
+/// The text of a replay's error, with `name` in place of the file's path, which visitors must not see.
 pub(super) fn without_path(error: &dyn Error, path: &std::path::Path, name: &str) -> String {
     fiatlux_link::in_full(error).replace(&path.display().to_string(), name)
 }

@@ -1,4 +1,4 @@
-//! The leaderboard itself, and what there is to know about it.
+//! The leaderboard itself, and the page about it.
 
 use std::sync::Arc;
 
@@ -14,10 +14,10 @@ use crate::standings::{Cell, Neighbours, Obstacle, Place, SIGNIFICANT, Table};
 
 /// Rows on one page.
 const ROWS: usize = 50;
-/// Submissions without a place on one page.
+/// Unranked submissions on one page.
 const UNRANKED: usize = 50;
 
-/// A division to choose.
+/// A division that the visitor can choose.
 struct Choice {
     slug: String,
     text: String,
@@ -26,12 +26,12 @@ struct Choice {
     is_shown: bool,
 }
 
-/// A row, and what the test says of it and the next one.
+/// A row, with the result of the test against the next one.
 struct Row<'a> {
     place: &'a Place,
-    /// In words.
+    /// Result of the test as text; empty in the last row.
     test: String,
-    /// They differ, as far as a test can say.
+    /// Whether the test finds a significant difference.
     differs: bool,
 }
 
@@ -41,7 +41,7 @@ struct BoardPage<'a> {
     choices: Vec<Choice>,
     table: Option<&'a Table>,
     rows: Vec<Row<'a>>,
-    /// Cells show scores, not shares of clean successes.
+    /// Cells show scores; otherwise clean success rates.
     by_score: bool,
     slug: String,
     page: usize,
@@ -51,18 +51,18 @@ struct BoardPage<'a> {
 }
 
 impl BoardPage<'_> {
-    /// What a cell shows by the strict rulebook, and by the published one.
+    /// The two numbers of a cell: by the strict rulebook, and by the published one.
     fn value(&self, cell: &Cell) -> (f64, f64) {
         if self.by_score { (cell.strict, cell.published) } else { (cell.strict_clean, cell.published_clean) }
     }
 
-    /// A share times 100.
+    /// A share in per cent, without decimals.
     fn short(&self, share: &f64) -> String {
         format!("{:.0}", 100.0 * share)
     }
 }
 
-/// The ranking of a division: `?division=`, and `cells=clean` for shares of successes in place of scores.
+/// The ranking of a division: `?division=` chooses it, `cells=clean` shows clean success rates instead of scores.
 pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQuery) -> Result<Response, Problem> {
     let board = pages.board().await?;
     let query = query.as_deref();
@@ -111,7 +111,7 @@ fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
 #[template(path = "about.html")]
 struct AboutPage;
 
-/// What numbers, badges and divisions mean, and how to submit.
+/// The page that explains numbers, badges and divisions, and how to submit.
 pub(super) async fn about() -> Response {
     page(&AboutPage)
 }
@@ -123,7 +123,7 @@ mod tests {
     use crate::standings::tables;
     use crate::standings::tests::{entry, results};
 
-    /// A table of some policies, each with so many subtasks passed.
+    /// The page of some policies, each with the number of subtasks it passes.
     fn shown(policies: &[(&str, usize)]) -> String {
         let rows = policies.iter().zip(1..).map(|((name, passed), id)| {
             let results = results(*passed);
@@ -145,7 +145,7 @@ mod tests {
         page.render().expect("rendered")
     }
 
-    /// Whatever a policy calls itself, it is text.
+    /// Guards that the name of a policy is always shown as text.
     #[test]
     fn names_are_not_markup() {
         let page = shown(&[("<script>alert('x')</script>", 4), ("\"><img src=x onerror=y>", 3)]);
@@ -153,7 +153,7 @@ mod tests {
         assert!(page.contains("&#60;script&#62;alert(&#39;x&#39;)"), "{page}");
     }
 
-    /// The page's policy allows no inline style and no script; so it has none.
+    /// Guards that the page has no inline style and no script, which its Content-Security-Policy forbids.
     #[test]
     fn nothing_needs_an_exception_from_the_policy() {
         let page = shown(&[("a", 12), ("b", 0)]);

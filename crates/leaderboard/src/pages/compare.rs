@@ -18,7 +18,7 @@ use crate::{Entry, SubmissionId};
 /// Pairs on one page.
 const PAIRS: usize = 100;
 
-/// Goes to the comparison of the two runs that a form has chosen: `?run=&run=`.
+/// Redirects to the comparison of the two runs chosen in a form: `?run=&run=`.
 pub(super) async fn choose(RawQuery(query): RawQuery) -> Result<Response, Problem> {
     let ids: Vec<&str> = show::asked(query.as_deref(), "run").collect();
     let is_id = |id: &&str| id.parse::<SubmissionId>().is_ok();
@@ -28,7 +28,7 @@ pub(super) async fn choose(RawQuery(query): RawQuery) -> Result<Response, Proble
     }
 }
 
-/// An episode that both played.
+/// An episode that both runs have.
 struct Both<'a> {
     key: Key,
     a: &'a EpisodeRow,
@@ -36,7 +36,7 @@ struct Both<'a> {
 }
 
 impl Both<'_> {
-    /// Both have a bag.
+    /// Whether both have a bag, so that they can be shown.
     fn can_be_seen(&self) -> bool {
         self.a.failure.is_none() && self.b.failure.is_none()
     }
@@ -50,7 +50,7 @@ struct ComparePage<'a> {
     comparison: &'a Comparison,
     shown: &'a [Both<'a>],
     only_different: bool,
-    /// The same in addresses of other pages of the list.
+    /// `only_different` as part of the query of other pages of the list.
     only: &'static str,
     different: usize,
     all: usize,
@@ -58,24 +58,24 @@ struct ComparePage<'a> {
     pages: usize,
 }
 
-/// Whether an episode is a success by the strict judge, where there is one.
+/// Whether an episode is a success, by the strict judge if the results have one.
 fn passed(row: &EpisodeRow) -> bool {
     row.strict_success.unwrap_or(row.success)
 }
 
 impl ComparePage<'_> {
-    /// Gate progress by the strict judge, where there is one.
+    /// Gate progress, by the strict judge if the results have one.
     fn progress(&self, row: &EpisodeRow) -> f64 {
         row.strict_progress.unwrap_or(row.gate_progress)
     }
 
-    /// Tasks, and all of them together.
+    /// The rows of the table: each task, then all of them together.
     fn rows(&self) -> impl Iterator<Item = &Pairs> {
         self.comparison.tasks.iter().chain(self.comparison.overall.as_ref())
     }
 }
 
-/// Two runs: `?only=different` for the pairs of which one alone succeeded.
+/// The comparison of two runs; `?only=different` lists only the pairs in which one run alone succeeded.
 pub(super) async fn runs(
     State(pages): State<Arc<Pages>>,
     Path((a, b)): Path<(String, String)>,
@@ -115,7 +115,7 @@ pub(super) async fn runs(
     }))
 }
 
-/// What both have, in the order of the first one. Both are in order of task, seed and index.
+/// The episodes that both runs have, in order of task, seed and index.
 fn pairs<'a>(a: &'a Results, b: &'a Results) -> Vec<Both<'a>> {
     let key = |row: &EpisodeRow| (row.task.clone(), row.seed, row.episode);
     let others: std::collections::BTreeMap<_, &EpisodeRow> = b.episodes.iter().map(|row| (key(row), row)).collect();
@@ -132,7 +132,7 @@ struct PairPage<'a> {
     replay: &'a SitePage,
 }
 
-/// Two replays of the same room, with one time bar.
+/// Two replays of the same room, side by side with one time bar.
 pub(super) async fn episodes(
     State(pages): State<Arc<Pages>>,
     Path((a, b, key)): Path<(String, String, String)>,
@@ -141,7 +141,9 @@ pub(super) async fn episodes(
     for found in [&a, &b] {
         if found.row().failure.is_some() {
             let policy = &found.entry.manifest.policy;
-            return Err(Problem::Asked(format!("{policy} has no rows of this episode, so there is nothing to see.")));
+            return Err(Problem::Asked(format!(
+                "{policy} has no recording of this episode, so there is nothing to show."
+            )));
         }
     }
     let replay = pair();

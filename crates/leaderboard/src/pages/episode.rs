@@ -21,7 +21,7 @@ use crate::{Entry, SubmissionId};
 
 const JSON: &str = "application/json";
 const BYTES: &str = "application/octet-stream";
-/// What belongs to an episode stays as it is, but for later versions of the program.
+/// The files of an episode change only with the version of the program.
 const FOR_AN_HOUR: HeaderValue = HeaderValue::from_static("public, max-age=3600");
 
 /// A run and one of its episodes.
@@ -29,7 +29,7 @@ pub(super) struct Found {
     pub entry: Entry,
     pub results: Arc<Results>,
     pub key: Key,
-    /// Index of its row.
+    /// Index of the episode in `results.episodes`.
     index: usize,
 }
 
@@ -57,7 +57,7 @@ struct EpisodePage<'a> {
     entry: &'a Entry,
     row: &'a EpisodeRow,
     key: Key,
-    /// None where there is no bag that counts.
+    /// `None` if the episode counts as a failure without a bag.
     replay: Option<&'a SitePage>,
     before: Option<Key>,
     after: Option<Key>,
@@ -65,7 +65,7 @@ struct EpisodePage<'a> {
 }
 
 impl EpisodePage<'_> {
-    /// By what it ended, after how many steps, with what progress, by the strict judge where there is one.
+    /// Cause of the end, steps and progress by the strict judge; `None` if the results have none.
     fn strict(&self) -> Option<(&str, u64, f64)> {
         let row = self.row;
         Some((row.strict_end.as_deref().unwrap_or("cut"), row.strict_steps?, row.strict_progress?))
@@ -95,17 +95,17 @@ pub(super) async fn episode(
     Ok(if shown.replay.is_some() { replay_page(&shown, &replay.script) } else { page(&shown) })
 }
 
-/// What the replay shows.
+/// The document that the replay page reads first, as JSON.
 pub(super) async fn document(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
     part(state, path, JSON, |shown| shown.document).await
 }
 
-/// Its shapes.
+/// The shapes of the replay's scene, as the replay page reads them.
 pub(super) async fn meshes(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
     part(state, path, BYTES, |shown| shown.meshes).await
 }
 
-/// Its rows.
+/// The recorded rows, as the replay page reads them.
 pub(super) async fn track(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
     part(state, path, BYTES, |shown| shown.track).await
 }
@@ -127,13 +127,13 @@ async fn part(
     Ok(for_an_hour(content(kind, part(shown.await??))))
 }
 
-/// The episode of an address, where anybody may see its run.
+/// The episode of an address, if its run is public.
 async fn names(pages: &Pages, id: &str, key: &str) -> Result<(SubmissionId, Key), Problem> {
     let key: Key = key.parse().map_err(|()| Problem::Nothing)?;
     Ok((pages.open(id).await?.id, key))
 }
 
-/// The bag as it came.
+/// The bag, byte for byte as it was submitted.
 pub(super) async fn bag(
     State(pages): State<Arc<Pages>>,
     Path((id, key)): Path<(String, String)>,
@@ -164,7 +164,7 @@ pub(super) async fn figure(
     let drawn = pages.figure(found.entry.id, found.key, found.results).await?;
     let figure = drawn.ok_or_else(|| Problem::Unshowable("The bag has no row that can be drawn.".into()))?;
     let mut answer = for_an_hour(content("image/svg+xml", figure));
-    // It has a style of its own, and nothing else.
+    // The figure has an inline style; nothing else is allowed.
     let policy = HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'; sandbox");
     answer.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy);
     Ok(answer)

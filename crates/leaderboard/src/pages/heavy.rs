@@ -1,4 +1,4 @@
-//! Work that takes a core for a while: reading a bag's rows. Little of it runs at once, and few requests wait for it.
+//! Work that takes a core for a while, such as reading a bag's rows. Few jobs run at once, and few requests wait for one.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -7,19 +7,19 @@ use tokio::sync::Semaphore;
 
 use super::answer::Problem;
 
-/// Jobs at once.
+/// Number of jobs that may run at once.
 const AT_ONCE: usize = 2;
-/// Requests that may wait.
+/// Number of requests that may run or wait; further ones are refused.
 const WAITING: usize = 96;
 
-/// Runs heavy work.
+/// Runs heavy work on threads of its own, and limits how much.
 #[derive(Debug)]
 pub(super) struct Heavy {
     permits: Arc<Semaphore>,
     asked: Arc<AtomicUsize>,
 }
 
-/// Counts a request for as long as it is there.
+/// Counts a request until it is dropped.
 struct Asked(Arc<AtomicUsize>);
 
 impl Drop for Asked {
@@ -35,10 +35,10 @@ impl Default for Heavy {
 }
 
 impl Heavy {
-    /// Runs some of it on a thread of its own.
+    /// Runs `work` on another thread, once it is its turn.
     ///
     /// # Errors
-    /// [`Problem::Busy`] where too many wait already.
+    /// [`Problem::Busy`] if too many requests wait already.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, Problem> {
         let before = self.asked.fetch_add(1, Ordering::Relaxed);
         let asked = Asked(Arc::clone(&self.asked));
@@ -46,7 +46,7 @@ impl Heavy {
             return Err(Problem::Busy);
         }
         let permit = Arc::clone(&self.permits).acquire_owned().await.map_err(|_| Problem::Failed)?;
-        // Where the client goes away, the work is done all the same, and counts until then.
+        // If the client goes away, the work still runs to its end, and counts until then.
         let done = tokio::task::spawn_blocking(move || {
             let made = work();
             drop((permit, asked));

@@ -9,16 +9,16 @@ use fiatlux_rules::Task;
 /// An episode of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Key {
-    /// Its task.
+    /// Task that was played.
     pub task: Task,
-    /// Layout seed.
+    /// Layout seed, which draws the room.
     pub seed: u64,
-    /// Index.
+    /// Index among the episodes of this task and seed, from 0.
     pub episode: u64,
 }
 
 impl Key {
-    /// Of a row.
+    /// The key of a row of results; `None` if this version does not know its task.
     pub fn of(row: &EpisodeRow) -> Option<Self> {
         Some(Self { task: row.task.parse().ok()?, seed: row.seed, episode: row.episode })
     }

@@ -16,13 +16,13 @@ use super::state::Pages;
 use crate::standings::Place;
 use crate::{Entry, SubmissionId};
 
-/// Episodes of a task on the run's own page, and on the task's.
+/// Episodes of a task on the page of the run, and on the page of the task.
 const FEW: usize = 6;
 const MANY: usize = 24;
-/// Episodes of a task in the matrix.
+/// Most squares in a row of the matrix.
 const SQUARES: usize = 64;
 
-/// A row of the matrix.
+/// A row of the matrix: the episodes of one task.
 struct Line<'a> {
     task: Task,
     passed: usize,
@@ -36,14 +36,14 @@ struct RunPage<'a> {
     entry: &'a Entry,
     results: &'a Results,
     report: SiteReport,
-    /// Rank, of how many, and the address of the table.
+    /// Rank, number of rows of the table, and the table's address; `None` if the run is not ranked.
     place: Option<(usize, usize, String)>,
-    /// Why it has no place; empty where it has one.
+    /// Why it is not ranked; empty if it is.
     obstacle: &'a str,
-    /// Others of its table to compare it with.
+    /// Other rows of its table, to compare it with.
     others: Vec<&'a Place>,
     lines: Vec<Line<'a>>,
-    /// An episode that has a bag, for commands.
+    /// An episode that has a bag, for the commands on the page.
     example: Option<Key>,
 }
 
@@ -73,7 +73,7 @@ fn line(rows: &[EpisodeRow]) -> Option<Line<'_>> {
     Some(Line { task, passed, count: rows.len(), squares })
 }
 
-/// Calls back with the addresses of a run's episodes.
+/// Calls `report` with the addresses of a run's episodes.
 fn in_addresses<T>(id: SubmissionId, most: usize, report: impl FnOnce(&Site<'_>) -> T) -> T {
     let of = |row: &EpisodeRow| Key::of(row).map_or_else(String::new, |key| format!("/runs/{id}/episodes/{key}"));
     report(&Site {
@@ -95,7 +95,7 @@ struct TaskPage<'a> {
     pages: usize,
 }
 
-/// All episodes of a task, some on each page.
+/// All episodes of a task, in several pages.
 pub(super) async fn task(
     State(pages): State<Arc<Pages>>,
     Path((id, task)): Path<(String, String)>,

@@ -1,35 +1,35 @@
-//! How templates write numbers and words.
+//! Formats numbers and words for the templates.
 
 use fiatlux_grading::EpisodeRow;
 
 use crate::{Badge, Division, Entry, Observations, Time};
 
-/// `41.7 %`.
+/// A share in per cent, such as `41.7 %`.
 pub(super) fn percent(share: &f64) -> String {
     format!("{:.1}\u{202f}%", 100.0 * share)
 }
 
-/// `0.512`.
+/// A score with three decimals, such as `0.512`.
 pub(super) fn score(value: &f64) -> String {
     format!("{value:.3}")
 }
 
-/// ` ± 0.031`, or nothing.
+/// A standard deviation such as `± 0.031`; empty if there is none.
 pub(super) fn spread(std: &Option<f64>) -> String {
     std.map_or(String::new(), |std| format!("\u{b1}\u{202f}{std:.3}"))
 }
 
-/// `[35.1, 48.6]`, per cent.
+/// An interval in per cent, such as `[35.1, 48.6]`.
 pub(super) fn interval([low, high]: &[f64; 2]) -> String {
     format!("[{:.1}, {:.1}]", 100.0 * low, 100.0 * high)
 }
 
-/// A p-value with as many digits as it deserves.
+/// A p-value with four decimals, or one digit and an exponent below 0.0001.
 pub(super) fn p_value(p: &f64) -> String {
     if *p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.4}") }
 }
 
-/// Number of a colour: 0 for 0, 10 for 1, and only for these.
+/// Number of a colour, 0 to 10; 0 only for a share of 0, and 10 only for a share of 1.
 pub(super) fn heat(share: &f64) -> u8 {
     match *share {
         share if share <= 0.0 || !share.is_finite() => 0,
@@ -38,17 +38,17 @@ pub(super) fn heat(share: &f64) -> u8 {
     }
 }
 
-/// The colour of a cause, as the report has it.
+/// The CSS class that gives a cause its colour, as in the report.
 pub(super) fn cause_class(cause: &str) -> &'static str {
     fiatlux_grading::report::cause_class(cause)
 }
 
-/// The cause of an episode's end by the strict judge, where there was one; of one without rows, why it failed.
+/// Why an episode ended, by the strict judge if there was one; for an episode without rows, why it counts as a failure.
 pub(super) fn end_of(row: &EpisodeRow) -> &str {
     row.failure.as_deref().or(row.strict_end.as_deref()).unwrap_or(&row.end)
 }
 
-/// One word for a badge, as a class too.
+/// One word for a badge; also its CSS class.
 pub(super) fn badge(badge: &Badge) -> &'static str {
     match badge {
         Badge::SelfReported => "self-reported",
@@ -57,16 +57,18 @@ pub(super) fn badge(badge: &Badge) -> &'static str {
     }
 }
 
-/// What a badge says.
+/// What a badge says, in a sentence.
 pub(super) fn badge_text(badge: &Badge) -> &'static str {
     match badge {
-        Badge::SelfReported => "Its bags agree with themselves; nobody else has simulated them yet.",
-        Badge::Replayed => "Every bag was simulated again here, and every number was equal to the last bit.",
-        Badge::Hosted => "Seeds were drawn after registration, and a server of ours recorded and signed every bag.",
+        Badge::SelfReported => "The bags are consistent; nobody else has simulated them yet.",
+        Badge::Replayed => "Every bag was simulated again here, and every number was identical to the last bit.",
+        Badge::Hosted => {
+            "Seeds were drawn after registration, and this site's own servers recorded and signed every bag."
+        }
     }
 }
 
-/// `lockstep`.
+/// The word for a time mode, such as `lockstep`.
 pub(super) fn time(time: Time) -> &'static str {
     match time {
         Time::Lockstep => "lockstep",
@@ -74,7 +76,7 @@ pub(super) fn time(time: Time) -> &'static str {
     }
 }
 
-/// `standard`.
+/// The word for a set of observations, such as `standard`.
 pub(super) fn observations(observations: Observations) -> &'static str {
     match observations {
         Observations::Standard => "standard",
@@ -82,7 +84,7 @@ pub(super) fn observations(observations: Observations) -> &'static str {
     }
 }
 
-/// `Inspire`.
+/// Name of the hands, such as `Inspire`; unknown ones keep their id.
 pub(super) fn hands(hands: &str) -> &str {
     match hands {
         "inspire" => "Inspire",
@@ -91,48 +93,48 @@ pub(super) fn hands(hands: &str) -> &str {
     }
 }
 
-/// `Lockstep, standard observations, Inspire hands`.
+/// A division in words, such as `Lockstep, standard observations, Inspire hands`.
 pub(super) fn division(division: &Division) -> String {
     let mut time = time(division.time).to_owned();
     time[..1].make_ascii_uppercase();
     format!("{time}, {} observations, {} hands", observations(division.observations), hands(&division.hands))
 }
 
-/// `7-lockstep-standard-inspire`: the division in an address.
+/// A division in an address, such as `7-lockstep-standard-inspire`; the number is the benchmark's version.
 pub(super) fn slug(version: u32, division: &Division) -> String {
     let time = time(division.time).replace(' ', "-");
     format!("{version}-{time}-{}-{}", observations(division.observations), division.hands)
 }
 
-/// A date: `2026-11-23`.
+/// The day an entry was received, UTC, such as `2026-11-23`.
 pub(super) fn date(entry: &Entry) -> String {
     entry.received.date().to_string()
 }
 
-/// Seconds of some control steps: `12.34 s`.
+/// The time of some control steps, such as `12.34 s`.
 pub(super) fn seconds(steps: &u64) -> String {
     format!("{:.2}\u{202f}s", *steps as f64 * fiatlux_rules::CONTROL_DT)
 }
 
-/// `64-75`, as the tables of results have it.
+/// A list of seeds as in the tables of results, such as `64-75`.
 pub(super) fn seeds(seeds: &[u64]) -> String {
     fiatlux_grading::tables::seeds(seeds)
 }
 
-/// The values of a name in the query of an address. Nothing in our addresses needs escapes, so none are read.
+/// The values of a name in the query of an address. Our addresses need no escapes, so none are decoded.
 pub(super) fn asked<'a>(query: Option<&'a str>, name: &'a str) -> impl Iterator<Item = &'a str> {
     let pairs = query.unwrap_or_default().split('&').filter_map(|pair| pair.split_once('='));
     pairs.filter(move |(found, _)| *found == name).map(|(_, value)| value)
 }
 
-/// A part of a list that is shown on one page, and how many pages there are. Pages count from 1.
+/// The part of a list that one page shows, and the number of pages. Pages count from 1.
 pub(super) struct Part<'a, T> {
     pub shown: &'a [T],
     pub page: usize,
     pub pages: usize,
 }
 
-/// The part that `page=` asks for; the nearest one that there is.
+/// The part that `page=` asks for, or the nearest one that exists.
 pub(super) fn part<'a, T>(all: &'a [T], size: usize, query: Option<&str>) -> Part<'a, T> {
     let pages = all.len().div_ceil(size).max(1);
     let page = asked(query, "page").next().and_then(|page| page.parse().ok()).unwrap_or(1).clamp(1, pages);

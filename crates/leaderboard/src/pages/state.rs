@@ -1,4 +1,4 @@
-//! What the pages share: the service, and what is kept of what takes long.
+//! The state that the pages share: the service, and caches of what takes long to compute.
 
 use std::collections::btree_map::Entry as Slot;
 use std::collections::{BTreeMap, VecDeque};
@@ -15,14 +15,14 @@ use super::key::Key;
 use crate::standings::{Neighbours, Obstacle, Standing, Table, tables};
 use crate::{Entry, Service, State, SubmissionId};
 
-/// For how long the tables are shown without looking for new entries.
+/// How long the tables are shown before the service looks for new entries.
 const FRESH: Duration = Duration::from_secs(1);
-/// Replays that are kept, of at most 50 MB each.
+/// Number of replays in the cache, at most 50 MB each.
 const REPLAYS: usize = 4;
-/// Figures that are kept, of about 20 kB each.
+/// Number of figures in the cache, about 20 kB each.
 const FIGURES: usize = 512;
 
-/// What the pages share.
+/// The state that the pages share.
 #[derive(Debug)]
 pub(super) struct Pages {
     pub service: Arc<Service>,
@@ -32,7 +32,7 @@ pub(super) struct Pages {
     board: tokio::sync::Mutex<Kept>,
 }
 
-/// Tables and what they are made of. Results of an entry do not change.
+/// The tables, and the parts that they are made from. The results of an entry never change.
 #[derive(Debug, Default)]
 struct Kept {
     shown: Option<(Instant, Arc<Board>)>,
@@ -43,18 +43,18 @@ struct Kept {
 /// The leaderboard as it is now.
 #[derive(Debug, Default)]
 pub(super) struct Board {
-    /// What it was made of, oldest first.
+    /// The entries it was made from, oldest first.
     pub entries: Vec<Entry>,
-    /// Tables by division.
+    /// One table for each division, latest benchmark version first.
     pub tables: Vec<Table>,
-    /// Of neighbours in a table, the better one first.
+    /// Test results of neighbours in a table; the better one is first in the key.
     pub neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
-    /// Entries without a place, latest first, and why.
+    /// Entries that are not ranked, latest first, with the reason.
     pub unranked: Vec<(Entry, Obstacle)>,
 }
 
 impl Board {
-    /// Where an entry stands: its table and the index of its row.
+    /// The table of an entry and the index of its row; `None` if it is not ranked.
     pub fn place(&self, id: SubmissionId) -> Option<(&Table, usize)> {
         self.tables.iter().find_map(|table| {
             let index = table.places.iter().position(|place| place.entry.id == id)?;
@@ -133,7 +133,7 @@ impl Pages {
                 }
             }
         }
-        // What is withdrawn, or no longer next to each other, is forgotten.
+        // Entries that were withdrawn, and pairs that are no longer neighbours, are dropped.
         kept.neighbours.clone_from(&board.neighbours);
         kept.standings.retain(|id, _| entries.iter().any(|entry| entry.id == *id));
         board.entries = entries;
@@ -147,7 +147,7 @@ impl Pages {
         tested.map(Some).map_err(|_| Problem::Failed)
     }
 
-    /// The figure of an episode as SVG; `None` where its bag has no row.
+    /// The figure of an episode as SVG; `None` if its bag has no rows.
     pub async fn figure(&self, id: SubmissionId, key: Key, results: Arc<Results>) -> Result<Option<Bytes>, Problem> {
         let name = (id, key.to_string());
         if let Some(figure) = self.figures().iter().find(|(known, _)| *known == name).map(|(_, figure)| figure.clone())

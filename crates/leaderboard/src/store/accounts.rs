@@ -9,49 +9,49 @@ use crate::StoreError;
 /// Who may submit, and how much.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Account {
-    /// Letters, digits, `-` and `_`.
+    /// Name of the account: letters, digits, `-` and `_`.
     pub name: String,
-    /// When it was made, ms since 1970.
+    /// When it was created, ms since 1970.
     pub created_ms: i64,
-    /// When it was closed, ms since 1970; its tokens are then worth nothing.
+    /// When it was closed, ms since 1970; the tokens of a closed account are refused.
     pub closed_ms: Option<i64>,
-    /// Most submissions that it may begin within 24 hours.
+    /// Largest number of submissions that it may begin within 24 hours.
     pub submissions_a_day: i64,
-    /// Most bytes that all its submissions may have together.
+    /// Largest size of all its submissions together, bytes.
     pub max_bytes: i64,
 }
 
-/// A token as it is kept: a digest of it, not the token.
+/// A token as the store keeps it: its digest, never the token itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TokenRow {
     /// Its public part, 16 hexadecimal digits.
     pub id: String,
-    /// Whose it is.
+    /// Name of the account that the token is for.
     pub account: String,
     /// SHA-256 of the whole token, hexadecimal.
     pub sha256: String,
-    /// When it was made, ms since 1970.
+    /// When it was created, ms since 1970.
     pub created_ms: i64,
-    /// When it ends, ms since 1970.
+    /// When it expires, ms since 1970.
     pub expires_ms: i64,
-    /// When it was revoked, ms since 1970.
+    /// When it was revoked, ms since 1970; `None` if it was not.
     pub revoked_ms: Option<i64>,
 }
 
 /// A line of the audit log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditRow {
-    /// Its number.
+    /// Number of the line, from 1.
     pub seq: i64,
-    /// When, ms since 1970.
+    /// When it happened, ms since 1970.
     pub at_ms: i64,
     /// Who did it: `admin`, `service`, or an account.
     pub who: String,
-    /// What, such as `token made`.
+    /// What was done, such as `token made`.
     pub action: String,
-    /// To what: an account, a token's id, a submission.
+    /// What it was done to: an account, the id of a token, or a submission.
     pub subject: String,
-    /// What more is known.
+    /// Further details; may be empty.
     pub detail: String,
 }
 
@@ -59,7 +59,7 @@ const ACCOUNT: &str = "be asked for an account";
 const TOKEN: &str = "be asked for a token";
 
 impl Store {
-    /// Makes an account; `false` where there is one of that name.
+    /// Adds an account; returns `false` if the name is taken.
     pub(crate) async fn add_account(&self, account: &Account) -> Result<bool, StoreError> {
         let mut tx = self.write().await?;
         let done = sqlx::query(
@@ -82,7 +82,7 @@ impl Store {
         Ok(is_new)
     }
 
-    /// Sets an account's limits, and whether it is closed; `false` where there is none of that name.
+    /// Sets an account's limits, and whether it is closed; returns `false` if there is no such account.
     pub(crate) async fn change_account(&self, account: &Account) -> Result<bool, StoreError> {
         let mut tx = self.write().await?;
         let done =
@@ -101,7 +101,7 @@ impl Store {
         Ok(done.rows_affected() == 1)
     }
 
-    /// An account.
+    /// The account of this name, if there is one.
     pub(crate) async fn account(&self, name: &str) -> Result<Option<Account>, StoreError> {
         let row = sqlx::query("SELECT * FROM accounts WHERE name = $1").bind(name).fetch_optional(&self.pool).await;
         row.map_err(StoreError::database(ACCOUNT))?.map(|row| account_of(&row)).transpose()
@@ -113,7 +113,7 @@ impl Store {
         rows.map_err(StoreError::database(ACCOUNT))?.iter().map(account_of).collect()
     }
 
-    /// Keeps a token.
+    /// Stores a new token, and notes it in the audit log.
     pub(crate) async fn add_token(&self, token: &TokenRow) -> Result<(), StoreError> {
         let failed = |error| StoreError::database("take a token")(error);
         let mut tx = self.write().await?;
@@ -145,7 +145,7 @@ impl Store {
         rows.map_err(StoreError::database(TOKEN))?.iter().map(token_of).collect()
     }
 
-    /// Withdraws a token for good; `false` where there is none, or it was withdrawn before.
+    /// Revokes a token for good; returns `false` if there is none, or if it was revoked before.
     pub(crate) async fn revoke(&self, id: &str) -> Result<bool, StoreError> {
         let failed = |error| StoreError::database("revoke a token")(error);
         let mut tx = self.write().await?;
@@ -210,7 +210,7 @@ fn token_of(row: &SqliteRow) -> Result<TokenRow, StoreError> {
     read().map_err(StoreError::database(TOKEN))
 }
 
-/// Writes a line into the audit log, together with what it tells of.
+/// Writes a line to the audit log, in the transaction of the change that it records.
 pub(super) async fn audit(
     tx: &mut Transaction<'static, Sqlite>,
     who: &str,

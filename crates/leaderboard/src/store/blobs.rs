@@ -1,4 +1,4 @@
-//! Files by their content: each is named by the SHA-256 of its bytes, so that it is written once and never changed.
+//! Content-addressed files: each is named by the SHA-256 of its bytes, so it is written once and never changes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,26 +11,26 @@ use tokio::io::{AsyncRead, AsyncReadExt as _};
 
 use crate::StoreError;
 
-/// Bytes that are read and written at once.
+/// Size of the blocks in which files are read and written, bytes.
 const BLOCK: usize = 1 << 20;
 
-/// SHA-256 of a content: 64 hexadecimal digits in lower case.
+/// SHA-256 of a file: 64 hexadecimal digits in lower case.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct Digest(String);
 
 impl Digest {
-    /// Reads 64 hexadecimal digits in lower case.
+    /// Reads 64 hexadecimal digits in lower case; `None` for anything else.
     pub fn parse(text: &str) -> Option<Self> {
         let is_digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
         (text.len() == 64 && text.bytes().all(is_digit)).then(|| Self(text.to_owned()))
     }
 
-    /// Of bytes.
+    /// Computes the digest of some bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self::from(Sha256::new().chain_update(bytes))
     }
 
-    /// Its digits.
+    /// The 64 hexadecimal digits.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -46,8 +46,8 @@ impl From<Sha256> for Digest {
     }
 }
 
-/// The store of contents. Everything goes through [`ObjectStore`], but [`Blobs::local`], which readers of bags need: where
-/// the store is on another host, it will have to fetch the file first.
+/// The store of files. Everything goes through [`ObjectStore`] except [`Blobs::local`], which readers of bags need; for
+/// a store on another host it would have to fetch the file first.
 #[derive(Debug, Clone)]
 pub(crate) struct Blobs {
     store: Arc<dyn ObjectStore>,
@@ -55,14 +55,14 @@ pub(crate) struct Blobs {
 }
 
 impl Blobs {
-    /// Below a folder of this machine.
+    /// Opens or creates the store in a local folder.
     pub fn open(root: &Path) -> Result<Self, StoreError> {
         std::fs::create_dir_all(root).map_err(StoreError::io("make", root))?;
         let store = LocalFileSystem::new_with_prefix(root).map_err(StoreError::blobs("be opened"))?.with_fsync(true);
         Ok(Self { store: Arc::new(store), root: root.into() })
     }
 
-    /// Keeps bytes; returns their digest.
+    /// Stores bytes, and returns their digest.
     pub async fn put(&self, bytes: Vec<u8>) -> Result<Digest, StoreError> {
         let digest = Digest::of(&bytes);
         if !self.has(&digest).await? {
@@ -72,7 +72,7 @@ impl Blobs {
         Ok(digest)
     }
 
-    /// Keeps what a reader gives, if it has this digest; else keeps nothing and says `false`.
+    /// Stores what a reader yields if it has this digest; otherwise stores nothing and returns `false`.
     pub async fn put_checked(
         &self,
         digest: &Digest,
@@ -98,12 +98,12 @@ impl Blobs {
         if is_it {
             upload.complete().await.map_err(failed)?;
         } else if let Err(error) = upload.abort().await {
-            tracing::warn!(%error, "what was written of a file that is not kept could not be removed");
+            tracing::warn!(%error, "cannot remove the parts of a file that was not kept");
         }
         copied.map(|()| is_it)
     }
 
-    /// Whether a content is there.
+    /// Whether the store has a file of this digest.
     pub async fn has(&self, digest: &Digest) -> Result<bool, StoreError> {
         match self.store.head(&digest.key()).await {
             Ok(_) => Ok(true),
@@ -112,14 +112,14 @@ impl Blobs {
         }
     }
 
-    /// A content's bytes.
+    /// Reads a whole file into memory.
     pub async fn read(&self, digest: &Digest) -> Result<Vec<u8>, StoreError> {
         let failed = |error| StoreError::blobs("read a file")(error);
         let found = self.store.get(&digest.key()).await.map_err(failed)?;
         Ok(found.bytes().await.map_err(failed)?.into())
     }
 
-    /// Removes a content; that it is not there is no error.
+    /// Removes a file; a missing one is not an error.
     pub async fn remove(&self, digest: &Digest) -> Result<(), StoreError> {
         match self.store.delete(&digest.key()).await {
             Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
@@ -127,7 +127,7 @@ impl Blobs {
         }
     }
 
-    /// A content as a file of this machine.
+    /// The local path of a file.
     pub fn local(&self, digest: &Digest) -> PathBuf {
         self.root.join(&digest.0[..2]).join(&digest.0)
     }

@@ -1,5 +1,5 @@
-//! What is to be done. There is no list of jobs: a submission that is received is to be graded, and an episode whose verdict
-//! is `waiting` is to be verified. So nothing that was accepted can be lost, and nothing is decided twice.
+//! The queue of jobs. There is no separate list: every submission in the state `received` waits to be graded, and every
+//! episode with the verdict `waiting` waits to be verified. So no accepted submission can be lost, and nothing is decided twice.
 
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
@@ -12,14 +12,14 @@ use crate::{Badge, Division, StoreError, SubmissionId};
 const ASK: &str = "be asked for work";
 const CHANGE: &str = "take the outcome of a job";
 
-/// What a second run said of an episode.
+/// What simulating an episode again has shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
-    /// It is equal, to the last bit.
+    /// The second run was equal to the last bit.
     Equal,
-    /// It is not.
+    /// The second run differed, which refuses the whole submission.
     Differs,
-    /// No server of ours plays it.
+    /// The servers refuse to play it, so it cannot be verified.
     Refused,
 }
 
@@ -33,7 +33,7 @@ impl Verdict {
     }
 }
 
-/// An episode of a submission that was graded.
+/// An episode of a graded submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct EpisodePlan {
     pub task: String,
@@ -41,11 +41,11 @@ pub(crate) struct EpisodePlan {
     pub episode: u64,
     /// Place of its bag among the submission's files.
     pub place: i64,
-    /// Whether it is to be verified.
+    /// Whether it can be verified by simulating it again.
     pub verify: bool,
 }
 
-/// An episode that is to be verified.
+/// An episode that waits to be verified.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct EpisodeJob {
     pub submission: SubmissionId,
@@ -71,7 +71,7 @@ impl Store {
         row.map(|row| id_of(&row, "id")).transpose()
     }
 
-    /// Takes in what a submission amounts to. Does nothing where it was taken in before.
+    /// Stores the outcome of grading. Does nothing if the submission is graded already.
     pub(crate) async fn set_graded(
         &self,
         id: SubmissionId,
@@ -118,7 +118,7 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// Episodes that are to be verified, those of the oldest submission first.
+    /// Episodes that wait to be verified, those of the oldest submission first.
     pub(crate) async fn waiting(&self, most: i64) -> Result<Vec<EpisodeJob>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let rows = sqlx::query(
@@ -144,7 +144,7 @@ impl Store {
         rows.iter().map(job_of).collect()
     }
 
-    /// Takes in what a second run said. The last one of a submission decides its badge; one that differs, the whole of it.
+    /// Stores the verdict on an episode. The last one of a submission sets its badge; one that differs refuses the submission.
     pub(crate) async fn set_verdict(
         &self,
         job: &EpisodeJob,
@@ -204,7 +204,7 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// How many episodes there are of each verdict.
+    /// Number of episodes by verdict.
     pub(crate) async fn verdicts(&self) -> Result<Vec<Count>, StoreError> {
         let rows =
             sqlx::query("SELECT verdict AS kind, COUNT(*) AS count FROM episodes GROUP BY verdict ORDER BY verdict")

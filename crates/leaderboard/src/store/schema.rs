@@ -1,7 +1,7 @@
-//! The tables, as a list of migrations: each is applied once, in its order, and never changed later.
+//! The tables, as a list of migrations: each is applied once, in order, and must never be changed afterwards.
 //!
-//! The SQL is what SQLite and PostgreSQL both take: `BIGINT` for numbers, `TEXT` for the rest, `$1` for parameters. Times are
-//! milliseconds since 1970. Seeds are written in decimal digits, since they fill 64 bits without a sign.
+//! The SQL works in SQLite and PostgreSQL: `BIGINT` for numbers, `TEXT` for the rest, `$1` for parameters. Times are
+//! milliseconds since 1970. Seeds are written in decimal digits, since they are unsigned 64-bit numbers.
 
 use sqlx::sqlite::SqlitePool;
 use sqlx::{AssertSqlSafe, Row as _};
@@ -72,7 +72,7 @@ const MIGRATIONS: &[&[&str]] = &[&[
     "CREATE INDEX episodes_by_verdict ON episodes (verdict, submission)",
 ]];
 
-/// Brings a database to the last version.
+/// Upgrades a database to the latest version.
 pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
     let failed = |action| StoreError::database(action);
     sqlx::query("CREATE TABLE IF NOT EXISTS schema_version (version BIGINT NOT NULL)")

@@ -8,15 +8,15 @@ use super::{Account, Digest, Store, moment, now_ms};
 use crate::submission::{FileSpec, word_of, word_to};
 use crate::{Badge, Division, Entry, Manifest, State, StoreError, SubmissionId};
 
-/// Most submissions of an account whose files are still to come.
+/// Most submissions of an account that may wait for files at once.
 const MOST_OPEN: i64 = 8;
-/// The time that a limit by the day goes by, ms.
+/// Period of the daily limit, ms.
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
 const ASK: &str = "be asked for a submission";
 const CHANGE: &str = "change a submission";
 
-/// A submission before its first file.
+/// A submission that is being announced, before its first file.
 #[derive(Debug)]
 pub(crate) struct Draft {
     pub id: SubmissionId,
@@ -24,36 +24,36 @@ pub(crate) struct Draft {
     pub files: Vec<FileSpec>,
 }
 
-/// What became of a request to begin a submission.
+/// Outcome of a request to begin a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Begun {
     New,
     /// The same account began the same submission before.
     Known,
-    /// The account has this many within 24 hours, which is its limit.
+    /// The account has begun this many within 24 hours, which is its limit.
     TooManyToday(i64),
-    /// This many submissions of the account wait for files.
+    /// The account has this many submissions that wait for files, which is the limit.
     TooManyOpen(i64),
-    /// All of the account's submissions may have this many bytes.
+    /// It would exceed this many bytes, the account's limit for all its submissions.
     TooManyBytes(i64),
 }
 
 /// A file of a submission, as its submitter may see it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileRow {
-    /// Its place in the list that the submission was begun with, from 0.
+    /// Its place in the submission's list of files, from 0.
     pub place: i64,
-    /// Its name, which was checked: no path.
+    /// Name of the file, which was checked to be no path.
     pub name: String,
-    /// Its length, bytes.
+    /// Announced length of the file, bytes.
     pub bytes: i64,
-    /// SHA-256 of its content, hexadecimal.
+    /// Announced SHA-256 of its content, hexadecimal.
     pub sha256: String,
-    /// Its content is kept, and was found to have this digest.
+    /// Whether the whole file has arrived and was found to have this digest.
     pub stored: bool,
 }
 
-/// A file that is to be kept or read.
+/// A file to store or to read.
 #[derive(Debug, Clone)]
 pub(crate) struct StoredFile {
     pub bytes: u64,
@@ -61,16 +61,16 @@ pub(crate) struct StoredFile {
     pub stored: bool,
 }
 
-/// How many submissions or episodes there are of a kind.
+/// Number of submissions or episodes of one kind.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Count {
     /// The kind: a state or a verdict.
     pub kind: String,
-    /// How many.
+    /// Number of submissions or episodes of this kind.
     pub count: i64,
 }
 
-/// Columns of an entry; what follows says of which submissions.
+/// Selects the columns of an entry; the argument selects the submissions.
 macro_rules! entries {
     ($rest:literal) => {
         concat!(
@@ -138,7 +138,7 @@ impl Store {
         text.map_err(StoreError::database(ASK))?.map(|text| digest_of(&text)).transpose()
     }
 
-    /// Begins a submission, where its account may. The same draft once more changes nothing.
+    /// Begins a submission if the limits of its account allow it. Beginning the same draft again changes nothing.
     pub(crate) async fn begin(&self, account: &Account, draft: &Draft) -> Result<Begun, StoreError> {
         let failed = |error| StoreError::database("take a submission")(error);
         let bytes: i64 = draft.files.iter().map(|file| file.bytes as i64).sum();
@@ -237,7 +237,7 @@ impl Store {
         Ok(Some(StoredFile { bytes, digest, stored: row.try_get::<i64, _>("stored").map_err(failed)? != 0 }))
     }
 
-    /// Notes that the content of a file is kept.
+    /// Notes that a file is stored.
     pub(crate) async fn set_stored(&self, id: SubmissionId, place: u32) -> Result<(), StoreError> {
         let mut tx = self.write().await?;
         sqlx::query("UPDATE files SET stored = 1 WHERE submission = $1 AND place = $2")
@@ -249,7 +249,7 @@ impl Store {
         tx.commit().await.map_err(StoreError::database(CHANGE))
     }
 
-    /// Accepts a submission all of whose files are there; how many are not, else. From then on it is a job.
+    /// Accepts a submission if all its files are stored, so that it will be graded; returns the number of missing files.
     pub(crate) async fn receive(&self, id: SubmissionId, account: &str) -> Result<u64, StoreError> {
         let failed = |error| StoreError::database(CHANGE)(error);
         let mut tx = self.write().await?;
@@ -277,14 +277,14 @@ impl Store {
         Ok(0)
     }
 
-    /// Refuses a submission for good.
+    /// Refuses a submission for good, for a reason that its submitter can read.
     pub(crate) async fn refuse(&self, id: SubmissionId, who: &str, reason: &str) -> Result<(), StoreError> {
         let mut tx = self.write().await?;
         refuse(&mut tx, id, who, reason).await?;
         tx.commit().await.map_err(StoreError::database(CHANGE))
     }
 
-    /// Removes a submission and what only it needs; `false` where there is none.
+    /// Removes a submission and the files that only it uses; returns `false` if there is none.
     pub(crate) async fn remove(&self, id: SubmissionId, who: &str) -> Result<bool, StoreError> {
         let failed = |error| StoreError::database("remove a submission")(error);
         let mut tx = self.write().await?;
@@ -315,7 +315,8 @@ impl Store {
             }
         }
         audit(&mut tx, who, "submission removed", &id.to_string(), "").await?;
-        // Files go last, and while nobody can begin a submission that needs them: one too many is no harm, a missing one is.
+        // Files go last, before the commit, so that nobody can begin a submission that needs them: a file too many does no
+        // harm, a missing one does.
         for row in alone.iter().chain(&results) {
             let digest = digest_of(&row.try_get::<String, _>(0).map_err(failed)?)?;
             self.blobs.remove(&digest).await?;
@@ -326,7 +327,7 @@ impl Store {
         Ok(true)
     }
 
-    /// Removes what is left of the uploads of a submission.
+    /// Removes the folder of a submission's unfinished uploads.
     pub(crate) async fn forget_incoming(&self, id: SubmissionId) -> Result<(), StoreError> {
         let folder = self.incoming(id);
         match tokio::fs::remove_dir_all(&folder).await {
@@ -335,7 +336,7 @@ impl Store {
         }
     }
 
-    /// Submissions that were begun before a moment, ms since 1970, and never came.
+    /// Submissions begun before this time, ms since 1970, whose files never arrived.
     pub(crate) async fn stale(&self, before_ms: i64) -> Result<Vec<SubmissionId>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let rows =
@@ -347,7 +348,7 @@ impl Store {
         rows.iter().map(|row| id_of(row, "id")).collect()
     }
 
-    /// Every content that the store needs, sorted.
+    /// Digests of all files that the store needs, sorted.
     pub(super) async fn contents(&self) -> Result<Vec<Digest>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let rows = sqlx::query(
@@ -360,7 +361,7 @@ impl Store {
         rows.iter().map(|row| digest_of(&row.try_get::<String, _>(0).map_err(failed)?)).collect()
     }
 
-    /// How many submissions there are in each state.
+    /// Number of submissions by state.
     pub(crate) async fn states(&self) -> Result<Vec<Count>, StoreError> {
         let rows =
             sqlx::query("SELECT state AS kind, COUNT(*) AS count FROM submissions GROUP BY state ORDER BY state")
@@ -370,7 +371,7 @@ impl Store {
     }
 }
 
-/// Refuses a submission, unless it is refused already.
+/// Refuses a submission, unless it was refused before.
 pub(super) async fn refuse(
     tx: &mut Transaction<'static, Sqlite>,
     id: SubmissionId,
@@ -426,12 +427,12 @@ fn entry_of(row: &SqliteRow) -> Result<Entry, StoreError> {
     })
 }
 
-/// A division as the database has it.
+/// A division as the database stores it.
 pub(super) fn division_text(division: &Division) -> Result<String, StoreError> {
     serde_json::to_string(division).map_err(|error| StoreError::corrupt("a division", error))
 }
 
-/// A badge as the database has it.
+/// A badge as the database stores it.
 pub(super) fn badge_text(badge: Badge) -> String {
     word_to(badge)
 }

@@ -1,4 +1,4 @@
-//! A service in this process, on a port of its own, and requests to it, byte by byte.
+//! Starts a service in this process, on a port of its own, and sends it requests, byte by byte.
 #![allow(dead_code, clippy::unwrap_used)] // Each test file uses a part of it.
 
 #[path = "../../../grading/tests/common/mod.rs"]
@@ -19,7 +19,7 @@ use tokio::sync::oneshot;
 
 use bags::{Folder, Story};
 
-/// How long a test waits for what must come.
+/// How long a test waits for something that must happen.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A service that runs until it is dropped.
@@ -39,7 +39,7 @@ impl Board {
         Self::over(folder, &store, options)
     }
 
-    /// On a folder that is there, such as a backup.
+    /// A service on an existing folder, such as a backup.
     pub fn on(name: &str, store: &Path) -> Self {
         Self::over(Folder::new(&format!("leaderboard-{name}")), store, ServiceOptions::default())
     }
@@ -60,7 +60,7 @@ impl Board {
         Self { folder, address, store, runtime, jobs: Some(jobs), stop: Some(stop) }
     }
 
-    /// A new account and its token.
+    /// Creates an account, and returns a token for it.
     pub fn token(&self, account: &str) -> String {
         self.runtime.block_on(async {
             self.store.make_account(account, Quota::default()).await.unwrap();
@@ -68,11 +68,11 @@ impl Board {
         })
     }
 
-    /// Bytes on a connection of their own, and all that comes back until the service closes it.
+    /// Sends bytes on a new connection; returns everything that comes back until the service closes it.
     pub fn raw(&self, bytes: &[u8]) -> Vec<u8> {
         let mut stream = TcpStream::connect(self.address).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        // A service that has heard enough may hang up before all is sent.
+        // The service may hang up before everything is sent.
         drop(stream.write_all(bytes));
         drop(stream.shutdown(std::net::Shutdown::Write));
         let mut answer = Vec::new();
@@ -80,7 +80,7 @@ impl Board {
         answer
     }
 
-    /// A request; status and body of the answer.
+    /// Sends a request; returns status and body of the answer.
     pub fn ask(&self, method: &str, address: &str, token: Option<&str>, body: &[u8]) -> (u16, String) {
         let token = token.map_or(String::new(), |token| format!("Authorization: Bearer {token}\r\n"));
         let head = format!(
@@ -91,14 +91,14 @@ impl Board {
         read(&answer).unwrap_or_else(|| panic!("{method} {address}: {}", String::from_utf8_lossy(&answer)))
     }
 
-    /// As [`Board::ask`], with JSON both ways.
+    /// Like [`Board::ask`], with JSON in both directions.
     pub fn json(&self, method: &str, address: &str, token: Option<&str>, body: &Value) -> (u16, Value) {
         let body = if body.is_null() { String::new() } else { body.to_string() };
         let (status, text) = self.ask(method, address, token, body.as_bytes());
         (status, serde_json::from_str(&text).unwrap_or_else(|error| panic!("{method} {address}: {error}: {text}")))
     }
 
-    /// Sends a whole submission; its id.
+    /// Sends a whole submission; returns its id.
     pub fn submit(&self, token: &str, manifest: &Value, files: &[PathBuf]) -> String {
         let (status, begun) = self.json("POST", "/api/v1/submissions", Some(token), &wish(manifest, files));
         assert_eq!(status, 201, "{begun}");
@@ -115,7 +115,7 @@ impl Board {
         id
     }
 
-    /// Waits until a submission is decided. This service has no sim-server: what is graded waits for one.
+    /// Waits until a submission is graded or refused; this service has no sim-server to verify on.
     pub fn decided(&self, id: &str, token: &str) -> Value {
         let start = Instant::now();
         loop {
@@ -139,7 +139,7 @@ impl Drop for Board {
     }
 }
 
-/// Status and body of an answer; `None` where it is not one of HTTP.
+/// Status and body of an answer; `None` if it is not an HTTP response.
 pub fn read(answer: &[u8]) -> Option<(u16, String)> {
     let text = String::from_utf8_lossy(answer);
     let (head, body) = text.split_once("\r\n\r\n")?;
@@ -156,7 +156,7 @@ pub fn read(answer: &[u8]) -> Option<(u16, String)> {
     Some((status, whole))
 }
 
-/// What begins a submission of these files.
+/// The body of the request that begins a submission of these files.
 pub fn wish(manifest: &Value, files: &[PathBuf]) -> Value {
     let file = |path: &PathBuf| {
         let bytes = std::fs::read(path).unwrap();
@@ -173,7 +173,7 @@ pub fn manifest() -> Value {
     json!({ "policy": "zero", "licence": "Apache-2.0" })
 }
 
-/// A bag with a name of its own, in a folder.
+/// Writes a bag with a unique name to a folder.
 pub fn bag(folder: &Path, seed: u64) -> PathBuf {
     let path = folder.join(format!("S01-s{seed}-e0.mcap"));
     bags::write(&path, Task::S01, seed, Story::Succeeds(30));

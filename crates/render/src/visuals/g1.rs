@@ -8,13 +8,13 @@ use crate::paint::Paint;
 
 /// A solid in a link's frame, m. Written for the middle or the left side; the right side is its mirror image.
 enum Solid {
-    /// From, to, radius at both.
+    /// A rod: start, end, radius at each end.
     Bar([f64; 3], [f64; 3], [f64; 2]),
-    /// Centre, axis (0 to 2), radius, half length.
+    /// A cylinder: centre, axis (0 to 2), radius and half length.
     Disc([f64; 3], usize, [f64; 2]),
-    /// Centre, half extents, rounding, taper.
+    /// A rounded box: centre, half extents, rounding, taper.
     Block([f64; 3], [f64; 3], f64, f64),
-    /// Centre, radii.
+    /// An ellipsoid: centre, radii along the axes.
     Egg([f64; 3], [f64; 3]),
 }
 

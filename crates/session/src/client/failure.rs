@@ -7,55 +7,55 @@ use crate::command::CommandError;
 /// Why a session cannot go on.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SessionFailure {
-    /// The server does not start the episode.
-    #[error("the server does not start episode {episode}: {message}")]
+    /// The server refuses to start the episode.
+    #[error("the server refuses to start episode {episode}: {message}")]
     Reset {
         /// Index of the episode.
         episode: u64,
-        /// What the server says about it.
+        /// The server's reason, in its own words.
         message: String,
     },
-    /// A command that no server takes; it was not sent.
+    /// The policy's command is not valid; it was not sent.
     #[error("the policy commands {field} {problem} in step {step}; correct the policy")]
     Command {
         /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
-        /// What is wrong with it.
+        /// What is wrong with the command.
         problem: String,
-        /// Step of the observation that it answers.
+        /// Step of the observation that the command answers.
         step: u64,
     },
-    /// The server refuses an action.
+    /// The server refuses an action; the policy should follow the remedy.
     #[error("the server refuses the action of step {step}: {message} (field '{field}'); {remedy}")]
     Action {
         /// Step of the observation that the action answers.
         step: u64,
         /// Field of the action; may be empty.
         field: String,
-        /// What the server says about it.
+        /// The server's reason, in its own words.
         message: String,
-        /// What to do about it, as the server advises.
+        /// What to do, as the server advises.
         remedy: String,
     },
-    /// The session is not there any more.
+    /// The session no longer exists.
     #[error("{message}; {remedy}")]
     Lost {
-        /// What the server, or this client, says about it.
+        /// The reason, from the server or from this client.
         message: String,
-        /// What to do about it.
+        /// What the user should do.
         remedy: String,
     },
-    /// Messages of the server cannot be read.
+    /// Several messages of the server could not be read.
     #[error("the server's {what} cannot be read: {reason}; use server and client of the same version")]
     Unreadable {
-        /// Kind of the message.
+        /// Kind of the message, such as `observation`.
         what: &'static str,
-        /// What is wrong with it.
+        /// What is wrong with the message.
         reason: String,
     },
-    /// The server is ahead in lockstep.
+    /// In lockstep, the server is ahead of this client, so somebody else must have sent actions.
     #[error(
-        "observation {expected} was expected and {found} came: someone else sends actions to this session; \
+        "expected observation {expected}, but received {found}: someone else sends actions to this session; \
          open a new session"
     )]
     Order {
@@ -64,7 +64,7 @@ pub enum SessionFailure {
         /// Step of the observation that came.
         found: u64,
     },
-    /// The server does not answer.
+    /// The server did not answer in time.
     #[error(
         "server {server} has not answered {waited_for} within {silence_s} s, after {tries} tries{problem}; check that it \
          runs and can be reached (`policy-client list`), then start again"
@@ -72,11 +72,11 @@ pub enum SessionFailure {
     Silent {
         /// Name of the server.
         server: String,
-        /// What should have been answered.
+        /// What the server should have answered.
         waited_for: String,
-        /// How long nothing came, s.
+        /// How long the server was silent, s.
         silence_s: f64,
-        /// How often it was sent.
+        /// How often the message was sent.
         tries: u32,
         /// The last thing that went wrong; may be empty.
         problem: String,

@@ -1,4 +1,4 @@
-//! The rules of the exchange, one by one, and a whole episode over a channel that loses messages.
+//! Tests each rule of the exchange, and a whole episode over a channel that loses messages.
 
 mod fake;
 mod lossy;
@@ -22,7 +22,7 @@ fn reset_reply(reply: reset_reply::Reply) -> Input {
     Input::Reset(Some(Ok(ResetReply { reply: Some(reply) }.encode_to_vec().into())))
 }
 
-/// Gives an input at a time; what comes out.
+/// Gives the machine one input at a time, and returns what comes out.
 fn give(session: &mut ClientSession, input: Input, now_s: f64) -> Vec<Output> {
     session.handle(input, secs(now_s));
     std::iter::from_fn(|| session.poll()).collect()
@@ -32,7 +32,7 @@ fn publish(session: &mut ClientSession, observation: &Observation, now_s: f64) -
     give(session, Input::Observation(observation.encode_to_vec().into()), now_s)
 }
 
-/// Step of the observation that comes last and has to be answered.
+/// Step of the last observation, which has to be answered.
 fn to_answer(outputs: &[Output]) -> Option<u64> {
     match outputs {
         [.., Output::Observation(observation)] => Some(observation.step),
@@ -47,7 +47,7 @@ fn step_of(output: &Output) -> Option<u64> {
     }
 }
 
-/// A session of two joints that waits for observation 1 of episode 3, since time 0.
+/// A session of two joints that has waited for observation 1 of episode 3 since time 0.
 fn waiting(real_time: bool) -> ClientSession {
     let mut session = ClientSession::new(&info(2, real_time));
     assert!(matches!(give(&mut session, Input::Start(3), 0.0)[..], [Output::Reset(_)]));
@@ -56,14 +56,14 @@ fn waiting(real_time: bool) -> ClientSession {
     session
 }
 
-/// Answers the observation of that step, which has just come out.
+/// Answers the observation of this step, which has just come out.
 fn answer(session: &mut ClientSession, outputs: &[Output], step: u64, now_s: f64) {
     assert_eq!(to_answer(outputs), Some(step));
     let outputs = give(session, Input::Command(Command::Action(vec![0.0; 2])), now_s);
     assert_eq!(outputs.iter().filter_map(step_of).collect::<Vec<_>>(), [step]);
 }
 
-/// A chunk goes with the next command and with no other; a server of 3.4 gets none, and one out of bounds is left out.
+/// Guards that a chunk goes with the next command only, that a 3.4 server gets none, and that an invalid one is left out.
 #[test]
 fn a_chunk_goes_with_one_command() {
     for (minor, latency_s, is_sent) in [(5, 0.1, true), (4, 0.1, false), (5, f64::NAN, false)] {
@@ -133,7 +133,7 @@ fn an_action_that_is_refused_again_and_again_ends_the_run_with_the_servers_words
         Input::Notice(notice.encode_to_vec().into())
     };
     let mut session = waiting(false);
-    // Refusals of an earlier episode, and single ones between steps, are of old copies.
+    // Refusals from an earlier episode, and single ones between steps, are for old copies.
     (0..9).for_each(|_| assert_eq!(give(&mut session, notice(2), 0.1), []));
     for step in 1..5 {
         (1..MAX_REFUSALS).for_each(|_| assert_eq!(give(&mut session, notice(3), 0.1), []));
@@ -146,7 +146,7 @@ fn an_action_that_is_refused_again_and_again_ends_the_run_with_the_servers_words
     assert!(message.contains("step 4") && message.contains("NaN (field 'action'); send numbers"), "{message}");
 }
 
-/// As many as may wait in a session, and none in real time.
+/// Guards how many actions are sent ahead: as many as may wait in a session, and none in real time.
 #[test]
 fn actions_are_sent_ahead_up_to_a_bound() {
     let mut session = waiting(false);
@@ -157,7 +157,7 @@ fn actions_are_sent_ahead_up_to_a_bound() {
         sent.push(step);
     }
     assert_eq!(sent, (1..MAX_AHEAD as u64).collect::<Vec<_>>());
-    // An observation answers its action and those before; a refusal of what came too early ends nothing.
+    // An observation answers its action and those before; refusing an early action ends nothing.
     assert_eq!(publish(&mut session, &observation(3, 5), 0.01), []);
     let early = Notice { code: Code::Step.into(), episode: 3, ..Notice::default() }.encode_to_vec();
     (0..9).for_each(|_| assert_eq!(give(&mut session, Input::Notice(early.clone().into()), 0.01), []));
@@ -170,7 +170,7 @@ fn actions_are_sent_ahead_up_to_a_bound() {
     assert_eq!(waiting(true).next_step(), None);
 }
 
-/// Where round trips are short, a lost message is missed early.
+/// Guards that a lost message is noticed early if round trips are short.
 #[test]
 fn an_action_is_sent_again_after_a_few_round_trips() {
     let mut session = waiting(false);
@@ -184,7 +184,7 @@ fn an_action_is_sent_again_after_a_few_round_trips() {
     assert!((again - 0.04).abs() < 1e-6, "{again} s");
 }
 
-/// A token that is away says so early; a server that answers is there, whoever withdrew its token.
+/// Guards that a missing token is noticed early, and that a server that answers counts as alive without it.
 #[test]
 fn a_server_without_its_token_is_given_up_early() {
     for answers in [false, true] {
@@ -209,14 +209,14 @@ fn a_server_without_its_token_is_given_up_early() {
 fn a_lost_session_is_told_from_a_lost_recording() {
     let lost = Notice { code: Code::Lost.into(), message: "gone".into(), ..Notice::default() };
     let lost = Input::Notice(lost.encode_to_vec().into());
-    // The recording alone: the server answers the query.
+    // Only the recording is lost: the server answers the query.
     let mut session = waiting(false);
     assert_eq!(give(&mut session, lost.clone(), 0.1), [Output::AskObservation]);
     let last = Input::LastObservation(Some(Ok(observation(3, 0).encode_to_vec().into())));
     assert_eq!(give(&mut session, last, 0.1), []);
     let new = publish(&mut session, &observation(3, 1), 0.1);
     answer(&mut session, &new, 1, 0.1);
-    // The session: nobody answers, or with a refusal.
+    // The session is lost: no answer, or a refusal.
     let refusal = Refusal { message: "no episode runs".into(), ..Refusal::default() }.encode_to_vec();
     for error in [None, Some(Err(Bytes::from(refusal)))] {
         let mut session = waiting(false);
@@ -236,7 +236,7 @@ fn a_reset_is_asked_again_only_when_the_last_one_has_ended() {
     let refusal = Refusal { message: "the hand does not close".into(), ..Refusal::default() };
     let found = give(&mut session, reset_reply(reset_reply::Reply::Refusal(refusal)), 1.3);
     let [Output::Failed(failure)] = &found[..] else { panic!("no failure") };
-    assert_eq!(failure.to_string(), "the server does not start episode 0: the hand does not close");
+    assert_eq!(failure.to_string(), "the server refuses to start episode 0: the hand does not close");
 }
 
 #[test]
@@ -257,7 +257,7 @@ fn a_server_that_is_ahead_is_an_error_in_lockstep_and_the_rule_in_real_time() {
     let new: Vec<Output> =
         [4, 5, 3].into_iter().flat_map(|step| publish(&mut session, &observation(3, step), 0.1)).collect();
     answer(&mut session, &new, 5, 0.1);
-    // The clock runs: the action is not repeated, the server is asked.
+    // The clock runs: the client asks the server instead of repeating the action.
     assert_eq!(give(&mut session, Input::Tick, 0.4), [Output::AskObservation]);
 }
 
@@ -291,7 +291,7 @@ fn a_command_that_no_server_takes_is_an_error_of_the_policy() {
     }
 }
 
-/// Whatever comes, nothing panics.
+/// Guards that no input causes a panic.
 #[test]
 fn random_bytes_do_no_harm() {
     let mut random = fake::Dice::new(5);

@@ -1,4 +1,4 @@
-//! Puts a session's records into the order of their numbers and asks for those that are missing.
+//! Puts a session's records in the order of their numbers, and requests missing ones.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -6,37 +6,37 @@ use std::time::Duration;
 use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW};
 use fiatlux_proto::v3::{StepRecord, StepRecordRequest};
 
-/// Records of a session that wait for an earlier one. More are dropped, and asked for again when their turn comes.
+/// Most records of a session that wait for an earlier one. Further ones are dropped, and requested again later.
 pub const MAX_WAITING: usize = 1024;
 
-/// A session from which nothing came for this time is asked whether there is more.
+/// After this time without a record, the session is asked whether there are more.
 const QUIET: Duration = Duration::from_secs(1);
 
-/// A session from which nothing came at all is asked less and less often, at last this often: anybody can announce one.
+/// A session that never sent a record is asked less and less often, down to this interval: anybody can announce a session.
 const SILENT: Duration = Duration::from_secs(5);
 
-/// Between two questions for the same record.
+/// Time between two requests for the same record.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// A record that was not in this many answers is lost, where the server has had to forget it.
+/// A record that is missing from this many replies is lost, if the server has had to forget it.
 const TRIES: u32 = 3;
 
-/// And where the server should still have it: the question, or its answer, may be what was lost.
+/// The same, if the server should still have the record: the request or its reply may have been lost.
 const TRIES_IN_WINDOW: u32 = 15;
 
-/// How far a recorder that takes up a bag looks for the first record that the server has, in requests.
+/// How far a recorder that resumes a bag searches for the first record that the server has, in requests.
 const MAX_PROBES: u64 = 4096;
 
-/// What came next.
+/// The next part of a session's sequence of records.
 #[derive(Debug, PartialEq)]
 pub(super) enum Next {
-    /// The next record.
+    /// The next record of the session.
     StepRecord(Box<StepRecord>),
-    /// Records that cannot be had any more.
+    /// Records that are lost for good.
     Lost {
-        /// Number of the first one.
+        /// Number of the first lost record.
         from: u64,
-        /// Number of the first one that may still be had.
+        /// Number of the first record after them.
         to: u64,
     },
 }
@@ -45,25 +45,25 @@ pub(super) enum Next {
 #[derive(Debug)]
 pub(super) struct Order {
     next: u64,
-    /// The number of the next record is not known yet: it is looked for in steps of a request.
+    /// The number of the next record is not known yet; it is searched in steps of one request.
     searching: Option<u64>,
     waiting: BTreeMap<u64, StepRecord>,
-    /// First number of the request that is being answered.
+    /// First number of the request that is under way.
     asked: Option<u64>,
-    /// Nothing is asked for before this.
+    /// Nothing is requested before this time.
     ask_at: Duration,
     heard_at: Duration,
     since: Duration,
-    /// A record has come, in order or not.
+    /// Whether any record has come, in order or not.
     is_heard: bool,
     tries: u32,
     lost: Option<(u64, u64)>,
-    /// Nothing was given out yet.
+    /// Whether no record was given out yet.
     is_fresh: bool,
 }
 
 impl Order {
-    /// From the first record on; or, for a bag that is taken up, from the first one that the server still has.
+    /// Starts at the first record; for a resumed bag, at the first one that the server still has.
     pub fn new(takes_up: bool, now: Duration) -> Self {
         Self {
             next: 0,
@@ -80,12 +80,12 @@ impl Order {
         }
     }
 
-    /// Number of the record that comes next.
+    /// Number of the next record.
     pub fn next_seq(&self) -> u64 {
         self.next
     }
 
-    /// Takes a record in, in whatever order, however often.
+    /// Accepts a record, in any order and any number of times.
     pub fn take(&mut self, record: StepRecord, now: Duration) {
         self.heard_at = now;
         self.is_heard = true;
@@ -95,7 +95,7 @@ impl Order {
             return;
         }
         if self.waiting.len() >= MAX_WAITING {
-            // The earlier ones are worth more.
+            // Earlier records are needed first.
             match self.waiting.last_key_value() {
                 Some((last, _)) if *last > seq => self.waiting.pop_last(),
                 _ => return,
@@ -104,7 +104,7 @@ impl Order {
         self.waiting.insert(seq, record);
     }
 
-    /// The next record, when it is there.
+    /// The next record, or a gap that cannot be filled; `None` while it has to wait.
     pub fn next(&mut self) -> Option<Next> {
         if self.searching.is_some() {
             return None;
@@ -121,7 +121,7 @@ impl Order {
         Some(Next::StepRecord(Box::new(record)))
     }
 
-    /// What to ask for now. [`Order::answered`] must follow before there is another request.
+    /// What to request now. There is no other request until [`Order::answered`] is called.
     pub fn request(&mut self, now: Duration) -> Option<StepRecordRequest> {
         if self.asked.is_some() || now < self.ask_at {
             return None;
@@ -140,27 +140,26 @@ impl Order {
         Some(request)
     }
 
-    /// When there may be something to ask for, if nothing comes before.
+    /// When there may be something to request, if no record comes before.
     pub fn wake_at(&self) -> Option<Duration> {
         let is_idle = self.searching.is_none() && self.waiting.is_empty();
         let quiet = if is_idle { self.heard_at + self.pace(QUIET, self.heard_at) } else { self.ask_at };
         self.asked.is_none().then(|| quiet.max(self.ask_at))
     }
 
-    /// Time from one message to the session to the next, at a moment: the usual one, or longer and longer where no record has
-    /// come.
+    /// Time to the next message to the session: the usual interval, or longer and longer ones as long as no record has come.
     pub fn pace(&self, usual: Duration, now: Duration) -> Duration {
         if self.is_heard { usual } else { now.saturating_sub(self.since).clamp(usual, SILENT) }
     }
 
-    /// The answer to the request is complete; its records were taken in.
+    /// The reply to the request is complete, and its records were given to [`Order::take`].
     pub fn answered(&mut self, now: Duration) {
         let Some(from) = self.asked.take() else { return };
         let first = self.waiting.keys().next().copied();
         if self.searching.is_some() {
             return self.search_on(from, first, now);
         }
-        // What is not there may be under way, or the server has not made it yet.
+        // A missing record may be under way, or not made yet.
         self.ask_at = now + AGAIN;
         self.heard_at = now;
         let (Some(first), Some((newest, _))) = (first, self.waiting.last_key_value()) else { return };
@@ -169,29 +168,29 @@ impl Order {
             return;
         }
         self.tries += 1;
-        // The server has no more than its window before what it sends.
+        // The server keeps only its window before the record that it sends.
         let window = newest.saturating_sub(RECORDING_WINDOW);
         let is_in_window = window <= self.next;
         if self.tries >= if is_in_window { TRIES_IN_WINDOW } else { TRIES } {
             self.tries = 0;
-            // A recorder that came late starts where the server does: rows go on being forgotten while it looks.
+            // A late recorder starts where the server does: rows continue to be forgotten while it searches.
             let starts = is_in_window || self.is_fresh && self.is_answer(first);
             self.lost = Some((self.next, if starts { first } else { window.min(first) }));
         }
     }
 
-    /// Whether what waits from there on is what a server answered, not a row here and there that was sent just now.
+    /// Whether the records waiting from there on are a reply of the server, and not single rows that were sent just now.
     fn is_answer(&self, first: u64) -> bool {
         let in_a_row = self.waiting.keys().zip(first..).take_while(|(seq, expected)| *seq == expected).count();
         in_a_row as u64 >= MAX_TRUTHS_PER_REQUEST / 2 || in_a_row > 1 && in_a_row == self.waiting.len()
     }
 
-    /// Records that are here and cannot be given out.
+    /// Number of records that have come but cannot be given out yet.
     pub fn waiting(&self) -> usize {
         self.waiting.len()
     }
 
-    /// Requests of one length one after the other meet the first record that the server has before any other.
+    /// Consecutive requests of one length reach the first record that the server has before any other.
     fn search_on(&mut self, from: u64, first: Option<u64>, now: Duration) {
         let after = from.saturating_add(MAX_TRUTHS_PER_REQUEST);
         match first {
@@ -199,7 +198,7 @@ impl Order {
                 self.next = first;
                 self.searching = None;
             }
-            // One that was sent just now: the window is before it.
+            // This one was sent just now: the window is before it.
             Some(first) => self.searching = Some(after.max(first.saturating_sub(RECORDING_WINDOW))),
             None if after < MAX_PROBES * MAX_TRUTHS_PER_REQUEST => self.searching = Some(after),
             None => {
@@ -281,7 +280,7 @@ mod tests {
             order.answered(now);
             now += AGAIN;
         }
-        // What the window may still have is asked for.
+        // Requests what the window may still hold.
         assert_eq!(order.next(), Some(Next::Lost { from: 1, to: 2000 - RECORDING_WINDOW }));
         assert_eq!(order.request(now).map(|request| request.from_seq), Some(2000 - RECORDING_WINDOW));
         (1990..2000).for_each(|seq| order.take(record(seq), now));
@@ -295,7 +294,7 @@ mod tests {
         assert_eq!(order.next(), Some(Next::Lost { from: 1488, to: 1990 }));
     }
 
-    /// A recorder that starts late begins with the first record that the server has, before more of them are forgotten.
+    /// Guards that a late recorder begins with the first record that the server has, before more of them are forgotten.
     #[test]
     fn a_late_start_begins_where_the_server_does() {
         for kept in [600..1112, 600..612] {
@@ -308,7 +307,7 @@ mod tests {
                     break next;
                 }
                 let request = order.request(now).expect("it asks");
-                // As the server answers: from the first that it has.
+                // Answers like the server: from the first one that it has.
                 let from = request.from_seq.max(kept.start);
                 (from..kept.end).take(request.count as usize).for_each(|seq| order.take(record(seq), now));
                 order.answered(now);
@@ -328,7 +327,7 @@ mod tests {
         assert_eq!(seqs(&mut order).len(), MAX_WAITING);
     }
 
-    /// A recorder that comes back finds the window wherever it is, even when nothing new is sent.
+    /// Guards that a recorder that comes back finds the window wherever it is, even if nothing new is sent.
     #[test]
     fn a_search_finds_the_first_record() {
         for window in [0..1, 100..612, 4000..4512, 10_000..10_001] {
@@ -338,7 +337,7 @@ mod tests {
                     order.take(record(window.end - 1), NOW);
                 }
                 while let Some(request) = order.request(NOW) {
-                    // As the server answers.
+                    // Answers like the server.
                     let asked = request.from_seq..request.from_seq + request.count;
                     window.clone().filter(|seq| asked.contains(seq)).for_each(|seq| order.take(record(seq), NOW));
                     order.answered(NOW);

@@ -9,7 +9,7 @@ fn header(episode: u64) -> EpisodeHeader {
     EpisodeHeader { task: "S01".into(), episode, ..EpisodeHeader::default() }
 }
 
-/// Records of one episode, the last with its result.
+/// Records of one episode; the last has the result.
 fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<StepRecord> {
     let row = |step| StepRecord {
         seq: first_seq + step,
@@ -27,10 +27,10 @@ fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<StepRecord> {
 struct Harness {
     session: RecorderSession,
     now: Duration,
-    /// What was to be written: `o` for a new bag, steps, `f` for its end, `c` for a cut.
+    /// What was written: `o` for a new bag, steps, `f` for its end, `c` for a cut.
     written: Vec<String>,
     request: Option<StepRecordRequest>,
-    /// Records that it said were in no bag.
+    /// Number of records that it reported as lost.
     lost: u64,
     is_done: bool,
 }
@@ -40,7 +40,7 @@ impl Harness {
         Self::of(RecorderSession::new("r", NOW))
     }
 
-    /// With the rows before step 4 of episode 0 on disk.
+    /// A recorder with the rows before step 4 of episode 0 on disk.
     fn resumed() -> Self {
         Self::of(RecorderSession::resume("r", header(0), 4, NOW))
     }
@@ -74,13 +74,13 @@ impl Harness {
         records.into_iter().for_each(|record| self.give(Input::StepRecord(record.encode_to_vec().into())));
     }
 
-    /// What it asks for now.
+    /// The request that it makes now.
     fn request(&mut self) -> Option<StepRecordRequest> {
         self.give(Input::Tick);
         self.request.take()
     }
 
-    /// Number of the first record that is not on disk, when the open bag has the rows before a step there.
+    /// Number of the first record that is not on disk, if the open bag has all rows before a step on disk.
     fn next_seq(&mut self, on_disk: u64) -> u64 {
         self.give(Input::OnDisk(on_disk));
         self.session.next_seq()
@@ -173,7 +173,7 @@ fn records_that_are_in_no_bag_are_told() {
 
 #[test]
 fn a_bag_is_taken_up_where_it_was_left() {
-    // The server still has rows that are on disk, the first one among them or not.
+    // The server still has rows that are on disk, with or without the first one.
     for first_kept in [0, 2, 4] {
         let mut recorder = Harness::resumed();
         assert_eq!(recorder.next_seq(4), 0, "nothing is known yet");
@@ -185,7 +185,7 @@ fn a_bag_is_taken_up_where_it_was_left() {
     }
 }
 
-/// Guards the recorder that died between two bags: what the server has forgotten is not lost.
+/// Guards a recorder that died between two bags: what the server has forgotten is not lost.
 #[test]
 fn a_recorder_goes_on_between_two_bags() {
     let mut recorder = Harness::of(RecorderSession::again("r", NOW));
@@ -195,7 +195,7 @@ fn a_recorder_goes_on_between_two_bags() {
     assert_eq!((recorder.written(), recorder.lost, recorder.next_seq(0)), ("o3 0 1 f".into(), 0, 102));
 }
 
-/// Guards the recorder that died just after it had begun a bag: the end of the one before comes once more.
+/// Guards a recorder that died just after it had begun a bag: the end of the bag before comes again.
 #[test]
 fn a_recorder_goes_on_at_the_beginning_of_a_bag() {
     let mut recorder = Harness::of(RecorderSession::resume("r", header(1), 0, NOW));
@@ -205,7 +205,7 @@ fn a_recorder_goes_on_at_the_beginning_of_a_bag() {
     assert_eq!((recorder.written(), recorder.next_seq(0)), ("0 1 f".into(), 5));
 }
 
-/// Guards the recorder that died with all rows on disk and without the result.
+/// Guards a recorder that died with all rows on disk, but without the result.
 #[test]
 fn the_result_alone_ends_a_resumed_bag() {
     let mut recorder = Harness::resumed();
@@ -217,7 +217,7 @@ fn the_result_alone_ends_a_resumed_bag() {
 
 #[test]
 fn a_bag_that_cannot_go_on_is_cut() {
-    // A row is missing; the session is at another episode; it is another session of that name.
+    // A row is missing; the session is at another episode; it is another session of the same name.
     let other = EpisodeHeader { seed: 1, ..header(0) };
     let with_other: Vec<StepRecord> = episode(0, 0, 2)
         .into_iter()
@@ -290,7 +290,7 @@ fn a_bag_that_cannot_be_written_is_given_up() {
     assert_eq!(recorder.next_seq(0), 11);
 }
 
-/// A disk that is full: the server is never told that it may forget what is on no disk.
+/// Guards a full disk: the server is never told that it may forget what is not on disk.
 #[test]
 fn what_could_not_be_written_is_not_acknowledged() {
     let failing = |rows_before: u64, fails_at: &str| {
@@ -311,7 +311,7 @@ fn what_could_not_be_written_is_not_acknowledged() {
                             Write::Finish(_) => "f".into(),
                             Write::Cut(_) => "c".into(),
                         };
-                        // Of an open bag, only that many rows are on disk.
+                        // Only this many rows of an open bag are on disk.
                         let on_disk = if (5..304).contains(&seq) { rows_before } else { 0 };
                         let fails = name == fails_at && seq >= 4;
                         session.handle(if fails { Input::WriteFailed } else { Input::OnDisk(on_disk) }, now);
@@ -327,7 +327,7 @@ fn what_could_not_be_written_is_not_acknowledged() {
         after_loss.push(acked);
         after_loss
     };
-    // The bag cannot be made, a row of it fails, or its end.
+    // The bag cannot be created, or a row or the end of it cannot be written.
     assert_eq!(failing(0, "o1"), [4, 306]);
     assert_eq!(failing(0, "1/0"), [4, 306]);
     assert_eq!(failing(128, "1/200"), [4 + 128, 306]);

@@ -1,4 +1,4 @@
-//! From actions to observations and records: in lockstep, and by the clock.
+//! Turns actions into observations and records, in lockstep and in real time.
 
 use std::time::Duration;
 
@@ -9,10 +9,10 @@ use fiatlux_proto::{DecodeError, Message, decode, limits};
 use super::{Deferred, Host, Output, Phase, ServerSession};
 use crate::command::Command;
 
-/// How far an action of a real-time session may be ahead of the present step.
+/// How many steps an action of a real-time session may be ahead of the present one.
 const MAX_AHEAD: Duration = Duration::from_secs(1);
 
-/// An action, and what it asks of the robot.
+/// An action, and its command.
 #[derive(Debug, Clone)]
 pub(super) struct ReceivedAction {
     action: Action,
@@ -20,26 +20,26 @@ pub(super) struct ReceivedAction {
     at: Duration,
 }
 
-/// Steps by the wall clock.
+/// The clock of a real-time session.
 #[derive(Debug)]
 pub(super) struct Clock {
     pub next_step: Duration,
-    /// The newest action, for the next step.
+    /// The newest action, which the next step uses.
     newest: Option<ReceivedAction>,
-    /// The action that holds.
+    /// The action in force.
     last: ReceivedAction,
 }
 
-/// A step that was taken, for its record.
+/// A finished step, for its record.
 #[derive(Debug)]
 pub(super) struct Unrecorded {
     action: ActionRecord,
-    /// What happened before it.
+    /// Events before the step.
     events: Vec<Event>,
     at: Duration,
 }
 
-/// How an action came to its step.
+/// How a step got its action.
 #[derive(Debug, Clone, Copy, Default)]
 struct Arrival {
     held: bool,
@@ -80,13 +80,13 @@ impl<H: Host, R> ServerSession<H, R> {
         let Some(run) = &self.run else { return };
         let present = run.step;
         if action.step.checked_add(1) == Some(present) {
-            // The client has not seen the present observation.
+            // The client has missed the present observation.
             return self.outputs.push_back(Output::Observation(run.observation.clone()));
         }
         if self.refuse_step(&action, action.step == present, now) {
             return;
         }
-        // The same action again, while it waits for the recorder.
+        // A copy of the action that waits for the recorder.
         if matches!(self.deferred, Some(Deferred::Action(_))) {
             return;
         }
@@ -118,7 +118,7 @@ impl<H: Host, R> ServerSession<H, R> {
         }
     }
 
-    /// Refuses an action whose step does not fit, or that follows the end.
+    /// Refuses an action of a wrong step, or after the end of the episode.
     fn refuse_step(&mut self, action: &Action, fits: bool, now: Duration) -> bool {
         let Some(run) = &self.run else { return true };
         if fits && !run.is_over {
@@ -128,15 +128,15 @@ impl<H: Host, R> ServerSession<H, R> {
         let (message, remedy) = if run.is_over {
             (format!("an action of step {step}; the episode ended at step {present}"), "send reset or close")
         } else if step < present {
-            (format!("an action of step {step}; step {present} is present"), "answer the last observation in time")
+            (format!("an action of step {step}; the present step is {present}"), "answer the last observation in time")
         } else {
-            (format!("an action of step {step}; step {present} is present"), "answer the last observation")
+            (format!("an action of step {step}; the present step is {present}"), "answer the last observation")
         };
         self.refuse_action(NoticeCode::Step, "step", message, remedy, now);
         true
     }
 
-    /// What an action asks of the robot, or a notice.
+    /// The command of an action; a wrong one is answered with a notice.
     fn read_command(&mut self, action: Action, now: Duration) -> Option<ReceivedAction> {
         match Command::of(&action, &self.info) {
             Ok(command) => Some(ReceivedAction { action, command, at: now }),
@@ -152,7 +152,7 @@ impl<H: Host, R> ServerSession<H, R> {
         self.notify(code, 1, field, message, remedy, now);
     }
 
-    /// Goes on with an action that waited for the recorder.
+    /// Continues with an action that waited for the recorder.
     pub(super) fn advance_deferred(&mut self, received: ReceivedAction, now: Duration) {
         self.advance(received, Arrival::default(), now);
     }
@@ -182,7 +182,7 @@ impl<H: Host, R> ServerSession<H, R> {
         self.unrecorded = Some(Unrecorded { action, events: self.take_events(step).collect(), at: now });
     }
 
-    /// Makes the record of the step that was taken last.
+    /// Makes the record of the last step.
     pub(super) fn record_step(&mut self) {
         let Some(Unrecorded { action, events, at }) = self.unrecorded.take() else { return };
         let large = self.has_recorder();
@@ -202,7 +202,7 @@ impl<H: Host, R> ServerSession<H, R> {
         }
     }
 
-    /// Takes the step of a real-time session whose time has come.
+    /// Takes the step of a real-time session that is due.
     pub(super) fn step_by_the_clock(&mut self, now: Duration) {
         let period = self.period();
         let Some(run) = &mut self.run else { return };
@@ -217,7 +217,8 @@ impl<H: Host, R> ServerSession<H, R> {
         let received = clock.last.clone();
         let lateness = if held { Duration::ZERO } else { received.at.saturating_sub(run.observed_at) };
         if behind >= period {
-            let message = format!("the server is {:.3} s behind the clock and goes on from now", behind.as_secs_f64());
+            let message =
+                format!("the server is {:.3} s behind the clock and continues from now", behind.as_secs_f64());
             self.note("lost", "time", message.clone());
             let remedy = "ask for fewer sensors or looks, or run fewer sessions on this server";
             self.notify(NoticeCode::Late, 1, "", message, remedy, now);
@@ -225,7 +226,7 @@ impl<H: Host, R> ServerSession<H, R> {
         self.advance(received, Arrival { held, lateness_s: lateness.as_secs_f64() }, now);
     }
 
-    /// A control step by the wall clock; a millisecond at least.
+    /// Duration of a control step on the wall clock, at least a millisecond.
     fn period(&self) -> Duration {
         Duration::try_from_secs_f64(self.info.control_dt).unwrap_or_default().max(Duration::from_millis(1))
     }

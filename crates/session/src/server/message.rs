@@ -1,19 +1,19 @@
-//! What goes into a server's session and what comes out of it.
+//! Inputs and outputs of a server's session.
 
 use std::time::Duration;
 
 use fiatlux_proto::{Bytes, limits};
 
-/// Spans that a session keeps.
+/// Timeouts of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Timeouts {
-    /// How long it waits for a client that is gone.
+    /// How long the session waits for a client whose token is gone.
     pub grace: Duration,
-    /// How long it waits for an action.
+    /// How long the session waits for an action.
     pub action: Duration,
-    /// After this long without an observation a client sends its action again.
+    /// Time without an observation after which a client should send its action again.
     pub resend: Duration,
-    /// How long it waits for a recorder that makes no progress.
+    /// How long the session waits for a recorder that makes no progress.
     pub recorder: Duration,
 }
 
@@ -28,7 +28,7 @@ impl Default for Timeouts {
     }
 }
 
-/// What reaches a session. `R` is where a reply goes.
+/// An input of a session. `R` says where a reply goes.
 #[derive(Debug)]
 pub enum Input<R> {
     /// An [`Action`](fiatlux_proto::v3::Action) of the client.
@@ -37,11 +37,11 @@ pub enum Input<R> {
     Reset(Bytes, R),
     /// Query `close`: its payload, and where the reply goes.
     Close(Bytes, R),
-    /// Query `observation`, for the last one.
+    /// Query `observation`, which asks for the last one again.
     Observation(R),
     /// Query `look`: its payload, and where the reply goes.
     Look(Bytes, R),
-    /// The client's liveliness token is there.
+    /// The client's liveliness token has appeared.
     ClientSeen,
     /// The client's liveliness token is gone.
     ClientGone,
@@ -49,17 +49,17 @@ pub enum Input<R> {
     Ack(Bytes),
     /// Query `truth/rows` of a recorder.
     StepRecords(Bytes, R),
-    /// That many messages of the client found the inbox full and were dropped.
+    /// This many messages of the client were dropped because the inbox was full.
     Dropped(u64),
-    /// A message of the client that is too large to be read, with its size in bytes.
+    /// A message of the client was too large to read; its size in bytes.
     TooLarge(usize),
-    /// The session has to end, for this reason.
+    /// The server wants the session to end, for this reason.
     Terminate(&'static str),
-    /// Nothing but the time.
+    /// Nothing has arrived; only time has passed.
     Tick,
 }
 
-/// What a session wants sent.
+/// What the caller should do for a session.
 #[derive(Debug)]
 pub enum Output<R> {
     /// Publish an [`Observation`](fiatlux_proto::v3::Observation) on `observation`.
@@ -68,12 +68,12 @@ pub enum Output<R> {
     Notice(Bytes),
     /// Publish a [`StepRecord`](fiatlux_proto::v3::StepRecord) on `truth/row`.
     StepRecord(Bytes),
-    /// Reply to a query, with the name of the replies' message.
+    /// Reply to a query with these messages of this type.
     Reply(R, &'static str, Vec<Bytes>),
-    /// Reply to a query with a [`Refusal`](fiatlux_proto::v3::Refusal) as an error: it has no other form for one.
+    /// Reply to a query with a [`Refusal`](fiatlux_proto::v3::Refusal) as a Zenoh error, since its reply has no field for one.
     Refuse(R, Bytes),
-    /// No client has this session any more; it only waits for its recorder.
+    /// The client is done with the session, which now only waits for its recorder.
     Closed,
-    /// Nothing is left to do.
+    /// The session is over; drop it.
     Done,
 }

@@ -1,24 +1,24 @@
-//! Notices to a client, at a bounded rate.
+//! Limits the rate of notices to a client.
 
 use std::time::Duration;
 
 use fiatlux_proto::limits::MAX_NOTICES_PER_S;
 use fiatlux_proto::v3::Notice;
 
-/// The span over which notices are counted.
+/// Period over which notices are counted.
 const SPAN: Duration = Duration::from_secs(1);
 
-/// Lets a bounded number of notices a second through and counts the others into the next one.
+/// Lets a limited number of notices a second through, and adds up the others into the next one.
 #[derive(Debug, Default)]
 pub(super) struct NoticeLimiter {
     span_start: Duration,
     sent: u32,
-    /// The last one held back; its `count` stands for all of them.
+    /// The last notice held back; its `count` includes the earlier ones.
     held: Option<Notice>,
 }
 
 impl NoticeLimiter {
-    /// A notice of `count` messages; returns what to send now.
+    /// Takes a notice about `count` messages; returns the notice to send now, if any.
     pub fn offer(&mut self, mut notice: Notice, now: Duration) -> Option<Notice> {
         if now >= self.span_start + SPAN {
             self.span_start = now;
@@ -33,7 +33,7 @@ impl NoticeLimiter {
         None
     }
 
-    /// What was held back, once its time has come.
+    /// The notice that was held back, once it is due.
     pub fn due(&mut self, now: Duration) -> Option<Notice> {
         if self.wake_at()? > now {
             return None;
@@ -43,12 +43,12 @@ impl NoticeLimiter {
         self.held.take()
     }
 
-    /// What was held back, where no later notice can take its count along.
+    /// The notice that was held back, when no later one will carry its count.
     pub fn flush(&mut self) -> Option<Notice> {
         self.held.take()
     }
 
-    /// When [`NoticeLimiter::due`] has something.
+    /// When [`NoticeLimiter::due`] will return a notice.
     pub fn wake_at(&self) -> Option<Duration> {
         self.held.as_ref().map(|_| self.span_start + SPAN)
     }

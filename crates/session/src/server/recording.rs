@@ -1,4 +1,4 @@
-//! What a session does for its recorder: it keeps records, and in lockstep it waits.
+//! Serves a session's recorder: keeps records until they are acknowledged, and in lockstep waits for the recorder.
 
 use std::time::Duration;
 
@@ -8,21 +8,21 @@ use fiatlux_proto::{decode, limits};
 
 use super::{Deferred, Host, Output, Phase, ServerSession};
 
-/// How the recording stands.
+/// State of the recording.
 #[derive(Debug, Default)]
 pub(super) struct Recording {
-    /// Some recorder has acknowledged something.
+    /// Whether a recorder has acknowledged anything yet.
     pub registered: bool,
-    /// Since when the session waits for room in the window.
+    /// When the session began to wait for room in the window.
     pub waiting_since: Option<Duration>,
-    /// The recorder is gone: the session goes on without, until one is heard of.
+    /// The recorder is gone: the session goes on without one until a recorder is heard from.
     lost: bool,
-    /// When an acknowledgement last freed something.
+    /// When an acknowledgement last freed a record.
     last_progress: Duration,
 }
 
 impl<H: Host, R> ServerSession<H, R> {
-    /// Whether the next row has to wait for the recorder; if so, the wait begins.
+    /// Whether the next row has to wait for the recorder; starts the wait if so.
     pub(super) fn must_wait(&mut self, now: Duration) -> bool {
         let waits = self.recorded && !self.is_real_time() && !self.recording.lost && self.window.is_full();
         if waits {
@@ -31,7 +31,7 @@ impl<H: Host, R> ServerSession<H, R> {
         waits
     }
 
-    /// Whether somebody takes its records, or is waited for.
+    /// Whether a recorder takes the records, or is still expected.
     pub(super) fn has_recorder(&self) -> bool {
         self.recorded || self.recording.registered
     }
@@ -58,7 +58,7 @@ impl<H: Host, R> ServerSession<H, R> {
                 session = self.info.session,
                 ack.next_seq,
                 next,
-                "acknowledgement of what does not exist"
+                "acknowledgement of records that do not exist"
             );
         }
         self.recording.registered = true;
@@ -81,7 +81,7 @@ impl<H: Host, R> ServerSession<H, R> {
         }
     }
 
-    /// Gives up on a recorder that has not made room in time.
+    /// Gives up on a recorder that has not acknowledged in time.
     pub(super) fn stop_waiting_for_recorder(&mut self, now: Duration) {
         if self.recording.waiting_since.is_some_and(|since| now >= since + self.timeouts.recorder) {
             let secs = self.timeouts.recorder.as_secs_f64();
@@ -92,7 +92,7 @@ impl<H: Host, R> ServerSession<H, R> {
         }
     }
 
-    /// When a session that is closed stops waiting for its recorder; none when all is acknowledged.
+    /// When a closed session stops waiting for its recorder; `None` if everything is acknowledged.
     pub(super) fn drained_at(&self) -> Option<Duration> {
         let Phase::Draining(since) = self.phase else { return None };
         (!self.window.is_empty()).then(|| since.max(self.recording.last_progress) + self.timeouts.recorder)
@@ -101,11 +101,11 @@ impl<H: Host, R> ServerSession<H, R> {
     fn lose_recorder(&mut self, why: &str, now: Duration) {
         self.recording.lost = true;
         self.note("lost", "recorder", why.into());
-        let message = format!("{why}: the episode goes on, its recording is cut");
+        let message = format!("{why}: the episode goes on, but its recording is cut");
         self.notify(NoticeCode::Lost, 1, "recorded", message, "start a recorder for this server", now);
     }
 
-    /// Does what waited for room.
+    /// Handles the input that waited for room.
     fn go_on(&mut self, now: Duration) {
         self.recording.waiting_since = None;
         match self.deferred.take() {

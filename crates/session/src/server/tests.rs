@@ -1,4 +1,4 @@
-//! What the machine adds to its host; each rule of the protocol is tested over real episodes, where the host is.
+//! Tests what the machine adds to its host; `sim-server` tests the rules of the protocol over real episodes.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -10,7 +10,7 @@ use crate::command::{Command, CommandError};
 
 const NOW: Duration = Duration::from_secs(100);
 
-/// Counts instead of simulating.
+/// A host that counts steps instead of simulating.
 #[derive(Debug, Default)]
 struct Counter {
     present: Observation,
@@ -56,7 +56,7 @@ impl Host for Counter {
     }
 }
 
-/// A session whose episode 0 was reset.
+/// A session with a running episode 0.
 fn running(host: Counter) -> ServerSession<Counter, ()> {
     let info = SessionInfo {
         joints: vec![Joint { name: "knee".into(), ..Joint::default() }; 2],
@@ -91,13 +91,13 @@ fn a_row_is_recorded_after_its_observation_is_out() {
     assert!(matches!(outputs(&mut session)[..], [Output::Notice(_)]));
     act(&mut session, 0, vec![0.5, -0.5]);
     assert!(matches!(session.poll(), Some(Output::Observation(_))));
-    assert_eq!(records.get(), 1, "row 0 alone");
+    assert_eq!(records.get(), 1, "only row 0");
     let Some(Output::StepRecord(bytes)) = session.poll() else { panic!("no record") };
     let record = StepRecord::decode(bytes).expect("a record");
     assert_eq!((records.get(), record.seq, record.step, record.events.len()), (2, 1, 1, 2));
     assert_eq!(Event::decode(record.events[0].as_slice()).map(|event| event.kind), Ok("refused".into()));
     assert_eq!(record.events[1], b"the host's");
-    // Nor is it lost where nobody polls in between.
+    // It is not lost either if nobody polls in between.
     act(&mut session, 1, vec![0.5, -0.5]);
     session.handle(Input::Terminate("the test ends"), NOW);
     let found = outputs(&mut session);
@@ -130,7 +130,7 @@ fn a_host_that_fails_closes_its_session() {
     assert!(session.wake_at().is_some(), "it waits for a recorder");
 }
 
-/// Finite as a target, but beyond what an action may be.
+/// Guards a joint target that is finite, but beyond the range of an action.
 #[test]
 fn a_target_that_is_no_action_does_not_reach_the_host() {
     let mut session = running(Counter::default());
@@ -151,7 +151,7 @@ fn a_target_that_is_no_action_does_not_reach_the_host() {
     );
 }
 
-/// Bounds of both forms, from both sides, and without a bound.
+/// Guards the bounds of both forms from both sides, and a session without a bound.
 #[test]
 fn commands_have_a_bound() {
     let joint = Joint { name: "knee".into(), q0: 0.25, ..Joint::default() };

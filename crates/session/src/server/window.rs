@@ -1,4 +1,4 @@
-//! The records that no recorder has on disk yet.
+//! Keeps the records that no recorder has on disk yet.
 
 use std::collections::VecDeque;
 
@@ -10,9 +10,9 @@ use fiatlux_proto::{Bytes, Message};
 #[derive(Debug, Default)]
 pub(super) struct RecordWindow {
     records: VecDeque<Bytes>,
-    /// Number of the first one kept.
+    /// Number of the first record kept.
     first: u64,
-    /// Size of them all.
+    /// Size of all kept records, bytes.
     bytes: usize,
 }
 
@@ -22,7 +22,7 @@ impl RecordWindow {
         self.first + self.records.len() as u64
     }
 
-    /// Takes a record in, numbered. A full window loses its oldest record if `slide`.
+    /// Numbers a record and keeps it. If `slide`, a full window drops its oldest record.
     pub fn push(&mut self, record: &mut StepRecord, slide: bool) -> Bytes {
         record.seq = self.next_seq();
         let bytes = Bytes::from(record.encode_to_vec());
@@ -34,7 +34,7 @@ impl RecordWindow {
         bytes
     }
 
-    /// As many are kept as may be.
+    /// Whether the window is full.
     pub fn is_full(&self) -> bool {
         self.records.len() as u64 >= RECORDING_WINDOW || self.bytes >= RECORDING_WINDOW_BYTES
     }
@@ -51,7 +51,7 @@ impl RecordWindow {
         self.records.is_empty()
     }
 
-    /// Forgets what a recorder has on disk; returns how many records that freed. An acknowledgement of what does not exist
+    /// Drops the records that a recorder has on disk, and returns their number. An acknowledgement of records that do not exist
     /// yet frees nothing.
     pub fn acknowledge(&mut self, ack: &StepRecordAck) -> usize {
         if ack.next_seq > self.next_seq() {
@@ -62,7 +62,7 @@ impl RecordWindow {
         freed
     }
 
-    /// As many as are asked for, from the first of them that is kept.
+    /// The records of a request, from the first one that is still kept.
     pub fn get(&self, request: &StepRecordRequest) -> Vec<Bytes> {
         let skipped = request.from_seq.saturating_sub(self.first).min(self.records.len() as u64);
         let count = request.count.min(MAX_TRUTHS_PER_REQUEST);

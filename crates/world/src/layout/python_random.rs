@@ -21,12 +21,12 @@ impl PythonRandom {
         (f64::from(high) * 67_108_864.0 + f64::from(low)) * SCALE
     }
 
-    /// `uniform(low, high)`.
+    /// `uniform(low, high)`: uniform between the two, from one `random()`.
     pub(super) fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.random()
     }
 
-    /// `choice(items)`: as many bits of a word as the number of items has, again until they name one.
+    /// `choice(items)`: takes as many bits of a word as the number of items needs, and repeats until they name one.
     pub(super) fn choice<T: Copy, const N: usize>(&mut self, items: [T; N]) -> T {
         const { assert!(N > 0 && N < 1 << 31) };
         let shift = (N as u32).leading_zeros();

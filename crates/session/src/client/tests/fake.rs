@@ -1,4 +1,4 @@
-//! The other side: a server that counts instead of simulating.
+//! The other side of the tests: a server that counts instead of simulating.
 
 use fiatlux_proto::v3::{
     Action, EpisodeEnd, Joint, Mode, Observation, ObservationTerm, ResetReply, ResetRequest, SessionInfo, reset_reply,
@@ -31,7 +31,7 @@ pub fn observation(episode: u64, step: u64) -> Observation {
     Observation { episode, step, ..Observation::default() }
 }
 
-/// Throws of a die.
+/// A generator of random numbers that repeats exactly.
 pub struct Dice(Pcg64Mcg);
 
 impl Dice {
@@ -44,10 +44,10 @@ impl Dice {
     }
 }
 
-/// Lockstep as the protocol has it, without its refusals: one must never be due.
+/// Lockstep as in the protocol, but without refusals, since none may ever be needed.
 pub struct FakeServer {
     pub episode: Option<u64>,
-    /// Steps that were taken, by the action of which step.
+    /// The `step` of each action that was carried out, in order.
     pub taken: Vec<u64>,
     horizon: u64,
 }
@@ -67,14 +67,14 @@ impl FakeServer {
         ResetReply { reply: Some(reset_reply::Reply::Observation(self.present())) }.encode_to_vec()
     }
 
-    /// The observation that is published in answer to an action.
+    /// The observation that the server publishes after an action.
     pub fn act(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
         let action: Action = decode(bytes, 1 << 16).expect("an action");
         let step = self.taken.len() as u64;
         if action.step == step && step < self.horizon {
             self.taken.push(action.step);
         } else if action.step + 1 != step {
-            // An old copy that was overtaken: refused with a notice in earnest.
+            // An old copy that was overtaken: a real server would refuse it with a notice.
             return None;
         }
         Some(self.present().encode_to_vec())

@@ -3,13 +3,13 @@
 use super::fake::{Dice, FakeServer, info};
 use super::*;
 
-/// A message under way: to the server what the client wants done, back what reaches it.
+/// A message under way: to the server an output of the client, to the client an input.
 enum Mail {
     ToServer(Output),
     ToClient(Input),
 }
 
-/// Sends messages on their way: one of ten is lost, each takes 1 to 40 ms, and may overtake others.
+/// Sends messages: one in ten is lost, each takes 1 to 40 ms, and may overtake others.
 struct Channel {
     dice: Dice,
     messages: Vec<(Duration, Mail)>,
@@ -23,7 +23,7 @@ impl Channel {
             return self.messages.push((arrival, message));
         }
         self.lost += 1;
-        // Zenoh tells when a query has run into its time-out.
+        // Zenoh reports when a query has timed out.
         let (secs, ended) = match message {
             Mail::ToServer(Output::Reset(_)) | Mail::ToClient(Input::Reset(_)) => (5, Input::Reset(None)),
             Mail::ToServer(Output::AskObservation) | Mail::ToClient(Input::LastObservation(_)) => {
@@ -40,7 +40,7 @@ impl Channel {
     }
 }
 
-/// What the server sends for a message, if anything.
+/// The server's reply to a message, if any.
 fn serve(server: &mut FakeServer, output: &Output) -> Option<Input> {
     match output {
         Output::Reset(bytes) => Some(Input::Reset(Some(Ok(server.reset(bytes).into())))),
@@ -50,8 +50,8 @@ fn serve(server: &mut FakeServer, output: &Output) -> Option<Input> {
     }
 }
 
-/// Plays an episode, with as many of its actions known in advance; what the policy was shown, the steps that the server
-/// took, and how many messages were lost.
+/// Plays an episode whose first `foreseen` actions are known in advance. Returns the steps that the policy was shown, the
+/// steps that the server took, and the number of lost messages.
 fn play(seed: u64, horizon: u64, foreseen: u64) -> (Vec<u64>, Vec<u64>, usize) {
     let mut channel = Channel { dice: Dice::new(seed), messages: Vec::new(), lost: 0 };
     let mut server = FakeServer::new(horizon);
@@ -100,7 +100,8 @@ fn play(seed: u64, horizon: u64, foreseen: u64) -> (Vec<u64>, Vec<u64>, usize) {
     }
 }
 
-/// Lost messages cost time: the policy still sees each observation once, in order, and the server takes each step once.
+/// Guards that lost messages only cost time: the policy sees each observation once, in order, and the server takes each step
+/// once.
 #[test]
 fn an_episode_over_a_lossy_channel_is_the_same_episode() {
     for seed in 0..20 {
@@ -112,7 +113,7 @@ fn an_episode_over_a_lossy_channel_is_the_same_episode() {
     }
 }
 
-/// A recording's actions go ahead of their observations, and are taken once and in order all the same.
+/// Guards that actions sent ahead of their observations are still taken once and in order.
 #[test]
 fn actions_ahead_over_a_lossy_channel_are_taken_in_order() {
     for seed in 0..20 {

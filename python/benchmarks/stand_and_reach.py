@@ -1,0 +1,121 @@
+"""How still the whole-body controller stands while both arms reach: the figures of docs/training.md.
+
+    python python/benchmarks/stand_and_reach.py --episodes 8
+
+Each episode is one of S05, which begins with the spent bulb in the right hand. The robot stands; both arms go to twenty random
+poses about the one they began in, at 2 rad/s at most, and stay in each for three seconds. In the last two seconds of each the
+distances of the pelvis and of the bulb from their own means are measured, as a root of the mean square (rms), mm. The drift is the
+way of the pelvis over a minute of standing with the arms at rest, between means over two seconds.
+"""
+
+import argparse
+import json
+
+import fiatlux
+import numpy as np
+
+STEPS_PER_S = 50
+MOVED = 15
+ARMS = slice(15, 29)
+FASTEST = 2.0 / STEPS_PER_S
+REACH = np.array([0.5, 0.3, 0.4, 0.5, 0.4, 0.3, 0.3] * 2)
+"""Half-widths of the poses that are drawn, rad, joint by joint from the shoulder."""
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, default=8)
+    parser.add_argument("--first-seed", type=int, default=64)
+    parser.add_argument("--reaches", type=int, default=20)
+    parser.add_argument("--exact", action="store_true", help="without the benchmark's noise")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+
+    pelvis, hand, drifts, ended = [], [], [], 0
+    for seed in range(args.first_seed, args.first_seed + args.episodes):
+        reached = reach(seed, args.reaches, not args.exact)
+        pelvis += reached[0]
+        hand += reached[1]
+        ended += reached[2]
+        drift = stand(seed, not args.exact)
+        drifts += [] if drift is None else [drift]
+    found = {
+        "episodes": args.episodes,
+        "reaches": len(pelvis),
+        "ended early": ended,
+        "pelvis rms mm, mean": float(np.mean(pelvis)),
+        "pelvis rms mm, worst": float(np.max(pelvis)),
+        "hand rms mm, mean": float(np.mean(hand)),
+        "hand rms mm, worst": float(np.max(hand)),
+        "drift in 60 s, mm, mean": float(np.mean(drifts)),
+        "drift in 60 s, mm, worst": float(np.max(drifts)),
+    }
+    print(json.dumps(found) if args.json else "\n".join(f"{name:<26}{value:>9.3g}" for name, value in found.items()))
+
+
+class Standing:
+    """An episode in which the controller stands and the arms are driven."""
+
+    def __init__(self, seed, noise):
+        self.env = fiatlux.Env("S05", action_form="joint_target", observation="dict", noise=noise)
+        self.observation, _ = self.env.reset(seed=seed)
+        self.body = fiatlux.WholeBody()
+        self.targets = self.body.targets(self.observation)
+
+    def step(self, arms):
+        """A control step with these targets of the arms; places of pelvis and bulb, m, or None once it has ended."""
+        self.targets[ARMS] = arms
+        self.targets[:MOVED] = self.body(self.observation)
+        self.observation, _, terminated, truncated, _ = self.env.step(self.targets)
+        row = self.env.row()
+        places = np.concatenate((row["robot_pose"][:3], row["old_bulb_pose"][:3]))
+        return None if terminated or truncated else places
+
+
+def rms_mm(places):
+    """Of the distances from the mean place."""
+    return 1e3 * float(np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=1).mean()))
+
+
+def reach(seed, reaches, noise):
+    """Rms of pelvis and hand at each reach, and whether the episode ended before the last."""
+    random = np.random.default_rng(seed)
+    standing = Standing(seed, noise)
+    begin = standing.targets[ARMS].copy()
+    pelvis, hand = [], []
+    arms = begin.copy()
+    for _ in range(reaches):
+        goal = begin + random.uniform(-REACH, REACH)
+        while np.abs(goal - arms).max() > 1e-9:
+            arms = arms + np.clip(goal - arms, -FASTEST, FASTEST)
+            if standing.step(arms) is None:
+                return pelvis, hand, True
+        places = []
+        for _ in range(3 * STEPS_PER_S):
+            here = standing.step(arms)
+            if here is None:
+                return pelvis, hand, True
+            places.append(here)
+        places = np.array(places[-2 * STEPS_PER_S :])
+        pelvis.append(rms_mm(places[:, :3]))
+        hand.append(rms_mm(places[:, 3:]))
+    return pelvis, hand, False
+
+
+def stand(seed, noise):
+    """The way of the pelvis over a minute of standing, mm, on the floor; None where the episode ended."""
+    standing = Standing(seed, noise)
+    arms = standing.targets[ARMS].copy()
+    places = []
+    for _ in range(64 * STEPS_PER_S):
+        here = standing.step(arms)
+        if here is None:
+            return None
+        places.append(here[:2])
+    places = np.array(places)
+    first, last = places[2 * STEPS_PER_S : 4 * STEPS_PER_S].mean(axis=0), places[-2 * STEPS_PER_S :].mean(axis=0)
+    return 1e3 * float(np.linalg.norm(last - first))
+
+
+if __name__ == "__main__":
+    main()
