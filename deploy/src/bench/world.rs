@@ -73,7 +73,7 @@ struct Samples {
 }
 
 impl Samples {
-    /// Times every step of this many runs from the start, after an untimed one.
+    /// Times every step of this many runs from the start, after one that is not timed.
     fn take(&mut self, case: &Case, repeats: usize) {
         self.times.reserve(repeats * case.steps);
         let mut dynamics = Dynamics::new(&case.model);

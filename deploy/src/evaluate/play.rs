@@ -91,7 +91,7 @@ fn play_one(
     let mut policy = policies::by_name(&options.policy)?;
     let mut client = Client::open(link, Some(SERVER), options.request(job)?)?;
     client.run_episode(0, policy.as_mut(), on_step, stop)?;
-    // The episode is over, and an unclosed session ends by itself.
+    // The episode is over, and a session that is not closed ends by itself.
     if let Err(error) = client.close() {
         tracing::debug!("{} seed {}: the session was not closed: {error}", job.task, job.seed);
     }
