@@ -70,7 +70,7 @@ pub enum BenchError {
     OracleOutput {
         /// Name of the case.
         case: &'static str,
-        /// The parser's error.
+        /// The parser's error, with line and column.
         #[source]
         source: serde_json::Error,
     },

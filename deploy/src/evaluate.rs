@@ -133,7 +133,7 @@ pub enum EvaluateError {
     Port {
         /// The endpoint, as it was given.
         endpoint: String,
-        /// The system's error.
+        /// The system's error, which says why.
         #[source]
         source: std::io::Error,
     },

@@ -34,7 +34,7 @@ struct Installation {
     keys: PathBuf,
     commands: Vec<Vec<String>>,
     port: u16,
-    /// Dropped last.
+    /// Declared last, so that it is dropped after its users.
     folder: Scratch,
 }
 

@@ -54,7 +54,7 @@ impl Drop for Double {
 
 /// What a run against a double left.
 struct Recorded {
-    /// Of the client.
+    /// What the client wrote to stderr.
     log: String,
     bag: Bag,
     actions: Vec<Action>,

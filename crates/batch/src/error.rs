@@ -62,7 +62,7 @@ pub enum BatchError {
         bank: usize,
         /// Index of the start in the bank.
         start: usize,
-        /// The world's reason.
+        /// The world's error, which says why.
         #[source]
         source: WorldError,
     },
@@ -104,7 +104,7 @@ pub enum BatchError {
     World {
         /// Index of the world in the batch.
         world: usize,
-        /// The world's reason.
+        /// The world's error, which says why.
         #[source]
         source: WorldError,
     },

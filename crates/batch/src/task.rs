@@ -133,7 +133,7 @@ pub struct Control {
 /// Whether an episode continues after a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// The episode continues.
+    /// The episode goes on with another step.
     Continues,
     /// The episode ends because the goal is reached. Counts as terminated.
     Success,

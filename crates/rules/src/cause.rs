@@ -84,7 +84,7 @@ impl FromStr for Cause {
 pub struct Causes(u16);
 
 impl Causes {
-    /// The empty set.
+    /// A set without any cause.
     pub const NONE: Causes = Causes(0);
 
     /// The set of these causes.

@@ -57,7 +57,7 @@ pub struct FlightReport {
 pub struct TrialReport {
     /// Name of the pattern.
     pub name: String,
-    /// Number of runs.
+    /// Number of runs that were made.
     pub runs: u64,
     /// Number of runs that ended as diverged.
     pub diverged: u64,

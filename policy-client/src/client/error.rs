@@ -118,7 +118,7 @@ pub enum ClientError {
     /// Zenoh reports a failure.
     #[error("Zenoh fails: {reason}; check the link (RUST_LOG=zenoh=debug shows more) and start again")]
     Zenoh {
-        /// Zenoh's own message.
+        /// Zenoh's message, which says why.
         reason: String,
     },
 }

@@ -109,7 +109,7 @@ impl Gate {
         lock(&self.0).asked.remove(&number);
     }
 
-    /// Forgets all queries.
+    /// Forgets all queries, which then get no answer.
     pub fn forget_all(&self) {
         lock(&self.0).asked.clear();
     }

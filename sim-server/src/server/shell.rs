@@ -144,7 +144,7 @@ pub enum ServerError {
     Zenoh {
         /// The key expression that was refused.
         key: String,
-        /// Zenoh's own message.
+        /// Zenoh's message, which says why.
         reason: String,
     },
     /// The system cannot start a thread.
