@@ -15,7 +15,7 @@
 //! # fn bags() -> std::path::PathBuf {
 //! #     let folder = std::env::temp_dir().join(format!("fiatlux-grading-example-{}", std::process::id()));
 //! #     std::fs::create_dir_all(&folder).unwrap();
-//! #     std::fs::write(folder.join("notes.mcap"), "not a bag").unwrap();
+//! #     std::fs::write(folder.join("notes.mcap"), "no bag").unwrap();
 //! #     folder
 //! # }
 //! let folder = bags();

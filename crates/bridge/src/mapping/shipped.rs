@@ -12,7 +12,7 @@ const SHIPPED: [(&str, &str); 7] = [
     ("lerobot_g1", include_str!("../../mappings/lerobot_g1.toml")),
 ];
 
-/// Names of the mappings that come with this program, for [`Mapping::open`].
+/// Names of the mappings that come with this program, for [`Mapping::open`](crate::Mapping::open).
 pub fn shipped_names() -> Vec<&'static str> {
     SHIPPED.map(|(name, _)| name).to_vec()
 }

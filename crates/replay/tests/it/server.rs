@@ -92,7 +92,7 @@ fn one_bag_is_served_with_all_its_parts() {
 #[test]
 fn a_folder_is_listed_and_a_broken_bag_says_why() {
     let played = play("listed", Task::S07, 8);
-    std::fs::write(played.folder.join("A broken one.mcap"), "not a bag").unwrap();
+    std::fs::write(played.folder.join("A broken one.mcap"), "no bag").unwrap();
     let serving = Serving::start(Bags::find(&played.folder).unwrap());
     let (status, _, page) = serving.get("/");
     assert!(status == 200 && String::from_utf8(page).unwrap().contains("Replays"));
