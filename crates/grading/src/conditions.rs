@@ -373,11 +373,7 @@ mod tests {
             ),
             (v3::EpisodeHeader { scene_digest: "1".into(), ..header() }, "the scene is not the pinned one", "standard"),
             (v3::EpisodeHeader { model_digest: "1".into(), ..header() }, "the robot is not the pinned one", "standard"),
-            (
-                seeded,
-                "the camera's features are those of an untrained network, 'fiatlux-resnet18-seeded/1:0'",
-                "other",
-            ),
+            (seeded, "the camera's features are those of an untrained network, 'fiatlux-resnet18-seeded/1:0'", "other"),
             (
                 v3::EpisodeHeader { benchmark_version: 7, ..header() },
                 &format!("the rules are those of benchmark version {BENCHMARK_VERSION}, the episodes of 7"),
