@@ -1,4 +1,4 @@
-//! Benchmarks: how fast each part is, measured over the same work as its rival.
+//! Benchmarks: how fast each part is, measured on the same work as its rival.
 
 pub mod batch;
 mod case;
@@ -20,13 +20,13 @@ pub use multibody::MultibodyWorld;
 pub use report::{CaseReport, Report, RoomReport, WorldsReport};
 pub use stats::Times;
 
-/// Why a benchmark could not be run.
+/// Why a benchmark could not run.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     /// The scene of the benchmark could not be built.
     #[error("benchmark scene")]
     Scene(#[source] Box<dyn std::error::Error + Send + Sync>),
-    /// A start state did not come about.
+    /// A start state could not be reached.
     #[error("case '{case}': {problem}")]
     Start {
         /// Name of the case.
@@ -37,7 +37,7 @@ pub enum BenchError {
     /// Rapier refused a joint.
     #[error("Rapier took no multibody joint for body '{0}'; its tree has a loop or two parents")]
     Joint(String),
-    /// The script that times MuJoCo or PyTorch is not there.
+    /// The script that times MuJoCo or PyTorch does not exist.
     #[error(
         "no oracle script at '{0}'; run from the repository's root, name it with --oracle, or leave the comparison out"
     )]
@@ -48,15 +48,15 @@ pub enum BenchError {
              without them leave it out"
     )]
     Io {
-        /// What was tried, as a verb and its object for the message.
+        /// What was attempted: a verb and its object, for the message.
         what: String,
         /// What the operating system says.
         #[source]
         source: std::io::Error,
     },
-    /// The script failed; it has said why on stderr.
+    /// The script failed; it reported the reason on stderr.
     #[error(
-        "comparison of '{case}' failed ({status}); its own message stands above. On its first run it installs its \
+        "comparison of '{case}' failed ({status}); its own message is above. On its first run it installs its \
              requirements (tests/oracle) and needs a package index; without one leave the comparison out"
     )]
     OracleFailed {
@@ -65,12 +65,12 @@ pub enum BenchError {
         /// Exit status of the script.
         status: std::process::ExitStatus,
     },
-    /// The script's output is not what was agreed.
+    /// The script's output has another form.
     #[error("comparison of '{case}': unexpected output; is the oracle script of another version?")]
     OracleOutput {
         /// Name of the case.
         case: &'static str,
-        /// Why it could not be read.
+        /// The parser's error, with line and column.
         #[source]
         source: serde_json::Error,
     },

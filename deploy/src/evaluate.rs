@@ -1,6 +1,6 @@
 //! The main job: server, recorder, policies and scorer in one process, over an embedded Zenoh session.
 //!
-//! Every episode is a session like any other: the policy sees messages only, and the scorer sees bags only.
+//! Every episode is a session like any other: the policy sees only messages, and the scorer sees only bags.
 mod done;
 mod external;
 mod lock;
@@ -28,10 +28,10 @@ pub use progress::Progress;
 /// Name of the server in this process.
 const SERVER: &str = "evaluate";
 
-/// What to evaluate, where to, and how.
+/// What to evaluate, where to put it, and how.
 #[derive(Debug, Clone)]
 pub struct EvaluateOptions {
-    /// Name of the policy, as `policy-client` takes it.
+    /// Name of the policy, in the form that `policy-client` accepts.
     pub policy: String,
     /// Tasks to play, each once.
     pub tasks: Vec<Task>,
@@ -39,13 +39,13 @@ pub struct EvaluateOptions {
     pub seeds: Vec<u64>,
     /// Folder for bags, results and report. Whole bags of the same evaluation and version are kept.
     pub out: PathBuf,
-    /// Episodes that are played at once.
+    /// Number of episodes to play at once.
     pub workers: usize,
-    /// Folder of the weights that a session may name.
+    /// Folder of weights that a session may name.
     pub weights: Option<PathBuf>,
-    /// Folder of meshes that the robot is drawn with in place of our own shapes.
+    /// Folder of meshes that replace the built-in shapes of the robot.
     pub meshes: Option<PathBuf>,
-    /// What every session is asked for besides policy, task and seed.
+    /// The request for every session, without policy, task and seed.
     pub session: SessionArgs,
 }
 
@@ -57,7 +57,7 @@ struct Job {
 }
 
 impl EvaluateOptions {
-    /// Opens a session for a job.
+    /// The request for a job's session.
     fn request(&self, job: Job) -> Result<OpenRequest, PolicyError> {
         let mut request = OpenRequest {
             protocol: Some(PROTOCOL),
@@ -74,34 +74,34 @@ impl EvaluateOptions {
 }
 
 impl Job {
-    /// Name of its bag within the folder.
+    /// Name of the job's bag inside the folder.
     fn bag_name(self) -> String {
         format!("{}-s{}-e0.mcap", self.task, self.seed)
     }
 }
 
-/// What came of it.
+/// The outcome of an evaluation.
 #[derive(Debug)]
 pub struct Outcome {
     /// Scores of all whole bags.
     pub results: Results,
-    /// Episodes that were there already.
+    /// Number of episodes that were already in the folder.
     pub resumed: usize,
-    /// Episodes that were not played or not recorded whole, with the reason.
+    /// Episodes that were not played or not recorded whole, each with the reason.
     pub lost: Vec<String>,
-    /// It was stopped before the end.
+    /// Whether it was stopped before the end.
     pub stopped: bool,
 }
 
 /// Why an evaluation could not be carried out.
 #[derive(Debug, Error)]
 pub enum EvaluateError {
-    /// The folder cannot be used.
+    /// The output folder cannot be used.
     #[error("cannot use the output folder {}: {problem}", path.display())]
     Folder {
         /// The folder or a file in it.
         path: PathBuf,
-        /// What is wrong and what to do.
+        /// What is wrong and what to do about it.
         problem: String,
     },
     /// The policy cannot be made.
@@ -110,7 +110,7 @@ pub enum EvaluateError {
     /// The robot's file cannot be loaded.
     #[error("cannot load the robot")]
     Robot(#[from] fiatlux_robot::RobotError),
-    /// The folder of meshes.
+    /// The folder of meshes cannot be used.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] fiatlux_render::MeshError),
     /// No Zenoh session can be opened.
@@ -125,37 +125,37 @@ pub enum EvaluateError {
     /// No episode was recorded.
     #[error("no episode was recorded:\n  {lost}")]
     Nothing {
-        /// What happened to each.
+        /// The reason for each episode, on its own line.
         lost: String,
     },
     /// No port is free to listen on.
     #[error("no free port for {endpoint}; name another endpoint of this machine with --listen tcp/HOST:PORT")]
     Port {
-        /// The endpoint, as it was asked for.
+        /// The endpoint, as it was given.
         endpoint: String,
-        /// What the system says.
+        /// The system's error, which says why.
         #[source]
         source: std::io::Error,
     },
-    /// The ledger of a run.
-    #[error("cannot read how far the run is")]
+    /// The ledger of a run cannot be read.
+    #[error("cannot read the state of the run")]
     Ledger(#[from] fiatlux_bag::run::LedgerError),
     /// The bags cannot be graded.
     #[error("cannot grade the bags")]
     Score(#[from] ScoreError),
 }
 
-/// Plays, records and grades. `stop` ends it early; what is finished by then is graded, and a later call with the same
-/// options goes on from there.
+/// Plays, records and grades. Setting `stop` ends it early: whatever is finished by then is graded, and a later call
+/// with the same options continues.
 ///
 /// # Errors
-/// [`EvaluateError`]; bags that are finished stay.
+/// [`EvaluateError`]; finished bags stay in the folder.
 pub fn evaluate(
     options: &EvaluateOptions,
     stop: &Arc<AtomicBool>,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, EvaluateError> {
-    // A wrong name is an error before anything is played.
+    // Report a wrong name before anything is played.
     policies::by_name(&options.policy)?;
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
@@ -166,7 +166,7 @@ pub fn evaluate(
     let server = ServerOptions {
         name: SERVER.into(),
         workers: options.workers,
-        // Half of the places are kept for clients that have none, and all of these are one.
+        // Half of the places are reserved for peers that have none, and all of these clients are one peer.
         capacity: 2 * jobs.len().max(1),
         weights: options.weights.clone(),
         meshes: options.meshes.clone(),
@@ -186,14 +186,14 @@ pub fn evaluate(
     }
     let results = grade_bags(&recorded, &bags, options)?;
     lost.extend(results.excluded.iter().map(|bag| {
-        // Why its client gave up says more than that the bag is aborted.
+        // The client's reason says more than an aborted bag does.
         let job = jobs.iter().find(|job| bag.bag.ends_with(&job.bag_name()));
         format!("{}: {}", bag.bag, job.and_then(|job| played.reason(*job)).unwrap_or(&bag.detail))
     }));
     Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
 }
 
-/// Grades the bags of some jobs, named from the output folder.
+/// Grades the bags of some jobs, with names relative to the output folder.
 fn grade_bags(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Results, ScoreError> {
     let paths: Vec<PathBuf> = jobs.iter().map(|job| bags.join(job.bag_name())).collect();
     let grading =

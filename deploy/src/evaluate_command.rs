@@ -1,4 +1,4 @@
-//! `fiatlux evaluate`.
+//! The command `fiatlux evaluate`.
 
 mod external;
 
@@ -29,14 +29,14 @@ pub struct EvaluateArgs {
     /// Policy: zero, random, hold or stand.
     #[arg(long, value_parser = policy, required_unless_present = "external")]
     policy: Option<String>,
-    /// Serves a policy that connects from elsewhere: starts a server that records, prints the line for its client, waits for
-    /// the run, and grades it when it is over.
+    /// Serve a policy that connects from elsewhere: start a server that records, print the command for its client, wait
+    /// for the run, and grade it at the end.
     #[arg(long, conflicts_with_all = ["policy", "tasks", "seeds"])]
     external: bool,
     /// With --external: name of the server.
     #[arg(long, requires = "external", default_value = "evaluate", value_parser = external::name)]
     name: String,
-    /// With --external: where the server listens; port 0 is a free one. Other machines reach it at tcp/0.0.0.0:PORT.
+    /// With --external: endpoint to listen on; port 0 picks a free one. Other machines can reach tcp/0.0.0.0:PORT.
     #[arg(short, long, requires = "external", value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:0",
           value_parser = fiatlux_link::parse_endpoint)]
     listen: String,
@@ -49,14 +49,14 @@ pub struct EvaluateArgs {
     /// Output folder [default: results/POLICY; with --external results/NAME].
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Episodes at once, and with --external threads that step them [default: one a core].
+    /// Number of episodes at once; with --external, number of threads that step them [default: one for each core].
     #[arg(long, value_parser = fiatlux_link::whole::<u16>(1..=256))]
     workers: Option<u16>,
-    /// Prints results.json in place of the table.
+    /// Print results.json instead of the table.
     #[arg(long)]
     json: bool,
-    /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj such as those of Unitree's description: pictures
-    /// show them in place of our own shapes. Runs whose policies see such pictures are not ranked.
+    /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj, such as those of Unitree's description:
+    /// pictures show them instead of the built-in shapes. Runs whose policies see such pictures are not ranked.
     #[arg(long, value_name = "DIR")]
     meshes: Option<PathBuf>,
     #[command(flatten)]
@@ -65,7 +65,9 @@ pub struct EvaluateArgs {
 
 fn policy(name: &str) -> Result<String, String> {
     if name.starts_with("replay:") {
-        return Err("a bag is one episode; replay it with policy-client run, or compare it with scorer verify".into());
+        return Err(
+            "a bag holds one episode; replay it with policy-client run, or compare it with scorer verify".into()
+        );
     }
     policies::by_name(name).map(|_| name.into()).map_err(|error| error.to_string())
 }
@@ -74,7 +76,7 @@ fn policy(name: &str) -> Result<String, String> {
 pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     fiatlux_link::init_quiet_log();
     let Some(policy) = &args.policy else { return external::run(args) };
-    // A policy may be named by a path.
+    // The name of a policy may be a path.
     let folder = policy.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
     let mut session = args.session.clone();
     let options = EvaluateOptions {
@@ -95,13 +97,13 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     finish(args, &options.out, &outcome, "the same command goes on from here")
 }
 
-/// Threads, or episodes at once.
+/// Number of threads, or of episodes at once.
 fn workers(args: &EvaluateArgs) -> usize {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     args.workers.map_or_else(cores, usize::from)
 }
 
-/// Writes and prints what came of an evaluation, and where it goes on if it was stopped.
+/// Writes and prints the outcome of an evaluation, and says how to continue if it was stopped.
 fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> anyhow::Result<ExitCode> {
     write_results(out, outcome)?;
     if args.json {
@@ -114,7 +116,7 @@ fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> 
     }
     let folder = out.display();
     if outcome.resumed > 0 {
-        eprintln!("{} episodes were in {folder} already and were not run again", outcome.resumed);
+        eprintln!("{} episodes were already in {folder} and were not run again", outcome.resumed);
     }
     eprintln!("bags, results.json and report.html are in {folder}");
     if outcome.stopped {

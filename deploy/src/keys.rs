@@ -1,7 +1,8 @@
-//! `fiatlux keys`: all that an installation needs so that each side may do what its part asks for, and nothing else.
+//! `fiatlux keys`: keys, certificates and configs for an installation, so that each program can do its part and nothing
+//! else.
 //!
-//! Everything is made in one folder, by one call, and nothing is ever overwritten. Each config holds its own certificate and
-//! key, so it is all of Zenoh that its machine needs. `docs/access.md` explains who can do what.
+//! One call creates everything in one folder, and never overwrites anything. Each config holds its own certificate and
+//! key, so it is the only Zenoh file that its machine needs. `docs/access.md` explains who can do what.
 
 mod certificates;
 mod configs;
@@ -21,7 +22,7 @@ use thiserror::Error;
 use certificates::Authority;
 pub use roles::Role;
 
-/// How the router tells who connects.
+/// How the router authenticates programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Authentication {
@@ -31,7 +32,7 @@ pub enum Authentication {
     Passwords,
 }
 
-/// What keys to make, where, and for whom.
+/// Which keys to make, where, and for whom.
 #[derive(Debug, Clone)]
 pub struct KeysOptions {
     /// A folder that does not exist yet, or is empty.
@@ -50,30 +51,30 @@ pub struct KeysOptions {
     pub sessions: u32,
 }
 
-/// Why nothing was made.
+/// Why no keys were made.
 #[derive(Debug, Error)]
 pub enum KeysError {
-    /// There may be keys in it.
-    #[error("{} exists and is not empty; keys are never overwritten: name another folder, or move this one away", .0.display())]
+    /// The folder is not empty: it may hold keys.
+    #[error("{} exists and is not empty; keys are never overwritten: name another folder, or move this one", .0.display())]
     Exists(PathBuf),
     /// The folder cannot be made.
-    #[error("cannot make {}; check that its parent exists, its permissions, and the space that is left", .path.display())]
+    #[error("cannot make {}; check that its parent exists, its permissions, and the free space", .path.display())]
     Folder {
         /// Path of the folder that cannot be made.
         path: PathBuf,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         source: io::Error,
     },
-    /// A file of it.
+    /// A file of the folder cannot be made.
     #[error("cannot make the keys")]
     Access(#[from] AccessError),
-    /// Not the name of a machine.
+    /// The text is not the name or address of a machine.
     #[error(
         "--host {0}: a certificate cannot name it; give an address such as 192.168.1.7 or a name such as lab.example.org"
     )]
     Host(String),
-    /// Not a server's name.
+    /// The text cannot be a server's name.
     #[error("--name {0}: a server's name has 1 to 64 letters, digits, - or _")]
     Server(String),
     /// The certificates cannot be made.
@@ -81,34 +82,34 @@ pub enum KeysError {
     Certificate(#[from] rcgen::Error),
 }
 
-/// A file that was made.
+/// A file that was created.
 #[derive(Debug, Clone, Serialize)]
 pub struct MadeFile {
     /// Path of the file.
     pub path: PathBuf,
     /// Whose machine needs it, and what for.
     pub purpose: &'static str,
-    /// Whether its owner alone may read it.
+    /// Whether only its owner may read it.
     pub secret: bool,
 }
 
-/// What was made, and how each part is started with it.
+/// The created files, and how to start each program with them.
 #[derive(Debug, Clone, Serialize)]
 pub struct Made {
-    /// All files, those of one machine after each other.
+    /// All files, grouped by machine.
     pub files: Vec<MadeFile>,
-    /// How the router tells who connects.
+    /// How the router authenticates programs.
     pub authentication: Authentication,
-    /// Last day of the certificates, `YYYY-MM-DD`.
+    /// Last day on which the certificates are valid, `YYYY-MM-DD`; `None` without certificates.
     pub valid_until: Option<String>,
-    /// Command lines to start with: router, server, recorder, policy, and to verify a bag.
+    /// Commands that start the programs: router, server, recorder, policy, and the verification of a bag.
     pub commands: Vec<String>,
 }
 
-/// Makes the folder with all its files. It appears whole, or not at all.
+/// Creates the folder with all its files. It appears whole, or not at all.
 ///
 /// # Errors
-/// [`KeysError`]; nothing is left behind then, and nothing that was there has changed.
+/// [`KeysError`]; nothing is left behind, and nothing that existed has changed.
 pub fn make(options: &KeysOptions) -> Result<Made, KeysError> {
     if !is_name(&options.server) {
         return Err(KeysError::Server(options.server.clone()));
@@ -127,7 +128,7 @@ pub fn make(options: &KeysOptions) -> Result<Made, KeysError> {
     fs::DirBuilder::new().mode(0o700).create(&scratch).map_err(folder)?;
     let made = fill(options, &scratch, &out).and_then(|made| match fs::rename(&scratch, &out) {
         Ok(()) => Ok(made),
-        // Someone else was faster.
+        // Another process was faster.
         Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => Err(KeysError::Exists(options.out.clone())),
         Err(source) => Err(folder(source)),
     });
@@ -220,7 +221,7 @@ fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<Made, KeysE
     Ok(Made { files, authentication: options.authentication, valid_until, commands })
 }
 
-/// Whether a certificate and an endpoint can name it: an address, or a name without a port.
+/// Whether a certificate and an endpoint can name this host: an address, or a name without a port.
 fn is_host(host: &str) -> bool {
     let fits = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
     host.parse::<IpAddr>().is_ok() || !host.is_empty() && host.chars().all(fits)

@@ -1,4 +1,4 @@
-//! `fiatlux keys` and `fiatlux router`.
+//! The commands `fiatlux keys` and `fiatlux router`.
 
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use fiatlux::keys::{Authentication, KeysOptions, Made, make};
 use fiatlux_link::{LinkArgs, LinkMode, Role, whole};
 use zenoh::Wait;
 
-/// Shown below the options of `keys`.
+/// Text below the options of `keys`.
 pub const EXAMPLES: &str = "Examples:
   fiatlux keys --out keys                              for programs on this machine
   fiatlux keys --out keys --host 192.168.1.7           for a router that others reach at this address
@@ -19,11 +19,11 @@ docs/access.md explains who can do what, and how keys are rotated and withdrawn.
 /// Options of `fiatlux keys`.
 #[derive(Debug, Args)]
 pub struct KeysArgs {
-    /// Folder to make; it must not exist, or be empty. Nothing is ever overwritten.
+    /// Folder to create; it must not exist, or be empty. Nothing is ever overwritten.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Name or address of the router's machine, for its certificate; may be repeated, the first one is what others connect
-    /// to [default: this machine alone]
+    /// Name or address of the router's machine, for its certificate; may be repeated, with the one that others connect
+    /// to first [default: this machine only]
     #[arg(long, value_name = "NAME_OR_IP")]
     host: Vec<String>,
     /// Port that the router listens on.
@@ -32,16 +32,16 @@ pub struct KeysArgs {
     /// Name of the server, as in sim-server --name.
     #[arg(long, default_value = "local")]
     name: String,
-    /// How the router tells who connects.
+    /// How the router authenticates programs.
     #[arg(long, value_enum, default_value_t = Auth::Mtls)]
     auth: Auth,
     /// How long the certificates are valid, days.
     #[arg(long, default_value_t = 365, value_parser = whole::<u16>(1..=3650))]
     days: u16,
-    /// Sessions that the policy's token may have open at once.
+    /// Number of sessions that the policy's token allows at once.
     #[arg(long, default_value_t = 64, value_parser = whole::<u32>(1..=65_536))]
     sessions: u32,
-    /// Prints JSON in place of the text.
+    /// Print JSON instead of text.
     #[arg(long)]
     json: bool,
 }
@@ -81,7 +81,7 @@ struct Report {
 
 impl Display for Report {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        writeln!(f, "Made for each machine (files with a * are secrets, for their owner alone):")?;
+        writeln!(f, "Created for each machine (files with a * are secret: only their owner may read them):")?;
         for file in &self.made.files {
             let mark = if file.secret { "*" } else { " " };
             writeln!(f, "  {mark} {:<28} {}", file.path.display().to_string(), file.purpose)?;

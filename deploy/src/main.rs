@@ -19,7 +19,7 @@ use fiatlux::bench::world::{self, Options};
 use serde::Serialize;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 
-/// Counts what is allocated, for the memory that a world takes. A physics step allocates nothing.
+/// Counts allocations, to measure the memory of a world. A physics step allocates nothing.
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
@@ -35,28 +35,28 @@ struct Cli {
 enum Command {
     /// Plays a policy through tasks and seeds, records every episode and grades it.
     ///
-    /// Server, recorder, policy and scorer run in this process and talk over an embedded Zenoh session. Bags, results.json
-    /// and report.html are left in the output folder; the table goes to stdout. Ctrl-C stops cleanly and grades what is
-    /// finished; the same command again goes on from there.
+    /// Server, recorder, policy and scorer run in this process and talk over an embedded Zenoh session. Bags,
+    /// results.json and report.html go to the output folder; the table goes to stdout. Ctrl-C stops cleanly and grades
+    /// what is finished; the same command then continues.
     #[command(after_help = evaluate_command::EXAMPLES)]
     Evaluate(Box<evaluate_command::EvaluateArgs>),
     /// Makes a video, a folder of pictures or a still of recorded episodes.
     ///
-    /// Needs no graphics driver. A video goes through ffmpeg where PATH has one; without it the frames are left as PNG files.
-    /// Ctrl-C ends the clip early and leaves what is drawn.
+    /// Needs no graphics driver. A video needs ffmpeg in PATH; without it the frames are written as PNG files. Ctrl-C
+    /// ends the clip early and keeps the frames drawn so far.
     #[command(after_help = render_command::EXAMPLES)]
     Render(render_command::RenderArgs),
     /// Shows recorded episodes in the browser: in 3D, with a time bar, conditions that light up as they hold, and contact forces.
     ///
-    /// Serves this machine alone, on 127.0.0.1, until Ctrl-C; needs no account and no network.
+    /// Serves only this machine, on 127.0.0.1, until Ctrl-C; needs no account and no network.
     #[command(after_help = view_command::EXAMPLES)]
     View(view_command::ViewArgs),
-    /// Makes keys, certificates and Zenoh configs, so that each program may do its part on a network and nothing else.
+    /// Makes keys, certificates and Zenoh configs, so that each program can do its part on a network and nothing else.
     #[command(after_help = keys_command::EXAMPLES)]
     Keys(keys_command::KeysArgs),
-    /// Passes messages on between programs, and holds them to the access control of its config.
+    /// Passes messages on between programs, and enforces the access control in its config.
     ///
-    /// When it is ready it prints one line on stdout; interrupted (SIGINT, SIGTERM) it exits with 0.
+    /// When it is ready it prints one line on stdout; on an interrupt (SIGINT, SIGTERM) it exits with 0.
     Router(keys_command::RouterArgs),
     /// Measures the speed of physics, sensors, batches and sessions.
     #[command(subcommand)]
@@ -65,29 +65,29 @@ enum Command {
 
 #[derive(Debug, Subcommand)]
 enum Bench {
-    /// Microseconds per physics step of 5 ms on one core, and many worlds on two.
+    /// Microseconds per physics step of 5 ms on one core, and many worlds on two cores.
     World(WorldArgs),
-    /// Control steps per second of one core by what the policy senses, and microseconds of each sensor.
+    /// Control steps per second on one core for sets of sensors, and microseconds for each sensor.
     Sensors(SensorArgs),
-    /// What the engine does under violent targets: energy in free flight, speeds, penetration, solves that do not converge,
-    /// and its error against itself at a step of 0.25 ms.
+    /// Behaviour under violent targets: energy in free flight, speeds, penetration, solves that do not converge, and
+    /// the error relative to a step of 0.25 ms.
     Violence(ViolenceArgs),
     /// Control steps per second of sessions: in one process, over TCP, and with many client processes.
     Service(ServiceArgs),
-    /// Control steps per second of many worlds in step: against a single world, against processes of their own, with
-    /// proprioception, and of walking.
+    /// Control steps per second of many worlds in step: compared with a single world and with separate processes, with
+    /// proprioception, and for walking.
     Batch(BatchArgs),
 }
 
 #[derive(Debug, Args)]
 struct WorldArgs {
-    /// Also times MuJoCo on the exported scene, case by case. Needs Python 3.11 or newer; makes its own environment.
+    /// Also time MuJoCo on the exported scene, case by case. Needs Python 3.11 or newer; makes its own environment.
     #[arg(long)]
     mujoco: bool,
-    /// Prints JSON in place of the table.
+    /// Print JSON instead of the table.
     #[arg(long)]
     json: bool,
-    /// Simulated seconds that each case is measured over; a twentieth of it for Rapier's multibody.
+    /// Simulated seconds for each case; a twentieth of that for Rapier's multibody.
     #[arg(long, default_value_t = 60.0, value_parser = positive)]
     seconds: f64,
     /// Script that times MuJoCo.
@@ -106,23 +106,23 @@ struct ViolenceArgs {
     /// Threads; results do not depend on it [default: all cores]
     #[arg(long, value_parser = fiatlux_link::whole::<usize>(1..=1024))]
     threads: Option<usize>,
-    /// Measures nothing; writes starts, targets and scenes into this folder, for `tests/oracle/violence.py`.
+    /// Measure nothing; write starts, targets and scenes to this folder, for `tests/oracle/violence.py`.
     #[arg(long, value_name = "FOLDER")]
     export: Option<PathBuf>,
-    /// Prints JSON in place of the tables.
+    /// Print JSON instead of the tables.
     #[arg(long)]
     json: bool,
 }
 
 #[derive(Debug, Args)]
 struct SensorArgs {
-    /// Also times PyTorch on the features. Needs Python 3.11 or newer; makes its own environment of several GB.
+    /// Also time PyTorch on the features. Needs Python 3.11 or newer; makes its own environment of several GB.
     #[arg(long)]
     pytorch: bool,
-    /// Prints JSON in place of the table.
+    /// Print JSON instead of the table.
     #[arg(long)]
     json: bool,
-    /// Seconds that each case may take.
+    /// Longest time for each case, s.
     #[arg(long, default_value_t = 5.0, value_parser = positive)]
     seconds: f64,
     /// Script that times PyTorch.
@@ -132,16 +132,16 @@ struct SensorArgs {
 
 #[derive(Debug, Args)]
 struct ServiceArgs {
-    /// Sessions of the case with many of them.
+    /// Number of sessions in the case with many of them.
     #[arg(long, default_value_t = 32, value_parser = fiatlux_link::whole::<u16>(2..=1024))]
     sessions: u16,
-    /// Seconds that client processes are watched for.
+    /// Duration of the cases with client processes, s.
     #[arg(long, default_value_t = 15.0, value_parser = positive)]
     seconds: f64,
     /// Program of the client processes [default: policy-client next to this program]
     #[arg(long)]
     policy_client: Option<PathBuf>,
-    /// Prints JSON in place of the table.
+    /// Print JSON instead of the table.
     #[arg(long)]
     json: bool,
 }
@@ -151,16 +151,16 @@ struct BatchArgs {
     /// Worlds of each batch.
     #[arg(long, default_value_t = 256, value_parser = fiatlux_link::whole::<u16>(1..=65_535))]
     worlds: u16,
-    /// Threads, and processes that they are compared with [default: all cores]
+    /// Number of threads, and of processes to compare them with [default: all cores]
     #[arg(long, value_parser = fiatlux_link::whole::<u16>(1..=1024))]
     threads: Option<u16>,
-    /// Seconds that each measurement of a round takes.
+    /// Duration of each measurement in a round, s.
     #[arg(long, default_value_t = 2.0, value_parser = positive)]
     seconds: f64,
-    /// Prints JSON in place of the table.
+    /// Print JSON instead of the table.
     #[arg(long)]
     json: bool,
-    /// What a process of the comparison does: steps its share of the worlds and prints its rate.
+    /// Run as a process of the comparison: step a share of the worlds and print the rate.
     #[arg(long, hide = true)]
     share: bool,
 }

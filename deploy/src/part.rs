@@ -1,4 +1,4 @@
-//! Names of files that are not whole yet.
+//! Names for files that are not complete yet.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};

@@ -51,7 +51,7 @@ const ANKLE_PITCH: usize = 4;
 /// A leg's joints from the hip down.
 const LEG_JOINTS: [&str; 6] = ["hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll"];
 
-/// What the controller reads of an observation, noise and all. The pelvis frame is the pelvis link's.
+/// What the controller reads from an observation, noise included. The pelvis frame is that of the pelvis link.
 #[derive(Debug, Clone, Copy)]
 pub struct Sensed<'a> {
     /// Angular velocity of the pelvis, pelvis frame, rad/s.
@@ -64,7 +64,7 @@ pub struct Sensed<'a> {
     pub joint_position: &'a [f64],
 }
 
-/// Why the controller cannot work.
+/// Why the controller cannot run.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum BalanceError {
     /// The robot lacks a part.
@@ -199,16 +199,16 @@ impl Balance {
     }
 }
 
-/// How the ground has to push, level frame.
+/// The forces that the ground should exert, in the level frame.
 struct GroundForces {
-    /// Centre of pressure from the middle between the soles, m.
+    /// Centre of pressure, relative to the middle between the soles, m.
     pressure: Vector2<f64>,
-    /// By foot: force, N, and where it acts, m.
+    /// For each foot the force, N, and the point where it acts, m.
     feet: [(Vector3<f64>, Vector3<f64>); 2],
 }
 
-/// Steps 2 and 3 of the module's documentation; the reference is the middle between the soles, from which the pressure may
-/// go farthest.
+/// Steps 2 and 3 of the module's documentation. The reference is the middle between the soles, where the pressure has
+/// the most room.
 fn ground_forces(pendulum: &Pendulum) -> GroundForces {
     let [left, right] = pendulum.soles;
     let middle = (left + right) / 2.0;
@@ -243,8 +243,8 @@ fn leg(robot: &Robot, side: &str, foot: usize) -> Result<Leg, BalanceError> {
     Ok(Leg { joints, foot, sole })
 }
 
-/// Refuses an observation of the wrong length or with a number that is not finite; joint positions are the kinematics' to
-/// check.
+/// Refuses an observation of the wrong length or with a number that is not finite; the kinematics checks the joint
+/// positions.
 fn check(sensed: &Sensed<'_>, joints: usize) -> Result<(), BalanceError> {
     let found = sensed.joint_position.len();
     if found != joints {

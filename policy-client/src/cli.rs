@@ -1,4 +1,4 @@
-//! The commands.
+//! The subcommands of the program.
 
 pub mod evaluate;
 pub mod inspect;
@@ -11,21 +11,21 @@ pub mod run;
 use fiatlux_policy::policies::{VlaArgs, VlaSource};
 use fiatlux_policy::{Policy, PolicyError, policies};
 
-/// The policy that a flag names.
+/// Makes the policy that a flag names.
 fn policy(name: &str) -> Result<Box<dyn Policy>, Failure> {
     policies::by_name(name).map_err(usage)
 }
 
-/// A model server, for the policy `vla`: its contract is checked here, before anything moves.
+/// Opens the model server of the policy `vla`, and checks its contract before anything moves.
 fn model_server(name: &str, args: &VlaArgs, is_real_time: bool) -> Result<Option<VlaSource>, Failure> {
     match (name, &args.model) {
         ("vla", _) => args.checked(is_real_time).map(Some).map_err(usage),
         (_, None) => Ok(None),
-        (other, Some(_)) => Err(Failure::Usage(format!("--model is of the policy vla, not of {other}"))),
+        (other, Some(_)) => Err(Failure::Usage(format!("--model belongs to the policy vla, not to {other}"))),
     }
 }
 
-/// What a policy that cannot be made is to the command line.
+/// Sorts an error of a policy: a wrong flag is a usage error, anything else a failure.
 fn usage(error: PolicyError) -> Failure {
     match error {
         PolicyError::Unknown { .. } | PolicyError::Unfit { .. } => Failure::Usage(error.to_string()),
@@ -33,11 +33,11 @@ fn usage(error: PolicyError) -> Failure {
     }
 }
 
-/// Why a command has not done its work.
+/// Why a command failed, which decides the exit code.
 pub enum Failure {
-    /// It was asked for wrongly.
+    /// The command line is wrong.
     Usage(String),
-    /// It could not be done.
+    /// The work could not be done.
     Failed(anyhow::Error),
 }
 

@@ -1,4 +1,4 @@
-//! A client on a Zenoh session: finds a server, opens a session on it, and carries messages between it and a
+//! A client on a Zenoh session: finds a server, opens a session on it, and carries messages between the server and a
 //! [`ClientSession`].
 
 mod access;
@@ -38,30 +38,31 @@ pub use error::ClientError;
 use mailbox::Mailbox;
 use query::{Content, Greeted, Sealing};
 
-/// The time that a server has to answer `open`; it may build the scene first, s.
+/// Longest wait for an answer to `open`, s: the server may have to build the scene first.
 pub(crate) const OPEN_TIMEOUT_S: f64 = 60.0;
 
-/// The time that a server has to answer a look: features of a large image take some tenths of a second, s.
+/// Longest wait for an answer to a look, s: features of a large image take some tenths of a second.
 const LOOK_TIMEOUT_S: f64 = 5.0;
 
-/// How often it is asked.
+/// Number of times that a look is requested.
 const LOOK_TRIES: u32 = 4;
 
-/// The time that a server has to answer `close`, s.
+/// Longest wait for an answer to `close`, s.
 const CLOSE_TIMEOUT_S: f64 = 3.0;
 
-/// Longer than a server waits for its recorder before it stages an episode, and less than the session waits for the query.
+/// Longer than a server waits for its recorder before it stages an episode, but shorter than the session waits for the
+/// query.
 const RESET_TIMEOUT: Duration = Duration::from_secs(15);
 
 const LAST_OBSERVATION_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The server closes a session that is not claimed within 2 s; each try to claim it takes this time at most, s.
+/// Longest time for each attempt to claim a session, s: the server closes a session that is not claimed within 2 s.
 const CLAIM_TIMEOUT_S: f64 = 0.5;
 
-/// A stop that is asked for is noticed within this time.
+/// Longest time until a requested stop is noticed.
 const STOP_PERIOD: Duration = Duration::from_millis(50);
 
-/// An open session. [`Client::close`] ends it at once; a client that is dropped is missed by the server after the grace
+/// An open session. [`Client::close`] ends it at once; if a client is only dropped, the server ends it after the grace
 /// time.
 #[derive(Debug)]
 pub struct Client {
@@ -71,27 +72,27 @@ pub struct Client {
     mailbox: Arc<Mailbox>,
     actions: Publisher<'static>,
     sealing: Sealing,
-    /// Opens the session's records, where it is a replay.
+    /// Opens the session's records; `None` unless the session is a replay.
     rows: Option<RowsKey>,
     state: ClientSession,
     origin: Instant,
     round_trips: RoundTrips,
-    /// Who is told of the server's notices; the log otherwise.
+    /// Receiver of the server's notices; without one they go to the log.
     notices: Option<Sender<Notice>>,
     _token: LivelinessToken,
     _subscribers: [Subscriber<()>; 3],
 }
 
 impl Client {
-    /// Opens a session on the server of that name, or on the only one there is. The protocol's version is filled in.
+    /// Opens a session on the server of that name, or on the only one that answers. Fills in the protocol's version.
     ///
     /// # Errors
-    /// [`ClientError`]: no server or several, a request that is refused, another version.
+    /// [`ClientError`]: no server or several, a refused request, another version.
     pub fn open(link: &Session, server: Option<&str>, request: OpenRequest) -> Result<Self, ClientError> {
         Self::open_with(link, server, request, &Access::default())
     }
 
-    /// The same with keys and tokens: a server that is not the one they name is refused.
+    /// As [`Client::open`], with keys and tokens: refuses a server with another key.
     ///
     /// # Errors
     /// As for [`Client::open`]; [`ClientError::Handshake`] and [`ClientError::UnknownServer`] for a server of another key.
@@ -132,7 +133,7 @@ impl Client {
         Ok(client)
     }
 
-    /// Takes part in a session that the server has opened for this client.
+    /// Enters a session that the server has already opened for this client.
     pub(crate) fn enter(
         link: &Session,
         server: &str,
@@ -151,7 +152,7 @@ impl Client {
             watch(link, keys.live(), &mailbox)?,
         ];
         let actions = link.declare_publisher(keys.action()).encoding(encoding("Action"));
-        // The server waits for nothing else: no batching, and ahead of whatever else is on the link.
+        // The server waits for these messages: no batching, and priority over everything else on the link.
         let actions = actions.express(true).priority(Priority::RealTime).congestion_control(CongestionControl::Block);
         let actions = actions.wait().map_err(ClientError::zenoh)?;
         let client = Self {
@@ -173,43 +174,43 @@ impl Client {
         Ok(client)
     }
 
-    /// Shows the server that somebody has the session, which it does not keep for long otherwise.
+    /// Tells the server that the session is in use; otherwise the server soon closes it.
     fn claim(&self) {
         let (server, key) = (&self.info.server, self.keys.observation());
         for _ in 0..3 {
             let said = self.sealing.ask(&self.link, server, &key, "observation", "", &CloseRequest {}, CLAIM_TIMEOUT_S);
-            // That no episode runs is an answer.
+            // An answer that no episode runs will do.
             if !matches!(said, Err(ClientError::Unanswered { .. })) {
                 return;
             }
         }
     }
 
-    /// Opens the records of a session that is a replay: nobody else can.
+    /// Takes the key to the session's records, which only a session that is a replay has; the next call gives `None`.
     pub fn take_rows_key(&mut self) -> Option<RowsKey> {
         self.rows.take()
     }
 
-    /// The session as the server described it.
+    /// The session's description, as the server sent it.
     pub fn info(&self) -> &SessionInfo {
         &self.info
     }
 
-    /// How long steps took so far, over all episodes.
+    /// Durations of all steps so far, over all episodes.
     pub fn round_trips(&self) -> &RoundTrips {
         &self.round_trips
     }
 
-    /// Sends the server's notices there, in place of the log.
+    /// Sends the server's notices to a channel instead of the log.
     pub fn send_notices(&mut self, to: Sender<Notice>) {
         self.notices = Some(to);
     }
 
-    /// Runs one episode. `progress` is told the step of each observation that the policy is about to answer. A `stop` that
-    /// becomes true ends the run with [`ClientError::Stopped`].
+    /// Runs one episode. `progress` receives the step of each observation before the policy answers it. Setting `stop`
+    /// ends the run with [`ClientError::Stopped`].
     ///
     /// # Errors
-    /// The policy gives up, the server refuses or does not answer, the link is lost for too long, or `stop`.
+    /// The policy fails, the server refuses or does not answer, the link is lost for too long, or `stop` is set.
     pub fn run_episode(
         &mut self,
         episode: u64,
@@ -274,7 +275,7 @@ impl Client {
                 let mut observation = observation.clone();
                 match self.look(&observation, &asked) {
                     Ok(seen) => observation.overlay(&seen),
-                    // In real time the step may be over.
+                    // In real time the step may already be over.
                     Err(ClientError::Refused { field, .. }) if self.is_real_time() && field == "step" => continue,
                     Err(error) => return Err(error),
                 }
@@ -288,10 +289,10 @@ impl Client {
         }
     }
 
-    /// Closes the session, so that the server need not wait for the grace time.
+    /// Closes the session, which saves the server waiting for the grace time.
     ///
     /// # Errors
-    /// The server does not answer, or has closed the session already.
+    /// The server does not answer, or has already closed the session.
     pub fn close(self) -> Result<(), ClientError> {
         let (server, key) = (&self.info.server, self.keys.close());
         let bytes =
@@ -303,10 +304,10 @@ impl Client {
         }
     }
 
-    /// Sensors of the session at the step of an observation, which must be the present one.
+    /// Reads sensors of the session at the step of an observation, which must be the current one.
     ///
     /// # Errors
-    /// The server refuses (another step is present, a sensor that the session does not have) or does not answer.
+    /// The server refuses (another step is current, or the session lacks the sensor) or does not answer.
     pub fn look(&self, observation: &Observation, sensors: &[&str]) -> Result<Observation, ClientError> {
         let request = LookRequest {
             episode: observation.episode,
@@ -318,7 +319,7 @@ impl Client {
         let bytes = loop {
             let key = self.keys.look();
             match self.sealing.ask(&self.link, server, &key, "look", "LookRequest", &request, LOOK_TIMEOUT_S) {
-                // The question or its answer may have been lost.
+                // The request or its answer may have been lost.
                 Err(ClientError::Unanswered { .. }) if tries < LOOK_TRIES => tries += 1,
                 answered => break answered?,
             }
@@ -341,7 +342,7 @@ impl Client {
         self.origin.elapsed()
     }
 
-    /// Passes on a notice of the server.
+    /// Passes on a notice from the server.
     fn tell_of(&self, input: &Input) {
         if let Input::Notice(bytes) = input
             && let Ok(notice) = decode::<Notice>(bytes, MAX_SERVER_MESSAGE)
@@ -361,7 +362,7 @@ impl Client {
         query::post(&self.link, [key, label], bytes, timeout, &self.sealing, &self.mailbox, end)
     }
 
-    /// A receiver that is gone misses it.
+    /// Sends a notice to the channel, if its receiver still exists, or to the log.
     fn tell(&self, notice: Notice) {
         match &self.notices {
             Some(to) => drop(to.send(notice)),
@@ -373,7 +374,7 @@ impl Client {
     }
 }
 
-/// A command that no server takes is the policy's error.
+/// A command that every server would refuse is the policy's error.
 fn failed(failure: SessionFailure, policy: &dyn Policy) -> ClientError {
     match failure {
         SessionFailure::Command { field, problem, step } => {
@@ -395,7 +396,7 @@ fn subscribe(
     let receive = move |sample: zenoh::sample::Sample| {
         let bytes = sample.payload().to_bytes();
         let attachment = sample.attachment().map(ZBytes::to_bytes).unwrap_or_default();
-        // What others say on the server's keys is nothing to this client; the channel counts it.
+        // Messages of others on the server's keys are ignored; the channel counts them.
         if sealing.lock().open(Label::Message(label), &bytes, &attachment).is_ok() {
             mailbox.put(input(bytes.into_owned().into()));
         }
@@ -409,7 +410,7 @@ impl Content for SessionInfo {
     }
 }
 
-/// Follows the server's token of the session.
+/// Watches the server's liveliness token for the session.
 fn watch(link: &Session, key: String, mailbox: &Arc<Mailbox>) -> Result<Subscriber<()>, ClientError> {
     let mailbox = Arc::clone(mailbox);
     let receive = move |sample: zenoh::sample::Sample| mailbox.put(Input::ServerSeen(sample.kind() == SampleKind::Put));
@@ -417,16 +418,16 @@ fn watch(link: &Session, key: String, mailbox: &Arc<Mailbox>) -> Result<Subscrib
     subscriber.wait().map_err(ClientError::zenoh)
 }
 
-/// Refuses a session that a policy could not work in.
+/// Refuses a session in which no policy could work.
 fn check(info: SessionInfo) -> Result<SessionInfo, ClientError> {
     let refuse = |reason: String| Err(ClientError::Session { reason });
     match info.protocol {
         Some(version) if is_compatible(&version) => {}
         Some(found) => return Err(ClientError::Version { server: info.server, found }),
-        None => return refuse("it names no version".into()),
+        None => return refuse("it has no protocol version".into()),
     }
     if !is_name(&info.session) {
-        return refuse(format!("its id '{}' fits in no key", info.session.escape_debug()));
+        return refuse(format!("its id '{}' cannot be part of a key", info.session.escape_debug()));
     }
     if let Err(error) = ObservationLayout::new(&info) {
         return refuse(error.to_string());

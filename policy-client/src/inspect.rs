@@ -1,6 +1,6 @@
-//! A session as its policy meets it: live on a terminal, then as text or JSON, pictures and numbers.
+//! Shows a session as its policy sees it: live on a terminal, then as text or JSON, pictures and numbers.
 //!
-//! What an observation can have is listed in `terms` alone; everything else here follows that list.
+//! Only `terms` lists what an observation can contain; everything else here follows that list.
 
 mod document;
 mod files;
@@ -32,22 +32,22 @@ use screen::Screen;
 use state::State;
 use view::{Part, Style};
 
-/// What to look at, and how to show it.
+/// What to inspect, and how to show it.
 pub struct Inspection {
     pub policy: Box<dyn Policy>,
     pub request: OpenRequest,
     pub episode: u64,
     pub server: Option<String>,
     pub access: Access,
-    /// Simulated time at most, s.
+    /// Longest simulated time to play, s.
     pub seconds: f64,
-    /// Where the pictures and the observation go.
+    /// Folder for the pictures and the observation.
     pub folder: PathBuf,
     pub joints: bool,
     pub json: bool,
 }
 
-/// Why there is nothing to show, or not all of it.
+/// Why an inspection failed or is incomplete.
 #[derive(Debug, Error)]
 pub enum InspectError {
     #[error(transparent)]
@@ -60,7 +60,7 @@ pub enum InspectError {
     Files(#[from] FilesError),
 }
 
-/// The sensors that a session is shown with by default. Features and flat take a network's time, so they are on request.
+/// The sensors that are shown by default. Features and flat take the time of a network, so they are on request.
 pub fn default_sensors() -> impl Iterator<Item = Sensor> {
     terms::SENSORS.iter().map(|sensor| Sensor {
         rate_hz: sensor.rate_hz.unwrap_or(0.0),
@@ -69,7 +69,7 @@ pub fn default_sensors() -> impl Iterator<Item = Sensor> {
     })
 }
 
-/// Runs the episode, prints what came of it, and writes the files.
+/// Runs the episode, prints what was seen, and writes the files.
 pub fn inspect(inspection: Inspection, link: &zenoh::Session) -> Result<(), InspectError> {
     let Inspection { policy, request, episode, server, access, seconds, folder, joints, json } = inspection;
     let stop = stop_on_signal()?;
@@ -83,7 +83,7 @@ pub fn inspect(inspection: Inspection, link: &zenoh::Session) -> Result<(), Insp
     let mut inspector = Inspector::new(policy, &mut state, screen, notices, last, stop.clone());
     let run = client.run_episode(episode, &mut inspector, &mut |_| {}, &stop);
     inspector.finish();
-    // The server misses a client that does not say goodbye, so a failure here costs no more than the grace time.
+    // The server notices clients that vanish, so a failure here costs no more than the grace time.
     if let Err(error) = client.close() {
         tracing::debug!("the session was not closed: {error}");
     }
@@ -101,12 +101,12 @@ pub fn inspect(inspection: Inspection, link: &zenoh::Session) -> Result<(), Insp
     } else {
         let style = Style { width: screen::width(), color: color && std::io::stdout().is_terminal() };
         print(view::draw(&state, Part::Summary { joints }, style));
-        // A robot that lies on the floor shows little.
+        // A robot on the floor shows little.
         if state.end.as_ref().is_some_and(|end| end.causes.iter().any(|cause| cause == "fall"))
             && state.policy != "stand"
         {
             eprintln!(
-                "the robot fell; with --policy stand it stays upright, and --end-on time-out goes on after a fall"
+                "the robot fell; with --policy stand it stays upright, and --end-on time-out continues after a fall"
             );
         }
         print(files?.values().fold("\n".to_owned(), |text, path| text + path + "\n"));

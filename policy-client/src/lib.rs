@@ -1,9 +1,9 @@
 //! Policies and their session loop.
 //!
-//! A [`Policy`] turns observations into commands. [`Client`] opens a session on a server and runs episodes of it;
-//! [`Client::evaluate`] plays a whole run. [`ClientSession`](fiatlux_session::ClientSession) holds the rules of the exchange
-//! and does no I/O. A new policy is one file in `policies/`, with a line in [`policies::by_name`].
-//! `policy-client/examples/wave.rs` is a whole program with a policy of its own.
+//! A [`Policy`] turns observations into commands. [`Client`] opens a session on a server and runs episodes in it;
+//! [`Client::evaluate`] plays a whole run. [`ClientSession`](fiatlux_session::ClientSession) holds the rules of the
+//! exchange and does no I/O. A new policy is one file in `policies/`, with a line in [`policies::by_name`].
+//! `policy-client/examples/wave.rs` is a complete program with its own policy.
 pub mod balance;
 mod client;
 mod lists;

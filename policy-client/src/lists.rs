@@ -1,16 +1,16 @@
-//! Lists of tasks and seeds, as commands take them.
+//! Parses lists of tasks and seeds from the command line.
 
 use std::str::FromStr;
 
 use fiatlux_rules::Task;
 
-/// Most seeds in one range: more rooms than anyone has time for.
+/// Largest number of seeds in one range.
 const MOST_SEEDS: u64 = 10_000;
 
-/// Reads a list of tasks, such as `S01,S05,climb`, or `all` for the twelve subtasks; sorted, each once.
+/// Parses a list of tasks, such as `S01,S05,climb`, or `all` for the twelve subtasks; sorted, without duplicates.
 ///
 /// # Errors
-/// What is wrong, in words.
+/// A message that names the wrong part.
 pub fn parse_tasks(text: &str) -> Result<Vec<Task>, String> {
     let mut tasks = Vec::new();
     for name in text.split(',') {
@@ -25,11 +25,11 @@ pub fn parse_tasks(text: &str) -> Result<Vec<Task>, String> {
     Ok(tasks)
 }
 
-/// An argument that is a list of tasks, read by [`parse_tasks`].
+/// A list of tasks as an argument, parsed by [`parse_tasks`].
 #[derive(Debug, Clone)]
 pub struct TaskList(pub Vec<Task>);
 
-/// An argument that is a list of seeds, read by [`parse_seeds`].
+/// A list of seeds as an argument, parsed by [`parse_seeds`].
 #[derive(Debug, Clone)]
 pub struct SeedList(pub Vec<u64>);
 
@@ -49,10 +49,10 @@ impl FromStr for SeedList {
     }
 }
 
-/// Reads a seed.
+/// Parses a single seed.
 ///
 /// # Errors
-/// What is wrong, in words.
+/// A message that says what is wrong.
 pub fn parse_seed(text: &str) -> Result<u64, String> {
     let text = text.trim();
     text.parse().map_err(|_| {
@@ -65,10 +65,10 @@ pub fn parse_seed(text: &str) -> Result<u64, String> {
     })
 }
 
-/// Reads a list of seeds: numbers and ranges, which include both ends, such as `0..3,7`; sorted, each once.
+/// Parses a list of seeds: numbers and ranges that include both ends, such as `0..3,7`; sorted, without duplicates.
 ///
 /// # Errors
-/// What is wrong, in words.
+/// A message that names the wrong part.
 pub fn parse_seeds(text: &str) -> Result<Vec<u64>, String> {
     let seed = |text: &str| {
         parse_seed(text).map_err(|error| format!("{error}; give a range such as 0..3 or a list such as 0,7"))

@@ -41,7 +41,7 @@ enum Subcommand {
     Evaluate(Box<evaluate::EvaluateArgs>),
     /// Show what a policy receives in a session: live, and as pictures
     Inspect(Box<cli::inspect::InspectArgs>),
-    /// Ask a model server what it is, and for one chunk; nothing moves
+    /// Ask a model server for its contract and for one chunk; nothing moves
     Probe(Box<cli::probe::ProbeArgs>),
     /// List the servers that can be reached, or the policies
     List(list::ListArgs),
@@ -63,7 +63,7 @@ fn main() -> ExitCode {
     exit(done, ExitCode::FAILURE)
 }
 
-/// The end of the program; `short` where the work was done in part.
+/// The exit code; `short` if only part of the work was done.
 fn exit(done: Result<bool, Failure>, short: ExitCode) -> ExitCode {
     match done {
         Ok(true) => ExitCode::SUCCESS,

@@ -1,4 +1,4 @@
-//! The policies that come with the program, one a file.
+//! The built-in policies, one in each file.
 
 mod body;
 mod carrier;
@@ -26,7 +26,7 @@ pub use walk::Walk;
 pub use wbc::Wbc;
 pub use zero::Zero;
 
-/// Names of the policies and what they do.
+/// Names of the policies, each with a description for the command line.
 pub const NAMES: [(&str, &str); 10] = [
     ("zero", "all actions 0: every joint goes to its angle of the standing posture, on which the robot soon falls"),
     ("random", "uniform in [-1, 1], drawn from the session's seed and the episode's index"),
@@ -50,14 +50,14 @@ pub const NAMES: [(&str, &str); 10] = [
         "sonic:DIR",
         "the decoder of GEAR-SONIC from the ONNX file in DIR, on a recorded sequence of tokens: sonic:DIR,token=FILE",
     ),
-    ("replay:BAG", "sends the actions of a recorded episode once more, exactly as they were received"),
+    ("replay:BAG", "sends the actions of a recorded episode again, exactly as they were received"),
 ];
 
-/// Makes a policy by its name: one of [`NAMES`] but for `vla`, where `BAG` is the path of an .mcap file and `DIR` that of a folder,
-/// without a comma. [`VlaArgs`] makes `vla`.
+/// Makes a policy by its name: one of [`NAMES`] except `vla`. `BAG` is the path of an .mcap file, and `DIR` that of a
+/// folder, without a comma. [`VlaArgs`] makes `vla`.
 ///
 /// # Errors
-/// [`PolicyError::Unknown`], or a bag or a controller that cannot be read.
+/// [`PolicyError::Unknown`], or a bag or a controller that cannot be loaded.
 pub fn by_name(name: &str) -> Result<Box<dyn Policy>, PolicyError> {
     match name {
         "zero" => Ok(Box::new(Zero::default())),
@@ -86,7 +86,7 @@ pub fn by_name(name: &str) -> Result<Box<dyn Policy>, PolicyError> {
     }
 }
 
-/// The bag of a policy that is named `replay:BAG`.
+/// The path of the bag in a name such as `replay:BAG`; `None` for other policies.
 pub fn replayed_bag(name: &str) -> Option<&Path> {
     name.strip_prefix("replay:").filter(|path| !path.is_empty()).map(Path::new)
 }

@@ -1,4 +1,4 @@
-//! A run: one policy through the whole benchmark, on one server or on several at once.
+//! A run: one policy through the whole benchmark, on one or several servers.
 
 mod calls;
 mod crew;
@@ -19,26 +19,27 @@ use crew::Crew;
 pub use file::{RunFile, RunFileError};
 pub use outcome::{EpisodeFate, EpisodeOutcome, Playing, RunOutcome, RunProgress};
 
-/// How a run is played.
+/// How to play a run.
 #[derive(Debug, Clone)]
 pub struct RunOptions {
-    /// Name, key and contents of the run: see [`RunFile::open`].
+    /// Name, key and contents of the run, see [`RunFile::open`].
     pub file: RunFile,
-    /// Name of the server, or of a group: `lab` stands for the servers `lab`, `lab-1`, `lab-west` and so on. `None` for the
-    /// only server there is.
+    /// Name of the server, or of a group: `lab` stands for the servers `lab`, `lab-1`, `lab-west` and so on. `None` for
+    /// the only server.
     pub server: Option<String>,
-    /// Episodes at once, over all servers; `None` for as many as the servers take, but no more than eight a server.
+    /// Episodes to play at once, over all servers; `None` for as many as the servers accept, but at most eight on each.
     pub parallel: Option<usize>,
-    /// Ends the run also where episodes could not be played. They count as failures then, and nobody can play them any more.
+    /// Whether to close the run even if episodes could not be played. They then count as failures and can no longer be
+    /// played.
     pub give_up_lost: bool,
-    /// How long to wait where all servers are gone, or where the present ones let nothing be played.
+    /// How long to wait if all servers are gone, or if none lets anything be played.
     pub patience: Duration,
-    /// Keys and tokens to show and to expect.
+    /// Keys and tokens for the handshakes.
     pub access: Access,
 }
 
 impl RunOptions {
-    /// As it is played where nothing else is said.
+    /// The default options for a run.
     pub fn new(file: RunFile) -> Self {
         Self {
             file,
@@ -51,26 +52,26 @@ impl RunOptions {
     }
 }
 
-/// Why a run could not be played. What was played until then stays so: the same call goes on from there.
+/// Why a run could not be played. Whatever was played stays: the same call continues from there.
 #[derive(Debug, Error)]
 pub enum RunError {
-    /// No server takes the run.
+    /// No server accepts the run.
     #[error(transparent)]
     Client(#[from] ClientError),
-    /// The policy cannot be made, or works in none of the run's sessions.
+    /// The policy cannot be made, or cannot work in any of the run's sessions.
     #[error(transparent)]
     Policy(#[from] PolicyError),
 }
 
 impl Client {
-    /// Plays a run to its end, several episodes at once, on one server or on all servers of a group. An episode whose server
-    /// is lost goes to another one; a server that appears later joins. Called again with the same [`RunFile`], it goes on where
-    /// the run stands, whichever side died.
+    /// Plays a run to its end, with several episodes at once, on one server or on all servers of a group. An episode
+    /// whose server is lost moves to another one; a server that appears later joins. A later call with the same
+    /// [`RunFile`] continues the run, whichever side died.
     ///
-    /// `make_policy` is called for each attempt at an episode, in the thread that plays it, so that nothing leaks from one to
-    /// the next; share what is dear to make, such as weights, through an `Arc`. The policy must be deterministic: an
-    /// episode that was cut off is played again, and the server compares its rows. `progress` is told how far the run is a few
-    /// times a second. A `stop` that becomes true ends the call soon, not the run.
+    /// `make_policy` is called for each attempt at an episode, in the thread that plays it, so that nothing leaks from
+    /// one episode to the next; share large data, such as weights, through an `Arc`. The policy must be deterministic:
+    /// an episode that was cut off is played again, and the server compares its rows. `progress` is called a few times
+    /// a second. Setting `stop` soon ends the call, but not the run.
     ///
     /// ```no_run
     /// use std::sync::atomic::AtomicBool;
@@ -91,7 +92,7 @@ impl Client {
     /// ```
     ///
     /// # Errors
-    /// [`RunError`]. Episodes that go wrong are not an error: the outcome lists them.
+    /// [`RunError`]. Episodes that fail are not an error: the outcome lists them.
     pub fn evaluate(
         link: &Session,
         options: &RunOptions,
@@ -99,7 +100,7 @@ impl Client {
         progress: &mut dyn FnMut(&RunProgress),
         stop: &AtomicBool,
     ) -> Result<RunOutcome, RunError> {
-        // A policy that cannot be made is an error before anything is registered.
+        // Make a policy once, so that a failure shows before anything is registered.
         drop(make_policy()?);
         let group = Group::find(link, options)?;
         let links = Links::default();
@@ -113,17 +114,17 @@ impl Client {
 #[derive(Debug, Clone)]
 struct Group {
     name: String,
-    /// Also servers whose names begin with the name and a hyphen.
+    /// Whether servers whose names begin with the name and a hyphen belong to it too.
     is_open: bool,
 }
 
 impl Group {
-    /// Waits until one of the servers that are asked for is there.
+    /// Waits until one of the requested servers answers.
     fn find(link: &Session, options: &RunOptions) -> Result<Self, ClientError> {
         let Some(name) = &options.server else {
             return Ok(Self { name: find_server(link, None)?, is_open: false });
         };
-        // Every server would draw seeds of its own.
+        // Each server would draw its own seeds.
         let group = Self { name: name.clone(), is_open: options.file.spec.hosted_seeds == 0 };
         let start = Instant::now();
         loop {

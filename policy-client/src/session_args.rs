@@ -1,4 +1,4 @@
-//! What a session is asked for, as flags of a command line.
+//! Command-line flags for the session to open.
 
 use std::path::{Path, PathBuf};
 
@@ -6,70 +6,72 @@ use clap::{Args, ValueEnum};
 use fiatlux_link::whole;
 use fiatlux_proto::v3::{OpenRequest, PropScale, Sensor};
 
-/// Flags that say what a session is to be. Each one that is given overrides what the request already says.
+/// Flags that describe a session. Each flag that is given overrides the request's own value.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Session")]
 pub struct SessionArgs {
-    /// Named set of gains of the joints' drives: fiatlux, sonic, gear or gear-lerobot
+    /// Set of gains for the joints' drives: fiatlux, sonic, gear or gear-lerobot
     #[arg(long, value_name = "NAME")]
     gains: Option<String>,
-    /// Hands: inspire, or bare for welded fingers and a robot of 29 joints
+    /// Hands of the robot: inspire, or bare for welded fingers and a robot of 29 joints
     #[arg(long, value_name = "NAME")]
     hands: Option<String>,
-    /// Sensors, such as proprioception,lidar@10,camera@look: at a rate in Hz, or only when the policy looks; without a rate
-    /// in every observation. proprioception, hand_contact, limb_contact, last_action, lidar (lidar+room also sees bench,
-    /// crate and walls), camera, chest_camera, features, flat, privileged, verdict
+    /// Sensors, such as proprioception,lidar@10,camera@look: with a rate in Hz, or only when the policy looks; by
+    /// default in every observation. proprioception, hand_contact, limb_contact, last_action, lidar (lidar+room also
+    /// sees bench, crate and walls), camera, chest_camera, features, flat, privileged, verdict
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = sensor)]
     sensors: Vec<Sensor>,
-    /// Large sensors that the bag is to have, such as camera,lidar@5, at a rate in Hz; without one at 10
+    /// Large sensors to record in the bag, such as camera,lidar@5, with a rate in Hz [default rate: 10]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = sensor)]
     record: Vec<Sensor>,
     /// Size of the head camera's image, pixels [default: 256x256]
     #[arg(long, value_name = "WxH", value_parser = size)]
     image: Option<[u32; 2]>,
-    /// Weights of the camera's features: a safetensors file in the server's folder of weights; without it seeded ones
+    /// Weights for the camera's features: a safetensors file in the server's folder of weights [default: seeded
+    /// weights]
     #[arg(long, value_name = "FILE")]
     weights: Option<String>,
-    /// Time from the arrival of an action to its effect, ms: 0, 20, ... 100, to see how a policy bears latency [default: 0]
+    /// Time from the arrival of an action to its effect, ms: 0, 20, ... 100, to test how a policy tolerates latency
+    /// [default: 0]
     #[arg(long, value_name = "MS", value_parser = whole::<u32>(0..=100))]
     action_delay: Option<u32>,
-    /// By which rulebook episodes end: strict, whose bags have both verdicts, or published [default: strict]
+    /// Rulebook by which episodes end: strict, whose bags have both verdicts, or published [default: strict]
     #[arg(long, value_name = "NAME")]
     protocol: Option<String>,
-    /// Reward that is recorded: benchmark or training
+    /// Reward to record: benchmark or training
     #[arg(long, value_name = "NAME")]
     reward: Option<String>,
-    /// What is not to vary, such as start,noise
+    /// What to keep fixed, such as start,noise
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     fix: Vec<Fixed>,
     /// Sizes of props: random, or factors such as ladder_z=1.05,socket=0.95 (ladder_x, ladder_y, ladder_z, socket,
-    /// fresh_bulb). One random draw in seven has a fresh bulb that is too large for its socket
+    /// fresh_bulb). In one random draw of seven the fresh bulb is too large for its socket
     #[arg(long, value_name = "SIZES", value_parser = sizes)]
     prop_scale: Option<Sizes>,
     /// Override a threshold, such as fragility_n=30; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, f64)>,
-    /// What ends an episode in place of the task's own conditions, such as fall,time-out
+    /// Conditions that end an episode in place of the task's own, such as fall,time-out
     #[arg(long, value_name = "CAUSES", value_delimiter = ',')]
     end_on: Vec<String>,
 }
 
-/// What can be kept from varying.
+/// What can be kept fixed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Fixed {
-    /// The room of seed 0 whatever the seed
+    /// The room of seed 0, whatever the seed
     Layout,
     /// The start state without noise
     Start,
-    /// The hands' own friction
+    /// The hands' nominal friction
     HandFriction,
-    /// Nominal dome and key light
+    /// The nominal dome and key light
     Light,
-    /// The room's own colours
+    /// The room's nominal colours
     Tint,
     /// Exact sensors, without noise
     Noise,
-    /// All but the layout: every episode of a seed is the same
+    /// Everything but the layout: every episode of a seed is the same
     Episodes,
 }
 
@@ -80,7 +82,7 @@ enum Sizes {
 }
 
 impl SessionArgs {
-    /// Writes what was given into a request.
+    /// Writes the given flags into a request.
     pub fn apply(&self, request: &mut OpenRequest) {
         let set = |field: &mut String, given: &Option<String>| {
             if let Some(given) = given {
@@ -130,7 +132,7 @@ impl SessionArgs {
         }
     }
 
-    /// Makes the weights a name in a folder, and returns the folder: for a server in the same process.
+    /// Reduces the path of the weights to a name in a folder, and returns the folder, for a server in the same process.
     pub fn split_weights(&mut self) -> Option<PathBuf> {
         let path = PathBuf::from(self.weights.as_ref()?);
         self.weights = Some(path.file_name()?.to_string_lossy().into_owned());
@@ -174,7 +176,7 @@ fn sizes(text: &str) -> Result<Sizes, String> {
             _ => return Err(format!("'{name}' has no size; use ladder_x, ladder_y, ladder_z, socket or fresh_bulb")),
         };
         if value <= 0.0 {
-            return Err(format!("a factor is above 0; {name} is {value}"));
+            return Err(format!("{name} is {value}; use a factor above 0"));
         }
         *factor = value;
     }

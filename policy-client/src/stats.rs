@@ -1,9 +1,9 @@
-//! How long steps take.
+//! Statistics on how long steps take.
 
-/// Steps that are remembered.
+/// Largest number of samples to keep.
 const KEPT: usize = 1 << 17;
 
-/// Round trips: from the sending of an action to the arrival of the observation that answers it.
+/// Round-trip times: from sending an action to the arrival of the observation that answers it.
 #[derive(Debug, Clone, Default)]
 pub struct RoundTrips {
     seconds: Vec<f32>,
@@ -11,7 +11,7 @@ pub struct RoundTrips {
 }
 
 impl RoundTrips {
-    /// Adds one, s. Of very many only the latest are kept.
+    /// Adds a time, s; beyond 131,072 of them, the oldest are dropped.
     pub fn push(&mut self, seconds: f64) {
         if self.seconds.len() < KEPT {
             self.seconds.push(seconds as f32);
@@ -21,13 +21,13 @@ impl RoundTrips {
         }
     }
 
-    /// How many are kept.
+    /// Number of times that are kept.
     pub fn count(&self) -> usize {
         self.seconds.len()
     }
 
-    /// The round trip that a share of all stays at or below, s: 0.5 for the median, 0.99 for the 99th percentile. `None`
-    /// without any.
+    /// The time, s, that a share of all samples does not exceed: 0.5 for the median, 0.99 for the 99th percentile.
+    /// `None` without samples.
     pub fn quantile_s(&self, share: f64) -> Option<f64> {
         let mut sorted = self.seconds.clone();
         sorted.sort_by(f32::total_cmp);

@@ -1,4 +1,4 @@
-//! The server as a process of its own.
+//! The server as a process.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -34,28 +34,29 @@ pub struct DaemonArgs {
     /// How long a session waits for an action, s.
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
     action_timeout: Duration,
-    /// Scene config: what it names replaces the published values. Runs in another scene are not ranked.
+    /// Scene config; its values replace the published ones. Runs in another scene are not ranked.
     #[arg(long, value_name = "FILE.toml")]
     scene: Option<PathBuf>,
-    /// Folder of safetensors files with weights of ResNet-18; a session names one of them for the camera's features.
+    /// Folder of safetensors files with ResNet-18 weights; a session can name one of them for the camera's features.
     #[arg(long, value_name = "DIR")]
     weights: Option<PathBuf>,
-    /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj such as those of Unitree's description: pictures
-    /// show them in place of our own shapes. Runs whose policies see such pictures are not ranked.
+    /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj, such as those of Unitree's description:
+    /// pictures show them instead of the built-in shapes. Runs whose policies see such pictures are not ranked.
     #[arg(long, value_name = "DIR")]
     meshes: Option<PathBuf>,
-    /// Records every session itself, below this folder, and keeps runs there: the form for ranked runs. Bags of a run go to
+    /// Record every session below this folder, and keep runs there: needed for ranked runs. Bags of a run go to
     /// DIR/RUN/, those of other sessions to DIR/SERVER/SESSION/.
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
-    /// File with the key of the recorders that are processes of their own (`fiatlux keys` makes one). Without it, and without
-    /// --record, sessions cannot be recorded, and records stay in the server.
+    /// File with the key shared with separate recorders (`fiatlux keys` makes one). Without it and without --record,
+    /// sessions cannot be recorded, and records stay in the server.
     #[arg(long, value_name = "FILE", conflicts_with = "record")]
     recorder_key: Option<PathBuf>,
-    /// File with the server's own key, by which clients know it (`fiatlux keys` makes one) [default: drawn at each start]
+    /// File with the server's own key, by which clients recognise it (`fiatlux keys` makes one) [default: drawn at each
+    /// start]
     #[arg(long, value_name = "FILE")]
     identity: Option<PathBuf>,
-    /// File of those who may open sessions, a line ID SECRET LIMIT each [default: everybody may]
+    /// File of those who may open sessions, one line ID SECRET LIMIT for each [default: everybody may]
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
     #[command(flatten)]
@@ -64,10 +65,10 @@ pub struct DaemonArgs {
 
 fn seconds(text: &str) -> Result<Duration, String> {
     let parsed = text.parse().ok().filter(|secs| (0.01..=1e6).contains(secs));
-    parsed.map(Duration::from_secs_f64).ok_or_else(|| "it is a number of seconds from 0.01 to 1e6".into())
+    parsed.map(Duration::from_secs_f64).ok_or_else(|| "use a number of seconds from 0.01 to 1e6".into())
 }
 
-/// Serves until it is told to stop; whether recorders have everything then.
+/// Serves until it is told to stop; returns whether recorders then have every record.
 pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     fiatlux_link::init_log();
     let scene = match &args.scene {
@@ -96,7 +97,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     };
     options.workers = args.workers.unwrap_or(options.workers);
 
-    // Before the server can be found: an interrupt that comes early is not lost.
+    // Set up before the server can be found, so that an early interrupt is not lost.
     let stop = fiatlux_link::stop_on_signal()?;
     let mut link = args.link;
     for endpoint in &mut link.listen {
@@ -110,7 +111,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     stdout.flush()?;
 
     fiatlux_link::wait_for(&stop);
-    tracing::info!("interrupted: {} sessions are ended", server.open_sessions());
+    tracing::info!("interrupted: ending {} sessions", server.open_sessions());
     let is_whole = server.shutdown(SHUTDOWN);
     if !is_whole {
         eprintln!(

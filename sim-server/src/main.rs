@@ -13,9 +13,9 @@ use fiatlux_sim::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
 
 /// Simulates the errand's scenes for policies.
 ///
-/// Without a subcommand it serves sessions over Zenoh until it is interrupted, on the loopback interface unless -l or -e
-/// say otherwise. When it is ready it prints one line on stdout; its log goes to stderr. Interrupted (SIGINT, SIGTERM) it
-/// ends what runs, lets recorders finish, and exits with 0, or with 3 where a recorder has not got everything.
+/// Without a subcommand it serves sessions over Zenoh until it is interrupted, on the loopback interface unless -l or
+/// -e say otherwise. When it is ready it prints one line on stdout; its log goes to stderr. On an interrupt (SIGINT,
+/// SIGTERM) it ends all sessions, lets recorders finish, and exits with 0, or with 3 if a recorder missed records.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 struct Cli {
@@ -50,10 +50,10 @@ struct Export {
     /// Layout seed of the room.
     #[arg(long, default_value_t = 0, value_parser = fiatlux_link::whole::<u64>(0..))]
     seed: u64,
-    /// In place of a task: the robot in its standing posture, without room and props.
+    /// Instead of a task: the robot in its standing posture, without room and props.
     #[arg(long, conflicts_with_all = ["task", "seed"])]
     robot_only: bool,
-    /// With --robot-only: a floor under its feet.
+    /// With --robot-only: add a floor under its feet.
     #[arg(long, requires = "robot_only")]
     floor: bool,
     /// Hands of the robot: inspire or bare.
@@ -66,7 +66,7 @@ struct Export {
     /// limits then clamp the stiffness only.
     #[arg(long)]
     mujoco_defaults: bool,
-    /// Output file; - is stdout.
+    /// Output file; - for stdout.
     #[arg(short, long)]
     output: PathBuf,
 }
@@ -80,11 +80,11 @@ enum Format {
 fn timestep(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(value) if value > 0.0 && value <= 0.1 => Ok(value),
-        _ => Err("a step is a number of seconds above 0 and at most 0.1".into()),
+        _ => Err("use a number of seconds above 0 and at most 0.1".into()),
     }
 }
 
-/// Finished with data loss.
+/// Exit code for data loss.
 const LOSS: u8 = 3;
 
 fn main() -> ExitCode {

@@ -14,30 +14,30 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 #[cfg(test)]
 mod tests;
 
-/// Stands for an infinite joint limit where the other one is finite, rad: MJCF has no one-sided ranges.
+/// Stands for an infinite joint limit if the other one is finite, rad: MJCF has no one-sided ranges.
 const NO_LIMIT: f64 = 1e6;
 
-/// Which of MuJoCo's options for friction and damping the export asks for.
+/// Which of MuJoCo's options for friction and damping to export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OptionSet {
-    /// The nearest to ours. Friction in true cones. Damping in the drive, so that the effort limit clamps stiffness and
-    /// damping together; that needs the integrator `implicitfast`, because an explicit damper would shake links of a few
-    /// grams apart.
+    /// The closest to ours: true friction cones, and damping in the drive, so that the effort limit clamps stiffness
+    /// and damping together. That needs the integrator `implicitfast`, because an explicit damper would shake links of
+    /// a few grams apart.
     #[default]
     Nearest,
-    /// MuJoCo's defaults: friction in pyramids, and damping passive in the joint, which the default integrator treats
-    /// implicitly; the effort limit then clamps the stiffness only.
+    /// MuJoCo's defaults: friction pyramids, and passive damping in the joint, which the default integrator treats
+    /// implicitly; the effort limit then clamps only the stiffness.
     Defaults,
 }
 
-/// What an export needs to know besides the model and its state.
+/// Settings of an export besides the model and its state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MjcfOptions {
     /// Name of the MJCF model.
     pub name: String,
     /// Length of a physics step, s.
     pub timestep: f64,
-    /// OptionSet of friction and damping.
+    /// Options for friction and damping.
     pub option_set: OptionSet,
 }
 
@@ -265,7 +265,7 @@ impl Writer<'_> {
     }
 }
 
-/// Walls are nearly clear, so that a camera outside sees in.
+/// Walls are nearly transparent, so that a camera outside can see in.
 const MATERIALS: [(&str, &str); 6] = [
     ("room", "0.8 0.78 0.74 0.15"),
     ("robot", "0.55 0.57 0.6 1"),
@@ -275,7 +275,7 @@ const MATERIALS: [(&str, &str); 6] = [
     ("wood", "0.6 0.42 0.26 1"),
 ];
 
-/// What a shape looks like, told by its name or that of its tree's root.
+/// Appearance of a shape, from its name or that of its tree's root.
 fn material(shape: &ShapeSpec, root: &str) -> &'static str {
     let is = |word: &str| shape.name.contains(word) || root.contains(word);
     match shape.geometry {

@@ -1,8 +1,9 @@
 //! Records sessions into bags, an episode each.
 //!
-//! Zenoh's callbacks put records into the queue of a worker thread, which alone has its sessions' state
-//! (`fiatlux_session::RecorderSession`) and writes their bags; a session stays with one worker. A row takes some 70 us (poses, compression, file), so one worker keeps up with 14,000 rows/s: more
-//! than four cores simulate. There is a worker for each four cores.
+//! Zenoh's callbacks put records into the queue of a worker thread, which alone holds its sessions' state
+//! (`fiatlux_session::RecorderSession`) and writes their bags; a session stays with one worker. A row takes some 70 us
+//! (poses, compression, file), so one worker keeps up with 14,000 rows/s: more than four cores simulate. There is a
+//! worker for each four cores.
 mod bags;
 mod worker;
 
@@ -25,12 +26,12 @@ use zenoh::{Session as Zenoh, Wait};
 use fiatlux_wire::Frames;
 use worker::{Inlets, Worker, WorkerEvent};
 
-/// Cores that one worker serves.
+/// Number of cores that one worker can serve.
 const CORES_PER_WORKER: usize = 4;
-/// Sessions that are followed although no record has come of them: anybody on the network can announce one.
+/// Largest number of sessions to follow that have sent no record: anybody on the network can announce one.
 const MAX_UNHEARD: usize = 1024;
 
-/// How bags are named below the folder they go to. A name that is taken gets a number.
+/// How to name bags below their folder. If a name is taken, a number is added.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Naming {
     /// A folder for each session: `SERVER/SESSION/TASK-sSEED-eEPISODE.mcap`.
@@ -42,46 +43,46 @@ pub enum Naming {
     ByRun,
 }
 
-/// Whose records it writes.
+/// Whose records to write.
 #[derive(Debug, Clone)]
 pub enum RecordsFrom {
-    /// Those that are said on its own Zenoh session; it is heard there alone, and nobody else can add a row.
+    /// Records from this process, on its own Zenoh session: no other program can add a row.
     ThisProcess,
-    /// Those of servers that have this key. What others say on the same keys is dropped.
+    /// Records from servers that have this key. What others send on the same keys is dropped.
     Servers(RecorderKey),
 }
 
-/// Is told the key of a session, and how many of its records are in no bag.
+/// Called with the key of a session and the number of its records that are in no bag.
 pub type OnLoss = Box<dyn Fn(&str, u64) + Send + Sync>;
 
-/// What to record, and where to.
+/// What to record, and where.
 pub struct RecorderOptions {
     /// Folder of the bags.
     pub out: PathBuf,
     /// Only this server's sessions; `None` for all.
     pub server: Option<String>,
-    /// Name of the recorder, for the servers.
+    /// Name of the recorder, which servers log.
     pub name: String,
-    /// How bags are named.
+    /// How to name the bags.
     pub naming: Naming,
-    /// Whose records it writes.
+    /// Whose records to write.
     pub records: RecordsFrom,
-    /// Called with each bag that ended, by the thread that wrote it: it must not wait.
+    /// Called with each bag that ends, by the thread that wrote it, so it must not block.
     pub on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
-    /// Called as `on_bag` is.
+    /// Called when records are lost, under the same conditions as `on_bag`.
     pub on_loss: OnLoss,
 }
 
 /// How a bag ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BagEnd {
-    /// It has all of its episode, which ended so.
+    /// The bag has its whole episode, with this result.
     Whole(Box<EpisodeResult>),
-    /// It has a part, for this reason.
+    /// The bag has only a part, for this reason.
     Cut(String),
 }
 
-/// A bag that ended.
+/// A bag that has ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BagReport {
     /// The file: `NAME.mcap`, or `NAME.mcap.part` where it could not be finished.
@@ -92,16 +93,16 @@ pub struct BagReport {
     pub end: BagEnd,
 }
 
-/// Why nothing is recorded.
+/// Why a recorder cannot start.
 #[derive(Debug, Error)]
 pub enum RecorderError {
-    /// Not a server's name.
+    /// The text cannot be a server's name.
     #[error("'{0}' is not a server's name; use 1 to 64 letters, digits, - or _")]
     Name(String),
-    /// The robot whose poses are recorded.
+    /// The robot, whose poses are recorded, cannot be loaded.
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
-    /// No thread could be started.
+    /// The system refused to start a thread.
     #[error("cannot start a thread; free some memory")]
     Thread(#[source] std::io::Error),
     /// Zenoh refused to watch for sessions.
@@ -115,25 +116,25 @@ struct Shared {
     name: String,
     naming: Naming,
     locality: Locality,
-    /// Unseals records; none where they come from this process.
+    /// Unseals records; `None` if they come from this process.
     key: Option<RecorderKey>,
-    /// Of the robot with these hands.
+    /// Frames of the robot with each kind of hands.
     frames: BTreeMap<HandKind, Frames>,
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
     on_loss: OnLoss,
     inlets: Inlets,
 }
 
-/// A recorder at work. Dropped, it goes on to the end of what it has received, as [`Recorder::stop`] does.
+/// A running recorder. When dropped, it first writes everything that it has received, as [`Recorder::stop`] does.
 pub struct Recorder {
-    /// To the sessions' tokens and to their records.
+    /// Subscriptions to the sessions' tokens and to their records.
     subscriptions: Vec<Subscriber<()>>,
     workers: Vec<(Sender<WorkerEvent>, JoinHandle<Vec<PathBuf>>)>,
 }
 
 impl Recorder {
-    /// Follows all sessions, those that are open already among them. An unfinished bag of a session that is still there
-    /// is taken up.
+    /// Follows all sessions, including those that are already open. Continues an unfinished bag if its session still
+    /// exists.
     ///
     /// # Errors
     /// [`RecorderError`].
@@ -183,8 +184,8 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Writes what was received and ends. Returns the files of unfinished bags (`NAME.mcap.part`), sorted: a recorder
-    /// that is started while their sessions live takes them up.
+    /// Writes what has arrived, and ends. Returns the files of unfinished bags (`NAME.mcap.part`), sorted; a recorder
+    /// that starts while their sessions are open continues them.
     pub fn stop(mut self) -> Vec<PathBuf> {
         self.end()
     }

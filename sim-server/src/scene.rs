@@ -12,24 +12,24 @@ use thiserror::Error;
 /// Why a scene could not be built.
 #[derive(Debug, Error)]
 pub enum ExportError {
-    /// The robot's file or its place in the model.
+    /// The robot's file cannot be loaded, or the robot does not fit into the model.
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
-    /// The engine refused the model.
+    /// The engine refuses the model.
     #[error("cannot build the model")]
     Model(#[from] ModelError),
-    /// The scene's config or layout.
+    /// The scene's config or layout is not valid.
     #[error("cannot build the scene")]
     Scene(#[from] SceneError),
-    /// The task's start state.
+    /// The task's start state cannot be staged.
     #[error("cannot stage the start")]
     Start(#[from] StartError),
 }
 
-/// A model, its start state and what its drives hold there.
+/// A model, its start state and the targets of its drives.
 #[derive(Debug, Clone)]
 pub struct ExportScene {
-    /// Name for the file's reader.
+    /// Name that the file will carry.
     pub name: String,
     /// The bodies, joints and shapes of the scene.
     pub model: Model,
@@ -40,7 +40,8 @@ pub struct ExportScene {
 }
 
 impl ExportScene {
-    /// A task's start state: the room of the seed, the robot and the bulbs as the first episode begins, without noise.
+    /// A task's start state: the room of the seed, with robot and bulbs as at the beginning of the first episode
+    /// without noise.
     ///
     /// # Errors
     /// [`ExportError`].

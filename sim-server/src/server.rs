@@ -1,8 +1,9 @@
 //! Sessions for policies over Zenoh.
 //!
-//! [`Server`] puts them on a Zenoh session, in one process with its clients or on the network. A session itself is a
-//! state machine without I/O (`fiatlux_session::ServerSession`) over a simulation (`host`); a fixed pool of workers runs it
-//! (`pool`, `actor`), and Zenoh's callbacks only check messages and put them into inboxes (`listen`). What goes wrong in a session stays in it.
+//! [`Server`] offers them on a Zenoh session, in one process with its clients or on the network. A session itself is a
+//! state machine without I/O (`fiatlux_session::ServerSession`) over a simulation (`host`); a fixed pool of workers
+//! runs it (`pool`, `actor`), and Zenoh's callbacks only check messages and put them into inboxes (`listen`). A failure
+//! in a session stays in it.
 
 mod actor;
 mod gate;
@@ -28,7 +29,7 @@ pub use info::joints;
 pub use runs::RecordError;
 pub use shell::{RecordsTo, Server, ServerError, ServerOptions};
 
-/// A lock that outlives a panic elsewhere: what it guards is then closed, not shared.
+/// Locks a mutex even if another thread panicked with it: what it guards is then closed, not shared.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

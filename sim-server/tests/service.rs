@@ -463,7 +463,7 @@ fn a_query_for_all_servers_is_answered_by_each() {
     for reply in replies {
         let reply = OpenReply::decode(&*reply.result().unwrap().payload().to_bytes()).unwrap();
         let Some(open_reply::Reply::Refusal(refusal)) = reply.reply else { panic!("a session is open") };
-        assert!(refusal.message.contains("names one server"), "{}", refusal.message);
+        assert!(refusal.message.contains("must name one server"), "{}", refusal.message);
         refused += 1;
     }
     assert_eq!(refused, 2);

@@ -12,11 +12,11 @@ use fiatlux_wire::{header_digest, layout_of, read_identity, read_row};
 pub struct Parts {
     /// What was set when it began.
     pub header: EpisodeHeader,
-    /// Its rows.
+    /// Rows from row 0 on, one for each control step.
     pub states: Vec<State>,
     /// The actions between them.
     pub actions: Vec<ActionRecord>,
-    /// How it ended.
+    /// Result as the server recorded it.
     pub result: EpisodeResult,
 }
 

@@ -34,7 +34,7 @@ struct Installation {
     keys: PathBuf,
     commands: Vec<Vec<String>>,
     port: u16,
-    /// Dropped last.
+    /// Declared last, so that it is dropped after its users.
     folder: Scratch,
 }
 
@@ -253,7 +253,7 @@ fn keys_are_looked_at(installation: &Installation) {
 /// The same from another language, where `FIATLUX_PYTHON` names a Python with the packages of `docs/client.requirements.txt`.
 fn python_cheats_in_vain(installation: &Installation) {
     let Some(python) = std::env::var_os("FIATLUX_PYTHON") else {
-        return eprintln!("skipped: FIATLUX_PYTHON names no Python");
+        return eprintln!("skipped: FIATLUX_PYTHON does not name a Python");
     };
     let checks = Path::new(env!("CARGO_MANIFEST_DIR")).join("oracle/access.py");
     let done = Command::new(python).arg(checks).arg(&installation.keys).arg("test").output().unwrap();

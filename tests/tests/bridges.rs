@@ -54,7 +54,7 @@ impl Drop for Double {
 
 /// What a run against a double left.
 struct Recorded {
-    /// Of the client.
+    /// What the client wrote to stderr.
     log: String,
     bag: Bag,
     actions: Vec<Action>,
@@ -126,7 +126,9 @@ impl Known {
 #[test]
 fn the_bag_has_every_chunk_and_what_went_wrong() {
     let Some(python) = python() else {
-        return eprintln!("skipped: FIATLUX_PYTHON names no Python with the packages of tests/bridge/requirements.txt");
+        return eprintln!(
+            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
+        );
     };
     for (dialect, map, width, rows, prefix) in
         [("gr00t", "real_g1", 53, 40, 10), ("openpi", "openpi_g1", 23, 50, 10), ("behavior", "behavior_g1", 23, 16, 4)]
@@ -159,7 +161,7 @@ fn the_bag_has_every_chunk_and_what_went_wrong() {
             assert_eq!(chunk.problem, "");
         }
         let last = chunks.last().unwrap();
-        assert!(last.problem.starts_with("the policy gives up: "), "{}", last.problem);
+        assert!(last.problem.starts_with("the policy cannot go on: "), "{}", last.problem);
     }
 }
 
@@ -167,9 +169,11 @@ fn the_bag_has_every_chunk_and_what_went_wrong() {
 #[test]
 fn spoiled_answers_end_the_episode_with_a_reason() {
     let Some(python) = python() else {
-        return eprintln!("skipped: FIATLUX_PYTHON names no Python with the packages of tests/bridge/requirements.txt");
+        return eprintln!(
+            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
+        );
     };
-    for (fault, says) in [("nan", "is NaN"), ("shape", "dimension"), ("error", "CUDA"), ("huge", "at most")] {
+    for (fault, says) in [("nan", "is NaN"), ("shape", "dimension"), ("error", "CUDA"), ("huge", "the limit is")] {
         let (log, chunks) = play(&python, "gr00t", &["--fault", fault, "--after", "1"], &["--prefix", "5"]);
         assert!(log.contains(says), "{fault}: {log}");
         assert_eq!(chunks.len(), 6);
@@ -181,7 +185,9 @@ fn spoiled_answers_end_the_episode_with_a_reason() {
 #[test]
 fn nothing_is_opened_where_something_does_not_fit() {
     let Some(python) = python() else {
-        return eprintln!("skipped: FIATLUX_PYTHON names no Python with the packages of tests/bridge/requirements.txt");
+        return eprintln!(
+            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
+        );
     };
     let folder = Scratch::new("unfit");
     let run = |url: &str, map: &str, dialect: &str| {
@@ -281,7 +287,9 @@ fn foreign_controllers_carry_what_a_model_says() {
 #[test]
 fn tokens_and_gains_that_do_not_fit_are_refused() {
     let Some(python) = python() else {
-        return eprintln!("skipped: FIATLUX_PYTHON names no Python with the packages of tests/bridge/requirements.txt");
+        return eprintln!(
+            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
+        );
     };
     let controller = format!("sonic:{NETWORKS}");
     let double = ["--embodiment", "unitree_g1_sonic", "--fault", "token", "--after", "1"];
@@ -294,7 +302,7 @@ fn tokens_and_gains_that_do_not_fit_are_refused() {
     let service = Service::start("bridge", &[]);
     for (args, says) in [
         (vec!["--controller", &controller], "open the session with --gains sonic"),
-        (vec!["--controller", "gear:nowhere"], "speaks motion tokens; use sonic:DIR"),
+        (vec!["--controller", "gear:nowhere"], "outputs motion tokens; use sonic:DIR"),
         (vec!["--controller", "sonic:nowhere"], "weights are not shipped"),
         (vec![], "--controller sonic:DIR"),
     ] {
@@ -316,7 +324,9 @@ fn real_time_skips_what_is_stale_and_blends() {
     const BLEND: u64 = 6;
     const PREFIX: u64 = 12;
     let Some(python) = python() else {
-        return eprintln!("skipped: FIATLUX_PYTHON names no Python with the packages of tests/bridge/requirements.txt");
+        return eprintln!(
+            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
+        );
     };
     // Small pictures: the machine may be slow.
     let folder = Scratch::new("map");

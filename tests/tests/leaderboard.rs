@@ -47,7 +47,7 @@ fn runs_get_the_badges_that_they_earn() {
     let lost = lab.copy(&hosted, "lost", |name| !name.contains("-S05-"));
     let (code, fourth) = board.submit(&lost, &[]);
     assert_eq!((code, fourth["state"].as_str()), (1, Some("refused")));
-    assert!(fourth["reason"].as_str().unwrap().contains("the bag is not there"), "{fourth}");
+    assert!(fourth["reason"].as_str().unwrap().contains("its bag is missing"), "{fourth}");
     // A journal that was written anew: its chain breaks.
     let forged = lab.copy(&public, "forged", |_| true);
     let journal = std::fs::read_dir(&forged).unwrap().map(|entry| entry.unwrap().path());

@@ -38,7 +38,7 @@ fn a_client_from_the_page_alone() {
     let text = std::fs::read_to_string(Path::new(ROOT).join("docs/client.py")).unwrap();
     assert!(text.lines().count() < 120);
     let Some((python, modules)) = python() else {
-        return eprintln!("skipped: FIATLUX_PYTHON names no Python");
+        return eprintln!("skipped: FIATLUX_PYTHON does not name a Python");
     };
     let service = Service::start("python", &[]);
     let expected = service.play(&["--policy", "zero", "--task", "S07"]).remove(0);

@@ -1,4 +1,4 @@
-//! Rows that episodes of a batch start from.
+//! Rows from which the episodes of a batch start.
 
 use std::sync::Arc;
 
@@ -9,33 +9,33 @@ use fiatlux_world::{Episode, EpisodeSpec, Random, Scene, SceneConfig, SceneSpec,
 
 use crate::{BankError, Ranges};
 
-/// One scene, and where worlds start in it.
+/// A scene, and the starts of worlds in it.
 #[derive(Debug, Clone)]
 pub struct Bank {
     /// The scene that the starts are in; worlds share it.
     pub scene: Arc<Scene>,
-    /// An episode starts from one of them, each as likely as another.
+    /// Starts of episodes, all equally likely.
     pub starts: Vec<Start>,
 }
 
-/// A row to start from and what differs from the scene in a world that starts there.
+/// A row to start from, and how a world that starts there differs from the scene.
 #[derive(Debug, Clone)]
 pub struct Start {
-    /// Any row of the scene: a task's start, or one that was recorded. It becomes row 0.
+    /// Any row of the scene: a task's start, or a recorded row. It becomes row 0.
     pub row: Row,
-    /// Masses, gains and friction.
+    /// Masses, gains and friction of the world.
     pub variation: Variation,
 }
 
 impl Bank {
-    /// A scene with its reference state for a start: the robot in its standing posture.
+    /// A scene with its reference state as the only start: the robot in its standing posture.
     pub fn standing(scene: Arc<Scene>) -> Self {
         let row = World::new(Arc::clone(&scene)).row().clone();
         Self { scene, starts: vec![Start { row, variation: Variation::default() }] }
     }
 
-    /// The starts of episodes, a bank for each scene among them. Friction of the hands is a variation of the scene, so that
-    /// the episodes of a room share one.
+    /// The starts of episodes, with one bank for each scene. Friction of the hands is a variation, so that the episodes
+    /// of a room share a scene.
     ///
     /// # Errors
     /// [`BankError`]: a scene that cannot be built, or an episode without a start.
@@ -77,7 +77,7 @@ impl Bank {
         Ok(banks)
     }
 
-    /// Each start `times` times, with a variation drawn for each over its own.
+    /// Repeats each start `times` times, and draws a variation for each copy on top of its own.
     #[must_use]
     pub fn varied(self, ranges: &Ranges, times: usize, seed: u64) -> Self {
         let Self { scene, starts } = self;

@@ -11,24 +11,24 @@ use crate::slot::{ReadyBank, Slot};
 use crate::workers::Workers;
 use crate::{Bank, BatchError, Buffers, Disturbances, Spec, Task};
 
-/// What a batch is made of.
+/// Settings of a batch.
 #[derive(Debug, Clone)]
 pub struct BatchConfig {
-    /// How many worlds are stepped in each call.
+    /// Number of worlds that each call steps.
     pub worlds: usize,
-    /// Threads that step them, the caller's among them; no more than there are worlds. Results do not depend on it.
+    /// Number of threads, including the caller's; at most one for each world. Results do not depend on it.
     pub threads: usize,
     /// Seed of the worlds' random streams.
     pub seed: u64,
-    /// Where worlds start, all of one robot. The worlds are spread evenly over the banks, in order, and a world stays in its
-    /// bank's scene: there must be as many worlds as banks, at least.
+    /// Starts of the worlds, all with the same robot. The worlds are spread evenly over the banks, in order, and a
+    /// world stays in its bank's scene: there must be at least as many worlds as banks.
     pub banks: Vec<Bank>,
-    /// What acts on the robots from outside.
+    /// Forces and pushes on the robots from outside.
     pub disturbances: Disturbances,
 }
 
 impl BatchConfig {
-    /// One world for each bank, on the caller's thread, undisturbed.
+    /// One world for each bank, on the caller's thread, without disturbances.
     pub fn new(banks: Vec<Bank>) -> Self {
         Self { worlds: banks.len(), threads: 1, seed: 0, banks, disturbances: Disturbances::default() }
     }
@@ -43,7 +43,7 @@ pub struct Batch {
     torn: bool,
 }
 
-/// A batch's state: [`Batch::restore`] goes on from it exactly, on any number of threads.
+/// A batch's state: [`Batch::restore`] continues from it exactly, on any number of threads.
 #[derive(Clone)]
 pub struct Snapshot {
     slots: Vec<Slot>,
@@ -65,10 +65,11 @@ impl std::fmt::Debug for Snapshot {
 }
 
 impl Batch {
-    /// Worlds that each play a copy of the task. Each is at the start of an episode; [`Batch::reset`] tells its observation.
+    /// Makes worlds that each play a copy of the task. Each is at the start of an episode; [`Batch::reset`] writes its
+    /// observation.
     ///
     /// # Errors
-    /// [`BatchError`]: a config that makes no batch, a start that makes no world, or a task that cannot begin.
+    /// [`BatchError`]: an invalid config, a start from which no world can start, or a task that cannot begin.
     pub fn new(config: BatchConfig, task: &dyn Task) -> Result<Self, BatchError> {
         let BatchConfig { worlds, threads, seed, banks, disturbances } = config;
         let refuse = |field, found, rule| Err(BatchError::Config { field, found, rule });
@@ -104,12 +105,12 @@ impl Batch {
         Ok(batch)
     }
 
-    /// How many worlds it has.
+    /// Number of worlds in the batch.
     pub fn worlds(&self) -> usize {
         self.worlds
     }
 
-    /// How many threads step them, the caller's among them.
+    /// Number of threads that step the worlds, including the caller's.
     pub fn threads(&self) -> usize {
         self.workers.len()
     }
@@ -119,7 +120,7 @@ impl Batch {
         &self.spec
     }
 
-    /// The scene of a world. `None` for one that does not exist.
+    /// The scene of a world; `None` if the world does not exist.
     pub fn scene(&self, world: usize) -> Option<&Arc<Scene>> {
         (world < self.worlds).then(|| &self.banks[world * self.banks.len() / self.worlds].scene)
     }
@@ -137,10 +138,11 @@ impl Batch {
         })
     }
 
-    /// The same after each world's random stream has begun anew, by that seed: all that follows is as in a new batch.
+    /// As [`Batch::reset`], after restarting each world's random stream from this seed: everything that follows is as
+    /// in a new batch.
     ///
     /// # Errors
-    /// As [`Batch::reset`].
+    /// As for [`Batch::reset`].
     pub fn reset_with_seed(&mut self, seed: u64, observation: &mut [f32]) -> Result<(), BatchError> {
         self.workers.each(|shard| {
             for (index, slot) in shard.slots.iter_mut().enumerate() {
@@ -175,21 +177,21 @@ impl Batch {
         begun
     }
 
-    /// Takes a control step in every world: actions world by world, results into the buffers. Where an episode ends, the next
-    /// one begins in the same step.
+    /// Takes a control step in every world: actions are in the order of worlds, and results go into the buffers. If an
+    /// episode ends, the next one begins in the same step.
     ///
     /// # Errors
-    /// [`BatchError`]: buffers of another length or a number of an action that is not finite or too large, and nothing has
-    /// changed; or a task that failed in the middle of the step, after which the batch has to be reset.
+    /// [`BatchError`]: buffers of another length, or an action that is not finite or too large, in which case nothing
+    /// has changed; or a task that failed in the middle of the step, after which the batch must be reset.
     pub fn step(&mut self, actions: &[f32], buffers: &mut Buffers<'_>) -> Result<(), BatchError> {
         self.step_while(&mut || true, actions, buffers)
     }
 
-    /// The same, as long as `may_go_on` says so: it is asked before each world that the caller's thread steps. Where it does
-    /// not, the batch has to be reset, or restored from a snapshot.
+    /// As [`Batch::step`], as long as `may_go_on` returns true: it is called before each world that the caller's thread
+    /// steps. If it returns false, the batch must be reset, or restored from a snapshot.
     ///
     /// # Errors
-    /// As [`Batch::step`]; [`BatchError::Stopped`] where it was broken off.
+    /// As for [`Batch::step`]; [`BatchError::Stopped`] if the step was broken off.
     pub fn step_while(
         &mut self,
         may_go_on: &mut dyn FnMut() -> bool,
@@ -205,7 +207,7 @@ impl Batch {
         self.carry_out(order, actions, may_go_on, |shard| buffers.copy_from(&shard.outputs, shard.first))
     }
 
-    /// A copy of a world's row. `None` for a world that does not exist.
+    /// A copy of a world's row; `None` if the world does not exist.
     pub fn row(&self, world: usize) -> Option<Row> {
         let mut row = None;
         self.workers.each(|shard| {
@@ -225,7 +227,7 @@ impl Batch {
         Snapshot { slots, observation, spec: Arc::clone(&self.spec), banks: self.banks.clone() }
     }
 
-    /// Goes back to a state, and writes the observations as they were then.
+    /// Returns to a saved state, and writes its observations.
     ///
     /// # Errors
     /// [`BatchError::Snapshot`]: it was taken from a batch of another config; or a buffer of another length.
@@ -254,7 +256,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Has every world carry out an order; `finish` sees each thread's worlds when all has gone well there.
+    /// Lets every world carry out an order; `finish` sees the worlds of each thread if all went well there.
     fn carry_out(
         &mut self,
         order: Order,

@@ -1,29 +1,29 @@
-//! Where the results of a step go.
+//! Buffers for the results of a step.
 
 use crate::{Batch, BatchError, Spec};
 
-/// Where the results of a step go: buffers of the caller's. Arrays are world by world; a world's numbers are in the order
-/// of [`Spec`](crate::Spec).
+/// Buffers of the caller, which receive the results of a step. Arrays are in the order of worlds; the numbers of a
+/// world are in the order of [`Spec`](crate::Spec).
 #[derive(Debug)]
 pub struct Buffers<'a> {
-    /// Observations: after a step that ended an episode, the first one of the next episode.
+    /// Observations; if the step ended an episode, the first observation of the next one.
     pub observation: &'a mut [f32],
-    /// The last observation of each episode that ended; other worlds' parts are left as they are. None for a caller who
-    /// does not want them; they are not computed then.
+    /// The last observation of each episode that ended; the parts of other worlds are left unchanged. `None` if the
+    /// caller does not want them, and then they are not computed.
     pub final_observation: Option<&'a mut [f32]>,
     /// Sum of the reward's terms.
     pub reward: &'a mut [f32],
     /// Each term of the reward.
     pub reward_terms: Option<&'a mut [f32]>,
-    /// The episode ended by success or failure.
+    /// Whether the episode ended by success or failure.
     pub terminated: &'a mut [bool],
-    /// The episode ended for want of time.
+    /// Whether the episode ended by time-out.
     pub truncated: &'a mut [bool],
-    /// The episode ended by success.
+    /// Whether the episode ended by success.
     pub success: &'a mut [bool],
 }
 
-/// Buffers for one batch, for callers that have none of their own.
+/// Buffers for one batch, for callers without buffers.
 #[derive(Debug, Clone, Default)]
 #[allow(missing_docs)] // As of `Buffers`.
 pub struct Outputs {
@@ -37,7 +37,7 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Zeros for all worlds of a batch.
+    /// Buffers of zeros for all worlds of a batch.
     pub fn new(batch: &Batch) -> Self {
         Self::of(batch.spec(), batch.worlds())
     }
@@ -56,7 +56,7 @@ impl Outputs {
         }
     }
 
-    /// All of them, to be written by a step.
+    /// All of them, for a step to write to.
     pub fn buffers(&mut self) -> Buffers<'_> {
         Buffers {
             observation: &mut self.observation,
@@ -90,7 +90,7 @@ impl Buffers<'_> {
         Ok(())
     }
 
-    /// Takes over the results of a run of worlds.
+    /// Copies the results of consecutive worlds.
     pub(crate) fn copy_from(&mut self, part: &Outputs, first: usize) {
         let worlds = part.reward.len();
         let (observation, terms) = (part.observation.len() / worlds, part.reward_terms.len() / worlds);

@@ -7,16 +7,16 @@ use nalgebra::Vector3;
 
 use crate::{BatchError, Control};
 
-/// What acts on the robots from outside, drawn by each world for itself.
+/// Disturbances of the robots, drawn separately for each world.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Disturbances {
-    /// Sudden changes of velocity.
+    /// Sudden changes of velocity; `None` for none.
     pub pushes: Option<Pushes>,
-    /// Forces and torques that last.
+    /// Forces and torques that last for a while; `None` for none.
     pub wrenches: Option<Wrenches>,
 }
 
-/// Sudden changes of the velocity of the whole robot. A push of the task's own in the same step takes the place of one.
+/// Sudden changes of the velocity of the whole robot. A push by the task in the same step replaces one of these.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pushes {
     /// Time from one to the next, s.

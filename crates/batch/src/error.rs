@@ -2,7 +2,7 @@ use fiatlux_rules::RobotLayout;
 use fiatlux_world::{SceneError, StartError, WorldError};
 use thiserror::Error;
 
-/// Why a task cannot go on.
+/// Why a task cannot continue.
 pub type TaskError = Box<dyn std::error::Error + Send + Sync>;
 
 /// Why a bank has no starts.
@@ -24,7 +24,7 @@ pub enum BankError {
     Start(#[from] StartError),
 }
 
-/// Why a batch cannot do what it was asked to.
+/// Why a batch cannot do what was requested.
 #[derive(Debug, Error)]
 pub enum BatchError {
     /// A number of the config is out of range.
@@ -37,7 +37,7 @@ pub enum BatchError {
         /// The rule that it breaks.
         rule: &'static str,
     },
-    /// A disturbance makes no sense.
+    /// A disturbance is not valid.
     #[error("disturbances: {field} {rule}")]
     Disturbance {
         /// The field of the config, such as `worlds`.
@@ -55,18 +55,18 @@ pub enum BatchError {
         /// Those of bank 0.
         expected: RobotLayout,
     },
-    /// A start of a bank makes no world.
+    /// No world can start from a start of a bank.
     #[error("bank {bank}, start {start}: no world starts there")]
     Start {
         /// Index of the bank.
         bank: usize,
         /// Index of the start in the bank.
         start: usize,
-        /// What the world refused.
+        /// The world's error, which says why.
         #[source]
         source: WorldError,
     },
-    /// No thread could be started.
+    /// The system refused to start a thread.
     #[error("cannot start a thread; use fewer threads")]
     Thread(#[source] std::io::Error),
     /// A buffer has the wrong length.
@@ -88,7 +88,7 @@ pub enum BatchError {
         name: String,
         /// The value that was sent.
         value: f32,
-        /// The largest size allowed.
+        /// Largest allowed absolute value.
         limit: f32,
     },
     /// The batch has fewer worlds.
@@ -99,12 +99,12 @@ pub enum BatchError {
         /// Worlds of the batch.
         worlds: usize,
     },
-    /// A world refused a row, or what the task made of an action.
+    /// A world refused a row, or the task's command.
     #[error("world {world} refuses its input")]
     World {
         /// Index of the world in the batch.
         world: usize,
-        /// What the world refused.
+        /// The world's error, which says why.
         #[source]
         source: WorldError,
     },
@@ -117,19 +117,19 @@ pub enum BatchError {
         #[source]
         source: TaskError,
     },
-    /// The task panicked; its own message stands on stderr.
+    /// The task panicked; its own message is on stderr.
     #[error("the task panicked in one of the worlds from {first} on")]
     Panicked {
         /// First world of the thread in which it did.
         first: usize,
     },
-    /// The caller had the step broken off; some worlds took it.
+    /// The caller broke off the step after some worlds had taken it.
     #[error("the step was broken off; reset the batch or restore a snapshot")]
     Stopped,
-    /// A call failed before, and left some worlds a step ahead of others.
+    /// An earlier call failed, and left some worlds a step ahead of others.
     #[error("an earlier call ended in the middle of a step; reset the batch or restore a snapshot")]
     Torn,
-    /// A snapshot is of another batch.
+    /// A snapshot belongs to another batch.
     #[error("snapshot of {found} worlds of another config; restore it into a batch of the config it was taken from")]
     Snapshot {
         /// How many worlds the snapshot has.

@@ -5,8 +5,9 @@
 //! mean, what is observed, what is paid and what ends an episode: [`Rulebook`] plays the benchmark's tasks, [`Walking`] is an
 //! example of a task outside the rulebook.
 //!
-//! Results follow from config and actions alone: not from the number of threads, nor from what else is in the batch. Each
-//! world has a random stream of its own, by the batch's seed and the world's index. A step allocates nothing.
+//! Results follow only from config and actions: they depend neither on the number of threads nor on the other worlds in
+//! the batch. Each world has its own random stream, given by the batch's seed and the world's index. A step allocates
+//! nothing.
 //!
 //! ```
 //! use std::sync::Arc;

@@ -4,12 +4,12 @@ use fiatlux_dynamics::{BodyVariation, DriveVariation, ShapeId, Variation};
 use fiatlux_world::{Random, Scene, ShapeOwner};
 use nalgebra::Vector3;
 
-/// Ranges that a world's differences from its scene are drawn from, uniformly. Factors are of the nominal values.
+/// Ranges from which a world's differences from its scene are drawn, uniformly. Factors multiply the nominal values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranges {
-    /// Friction of the hands; none leaves it as it is.
+    /// Friction of the hands; `None` leaves it unchanged.
     pub hand_friction: Option<[f64; 2]>,
-    /// Friction between floor and soles; none leaves it as it is.
+    /// Friction between floor and soles; `None` leaves it unchanged.
     pub floor_friction: Option<[f64; 2]>,
     /// Factor of the mass of each of the robot's bodies, above 0.
     pub mass: [f64; 2],
@@ -24,7 +24,7 @@ pub struct Ranges {
 }
 
 impl Ranges {
-    /// Every world is the robot as its file has it.
+    /// No differences: every world is as its robot's file and its scene say.
     pub const NOMINAL: Self = Self {
         hand_friction: None,
         floor_friction: None,
@@ -35,14 +35,14 @@ impl Ranges {
         effort_limit: [1.0; 2],
     };
 
-    /// Draws a world's differences and writes them over its present ones.
+    /// Draws a world's differences, and overwrites its current ones.
     pub fn draw(&self, scene: &Scene, random: &mut Random, variation: &mut Variation) {
         let within = |[low, high]: [f64; 2], random: &mut Random| random.uniform(low, high);
         if let Some(range) = self.hand_friction {
             scene.set_hand_friction(within(range, random), variation);
         }
         if let Some(range) = self.floor_friction {
-            // The larger coefficient of two materials holds, so that the soles have to go along.
+            // Of two materials the larger coefficient counts, so the soles must change too.
             let friction = within(range, random);
             let touches = |owner| match owner {
                 ShapeOwner::Floor => true,

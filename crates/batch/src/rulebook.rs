@@ -10,7 +10,7 @@ use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Random, Scene, World};
 
 use crate::{Control, Field, Outcome, Spec, Task, TaskError};
 
-/// What the numbers of an action are; there is one a joint.
+/// Meaning of the numbers of an action; there is one for each joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ActionForm {
     /// Joint target = q0 + 0.5 action, as in the benchmark.
@@ -20,30 +20,31 @@ pub enum ActionForm {
     JointTarget,
 }
 
-/// How a task of the benchmark is played in a batch.
+/// How a batch plays a task of the benchmark.
 #[derive(Debug, Clone)]
 pub struct RulebookOptions {
-    /// Which judge ends an episode, and pays.
+    /// Which judge ends an episode and pays rewards.
     pub protocol: Protocol,
-    /// Thresholds that the judges go by.
+    /// Thresholds that the judges use.
     pub thresholds: Thresholds,
-    /// What ends an episode in place of the task's own conditions.
+    /// What ends an episode, in place of the task's own conditions.
     pub end_on: Option<Causes>,
     /// Which reward it pays.
     pub variant: Variant,
-    /// What is observed, in the order of [`Sensor::ALL`](fiatlux_sensing::Sensor::ALL). Each world has devices of its own: a
-    /// camera takes a few hundred kilobytes of each.
+    /// Sensors of the observation, in the order of [`Sensor::ALL`](fiatlux_sensing::Sensor::ALL). Each world has its
+    /// own devices: a camera takes a few hundred kilobytes in each.
     pub sensors: Sensors,
-    /// Noise of the sensors, by the world's random stream; the benchmark's own episodes draw theirs by seed and episode.
+    /// Whether sensors have noise, from the world's random stream; the benchmark's own episodes draw it by seed and
+    /// episode.
     pub noise: bool,
     /// Width and height of the cameras' images, pixels.
     pub image_size: [usize; 2],
-    /// What the numbers of an action are.
+    /// Meaning of the numbers of an action.
     pub action_form: ActionForm,
 }
 
 impl RulebookOptions {
-    /// As the benchmark plays it, with the observation of the robot's own body.
+    /// A task as the benchmark plays it, with proprioception, contact forces and the last action as its observation.
     pub fn new(task: fiatlux_rules::Task) -> Self {
         Self {
             protocol: Protocol::default(),
@@ -58,8 +59,8 @@ impl RulebookOptions {
     }
 }
 
-/// A task of the benchmark, by the same judges, rewards and sensors as an [`Episode`](fiatlux_world::Episode): the same
-/// actions from the same start give the same rows, rewards and end.
+/// A task of the benchmark, with the same judges, rewards and sensors as an [`Episode`](fiatlux_world::Episode): the
+/// same actions from the same start give the same rows, rewards and end.
 #[derive(Debug, Clone)]
 pub struct Rulebook {
     task: fiatlux_rules::Task,
@@ -67,7 +68,7 @@ pub struct Rulebook {
     spec: Arc<Spec>,
     visuals: SharedVisuals,
     suite: SensorSuite,
-    /// None before the first episode.
+    /// `None` before the first episode.
     referee: Option<Referee>,
     episode: u64,
 }
@@ -82,7 +83,8 @@ struct Referee {
 }
 
 impl Rulebook {
-    /// A task with the robot of a scene. `network` is for the features of camera images, where they are among the sensors.
+    /// A task with the robot of a scene. `network` computes the features of camera images, if they are among the
+    /// sensors.
     pub fn new(task: fiatlux_rules::Task, scene: &Scene, options: RulebookOptions, network: Option<ResNet18>) -> Self {
         let protocol = options.protocol;
         let setup = Setup { protocol, image_size: options.image_size, ..Setup::new(scene, task) };
@@ -91,7 +93,7 @@ impl Rulebook {
         let (action_limit, action_range) = match options.action_form {
             ActionForm::Action => (ACTION_LIMIT, vec![[-1.0, 1.0]; joints.len()]),
             ActionForm::JointTarget => {
-                // The largest target that is still an action within its limit.
+                // The largest target whose action is still within its limit.
                 let offset = scene.robot.q0().iter().fold(0.0, |most: f64, q0| most.max(q0.abs()));
                 let range = joints.iter().map(|joint| [joint.lower as f32, joint.upper as f32]).collect();
                 ((ACTION_LIMIT * ACTION_SCALE - offset).floor(), range)
@@ -174,7 +176,7 @@ impl Task for Rulebook {
         let places = control.action.iter_mut().zip(&mut control.joint_target);
         for (((to, target), q0), number) in places.zip(scene.robot.q0()).zip(action) {
             let number = f64::from(*number);
-            // What a row records of a command is an action: joint targets become one first, as in an episode.
+            // A row records commands as actions: joint targets are converted first, as in an episode.
             *to = match self.options.action_form {
                 ActionForm::Action => number,
                 ActionForm::JointTarget => (number - q0) / ACTION_SCALE,

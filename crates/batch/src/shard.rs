@@ -9,14 +9,14 @@ use fiatlux_world::World;
 use crate::slot::{ReadyBank, Results, Slot, Stage};
 use crate::{BatchError, Control, Disturbances, Outcome, Outputs, Spec};
 
-/// What a thread is asked to do with its worlds.
+/// What a thread should do with its worlds.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Order {
-    /// Begin an episode in each.
+    /// Begin an episode in each world.
     Reset,
-    /// Take a control step in each, with the actions it has.
+    /// Take a control step in each world, with its actions.
     Step {
-        /// Observe the last rows of episodes too.
+        /// Whether to observe the last rows of episodes too.
         wants_final: bool,
     },
 }
@@ -72,7 +72,7 @@ impl Shard {
         }
     }
 
-    /// Carries out the order, as long as it may go on. Stops at the first world that cannot.
+    /// Carries out the order, as long as it may continue. Stops at the first world that fails.
     pub fn run(&mut self, mut may_go_on: impl FnMut() -> bool) {
         let mut worlds = 0..self.slots.len();
         let done = worlds.try_for_each(|index| match (may_go_on(), self.order) {

@@ -9,7 +9,7 @@ use fiatlux_world::{ControlInput, Random, Scene, World, WorldError};
 use crate::disturbance::Disturber;
 use crate::{Bank, BatchError, Control, Disturbances, Outcome, Task, TaskError};
 
-/// A bank made ready; all threads share it.
+/// A prepared bank, shared by all threads.
 #[derive(Debug)]
 pub(crate) struct ReadyBank {
     pub scene: Arc<Scene>,
@@ -23,7 +23,7 @@ pub(crate) struct ReadyStart {
 }
 
 impl ReadyBank {
-    /// Tries every start. Equal variations that follow one another are worked out once.
+    /// Tries every start. Equal variations in a row are prepared once.
     pub fn new(bank: &Bank, index: usize) -> Result<Self, BatchError> {
         let mut world = World::new(Arc::clone(&bank.scene));
         let mut starts: Vec<ReadyStart> = Vec::with_capacity(bank.starts.len());
@@ -50,7 +50,7 @@ pub(crate) struct Stage {
     pub world: World,
 }
 
-/// A world while others have their turn.
+/// The state of a world while others have their turn.
 pub(crate) struct Slot {
     /// Index into the stages of its thread.
     pub stage: usize,
@@ -101,10 +101,10 @@ impl From<TaskError> for Stopped {
     }
 }
 
-/// What a world writes in a step.
+/// Buffers for the results of one world.
 pub(crate) struct Results<'a> {
     pub observation: &'a mut [f32],
-    /// Where the observation of an episode's last row goes, if anywhere.
+    /// Buffer for the observation of an episode's last row, if wanted.
     pub final_observation: Option<&'a mut [f32]>,
     pub reward_terms: &'a mut [f32],
 }
@@ -129,7 +129,7 @@ impl Slot {
         self.random = random;
     }
 
-    /// Begins an episode from a start of the bank, or from a row in place of the start's.
+    /// Begins an episode from a start of the bank, or from a given row.
     pub fn begin(
         &mut self,
         stage: &mut Stage,
@@ -171,7 +171,7 @@ impl Slot {
         stage.world.step_row(&mut self.row, &input)?;
         let judged = self.task.judge(&stage.world, &mut self.random, reward_terms);
         let outcome = if diverged(&self.row) { Outcome::Failure } else { judged };
-        // As in the rulebook, what is not finite pays nothing.
+        // As in the rulebook, a reward that is not finite pays nothing.
         reward_terms.iter_mut().filter(|term| !term.is_finite()).for_each(|term| *term = 0.0);
         let reward = reward_terms.iter().map(|term| f64::from(*term)).sum::<f64>() as f32;
         if outcome == Outcome::Continues {

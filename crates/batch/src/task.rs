@@ -1,24 +1,25 @@
-//! What a world of a batch plays.
+//! The interface of tasks for the worlds of a batch.
 
 use fiatlux_rules::Row;
 use fiatlux_world::{AppliedWrench, Push, Random, Scene, World};
 
 use crate::TaskError;
 
-/// What a world of a batch plays: what an action means, what is observed, what is paid and what ends an episode. Every world
-/// has a copy, which may keep what it needs from step to step; a copy of it goes into a [`Snapshot`](crate::Snapshot).
+/// A task for the worlds of a batch: it gives actions a meaning, and defines observations, rewards and ends. Every
+/// world has a copy, which may keep state from step to step; a [`Snapshot`](crate::Snapshot) includes it.
 ///
-/// In a control step a world calls `command`, moves, and calls `judge`; where the episode goes on, `observe`. Where it ends,
-/// `observe` (the final observation, if it is asked for), `place`, `begin` and `observe` (the first of the next episode).
-/// `world` then stands at the row that is spoken of: [`World::row`], [`World::world_from_link`].
+/// In a control step a world calls `command`, moves, and calls `judge`; if the episode continues, it calls `observe`.
+/// If the episode ends, it calls `observe` (for the final observation, if wanted), `place`, `begin` and `observe` (for
+/// the first one of the next episode). `world` is then at the row in question: [`World::row`],
+/// [`World::world_from_link`].
 ///
-/// Draw random numbers from `random` alone, which is the world's own stream; then results depend on nothing else.
+/// Draw random numbers only from `random`, the world's own stream, so that results depend on nothing else.
 pub trait Task: TaskClone + Send + Sync {
     /// Names and sizes. They never change, and are the same in every world.
     fn spec(&self) -> &Spec;
 
-    /// Changes the row drawn from the bank into the one that the episode starts from: a posture, a place, a velocity. What
-    /// follows from it is measured afterwards.
+    /// Changes the row drawn from the bank into the start of the episode: a posture, a place, a velocity. Quantities
+    /// that follow from these are measured afterwards.
     ///
     /// # Errors
     /// The task's own reasons; they end the batch's call.
@@ -26,17 +27,17 @@ pub trait Task: TaskClone + Send + Sync {
         Ok(())
     }
 
-    /// An episode begins. Forgets the one before.
+    /// Begins an episode, and forgets the last one.
     ///
     /// # Errors
     /// The task's own reasons; they end the batch's call.
     fn begin(&mut self, world: &World, random: &mut Random) -> Result<(), TaskError>;
 
-    /// Reads an action (finite numbers within [`Spec::action_limit`]) as joint targets; may add wrenches and a push.
+    /// Converts an action (finite numbers within [`Spec::action_limit`]) to joint targets; may add wrenches and a push.
     fn command(&mut self, scene: &Scene, row: &Row, action: &[f32], random: &mut Random, control: &mut Control);
 
-    /// Judges the row that the command led to, and writes what each term of the reward pays. A row that diverged ends the
-    /// episode as a failure whatever this says.
+    /// Judges the row that the command led to, and writes the value of each reward term. A row that diverged ends the
+    /// episode as a failure, whatever this returns.
     fn judge(&mut self, world: &World, random: &mut Random, reward_terms: &mut [f32]) -> Outcome;
 
     /// Writes the observation of a row.
@@ -46,7 +47,7 @@ pub trait Task: TaskClone + Send + Sync {
     fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError>;
 }
 
-/// Copies a task; every task that is `Clone` has it.
+/// Copies a boxed task; implemented for every task that is `Clone`.
 pub trait TaskClone {
     /// A copy with the same state.
     fn boxed(&self) -> Box<dyn Task>;
@@ -58,14 +59,14 @@ impl<T: Task + Clone + 'static> TaskClone for T {
     }
 }
 
-/// Names and sizes of what a task takes and gives.
+/// Names and sizes of a task's actions, observations and rewards.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spec {
     /// Name of each number of an action.
     pub actions: Vec<String>,
-    /// Where a learner looks for each of them: least, greatest. Actions may leave it.
+    /// Range in which a learner should explore each number: least, greatest. Actions may exceed it.
     pub action_range: Vec<[f32; 2]>,
-    /// Largest size of a number of an action; larger ones are refused.
+    /// Largest absolute value in an action; larger ones are refused.
     pub action_limit: f32,
     /// The parts of an observation, in order.
     pub observation: Vec<Field>,
@@ -80,25 +81,25 @@ impl Spec {
     }
 }
 
-/// A run of numbers of an observation.
+/// Consecutive numbers of an observation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
-    /// Unique within the observation.
+    /// Name of the field, unique within the observation.
     pub name: String,
-    /// Extents, the slowest first; none for a single number.
+    /// Size of each dimension, slowest first; empty for a single number.
     pub shape: Vec<usize>,
-    /// Least and greatest value.
+    /// Least and greatest possible value.
     pub range: [f32; 2],
 }
 
 impl Field {
-    /// A field of any size of number.
+    /// A field with an unlimited range.
     pub fn new(name: impl Into<String>, shape: &[usize]) -> Self {
         Self { name: name.into(), shape: shape.into(), range: [f32::NEG_INFINITY, f32::INFINITY] }
     }
 
-    /// A term of a sensor, each number of which is (measured + noise) x scale, measured within `range`. Terms of sensors that
-    /// repeat others' names, or that no robot has, begin with the sensor's name.
+    /// A term of a sensor, whose numbers are (measured + noise) x scale, with measured values in `range`. Terms of
+    /// sensors that repeat other sensors' names, or that no robot has, begin with the sensor's name.
     pub fn of_sensor(sensor: &str, term: &str, shape: &[usize], range: [f64; 2], noise: f64, scale: f64) -> Self {
         let name = match sensor {
             "flat" | "privileged" | "verdict" => format!("{sensor}.{term}"),
@@ -108,35 +109,36 @@ impl Field {
         Self { name, shape: shape.into(), range }
     }
 
-    /// How many numbers it has.
+    /// How many numbers the field has.
     pub fn length(&self) -> usize {
         self.shape.iter().product()
     }
 }
 
-/// What an action comes to in a world. The batch clears wrenches and push before each command; both arrays have a number a
-/// joint.
+/// The command of an action for a world. The batch clears wrenches and push before each command; both arrays have one
+/// number for each joint.
 #[derive(Debug, Clone, Default)]
 pub struct Control {
-    /// For the row's record, in action units: finite and within [`ACTION_LIMIT`](fiatlux_world::ACTION_LIMIT).
+    /// Action to record in the row, in action units: finite and within [`ACTION_LIMIT`](fiatlux_world::ACTION_LIMIT).
     pub action: Vec<f64>,
-    /// rad, finite; beyond a joint's limits they are clamped to them.
+    /// Joint targets, rad, finite; they are clamped to the joints' limits.
     pub joint_target: Vec<f64>,
-    /// Held over the control step; more than 8, those of [`Disturbances`](crate::Disturbances) among them, allocate.
+    /// Wrenches held over the control step; more than 8, including those of [`Disturbances`](crate::Disturbances),
+    /// cause an allocation.
     pub wrenches: Vec<AppliedWrench>,
     /// A sudden change of the robot's velocity.
     pub push: Option<Push>,
 }
 
-/// How an episode goes on after a row.
+/// Whether an episode continues after a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// It goes on with another step.
+    /// The episode goes on with another step.
     Continues,
-    /// It ends: the goal is reached. Counts as terminated.
+    /// The episode ends because the goal is reached. Counts as terminated.
     Success,
-    /// It ends: the goal is out of reach. Counts as terminated.
+    /// The episode ends because the goal is out of reach. Counts as terminated.
     Failure,
-    /// It ends for want of time. Counts as truncated.
+    /// The episode ends by time-out. Counts as truncated.
     TimeOut,
 }

@@ -1,5 +1,4 @@
-//! The threads of a batch. Each has its worlds for good, so that how they are split depends on nothing; it sleeps between
-//! calls.
+//! The threads of a batch. Each keeps its worlds, so that the split depends on nothing; threads sleep between calls.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,12 +8,12 @@ use std::thread::JoinHandle;
 use crate::BatchError;
 use crate::shard::Shard;
 
-/// Whose turn it is with a shard.
+/// Who may use a shard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Turn {
     Caller,
     Worker,
-    /// The thread has to end.
+    /// The thread must end.
     Over,
 }
 
@@ -39,7 +38,7 @@ impl Seat {
         self.turn.notify_all();
     }
 
-    /// What a thread does.
+    /// The loop of a thread.
     fn serve(&self, stop: &AtomicBool) {
         loop {
             let mut held = self.wait(|turn| turn != Turn::Caller);
@@ -61,7 +60,7 @@ fn run(shard: &mut Shard, may_go_on: impl FnMut() -> bool) {
     }
 }
 
-/// All shards of a batch. The first one's worlds are stepped by the caller's thread.
+/// All shards of a batch. The caller's thread steps the worlds of the first one.
 pub(crate) struct Workers {
     seats: Vec<Arc<Seat>>,
     stop: Arc<AtomicBool>,
@@ -81,13 +80,13 @@ impl Workers {
         Ok(workers)
     }
 
-    /// How many threads there are, the caller's among them.
+    /// Number of threads, including the caller's.
     pub fn len(&self) -> usize {
         self.seats.len()
     }
 
-    /// Shows each shard in turn to `prepare`, has all of them carry out their orders at the same time, and shows them to
-    /// `finish`. The caller's thread asks before each of its worlds whether to go on; once it may not, no thread does.
+    /// Shows each shard in turn to `prepare`, lets all of them carry out their orders at the same time, and shows them
+    /// to `finish`. The caller's thread asks before each of its worlds whether to continue; if not, every thread stops.
     pub fn run(
         &mut self,
         mut prepare: impl FnMut(&mut Shard),

@@ -1,34 +1,34 @@
-//! Whether a mapping and a model server fit: every difference by its name, before anything moves.
+//! Compares a mapping with a model server, and names every difference before anything moves.
 
 use std::fmt;
 
 use crate::{BridgeError, Contract, Mapping, ModelChunk};
 
-/// What does not fit.
+/// What a [`Mismatch`] is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MismatchKind {
-    /// A camera that one side does not know.
+    /// A camera that only one side has.
     Camera,
     /// The size of a picture.
     Size,
-    /// The frames of a camera, or of the state.
+    /// Number or age of the frames of a camera or of the state.
     Frames,
-    /// A key of the state.
+    /// A key of the state that only one side has.
     State,
-    /// A key of the actions.
+    /// A key of the actions that only one side has.
     Action,
-    /// How many numbers a key has.
+    /// The number of values of a key.
     Dimension,
-    /// How many rows a chunk has.
+    /// The number of rows of a chunk.
     Horizon,
-    /// Absolute, delta or relative.
+    /// Whether actions are absolute, delta or relative.
     Representation,
     /// The key of the instruction.
     Language,
 }
 
 impl MismatchKind {
-    /// Its name in messages.
+    /// The words for it in a message.
     pub fn name(self) -> &'static str {
         match self {
             Self::Camera => "camera",
@@ -44,16 +44,16 @@ impl MismatchKind {
     }
 }
 
-/// One difference.
+/// A difference between mapping and server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mismatch {
     /// What it is about.
     pub kind: MismatchKind,
-    /// The key; empty where there is none.
+    /// The key that differs; empty if the difference belongs to none.
     pub key: String,
-    /// What the server has.
+    /// The server's value, in words.
     pub server: String,
-    /// What the mapping has.
+    /// The mapping's value, in words.
     pub mapping: String,
 }
 
@@ -68,7 +68,7 @@ impl fmt::Display for Mismatch {
     }
 }
 
-/// Collects differences.
+/// Collects all differences, so that one error names them all.
 struct Found(Vec<Mismatch>);
 
 impl Found {
@@ -85,17 +85,17 @@ impl Found {
     }
 }
 
-/// A server's words in a message, bounded.
+/// Text from the server, shortened to 120 characters.
 fn shown(text: &str) -> String {
     text.chars().take(120).collect()
 }
 
 const NOTHING: &str = "nothing";
 
-/// Compares a mapping with what a server says of itself.
+/// Compares a mapping with the contract that a server announces.
 ///
 /// # Errors
-/// [`BridgeError::Contract`], with all that does not fit.
+/// [`BridgeError::Contract`], with all differences.
 pub fn check_contract(mapping: &Mapping, contract: &Contract) -> Result<(), BridgeError> {
     let mut found = Found(Vec::new());
     cameras(mapping, contract, &mut found);
@@ -120,7 +120,7 @@ pub fn check_contract(mapping: &Mapping, contract: &Contract) -> Result<(), Brid
     }
     if let Some(actions) = &contract.actions {
         for terms in actions {
-            // A server with a single unnamed key.
+            // The server has a single key without a name.
             let ours = if terms.key.is_empty() { mapping.actions.first() } else { None };
             match ours.or_else(|| mapping.actions.iter().find(|ours| ours.key == terms.key)) {
                 None => found.add(MismatchKind::Action, &terms.key, "it", "nothing; map it, or skip its numbers"),
@@ -186,10 +186,10 @@ fn cameras(mapping: &Mapping, contract: &Contract, found: &mut Found) {
     }
 }
 
-/// Compares a mapping with an answer: what a server's contract leaves out shows here.
+/// Compares a mapping with a server's answer, which shows what its contract leaves out.
 ///
 /// # Errors
-/// [`BridgeError::Contract`], with all that does not fit.
+/// [`BridgeError::Contract`], with all differences.
 pub fn check_chunk(mapping: &Mapping, chunk: &ModelChunk) -> Result<(), BridgeError> {
     let mut found = Found(Vec::new());
     for ours in &mapping.actions {

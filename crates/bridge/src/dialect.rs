@@ -1,4 +1,4 @@
-//! What a model server is asked and answers, whatever its dialect.
+//! Questions to a model server and its answers, in the same form for every dialect.
 
 mod gr00t;
 mod openpi;
@@ -9,25 +9,26 @@ use crate::mapping::Representation;
 use crate::net::Timeouts;
 use crate::{BridgeError, Tensor};
 
-/// How a model server speaks.
+/// The wire protocol of a model server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dialect {
     /// Isaac GR00T N1.6 and N1.7: ZeroMQ, nested keys.
     Gr00t,
-    /// The same with the server's flag `--use-sim-policy-wrapper`: flat keys.
+    /// GR00T with the server's flag `--use-sim-policy-wrapper`: flat keys.
     Gr00tFlat,
-    /// The same, of a model that speaks motion tokens of GEAR-SONIC.
+    /// GR00T with a model that outputs motion tokens of GEAR-SONIC.
     Gr00tSonic,
-    /// openpi: WebSocket.
+    /// openpi: MessagePack over WebSocket.
     Openpi,
-    /// openpi as the BEHAVIOR challenge has it: a reset without a reply, chunks on request.
+    /// openpi in the form of the BEHAVIOR challenge: a reset without a reply, chunks on request.
     Behavior,
-    /// openpi as RoboArena has it: a config first, endpoints, bare arrays.
+    /// openpi in the form of RoboArena: the server sends its config first, requests name an endpoint, answers are bare
+    /// arrays.
     Roboarena,
 }
 
 impl Dialect {
-    /// All, by the names of the command line.
+    /// Every dialect with its name on the command line.
     pub const ALL: [(&'static str, Self); 6] = [
         ("gr00t", Self::Gr00t),
         ("gr00t-flat", Self::Gr00tFlat),
@@ -53,119 +54,121 @@ impl FromStr for Dialect {
     }
 }
 
-/// What a server says of a camera.
+/// What a server's contract says about a camera.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CameraTerms {
-    /// Key of its pictures.
+    /// Key of the camera's pictures.
     pub key: String,
-    /// Width and height, pixels, where the server says them.
+    /// Width and height, pixels; `None` if the server does not say.
     pub size: Option<[u32; 2]>,
-    /// Which frames it wants, in rows before now: 0 for the present one.
+    /// Which frames the server wants, in rows relative to the present: 0 for the current one. `None` if it does not
+    /// say.
     pub delta: Option<Vec<i64>>,
 }
 
-/// What a server says of a key of the actions.
+/// What a server's contract says about a key of the actions.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ActionTerms {
-    /// The key.
+    /// Name of the key; empty if the server has a single key without a name.
     pub key: String,
-    /// Numbers a row, where the server says so.
+    /// Numbers in a row; `None` if the server does not say.
     pub width: Option<usize>,
-    /// How its model speaks, where the server says so.
+    /// What the numbers mean; `None` if the server does not say.
     pub representation: Option<Representation>,
 }
 
-/// What a server says of itself. What it leaves out is [`None`] and cannot be compared before its first answer.
+/// What a server says about itself. A field that it leaves out is [`None`] and cannot be compared before the first
+/// answer.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Contract {
-    /// The cameras that it wants.
+    /// Cameras whose pictures it wants.
     pub cameras: Option<Vec<CameraTerms>>,
-    /// How many cameras it wants, where it does not name them.
+    /// Number of cameras that it wants, if it does not name them.
     pub camera_count: Option<usize>,
     /// Width and height of all pictures, pixels.
     pub image_size: Option<[u32; 2]>,
-    /// The keys of the state that it wants, with the numbers of each where the server says so.
+    /// Keys of the state that it wants, each with its number of values if the server says so.
     pub states: Option<Vec<(String, Option<usize>)>>,
-    /// How many frames of the state it wants.
+    /// Number of frames of the state that it wants.
     pub state_frames: Option<usize>,
-    /// The keys that it answers with.
+    /// Keys of the actions in its answers.
     pub actions: Option<Vec<ActionTerms>>,
-    /// Keys of the instruction.
+    /// Keys under which it reads the instruction.
     pub language: Option<Vec<String>>,
-    /// Rows of a chunk.
+    /// Number of rows in a chunk.
     pub horizon: Option<usize>,
-    /// Whether a request needs the session's name.
+    /// Whether a request must carry the session's name.
     pub needs_session: Option<bool>,
-    /// The kind of actions, as RoboArena names it.
+    /// Kind of actions, in RoboArena's words.
     pub action_space: Option<String>,
 }
 
-/// An observation as a model gets it: one episode, named tensors.
+/// An observation for a model: one episode, named tensors.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ModelObservation {
-    /// By key: `u8` of shape (frames, height, width, 3).
+    /// Key and pictures: `u8` of shape (frames, height, width, 3).
     pub images: Vec<(String, Tensor)>,
-    /// By key: the numbers of one frame.
+    /// Key and numbers of a single frame.
     pub states: Vec<(String, Vec<f32>)>,
-    /// Key and words of the instruction.
+    /// Key and text of the instruction.
     pub language: (String, String),
-    /// Name of the session, for servers that keep a state.
+    /// Name of the session, for servers that keep state between requests.
     pub session: String,
-    /// Rows that the answer is to have, for servers that are told.
+    /// Number of rows that the answer should have, for dialects in which the client decides.
     pub rows: usize,
 }
 
-/// An answer: a table of numbers for each key, all of the same number of rows.
+/// An answer: one table of numbers for each key, all with the same number of rows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ModelChunk {
-    /// Rows.
+    /// Number of rows in every table.
     pub rows: usize,
-    /// Key, width, and the numbers row by row.
+    /// Key, width, and the numbers row after row.
     pub parts: Vec<(String, usize, Vec<f64>)>,
-    /// The time that the server says it took, s.
+    /// Inference time as reported by the server, s.
     pub server_s: Option<f64>,
 }
 
-/// A model server, reconnected where that helps. After a time-out the connection is closed, and the next question opens
-/// another one.
+/// A connection to a model server. After a time-out it is closed, and the next question opens a new one.
 pub trait Model: Send {
-    /// Asks what it is.
+    /// Asks the server for its contract.
     ///
     /// # Errors
-    /// [`BridgeError`]: nobody there, a time-out, or words that cannot be read.
+    /// [`BridgeError`]: nobody answers, a time-out, or an answer that cannot be decoded.
     fn contract(&mut self) -> Result<Contract, BridgeError>;
 
-    /// Asks for a chunk of actions.
+    /// Requests a chunk of actions.
     ///
     /// # Errors
-    /// As [`Model::contract`]; [`BridgeError::Server`] where it refuses; numbers that are not finite.
+    /// As [`Model::contract`]; [`BridgeError::Server`] if it refuses; [`BridgeError::Malformed`] for numbers that are
+    /// not finite.
     fn infer(&mut self, observation: &ModelObservation) -> Result<ModelChunk, BridgeError>;
 
-    /// An episode begins: a server that keeps a state forgets it.
+    /// Tells the server that an episode begins, so that it forgets any state.
     ///
     /// # Errors
     /// As [`Model::contract`].
     fn reset(&mut self) -> Result<(), BridgeError>;
 }
 
-/// Where a model server is and how it is spoken to.
+/// Address and protocol of a model server.
 #[derive(Debug, Clone)]
 pub struct ModelOptions {
     /// `tcp://HOST:PORT` of a GR00T server, `ws://HOST:PORT` of the others.
     pub url: String,
-    /// How it speaks.
+    /// Protocol that the server speaks.
     pub dialect: Dialect,
-    /// How long it is waited for.
+    /// Longest waits for the connection and for a reply.
     pub timeouts: Timeouts,
-    /// Its API token or key, where it asks for one.
+    /// API token or key; `None` if the server needs none.
     pub token: Option<String>,
 }
 
 impl ModelOptions {
-    /// A model server, to which nobody connects before the first question.
+    /// Prepares a model server; the first question opens the connection.
     ///
     /// # Errors
-    /// [`BridgeError::Address`].
+    /// [`BridgeError::Address`]: `url` lacks the dialect's scheme, or host and port.
     pub fn model(&self) -> Result<Box<dyn Model>, BridgeError> {
         Ok(match self.dialect {
             Dialect::Gr00t | Dialect::Gr00tFlat | Dialect::Gr00tSonic => Box::new(gr00t::Gr00t::new(self)?),
@@ -174,7 +177,7 @@ impl ModelOptions {
     }
 }
 
-/// A table of an answer: (rows, width) or (1, rows, width), finite.
+/// Reads a table of an answer: shape (rows, width) or (1, rows, width), all numbers finite.
 fn table(key: &str, tensor: &Tensor) -> Result<(String, usize, usize, Vec<f64>), BridgeError> {
     let what = || format!("the action '{key}'");
     let (rows, width) = match *tensor.shape() {
@@ -195,7 +198,7 @@ fn table(key: &str, tensor: &Tensor) -> Result<(String, usize, usize, Vec<f64>),
     Ok((key.into(), rows, width, numbers))
 }
 
-/// Puts tables together, which have to have the same number of rows.
+/// Joins tables into a chunk; all must have the same number of rows.
 fn chunk(tables: Vec<(String, usize, usize, Vec<f64>)>, server_s: Option<f64>) -> Result<ModelChunk, BridgeError> {
     let Some(&(_, rows, ..)) = tables.first() else {
         return Err(BridgeError::malformed("an answer", "it has no actions"));

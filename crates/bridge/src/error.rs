@@ -1,122 +1,122 @@
-//! What can go wrong with a model server.
+//! Errors of model servers, mappings and their contracts.
 
 use std::time::Duration;
 
 use thiserror::Error;
 
-/// Why a model server cannot be used, or what it sent cannot.
+/// Why a model server, a mapping or a message cannot be used.
 #[derive(Debug, Error)]
 pub enum BridgeError {
-    /// The address cannot be read.
+    /// The address cannot be parsed.
     #[error("cannot read '{given}' as the address of a model server; write {scheme}://HOST:PORT")]
     Address {
-        /// As it was given.
+        /// The text that was given.
         given: String,
-        /// The scheme of the dialect.
+        /// Scheme that the dialect needs.
         scheme: &'static str,
     },
-    /// Nobody answers there.
+    /// Nobody accepts a connection at the address.
     #[error("cannot connect to the model server at {address}; start it, or correct --model")]
     Connect {
-        /// Host and port.
+        /// Host and port of the server.
         address: String,
-        /// What the system says.
+        /// The system's error, which says why.
         #[source]
         source: std::io::Error,
     },
-    /// The other side is not a server of this dialect.
+    /// The other side does not complete the dialect's handshake.
     #[error("the server at {address} does not speak {transport}: {problem}; compare --dialect and --model with it")]
     Handshake {
-        /// Host and port.
+        /// Host and port of the server.
         address: String,
-        /// `ZeroMQ` or `WebSocket`.
+        /// Transport of the dialect: `ZeroMQ` or `WebSocket`.
         transport: &'static str,
-        /// What it said.
+        /// What the other side did instead.
         problem: String,
     },
-    /// It takes too long.
-    #[error("the model server did not answer '{question}' within {:.1} s; give it more with --reply-timeout", waited.as_secs_f64())]
+    /// No answer within the time-out.
+    #[error("the model server did not answer '{question}' within {:.1} s; allow more with --reply-timeout", waited.as_secs_f64())]
     Timeout {
-        /// What it was asked.
+        /// Name of the request.
         question: String,
-        /// How long it was waited for.
+        /// How long the client waited.
         waited: Duration,
     },
-    /// The connection broke.
+    /// The connection broke during a request.
     #[error("the connection to the model server was lost during '{question}': {problem}")]
     Lost {
-        /// What it was asked.
+        /// Name of the request.
         question: String,
-        /// What happened.
+        /// What happened to the connection.
         problem: String,
     },
-    /// A message over the bound.
-    #[error("the model server sends {size} bytes; at most {most} are read")]
+    /// The server announced a message over the limit.
+    #[error("the model server sends {size} bytes; the limit is {most}")]
     TooLarge {
-        /// As it announced.
+        /// Size that the server announced, bytes.
         size: u64,
-        /// The bound.
+        /// Largest size that is accepted, bytes.
         most: usize,
     },
-    /// Bytes that are not what the dialect has.
-    #[error("cannot read {what} of the model server: {problem}")]
+    /// A message is not in the form of the dialect.
+    #[error("cannot read {what} from the model server: {problem}")]
     Malformed {
-        /// What was read.
+        /// Which part of the message was being read.
         what: String,
-        /// What is wrong with it.
+        /// Why it cannot be read.
         problem: String,
     },
-    /// The server refuses, in its own words.
+    /// The server reports an error.
     #[error("the model server refuses '{question}': {text}")]
     Server {
-        /// What it was asked.
+        /// Name of the request.
         question: String,
-        /// Its words, shortened.
+        /// The server's own words, shortened.
         text: String,
     },
-    /// A mapping or a file of hands that cannot be used.
+    /// A mapping or a file of hands cannot be used.
     #[error("the mapping {name} cannot be used: {field}: {problem}")]
     Mapping {
-        /// Its name or path.
+        /// Its name, or the path of its file.
         name: String,
-        /// The field that is wrong.
+        /// Name of the field at fault.
         field: String,
-        /// What is wrong, and what to do.
+        /// What is wrong, and how to correct it.
         problem: String,
     },
-    /// Mapping and server do not fit. Nothing has moved.
+    /// Mapping and server do not match. Nothing has moved.
     #[error("the mapping {mapping} does not fit the model server; correct either:\n  {}", mismatches.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n  "))]
     Contract {
         /// Name of the mapping.
         mapping: String,
-        /// All that does not fit.
+        /// Everything that does not match, by key.
         mismatches: Vec<crate::Mismatch>,
     },
-    /// The model speaks motion tokens, and nobody can read them.
+    /// The model outputs motion tokens, but no decoder is loaded.
     #[error(
-        "the mapping {mapping} commands the body by motion tokens ('{key}', {width} numbers), and no decoder is given; name the \
-         folder of the GEAR-SONIC decoder (ONNX, 994 inputs, 29 outputs) with --controller sonic:DIR"
+        "the mapping {mapping} commands the body by motion tokens ('{key}', {width} numbers), but no decoder is given; \
+         name the folder of the GEAR-SONIC decoder (ONNX, 994 inputs, 29 outputs) with --controller sonic:DIR"
     )]
     NoDecoder {
         /// Name of the mapping.
         mapping: String,
         /// The action key with the tokens.
         key: String,
-        /// Numbers of a token.
+        /// How many numbers a token has.
         width: usize,
     },
-    /// A number that the session does not give.
-    #[error("the mapping needs {what}, which the session does not give; {remedy}")]
+    /// The session lacks something that the mapping needs.
+    #[error("the mapping needs {what}, which the session does not provide; {remedy}")]
     Sensed {
-        /// What is missing.
+        /// The missing data, in words.
         what: String,
-        /// What to do.
+        /// What the user should do.
         remedy: &'static str,
     },
 }
 
 impl BridgeError {
-    /// Whether a new connection may help: nobody was there, or nobody answered.
+    /// Whether a new connection may help: nobody accepted one, or nobody answered.
     pub fn is_transient(&self) -> bool {
         matches!(self, Self::Connect { .. } | Self::Timeout { .. } | Self::Lost { .. })
     }

@@ -1,4 +1,4 @@
-//! Between the fingers of a model's hand and ours: a table of linear pieces, read from TOML.
+//! Converts between the fingers of a model's hand and those of our robot, by a piecewise linear table in TOML.
 
 use fiatlux_robot::Robot;
 use fiatlux_wbc::{ARMS, BODY, MOVED};
@@ -6,17 +6,17 @@ use serde::Deserialize;
 
 use crate::BridgeError;
 
-/// Left or right.
+/// Side of the robot, as seen by the robot itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// The robot's left.
+    /// Left hand and arm.
     Left,
-    /// The robot's right.
+    /// Right hand and arm.
     Right,
 }
 
 impl Side {
-    /// By `left` or `right`.
+    /// Parses `left` or `right`.
     pub fn by_name(name: &str) -> Option<Self> {
         match name {
             "left" => Some(Self::Left),
@@ -25,7 +25,7 @@ impl Side {
         }
     }
 
-    /// The seven joints of its arm.
+    /// Indices of the seven joints of this arm.
     pub fn arm(self) -> std::ops::Range<usize> {
         match self {
             Self::Left => MOVED..MOVED + ARMS / 2,
@@ -33,7 +33,7 @@ impl Side {
         }
     }
 
-    /// The link at the end of its arm.
+    /// Name of the link at the end of this arm.
     pub fn wrist(self) -> &'static str {
         match self {
             Self::Left => "left_wrist_yaw_link",
@@ -42,19 +42,19 @@ impl Side {
     }
 }
 
-/// A joint of the model's hand: where it is open and closed, and what of ours it moves.
+/// A joint of the model's hand: its angles when open and closed, and the joints of our hand that it moves.
 #[derive(Debug, Clone, PartialEq)]
 struct Finger {
     open: f64,
     closed: f64,
-    /// Joint of ours, its angle at open and at closed.
+    /// A joint of our hand, with its angles when open and closed, rad.
     ours: Vec<(usize, f64, f64)>,
 }
 
-/// A retargeting of both hands.
+/// Retargeting between both hands of a model and ours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hands {
-    /// Its name, for the record.
+    /// Name of the retargeting, for the record of an episode.
     pub name: String,
     left: Vec<Finger>,
     right: Vec<Finger>,
@@ -78,14 +78,14 @@ struct FileFinger {
     ours: Vec<(String, f64, f64)>,
 }
 
-/// The retargetings that come with the program.
+/// The retargetings that come with this program, by name.
 const SHIPPED: [(&str, &str); 1] = [("dex3-inspire-1", include_str!("../hands/dex3-inspire-1.toml"))];
 
 impl Hands {
-    /// By the name of a shipped one, or by the path of a file.
+    /// Opens a retargeting by its name, or by the path of a file.
     ///
     /// # Errors
-    /// [`BridgeError::Mapping`], with the field that is wrong.
+    /// [`BridgeError::Mapping`], with the field at fault.
     pub fn open(name: &str, robot: &Robot) -> Result<Self, BridgeError> {
         let wrong =
             |field: &str, problem: String| BridgeError::Mapping { name: name.into(), field: field.into(), problem };
@@ -104,7 +104,7 @@ impl Hands {
                     let found = found.ok_or_else(|| {
                         wrong(
                             field,
-                            format!("robot {} has no finger joint '{joint}'; use the one with hands", robot.name()),
+                            format!("robot {} has no finger joint '{joint}'; use the robot with hands", robot.name()),
                         )
                     })?;
                     Ok((found, *open, *closed))
@@ -116,7 +116,7 @@ impl Hands {
                 if is_flat || ours.is_empty() || !ends.into_iter().all(f64::is_finite) {
                     return Err(wrong(
                         field,
-                        "open and closed are different finite angles of joints of both hands".into(),
+                        "open and closed must be different finite angles, for joints of both hands".into(),
                     ));
                 }
                 Ok(Finger { open: finger.open, closed: finger.closed, ours })
@@ -133,17 +133,17 @@ impl Hands {
         }
     }
 
-    /// Joints of the model's hand.
+    /// Number of joints of the model's hand.
     pub fn width(&self, side: Side) -> usize {
         self.fingers(side).len()
     }
 
-    /// Joints of our hand that it moves.
+    /// Indices of the joints of our hand that it moves.
     pub fn joints(&self, side: Side) -> Vec<usize> {
         self.fingers(side).iter().flat_map(|finger| finger.ours.iter().map(|ours| ours.0)).collect()
     }
 
-    /// Angles of our hand for those of the model's, rad: joint and angle.
+    /// Joints and angles of our hand for angles of the model's hand, rad.
     pub fn ours(&self, side: Side, theirs: &[f64]) -> Vec<(usize, f64)> {
         let moves = |(finger, angle): (&Finger, &f64)| {
             let part = ((angle - finger.open) / (finger.closed - finger.open)).clamp(0.0, 1.0);
@@ -152,27 +152,28 @@ impl Hands {
         self.fingers(side).iter().zip(theirs).flat_map(moves).collect()
     }
 
-    /// Angles of the model's hand for ours, rad, by the first of our joints that each moves.
+    /// Angles of the model's hand for all joint angles of our robot, rad; each follows the first of our joints that it
+    /// moves.
     pub fn theirs(&self, side: Side, q: &[f64]) -> Vec<f64> {
         let angle = |finger: &Finger| finger.open + closure(finger, q) * (finger.closed - finger.open);
         self.fingers(side).iter().map(angle).collect()
     }
 
-    /// Angles of our hand for how far it is closed, from 0 to 1.
+    /// Joints and angles of our hand when closed to this share, from 0 (open) to 1.
     pub fn gripped(&self, side: Side, closed: f64) -> Vec<(usize, f64)> {
         let closed = closed.clamp(0.0, 1.0);
         let angle = |ours: &(usize, f64, f64)| (ours.0, ours.1 + closed * (ours.2 - ours.1));
         self.fingers(side).iter().flat_map(|finger| finger.ours.iter().map(angle)).collect()
     }
 
-    /// How far our hand is closed, from 0 to 1: the mean over the model's joints.
+    /// How far our hand is closed, from 0 (open) to 1: the mean over the model's joints.
     pub fn grip(&self, side: Side, q: &[f64]) -> f64 {
         let fingers = self.fingers(side);
         fingers.iter().map(|finger| closure(finger, q)).sum::<f64>() / fingers.len().max(1) as f64
     }
 }
 
-/// How far a finger of ours is closed.
+/// How far one finger of our hand is closed, from 0 to 1.
 fn closure(finger: &Finger, q: &[f64]) -> f64 {
     let Some(&(joint, open, closed)) = finger.ours.first() else { return 0.0 };
     let angle = q.get(joint).copied().unwrap_or(open);
@@ -184,7 +185,7 @@ fn closure(finger: &Finger, q: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// There and back is the identity, and every finger joint of ours moves.
+    /// Retargeting there and back is the identity, and every finger joint of ours moves.
     #[test]
     fn dex3_and_inspire_are_retargeted_both_ways() {
         let robot = Robot::g1_inspire().unwrap();
@@ -212,6 +213,6 @@ mod tests {
             }
         }
         let bare = Robot::by_name("g1_bare").unwrap();
-        assert!(Hands::open("dex3-inspire-1", &bare).unwrap_err().to_string().contains("use the one with hands"));
+        assert!(Hands::open("dex3-inspire-1", &bare).unwrap_err().to_string().contains("use the robot with hands"));
     }
 }

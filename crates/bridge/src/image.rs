@@ -1,22 +1,22 @@
-//! Pictures in the size that a model wants.
+//! Resizes pictures to what a model expects.
 
 use crate::{BridgeError, Tensor};
 
-/// How a picture of another size is fitted.
+/// How to fit a picture to another size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resize {
-    /// It has the size already; another one is an error.
+    /// The sizes must be equal; anything else is an error.
     Exact,
-    /// Both sides by their own factor.
+    /// Scales width and height independently.
     Stretch,
-    /// The whole picture, with black bars: openpi's `resize_with_pad`.
+    /// Keeps the whole picture and adds black bars, as openpi's `resize_with_pad`.
     Pad,
-    /// The middle of the picture, without bars.
+    /// Keeps the middle of the picture and adds no bars.
     Crop,
 }
 
 impl Resize {
-    /// By its name.
+    /// Parses `exact`, `stretch`, `pad` or `crop`.
     pub fn by_name(name: &str) -> Option<Self> {
         Some(match name {
             "exact" => Self::Exact,
@@ -28,7 +28,7 @@ impl Resize {
     }
 }
 
-/// A picture: rows from the top, three bytes a pixel.
+/// An RGB picture: rows from the top, three bytes for each pixel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Picture {
     width: usize,
@@ -37,35 +37,35 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Of `3 * width * height` bytes.
+    /// Makes a picture of `3 * width * height` bytes.
     ///
     /// # Errors
-    /// [`BridgeError::Sensed`]: another count of bytes, or no pixels.
+    /// [`BridgeError::Sensed`]: another number of bytes, or no pixels.
     pub fn new(width: u32, height: u32, rgb: Vec<u8>) -> Result<Self, BridgeError> {
         let sides = (usize::try_from(width).unwrap_or(0), usize::try_from(height).unwrap_or(0));
         let bytes = sides.0.checked_mul(sides.1).and_then(|pixels| pixels.checked_mul(3));
         if bytes != Some(rgb.len()) || rgb.is_empty() {
-            let what = format!("a picture of {width}x{height} pixels, which has {} bytes", rgb.len());
+            let what = format!("a picture of {width}x{height} pixels (it has {} bytes)", rgb.len());
             return Err(BridgeError::Sensed { what, remedy: "ask for the camera again" });
         }
         Ok(Self { width: sides.0, height: sides.1, rgb })
     }
 
-    /// A black one.
+    /// Makes a black picture, for a camera that our robot lacks.
     pub fn black([width, height]: [u32; 2]) -> Self {
         let (width, height) = (width as usize, height as usize);
         Self { width, height, rgb: vec![0; 3 * width * height] }
     }
 
-    /// Its bytes, rows from the top.
+    /// The bytes: red, green and blue of each pixel, rows from the top.
     pub fn rgb(&self) -> &[u8] {
         &self.rgb
     }
 
-    /// In another size.
+    /// The picture in another size.
     ///
     /// # Errors
-    /// [`BridgeError::Sensed`]: [`Resize::Exact`], and another size.
+    /// [`BridgeError::Sensed`]: the size differs under [`Resize::Exact`].
     pub fn fitted(&self, [width, height]: [u32; 2], rule: Resize) -> Result<Self, BridgeError> {
         let (width, height) = (width as usize, height as usize);
         if (width, height) == (self.width, self.height) {
@@ -101,7 +101,7 @@ impl Picture {
         }
     }
 
-    /// By a triangle filter, which is as wide as the factor where the picture shrinks, as Pillow's BILINEAR.
+    /// Scales by a triangle filter that widens with the factor when the picture shrinks, as Pillow's BILINEAR.
     fn scaled(&self, width: usize, height: usize) -> Self {
         let (columns, rows) = (weights(self.width, width), weights(self.height, height));
         let mut across = vec![0.0_f32; 3 * width * self.height];
@@ -124,7 +124,7 @@ impl Picture {
     }
 }
 
-/// For each pixel of the result, the first one that it is made of, and the weights from there on.
+/// For each pixel of the result, the first source pixel and the weights from there on.
 fn weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     let factor = from as f64 / to as f64;
     let reach = factor.max(1.0);
@@ -139,7 +139,7 @@ fn weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     (0..to).map(weigh).collect()
 }
 
-/// Frames of a camera as one tensor: (frames, height, width, 3).
+/// Stacks the frames of a camera into one tensor of shape (frames, height, width, 3).
 pub(crate) fn stacked(frames: &[Picture]) -> Result<Tensor, BridgeError> {
     let Some(first) = frames.first() else { return Tensor::u8(vec![0, 0, 0, 3], Vec::new()) };
     let data = frames.iter().flat_map(|frame| &frame.rgb).copied().collect();
@@ -165,7 +165,7 @@ mod tests {
         assert!(error.contains("32x32 pixels instead of 64x48"), "{error}");
     }
 
-    /// What Pillow 13 makes of a ramp (`Image.resize((4, 1), BILINEAR)`).
+    /// The result that Pillow 13 gives for a ramp (`Image.resize((4, 1), BILINEAR)`).
     #[test]
     fn shrinking_is_that_of_pillow() {
         let rgb = (0..8).flat_map(|x| [x * 30; 3]).collect();

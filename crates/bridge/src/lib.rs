@@ -1,11 +1,11 @@
 //! Model servers as policies: vision-language-action models that run elsewhere and speak their own protocols.
 //!
-//! A [`Model`] is asked for its [`Contract`] and for chunks of actions, in one of six [`Dialect`]s. A [`Mapping`] says what the
-//! model's keys are on our robot: it makes a [`ModelObservation`] of what is sensed, and [`Row`]s of targets and commands of a
-//! [`ModelChunk`]. [`check_contract`] and [`check_chunk`] name all that does not fit before anything moves. A [`Player`] says
-//! which row a step has. Nothing here knows a simulator.
+//! A [`Model`] gives its [`Contract`] and chunks of actions, in one of six [`Dialect`]s. A [`Mapping`] says which parts
+//! of our robot the model's keys stand for: it turns sensor data into a [`ModelObservation`], and a [`ModelChunk`] into
+//! [`Row`]s of targets and commands. [`check_contract`] and [`check_chunk`] name all differences before anything moves.
+//! A [`Player`] says which row applies to a step. This crate knows no simulator.
 //!
-//! What arrives is bounded in size and time, and every number is checked. No pickle is read or written.
+//! Whatever arrives is limited in size and time, and every number is checked. Pickles are neither read nor written.
 mod check;
 mod dialect;
 mod error;

@@ -1,4 +1,4 @@
-//! Between a model's keys and our robot: cameras, state, actions, and how a chunk is played. Read from TOML.
+//! Maps a model's keys to our robot: cameras, state, actions, and how to play a chunk. Read from TOML.
 
 mod file;
 mod shipped;
@@ -11,17 +11,17 @@ use crate::image::Resize;
 use crate::{BridgeError, Dialect};
 pub use shipped::{default_mapping, shipped_names};
 
-/// The three joints of the waist: yaw, roll, pitch.
+/// Indices of the three joints of the waist: yaw, roll, pitch.
 pub const WAIST: std::ops::Range<usize> = LEGS..MOVED;
 
-/// What the numbers of an action are.
+/// What the numbers of an action mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Representation {
-    /// Targets.
+    /// Targets that do not depend on the posture.
     Absolute,
-    /// Changes from row to row, from the posture at the question on.
+    /// Changes from row to row, beginning at the posture at the time of the question.
     Delta,
-    /// Changes from the posture at the question.
+    /// Changes relative to the posture at the time of the question.
     Relative,
 }
 
@@ -29,12 +29,12 @@ impl Representation {
     const ALL: [(&'static str, Self); 3] =
         [("absolute", Self::Absolute), ("delta", Self::Delta), ("relative", Self::Relative)];
 
-    /// By its name, in any case.
+    /// Parses `absolute`, `delta` or `relative`, in any case.
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)).map(|(_, known)| *known)
     }
 
-    /// Its name.
+    /// Its name in mappings and in messages.
     pub fn name(self) -> &'static str {
         Self::ALL[self as usize].0
     }
@@ -43,56 +43,57 @@ impl Representation {
 /// What moves legs and waist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Body {
-    /// The whole-body controller, on the commands of the model.
+    /// The whole-body controller, following the model's commands.
     Wbc,
-    /// A decoder of motion tokens moves legs, waist and arms.
+    /// The decoder of motion tokens, which also moves the arms.
     Tokens,
-    /// The model's own joint targets. Joints that it does not name keep the posture of the start.
+    /// The model's own joint targets. Joints without a target keep the posture of the start.
     Direct,
 }
 
-/// Some numbers of a key, in order.
+/// Consecutive numbers of a key with one meaning.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Part {
-    /// Joints of our robot by index, rad.
+    /// Angles of these joints of our robot, by index, rad.
     Joints(Vec<usize>),
-    /// The joints of the model's hand, retargeted from and to ours.
+    /// Joints of the model's hand, retargeted to and from ours.
     Hand(Side),
-    /// How far our hand is closed, with the numbers of open and closed.
+    /// How far our hand is closed, scaled between two numbers.
     Grip {
-        /// Which hand.
+        /// Hand that it opens and closes.
         side: Side,
-        /// Number of an open hand.
+        /// Number that stands for an open hand.
         open: f64,
-        /// Number of a closed hand.
+        /// Number that stands for a closed hand.
         closed: f64,
     },
-    /// Pose of a wrist in the pelvis frame: x, y, z, m, and the first two rows of its rotation.
+    /// Pose of a wrist in the pelvis frame: x, y, z in m, and the first two rows of its rotation.
     Wrist(Side),
-    /// Direction of gravity in the pelvis frame: 3. This and the next four are of the state alone, as the robot senses them.
+    /// Direction of gravity in the pelvis frame: 3 numbers. This part and the next four occur only in the state, and
+    /// are given as sensed.
     Gravity,
-    /// Angular velocity of the pelvis in its frame, rad/s: 3.
+    /// Angular velocity of the pelvis in its frame, rad/s: 3 numbers.
     AngularVelocity,
-    /// Linear velocity of the pelvis in its frame, m/s: 3.
+    /// Linear velocity of the pelvis in its frame, m/s: 3 numbers.
     LinearVelocity,
-    /// Angles of all joints, that many, less the standing posture, rad.
+    /// Angles of all joints relative to the standing posture, rad; holds the number of joints.
     Turned(usize),
-    /// Velocities of all joints, that many, rad/s.
+    /// Velocities of all joints, rad/s; holds the number of joints.
     Velocities(usize),
-    /// Forward, left, m/s, and turning velocity, rad/s: 3.
+    /// Velocity forwards and to the left, m/s, and turning velocity, rad/s: 3 numbers.
     Navigate,
-    /// Height of the pelvis, m: 1.
+    /// Height of the pelvis, m: 1 number.
     Height,
-    /// Roll, pitch, yaw of the torso, rad: 3.
+    /// Roll, pitch and yaw of the torso, rad: 3 numbers.
     Torso,
-    /// A motion token.
+    /// A motion token; holds its number of values.
     Token(usize),
-    /// Numbers without a use: zeros in the state, ignored in actions.
+    /// Unused numbers: zeros in the state, ignored in actions. Holds how many.
     Skip(usize),
 }
 
 impl Part {
-    /// Its count of numbers.
+    /// How many numbers the part takes; `hands` are needed for [`Part::Hand`].
     pub fn width(&self, hands: Option<&Hands>) -> usize {
         match self {
             Self::Joints(joints) => joints.len(),
@@ -105,78 +106,78 @@ impl Part {
     }
 }
 
-/// A camera of the model.
+/// A camera that the model expects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    /// Key of the model.
+    /// Key of its pictures in a request.
     pub key: String,
-    /// Sensor of ours: `camera` or `chest_camera`; none for a black picture.
+    /// Sensor of our robot: `camera` or `chest_camera`; `None` for a black picture.
     pub sensor: Option<String>,
-    /// Width and height that the model gets, pixels.
+    /// Width and height of the picture that the model gets, pixels.
     pub size: [u32; 2],
-    /// How a picture of another size is fitted.
+    /// How to fit a picture of another size.
     pub resize: Resize,
-    /// Which frames the model gets, in rows before now, the oldest first: 0 for the present one.
+    /// Which frames the model gets, in rows relative to the present, oldest first: 0 for the current one.
     pub delta: Vec<i64>,
 }
 
 /// A key of the state or the actions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Key {
-    /// Its name.
+    /// Name of the key in messages.
     pub key: String,
-    /// What its numbers are.
+    /// Meaning of its numbers, in order.
     pub parts: Vec<Part>,
-    /// What the numbers are as they arrive. Of actions alone.
+    /// What the numbers mean when they arrive; used only for actions.
     pub representation: Representation,
-    /// What the server's contract calls them, where that is something else: GR00T's server decodes relative actions itself.
+    /// What the server's contract calls them, which may differ: GR00T's server decodes relative actions itself.
     pub declared: Representation,
 }
 
-/// A checked mapping.
+/// A mapping that has passed all checks for a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
-    /// Its name, for the record.
+    /// Name of the mapping, for the record of an episode.
     pub name: String,
-    /// The dialects that it is of.
+    /// Dialects that the mapping can be used with.
     pub dialects: Vec<Dialect>,
-    /// What moves legs and waist.
+    /// What moves the legs and the waist.
     pub body: Body,
-    /// Width and height that the session's cameras have, pixels.
+    /// Width and height of the pictures of the session's cameras, pixels.
     pub picture: [u32; 2],
-    /// Between the fingers of the model and ours.
+    /// Retargeting of the fingers; `None` if the model has no hands.
     pub hands: Option<Hands>,
-    /// Rows that an answer has.
+    /// Number of rows in an answer.
     pub horizon: usize,
-    /// Rows that are played of each.
+    /// Number of rows to play before the next chunk.
     pub prefix: usize,
-    /// Rows a second.
+    /// Rows that are played in a second.
     pub rate_hz: f64,
-    /// Key of the instruction; empty where the model gets none.
+    /// Key of the instruction; empty if the model gets none.
     pub language: String,
-    /// RoboArena's kind of actions; empty for any.
+    /// Kind of actions in RoboArena's words; empty to accept any.
     pub action_space: String,
-    /// The model's cameras.
+    /// Cameras that the model expects.
     pub cameras: Vec<Camera>,
-    /// The model's state.
+    /// Keys of the state, with their parts in order.
     pub states: Vec<Key>,
-    /// The model's actions.
+    /// Keys of the actions, with their parts in order.
     pub actions: Vec<Key>,
 }
 
 impl Mapping {
-    /// Reads a mapping for a robot. `name` is for messages.
+    /// Parses and checks a mapping for a robot. Errors call it `name`.
     ///
     /// # Errors
-    /// [`BridgeError::Mapping`], with the field that is wrong.
+    /// [`BridgeError::Mapping`], with the field at fault.
     pub fn from_toml(name: &str, text: &str, robot: &Robot) -> Result<Self, BridgeError> {
         file::read(name, text, robot)
     }
 
-    /// A mapping by the name of a shipped one, or by the path of a file.
+    /// Opens a mapping that comes with this program by its name, or another by the path of its file.
     ///
     /// # Errors
-    /// [`BridgeError::Mapping`].
+    /// [`BridgeError::Mapping`]: the file cannot be read, or a field is at fault.
     pub fn open(name: &str, robot: &Robot) -> Result<Self, BridgeError> {
         if let Some(text) = shipped::text(name) {
             return Self::from_toml(name, text, robot);
@@ -189,23 +190,23 @@ impl Mapping {
         Self::from_toml(name, &text, robot)
     }
 
-    /// Numbers of a key.
+    /// How many numbers a key has.
     pub fn width(&self, key: &Key) -> usize {
         key.parts.iter().map(|part| part.width(self.hands.as_ref())).sum()
     }
 
-    /// Control steps of a row.
+    /// Number of control steps of 20 ms that a row lasts.
     pub fn steps_per_row(&self) -> f64 {
         1.0 / (self.rate_hz * CONTROL_DT)
     }
 
-    /// The action key that holds motion tokens, and their width.
+    /// The action key that holds motion tokens, and the size of a token.
     pub fn token(&self) -> Option<(&str, usize)> {
         let width = |part: &Part| if let Part::Token(width) = part { Some(*width) } else { None };
         self.actions.iter().find_map(|key| Some((key.key.as_str(), key.parts.iter().find_map(width)?)))
     }
 
-    /// What the record says: the mapping, and how its fingers are retargeted.
+    /// Name for the record of an episode: the mapping, and the retargeting of its fingers.
     pub fn label(&self) -> String {
         match &self.hands {
             Some(hands) => format!("{}:{}", self.name, hands.name),

@@ -1,4 +1,4 @@
-//! Addresses, time-outs, and a connection that keeps a deadline over many reads.
+//! Addresses, time-outs, and a connection with a deadline over many reads.
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -6,15 +6,15 @@ use std::time::{Duration, Instant};
 
 use crate::BridgeError;
 
-/// Largest message that is read of a model server, bytes. A chunk of 50 rows of 132 numbers takes 26 kB.
+/// Largest message that is accepted from a model server, bytes. A chunk of 50 rows of 132 numbers takes 26 kB.
 pub const MAX_REPLY: usize = 4 << 20;
 
-/// How long a model server is waited for.
+/// Longest waits for a model server.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timeouts {
-    /// To connect, greeting included.
+    /// For connecting, greeting included.
     pub connect: Duration,
-    /// From a question to the whole of its answer.
+    /// From a question to the end of its answer.
     pub reply: Duration,
 }
 
@@ -24,7 +24,7 @@ impl Default for Timeouts {
     }
 }
 
-/// Host and port.
+/// Host and port of a model server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Address {
     host: String,
@@ -32,7 +32,7 @@ pub(crate) struct Address {
 }
 
 impl Address {
-    /// Reads `SCHEME://HOST:PORT`, with an IPv6 host in brackets. What follows the port is not used.
+    /// Parses `SCHEME://HOST:PORT`, with an IPv6 host in brackets. Anything after the port is ignored.
     pub fn parse(given: &str, scheme: &'static str) -> Result<Self, BridgeError> {
         let wrong = || BridgeError::Address { given: given.into(), scheme };
         let rest = given.strip_prefix(scheme).and_then(|rest| rest.strip_prefix("://")).ok_or_else(wrong)?;
@@ -46,7 +46,7 @@ impl Address {
         Ok(Self { host: host.into(), port })
     }
 
-    /// Connects to the first of the host's addresses that answers.
+    /// Connects to the first address of the host that answers.
     pub fn connect(&self, timeout: Duration) -> Result<Timed, BridgeError> {
         let failed = |source| BridgeError::Connect { address: self.to_string(), source };
         let deadline = Instant::now() + timeout;
@@ -74,7 +74,7 @@ impl std::fmt::Display for Address {
     }
 }
 
-/// A connection on which nothing outlasts a deadline, however slowly the other side drips.
+/// A connection that keeps its deadline even if the other side sends byte by byte.
 #[derive(Debug)]
 pub(crate) struct Timed {
     stream: TcpStream,
@@ -82,7 +82,7 @@ pub(crate) struct Timed {
 }
 
 impl Timed {
-    /// What follows has to be over within this time.
+    /// Sets the deadline for everything that follows, counted from now.
     pub fn allow(&mut self, time: Duration) {
         self.deadline = Instant::now() + time;
     }
@@ -93,7 +93,7 @@ impl Timed {
     }
 }
 
-/// Systems tell a time-out of a socket in two ways.
+/// Makes one error kind of the two that systems use for a socket's time-out.
 fn timed<T>(result: io::Result<T>) -> io::Result<T> {
     result.map_err(|error| match error.kind() {
         io::ErrorKind::WouldBlock => io::ErrorKind::TimedOut.into(),
@@ -119,7 +119,7 @@ impl Write for Timed {
     }
 }
 
-/// What an error of a connection means while a question was asked.
+/// Turns an error of the connection into one that names the question.
 pub(crate) fn broken(error: &io::Error, question: &str, waited: Duration) -> BridgeError {
     match error.kind() {
         io::ErrorKind::TimedOut => BridgeError::Timeout { question: question.into(), waited },

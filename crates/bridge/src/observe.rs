@@ -1,4 +1,4 @@
-//! From what our robot senses to what a model gets.
+//! Turns our robot's sensor data into a model's observation.
 
 use std::collections::VecDeque;
 
@@ -9,16 +9,16 @@ use crate::mapping::{Camera, Mapping, Part};
 use crate::reach::{nine, wrist};
 use crate::{BridgeError, ModelObservation};
 
-/// What a robot senses of itself.
+/// What the robot senses about itself.
 #[derive(Debug, Clone, Copy)]
 pub struct Sensed<'a> {
     /// Angles of all joints, rad.
     pub joint_position: &'a [f64],
     /// Velocities of all joints, rad/s.
     pub joint_velocity: &'a [f64],
-    /// Of the pelvis in its frame, rad/s.
+    /// Angular velocity of the pelvis in its frame, rad/s.
     pub base_angular_velocity: [f64; 3],
-    /// Of the pelvis in its frame, m/s.
+    /// Linear velocity of the pelvis in its frame, m/s.
     pub base_linear_velocity: [f64; 3],
     /// Direction of gravity in the pelvis frame.
     pub projected_gravity: [f64; 3],
@@ -27,7 +27,7 @@ pub struct Sensed<'a> {
 }
 
 impl<'a> Sensed<'a> {
-    /// Of a robot upright and at rest. `zeros` has a zero for each joint.
+    /// A robot that stands upright and at rest. `zeros` holds a zero for each joint.
     pub fn still(joint_position: &'a [f64], zeros: &'a [f64], base_height: f64) -> Self {
         Self {
             joint_position,
@@ -40,20 +40,20 @@ impl<'a> Sensed<'a> {
     }
 }
 
-/// Pictures of a session's cameras, as far back as a mapping wants them.
+/// Recent pictures of a session's cameras, as far back as a mapping needs them.
 #[derive(Debug, Clone, Default)]
 pub struct Frames {
-    /// Step, sensor, picture; the newest last.
+    /// Step, sensor and picture, newest last.
     kept: VecDeque<(u64, String, Picture)>,
 }
 
 impl Frames {
-    /// Takes a picture of a step. Pictures older than the mapping wants are forgotten.
+    /// Adds a picture of a step, and drops pictures that the mapping no longer needs.
     pub fn push(&mut self, mapping: &Mapping, step: u64, sensor: &str, picture: Picture) {
         self.kept.push_back((step, sensor.into(), picture));
         let longest = mapping.cameras.iter().filter_map(|camera| camera.delta.first()).min().copied().unwrap_or(0);
         let oldest = step.saturating_sub(steps_back(mapping, longest));
-        // The last one before the oldest wanted step stays: it stands for that step where pictures are seldom.
+        // Keep the last picture before the oldest wanted step: it stands for that step where pictures are rare.
         for sensor in mapping.sensors() {
             let of = |kept: &&(u64, String, Picture)| kept.1 == sensor && kept.0 <= oldest;
             if let Some(first) = self.kept.iter().filter(of).map(|kept| kept.0).max() {
@@ -62,7 +62,7 @@ impl Frames {
         }
     }
 
-    /// The newest picture that is not newer than a step; the oldest one where all are newer, as at the start of an episode.
+    /// The newest picture up to a step; if all are newer, as at the start of an episode, the oldest one.
     fn at(&self, sensor: &str, step: u64) -> Option<&Picture> {
         let mut of = self.kept.iter().filter(|kept| kept.1 == sensor);
         let before = self.kept.iter().rev().filter(|kept| kept.1 == sensor).find(|kept| kept.0 <= step);
@@ -70,13 +70,13 @@ impl Frames {
     }
 }
 
-/// Control steps that a frame lies back.
+/// How many control steps a frame lies in the past.
 fn steps_back(mapping: &Mapping, delta: i64) -> u64 {
     (delta.unsigned_abs() as f64 * mapping.steps_per_row()).round() as u64
 }
 
 impl Mapping {
-    /// The sensors of ours that its cameras need.
+    /// Names of our sensors that the mapping's cameras need.
     pub fn sensors(&self) -> Vec<&str> {
         let mut sensors: Vec<&str> = self.cameras.iter().filter_map(|camera| camera.sensor.as_deref()).collect();
         sensors.sort_unstable();
@@ -84,7 +84,7 @@ impl Mapping {
         sensors
     }
 
-    /// How many control steps before a question pictures are needed: 0, and the frames of the past.
+    /// How many control steps before a question pictures are needed: 0 for the current one, and those of past frames.
     pub fn lookbacks(&self) -> Vec<u64> {
         let mut back: Vec<u64> =
             self.cameras.iter().flat_map(|camera| camera.delta.iter().map(|delta| steps_back(self, *delta))).collect();
@@ -93,10 +93,10 @@ impl Mapping {
         back
     }
 
-    /// What a model gets at a step.
+    /// The observation for a model at a step.
     ///
     /// # Errors
-    /// [`BridgeError::Sensed`]: a camera without a picture, or of another size.
+    /// [`BridgeError::Sensed`]: a camera has no picture, or one of another size.
     pub fn observe(
         &self,
         robot: &Robot,
@@ -136,7 +136,7 @@ impl Mapping {
         })
     }
 
-    /// Adds the numbers of a part.
+    /// Appends the numbers of a part.
     fn sense(
         &self,
         robot: &Robot,
@@ -164,7 +164,7 @@ impl Mapping {
             (Part::Turned(_), _) => q.iter().zip(robot.q0()).for_each(|(angle, q0)| add(&[angle - q0])),
             (Part::Velocities(_), _) => add(sensed.joint_velocity),
             (Part::Height, _) => add(&[sensed.base_height]),
-            // The file's reader lets no other part into a state.
+            // The mapping's checks allow no other part in a state.
             (other, hands) => add(&vec![0.0; other.width(hands.as_ref())]),
         }
         Ok(())

@@ -1,21 +1,21 @@
-//! MessagePack, bounded.
+//! MessagePack with limits on size and depth.
 
 use rmpv::Value;
 
 use crate::BridgeError;
 
-/// Deepest nesting that is read.
+/// Deepest nesting that is accepted.
 const MAX_DEPTH: usize = 32;
 
-/// The bytes of a value.
+/// Encodes a value as MessagePack bytes.
 pub(crate) fn encode(value: &Value) -> Vec<u8> {
     let mut bytes = Vec::new();
-    // Writing to memory does not fail.
+    // Writing to memory cannot fail.
     let _ = rmpv::encode::write_value(&mut bytes, value);
     bytes
 }
 
-/// Reads one value that fills the bytes.
+/// Decodes one value, which must use all of the bytes.
 pub(crate) fn decode(what: &str, bytes: &[u8]) -> Result<Value, BridgeError> {
     let mut rest = bytes;
     let value = rmpv::decode::read_value_with_max_depth(&mut rest, MAX_DEPTH)
@@ -26,17 +26,17 @@ pub(crate) fn decode(what: &str, bytes: &[u8]) -> Result<Value, BridgeError> {
     Err(BridgeError::malformed(what, format!("{} bytes follow its end", rest.len())))
 }
 
-/// A text, as a key or value of a map.
+/// A text as a key or value of a map.
 pub(crate) fn text(text: &str) -> Value {
     Value::from(text)
 }
 
-/// A map with text keys.
+/// A map with texts as keys.
 pub(crate) fn map<const N: usize>(entries: [(&str, Value); N]) -> Value {
     Value::Map(entries.into_iter().map(|(key, value)| (text(key), value)).collect())
 }
 
-/// A text, which some peers send as bytes.
+/// Reads a text, which some servers send as bytes.
 pub(crate) fn as_text(value: &Value) -> Option<&str> {
     match value {
         Value::String(text) => text.as_str(),
@@ -45,7 +45,7 @@ pub(crate) fn as_text(value: &Value) -> Option<&str> {
     }
 }
 
-/// An entry of a map by its name.
+/// Finds an entry of a map by its name.
 pub(crate) fn entry<'a>(value: &'a Value, name: &str) -> Option<&'a Value> {
     value.as_map()?.iter().find(|(key, _)| as_text(key) == Some(name)).map(|(_, value)| value)
 }

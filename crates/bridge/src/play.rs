@@ -1,77 +1,79 @@
-//! How chunks are played: a fixed prefix in lockstep, what is not stale in real time, blended or averaged on request.
+//! Plays chunks: a fixed prefix in lockstep, the rows that are not stale in real time; blended or averaged on request.
 
 use std::collections::VecDeque;
 
 use crate::{BridgeError, Row};
 
-/// Most chunks that are averaged.
+/// Largest number of chunks to average.
 const MOST_KEPT: usize = 16;
 
-/// How chunks are played.
+/// Settings for playing chunks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Play {
-    /// Rows of each chunk before the next one is asked for.
+    /// Number of rows of each chunk to play before the next one is requested.
     pub prefix: usize,
-    /// Control steps over which a new chunk takes over from the old one; 0 for at once.
+    /// Control steps over which a new chunk takes over from the old one; 0 switches at once.
     pub blend: usize,
-    /// Temporal ensembling: rows of several chunks for the same step are averaged, the i-th oldest with weight exp(-m i).
+    /// Temporal ensembling with this m: rows of several chunks for one step are averaged, the i-th oldest with weight
+    /// exp(-m i).
     pub ensemble: Option<f64>,
-    /// Control steps of a row.
+    /// Number of control steps that a row lasts.
     pub steps_per_row: f64,
 }
 
-/// A chunk that is played.
+/// A chunk in use.
 #[derive(Debug, Clone)]
 struct Kept {
     rows: Vec<Row>,
-    /// Step of the observation that it answers.
+    /// Step of the observation that the chunk answers.
     observed: u64,
     /// Step at which it arrived.
     arrived: u64,
     index: u64,
 }
 
-/// A row for a step, and where it comes from.
+/// The row for a step, and which chunk it comes from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Played {
-    /// What it asks for.
+    /// Targets and commands for the step.
     pub row: Row,
-    /// Counts the chunks of an episode, from 0.
+    /// Number of the chunk in the episode, from 0.
     pub chunk: u64,
-    /// Row of the chunk.
+    /// Index of the row in its chunk.
     pub at: usize,
     /// Control steps since the observation that the chunk answers.
     pub age: u64,
-    /// The chunk has no row for this step any more: its last one holds.
+    /// Whether the chunk has no row left for this step, so that its last row is held.
     pub is_over: bool,
 }
 
-/// Plays the chunks of an episode.
+/// Plays the chunks of one episode.
 #[derive(Debug, Clone)]
 pub struct Player {
     play: Play,
-    /// The newest last.
+    /// Chunks in use, newest last.
     chunks: VecDeque<Kept>,
     count: u64,
 }
 
 impl Player {
-    /// At the start of an episode.
+    /// Starts an episode, without a chunk.
     pub fn new(play: Play) -> Self {
         Self { play, chunks: VecDeque::new(), count: 0 }
     }
 
-    /// Whether the next chunk is to be asked for at a step: the prefix of the present one is played.
+    /// Whether to request the next chunk at a step: the prefix of the current one has been played.
     pub fn wants(&self, step: u64) -> bool {
         self.chunks.back().is_none_or(|chunk| step >= chunk.observed + self.steps_of_prefix())
     }
 
-    /// The same in real time, where an answer is expected to take so many steps: rows that are stale by then do not count as played.
+    /// As [`Player::wants`], in real time with an expected latency in steps: rows that will be stale by then count as
+    /// played.
     pub fn wants_by(&self, step: u64, latency: u64) -> bool {
         self.wants(step.saturating_add(latency))
     }
 
-    /// Whether a question is asked at a step, or at one that lies so many steps after it: pictures of both are needed.
+    /// Whether a question falls on a step (`back` = 0) or `back` steps after it: both need pictures.
     pub fn asks_after(&self, step: u64, back: u64) -> bool {
         let Some(chunk) = self.chunks.back() else { return back == 0 };
         let next = chunk.observed + self.steps_of_prefix();
@@ -83,11 +85,11 @@ impl Player {
         ((self.play.prefix as f64 * self.play.steps_per_row).round() as u64).max(1)
     }
 
-    /// Takes a chunk that answers the observation of a step, at the present step. In real time rows whose step is over are
-    /// skipped, for the latency is the difference of the two steps.
+    /// Takes a chunk that answers the observation of step `observed`, at step `present`. In real time the difference is
+    /// the latency, and rows whose step is over are skipped. Returns the number of the chunk.
     ///
     /// # Errors
-    /// [`BridgeError::Malformed`]: an empty one.
+    /// [`BridgeError::Malformed`]: the chunk is empty.
     pub fn take(&mut self, rows: Vec<Row>, observed: u64, present: u64) -> Result<u64, BridgeError> {
         if rows.is_empty() {
             return Err(BridgeError::malformed("a chunk", "it has no rows"));
@@ -102,7 +104,7 @@ impl Player {
         Ok(index)
     }
 
-    /// What a step is to be; none before the first chunk.
+    /// The row for a step; `None` before the first chunk.
     pub fn row(&self, step: u64) -> Option<Played> {
         let newest = self.chunks.back()?;
         let (mut row, at, is_over) = self.of(newest, step);
@@ -119,7 +121,7 @@ impl Player {
         Some(Played { row, chunk: newest.index, at, age: step.saturating_sub(newest.observed), is_over })
     }
 
-    /// A chunk's row for a step, between two rows where rows are longer than steps.
+    /// A chunk's row for a step, interpolated where rows last longer than a step.
     fn of(&self, chunk: &Kept, step: u64) -> (Row, usize, bool) {
         let place = step.saturating_sub(chunk.observed) as f64 / self.play.steps_per_row;
         let last = chunk.rows.len() - 1;
@@ -133,7 +135,7 @@ impl Player {
         (row.towards(&chunk.rows[at + 1], part), at, is_over)
     }
 
-    /// The weighted mean of all chunks that have a row for a step.
+    /// The weighted mean over all chunks that have a row for a step.
     fn averaged(&self, step: u64, decay: f64) -> Option<Row> {
         let rows = self.chunks.iter().map(|chunk| self.of(chunk, step)).filter(|(.., is_over)| !is_over);
         let mut mean: Option<(Row, f64)> = None;
@@ -174,7 +176,7 @@ mod tests {
         assert_eq!(angle(&player, 5), 11.0);
     }
 
-    /// A chunk that took three steps begins with its row 3, and one that is over holds.
+    /// A chunk that took three steps begins with its row 3; after its end its last row is held.
     #[test]
     fn real_time_skips_what_is_stale() {
         let mut player = Player::new(PLAIN);
@@ -193,7 +195,7 @@ mod tests {
         assert_eq!((4..8).map(|step| angle(&player, step)).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0]);
     }
 
-    /// ACT's weights: the oldest chunk has the largest one.
+    /// ACT's weights: the oldest chunk has the largest weight.
     #[test]
     fn an_ensemble_is_the_weighted_mean() {
         let mut player = Player::new(Play { ensemble: Some(0.5), prefix: 1, ..PLAIN });

@@ -1,4 +1,4 @@
-//! Poses of the wrists: nine numbers, and the joints that reach them.
+//! Wrist poses as nine numbers, and the joint angles that reach them.
 
 use fiatlux_robot::Robot;
 use nalgebra::{Isometry3, Matrix6, Matrix6xX, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -6,19 +6,19 @@ use nalgebra::{Isometry3, Matrix6, Matrix6xX, Rotation3, Translation3, UnitQuate
 use crate::BridgeError;
 use crate::hands::Side;
 
-/// Steps of the search for one row; rows follow each other closely.
+/// Iterations for one row, which are enough because rows are close to each other.
 const STEPS: usize = 12;
-/// Damping, squared: bounds how far a step goes near a stretched arm.
+/// Square of the damping, which limits the steps near a stretched arm.
 const DAMPING: f64 = 1e-4;
 
-/// x, y, z and the first two rows of the rotation, in the pelvis frame.
+/// x, y, z in m and the first two rows of the rotation, in the pelvis frame.
 pub(crate) fn nine(pose: &Isometry3<f64>) -> [f64; 9] {
     let (at, turn) = (pose.translation.vector, pose.rotation.to_rotation_matrix());
     let turn = turn.matrix();
     [at.x, at.y, at.z, turn[(0, 0)], turn[(0, 1)], turn[(0, 2)], turn[(1, 0)], turn[(1, 1)], turn[(1, 2)]]
 }
 
-/// The pose that nine numbers say; the two rows need not be quite orthogonal. None where they have no direction.
+/// The pose of nine numbers, whose two rows need not be quite orthogonal. `None` if they define no rotation.
 pub(crate) fn pose(nine: &[f64]) -> Option<Isometry3<f64>> {
     let &[x, y, z, a, b, c, d, e, f] = nine else { return None };
     let first = Vector3::new(a, b, c).try_normalize(1e-6)?;
@@ -29,17 +29,17 @@ pub(crate) fn pose(nine: &[f64]) -> Option<Isometry3<f64>> {
     Some(Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&turn)))
 }
 
-/// Pose of a wrist in the pelvis frame, for angles of all joints, rad.
+/// Pose of a wrist in the pelvis frame, for the angles of all joints, rad.
 ///
 /// # Errors
-/// [`BridgeError::Sensed`]: angles that the robot cannot have.
+/// [`BridgeError::Sensed`]: the robot has other joints or links.
 pub(crate) fn wrist(robot: &Robot, side: Side, q: &[f64]) -> Result<Isometry3<f64>, BridgeError> {
     Ok(chain(robot, side, q)?.1)
 }
 
 type Chain = (Vec<Isometry3<f64>>, Isometry3<f64>);
 
-/// Poses of all links, and of the wrist.
+/// Poses of all links, with the index of the wrist.
 fn chain(robot: &Robot, side: Side, q: &[f64]) -> Result<Chain, BridgeError> {
     let missing = |what: String| BridgeError::Sensed { what, remedy: "use the robot g1_inspire or g1_bare" };
     let links = robot.forward_kinematics(q, &Isometry3::identity()).map_err(|error| missing(error.to_string()))?;
@@ -48,10 +48,11 @@ fn chain(robot: &Robot, side: Side, q: &[f64]) -> Result<Chain, BridgeError> {
     Ok((links, pose))
 }
 
-/// Moves the arm's joints of `q` so that its wrist comes as near to a pose as their limits let it: damped least squares.
+/// Moves the arm's joints in `q` so that the wrist gets as close to a pose as their limits allow, by damped least
+/// squares.
 ///
 /// # Errors
-/// As [`wrist`].
+/// As for [`wrist`].
 pub(crate) fn reach(robot: &Robot, side: Side, target: &Isometry3<f64>, q: &mut [f64]) -> Result<(), BridgeError> {
     for _ in 0..STEPS {
         let (links, wrist) = chain(robot, side, q)?;
@@ -86,7 +87,7 @@ pub(crate) fn reach(robot: &Robot, side: Side, target: &Isometry3<f64>, q: &mut 
 mod tests {
     use super::*;
 
-    /// Nine numbers say a pose, and the arm comes back to where it was.
+    /// Nine numbers restore a pose, and the arm returns to it.
     #[test]
     fn a_wrist_is_reached_again() {
         let robot = Robot::g1_inspire().unwrap();

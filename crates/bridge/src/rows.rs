@@ -1,4 +1,4 @@
-//! From a chunk's numbers to targets and commands of our robot.
+//! Turns the numbers of a chunk into targets and commands for our robot.
 
 use std::collections::BTreeMap;
 
@@ -9,23 +9,23 @@ use crate::mapping::{Body, Key, Mapping, Part, Representation, WAIST};
 use crate::reach::{pose, reach, wrist};
 use crate::{BridgeError, ModelChunk};
 
-/// What a row of a chunk asks for.
+/// Targets and commands of one row of a chunk; `None` or empty where the model gives none.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Row {
-    /// Joint and target, rad, within the joint's limits, by joint.
+    /// Joint index and target, rad, within the joint's limits, sorted by joint.
     pub targets: Vec<(usize, f64)>,
-    /// Forward, left, m/s, and turning velocity, rad/s.
+    /// Velocity forwards and to the left, m/s, and turning velocity, rad/s.
     pub velocity: Option<[f64; 3]>,
     /// Height of the pelvis, m.
     pub height: Option<f64>,
     /// Roll, pitch and yaw of the torso, rad.
     pub torso: Option<[f64; 3]>,
-    /// A motion token as it came; empty where the model speaks none. Its decoder knows what numbers it takes.
+    /// A motion token as it arrived; empty if the model outputs none. Its decoder checks the numbers.
     pub token: Vec<f64>,
 }
 
 impl Row {
-    /// Between two rows of one mapping: `part` of the way to the other one.
+    /// Interpolates between two rows of one mapping: at `part` from 0 (this row) to 1 (`other`).
     pub fn towards(&self, other: &Self, part: f64) -> Self {
         let mix = |from: f64, to: f64| from + part * (to - from);
         let mix_three = |from: [f64; 3], to: [f64; 3]| [0, 1, 2].map(|axis| mix(from[axis], to[axis]));
@@ -39,7 +39,7 @@ impl Row {
     }
 }
 
-/// Where a part of a key begins, at the question; changes add to it.
+/// The posture at the question, to which relative actions add.
 struct Base<'a> {
     robot: &'a Robot,
     /// Angles at the question, rad.
@@ -47,15 +47,17 @@ struct Base<'a> {
 }
 
 impl Mapping {
-    /// Reads a chunk, after it was compared by [`crate::check_chunk`]. `q` are the angles of all joints at the question, rad.
+    /// Converts a chunk, after checking it with [`crate::check_chunk`]. `q` are the angles of all joints at the
+    /// question, rad.
     ///
     /// # Errors
-    /// [`BridgeError::Contract`]: a chunk that does not fit; [`BridgeError::Malformed`]: a wrist's rotation without a direction.
+    /// [`BridgeError::Contract`]: the chunk does not match; [`BridgeError::Malformed`]: a wrist's numbers define no
+    /// rotation.
     pub fn rows(&self, robot: &Robot, q: &[f64], chunk: &ModelChunk) -> Result<Vec<Row>, BridgeError> {
         crate::check_chunk(self, chunk)?;
         let base = Base { robot, q };
         let mut rows = Vec::with_capacity(chunk.rows);
-        // Angles of the row before, from which a wrist is reached, and sums of changes by key.
+        // Angles of the previous row, from which a wrist is reached, and sums of changes by key.
         let mut last = q.to_vec();
         let mut sums: Vec<Vec<f64>> = self.actions.iter().map(|key| vec![0.0; self.width(key)]).collect();
         for at in 0..chunk.rows {
@@ -124,8 +126,8 @@ impl Mapping {
                 (Part::Wrist(side), _) => {
                     let wrong =
                         || BridgeError::malformed(format!("the action '{}'", key.key), "a rotation has no direction");
-                    // Changes of a pose multiply, they do not add: each row is relative to the wrist at the question, or to
-                    // the row before.
+                    // Changes of a pose are multiplied, not added: each row is relative to the wrist at the question,
+                    // or to the previous row.
                     let said = pose(&numbers[from - width..from]).ok_or_else(wrong)?;
                     let target = match key.representation {
                         Representation::Absolute => said,
@@ -146,7 +148,7 @@ impl Mapping {
     }
 }
 
-/// Roll, pitch and yaw of a torso on a waist of three joints.
+/// Roll, pitch and yaw of a torso on a waist with three joints.
 fn leaned(yaw: f64, roll: f64, pitch: f64) -> [f64; 3] {
     let about = |axis: Vector3<f64>, angle| UnitQuaternion::from_scaled_axis(axis * angle);
     let turn = about(Vector3::z(), yaw) * about(Vector3::x(), roll) * about(Vector3::y(), pitch);

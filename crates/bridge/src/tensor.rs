@@ -1,4 +1,4 @@
-//! Arrays as model servers send them: `.npy` files in a map (GR00T) and maps with byte keys (openpi).
+//! Arrays in the forms that model servers send: `.npy` files in a map (GR00T) and maps with byte keys (openpi).
 
 mod npy;
 
@@ -7,27 +7,27 @@ use rmpv::Value;
 use crate::BridgeError;
 use crate::pack::{as_text, entry, map, text};
 
-/// Most dimensions of an array.
+/// Largest number of dimensions of an array.
 const MAX_DIMENSIONS: usize = 8;
-/// Most elements of an array.
+/// Largest number of elements of an array.
 const MAX_ELEMENTS: usize = 4 << 20;
 
-/// Types of elements that are read and written, little-endian.
+/// Element types that can be read and written, little-endian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dtype {
-    /// `|b1`.
+    /// Boolean of one byte, NumPy's `|b1`.
     Bool,
-    /// `|u1`.
+    /// Unsigned 8-bit integer, NumPy's `|u1`.
     U8,
-    /// `<i4`.
+    /// Signed 32-bit integer, NumPy's `<i4`.
     I32,
-    /// `<i8`.
+    /// Signed 64-bit integer, NumPy's `<i8`.
     I64,
-    /// `<f2`.
+    /// 16-bit float, NumPy's `<f2`; read, and used as f64.
     F16,
-    /// `<f4`.
+    /// 32-bit float, NumPy's `<f4`.
     F32,
-    /// `<f8`.
+    /// 64-bit float, NumPy's `<f8`.
     F64,
 }
 
@@ -42,12 +42,12 @@ impl Dtype {
         (Self::F64, "<f8", 8),
     ];
 
-    /// Its name in NumPy's notation.
+    /// Its name in NumPy's notation, such as `<f4`.
     pub fn name(self) -> &'static str {
         Self::ALL[self as usize].1
     }
 
-    /// Bytes of an element.
+    /// Size of an element in bytes.
     pub fn size(self) -> usize {
         Self::ALL[self as usize].2
     }
@@ -57,7 +57,7 @@ impl Dtype {
     }
 }
 
-/// An array: elements in C order, little-endian. Its length is that of its shape.
+/// An array: elements in C order, little-endian. The number of bytes always fits the shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tensor {
     dtype: Dtype,
@@ -66,18 +66,18 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// Checks that bytes and shape fit each other.
+    /// Makes an array, and checks that bytes and shape match.
     ///
     /// # Errors
-    /// [`BridgeError::Malformed`]: too many dimensions or elements, or another count of bytes.
+    /// [`BridgeError::Malformed`]: too many dimensions or elements, or a wrong number of bytes.
     pub fn new(dtype: Dtype, shape: Vec<usize>, data: Vec<u8>) -> Result<Self, BridgeError> {
         let wrong = |problem| Err(BridgeError::malformed("an array", problem));
         if shape.len() > MAX_DIMENSIONS {
-            return wrong(format!("it has {} dimensions; at most {MAX_DIMENSIONS} are read", shape.len()));
+            return wrong(format!("it has {} dimensions; the limit is {MAX_DIMENSIONS}", shape.len()));
         }
         let count = shape.iter().try_fold(1_usize, |count, side| count.checked_mul(*side));
         let Some(count) = count.filter(|count| *count <= MAX_ELEMENTS) else {
-            return wrong(format!("its shape is {shape:?}; at most {MAX_ELEMENTS} elements are read"));
+            return wrong(format!("its shape is {shape:?}; the limit is {MAX_ELEMENTS} elements"));
         };
         let expected = count * dtype.size();
         if data.len() != expected {
@@ -87,38 +87,38 @@ impl Tensor {
         Ok(Self { dtype, shape, data })
     }
 
-    /// Of `<f4`.
+    /// Makes an array of `<f4` elements.
     ///
     /// # Errors
-    /// As [`Tensor::new`].
+    /// As for [`Tensor::new`].
     pub fn f32(shape: Vec<usize>, numbers: &[f32]) -> Result<Self, BridgeError> {
         Self::new(Dtype::F32, shape, numbers.iter().flat_map(|number| number.to_le_bytes()).collect())
     }
 
-    /// Of `|u1`.
+    /// Makes an array of `|u1` elements.
     ///
     /// # Errors
-    /// As [`Tensor::new`].
+    /// As for [`Tensor::new`].
     pub fn u8(shape: Vec<usize>, data: Vec<u8>) -> Result<Self, BridgeError> {
         Self::new(Dtype::U8, shape, data)
     }
 
-    /// Type of its elements.
+    /// Type of the elements.
     pub fn dtype(&self) -> Dtype {
         self.dtype
     }
 
-    /// Its extents, the slowest first.
+    /// Size of each dimension, the slowest first.
     pub fn shape(&self) -> &[usize] {
         &self.shape
     }
 
-    /// Its bytes.
+    /// All elements as bytes in C order, little-endian.
     pub fn data(&self) -> &[u8] {
         &self.data
     }
 
-    /// Its elements as numbers.
+    /// All elements as f64, in C order.
     pub fn numbers(&self) -> Vec<f64> {
         fn each<const N: usize>(data: &[u8], read: impl Fn([u8; N]) -> f64) -> Vec<f64> {
             data.as_chunks::<N>().0.iter().map(|bytes| read(*bytes)).collect()
@@ -133,15 +133,15 @@ impl Tensor {
         }
     }
 
-    /// As GR00T sends it: a map with a complete `.npy` file.
+    /// Encodes for GR00T: a map with a complete `.npy` file.
     pub fn to_gr00t(&self) -> Value {
         map([("__ndarray_class__", Value::from(true)), ("as_npy", Value::Binary(self.to_npy()))])
     }
 
-    /// Reads GR00T's form; none where the value is not an array.
+    /// Decodes GR00T's form; `None` if the value is not an array.
     ///
     /// # Errors
-    /// [`BridgeError::Malformed`].
+    /// [`BridgeError::Malformed`]: the map or the file in it is damaged.
     pub fn of_gr00t(value: &Value) -> Option<Result<Self, BridgeError>> {
         entry(value, "__ndarray_class__")?;
         Some(match entry(value, "as_npy") {
@@ -150,7 +150,7 @@ impl Tensor {
         })
     }
 
-    /// As openpi sends it: a map with byte keys.
+    /// Encodes for openpi: a map with byte keys.
     pub fn to_openpi(&self) -> Value {
         let shape = self.shape.iter().map(|&side| Value::from(side as u64)).collect();
         let entries: [(&[u8], Value); 4] = [
@@ -162,10 +162,10 @@ impl Tensor {
         Value::Map(entries.into_iter().map(|(key, value)| (Value::Binary(key.to_vec()), value)).collect())
     }
 
-    /// Reads openpi's form, of an array or of a single number; none where the value is neither.
+    /// Decodes openpi's form of an array or of a single number; `None` if the value is neither.
     ///
     /// # Errors
-    /// [`BridgeError::Malformed`].
+    /// [`BridgeError::Malformed`]: the map is damaged, or its type is unknown.
     pub fn of_openpi(value: &Value) -> Option<Result<Self, BridgeError>> {
         if entry(value, "__npgeneric__").is_some() {
             let number = entry(value, "data").and_then(Value::as_f64);
@@ -190,16 +190,16 @@ impl Tensor {
     }
 }
 
-/// A type by NumPy's name, which must be one that is read.
+/// Finds an element type by NumPy's name, or fails with a list of those that are supported.
 fn known(name: &str) -> Result<Dtype, BridgeError> {
     let known = || Dtype::ALL.map(|(_, name, _)| name).join(", ");
     Dtype::by_name(name).ok_or_else(|| {
         let name: String = name.chars().take(40).collect();
-        BridgeError::malformed("an array", format!("its elements are '{name}'; {} are read", known()))
+        BridgeError::malformed("an array", format!("its elements are '{name}'; use one of {}", known()))
     })
 }
 
-/// A number of 16 bits (IEEE 754 binary16).
+/// Converts a 16-bit float (IEEE 754 binary16).
 fn half(bits: u16) -> f64 {
     let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
     let (exponent, mantissa) = (i32::from(bits >> 10 & 0x1f), f64::from(bits & 0x3ff));

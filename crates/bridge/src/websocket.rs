@@ -11,17 +11,17 @@ use tungstenite::{Error, HandshakeError, Message, WebSocket};
 use crate::BridgeError;
 use crate::net::{Address, MAX_REPLY, Timed, Timeouts, broken};
 
-/// Longest part of another's words that is passed on, characters.
+/// Longest text of a server to repeat in an error, characters.
 pub(crate) const MOST_WORDS: usize = 400;
 
-/// A message of a server.
+/// A message from a server.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Frame {
     Binary(Vec<u8>),
     Text(String),
 }
 
-/// An open connection. After an error it is of no more use.
+/// An open connection. It cannot be used after an error.
 #[derive(Debug)]
 pub(crate) struct Socket {
     socket: WebSocket<Timed>,
@@ -29,7 +29,7 @@ pub(crate) struct Socket {
 }
 
 impl Socket {
-    /// Connects, with an API key if there is one.
+    /// Connects, and sends an API key if there is one.
     pub fn connect(address: &Address, timeouts: Timeouts, key: Option<&str>) -> Result<Self, BridgeError> {
         let mut stream = address.connect(timeouts.connect)?;
         // A server that computes for another client accepts late.
@@ -43,7 +43,8 @@ impl Socket {
             format!("ws://{address}/").into_client_request().map_err(|error| refused(error.to_string()))?;
         if let Some(key) = key {
             let value = HeaderValue::from_str(&format!("Api-Key {key}"));
-            let value = value.map_err(|_| refused("the API key has characters that no header can have".into()))?;
+            let value =
+                value.map_err(|_| refused("the API key has characters that an HTTP header cannot have".into()))?;
             request.headers_mut().insert("Authorization", value);
         }
         let config = WebSocketConfig::default().max_message_size(Some(MAX_REPLY)).max_frame_size(Some(MAX_REPLY));
@@ -65,7 +66,7 @@ impl Socket {
         self.socket.send(Message::binary(question)).map_err(|error| self.failed(error, name))
     }
 
-    /// Waits for the next message; pings are answered on the way.
+    /// Waits for the next message, and answers pings meanwhile.
     pub fn receive(&mut self, name: &str) -> Result<Frame, BridgeError> {
         self.socket.get_mut().allow(self.timeouts.reply);
         loop {
@@ -96,7 +97,7 @@ impl Socket {
     }
 }
 
-/// Another's words, bounded, the last ones first to stay: a traceback says at its end what is wrong.
+/// Shortens a server's text from the front: a traceback gives the reason at its end.
 pub(crate) fn shortened(text: &str) -> String {
     let text = text.trim();
     let count = text.chars().count();

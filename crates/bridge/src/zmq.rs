@@ -1,25 +1,26 @@
 //! A ZeroMQ REQ socket: ZMTP 3.0 over TCP without encryption, one question and one answer at a time.
 //!
-//! It is our own because the pure Rust crate at hand (`zeromq` 0.7) reserves memory for whatever length a peer announces,
-//! and has no bound to set: nine bytes of a hostile server end the process. The protocol is that of the ZeroMQ RFC 23.
+//! Written here because the pure Rust crate (`zeromq` 0.7) reserves memory for whatever length a peer announces and
+//! cannot be given a limit: nine bytes from a hostile server end the process. The protocol is that of ZeroMQ RFC 23.
 
 use std::io::{self, Read, Write};
 
 use crate::BridgeError;
 use crate::net::{Address, MAX_REPLY, Timed, Timeouts, broken};
 
-/// Bits of a frame's first byte.
+/// Bits of the first byte of a frame.
 const MORE: u8 = 1;
 const LONG: u8 = 2;
 const COMMAND: u8 = 4;
 
-/// Largest command that is read, bytes; a READY takes about 40.
+/// Largest accepted command, bytes; a READY takes about 40.
 const MAX_COMMAND: usize = 4096;
 
-/// Frames of one answer, and commands between two frames; more are not of a REP socket.
+/// Largest number of frames in an answer, and of commands between two frames; a REP socket sends fewer.
 const MAX_FRAMES: usize = 8;
 
-/// A connection to a REP or ROUTER socket. After an error it is of no more use: REQ is strictly question and answer.
+/// A connection to a REP or ROUTER socket. It cannot be used after an error: REQ strictly alternates question and
+/// answer.
 #[derive(Debug)]
 pub(crate) struct Req {
     stream: Timed,
@@ -39,7 +40,7 @@ impl From<io::Error> for Broken {
 }
 
 impl Req {
-    /// Connects and greets.
+    /// Connects and exchanges greetings, within `timeouts`.
     pub fn connect(address: &Address, timeouts: Timeouts) -> Result<Self, BridgeError> {
         let mut req = Self { stream: address.connect(timeouts.connect)?, timeouts };
         req.greet().map_err(|broken| match broken {
@@ -57,7 +58,7 @@ impl Req {
         Ok(req)
     }
 
-    /// Asks, and waits for the answer.
+    /// Sends a question and waits for the answer.
     pub fn ask(&mut self, name: &str, question: &[u8]) -> Result<Vec<u8>, BridgeError> {
         self.stream.allow(self.timeouts.reply);
         let answer = self.send(question).map_err(Broken::Io).and_then(|()| self.receive());
@@ -80,7 +81,10 @@ impl Req {
             return Err(Broken::Other(wrong("its first bytes are not a ZeroMQ greeting")));
         }
         if theirs[10] < 3 {
-            return Err(Broken::Other(wrong(&format!("it speaks version {} of the protocol, not 3", theirs[10]))));
+            return Err(Broken::Other(wrong(&format!(
+                "it speaks version {} of the protocol; version 3 is needed",
+                theirs[10]
+            ))));
         }
         if theirs[12..32] != ours[12..32] {
             return Err(Broken::Other(wrong("it asks for a password or encryption, which is not supported")));
@@ -108,7 +112,7 @@ impl Req {
     }
 
     fn send(&mut self, question: &[u8]) -> io::Result<()> {
-        // An empty frame parts the route from the question.
+        // An empty frame separates the route from the question.
         let mut head = vec![MORE, 0];
         match u8::try_from(question.len()) {
             Ok(length) => head.extend([0, length]),
@@ -166,7 +170,7 @@ fn wrong(problem: &str) -> BridgeError {
     BridgeError::malformed("a greeting", problem)
 }
 
-/// The property `Socket-Type` of a READY command.
+/// The `Socket-Type` property of a READY command.
 fn socket_type(body: &[u8]) -> Option<&[u8]> {
     let mut rest = body.get(6..)?;
     while !rest.is_empty() {

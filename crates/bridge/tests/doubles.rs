@@ -1,5 +1,5 @@
-//! Against doubles of model servers on the real libraries (`tests/bridge/doubles.py`), where `FIATLUX_PYTHON` names a Python
-//! with the packages of `tests/bridge/requirements.txt`.
+//! Talks to doubles of model servers that use the real libraries (`tests/bridge/doubles.py`). Skipped unless
+//! `FIATLUX_PYTHON` names a Python with the packages of `tests/bridge/requirements.txt`.
 #![allow(clippy::unwrap_used)]
 
 use std::io::{BufRead, BufReader};
@@ -25,10 +25,10 @@ fn python() -> Option<PathBuf> {
 }
 
 fn skip() {
-    eprintln!("skipped: FIATLUX_PYTHON names no Python with the packages of tests/bridge/requirements.txt");
+    eprintln!("skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt");
 }
 
-/// A double that runs until it is dropped.
+/// A double, which runs until it is dropped.
 struct Double {
     child: Child,
     url: String,
@@ -92,7 +92,8 @@ fn start(python: &Path, dialect: Dialect, mapping: &str, args: &[&str]) -> Doubl
     Double::start(python, dialect, &[&["--embodiment", embodiment], args].concat())
 }
 
-/// The strict doubles accept what we send, byte for byte as their own libraries pack it; contract and answer fit the mapping.
+/// The strict doubles accept our requests, byte for byte as their own libraries pack them; contract and answer match
+/// the mapping.
 #[test]
 fn every_dialect_is_spoken() {
     let Some(python) = python() else { return skip() };
@@ -110,7 +111,7 @@ fn every_dialect_is_spoken() {
             check_chunk(&mapping, &chunk).unwrap();
             let rows = mapping.rows(&robot, robot.q0(), &chunk).unwrap();
             assert_eq!(rows.len(), mapping.horizon);
-            // The double holds the posture that it was sent.
+            // The double returns the posture that it was sent.
             for (joint, target) in &rows[5].targets {
                 assert!((target - robot.q0()[*joint]).abs() < 0.3, "{name}: joint {joint} goes to {target}");
             }
@@ -122,7 +123,7 @@ fn every_dialect_is_spoken() {
     }
 }
 
-/// Arrays of the real libraries are read, and written again byte for byte.
+/// Arrays of the real libraries are read, and written again with the same bytes.
 #[test]
 fn arrays_are_byte_equal_both_ways() {
     let Some(python) = python() else { return skip() };
@@ -159,7 +160,7 @@ fn arrays_are_byte_equal_both_ways() {
     assert_eq!(count, 64);
 }
 
-/// Faults of a server: an error that says what it is, within the time-outs, and the next question is asked anew.
+/// Faults of a server give an error with its reason, within the time-outs; the next question starts afresh.
 #[test]
 fn faults_are_errors_with_a_reason() {
     let Some(python) = python() else { return skip() };
@@ -167,9 +168,13 @@ fn faults_are_errors_with_a_reason() {
     for dialect in [Dialect::Gr00t, Dialect::Openpi, Dialect::Behavior, Dialect::Roboarena] {
         let mapping = Mapping::open(default_mapping(dialect), &robot).unwrap();
         let observation = observed(&mapping, &robot);
-        for (fault, says) in
-            [("nan", "is NaN"), ("shape", "dimension"), ("error", "CUDA"), ("huge", "bytes; at most"), ("die", "lost")]
-        {
+        for (fault, says) in [
+            ("nan", "is NaN"),
+            ("shape", "dimension"),
+            ("error", "CUDA"),
+            ("huge", "bytes; the limit is"),
+            ("die", "lost"),
+        ] {
             let double = Double::start(&python, dialect, &["--fault", fault, "--after", "1"]);
             let mut model = double.model();
             let check =
@@ -185,7 +190,8 @@ fn faults_are_errors_with_a_reason() {
                 assert!(again.is_transient(), "{again}");
             }
         }
-        // A second is slow, and no more than that; a time-out below it is one, and the next answer is its own.
+        // A slow server is not an error within the time-out; below it, it is one, and the next question gets its own
+        // answer.
         let double = Double::start(&python, dialect, &["--delay", "1"]);
         double.model().infer(&observation).unwrap();
         let timeouts = Timeouts { reply: Duration::from_millis(300), ..Timeouts::default() };
@@ -196,7 +202,7 @@ fn faults_are_errors_with_a_reason() {
     }
 }
 
-/// API tokens and keys are sent where they are asked for.
+/// API tokens and keys are sent to servers that need them.
 #[test]
 fn tokens_are_sent() {
     let Some(python) = python() else { return skip() };

@@ -1,4 +1,4 @@
-//! Servers that mean harm or are none: no hang, no panic, an error with its reason.
+//! Hostile servers and other programs: no hang, no panic, an error with its reason.
 #![allow(clippy::unwrap_used)]
 
 use std::io::{Read, Write};
@@ -9,7 +9,7 @@ use fiatlux_bridge::{BridgeError, Dialect, ModelOptions, Timeouts};
 
 const TIMEOUTS: Timeouts = Timeouts { connect: Duration::from_millis(800), reply: Duration::from_millis(800) };
 
-/// Serves each connection once by a function, in a thread that ends with the test's process.
+/// Answers each connection with a function, in a thread that ends with the test process.
 fn serve(answer: impl Fn(TcpStream) + Send + 'static) -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -27,7 +27,7 @@ fn ask(dialect: Dialect, port: u16) -> BridgeError {
     error
 }
 
-/// A ZeroMQ greeting and a READY of a socket.
+/// Sends a ZeroMQ greeting and the READY of a socket of this kind.
 fn greeted(stream: &mut TcpStream, kind: &str) {
     let mut greeting = [0; 64];
     (greeting[0], greeting[9], greeting[10], greeting[11]) = (0xff, 0x7f, 3, 1);
@@ -38,7 +38,7 @@ fn greeted(stream: &mut TcpStream, kind: &str) {
     ready.extend(kind.as_bytes());
     stream.write_all(&[4, ready.len() as u8]).unwrap();
     stream.write_all(&ready).unwrap();
-    // Greeting, READY, and the question.
+    // Read the greeting, READY and the question.
     let mut question = [0; 256];
     let mut read = 0;
     while read < 100 {
@@ -50,7 +50,7 @@ fn greeted(stream: &mut TcpStream, kind: &str) {
 fn zeromq_servers_that_are_none() {
     let nobody = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     assert!(matches!(ask(Dialect::Gr00t, nobody), BridgeError::Connect { .. }));
-    // Silent, gone at once, of another protocol, dripping one byte at a time.
+    // Silent, closing at once, speaking another protocol, sending one byte at a time.
     let silent = serve(std::mem::forget);
     assert!(ask(Dialect::Gr00t, silent).to_string().contains("does not greet in time"));
     let gone = serve(drop);
@@ -73,8 +73,8 @@ fn hostile_zeromq_answers() {
     let cases: [Case; 8] = [
         // An empty frame, then 2^62 bytes are announced.
         (&[1, 0, 2, 0x40, 0, 0, 0, 0, 0, 0, 0], "sends 4611686018427387904 bytes"),
-        (&[1, 0, 2, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff], "bytes; at most"),
-        // Half a frame.
+        (&[1, 0, 2, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff], "bytes; the limit is"),
+        // Half of a frame.
         (&[1, 0, 0, 200, 1, 2, 3], "within 0.8 s"),
         // No empty frame, too many frames, unknown flags.
         (&[0, 1, 0xc0], "not one frame after an empty one"),
@@ -114,7 +114,7 @@ fn hostile_websockets() {
     type Case = (&'static [u8], &'static str);
     let cases: [Case; 6] = [
         // A frame of 2^62 bytes, half a frame, a reserved opcode, text, a map cut short, a number.
-        (&[0x82, 127, 0x40, 0, 0, 0, 0, 0, 0, 0], "bytes; at most"),
+        (&[0x82, 127, 0x40, 0, 0, 0, 0, 0, 0, 0], "bytes; the limit is"),
         (&[0x82, 100, 1, 2, 3], "within 0.8 s"),
         (&[0x83, 0], "lost"),
         (&[0x81, 2, b'n', b'o'], "refuses 'metadata': no"),

@@ -1,6 +1,6 @@
-//! Time and allocations of a control step, with random networks of realistic size or those of a folder:
-//! `cargo run --release -p fiatlux-foreign --example time_foreign [FOLDER]`.
-#![allow(clippy::disallowed_methods)] // It times.
+//! Time and allocations of a control step, with random networks of realistic size or with those in a folder: `cargo run
+//! --release -p fiatlux-foreign --example time_foreign [FOLDER]`.
+#![allow(clippy::disallowed_methods)] // It measures time.
 
 #[path = "../tests/it/networks.rs"]
 mod networks;

@@ -2,155 +2,155 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why a controller of others cannot be loaded, does not fit, or cannot go on.
+/// Why a foreign controller cannot be loaded, does not match the session, or cannot continue.
 #[derive(Debug, Error)]
 pub enum ForeignError {
-    /// A file of the controller is not there.
-    #[error("there is no {}; weights are not shipped: get it from {source_of}", path.display())]
+    /// A file of the controller does not exist.
+    #[error("cannot find {}; weights are not shipped: download it from {source_of}", path.display())]
     Missing {
-        /// Where it was looked for.
+        /// Path at which it was expected.
         path: PathBuf,
-        /// Where its makers publish it.
+        /// Where its makers publish the file.
         source_of: &'static str,
     },
-    /// A file cannot be read.
-    #[error("cannot read {}; check that it is a file and may be read", path.display())]
+    /// A file cannot be opened or read.
+    #[error("cannot read {}; check that it is a file and its permissions", path.display())]
     Read {
-        /// As it was given.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error, which says why.
         #[source]
         source: std::io::Error,
     },
-    /// A file is larger than any that is taken.
+    /// A file is too large to be a controller's.
     #[error("{} has more than {most} bytes; name the controller's own file", path.display())]
     FileSize {
-        /// As it was given.
+        /// Path of the file.
         path: PathBuf,
-        /// The largest size.
+        /// Largest size that is read, bytes.
         most: u64,
     },
-    /// A file that Git LFS did not fetch.
-    #[error("{} is a pointer of Git LFS and not the network; run `git lfs pull` where it was cloned", path.display())]
+    /// A file is a Git LFS pointer: its content was not fetched.
+    #[error("{} is a Git LFS pointer and not the network; run `git lfs pull` where it was cloned", path.display())]
     Pointer {
-        /// As it was given.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// A file is not the one that its list of digests names.
-    #[error("{} has the SHA-256 {found}, and {expected} was asked for; get the right file, or correct the digest", path.display())]
+    /// The digest of a file is not the expected one.
+    #[error("{} has SHA-256 {found}; expected {expected}: get the right file, or correct the digest", path.display())]
     Digest {
-        /// As it was given.
+        /// Path of the file.
         path: PathBuf,
-        /// Of the file, hexadecimal.
+        /// SHA-256 of the file, hexadecimal.
         found: String,
-        /// As it was asked for.
+        /// SHA-256 that the list or the caller names.
         expected: String,
     },
-    /// A list of digests cannot be read.
+    /// A list of digests cannot be parsed.
     #[error("{} line {line}: expected 64 hexadecimal digits and a name, as sha256sum writes them", path.display())]
     DigestList {
-        /// The list.
+        /// Path of the list.
         path: PathBuf,
-        /// Counted from 1.
+        /// Number of the line, from 1.
         line: usize,
     },
     /// The bytes are not a network that can be run.
     #[error("cannot load {} as an ONNX network: {problem}; export it again, in one file, with operators up to set 18", path.display())]
     Onnx {
-        /// As it was given.
+        /// Path of the file.
         path: PathBuf,
-        /// What the loader says.
+        /// What the loader reports.
         problem: String,
     },
-    /// The network has other inputs or outputs.
+    /// The network has inputs or outputs of another type or shape.
     #[error("{}: expected {side} {expected}, found {found}; this is another network's file", path.display())]
     Shape {
-        /// As it was given.
+        /// Path of the file.
         path: PathBuf,
-        /// Input or output.
+        /// Which side differs: `input` or `output`.
         side: &'static str,
-        /// Type and shape.
+        /// Type and shape that the controller needs.
         expected: String,
-        /// Type and shape.
+        /// Type and shape in the file.
         found: String,
     },
     /// A weight is NaN or infinite.
     #[error("{}: the constant '{tensor}' is not finite at index {index}; use another checkpoint", path.display())]
     Weights {
-        /// As it was given.
+        /// Path of the file.
         path: PathBuf,
-        /// Its name in the file.
+        /// Name of the tensor in the file.
         tensor: String,
-        /// Of the number, counted through the tensor.
+        /// Index of the number in the flat tensor.
         index: usize,
     },
-    /// The session differs from what the controller was made for.
-    #[error("{controller} was made for {what} {expected}, and the session has {found}; {remedy}")]
+    /// The session is not what the controller was made for.
+    #[error("{controller} was made for {what} {expected}, but the session has {found}; {remedy}")]
     Unfit {
         /// Name of the controller.
         controller: &'static str,
-        /// What differs.
+        /// The property that differs, in words.
         what: String,
-        /// Of the controller.
+        /// The value that the controller was made for.
         expected: String,
-        /// Of the session.
+        /// The value in the session.
         found: String,
-        /// What to do.
+        /// What the user should do.
         remedy: String,
     },
-    /// The robot of this version cannot be read.
-    #[error("the robot that the controller was made for cannot be read")]
+    /// The robot in this version's files cannot be loaded.
+    #[error("cannot read the robot that the controller was made for")]
     Robot(#[from] fiatlux_robot::RobotError),
-    /// An observation lacks a term or has NaN in it.
+    /// An observation lacks a term, or a term is not finite.
     #[error("{controller} needs {term}, which {problem}")]
     Sensed {
         /// Name of the controller.
         controller: &'static str,
         /// Name of the term.
         term: &'static str,
-        /// What is wrong with it.
+        /// What is wrong with it, to follow "which".
         problem: &'static str,
     },
-    /// A command that is not finite.
-    #[error("command {field} is {value}; command a finite number")]
+    /// A field of a command is not finite.
+    #[error("command {field} is {value}; use a finite number")]
     Command {
-        /// Its name.
+        /// Name of the field.
         field: &'static str,
-        /// As commanded.
+        /// Value of the command.
         value: f64,
     },
-    /// A token that no model gives.
+    /// A value of a token is NaN or too large.
     #[error("number {index} of the token is {value}; a token has 64 numbers from -{most} to {most}")]
     Token {
-        /// Which of the 64.
+        /// Index in the token, from 0.
         index: usize,
-        /// As given.
+        /// Value at that index.
         value: f32,
-        /// The largest size.
+        /// Largest allowed absolute value.
         most: f32,
     },
-    /// Not as many numbers as a token has.
-    #[error("a token has 64 numbers, and {found} were given; give all of one")]
+    /// A token has the wrong number of values.
+    #[error("found {found} numbers; a token needs 64")]
     Width {
-        /// How many there were.
+        /// Number of values that were given.
         found: usize,
     },
-    /// A file of tokens cannot be used.
+    /// A file of tokens cannot be parsed.
     #[error("{} line {line}: {problem}; write 64 numbers a line, one line a control step of 20 ms, as numpy.savetxt does", path.display())]
     Tokens {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Counted from 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// What is wrong with the line.
         problem: String,
     },
-    /// A network failed in a step.
-    #[error("{controller}: its network failed: {problem}; check the observation, or use another checkpoint")]
+    /// A network fails, or gives numbers that are not finite, during a step.
+    #[error("the network of {controller} failed: {problem}; check the observation, or use another checkpoint")]
     Run {
         /// Name of the controller.
         controller: &'static str,
-        /// What went wrong.
+        /// What the network reports.
         problem: String,
     },
 }

@@ -1,23 +1,23 @@
-//! The files of the controllers: their names, where they come from, and the digests that a user may ask for.
+//! The files of the controllers: names, sources, and the digests that a user can demand.
 
 use std::path::{Path, PathBuf};
 
 use crate::{ForeignError, Model};
 
-/// A file of a controller.
+/// A file of a controller and the network that it must hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ModelFile {
-    /// Its names, the first that is found counts.
+    /// Accepted file names; the first that exists is read.
     pub names: &'static [&'static str],
-    /// Numbers in.
+    /// Size of the network's input.
     pub inputs: usize,
-    /// Numbers out.
+    /// Size of the network's output.
     pub outputs: usize,
-    /// Where its makers publish it.
+    /// Where its makers publish the file.
     pub source: &'static str,
 }
 
-/// Networks of GEAR's decoupled controller: the one that stands, the one that walks.
+/// Networks of GEAR's decoupled controller: one for standing, one for walking.
 pub const GEAR_FILES: [ModelFile; 2] = [
     ModelFile {
         names: &["Balance.onnx", "GR00T-WholeBodyControl-Balance.onnx"],
@@ -33,7 +33,7 @@ pub const GEAR_FILES: [ModelFile; 2] = [
     },
 ];
 
-/// The decoder of GEAR-SONIC.
+/// Network of GEAR-SONIC's decoder.
 pub const DECODER: ModelFile = ModelFile {
     names: &["model_decoder.onnx", "decoder.onnx"],
     inputs: 994,
@@ -41,7 +41,8 @@ pub const DECODER: ModelFile = ModelFile {
     source: "huggingface.co/nvidia/GEAR-SONIC (model_decoder.onnx)",
 };
 
-/// A list of digests that a folder may have, as `sha256sum` writes it. A file that it names must have that digest.
+/// Optional list of digests in a folder, in the form of `sha256sum`. A file in the list must have the digest given
+/// there.
 pub const SHA256_LIST: &str = "SHA256SUMS";
 
 const GEAR_SOURCE: &str = "github.com/NVlabs/GR00T-WholeBodyControl (folder decoupled_wbc, Git LFS) or \
@@ -51,7 +52,7 @@ impl ModelFile {
     /// Reads and checks the network in a folder.
     ///
     /// # Errors
-    /// As [`Model::read`], or a list of digests that cannot be read.
+    /// As for [`Model::read`], or a list of digests that cannot be parsed.
     pub fn read(&self, folder: &Path) -> Result<Model, ForeignError> {
         let candidates: Vec<PathBuf> = self.names.iter().map(|name| folder.join(name)).collect();
         let path = candidates.iter().find(|path| path.exists()).unwrap_or(&candidates[0]);
@@ -60,7 +61,7 @@ impl ModelFile {
     }
 }
 
-/// What the folder's list says of a file; none where there is no list or no such line.
+/// The digest that the folder's list gives for a file; `None` without a list or without such a line.
 fn digest_of(folder: &Path, file: &Path) -> Result<Option<String>, ForeignError> {
     let path = folder.join(SHA256_LIST);
     let text = match std::fs::read_to_string(&path) {

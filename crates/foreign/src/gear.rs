@@ -1,4 +1,5 @@
-//! GEAR's decoupled controller of NVlabs/GR00T-WholeBodyControl: legs and waist by a network that stands and one that walks.
+//! GEAR's decoupled controller from NVlabs/GR00T-WholeBodyControl: one network for standing and one for walking move
+//! legs and waist.
 
 use std::fmt;
 use std::path::Path;
@@ -9,22 +10,23 @@ use fiatlux_wbc::{Command, MOVED, Sensed};
 use crate::model::Runner;
 use crate::{BODY, ForeignError, GEAR_FILES, Model, history, sensed};
 
-/// Height of the pelvis that it is commanded to unless told otherwise, m.
+/// Default command for the height of the pelvis, m.
 pub const HEIGHT: f64 = 0.74;
 
 pub(crate) const NAME: &str = "gear";
-/// Numbers of a frame: command 3, height 1, torso 3, angular velocity 3, gravity 3, positions 29, velocities 29, action 15.
+/// Size of a frame: command 3, height 1, torso 3, angular velocity 3, gravity 3, positions 29, velocities 29, action
+/// 15.
 const FRAME: usize = 86;
-/// Frames of an observation.
+/// Number of frames in an observation.
 const FRAMES: usize = 6;
-/// The network that stands plays where the velocity commanded is shorter than this.
+/// The standing network runs while the commanded velocity is shorter than this.
 const STANDS_BELOW: f64 = 0.05;
 /// Radians of joint target per unit of action.
 const ACTION_SCALE: f64 = 0.25;
-/// Scale of joint velocities.
+/// Factor on joint velocities.
 const VELOCITY_SCALE: f64 = 0.05;
 
-/// Which of two public sources is followed where they disagree.
+/// Which of two public sources to follow where they disagree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reading {
     /// The makers' configuration, `g1_gear_wbc.yaml` in NVlabs/GR00T-WholeBodyControl.
@@ -35,7 +37,7 @@ pub enum Reading {
 }
 
 impl Reading {
-    /// Scale of the base's angular velocity.
+    /// Factor on the base's angular velocity.
     pub fn angular_velocity_scale(self) -> f64 {
         match self {
             Self::Nvidia => 0.5,
@@ -43,7 +45,7 @@ impl Reading {
         }
     }
 
-    /// Scales of the velocity commanded: forwards, left, about the vertical.
+    /// Factors on the commanded velocity: forwards, to the left, about the vertical.
     pub fn command_scale(self) -> [f64; 3] {
         match self {
             Self::Nvidia => [2.0, 2.0, 0.5],
@@ -65,42 +67,42 @@ impl FromStr for Reading {
     type Err = String;
 
     /// # Errors
-    /// A text that names the known readings.
+    /// A message that lists the known readings.
     fn from_str(name: &str) -> Result<Self, String> {
         [Self::Nvidia, Self::Lerobot]
             .into_iter()
             .find(|reading| reading.to_string() == name)
-            .ok_or_else(|| format!("there is no reading '{name}'; use nvidia or lerobot"))
+            .ok_or_else(|| format!("'{name}' is not a known reading; use nvidia or lerobot"))
     }
 }
 
-/// Plays the two networks: one call a control step of 20 ms.
+/// Runs the two networks; call it once every control step of 20 ms.
 #[derive(Debug)]
 pub struct Gear {
     stand: Runner,
     walk: Runner,
     reading: Reading,
-    /// The session's posture q0 less the controller's, rad.
+    /// The session's posture q0 minus the controller's, rad.
     offset: [f64; BODY],
-    /// Frame after frame, the oldest first.
+    /// All frames, oldest first.
     observation: [f32; FRAMES * FRAME],
     action: [f32; MOVED],
 }
 
 impl Gear {
-    /// Reads the networks `Balance.onnx` and `Walk.onnx` of a folder.
+    /// Reads the networks `Balance.onnx` and `Walk.onnx` in a folder.
     ///
     /// # Errors
-    /// As [`Model::read`].
+    /// As for [`Model::read`].
     pub fn read(folder: &Path) -> Result<[Model; 2], ForeignError> {
         let [stand, walk] = GEAR_FILES;
         Ok([stand.read(folder)?, walk.read(folder)?])
     }
 
-    /// At the start of an episode. `q0` is the posture that the session's joint positions are relative to, rad.
+    /// Starts an episode. The session's joint positions are relative to `q0`, rad.
     ///
     /// # Errors
-    /// A posture of fewer than 29 joints, or a network that cannot be prepared.
+    /// `q0` has fewer than 29 joints, or a network cannot be prepared.
     pub fn new([stand, walk]: &[Model; 2], reading: Reading, q0: &[f64]) -> Result<Self, ForeignError> {
         let run = |problem| ForeignError::Run { controller: NAME, problem };
         Ok(Self {
@@ -113,10 +115,10 @@ impl Gear {
         })
     }
 
-    /// Takes what is sensed and commanded, and writes the targets of legs and waist, the first 15 joints, rad.
+    /// Takes sensor data and a command, and writes the targets of the first 15 joints (legs and waist), rad.
     ///
     /// # Errors
-    /// [`ForeignError::Sensed`], [`ForeignError::Command`], or a network that fails; nothing is written then.
+    /// [`ForeignError::Sensed`], [`ForeignError::Command`], or a network that fails; `targets` is unchanged then.
     pub fn step(&mut self, sensed: &Sensed<'_>, command: &Command, targets: &mut [f64]) -> Result<(), ForeignError> {
         sensed::check(NAME, sensed)?;
         let mut numbers = Command::NAMES.into_iter().zip(command.numbers());
@@ -144,7 +146,7 @@ impl Gear {
         Ok(())
     }
 
-    /// The observation that the last step gave to a network.
+    /// The network's observation in the last step.
     pub fn observation(&self) -> &[f32] {
         &self.observation
     }

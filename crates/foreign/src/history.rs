@@ -1,7 +1,7 @@
-//! Histories inside an observation, so that none is kept next to it.
+//! Histories that live inside an observation, so that no copy is needed.
 
-/// Drops the oldest frame of a block of frames and writes the newest one behind the others. `newest` has as many numbers as
-/// a frame; numbers that it lacks stay.
+/// Drops the oldest frame of a block and appends the newest one. `newest` should have as many numbers as a frame; if it
+/// has fewer, the rest keep their values.
 pub(crate) fn push(block: &mut [f32], frame: usize, newest: impl Iterator<Item = f64>) {
     block.copy_within(frame.., 0);
     let last = block.len() - frame;

@@ -1,13 +1,13 @@
-//! Whole-body controllers of others, played from the user's own ONNX files. No weights are shipped.
+//! Foreign whole-body controllers, run from the user's own ONNX files. No weights are shipped.
 //!
 //! | controller | files | moves | commanded by |
 //! |---|---|---|---|
 //! | [`Gear`] | `Balance.onnx` and `Walk.onnx`, 516 numbers in, 15 out | legs and waist | velocity, height, torso |
 //! | [`Sonic`] | `model_decoder.onnx`, 994 numbers in, 29 out | legs, waist and arms | a [`Token`] of 64 numbers |
 //!
-//! What is sensed and commanded has the types of our own controller, [`fiatlux_wbc::Sensed`] and [`fiatlux_wbc::Command`]. A
-//! [`Plant`] says what a controller was made for: joints, control step and gains; it refuses a session by name. Where two
-//! public sources of a controller disagree, a [`Reading`] chooses.
+//! Sensor data and commands have the types of our own controller, [`fiatlux_wbc::Sensed`] and [`fiatlux_wbc::Command`].
+//! A [`Plant`] says what a controller was made for (joints, control step and gains), and refuses a session that differs
+//! with the name of the difference. Where two public sources of a controller disagree, a [`Reading`] selects one.
 mod error;
 mod files;
 mod gear;
@@ -18,7 +18,7 @@ mod sensed;
 mod sonic;
 mod token;
 
-/// In the public joint order, which is the SDK's too.
+/// Number of body joints, in the public joint order, which is also the SDK's.
 pub use fiatlux_wbc::BODY;
 
 pub use error::ForeignError;

@@ -1,4 +1,4 @@
-//! An ONNX network of one input and one output, loaded and checked.
+//! An ONNX network with one input and one output, loaded and checked.
 
 use std::fmt::Display;
 use std::io::Read;
@@ -17,12 +17,12 @@ use tract_onnx::tract_hir::internal::DimLike;
 
 use crate::{ForeignError, ModelFile};
 
-/// The largest file that is read: six times the decoder of GEAR-SONIC in f32.
+/// Largest file that is read: six times the size of GEAR-SONIC's decoder in f32.
 const FILE_LIMIT: u64 = 256 << 20;
-/// How a file begins that Git LFS did not fetch.
+/// First bytes of a file that Git LFS did not fetch.
 const LFS_POINTER: &[u8] = b"version https://git-lfs";
 
-/// A network that was run once on zeros and gave finite numbers. It is shared by any number of runners.
+/// A network that was run once on zeros and gave finite numbers. Any number of runners can share it.
 #[derive(Debug, Clone)]
 pub struct Model {
     plan: Arc<TypedRunnableModel>,
@@ -31,11 +31,11 @@ pub struct Model {
 }
 
 impl Model {
-    /// Reads a network, and compares its SHA-256 with `digest` (64 lower-case hexadecimal digits) if one is given.
+    /// Reads a network; if `digest` (64 lower-case hexadecimal digits) is given, the file's SHA-256 must equal it.
     ///
     /// # Errors
-    /// [`ForeignError`], with the path: missing (with where it comes from), too large, another digest, not ONNX, weights in
-    /// another file, another shape, or numbers that are not finite.
+    /// [`ForeignError`], with the path: missing (the message says where to get it), too large, another digest, not
+    /// ONNX, weights in another file, another shape, or numbers that are not finite.
     pub fn read(path: &Path, file: &ModelFile, digest: Option<&str>) -> Result<Self, ForeignError> {
         let unreadable = |source: std::io::Error| match source.kind() {
             std::io::ErrorKind::NotFound => ForeignError::Missing { path: path.into(), source_of: file.source },
@@ -59,13 +59,14 @@ impl Model {
         }
     }
 
-    /// Reads a network from memory; `path` names it in errors.
+    /// Loads a network from memory; errors call it `path`.
     ///
     /// # Errors
-    /// As [`Model::read`], of what is in the file.
+    /// As for [`Model::read`], except those of reading the file.
     pub fn from_bytes(bytes: &[u8], path: &Path, file: &ModelFile) -> Result<Self, ForeignError> {
         let onnx = |problem: String| ForeignError::Onnx { path: path.into(), problem };
-        // The loader indexes by names and shapes of the file, and panics where a damaged one leads it nowhere.
+        // The loader indexes by the file's own names and shapes, and panics when a damaged file makes them
+        // inconsistent.
         let caught = catch_unwind(AssertUnwindSafe(|| load(bytes, path, file)));
         let plan = caught.unwrap_or_else(|_| Err(onnx("its graph is inconsistent".into())))?;
         let digest = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
@@ -77,17 +78,17 @@ impl Model {
         Ok(model)
     }
 
-    /// SHA-256 of its file, hexadecimal.
+    /// SHA-256 of the file, hexadecimal.
     pub fn digest(&self) -> &str {
         &self.digest
     }
 
-    /// Numbers in.
+    /// Size of the network's input.
     pub fn inputs(&self) -> usize {
         self.file.inputs
     }
 
-    /// Numbers out.
+    /// Size of the network's output.
     pub fn outputs(&self) -> usize {
         self.file.outputs
     }
@@ -98,14 +99,14 @@ impl Model {
     }
 }
 
-/// What runs a network: the room for it on its way.
+/// Runs a network, with the buffers for it.
 #[derive(Debug)]
 pub(crate) struct Runner {
     state: TypedSimpleState,
 }
 
 impl Runner {
-    /// One pass. It allocates the input, the output and what is between layers.
+    /// Runs the network once. It allocates the input, the output and the values between layers.
     pub fn run(&mut self, input: &[f32], output: &mut [f32]) -> Result<(), String> {
         let tensor = Tensor::from_shape(&[1, input.len()], input).map_err(said)?;
         let outputs = self.state.run(tvec![tensor.into_tvalue()]).map_err(said)?;
@@ -113,7 +114,7 @@ impl Runner {
         let view = first.try_as_plain_ram().map_err(said)?;
         let numbers = view.as_slice::<f32>().map_err(said)?;
         if numbers.len() != output.len() {
-            return Err(format!("it gives {} numbers instead of {}", numbers.len(), output.len()));
+            return Err(format!("its output has {} numbers instead of {}", numbers.len(), output.len()));
         }
         if let Some(index) = numbers.iter().position(|number| !number.is_finite()) {
             return Err(format!("number {index} of its output is {}", numbers[index]));
@@ -125,7 +126,7 @@ impl Runner {
 
 fn load(bytes: &[u8], path: &Path, file: &ModelFile) -> Result<Arc<TypedRunnableModel>, ForeignError> {
     let onnx = |problem: String| ForeignError::Onnx { path: path.into(), problem };
-    // Shapes between layers follow from the input; those that the file notes may have its batch as a symbol.
+    // Shapes between layers follow from the input; those noted in the file may have a symbol for the batch.
     let framework = tract_onnx::onnx().with_ignore_value_info(true);
     let proto = framework.proto_model_for_read(&mut &*bytes).map_err(|error| onnx(said(error)))?;
     check_weights(&proto, path)?;
@@ -155,20 +156,20 @@ fn load(bytes: &[u8], path: &Path, file: &ModelFile) -> Result<Arc<TypedRunnable
     model.into_runnable().map_err(|error| onnx(said(error)))
 }
 
-/// Whether an input as the file declares it allows f32 [1, inputs]: its batch may be left open, its width may not.
+/// Whether the input declared in the file accepts f32 [1, inputs]: the batch may be open, the width may not.
 fn takes(declared: &InferenceFact, inputs: usize) -> bool {
     let dims: Vec<_> = declared.shape.dims().map(|dim| dim.concretize().and_then(|dim| dim.to_usize().ok())).collect();
     let is_f32 = declared.datum_type.concretize() == Some(f32::datum_type());
     is_f32 && matches!(dims.as_slice(), [None | Some(1), Some(width)] if *width == inputs)
 }
 
-/// Refuses weights that stand in another file, and such as are not finite.
+/// Refuses weights in another file, and weights that are not finite.
 fn check_weights(proto: &pb::ModelProto, path: &Path) -> Result<(), ForeignError> {
     let Some(graph) = &proto.graph else { return Ok(()) };
     let constants = graph.node.iter().flat_map(|node| &node.attribute).filter_map(|attribute| attribute.t.as_ref());
     for tensor in graph.initializer.iter().chain(constants) {
         if !tensor.external_data.is_empty() {
-            let problem = format!("its tensor '{}' stands in another file", tensor.name);
+            let problem = format!("its tensor '{}' is stored in another file", tensor.name);
             return Err(ForeignError::Onnx { path: path.into(), problem });
         }
         let raw = tensor.raw_data.as_chunks().0.iter().map(|number| f32::from_le_bytes(*number));
@@ -181,7 +182,7 @@ fn check_weights(proto: &pb::ModelProto, path: &Path) -> Result<(), ForeignError
     Ok(())
 }
 
-/// An error with its causes, in a line.
+/// An error with its causes, on one line.
 fn said(error: impl Display) -> String {
     format!("{error:#}")
 }

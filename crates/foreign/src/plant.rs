@@ -1,4 +1,4 @@
-//! What a controller was made for: joints, control step, gains.
+//! What a controller was made for: joints, control step and gains.
 
 use std::str::FromStr;
 
@@ -7,50 +7,50 @@ use fiatlux_wbc::{CONTROL_DT, Joint, MOVED};
 
 use crate::{BODY, ForeignError, Reading, gear, sonic};
 
-/// Gains that differ by less than this part are the same: armatures are published with five digits and more.
+/// Gains count as equal if their relative difference is smaller: armatures are published with five digits or more.
 const TOLERANCE: f64 = 1e-3;
 
-/// What happens where the gains of a joint that the controller moves are not its own.
+/// What to do if joints that the controller moves have other gains than it was made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum GainsRule {
     /// The session is refused.
     #[default]
     Own,
-    /// It plays on, and the joints are named.
+    /// Accept it, and name the joints.
     Any,
 }
 
 impl FromStr for GainsRule {
     type Err = String;
 
-    /// # Errors
+    /// A message that lists the known rules.
     /// A text that names the known rules.
     fn from_str(name: &str) -> Result<Self, String> {
         match name {
             "own" => Ok(Self::Own),
             "any" => Ok(Self::Any),
-            _ => Err(format!("there is no rule of gains '{name}'; use own or any")),
+            _ => Err(format!("'{name}' is not a known rule for gains; use own or any")),
         }
     }
 }
 
-/// The robot and session that a controller was made for.
+/// The robot and the session that a controller was made for.
 #[derive(Debug, Clone)]
 pub struct Plant {
     controller: &'static str,
-    /// The gains that it plays on.
+    /// The set of gains that it was made for.
     gains: GainSet,
-    /// Legs, waist and arms in the public joint order: name, stiffness, damping.
+    /// Name, stiffness and damping of the joints of legs, waist and arms, in the public order.
     joints: Vec<(String, f64, f64)>,
-    /// How many of them it moves.
+    /// Number of joints, from the first on, that it moves.
     moved: usize,
 }
 
 impl Plant {
-    /// Of GEAR's decoupled controller, which moves legs and waist.
+    /// The plant of GEAR's decoupled controller, which moves legs and waist.
     ///
     /// # Errors
-    /// None that a test would not have found: the robot comes with this version.
+    /// None in practice: this version's robot is tested to load.
     pub fn gear(reading: Reading) -> Result<Self, ForeignError> {
         let gains = match reading {
             Reading::Nvidia => GainSet::Gear,
@@ -59,10 +59,10 @@ impl Plant {
         Self::new(gear::NAME, gains, MOVED)
     }
 
-    /// Of GEAR-SONIC, which moves legs, waist and arms.
+    /// The plant of GEAR-SONIC, which moves legs, waist and arms.
     ///
     /// # Errors
-    /// None that a test would not have found: the robot comes with this version.
+    /// None in practice: this version's robot is tested to load.
     pub fn sonic() -> Result<Self, ForeignError> {
         Self::new(sonic::NAME, GainSet::Sonic, BODY)
     }
@@ -75,19 +75,20 @@ impl Plant {
         Ok(Self { controller, gains, joints, moved })
     }
 
-    /// The gains that it plays on.
+    /// The set of gains that the controller was made for.
     pub fn gains(&self) -> GainSet {
         self.gains
     }
 
-    /// Compares a session with it. More joints may follow its own. Efforts are the motors' and not compared.
+    /// Compares a session with the plant. Further joints may follow the plant's own. Effort limits belong to the motors
+    /// and are not compared.
     ///
-    /// Returns what differs and is allowed, for a warning: the first joint of other gains, by name. Gains of joints that it
-    /// does not move are always allowed to differ.
+    /// Returns an allowed difference, for a warning: the first joint with other gains. Gains of joints that the
+    /// controller does not move may always differ.
     ///
     /// # Errors
-    /// [`ForeignError::Unfit`]: a joint of another name, another control step, or other gains of a joint that it moves under
-    /// [`GainsRule::Own`].
+    /// [`ForeignError::Unfit`]: a joint of another name, another control step, or, under [`GainsRule::Own`], other
+    /// gains of a joint that the controller moves.
     pub fn fits(&self, joints: &[Joint], control_dt: f64, rule: GainsRule) -> Result<Option<String>, ForeignError> {
         let unfit = |what: String, expected: String, found: String, remedy: String| ForeignError::Unfit {
             controller: self.controller,
@@ -116,7 +117,7 @@ impl Plant {
         for (index, ((name, stiffness, damping), joint)) in self.joints.iter().zip(joints).enumerate() {
             for (term, own, found) in [("stiffness", *stiffness, joint.stiffness), ("damping", *damping, joint.damping)]
             {
-                // NaN differs, too.
+                // The comparison also fails for NaN.
                 if (found - own).abs() <= TOLERANCE * own {
                     continue;
                 }

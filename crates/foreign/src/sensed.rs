@@ -2,7 +2,7 @@ use fiatlux_wbc::{Sensed, first_unsound};
 
 use crate::{BODY, ForeignError};
 
-/// Refuses an observation that lacks a term which the controllers read, or is not finite.
+/// Refuses an observation that lacks a term which the controllers read, or that is not finite.
 pub(crate) fn check(controller: &'static str, sensed: &Sensed<'_>) -> Result<(), ForeignError> {
     let terms: [(&'static str, &[f64], usize); 4] = [
         ("base_angular_velocity", &sensed.base_angular_velocity, 3),
@@ -16,7 +16,7 @@ pub(crate) fn check(controller: &'static str, sensed: &Sensed<'_>) -> Result<(),
     }
 }
 
-/// The session's posture less the controller's, rad.
+/// The session's posture minus the controller's, rad.
 pub(crate) fn offset(
     controller: &'static str,
     q0: &[f64],

@@ -1,4 +1,4 @@
-//! The decoder of GEAR-SONIC: all joints of the body by a token that says what motion is meant.
+//! The decoder of GEAR-SONIC: moves all joints of the body by a token that stands for a motion.
 
 use std::path::Path;
 
@@ -8,9 +8,9 @@ use crate::model::Runner;
 use crate::{BODY, DECODER, ForeignError, Model, TOKEN, Token, history, sensed, token};
 
 pub(crate) const NAME: &str = "sonic";
-/// Frames of an observation.
+/// Number of frames in an observation.
 const FRAMES: usize = 10;
-/// Where each block of the observation begins: token, angular velocity, positions, velocities, actions, gravity.
+/// Start of each block of the observation: token, angular velocity, positions, velocities, actions, gravity.
 const ANGULAR_VELOCITY: usize = TOKEN;
 const POSITION: usize = ANGULAR_VELOCITY + 3 * FRAMES;
 const VELOCITY: usize = POSITION + BODY * FRAMES;
@@ -18,36 +18,36 @@ const ACTION: usize = VELOCITY + BODY * FRAMES;
 const GRAVITY: usize = ACTION + BODY * FRAMES;
 const INPUTS: usize = GRAVITY + 3 * FRAMES;
 
-/// Which joint of the body is joint i of Isaac Lab, where a tree's joints are ordered by depth.
+/// Index in our body of joint i of Isaac Lab, which orders the joints of a tree by depth.
 const FROM_ISAAC: [usize; BODY] =
     [0, 6, 12, 1, 7, 13, 2, 8, 14, 3, 9, 15, 22, 4, 10, 16, 23, 5, 11, 17, 24, 18, 25, 19, 26, 20, 27, 21, 28];
 
-/// Plays the decoder: one call a control step of 20 ms.
+/// Runs the decoder; call it once every control step of 20 ms.
 #[derive(Debug)]
 pub struct Sonic {
     decoder: Runner,
-    /// The session's posture q0 less the controller's, rad.
+    /// The session's posture q0 minus the controller's, rad.
     offset: [f64; BODY],
-    /// Block after block, in each the oldest frame first.
+    /// Blocks one after another, each with its oldest frame first.
     observation: [f32; INPUTS],
-    /// In Isaac Lab's order.
+    /// The last action, in Isaac Lab's order.
     action: [f32; BODY],
 }
 
 impl Sonic {
-    /// Reads `model_decoder.onnx` of a folder.
+    /// Reads `model_decoder.onnx` in a folder.
     ///
     /// # Errors
-    /// As [`Model::read`].
+    /// As for [`Model::read`].
     pub fn read(folder: &Path) -> Result<Model, ForeignError> {
         DECODER.read(folder)
     }
 
-    /// At the start of an episode: a past at rest, upright and in the controller's posture. `q0` is the posture that the
-    /// session's joint positions are relative to, rad.
+    /// Starts an episode with a history at rest, upright and in the controller's posture. The session's joint positions
+    /// are relative to `q0`, rad.
     ///
     /// # Errors
-    /// A posture of fewer than 29 joints, or a network that cannot be prepared.
+    /// `q0` has fewer than 29 joints, or a network cannot be prepared.
     pub fn new(decoder: &Model, q0: &[f64]) -> Result<Self, ForeignError> {
         let mut observation = [0.0; INPUTS];
         observation[GRAVITY..].iter_mut().skip(2).step_by(3).for_each(|down| *down = -1.0);
@@ -59,10 +59,10 @@ impl Sonic {
         })
     }
 
-    /// Takes what is sensed and meant, and writes the targets of legs, waist and arms, the first 29 joints, rad.
+    /// Takes sensor data and a token, and writes the targets of the first 29 joints (legs, waist and arms), rad.
     ///
     /// # Errors
-    /// [`ForeignError::Sensed`], [`ForeignError::Token`], or a network that fails; nothing is written then.
+    /// [`ForeignError::Sensed`], [`ForeignError::Token`], or a network that fails; `targets` is unchanged then.
     pub fn step(&mut self, sensed: &Sensed<'_>, meant: &Token, targets: &mut [f64]) -> Result<(), ForeignError> {
         sensed::check(NAME, sensed)?;
         token::check(meant)?;
@@ -87,7 +87,7 @@ impl Sonic {
         Ok(())
     }
 
-    /// The observation that the last step gave to the decoder.
+    /// The decoder's observation in the last step.
     pub fn observation(&self) -> &[f32] {
         &self.observation
     }
@@ -107,8 +107,8 @@ fn default_angle(joint: usize) -> f64 {
     }
 }
 
-/// Radians of joint target per unit of action: a quarter of a motor's effort over its stiffness, armature (2 pi 10 Hz)^2. The
-/// ankles and waist roll and pitch have two motors, and the scale of one.
+/// Radians of joint target per unit of action: a quarter of a motor's effort over its stiffness, which is armature (2
+/// pi 10 Hz)^2. The ankles, and roll and pitch of the waist, have two motors but the scale of one.
 fn action_scale(joint: usize) -> f64 {
     /// Effort, N m, and armature, kg m^2, of the motors 7520-22, 7520-14, 5020 and 4010.
     const MOTORS: [(f64, f64); 4] = [(139.0, 0.025101925), (88.0, 0.01017752), (25.0, 0.003609725), (5.0, 0.00425)];
@@ -126,7 +126,7 @@ fn action_scale(joint: usize) -> f64 {
 mod tests {
     use super::{BODY, FROM_ISAAC, INPUTS, action_scale};
 
-    /// The other direction, as its makers publish it: joint i of the body is this joint of Isaac Lab.
+    /// The inverse, as its makers publish it: joint i of the body is this joint of Isaac Lab.
     const TO_ISAAC: [usize; BODY] =
         [0, 3, 6, 9, 13, 17, 1, 4, 7, 10, 14, 18, 2, 5, 8, 11, 15, 19, 21, 23, 25, 27, 12, 16, 20, 22, 24, 26, 28];
 

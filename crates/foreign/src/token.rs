@@ -1,35 +1,35 @@
-//! Tokens: what GEAR-SONIC's decoder is told to do.
+//! Tokens, the commands for GEAR-SONIC's decoder.
 
 use std::io::Read;
 use std::path::Path;
 
 use crate::ForeignError;
 
-/// Numbers of a token.
+/// How many numbers a token has.
 pub const TOKEN: usize = 64;
-/// A number of a token beyond it is refused, as the makers' client skips such motions. An encoder gives -1 to 1.
+/// Largest absolute value in a token; the makers' client skips motions beyond it. An encoder gives -1 to 1.
 pub const TOKEN_LIMIT: f32 = 1.25;
-/// The largest file that is read: 20 hours of tokens.
+/// Largest file that is read, bytes: 20 hours of tokens.
 const FILE_LIMIT: u64 = 1 << 30;
 
-/// What motion is meant, as an encoder or a model says it.
+/// A motion in the code of an encoder or a model.
 pub type Token = [f32; TOKEN];
 
-/// Where tokens come from: one a control step.
+/// A source of tokens, one for each control step.
 pub trait TokenSource: Send {
-    /// The token of a control step, counted from 0 in each episode.
+    /// The token of a control step, which counts from 0 in each episode.
     ///
     /// # Errors
-    /// No token can be had; the episode ends.
+    /// The source has no token for the step; the episode ends.
     fn token(&mut self, step: u64) -> Result<Token, ForeignError>;
 }
 
-/// The same token in every step.
+/// A source that gives the same token in every step.
 #[derive(Debug, Clone)]
 pub struct FixedToken(pub Token);
 
 impl Default for FixedToken {
-    /// Zeros: the middle of the code book. No motion is promised for it.
+    /// All zeros: the middle of the code book, which need not be a useful motion.
     fn default() -> Self {
         Self([0.0; TOKEN])
     }
@@ -41,18 +41,18 @@ impl TokenSource for FixedToken {
     }
 }
 
-/// A recorded sequence; its last token holds on.
+/// A recorded sequence; after its end, its last token repeats.
 #[derive(Debug, Clone)]
 pub struct RecordedTokens {
     tokens: Vec<Token>,
 }
 
 impl RecordedTokens {
-    /// Reads a text of one token a line, 64 numbers set apart by spaces or commas, as `numpy.savetxt` writes them; lines that
-    /// are empty or begin with `#` count for nothing.
+    /// Reads a text file with one token on each line: 64 numbers, separated by spaces or commas, as `numpy.savetxt`
+    /// writes them. Empty lines and lines that begin with `#` are ignored.
     ///
     /// # Errors
-    /// A file that cannot be read, is over 1 GiB or has no token, or a line that is not a token, with its number.
+    /// The file cannot be read, is over 1 GiB or has no token; or a line, named by its number, is not a token.
     pub fn read(path: &Path) -> Result<Self, ForeignError> {
         let unreadable = |source| ForeignError::Read { path: path.into(), source };
         let mut text = String::new();
@@ -98,17 +98,17 @@ impl TokenSource for RecordedTokens {
     }
 }
 
-/// A token of a model's numbers.
+/// Makes a token from a model's numbers.
 ///
 /// # Errors
-/// [`ForeignError::Width`]: not 64 numbers; [`ForeignError::Token`]: one that is not finite or is beyond the limit.
+/// [`ForeignError::Width`]: not 64 numbers; [`ForeignError::Token`]: one of them is not finite or over the limit.
 pub fn token_of(numbers: &[f64]) -> Result<Token, ForeignError> {
     let numbers: &[f64; TOKEN] = numbers.try_into().map_err(|_| ForeignError::Width { found: numbers.len() })?;
     let token = numbers.map(|number| number as f32);
     check(&token).map(|()| token)
 }
 
-/// Refuses what is not finite, or beyond the limit.
+/// Refuses values that are not finite or over the limit.
 pub(crate) fn check(token: &Token) -> Result<(), ForeignError> {
     match token.iter().position(|value| value.is_nan() || value.abs() > TOKEN_LIMIT) {
         None => Ok(()),

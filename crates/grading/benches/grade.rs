@@ -1,4 +1,5 @@
-//! How long grading takes: 48 bags of 6,000 rows, and its parts. `cargo bench -p fiatlux-grading [-- BAGS ROWS]`
+//! How long grading takes: 48 bags of 6,000 rows, and each part of the work. `cargo bench -p fiatlux-grading [-- BAGS
+//! ROWS]`
 
 #[path = "../tests/common/mod.rs"]
 mod common;
@@ -42,7 +43,7 @@ fn main() {
     parts(&folder);
 }
 
-/// Each part alone, on one bag's rows.
+/// Times each part of the work alone, on the rows of one bag.
 fn parts(folder: &Folder) {
     let (header, rows) = (header(Task::S03, 0), rows(Task::S03, 0, Story::Waits(2000)));
     let states: Vec<v3::State> = rows.iter().map(state_message).collect();

@@ -1,4 +1,4 @@
-//! From graded bags to results: what is scored, what is left out, what does not go together.
+//! From graded bags to results: which bags are scored, which are left out, and which cannot share a table.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,9 +18,9 @@ use crate::{Conditions, GradeOptions, ScoreError, Series};
 /// What became of one bag.
 #[derive(Debug)]
 pub(crate) struct Judged {
-    /// The bag, from the folder of the results.
+    /// Path of the bag, relative to the folder of the results.
     pub bag: String,
-    /// What it says.
+    /// Header and verdicts, or why the bag cannot be read at all.
     pub content: Result<Content, (Fault, String)>,
 }
 
@@ -28,7 +28,7 @@ pub(crate) struct Judged {
 #[derive(Debug)]
 pub(crate) struct Content {
     pub header: v3::EpisodeHeader,
-    /// What is wrong with the file, if anything is.
+    /// What is wrong with the file; `None` for a whole bag, whose rows can still have a [`Graded::flaw`].
     pub damage: Option<(Fault, String)>,
     pub graded: Graded,
 }
@@ -46,7 +46,7 @@ impl Entry {
     }
 }
 
-/// Sorts, excludes and rolls up.
+/// Sorts loose bags, sets aside those that cannot be scored, and sums up the rest.
 pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Results, ScoreError> {
     let (mut entries, mut excluded) = (Vec::new(), Vec::new());
     for Judged { bag, content } in judged {
@@ -63,7 +63,7 @@ pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Re
     roll_up(entries, excluded, None, options)
 }
 
-/// The same for a run, from the bags of the episodes that were played, each with the episode's index.
+/// As [`assemble`], but for a run: takes the bags of the episodes that were played, each with the episode's index.
 pub(crate) fn assemble_run(
     run: &Run,
     judged: Vec<(usize, Judged)>,
@@ -97,7 +97,7 @@ fn sort(entries: &mut [Entry]) {
     entries.sort_by(|a, b| a.key().cmp(&b.key()).then_with(|| a.bag.cmp(&b.bag)));
 }
 
-/// Results of what counts: sorted entries, and the failures of a run.
+/// Sums up sorted entries and the failures of a run.
 fn roll_up(
     entries: Vec<Entry>,
     mut excluded: Vec<ExcludedBag>,
@@ -163,7 +163,7 @@ fn roll_up(
     Ok(Results { run: run.map(|(run, failures)| run.result(failures, options.folder())), ..results })
 }
 
-/// Rows of all episodes, by task, seed and index.
+/// Rows of all episodes, sorted by task, seed and index.
 fn rows(entries: Vec<Entry>, failures: &[(Task, &RunFailure)], is_strict: bool) -> Vec<EpisodeRow> {
     let failed = failures.iter().map(|(task, failure)| ((*task, failure.seed, 0), failed_row(failure, is_strict)));
     let mut rows: Vec<_> = entries.into_iter().map(|entry| (entry.key(), episode_row(entry))).chain(failed).collect();
@@ -206,8 +206,8 @@ fn excluded_bag(
     }
 }
 
-/// One bag for each episode. A copy with the same rows is listed as such; two recordings that differ are an error, for
-/// which of them counts must not hang on a file's name.
+/// Keeps one bag for each episode. A copy with the same rows is listed as such. Two different recordings are an error:
+/// the name of a file must not decide which one counts.
 fn without_copies(entries: Vec<Entry>, excluded: &mut Vec<ExcludedBag>) -> Result<Vec<Entry>, ScoreError> {
     let mut kept: Vec<Entry> = Vec::with_capacity(entries.len());
     for entry in entries {
@@ -257,7 +257,7 @@ fn check_conditions(entries: &[Entry]) -> Result<(), ScoreError> {
     Ok(())
 }
 
-/// S of some episodes. In a run, whose seeds are given, all twelve subtasks count under each of them.
+/// Score S of these episodes. In a run, whose seeds are known, all twelve subtasks count under each seed.
 fn score(episodes: &[Episode], registered: Option<&BTreeSet<u64>>) -> Score {
     let weight_total: f64 = Task::SUBTASKS.into_iter().map(Task::weight).sum();
     let ran = Benchmark::of(episodes).per_seed;
@@ -280,7 +280,7 @@ fn score(episodes: &[Episode], registered: Option<&BTreeSet<u64>>) -> Score {
     }
 }
 
-/// The score under a seed where a missing subtask counts as 0.
+/// The score under a seed, with 0 for each missing subtask.
 fn of_all(seed: u64, ran: &[SeedScore], weight_total: f64) -> SeedScore {
     let none = || SeedScore { seed, score: 0.0, weight_covered: 0.0, missing: Task::SUBTASKS.into() };
     let ran = ran.iter().find(|ran| ran.seed == seed).cloned().unwrap_or_else(none);
@@ -298,7 +298,7 @@ fn ends(task: Task, entries: &[Entry], failures: &[(Task, &RunFailure)]) -> BTre
     ends
 }
 
-/// `played` are the episodes that have rows: a failure without any has no length and no effort.
+/// `played` are the episodes that have rows: a failure without rows has no length and no effort.
 fn task_result(
     score: &SubtaskScore,
     strict: Option<&SubtaskScore>,
@@ -390,7 +390,7 @@ fn episode_row(entry: Entry) -> EpisodeRow {
     }
 }
 
-/// A failure of a run that has no rows.
+/// The row of a failure that has no bag.
 fn failed_row(failure: &RunFailure, is_strict: bool) -> EpisodeRow {
     EpisodeRow {
         task: failure.task.clone(),

@@ -1,4 +1,4 @@
-//! Reads one bag through the grader.
+//! Reads one bag and feeds it to the grader.
 
 use std::path::Path;
 
@@ -11,9 +11,9 @@ use crate::assemble::Content;
 use crate::episode::Grader;
 use crate::results::Fault;
 
-/// Grades a bag as far as it goes.
+/// Grades a bag up to its end, or to the first thing that cannot be read.
 pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Fault, String)> {
-    // What is said of a bag must not depend on the folder from which it was graded.
+    // The message must not depend on the folder from which the bag was graded.
     let folder = path.parent().map(|folder| folder.join("").display().to_string()).filter(|folder| !folder.is_empty());
     let in_full = |error: &dyn std::error::Error| match &folder {
         Some(folder) => in_full(error).replace(folder, ""),
@@ -25,7 +25,7 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
     if header.request.as_ref().is_some_and(|request| request.replay) {
         return Err((
             Fault::Unreadable,
-            "it is of a replay, which is there to be compared and counts for nothing".into(),
+            "it records a replay, which serves comparison only and is never scored".into(),
         ));
     }
     let mut grader =

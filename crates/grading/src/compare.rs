@@ -1,4 +1,4 @@
-//! Two runs compared, episode by episode.
+//! Compares two runs, episode by episode.
 //!
 //! Episodes are paired by task, seed and index: the same room and the same start. What differs within a pair is then the
 //! policy alone, so a test on the differences needs no assumption about rooms. [`sign_flip_p`] is the test, for successes
@@ -18,70 +18,71 @@ use thiserror::Error;
 use self::exact::sign_flip_p;
 use crate::{RESULTS_VERSION, Results};
 
-/// Gate progress is counted in steps of one over this: exact for gates of up to ten criteria.
+/// Gate progress is counted in steps of one over this number, which is exact for gates of up to ten criteria.
 const PROGRESS_STEPS: f64 = 2520.0;
 
-/// Conditions that are the policy's own: what it senses within its word for observations.
+/// Conditions that the policy chooses; they may differ between A and B, for `observations` already limits what it
+/// senses.
 const OF_THE_POLICY: [&str; 2] = ["sensors", "weights"];
 
 /// Why two results cannot be compared.
 #[derive(Debug, Error)]
 pub enum CompareError {
-    /// A file cannot be read.
+    /// A file cannot be opened or read.
     #[error("cannot read {}", .file.display())]
     Read {
-        /// The file.
+        /// Path of the results file.
         file: PathBuf,
-        /// What the system says.
+        /// The system's error, which says why.
         source: std::io::Error,
     },
-    /// A file holds something else.
-    #[error("{} is no results.json of this scorer; grade its bags again", .file.display())]
+    /// A file is not JSON in the form of `results.json`.
+    #[error("{} is not a results.json of this scorer; grade its bags again", .file.display())]
     Form {
-        /// The file.
+        /// Path of the results file.
         file: PathBuf,
-        /// What does not fit.
+        /// The parser's error, with its line and column.
         source: serde_json::Error,
     },
-    /// A file is of another form.
+    /// A file has another [`RESULTS_VERSION`].
     #[error(
         "{} has form {found} of results.json, and this scorer reads {RESULTS_VERSION}; grade its bags again",
         .file.display()
     )]
     Version {
-        /// The file.
+        /// Path of the results file.
         file: PathBuf,
-        /// Its form.
+        /// The `versions.results` of the file.
         found: u64,
     },
-    /// Both were played or judged in different ways.
+    /// A and B were played or judged under different conditions.
     #[error("{field} is {a} in A and {b} in B; results compare under the same conditions, or with --any-conditions")]
     Conditions {
-        /// The field of `conditions`.
+        /// Name of a field in `conditions`.
         field: String,
         /// Its value in A, as JSON.
         a: String,
         /// Its value in B, as JSON.
         b: String,
     },
-    /// An episode stands twice in a file.
+    /// A file lists one episode twice.
     #[error("{} has {task}, seed {seed}, episode {episode} twice", .file.display())]
     Twice {
-        /// The file.
+        /// Path of the results file.
         file: PathBuf,
-        /// Its task.
+        /// Task of the episode, such as `S01`.
         task: String,
-        /// Its seed.
+        /// Layout seed of the episode.
         seed: u64,
-        /// Its index.
+        /// Index of the episode.
         episode: u64,
     },
-    /// They share no episode.
+    /// A and B share no episode.
     #[error("no episode of A has the task, seed and index of one of B; play both on the same seeds")]
     NoPairs,
 }
 
-/// Of `results.json`, what is compared.
+/// The part of `results.json` that a comparison reads.
 #[derive(Debug, Deserialize)]
 struct Run {
     policy: String,
@@ -97,7 +98,7 @@ struct Episode {
     episode: u64,
     success: bool,
     gate_progress: f64,
-    /// By the strict judge; `null` where the episode was played by protocol `published`.
+    /// Verdict of the strict judge; `null` where the episode was played by protocol `published`.
     #[serde(default)]
     strict_success: Option<bool>,
     #[serde(default)]
@@ -105,7 +106,7 @@ struct Episode {
 }
 
 impl Episode {
-    /// Success and progress by the strict judge.
+    /// Success and gate progress by the strict judge; `None` without them.
     fn strict(&self) -> Option<(bool, f64)> {
         self.strict_success.zip(self.strict_progress)
     }
@@ -139,76 +140,77 @@ impl TryFrom<&Results> for Run {
 
 type Key = (String, u64, u64);
 
-/// What a comparison found. As JSON, the output of `scorer compare --json`.
+/// Outcome of a comparison. Its JSON is the output of `scorer compare --json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// The first run.
+    /// The run named first. Differences are A less B.
     pub a: Side,
-    /// The second run.
+    /// The run named second.
     pub b: Side,
-    /// Whose success and progress are compared: `strict` where every episode has them, else `published`.
+    /// Which judge's success and progress are compared: `strict` where every episode has them, else `published`.
     pub success: String,
-    /// Conditions that differ, where that was allowed.
+    /// Fields of `conditions` that differ; empty unless differences were allowed.
     pub different_conditions: Vec<String>,
-    /// Each task that both played, by its id.
+    /// One entry for each task that both played, in the order of task ids.
     pub tasks: Vec<Pairs>,
-    /// All pairs of the twelve subtasks; `null` without one.
+    /// All pairs of the twelve subtasks together; `null` if there is none.
     pub overall: Option<Pairs>,
 }
 
 /// One of the two runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Side {
-    /// Name of its policy.
+    /// Name of the run's policy.
     pub policy: String,
-    /// Its results.
+    /// Path of its results file, or the name given to [`compare_results`].
     pub file: PathBuf,
-    /// Its episodes without a partner.
+    /// Episodes that the other run does not have, and which are left out.
     pub unpaired: usize,
 }
 
-/// Pairs of episodes, and what their differences say.
+/// Pairs of episodes, and what their differences show.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Pairs {
-    /// `S01`, or `all`.
+    /// Id of the task, such as `S01`, or `all`.
     pub task: String,
-    /// How many.
+    /// Number of pairs of episodes.
     pub pairs: usize,
-    /// Successes of A.
+    /// Number of pairs in which A succeeded.
     pub successes_a: usize,
-    /// Successes of B.
+    /// Number of pairs in which B succeeded.
     pub successes_b: usize,
     /// Pairs in which A alone succeeded.
     pub only_a: usize,
     /// Pairs in which B alone succeeded.
     pub only_b: usize,
-    /// Exact two-sided p-value of the sign test (McNemar) on these.
+    /// Exact two-sided p-value of the sign test (McNemar) on `only_a` and `only_b`.
     pub success_p: f64,
-    /// Mean gate progress of A.
+    /// Mean gate progress of A, 0 to 1.
     pub progress_a: f64,
-    /// Mean gate progress of B.
+    /// Mean gate progress of B, 0 to 1.
     pub progress_b: f64,
     /// Exact two-sided p-value of the sign-flip test on the differences in gate progress.
     pub progress_p: f64,
-    /// Score of A less that of B over these pairs: half successes, half gate progress; overall weighted like S.
+    /// Score of A less that of B over these pairs: half success rate, half gate progress. Over all tasks it is weighted
+    /// like S.
     pub score_difference: f64,
 }
 
 impl Comparison {
-    /// Whether episodes were left out for want of a partner.
+    /// Whether episodes were left out because the other run does not have them.
     pub fn has_unpaired(&self) -> bool {
         self.a.unpaired + self.b.unpaired > 0
     }
 
-    /// As JSON: indented, with a newline at the end.
+    /// The comparison as JSON: indented, with a newline at the end.
     ///
     /// # Errors
-    /// None in practice: there are no keys that JSON cannot have.
+    /// None in practice: every key is a string.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 
-    /// As a table for a terminal.
+    /// The comparison as a table for a terminal.
     pub fn to_text(&self) -> String {
         let mut out = String::new();
         // Writing to a string cannot fail.
@@ -264,10 +266,10 @@ pub fn compare(a: &Path, b: &Path, any_conditions: bool) -> Result<Comparison, C
     pair_up(read(a)?, read(b)?, any_conditions)
 }
 
-/// [`compare`] of results in memory, each with the name that errors and [`Side::file`] give it.
+/// As [`compare`], for results in memory. Errors and [`Side::file`] use the names given here.
 ///
 /// # Errors
-/// As [`compare`], but for files.
+/// As for [`compare`], except those of reading files.
 pub fn compare_results(
     (name_a, a): (&str, &Results),
     (name_b, b): (&str, &Results),
@@ -324,7 +326,7 @@ fn read(path: &Path) -> Result<(PathBuf, Run), CompareError> {
     let text = std::fs::read(&file).map_err(|source| CompareError::Read { file: file.clone(), source })?;
     let mut run: Run =
         serde_json::from_slice(&text).map_err(|source| CompareError::Form { file: file.clone(), source })?;
-    // Earlier scorers left it out, for there was none.
+    // Scorers before this field wrote nothing, because there was only one version.
     run.conditions.entry("action_delay_ms".into()).or_insert(0.into());
     let found = run.versions.get("results").and_then(Value::as_u64).unwrap_or_default();
     if found != u64::from(RESULTS_VERSION) {
@@ -333,7 +335,7 @@ fn read(path: &Path) -> Result<(PathBuf, Run), CompareError> {
     Ok((file, run))
 }
 
-/// Fields of the conditions that differ, but for the policy's own, with both values.
+/// Fields of the conditions that differ, with both values; the policy's own are left out.
 fn different_conditions(a: &Run, b: &Run) -> Vec<(String, Value, Value)> {
     let names: BTreeSet<&String> = a.conditions.keys().chain(b.conditions.keys()).collect();
     let value = |run: &Run, name: &String| run.conditions.get(name).cloned().unwrap_or_default();
@@ -352,7 +354,7 @@ fn by_key(file: &Path, run: &Run) -> Result<BTreeMap<Key, Episode>, CompareError
     Ok(found)
 }
 
-/// Success and gate progress of A and B, both by one judge.
+/// Success and gate progress of A and B in one episode, by the same judge.
 #[derive(Debug, Clone, Copy)]
 struct Pair {
     success: [bool; 2],
@@ -390,7 +392,7 @@ fn summary(task: &str, pairs: &[Pair]) -> Pairs {
     }
 }
 
-/// Mean over pairs that are there.
+/// Mean over the pairs; needs at least one.
 fn mean(pairs: &[Pair], value: impl Fn(&Pair) -> f64) -> f64 {
     pairs.iter().map(value).sum::<f64>() / pairs.len() as f64
 }

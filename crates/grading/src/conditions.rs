@@ -1,4 +1,4 @@
-//! The conditions of a run: what must be equal before two results stand in one table.
+//! The conditions of a run, which must be equal before two results share a table.
 
 use std::collections::BTreeMap;
 
@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 /// Conditions that all episodes of a table share.
 ///
 /// Four words say how a run was played, each independent of the others: [`protocol`](Self::protocol),
-/// [`seeds`](Self::seeds), [`observations`](Self::observations) and [`time`](Self::time). Rankings are held apart by them.
-/// Whatever else is not as the benchmark has it is a deviation.
+/// [`seeds`](Self::seeds), [`observations`](Self::observations) and [`time`](Self::time). Each combination has a
+/// ranking of its own. Any other departure from the benchmark is a deviation.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Conditions {
     /// Version of the benchmark that the episodes were played in: its rooms, its physics and its rules.
@@ -30,43 +30,44 @@ pub struct Conditions {
     /// `lockstep` or `real time`.
     #[serde(default)]
     pub time: String,
-    /// Named set of gains.
+    /// Name of the set of gains, such as `fiatlux`.
     pub gains: String,
-    /// Hands.
+    /// Name of the hands, such as `inspire`.
     pub hands: String,
-    /// Noise of start state and of sensors.
+    /// Whether the start state and the sensors are noisy.
     pub noise: bool,
-    /// What the benchmark draws and these episodes did not: `layout`, `start`, `hand_friction`, `light`, `tint`, `sensors`.
+    /// What the benchmark varies and these episodes kept fixed: `layout`, `start`, `hand_friction`, `light`, `tint`,
+    /// `sensors`.
     #[serde(default)]
     pub fixed: Vec<String>,
     /// Sizes of props: `published`, `random`, or the factors that differ from 1.
     #[serde(default)]
     pub prop_scale: String,
-    /// What the policy could sense.
+    /// Sensors that the policy could read, with the rate in Hz or `look`.
     #[serde(default)]
     pub sensors: Vec<String>,
     /// Label of the weights of the camera's features; empty without features.
     #[serde(default)]
     pub weights: String,
-    /// Label of the user's own meshes that pictures show the robot with; empty with our shapes, and where no sensor sees
-    /// them.
+    /// Label of the user's own meshes in which pictures show the robot; empty with the built-in shapes, or where no
+    /// sensor sees the meshes.
     #[serde(default)]
     pub meshes: String,
-    /// By how much every action is delayed, ms.
+    /// Delay of every action, ms.
     #[serde(default)]
     pub action_delay_ms: u32,
-    /// What ended the episodes, where that was the session's own choice; else empty, and it was the task's.
+    /// Causes that ended the episodes where the session chose them; empty where the task did.
     pub end_on_overridden: Vec<String>,
-    /// Whether the run has a place in the ranking of its four words: there is no deviation.
+    /// Whether the run has a place in the ranking of its four words: true if `deviations` is empty.
     #[serde(default)]
     pub ranked: bool,
-    /// What is not as the benchmark has it, in words.
+    /// Each departure from the benchmark, as a sentence.
     pub deviations: Vec<String>,
-    /// Thresholds that this grading judged by.
+    /// Thresholds that this grading judged by, by name.
     pub thresholds: BTreeMap<String, f64>,
-    /// Those among them that this grading set in place of the recorded ones.
+    /// Names of those among them that this grading set in place of the recorded ones.
     pub thresholds_set: Vec<String>,
-    /// Criteria were counted as in the published numbers.
+    /// Whether criteria were counted as in the published numbers, and not from the reset state.
     pub published_counting: bool,
     /// SHA-256 of the robot model, hexadecimal.
     pub model_digest: String,
@@ -74,7 +75,7 @@ pub struct Conditions {
     pub scene_digest: String,
 }
 
-/// What is compared between bags, by name, as a person would write it.
+/// What is compared between bags: names and values in the words of a report.
 pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
     let end_on = if header.end_on_overridden { listed(&header.end_on) } else { "the task's own".into() };
     let mut fields: Vec<(String, String)> = [
@@ -104,7 +105,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
 }
 
 impl Conditions {
-    /// From the header of one of the episodes and the thresholds that it was graded by.
+    /// Takes the header of one episode, and the thresholds that it was graded by.
     pub(crate) fn new(header: &v3::EpisodeHeader, thresholds: &Thresholds, set: &[String], published: bool) -> Self {
         let thresholds_set: Vec<String> =
             set.iter().filter_map(|set| set.split_once('=')).map(|(k, _)| k.trim().into()).collect();
@@ -139,10 +140,10 @@ impl Conditions {
         }
         if is_untrained(header) {
             let label = quoted(weights(header));
-            deviations.push(format!("the camera's features are those of a network that is not trained, {label}"));
+            deviations.push(format!("the camera's features are those of an untrained network, {label}"));
         }
         if !meshes(header).is_empty() {
-            deviations.push("the robot is drawn with meshes of the user's own".into());
+            deviations.push("the robot is drawn with the user's own meshes".into());
         }
         if action_delay_ms(header) > 0 {
             deviations.push(format!("actions are delayed by {} ms", action_delay_ms(header)));
@@ -185,7 +186,7 @@ impl Conditions {
         }
     }
 
-    /// Of a run without a single bag to tell more.
+    /// Conditions of a run without a bag, as far as its registration says them.
     pub(crate) fn unplayed(spec: &v3::RunSpec) -> Self {
         let request = spec.session.clone().unwrap_or_default();
         let header = v3::EpisodeHeader { mode: request.mode, ..v3::EpisodeHeader::default() };
@@ -194,7 +195,7 @@ impl Conditions {
             seeds: if spec.hosted_seeds > 0 { "hosted" } else { "public" }.into(),
             observations: "unknown".into(),
             time: time(&header).into(),
-            deviations: vec!["no episode has a bag, which would tell its conditions".into()],
+            deviations: vec!["no episode has a bag, so its conditions are unknown".into()],
             ..Self::default()
         }
     }
@@ -239,10 +240,10 @@ fn hands(header: &v3::EpisodeHeader) -> &str {
     if header.hands.is_empty() { "inspire" } else { &header.hands }
 }
 
-/// Sizes of props that nobody changed.
+/// Value of `prop_scale` for props of the benchmark's sizes.
 const PUBLISHED: &str = "published";
 
-/// What does not vary although the benchmark draws it.
+/// What stays fixed although the benchmark varies it.
 fn fixed(header: &v3::EpisodeHeader) -> Vec<&'static str> {
     let random = header.randomization.unwrap_or_default();
     let switches = [
@@ -298,27 +299,27 @@ fn sensors(header: &v3::EpisodeHeader) -> Vec<String> {
     sensors
 }
 
-/// Whether the policy could sense what the network makes of an image.
+/// Whether the policy could read the camera's features.
 fn senses_features(header: &v3::EpisodeHeader) -> bool {
     header.sensors.iter().any(|sensor| !sensor.bag_only && ["features", "flat"].contains(&&*sensor.name))
 }
 
-/// The label of the weights, where the policy could sense what they make of an image.
+/// Label of the weights of the camera's features; empty where the policy could not read them.
 fn weights(header: &v3::EpisodeHeader) -> &str {
     if senses_features(header) { &header.weights } else { "" }
 }
 
-/// Whether the policy could sense features of a network that nobody trained: only weights from a file count as trained.
+/// Whether the policy could read features of an untrained network: only weights from a file count as trained.
 fn is_untrained(header: &v3::EpisodeHeader) -> bool {
     senses_features(header) && !header.weights.starts_with("safetensors:")
 }
 
-/// The label of the meshes, where the session had a sensor that sees them.
+/// Label of the meshes; empty where no sensor of the session sees them.
 fn meshes(header: &v3::EpisodeHeader) -> &str {
     if sees(header) { &header.meshes } else { "" }
 }
 
-/// Whether the policy could sense what is made of a camera's image.
+/// Whether the policy could read anything computed from a camera's image.
 fn sees(header: &v3::EpisodeHeader) -> bool {
     header.sensors.iter().any(|sensor| !sensor.bag_only && is_of_images(&sensor.name))
 }
@@ -339,7 +340,7 @@ mod tests {
         Conditions::new(&header, &Thresholds::default(), &[], false)
     }
 
-    /// Of an episode of the benchmark as it is pinned.
+    /// Header of an episode of the benchmark as it is pinned.
     fn pinned() -> v3::EpisodeHeader {
         v3::EpisodeHeader {
             benchmark_version: BENCHMARK_VERSION,
@@ -366,7 +367,7 @@ mod tests {
         assert_ne!(compared(&with("S05", "limb_contact")), compared(&with("S05", "hand_contact")));
     }
 
-    /// What varies, what props are like and what is sensed are conditions; what the bag alone has is none.
+    /// What varies, the sizes of props and the sensors are conditions; what only the bag has is not.
     #[test]
     fn sessions_that_differ_are_told_apart() {
         let header = || v3::EpisodeHeader { sensors: vec!["proprioception".into()], ..pinned() };
@@ -394,11 +395,7 @@ mod tests {
             ),
             (v3::EpisodeHeader { scene_digest: "1".into(), ..header() }, "the scene is not the pinned one", "standard"),
             (v3::EpisodeHeader { model_digest: "1".into(), ..header() }, "the robot is not the pinned one", "standard"),
-            (
-                seeded,
-                "the camera's features are those of a network that is not trained, 'fiatlux-resnet18-seeded/1:0'",
-                "other",
-            ),
+            (seeded, "the camera's features are those of an untrained network, 'fiatlux-resnet18-seeded/1:0'", "other"),
             (
                 v3::EpisodeHeader { benchmark_version: 7, ..header() },
                 &format!("the rules are those of benchmark version {BENCHMARK_VERSION}, the episodes of 7"),
@@ -410,7 +407,7 @@ mod tests {
             assert!(!conditions.ranked && conditions.deviations == [deviation], "{:?}", conditions.deviations);
             assert_eq!(conditions.observations, observations, "{deviation}");
         }
-        // The words are no deviations: they hold rankings apart.
+        // The four words are not deviations: they separate rankings.
         for (header, expected) in [
             (sensing("verdict".into()), ["strict", "public", "privileged", "lockstep"]),
             (sensing("privileged".into()), ["strict", "public", "privileged", "lockstep"]),
@@ -444,7 +441,7 @@ mod tests {
         assert_eq!(compared(&delayed(0)), compared(&header()));
     }
 
-    /// Other meshes are other conditions for a policy that sees pictures of them, and for no other.
+    /// Other meshes are other conditions only for a policy that sees pictures of them.
     #[test]
     fn meshes_count_where_they_are_seen() {
         let header = |sensor: &str, meshes: &str| v3::EpisodeHeader {
@@ -457,7 +454,7 @@ mod tests {
             assert_ne!(compared(&header(sensor, "meshes:1")), compared(&header(sensor, "meshes:2")), "{sensor}");
             assert_ne!(compared(&header(sensor, "meshes:1")), compared(&header(sensor, "")), "{sensor}");
             let conditions = new(header(sensor, "meshes:1"));
-            assert_eq!(conditions.deviations, ["the robot is drawn with meshes of the user's own"]);
+            assert_eq!(conditions.deviations, ["the robot is drawn with the user's own meshes"]);
             assert!(!conditions.ranked && conditions.meshes == "meshes:1" && conditions.observations == "other");
             assert!(new(header(sensor, "")).ranked);
         }

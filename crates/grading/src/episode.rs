@@ -1,4 +1,4 @@
-//! One episode graded from its rows. No file is read here.
+//! Grades one episode from its rows, without reading files.
 
 use fiatlux_access::{PublicKey, Signer, signer_of};
 use fiatlux_proto::{ABORTED, PROTOCOL, is_compatible, v3};
@@ -13,30 +13,30 @@ use crate::series::Recorder;
 /// Why an episode cannot be graded from its header.
 #[derive(Debug, Error)]
 pub enum HeaderError {
-    /// Another major version of the protocol.
+    /// The bag has another major version of the protocol.
     #[error(
         "the bag is of protocol {found}, this scorer reads {PROTOCOL}; grade it with the scorer of its own version, or \
          record the episode again"
     )]
     Protocol {
-        /// Version of the bag.
+        /// Protocol version of the bag.
         found: v3::Version,
     },
-    /// A later version of the same protocol, whose header may bind what this version does not know.
+    /// The bag has a later minor version, whose header may bind fields that this version does not know.
     #[error(
         "the bag is of protocol {found}, this scorer reads up to {PROTOCOL}; grade it with a scorer of its version"
     )]
     Newer {
-        /// Version of the bag.
+        /// Protocol version of the bag.
         found: v3::Version,
     },
-    /// A threshold of the grading.
+    /// One of the thresholds to set is unknown, or its value is out of range.
     #[error("the threshold cannot be set")]
     Threshold(#[from] ThresholdError),
-    /// What the episode is, or the scene's constants.
+    /// The header's description of the episode, or the scene's constants, cannot be converted.
     #[error("cannot read the header; the bag may come from another version")]
     Wire(#[from] WireError),
-    /// Rows that this version digests in another way.
+    /// The rows have a layout that this version cannot digest.
     #[error("the bag's digest has the layout {0}, this scorer knows {known}; use the scorer of that version", known = fiatlux_rules::ROW_LAYOUT)]
     Layout(String),
 }
@@ -44,27 +44,27 @@ pub enum HeaderError {
 /// What the rows of an episode say.
 #[derive(Debug, Clone)]
 pub struct Graded {
-    /// What the published judge says, by the rows alone.
+    /// Verdict of the published judge, from the rows alone.
     pub summary: Summary,
-    /// What the strict judge says; `None` for an episode that was played by protocol `published`.
+    /// Verdict of the strict judge; `None` for an episode that was played by protocol `published`.
     pub strict: Option<Summary>,
-    /// What ended it by the published rules of this grading, else as recorded.
+    /// Cause of the end by the published rules of this grading; else the recorded cause.
     pub end: String,
-    /// All conditions that its last published row met and that could end it.
+    /// All conditions that could end it and that its last published row met.
     pub causes: Vec<String>,
     /// Thresholds that it was judged by.
     pub thresholds: Thresholds,
     /// SHA-256 chain over its rows, hexadecimal.
     pub digest: String,
-    /// Steps, of those judged, in which all criteria of the gate held.
+    /// Number of judged steps in which all criteria of the gate held.
     pub steps_in_gate: u64,
-    /// Its figure.
+    /// What the report's figure shows, thinned out.
     pub series: Series,
-    /// What a reader should know about it.
+    /// Remarks for a reader, in words.
     pub notes: Vec<String>,
-    /// The server whose signed word the result is; `None` where it is not signed.
+    /// Key of the server that signed the result; `None` where it is not signed.
     pub signer: Option<PublicKey>,
-    /// Why it is not scored; `None` where it is.
+    /// Why it is not scored; `None` where it is scored.
     pub flaw: Option<Flaw>,
 }
 
@@ -74,7 +74,7 @@ pub struct Grader {
     judges: Judges,
     rewards: Rewards,
     digest: RowDigest,
-    /// What the header says of itself and of the episode, where the two do not agree.
+    /// Where the header contradicts itself.
     header_flaw: Option<Flaw>,
     header_digest: String,
     is_lockstep: bool,
@@ -88,10 +88,10 @@ pub struct Grader {
 }
 
 impl Grader {
-    /// For an episode with this header; `set` are thresholds in place of the header's, as `key=value`.
+    /// Starts an episode with this header; `set` replaces thresholds of the header, as `key=value`.
     ///
     /// # Errors
-    /// [`HeaderError`] where the header names what this version does not know.
+    /// [`HeaderError`] where the header holds something that this version does not know.
     pub fn new(header: &v3::EpisodeHeader, set: &[String], published_counting: bool) -> Result<Self, HeaderError> {
         let protocol = header.protocol.unwrap_or_default();
         if !is_compatible(&protocol) {
@@ -129,7 +129,7 @@ impl Grader {
         })
     }
 
-    /// Takes the next row.
+    /// Takes the next row; a gap before it becomes a flaw.
     pub fn push(&mut self, row: &Row) {
         if row.step != self.next_step && self.gap.is_none() {
             self.gap = Some(format!("row {} follows row {}", row.step, self.next_step as i128 - 1));
@@ -154,12 +154,12 @@ impl Grader {
         self.recorder.push(judge.hand_force_n(), &judge.verdict().criteria);
     }
 
-    /// Takes that the next row, of this step, is no row, and why. No row follows it.
+    /// Takes the place of the next row where that row cannot be read. No row may follow.
     pub fn refuse(&mut self, step: u64, error: &WireError) {
         self.row_flaw.get_or_insert_with(|| Flaw::Row { step, problem: error.to_string() });
     }
 
-    /// What the rows amount to, against the result that was recorded with them.
+    /// Ends the grading, and compares the rows with the recorded result.
     pub fn finish(self, result: Option<&v3::EpisodeResult>) -> Graded {
         let judge = self.judges.of(Protocol::Published);
         let summary = judge.summary();
@@ -248,7 +248,7 @@ impl Grader {
         if self.rejudged { None } else { self.result_flaw(result, digest) }
     }
 
-    /// The first number of the result that the rows do not give.
+    /// The first number of the result that contradicts the rows.
     fn result_flaw(&self, recorded: &v3::EpisodeResult, digest: &str) -> Option<Flaw> {
         let judge = self.judges.in_force();
         let (cause, causes) = match judge.verdict().end {
@@ -260,7 +260,8 @@ impl Grader {
             end: Some(end_message(&judge.summary(), cause, causes, digest.into())),
             unconverged: self.sums.unconverged,
             steps_outside_box: self.sums.steps_outside_box,
-            // Only actions say in how many steps of real time one was held.
+            // In how many steps an action came too late is not in the rows: only the actions of a real-time episode say
+            // it.
             missed_steps: if self.is_lockstep { 0 } else { recorded.missed_steps },
             total_reward: self.sums.reward,
             published: Some(judgement_message(self.judges.of(Protocol::Published))),

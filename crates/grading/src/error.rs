@@ -1,4 +1,4 @@
-//! What makes a grading impossible as a whole. What is wrong with one bag only is a [`Fault`](crate::Fault).
+//! Errors that prevent a grading as a whole. A fault of a single bag is a [`Fault`](crate::Fault).
 
 use std::path::PathBuf;
 
@@ -7,84 +7,84 @@ use fiatlux_bag::run::LedgerError;
 use fiatlux_rules::{ThresholdError, UnknownTask};
 use thiserror::Error;
 
-/// Why no results came of a grading.
+/// Why a grading gave no results.
 #[derive(Debug, Error)]
 pub enum ScoreError {
-    /// A threshold that cannot be set.
+    /// A threshold of [`GradeOptions::set`](crate::GradeOptions::set) is unknown or out of range.
     #[error("--set cannot be used")]
     Threshold(#[from] ThresholdError),
-    /// A path cannot be listed or found.
+    /// A path does not exist, or a folder cannot be listed.
     #[error(transparent)]
     Path(#[from] FindError),
-    /// Nothing to grade.
+    /// The paths hold no bag.
     #[error("there is no bag in {0}; name files or folders that hold *.mcap")]
     NoBags(String),
-    /// Two bags whose results do not belong in one table.
+    /// Two bags were played or judged under different conditions.
     #[error(
         "bags of different conditions do not share a table: {field} is {first} in {first_bag} and {second} in \
          {second_bag}; grade them apart"
     )]
     Mixed {
-        /// The condition.
+        /// Name of the condition.
         field: String,
-        /// Its value in one bag.
+        /// Its value in the first bag.
         first: String,
-        /// That bag.
+        /// Path of the first bag.
         first_bag: String,
-        /// Its value in another.
+        /// Its value in the second bag.
         second: String,
-        /// The other bag.
+        /// Path of the second bag.
         second_bag: String,
     },
-    /// Two different recordings of one episode.
+    /// Two bags hold different recordings of one episode.
     #[error(
         "{first_bag} and {second_bag} are two different recordings of {task}, seed {seed}, episode {episode}; grade the \
          one that counts"
     )]
     Conflict {
-        /// The task.
+        /// Id of the episode's task.
         task: String,
-        /// Seed of the layout.
+        /// Layout seed of the episode.
         seed: u64,
-        /// The episode's index.
+        /// Index of the episode.
         episode: u64,
-        /// A bag.
+        /// Path of one recording.
         first_bag: String,
-        /// Another bag.
+        /// Path of the other recording.
         second_bag: String,
     },
-    /// Runs among the paths, but not one run alone.
+    /// The paths hold a run, and other runs or bags.
     #[error(
         "a run is graded by itself, in its own folder; name one of {} (or, to grade bags as loose ones, the files)",
         .0.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ")
     )]
     Runs(Vec<PathBuf>),
-    /// A journal of the run.
+    /// A journal of the run cannot be read.
     #[error("the run cannot be read")]
     Ledger(#[from] LedgerError),
-    /// Journals of different runs in one folder.
+    /// Journals in one folder belong to different runs.
     #[error(
         "{} and {} are not journals of one run: the {field} differs; keep each run in a folder of its own",
         first.display(), second.display()
     )]
     Journals {
-        /// A journal.
+        /// Path of one journal.
         first: PathBuf,
-        /// Another journal.
+        /// Path of the journal that disagrees with it.
         second: PathBuf,
-        /// What differs.
+        /// The first part of the registration that differs.
         field: &'static str,
     },
-    /// A run of tasks that this version does not know.
+    /// The run has tasks that this version does not know.
     #[error("{} has a task of another version; grade the run with the scorer of that version", path.display())]
     Task {
-        /// The journal.
+        /// Path of the journal.
         path: PathBuf,
-        /// The task.
+        /// The name that is not known.
         #[source]
         source: UnknownTask,
     },
-    /// A worker died.
+    /// A grading thread panicked.
     #[error("a grading thread ended early; this is a fault of the scorer, please report the bags")]
     Worker,
 }

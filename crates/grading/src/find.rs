@@ -1,4 +1,4 @@
-//! Finds bags, and names them in a way that does not depend on where the scorer was started.
+//! Finds bags, and names them independently of the folder in which the scorer was started.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -6,7 +6,7 @@ use fiatlux_bag::BagFiles;
 
 use crate::ScoreError;
 
-/// What there is to grade in files and folders.
+/// All bags and runs in these files and folders.
 pub(crate) fn find(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
     let found = BagFiles::find(paths)?;
     if found.bags.is_empty() && found.unfinished.is_empty() && found.runs.is_empty() {
@@ -16,7 +16,7 @@ pub(crate) fn find(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
     Ok(found)
 }
 
-/// The run that all of it belongs to; `None` where there are loose bags only.
+/// The run that all paths belong to; `None` where there are loose bags only.
 pub(crate) fn run_of(found: &BagFiles) -> Result<Option<&Path>, ScoreError> {
     let Some(first) = found.runs.first() else { return Ok(None) };
     let is_inside = |path: &PathBuf| path.starts_with(first);
@@ -26,7 +26,7 @@ pub(crate) fn run_of(found: &BagFiles) -> Result<Option<&Path>, ScoreError> {
     }
 }
 
-/// A path as seen from a folder, with `/` between its parts; as it is where the two have no common root.
+/// A path relative to a folder, with `/` between its parts; unchanged where the two have no common root.
 pub(crate) fn relative(path: &Path, folder: &Path) -> String {
     let absolute = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path));
     let (Ok(target), Ok(base)) = (absolute(path), absolute(folder)) else {

@@ -4,7 +4,7 @@ use fiatlux_rules::Row;
 use serde::Serialize;
 use serde_json::Value;
 
-/// Longest value that a message shows, characters.
+/// Longest value in a message, characters.
 const MAX_SHOWN: usize = 80;
 
 /// Why an episode is listed, but not scored.
@@ -16,52 +16,52 @@ pub enum Flaw {
     Unended,
     /// Its rows do not follow each other, or do not reach its end.
     Gap(String),
-    /// Its result does not say which header it goes with.
+    /// Its result has no digest of a header.
     Unbound,
-    /// Its header is not the one that its result was made under.
+    /// The result was made under another header.
     Header {
-        /// Digest of its header.
+        /// Digest of the header in the bag.
         header: String,
-        /// Digest in its result.
+        /// Digest of the header that the result names.
         result: String,
     },
-    /// Its digest chain starts from another episode than the one that its header describes.
+    /// The digest chain starts from an episode that the header does not describe.
     Identity {
-        /// Start of the chain by task, seeds, drives, thresholds and what else the header says.
+        /// Start of the chain, computed from task, seeds, drives, thresholds and the rest of the header.
         found: String,
-        /// The header's own `digest_context`.
+        /// The `digest_context` that the header claims.
         said: String,
     },
-    /// Its signature is not one of its result.
+    /// The signature does not belong to the result.
     Signature,
-    /// Its rows are not those that the result was made of.
+    /// The rows are not those of the result.
     Altered {
-        /// Digest of its rows.
+        /// Digest of the rows.
         rows: String,
-        /// Digest in its result.
+        /// Digest that the result names.
         result: String,
     },
-    /// Its result says something that its rows do not.
+    /// The result contradicts the rows.
     Result(Difference),
-    /// A row has a number that no row can have, or lacks one.
+    /// A row lacks a number, or has one that no row can have.
     Row {
-        /// Its step.
+        /// Control step of the row.
         step: u64,
-        /// What is wrong with it.
+        /// Which number, and why it is refused.
         problem: String,
     },
-    /// Its actions sum up to a number that is not finite.
+    /// The sum of squared actions is not finite.
     NotFinite,
 }
 
 /// A field with two values.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// Path of the field.
+    /// Path of the field, with dots between its parts.
     pub field: String,
-    /// Its value by the rows, or by a second run.
+    /// Its value by the rows, or in a second run.
     pub found: String,
-    /// Its value as it was recorded.
+    /// Its value in the bag.
     pub recorded: String,
 }
 
@@ -104,7 +104,7 @@ impl std::fmt::Display for Flaw {
     }
 }
 
-/// Sums over rows that no judge has.
+/// Sums over rows that no judge keeps.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sums {
     pub unconverged: u64,
@@ -121,7 +121,7 @@ impl Sums {
     }
 }
 
-/// The first field of two messages whose values differ, by the names of the fields.
+/// The first field in which two messages differ, under its name in the protocol.
 pub(crate) fn first_difference<M: Serialize + PartialEq>(found: &M, recorded: &M) -> Option<Difference> {
     if found == recorded {
         return None;

@@ -1,4 +1,4 @@
-//! Grades bags, many at a time.
+//! Grades bags, several at a time.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -12,49 +12,49 @@ use crate::results::{Fault, Results};
 use crate::run::Run;
 use crate::{ScoreError, bag};
 
-/// How to grade.
+/// Options of [`grade`]. By default a bag is judged as it was recorded.
 #[derive(Debug, Clone, Default)]
 pub struct GradeOptions {
     /// Thresholds in place of the recorded ones, as `key=value`.
     pub set: Vec<String>,
-    /// Counts criteria as the published numbers do.
+    /// Whether to count criteria as the published numbers do.
     pub published_counting: bool,
-    /// Threads; 0 for one for each core.
+    /// Number of threads; 0 means one for each core.
     pub workers: usize,
-    /// The folder that bags are named from: that of the results. Empty for the current one.
+    /// The folder of the results, to which names of bags are relative; empty means the current one.
     pub relative_to: PathBuf,
 }
 
 impl GradeOptions {
-    /// The folder that bags are named from.
+    /// The folder to which names of bags are relative.
     pub(crate) fn folder(&self) -> &Path {
         if self.relative_to.as_os_str().is_empty() { Path::new(".") } else { &self.relative_to }
     }
 }
 
-/// How far a grading is.
+/// How far a grading has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Bags that are done.
+    /// Number of bags that are finished.
     pub bags_done: usize,
-    /// Bags in all.
+    /// Number of bags to grade.
     pub bags: usize,
-    /// Bytes of the bags that are done.
+    /// Bytes of the finished bags.
     pub bytes_done: u64,
-    /// Bytes in all.
+    /// Bytes of all bags.
     pub bytes: u64,
 }
 
 /// Grades the bags in files and folders (to any depth) from their rows alone.
 ///
 /// Bags that are cut, aborted, altered or unreadable are listed in [`Results::excluded`] and not scored; so are further
-/// copies of an episode. The results depend on the bags, their names and the options only.
+/// copies of an episode. The results depend only on the bags, their names and the options.
 ///
-/// A folder with the journal of a run is graded as that run ([`Results::run`]): each episode that was registered counts, by
-/// the bag that a journal names, or else as a failure. Other bags in the folder do not count.
+/// A folder with the journal of a run is graded as that run ([`Results::run`]): each registered episode counts, either
+/// by the bag that a journal names or as a failure. Other bags in the folder do not count.
 ///
 /// # Errors
-/// [`ScoreError`]: a threshold or path that is not there, no bag at all, bags of different conditions, two different
+/// [`ScoreError`]: an unknown threshold, a missing path, no bag at all, bags of different conditions, two different
 /// recordings of one episode, a journal that cannot be read, or a run together with other runs or bags.
 pub fn grade(
     paths: &[PathBuf],
@@ -85,7 +85,7 @@ fn grade_run(run: &Run, options: &GradeOptions, progress: &(dyn Fn(Progress) + S
     let paths: Vec<PathBuf> = there.iter().map(|(_, path)| path.clone()).collect();
     let read = there.into_iter().zip(each_bag(&paths, options, progress)?);
     let gone =
-        || Err((Fault::Lost, "the journal says that it was played, and the bag is not there; bring it back".into()));
+        || Err((Fault::Lost, "the journal says that it was played, but its bag is missing; restore the file".into()));
     let all = read.chain(lost.into_iter().map(|lost| (lost, gone())));
     let judged =
         all.map(|((index, path), content)| (index, Judged { bag: relative(&path, options.folder()), content }));
@@ -94,7 +94,7 @@ fn grade_run(run: &Run, options: &GradeOptions, progress: &(dyn Fn(Progress) + S
 
 type Content = Result<crate::assemble::Content, (Fault, String)>;
 
-/// The bags' contents, in their order. The largest are taken first, so that none is left to one thread at the end.
+/// The bags' contents, in the order given. The largest bags are graded first, so that no thread starts one at the end.
 fn each_bag(
     bags: &[PathBuf],
     options: &GradeOptions,

@@ -2,11 +2,12 @@
 //!
 //! [`grade`] reads bags and gives [`Results`], which serialise to `results.json` (`RESULTS.md` has the fields). Every
 //! number comes from the rows of `/state` through [`fiatlux_rules`], never from the recorded result, so thresholds can
-//! change without a new run. A bag that does not agree with itself (checksums, header, rows, result: see [`Flaw`]) is not
+//! change without a new run. A bag that contradicts itself (checksums, header, rows, result: see [`Flaw`]) is not
 //! scored. The folder of a run is graded as the run: each of its episodes counts, as its journals say.
 //!
-//! [`tables`] and [`report`] write results down. The same bags give the same bytes in all of them.
-//! [`compare()`] tests two results against each other. [`verify()`] runs an episode again on a server. This crate never links the simulator.
+//! [`tables`] and [`report`] write results down. The same bags give the same bytes in all of them. [`compare()`] tests
+//! two results against each other. [`verify()`] runs an episode again on a server. This crate never links the
+//! simulator.
 //!
 //! ```
 //! use fiatlux_grading::{GradeOptions, grade, tables};
@@ -22,7 +23,7 @@
 //!     eprintln!("{} of {} bags", progress.bags_done, progress.bags);
 //! })?;
 //! println!("{}", tables::text(&results));
-//! // This folder holds a file that is no bag: it is listed with the reason, not scored.
+//! // This folder holds a file that is not a bag: it is listed with the reason, not scored.
 //! assert_eq!((results.episodes.len(), results.excluded.len()), (0, 1));
 //! assert!(results.has_data_loss());
 //! # std::fs::remove_dir_all(folder).unwrap();

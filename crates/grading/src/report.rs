@@ -21,21 +21,21 @@ use crate::{RateRow, Results, Score};
 pub use markup::cause_class;
 pub use site::{Site, SiteReport, episode_figure, site, task_cards};
 
-/// The style sheet of the page, for others that look like it.
+/// The page's style sheet, for other pages that should look like it.
 pub const STYLE: &str = include_str!("report/style.css");
 
-/// The page.
+/// The report as one HTML page without links to replays.
 pub fn html(results: &Results) -> String {
     page(results, &|_| false)
 }
 
-/// The page for a folder. Where the replay of an episode stands next to its bag, named as the bag but with `.html`, the
-/// episode has a link to it.
+/// The report as one HTML page for a folder. If the replay of an episode lies next to its bag, under the bag's name
+/// with `.html`, the episode links to it.
 pub fn html_in(results: &Results, folder: &Path) -> String {
     page(results, &|replay| folder.join(replay).is_file())
 }
 
-/// `has_replay` says whether a file is there, by its path from the page's folder.
+/// `has_replay` says whether a file exists, by its path relative to the page's folder.
 fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
     let mut out = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -76,7 +76,7 @@ fn headline(out: &mut String, results: &Results) {
     summary(out, results);
 }
 
-/// How far a run is, and what its journals say.
+/// Writes how far a run is, and what its journals say.
 fn run_lines(out: &mut String, results: &Results) {
     if let Some(run) = &results.run {
         for line in std::iter::once(&run_line(run)).chain(&run.notes) {
@@ -85,7 +85,7 @@ fn run_lines(out: &mut String, results: &Results) {
     }
 }
 
-/// Warnings, and the numbers that count.
+/// Writes the warnings, and the numbers that count.
 fn summary(out: &mut String, results: &Results) {
     warnings(out, results);
     out.push_str("<div class=\"cards\">\n");
@@ -116,7 +116,7 @@ fn summary(out: &mut String, results: &Results) {
     }
 }
 
-/// What a reader must know before the first number.
+/// Writes what a reader must know before the first number.
 fn warnings(out: &mut String, results: &Results) {
     let mut warn = |title: &str, text: &str| {
         let _ = writeln!(out, "<div class=\"panel warn\"><b>{title}</b> {}</div>", escape(text));

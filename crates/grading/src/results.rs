@@ -1,4 +1,4 @@
-//! The results as data: what `results.json` holds.
+//! The results as data: the content of `results.json`.
 //!
 //! `RESULTS.md` lists the fields. Nothing here depends on when or where the grading ran.
 
@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Conditions, Series};
 
-/// Number of the form of `results.json`. Fields that are added do not change it; one that is renamed or removed does.
+/// Version of the form of `results.json`. A new field does not change it; renaming or removing one does.
 pub const RESULTS_VERSION: u32 = 2;
 
-/// A policy's results.
+/// Results of one policy, from loose bags or from a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Results {
-    /// The policy's name.
+    /// Name of the policy, as its bags or its run give it.
     pub policy: String,
     /// Layout seeds of the scored episodes, ascending.
     pub seeds: Vec<u64>,
@@ -24,88 +24,90 @@ pub struct Results {
     pub score_strict: Option<Score>,
     /// The subtasks that ran, in order.
     pub subtasks: Vec<TaskResult>,
-    /// Subtasks that did not run under one of the seeds or more; they are outside the score. In a run: that were not
-    /// registered; they score 0.
+    /// Subtasks that did not run under at least one of the seeds; they do not enter the score. In a run: subtasks that
+    /// were not registered; they score 0.
     pub missing: Vec<String>,
     /// Scored episodes, by task, seed and index.
     pub episodes: Vec<EpisodeRow>,
-    /// All subtask episodes together.
+    /// Totals over all subtask episodes.
     pub overall: Overall,
-    /// `replace` and `climb`, which have no part in S.
+    /// Results of `replace` and `climb`, which have no part in S.
     pub extra_tasks: Vec<TaskResult>,
-    /// Bags that are not scored, and why.
+    /// Bags that are not scored, with the reason.
     pub excluded: Vec<ExcludedBag>,
     /// Conditions that all scored episodes share.
     pub conditions: Conditions,
-    /// What made and what graded the bags.
+    /// Versions of the software that made and graded the bags.
     pub versions: Versions,
-    /// The run, where the folder of one was graded; `null` for loose bags.
+    /// The run that was graded; `null` for loose bags.
     #[serde(default)]
     pub run: Option<RunResult>,
 }
 
 impl Results {
-    /// Whether bags were left out that would have counted. A second copy of a scored one is no loss, nor are a run's failures.
+    /// Whether bags that would have counted were left out. Further copies of a scored bag and the failures of a run do
+    /// not matter.
     pub fn has_data_loss(&self) -> bool {
         self.excluded.iter().any(|bag| bag.reason != Fault::Duplicate)
     }
 
-    /// As `results.json`: indented, with a newline at the end.
+    /// The text of `results.json`: indented, with a newline at the end.
     ///
     /// # Errors
-    /// None in practice: there are no keys that JSON cannot have.
+    /// None in practice: every key is a string.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 }
 
-/// A run: every episode that was registered counts.
+/// A run: every registered episode counts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunResult {
-    /// Its name.
+    /// Name of the run, as registered.
     pub name: String,
-    /// Its folder, from that of the results.
+    /// Its folder, relative to that of the results.
     pub folder: String,
-    /// Version of the policy, as it was registered.
+    /// Version of the policy, as registered.
     pub policy_version: String,
-    /// Where the policy is described, as it was registered.
+    /// Where the policy is described, as registered.
     pub policy_link: String,
-    /// Servers that have a journal of it, by name.
+    /// Names of the servers that have a journal of it.
     pub servers: Vec<String>,
-    /// All of them say that no more episodes are played.
+    /// Whether every journal says that no more episodes will be played.
     pub finished: bool,
-    /// The server drew the seeds after registration.
+    /// Whether the server drew the seeds after registration.
     pub hosted: bool,
-    /// Episodes in all.
+    /// Number of registered episodes.
     pub registered: u64,
-    /// Those that were graded from their bags.
+    /// Number of episodes that were graded from their bags.
     pub played: u64,
-    /// How many of the others failed by each cause.
+    /// Number of the other episodes by the cause of their failure.
     pub failed: BTreeMap<String, u64>,
-    /// Episodes that were begun more than once.
+    /// Number of episodes that were begun more than once.
     pub repeated: u64,
-    /// Those among them that were begun again because a server had died.
+    /// Number of those that were begun again because a server had died.
     pub begun_again: u64,
-    /// Each episode that counts as a failure without rows, by index.
+    /// Every episode that counts as a failure without rows, by index.
     pub failures: Vec<RunFailure>,
-    /// What a reader should know, such as an episode that two servers played.
+    /// Remarks for a reader, such as on an episode that two servers played.
     pub notes: Vec<String>,
 }
 
 /// An episode of a run that counts as a failure without rows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunFailure {
-    /// Its index in the run.
+    /// Index of the episode in the run.
     pub index: u64,
-    /// `S01`.
+    /// Id of the task, such as `S01`.
     pub task: String,
     /// Seed of the layout.
     pub seed: u64,
-    /// As the journal says: `not run`, `abandoned`, `not repeated`, `open`; `bag lost` or `altered` where it was played.
+    /// Cause in the journal: `not run`, `abandoned`, `not repeated`, `open`; `bag lost` or `altered` where it was
+    /// played.
     pub cause: String,
-    /// What more is known; may be empty.
+    /// Further details in words; may be empty.
     pub detail: String,
-    /// How often it was begun.
+    /// Number of times it was begun.
     pub attempts: u32,
 }
 
@@ -116,7 +118,7 @@ pub struct Score {
     pub mean: Option<f64>,
     /// Sample standard deviation over the seeds; `null` for a single one.
     pub std: Option<f64>,
-    /// Each seed's.
+    /// One entry for each seed, ascending.
     pub per_seed: Vec<SeedRow>,
 }
 
@@ -127,7 +129,7 @@ pub struct SeedRow {
     pub seed: u64,
     /// Weighted mean over the subtasks that ran, 0 to 1; over all twelve in a run.
     pub score: f64,
-    /// Sum of the weights of the subtasks that ran, or were registered.
+    /// Sum of the weights of the subtasks that ran; in a run, of those that were registered.
     pub weight_covered: f64,
     /// Sum of all weights.
     pub weight_total: f64,
@@ -138,19 +140,19 @@ pub struct SeedRow {
 /// A task over all its episodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TaskResult {
-    /// `S01`.
+    /// Id of the task, such as `S01`.
     pub id: String,
-    /// `Move Ladder`.
+    /// Title of the task, such as `Move Ladder`.
     pub name: String,
     /// Weight in S; 0 for `replace` and `climb`.
     pub weight: f64,
-    /// Mean over the seeds of half the success rate and half the mean gate progress, 0 to 1.
+    /// Mean over the seeds of half the success rate plus half the mean gate progress, 0 to 1.
     pub score_mean: f64,
     /// Sample standard deviation of it over the seeds; `null` for a single one.
     pub score_std: Option<f64>,
     /// Share of episodes whose gate fired.
     pub success_rate: f64,
-    /// Share of them in which also nothing was broken and nothing dropped.
+    /// Share of episodes whose gate fired with nothing broken and nothing dropped.
     pub clean_success_rate: f64,
     /// Mean gate progress, 0 to 1.
     pub gate_progress: f64,
@@ -158,11 +160,11 @@ pub struct TaskResult {
     pub broken_rate: f64,
     /// Share of episodes in which a bulb was dropped.
     pub dropped_rate: f64,
-    /// Largest force of a bulb on a hand body in any episode, N.
+    /// Largest contact force of a bulb on a hand body in any episode, N.
     pub peak_hand_force_n: f64,
-    /// Mean of the mean sum of squared actions over the episodes that have rows.
+    /// Mean over the episodes that have rows of their [`EpisodeRow::control_effort`].
     pub control_effort: f64,
-    /// Mean length of the episodes that have rows, control steps.
+    /// Mean length in control steps of the episodes that have rows.
     pub mean_steps: f64,
     /// Number of scored episodes.
     pub episodes: u64,
@@ -176,17 +178,17 @@ pub struct TaskResult {
     pub broken_interval: [f64; 2],
     /// Wilson 95 % interval of the dropped rate.
     pub dropped_interval: [f64; 2],
-    /// How many episodes ended by each cause.
+    /// Number of episodes by the cause of their end.
     pub ends: BTreeMap<String, u64>,
-    /// `score_mean` by the strict gates; this and what follows is `null` without them.
+    /// `score_mean` by the strict gates; this field and those below are `null` without them.
     pub strict_score_mean: Option<f64>,
-    /// Sample standard deviation of it over the seeds.
+    /// Sample standard deviation of `strict_score_mean` over the seeds.
     pub strict_score_std: Option<f64>,
     /// Share of episodes whose strict gate fired.
     pub strict_success_rate: Option<f64>,
-    /// Share of them in which also nothing was broken, in the strict sense, and nothing dropped.
+    /// Share of episodes whose strict gate fired with nothing broken, in the strict sense, and nothing dropped.
     pub strict_clean_success_rate: Option<f64>,
-    /// Mean strict progress, 0 to 1.
+    /// Mean strict gate progress, 0 to 1.
     pub strict_progress: Option<f64>,
     /// Wilson 95 % interval of the strict success rate.
     pub strict_success_interval: Option<[f64; 2]>,
@@ -194,56 +196,57 @@ pub struct TaskResult {
     pub strict_clean_success_interval: Option<[f64; 2]>,
 }
 
-/// A scored episode.
+/// A scored episode, or the failure of an episode of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeRow {
-    /// `S01`.
+    /// Id of the task, such as `S01`.
     pub task: String,
     /// Seed of the layout.
     pub seed: u64,
-    /// Its gate fired.
+    /// Whether its gate fired.
     pub success: bool,
-    /// And nothing was broken or dropped.
+    /// Whether its gate fired with nothing broken and nothing dropped.
     pub clean: bool,
-    /// A bulb broke.
+    /// Whether a bulb broke.
     pub broken: bool,
-    /// A bulb was dropped.
+    /// Whether a bulb was dropped.
     pub dropped: bool,
-    /// 0 to 1.
+    /// Gate progress by the published judge, 0 to 1.
     pub gate_progress: f64,
-    /// Largest force of a bulb on a hand body, N.
+    /// Largest contact force of a bulb on a hand body, N.
     pub peak_hand_force_n: f64,
-    /// Mean over the steps of the sum of squared actions.
+    /// Sum of squared actions, averaged over the steps.
     pub control_effort: f64,
     /// Length in control steps.
     pub steps: u64,
-    /// The cause of its end.
+    /// Cause of the end, such as `success`; of a failure, see [`RunFailure::cause`].
     pub end: String,
     /// Digest of its rows, hexadecimal.
     pub state_digest: String,
-    /// The bag, from the folder of the results; empty where the episode of a run has none that counts.
+    /// Path of the bag, relative to the folder of the results; empty where the episode of a run has no bag that counts.
     pub bag: String,
-    /// Why an episode of a run counts as a failure although it has no rows that count, see [`RunFailure::cause`]; `null`
-    /// where it was graded from its rows.
+    /// Why an episode of a run counts as a failure without rows, see [`RunFailure::cause`]; `null` where it was graded
+    /// from its rows.
     #[serde(default)]
     pub failure: Option<String>,
-    /// The episode's index; with the seed it draws reset and noise.
+    /// Index of the episode; with the seed it determines start state and noise.
     pub episode: u64,
-    /// All conditions in force that its last row met.
+    /// All enabled end conditions that its last row met.
     pub causes: Vec<String>,
-    /// Its strict gate fired; this and what follows is `null` where the episode was played by protocol `published`.
+    /// Whether its strict gate fired; this field and those below up to `strict_steps` are `null` where the episode was
+    /// played by protocol `published`.
     pub strict_success: Option<bool>,
-    /// And nothing was broken, in the strict sense, or dropped.
+    /// Whether its strict gate fired with nothing broken, in the strict sense, and nothing dropped.
     pub strict_clean: Option<bool>,
-    /// 0 to 1.
+    /// Gate progress by the strict judge, 0 to 1.
     pub strict_progress: Option<f64>,
-    /// The cause of its end by protocol `strict`.
+    /// Cause of the end by protocol `strict`.
     pub strict_end: Option<String>,
-    /// Its length by protocol `strict`, control steps: all rows of the bag.
+    /// Length by protocol `strict` in control steps: all rows of the bag.
     pub strict_steps: Option<u64>,
     /// Steps in which all criteria of the published gate held.
     pub steps_in_gate: u64,
-    /// What a reader should know.
+    /// Remarks for a reader, in words.
     pub notes: Vec<String>,
     /// Key of the server that signed the result, `ed25519:BASE64`; `null` where it is not signed.
     #[serde(default)]
@@ -256,15 +259,15 @@ pub struct EpisodeRow {
 /// All scored subtask episodes together.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Overall {
-    /// How many.
+    /// Number of scored subtask episodes.
     pub episodes: u64,
     /// Clean successes, the primary metric.
     pub clean_success: RateRow,
-    /// Successes.
+    /// Episodes whose published gate fired.
     pub success: RateRow,
-    /// Successes by the strict gates; `null` without them.
+    /// Episodes whose strict gate fired; `null` without strict verdicts.
     pub strict_success: Option<RateRow>,
-    /// Those among them in which nothing was broken or dropped.
+    /// Episodes whose strict gate fired with nothing broken or dropped; `null` without strict verdicts.
     pub strict_clean_success: Option<RateRow>,
     /// Episodes in which a bulb broke.
     pub broken: RateRow,
@@ -275,9 +278,9 @@ pub struct Overall {
 /// A rate with its Wilson 95 % interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RateRow {
-    /// Times it happened.
+    /// Number of episodes in which it happened.
     pub hits: u64,
-    /// Share; `null` without episodes.
+    /// `hits` over the number of episodes; `null` without episodes.
     pub rate: Option<f64>,
     /// Wilson 95 % interval; `null` without episodes.
     pub interval: Option<[f64; 2]>,
@@ -295,16 +298,16 @@ pub enum Fault {
     Cut,
     /// The episode was stopped before its end.
     Aborted,
-    /// It does not agree with itself: its checksums, its header, its rows or its result were changed.
+    /// It contradicts itself: its checksums, header, rows or result were changed.
     Altered,
-    /// A second copy of an episode that is scored.
+    /// A further copy of an episode that is scored.
     Duplicate,
-    /// The journal of the run names it, and it is not there.
+    /// A journal of the run names it, but the file is missing.
     Lost,
 }
 
 impl Fault {
-    /// One word for tables.
+    /// The word for this reason in tables and in `results.json`.
     pub fn name(self) -> &'static str {
         match self {
             Fault::Unreadable => "unreadable",
@@ -321,37 +324,37 @@ impl Fault {
 /// A bag that is listed, but not scored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ExcludedBag {
-    /// The bag, from the folder of the results.
+    /// Path of the bag, relative to the folder of the results.
     pub bag: String,
-    /// Why.
+    /// Kind of fault, for programs.
     pub reason: Fault,
-    /// Why, in words.
+    /// What exactly is wrong, in words.
     pub detail: String,
-    /// Its task, where it says so.
+    /// Id of its task; `null` where the header cannot be read.
     pub task: Option<String>,
-    /// Its layout seed, where it says so.
+    /// Its layout seed; `null` where the header cannot be read.
     pub seed: Option<u64>,
-    /// Its episode's index, where it says so.
+    /// Index of its episode; `null` where the header cannot be read.
     pub episode: Option<u64>,
-    /// Steps that are there.
+    /// Number of steps that could be read.
     pub steps: u64,
-    /// Gate progress as far as it goes.
+    /// Gate progress over the rows that could be read.
     pub gate_progress: f64,
 }
 
-/// What made and what graded the bags.
+/// Versions of the software that made and graded the bags.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Versions {
-    /// Form of this file.
+    /// [`RESULTS_VERSION`] of the scorer that wrote the file.
     pub results: u32,
-    /// The scorer.
+    /// Version of the scorer.
     pub scorer: String,
-    /// The software that simulated, each version once.
+    /// Versions of the servers, each once.
     pub server: Vec<String>,
-    /// Protocol of the sessions, each version once.
+    /// Protocol versions of the sessions, each once.
     pub protocol: Vec<String>,
-    /// Random generator, each once.
+    /// Random generators, each once.
     pub random: Vec<String>,
-    /// Layout of the digests.
+    /// Layout of the rows in digests.
     pub digest_layout: String,
 }

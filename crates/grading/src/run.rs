@@ -1,4 +1,4 @@
-//! The folder of a run: what its journals say of each episode, over all servers that played a part of it.
+//! The folder of a run: what its journals say of each episode, over all servers that took part.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -12,41 +12,41 @@ use crate::episode::Graded;
 use crate::find::relative;
 use crate::results::{Fault, RunFailure, RunResult};
 
-/// Cause of an episode that a session had when the journal ended.
+/// Cause of an episode that was still with a session when the journal ended.
 const OPEN: &str = "open";
 /// Cause of an episode that was played, but whose bag is missing or cannot be scored.
 const BAG_LOST: &str = "bag lost";
 
-/// A run as all of its journals tell it.
+/// A run, as told by all of its journals.
 #[derive(Debug)]
 pub(crate) struct Run {
     folder: PathBuf,
-    /// Of the first journal; the others agree in what is used here.
+    /// Registration in the first journal; the others agree in the fields used here.
     registration: Registration,
     servers: BTreeSet<String>,
     finished: bool,
-    /// By index.
+    /// One entry for each registered episode, by index.
     pub episodes: Vec<Standing>,
     notes: Vec<String>,
 }
 
-/// Where an episode stands.
+/// What became of an episode of the run.
 #[derive(Debug)]
 pub(crate) struct Standing {
     pub task: Task,
     pub seed: u64,
-    /// Over all servers.
+    /// Number of attempts on all servers.
     attempts: u32,
-    /// Those among them that a server's death ended.
+    /// Number of attempts that ended because a server died.
     lost: u32,
     pub outcome: Outcome,
 }
 
 #[derive(Debug)]
 pub(crate) enum Outcome {
-    /// With the number of the attempt.
+    /// The line of the journal, and the number of the attempt.
     Played(Played, u32),
-    /// Cause, and what more is known of it.
+    /// The cause, and further details in words.
     Failed(String, String),
 }
 
@@ -80,7 +80,8 @@ impl Run {
         Ok(Self {
             folder: folder.into(),
             servers: ledgers.iter().map(|ledger| ledger.registration().server.clone()).collect(),
-            // One that has ended it is enough: the others begin no episode from then on, and one of them may be dead.
+            // One journal that says so is enough: the other servers begin no more episodes, and one of them may be
+            // dead.
             finished: ledgers.iter().any(Ledger::is_finished),
             registration: first,
             episodes,
@@ -88,7 +89,7 @@ impl Run {
         })
     }
 
-    /// Index and bag of each episode that was played, whether the bag is there or not.
+    /// Index and bag of each episode that was played, whether or not the bag exists.
     pub fn bags(&self) -> Vec<(usize, PathBuf)> {
         let bag = |(index, episode): (usize, &Standing)| match &episode.outcome {
             Outcome::Played(played, _) => Some((index, self.folder.join(&played.bag))),
@@ -97,7 +98,7 @@ impl Run {
         self.episodes.iter().enumerate().filter_map(bag).collect()
     }
 
-    /// What the policy calls itself.
+    /// The policy's name, as registered.
     pub fn policy(&self) -> &str {
         &self.registration.spec.policy
     }
@@ -112,7 +113,7 @@ impl Run {
         self.episodes.iter().map(|episode| episode.seed).collect()
     }
 
-    /// In what a bag is not the one that the journal names for this episode.
+    /// How a bag differs from the one that the journal names for this episode; `None` where it is the same.
     pub fn disagreement(&self, index: usize, header: &EpisodeHeader, graded: &Graded) -> Option<String> {
         let episode = self.episodes.get(index)?;
         let Outcome::Played(played, attempt) = &episode.outcome else { return None };
@@ -158,7 +159,7 @@ impl Run {
         self.episodes.iter().enumerate().filter_map(failure).collect()
     }
 
-    /// The run for a reader.
+    /// The run as `results.json` shows it.
     pub fn result(&self, failures: Vec<RunFailure>, relative_to: &Path) -> RunResult {
         let spec = &self.registration.spec;
         let mut failed = BTreeMap::new();
@@ -184,7 +185,7 @@ impl Run {
     }
 }
 
-/// What an episode amounts to that counts as a failure.
+/// Summary of an episode that counts as a failure without rows.
 pub(crate) fn failed(task: Task) -> Summary {
     Summary {
         task,
@@ -200,7 +201,7 @@ pub(crate) fn failed(task: Task) -> Summary {
     }
 }
 
-/// The field in which two servers were not registered for the same run.
+/// The first field in which two servers were registered for different runs.
 fn different(first: &Registration, second: &Registration) -> Option<&'static str> {
     let fields = [
         ("name", first.run == second.run),
@@ -211,7 +212,8 @@ fn different(first: &Registration, second: &Registration) -> Option<&'static str
     fields.into_iter().find(|(_, is_same)| !is_same).map(|(field, _)| field)
 }
 
-/// What became of an episode on all servers. The first attempt counts, so of two plays the one that was begun first does.
+/// What became of an episode on all servers. The first attempt counts, so of two plays the one that was begun first
+/// does.
 fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> Outcome {
     let begun = |episode: &Episode| episode.opened_ms.unwrap_or(u64::MAX);
     let played = on.iter().filter_map(|(server, episode)| match &episode.state {
@@ -235,7 +237,7 @@ fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> Ou
     Outcome::Played(played.clone(), episode.attempts)
 }
 
-/// Of what servers say of an episode that none played, what tells most: `not run` is what all say that did not begin it.
+/// The most informative reason among servers that did not play an episode: `not run` only where all of them say so.
 fn failure(on: &[(&str, &Episode)]) -> Outcome {
     let said = on.iter().map(|(_, episode)| match &episode.state {
         State::Failed { cause } if cause == NOT_RUN => (0, cause.as_str()),

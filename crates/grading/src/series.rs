@@ -1,39 +1,39 @@
-//! What a figure of an episode shows, thinned out to what a screen can tell apart.
+//! The data of an episode's figure, thinned out to what a screen can show.
 
 use fiatlux_rules::{CONTROL_DT, Criteria};
 
-/// Most points of a figure.
+/// Largest number of points in a figure.
 pub const MAX_BUCKETS: usize = 300;
 
-/// How much of a bucket a criterion held for.
+/// In how many rows of a bucket a criterion held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Held {
     /// In none of its rows.
     #[default]
     No,
-    /// In some.
+    /// In some of its rows.
     Partly,
-    /// In all.
+    /// In all of its rows.
     Throughout,
 }
 
-/// An episode's figure. Row 0 is in it.
+/// What the figure of an episode shows: rows, from row 0 on, in equal buckets of time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Series {
-    /// Names of the criteria.
+    /// Names of the criteria, in the order of the gate.
     pub criteria: Vec<&'static str>,
-    /// For each criterion, for each bucket.
+    /// For each criterion, one value for each bucket.
     pub held: Vec<Vec<Held>>,
     /// Largest contact force of a bulb on a hand body in each bucket, N.
     pub hand_force_n: Vec<f64>,
-    /// Rows in all.
+    /// Number of rows in the episode.
     pub rows: usize,
     /// Time of the largest force, s.
     pub peak_time_s: f64,
 }
 
 impl Series {
-    /// Time at which a bucket begins, s; one past the last gives the end.
+    /// Time at which a bucket begins, s; the index after the last gives the end.
     pub fn time_of(&self, bucket: usize) -> f64 {
         let buckets = self.hand_force_n.len().max(1);
         (bucket * self.rows / buckets) as f64 * CONTROL_DT
@@ -48,7 +48,7 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// Takes the next row: the largest contact force of a bulb on a hand body in it, and the criteria that hold.
+    /// Takes the next row: the largest contact force of a bulb on a hand body, and the criteria that hold.
     pub(crate) fn push(&mut self, hand_force_n: f64, criteria: &Criteria) {
         let bits = criteria.as_slice().iter().enumerate().fold(0, |bits, (i, held)| bits | u16::from(*held) << i);
         self.bits.push(bits);
@@ -83,7 +83,7 @@ impl Recorder {
 mod tests {
     use super::*;
 
-    /// One row of 6,001 that differs is seen in its bucket, in the lane and in the force.
+    /// A single differing row among 6,001 shows in its bucket, both in the lane and in the force.
     #[test]
     fn no_single_row_is_lost() {
         let mut recorder = Recorder { bits: vec![0b01; 6001], force: vec![1.0; 6001] };

@@ -10,7 +10,7 @@ pub use text::text;
 
 use crate::{Conditions, Results, RunResult};
 
-/// Layout seeds in few characters: `0-3`, `0, 2, 7`.
+/// Layout seeds in short form: `0-3`, `0, 2, 7`.
 pub fn seeds(seeds: &[u64]) -> String {
     let mut parts: Vec<(u64, u64)> = Vec::new();
     for &seed in seeds {
@@ -27,7 +27,7 @@ pub fn seeds(seeds: &[u64]) -> String {
     parts.into_iter().map(part).collect::<Vec<_>>().join(", ")
 }
 
-/// `4 seeds (0-3)`.
+/// Number and list of the layout seeds, such as `4 layout seeds (0-3)`.
 pub(crate) fn seed_count(results: &Results) -> String {
     let list = seeds(&results.seeds);
     match results.seeds.len() {
@@ -36,7 +36,7 @@ pub(crate) fn seed_count(results: &Results) -> String {
     }
 }
 
-/// The four words, and what is not as the benchmark has it, in a line.
+/// The four words and the deviations in one line.
 pub(crate) fn conditions_line(conditions: &Conditions) -> String {
     let Conditions { benchmark_version, protocol, seeds, observations, time, .. } = conditions;
     let words = format!(
@@ -48,7 +48,7 @@ pub(crate) fn conditions_line(conditions: &Conditions) -> String {
     }
 }
 
-/// `Run first: 48 episodes registered, 46 played, 2 failed (abandoned 1, not run 1)`.
+/// Counts of a run in one line: `Run first: 48 episodes registered, 46 played, 2 failed (abandoned 1, not run 1)`.
 pub(crate) fn run_line(run: &RunResult) -> String {
     let RunResult { name, registered, played, finished, .. } = run;
     let failed: u64 = run.failed.values().sum();
@@ -59,13 +59,13 @@ pub(crate) fn run_line(run: &RunResult) -> String {
     format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
 }
 
-/// A count with its noun.
+/// A count with its noun, in the plural unless it is 1.
 pub(crate) fn count(n: usize, noun: &str) -> String {
     let s = if n == 1 { "" } else { "s" };
     format!("{n} {noun}{s}")
 }
 
-/// A force with as many digits as it deserves, N.
+/// A force in newtons, with as many digits as are useful.
 pub(crate) fn force(newtons: f64) -> String {
     if newtons >= 100.0 { format!("{newtons:.0}") } else { format!("{newtons:.1}") }
 }

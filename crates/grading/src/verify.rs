@@ -24,60 +24,60 @@ use crate::{GradeOptions, bag};
 use records::Records;
 use rows::first_row_difference;
 
-/// Why an episode could not be verified. That it differs is no error but an answer.
+/// Why an episode could not be verified. A difference is not an error: it is a [`Verification`].
 #[derive(Debug, Error)]
 pub enum VerifyError {
-    /// The bag alone says enough.
+    /// The bag is cut, aborted or changed, so no second run is needed.
     #[error("{bag} cannot be verified: {reason}")]
     Bag {
-        /// The bag.
+        /// Path of the bag.
         bag: String,
         /// What is wrong with it.
         reason: String,
     },
-    /// It changed while it was read.
+    /// The bag changed while it was being read.
     #[error("the bag cannot be read again")]
     Reread(#[from] BagError),
-    /// Its actions cannot be read.
+    /// The bag's actions cannot be decoded.
     #[error("the bag's actions cannot be read")]
     Actions(#[from] PolicyError),
-    /// No way to a server.
-    #[error("there is no way to a server")]
+    /// Cannot connect to a server.
+    #[error("cannot connect to a server")]
     Link(#[from] LinkError),
-    /// The server refuses, or is lost.
+    /// The server refuses the session, or the connection is lost.
     #[error("the episode could not be run again")]
     Client(#[from] ClientError),
-    /// The link refuses.
+    /// Zenoh cannot subscribe to the records of the session.
     #[error("cannot follow the records of the second run")]
     Follow(#[source] zenoh::Error),
     /// The second run cannot be compared row by row.
     #[error("record {next_seq} of the second run is lost, so it cannot be compared; run verify again")]
     Lost {
-        /// Number of the first record that did not come.
+        /// Number of the first missing record.
         next_seq: u64,
     },
 }
 
-/// What a second run says of a bag.
+/// Outcome of a second run, compared with a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// How the recorded episode ended, which its rows have been found to say.
+    /// How the recorded episode ended, confirmed by its rows.
     pub recorded: EpisodeEnd,
-    /// The server whose signed word that is; `None` where the bag is not signed.
+    /// Key of the server that signed the result; `None` where the bag is not signed.
     pub signer: Option<PublicKey>,
     /// How the second run ended; `None` where the bag has no action for its last steps.
     pub simulated: Option<EpisodeEnd>,
-    /// The first field of the header in which the server's own differs: another model, scene, room or rulebook.
+    /// The first field of the header that differs, which means another model, scene, room or rulebook.
     pub header: Option<Difference>,
-    /// The first row, by its step, and the first number in it that differ.
+    /// Step of the first row that differs, and the first number in it that does.
     pub row: Option<(u64, Difference)>,
     /// The first field of the result that differs.
     pub result: Option<Difference>,
 }
 
 impl Verification {
-    /// Whether all numbers of all rows are equal to the last bit, what they are judged to be, and all of the header that a
-    /// second run can show.
+    /// Whether all numbers of all rows are equal to the last bit, and so are the verdict and every field of the header
+    /// that a second run can reproduce.
     pub fn is_equal(&self) -> bool {
         let is_same = |simulated: &EpisodeEnd| *simulated == self.recorded;
         let no_difference = self.header.is_none() && self.row.is_none() && self.result.is_none();
@@ -110,7 +110,7 @@ fn in_words(end: &EpisodeEnd) -> String {
     format!("{steps} steps, {cause}, progress {gate_progress:.2}{flags}, digest {digest}")
 }
 
-/// What the records of the second run say of the bag's.
+/// Compares the records of the second run with the bag.
 struct Comparison<'a> {
     header: &'a EpisodeHeader,
     result: &'a EpisodeResult,
@@ -144,7 +144,7 @@ impl<'a> Comparison<'a> {
         self.records += 1;
         if let Some(mut header) = record.header {
             self.has_header = true;
-            // It follows from other fields, which say more.
+            // `digest_context` follows from other fields, which say more.
             let digest_context = std::mem::replace(&mut header.digest_context, self.header.digest_context.clone());
             self.header_difference = first_difference(&comparable(header, self.header), self.header)
                 .or_else(|| first_difference(&EpisodeHeader { digest_context, ..self.header.clone() }, self.header));
@@ -154,7 +154,8 @@ impl<'a> Comparison<'a> {
         }
         if let Some(result) = record.result {
             self.has_result = true;
-            // Of the bag's own header, of real time, which the second run does not keep, and of the bag's own server.
+            // The second run cannot reproduce these: the header's digest, steps missed in real time, and the server's
+            // signature.
             let EpisodeResult { header_digest, missed_steps, signature, .. } = self.result.clone();
             let result = EpisodeResult { header_digest, missed_steps, signature, ..result };
             self.result_difference = first_difference(&result, self.result);
@@ -170,7 +171,7 @@ impl<'a> Comparison<'a> {
             return Ok(None);
         }
         let unreadable = |error: fiatlux_proto::DecodeError| {
-            warn!(step, %error, "a row of the second run cannot be read; does the server speak this version?");
+            warn!(step, %error, "a row of the second run cannot be read; the server may have another version");
             Difference { field: "the row".into(), found: "unreadable".into(), recorded: "a row".into() }
         };
         Ok(match decode::<State>(simulated, MAX_SERVER_MESSAGE) {
@@ -179,14 +180,14 @@ impl<'a> Comparison<'a> {
         })
     }
 
-    /// Header and result of the second run have come.
+    /// Whether header and result of the second run have arrived.
     fn is_complete(&self) -> bool {
         self.has_header && self.has_result
     }
 }
 
-/// A header of the second run, with what need not be equal as it was recorded: names of this run, and what changes no row.
-/// The bag's `header_digest` binds that.
+/// A header of the second run, with recorded values in place of those that may differ: names of this run, and what
+/// changes no row. The bag's `header_digest` protects those.
 fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHeader {
     let randomization = recorded.randomization.map(|recorded| {
         let simulated = simulated.randomization.unwrap_or_default();
@@ -211,12 +212,12 @@ fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHead
     }
 }
 
-/// Opens a session with a bag's conditions, sends its actions once more and compares header, rows and result of the second run
-/// with the bag's, after the bag has been found to agree with itself as [`grade`](crate::grade) finds it.
-/// `progress` is told steps done and steps in all; a `stop` that becomes true ends it.
+/// Opens a session under a bag's conditions, sends its actions again and compares header, rows and result with the
+/// bag's. The bag must first pass the checks of [`grade`](crate::grade).
+/// `progress` receives the steps done and the steps in all; setting `stop` ends the run.
 ///
 /// # Errors
-/// [`VerifyError`]: a bag that is cut, aborted or changed; no server, or one that refuses; records that are lost.
+/// [`VerifyError`]: a bag that is cut, aborted or changed; no server, or one that refuses; lost records.
 pub fn verify(
     path: &Path,
     link: &LinkArgs,
@@ -259,8 +260,8 @@ fn play_again(
         let recorded = recorded.clone();
         SecondRun { path, bag: &bag, result, recorded, session: &session, server, access, rows }.play(progress, stop)
     };
-    // The digest is over all rows: only where it differs are they looked at, one by one, and where
-    // the first or the last can no longer be had.
+    // The digest covers all rows, so rows are compared one by one only where it differs or where the first or last
+    // record can no longer be fetched.
     match run_again(Rows::FirstAndLast) {
         Ok(whole) if whole.simulated.as_ref().is_some_and(|end| end.digest == whole.recorded.digest) => Ok(whole),
         Ok(_) | Err(VerifyError::Lost { .. }) => run_again(Rows::All),
@@ -268,15 +269,15 @@ fn play_again(
     }
 }
 
-/// The rows of a second run that are asked for.
+/// Which records of a second run to fetch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Rows {
-    /// Those that have the header and the result.
+    /// The two that carry the header and the result.
     FirstAndLast,
     All,
 }
 
-/// A recorded episode that is played once more.
+/// A recorded episode that is being played again.
 struct SecondRun<'a> {
     path: &'a Path,
     bag: &'a Bag,
@@ -294,7 +295,7 @@ impl SecondRun<'_> {
         let mut replay = Replay::open(path)?;
         // Sensors change no row, and some take long.
         let request = OpenRequest { sensors: vec!["last_action".into()], weights: String::new(), ..replay.request() };
-        // Its rows are for this client alone.
+        // Only this client needs the records.
         let request = OpenRequest { replay: true, recorded: false, ..request };
         let mut client = Client::open_with(session, server, request, access)?;
         let keys = ServerKeys::new(&client.info().server).session(&client.info().session);
@@ -304,7 +305,7 @@ impl SecondRun<'_> {
         let mut reread = Ok(());
         let mut on_step = |step| {
             if rows == Rows::FirstAndLast && step == 0 {
-                // It is kept for a while.
+                // The server keeps it for a while.
                 reread = records.get(0).map_or(Ok(()), |record| comparison.take(record));
             }
             while let (Ok(()), Some(record)) = (&reread, records.next()) {
@@ -316,7 +317,7 @@ impl SecondRun<'_> {
         reread?;
         let simulated = match run {
             Ok(end) => Some(end),
-            // It did not end where the recorded one did.
+            // The second run did not end where the recorded one did.
             Err(ClientError::Policy(PolicyError::Ended { .. })) => None,
             Err(error) => return Err(error.into()),
         };
@@ -337,7 +338,7 @@ impl SecondRun<'_> {
             return Err(VerifyError::Lost { next_seq: comparison.records });
         }
         if let Err(error) = client.close() {
-            // The answer is there; the server ends the session by itself.
+            // The comparison is complete; the server ends the session by itself.
             warn!("the session could not be closed: {error}");
         }
         Ok(Verification {
@@ -351,7 +352,7 @@ impl SecondRun<'_> {
     }
 }
 
-/// Only in real time is an action held or late.
+/// Only in real time can an action be held or late.
 fn check_mode(bag: &Bag, wrong: &dyn Fn(String) -> VerifyError) -> Result<(), VerifyError> {
     if bag.header().mode() == Mode::RealTime {
         return Ok(());
@@ -372,7 +373,7 @@ mod tests {
 
     use super::*;
 
-    /// A second run belongs to no run; a delay is asked for again.
+    /// A second run belongs to no registered run; a delay is requested again.
     #[test]
     fn the_header_of_an_episode_of_a_run_is_no_difference() {
         let request = OpenRequest { action_delay_ms: 40, policy: "zero".into(), ..OpenRequest::default() };

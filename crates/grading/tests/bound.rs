@@ -1,4 +1,4 @@
-//! Bags that were changed after they were recorded: none is scored, whatever was changed.
+//! Bags that were changed after recording: none is scored, whatever was changed.
 
 mod common;
 
@@ -11,7 +11,7 @@ use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_rules::{Row, Task};
 use fiatlux_wire::header_digest;
 
-/// The same for every test: an episode that succeeded.
+/// An episode that succeeded, the same for every test.
 fn episode() -> (EpisodeHeader, Vec<Row>, EpisodeResult) {
     let (header, rows) = (header(Task::S01, 3), rows(Task::S01, 3, Story::Succeeds(30)));
     let result = result(&header, &rows);
@@ -23,7 +23,7 @@ fn graded(folder: &Folder) -> Results {
     grade(std::slice::from_ref(&folder.0), &options, &|_| {}).expect("graded")
 }
 
-/// What grading says of a bag of these parts; `None` where it is scored.
+/// Why grading refuses a bag of these parts; `None` where it is scored.
 fn refusal(name: &str, header: &EpisodeHeader, rows: &[Row], result: &EpisodeResult) -> Option<ExcludedBag> {
     let folder = Folder::new(&format!("bound-{name}"));
     begin(&folder.0.join("a.mcap"), header, rows).finish(result).expect("finished");
@@ -38,7 +38,7 @@ fn detail(name: &str, header: &EpisodeHeader, rows: &[Row], result: &EpisodeResu
 
 type Change = fn(&mut EpisodeHeader);
 
-/// What the rows depend on: it is in the digest chain's start.
+/// Fields that rows depend on: the start of the digest chain covers them.
 const OF_THE_EPISODE: [(&str, Change); 16] = [
     ("task", |header| {
         header.task = "S06".into();
@@ -65,7 +65,7 @@ const OF_THE_EPISODE: [(&str, Change); 16] = [
     ("generator", |header| header.random = "other/1".into()),
 ];
 
-/// What a reader is told besides.
+/// Fields that only inform the reader.
 const OF_THE_RUN: [(&str, Change); 22] = [
     ("mode", |header| header.mode = v3::Mode::RealTime.into()),
     ("sensors", |header| header.sensors.push(v3::Sensor { name: "privileged".into(), ..Default::default() })),
@@ -109,7 +109,7 @@ fn what_was_recorded_is_scored() {
     assert_eq!(refusal("as-it-was", &header, &rows, &result), None);
 }
 
-/// Whoever changes the header alone, and whoever also makes some of the digests anew.
+/// Covers a changed header, also one whose digests were partly recomputed.
 #[test]
 fn a_header_that_was_changed_is_refused() {
     let (header, rows, result) = episode();
@@ -122,10 +122,10 @@ fn a_header_that_was_changed_is_refused() {
     for (name, change) in OF_THE_EPISODE {
         let mut changed = header.clone();
         change(&mut changed);
-        // With a header_digest that fits, the start of the chain still does not.
+        // With a fitting header_digest, the start of the chain still does not fit.
         let fitting = EpisodeResult { header_digest: header_digest(&changed), ..result.clone() };
         assert!(detail(name, &changed, &rows, &fitting).contains("make digest_context"), "{name}");
-        // With a start that fits as well, the rows do not.
+        // With a fitting start as well, the rows do not.
         let changed = sealed(changed);
         let fitting = EpisodeResult { header_digest: header_digest(&changed), ..result.clone() };
         let detail = detail(name, &changed, &rows, &fitting);
@@ -133,7 +133,7 @@ fn a_header_that_was_changed_is_refused() {
     }
 }
 
-/// Nobody gets around the check by an older or a later protocol.
+/// An older or a later protocol version does not bypass the check.
 #[test]
 fn a_bag_that_binds_nothing_is_refused() {
     let (header, rows, result) = episode();
@@ -155,7 +155,7 @@ fn a_bag_that_binds_nothing_is_refused() {
     );
 }
 
-/// Every number of a result that rows give; the first that differs is named with both values.
+/// Covers every number of a result that rows determine; the first that differs is named with both values.
 #[test]
 fn a_result_that_was_changed_is_refused() {
     type Change = fn(&mut EpisodeResult);
@@ -201,7 +201,7 @@ fn a_result_that_was_changed_is_refused() {
     }
 }
 
-/// A failure that is passed off as a success by the result of another bag, by fewer rows, or by rows twice.
+/// A failure passed off as a success by another bag's result, by fewer rows, or by repeated rows.
 #[test]
 fn rows_and_results_of_different_bags_do_not_mix() {
     let (header_a, rows_a, result_a) = episode();
@@ -225,7 +225,7 @@ fn rows_and_results_of_different_bags_do_not_mix() {
     let refused = refusal("twice", &header_a, &twice, &result_a).expect("refused");
     assert!(refused.detail.contains("row 8 follows row 8"), "{}", refused.detail);
 
-    // A reader of /result would take the first, one of the metadata the last.
+    // A reader of /result would take the first, and a reader of the metadata the last.
     let folder = Folder::new("bound-results");
     let mut writer = begin(&folder.0.join("a.mcap"), &header_a, &rows_a);
     writer.message(topic::RESULT, 7, &result_b.encode_to_vec()).expect("a message");
@@ -234,7 +234,7 @@ fn rows_and_results_of_different_bags_do_not_mix() {
     assert!(refused.detail.contains("2 messages on /result in place of one"), "{}", refused.detail);
 }
 
-/// Whose word a result is can be neither changed nor copied; who signed is told with the scores.
+/// A signature can be neither changed nor copied; the scores name the signer.
 #[test]
 fn signatures_fit_one_result() {
     let (header_a, rows_a, mut result_a) = episode();
@@ -250,12 +250,12 @@ fn signatures_fit_one_result() {
     let mut other = result_a.clone();
     other.signature.as_mut().expect("signed").key = Identity::generate().expect("drawn").public().as_bytes().to_vec();
     assert!(detail("other-key", &header_a, &rows_a, &other).contains("signature does not fit"));
-    // To take it away is to say nothing of a server.
+    // Without the signature the result names no server.
     let bare = EpisodeResult { signature: None, ..result_a };
     assert_eq!(refusal("bare", &header_a, &rows_a, &bare), None);
 }
 
-/// A number that is not finite is named with its row: no server records one, and the bag is not cut.
+/// A number that is not finite is named with its row: servers never record one, and the bag is not cut.
 #[test]
 fn a_row_that_is_not_finite_is_named() {
     let (header, mut rows, result) = episode();
@@ -266,7 +266,7 @@ fn a_row_that_is_not_finite_is_named() {
     assert_eq!(refused.steps, 6);
 }
 
-/// A table says it as well.
+/// The text table names the fault as well.
 #[test]
 fn a_changed_bag_shows_in_the_table() {
     let (header, rows, result) = episode();

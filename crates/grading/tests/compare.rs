@@ -9,7 +9,7 @@ use common::Folder;
 use fiatlux_grading::{CompareError, RESULTS_VERSION, compare};
 use serde_json::{Value, json};
 
-/// An episode as `results.json` has it, as far as a comparison reads it.
+/// An episode of `results.json`, with the fields that a comparison reads.
 fn episode(task: &str, seed: u64, success: bool, gate_progress: f64) -> Value {
     json!({ "task": task, "seed": seed, "episode": 0, "success": success, "gate_progress": gate_progress })
 }
@@ -23,7 +23,7 @@ fn results(policy: &str, episodes: Vec<Value>) -> Value {
     })
 }
 
-/// Writes `results.json` into a folder of its own.
+/// Writes `results.json` into a folder named after the run.
 fn written(folder: &Folder, name: &str, results: &Value) -> PathBuf {
     let path = folder.0.join(name);
     std::fs::create_dir_all(&path).unwrap();
@@ -59,13 +59,13 @@ fn p_values_are_those_of_closed_forms() {
     assert_eq!(compared.success, "published");
     let text = compared.to_text();
     assert!(text.contains("A: one") && text.contains("published successes") && text.contains("0.0215"), "{text}");
-    // Turned around, the same p-values.
+    // With A and B swapped, the p-values are the same.
     let turned = compare(&b, &a, false).unwrap().overall.unwrap();
     assert_eq!((turned.success_p, turned.progress_p), (all.success_p, all.progress_p));
     assert_eq!(turned.score_difference, -all.score_difference);
 }
 
-/// The strict gate decides where every episode has a verdict of it, and nowhere else.
+/// The strict gate decides only where every episode has a strict verdict.
 #[test]
 fn strict_successes_count_where_all_episodes_have_them() {
     let folder = Folder::new("compare-strict");
@@ -80,7 +80,7 @@ fn strict_successes_count_where_all_episodes_have_them() {
     let plain = written(&folder, "plain", &results("three", vec![episode("S02", 0, true, 1.0)]));
     let compared = compare(&a, &b, false).unwrap();
     assert_eq!((compared.success.as_str(), compared.tasks[0].successes_b), ("strict", 0));
-    // Both halves of the score are the strict judge's.
+    // Both halves of the score come from the strict judge.
     assert_eq!((compared.tasks[0].progress_b, compared.tasks[0].score_difference), (0.25, 0.5 * (1.0 + 0.75)));
     let compared = compare(&b, &plain, false).unwrap();
     assert_eq!((compared.success.as_str(), compared.tasks[0].successes_a), ("published", 1));
@@ -105,7 +105,7 @@ fn what_does_not_compare_is_refused_by_name() {
     let mut old = of(&[0]);
     old["versions"]["results"] = json!(1);
     assert!(refused("old", &old).contains("form 1 of results.json"));
-    assert!(refused("nothing", &json!({})).contains("is no results.json of this scorer"));
+    assert!(refused("nothing", &json!({})).contains("is not a results.json of this scorer"));
     assert!(matches!(compare(&folder.0, &a, false), Err(CompareError::Read { .. })));
 
     let compared = compare(&a, &folder.0.join("time"), true).unwrap();

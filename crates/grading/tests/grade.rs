@@ -1,4 +1,4 @@
-//! Bags on disk through the whole grading.
+//! Grades bags on disk from end to end.
 
 mod common;
 
@@ -20,7 +20,7 @@ fn bag(folder: &Folder, name: &str) -> std::path::PathBuf {
     folder.0.join(format!("{name}.mcap"))
 }
 
-/// S = (2.25 x 1 + 3 x 0) / 5.25 under seed 0, and 0 under seed 1, where S01 is all there is.
+/// S = (2.25 x 1 + 3 x 0) / 5.25 under seed 0, and 0 under seed 1, which has S01 alone.
 #[test]
 fn scores_are_those_of_the_rows() {
     let folder = Folder::new("scores");
@@ -44,7 +44,7 @@ fn scores_are_those_of_the_rows() {
     assert_eq!(back.overall, results.overall);
 }
 
-/// Whatever the number of threads.
+/// The number of threads does not matter.
 #[test]
 fn the_same_bags_give_the_same_bytes() {
     let folder = Folder::new("bytes");
@@ -114,7 +114,7 @@ fn what_does_not_go_together_is_an_error() {
     assert!(matches!(grade_in(&folder, options), Err(ScoreError::Threshold(_))));
 }
 
-/// Rooms, physics or rules of another version make another benchmark.
+/// Another version of rooms, physics or rules is another benchmark.
 #[test]
 fn benchmark_versions_do_not_share_a_table() {
     let folder = Folder::new("benchmarks");
@@ -141,7 +141,7 @@ fn benchmark_versions_do_not_share_a_table() {
     assert!(tables::csv(&other).lines().nth(1).is_some_and(|line| line.contains(&format!(".mcap,{another},"))));
 }
 
-/// Rows of the benchmark's first version do not say how fast joints were: its own scorer grades them.
+/// Rows of the benchmark's first version lack the speeds of joints: only its own scorer grades them.
 #[test]
 fn bags_of_another_row_layout_are_refused_with_the_remedy() {
     let folder = Folder::new("layouts");
@@ -159,7 +159,7 @@ fn bags_of_another_row_layout_are_refused_with_the_remedy() {
     );
 }
 
-/// An episode whose state left the plausible has a whole bag, and is a failure in every table, whatever its goal says.
+/// An episode that diverged has a whole bag, and fails in every table, whatever its gate says.
 #[test]
 fn an_episode_that_diverged_is_graded_as_a_failure() {
     let folder = Folder::new("diverged");
@@ -177,7 +177,7 @@ fn an_episode_that_diverged_is_graded_as_a_failure() {
     assert!(page.contains("b-diverged\">diverged") && page.contains(".b-diverged {") && page.contains(".f-diverged {"));
 }
 
-/// The page says how to see an episode, and has a link where its replay stands next to its bag.
+/// The page says how to view an episode, and links to a replay next to its bag.
 #[test]
 fn a_page_leads_to_replays() {
     let folder = Folder::new("replays");
@@ -191,7 +191,7 @@ fn a_page_leads_to_replays() {
     assert!(report::html_in(&results, &folder.0).contains("<a href=\"a%20b.html\">3D replay</a>"));
 }
 
-/// A bag of a version before is refused by that version, not by what its fields lack.
+/// A bag of an earlier protocol is refused by its version, not for the fields that it lacks.
 #[test]
 fn bags_of_older_protocols_are_refused_with_the_remedy() {
     let folder = Folder::new("protocols");
@@ -216,7 +216,7 @@ fn bags_of_older_protocols_are_refused_with_the_remedy() {
     }
 }
 
-/// A crush at 30 N that was none at 50 N ends the episode; what comes after it does not count.
+/// A crush at 30 N that was none at 50 N ends the episode; later rows do not count.
 #[test]
 fn thresholds_change_without_a_new_run() {
     let folder = Folder::new("set");
@@ -234,7 +234,7 @@ fn thresholds_change_without_a_new_run() {
     assert!(!strict.conditions.ranked && strict.conditions.thresholds_set == ["fragility_n"]);
 }
 
-/// A policy may call itself anything; its name is text on the page and in the tables.
+/// A policy may have any name: on the page and in the tables it is plain text.
 #[test]
 fn names_are_not_markup() {
     let folder = Folder::new("names");
@@ -248,7 +248,7 @@ fn names_are_not_markup() {
     assert!(page.contains("&lt;script&gt;alert(&#39;x&#39;)"));
 }
 
-/// In a terminal of 100 columns no line is broken by it.
+/// No line is broken in a terminal of 100 columns.
 #[test]
 fn the_table_fits() {
     let folder = Folder::new("width");

@@ -1,4 +1,4 @@
-//! 10,000 bags that were changed at random: none stops the grader, and none but an unchanged one is scored.
+//! 10,000 bags with random changes: none stops the grader, and only unchanged ones are scored.
 
 mod common;
 
@@ -11,7 +11,7 @@ use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 
 const BAGS: usize = 10_000;
-/// Most memory that the process may ever have had, bytes.
+/// Limit on the peak memory of the process, bytes.
 const MAX_MEMORY: u64 = 1 << 30;
 
 fn mutated(random: &mut Pcg64Mcg, sources: &[Vec<u8>]) -> Vec<u8> {
@@ -22,7 +22,7 @@ fn mutated(random: &mut Pcg64Mcg, sources: &[Vec<u8>]) -> Vec<u8> {
         match pick(7) {
             0 => bytes[at] ^= 1 << pick(8),
             1 => bytes[at] = pick(256) as u8,
-            // A length, an offset or a count that is far too large, or zero.
+            // Makes a length, an offset or a count zero or far too large.
             2 => {
                 let odd = [0, 1, u64::MAX, u64::MAX / 2, 1 << 32, 1 << 40][pick(6)].to_le_bytes();
                 let end = (at + 8).min(bytes.len());

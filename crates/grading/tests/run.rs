@@ -1,4 +1,4 @@
-//! Folders of runs through the whole grading: every episode that was registered counts.
+//! Grades folders of runs from end to end: every registered episode counts.
 
 mod common;
 
@@ -15,7 +15,7 @@ use fiatlux_rules::Task;
 const WINS: Story = Story::Succeeds(30);
 const FALLS: Story = Story::Falls(20);
 
-/// The folder of a run, and the journal of one server in it.
+/// The folder of a run, with the journal of one server.
 struct Run {
     folder: PathBuf,
     writer: LedgerWriter,
@@ -90,7 +90,7 @@ impl Run {
         attempt
     }
 
-    /// Writes the bag of the open attempt, and that it was played.
+    /// Writes the bag of the open attempt, and a line in the journal that it was played.
     fn play(&mut self, episode: u32, attempt: u32, story: Story) {
         let header = self.header(episode, attempt);
         let rows = rows(header.task.parse().expect("a task"), header.seed, story);
@@ -132,12 +132,12 @@ fn causes(results: &Results) -> Vec<&str> {
     results.run.as_ref().expect("a run").failures.iter().map(|failure| failure.cause.as_str()).collect()
 }
 
-/// Text of the table without its line breaks.
+/// The text table without its line breaks.
 fn words(results: &Results) -> String {
     tables::text(results).split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// An aborted bag lies in the folder, and the episode is still one of two.
+/// The folder has the bag of an aborted episode, which still counts as one of two.
 #[test]
 fn a_success_and_an_abort_are_half() {
     let folder = Folder::new("half");
@@ -154,7 +154,7 @@ fn a_success_and_an_abort_are_half() {
     let task = &results.subtasks[0];
     assert_eq!((task.episodes, task.success_rate, task.score_mean), (2, 0.5, 0.5));
     assert_eq!((results.overall.episodes, results.overall.success.hits), (2, 1));
-    // 79 steps of the one that has rows.
+    // Only one has rows: 79 steps.
     assert_eq!(task.mean_steps, results.episodes[0].steps as f64);
     assert_eq!(
         task.ends.iter().map(|(end, n)| (end.as_str(), *n)).collect::<Vec<_>>(),
@@ -179,7 +179,7 @@ fn a_success_and_an_abort_are_half() {
     assert!(report::html(&results).contains("scorer grade first --html"));
     let back: Results = serde_json::from_str(&results.to_json().expect("JSON")).expect("reads back");
     assert_eq!(back.run, results.run);
-    // The same bags, loose, say something else.
+    // Graded as loose bags, they give another result.
     let bags = [folder.0.join("first/lab-e0.mcap"), folder.0.join("first/lab-e1.mcap")];
     let loose = grade(&bags, &GradeOptions::default(), &|_| {}).expect("graded");
     assert!(loose.run.is_none() && loose.has_data_loss() && loose.subtasks[0].success_rate == 1.0);
@@ -192,13 +192,13 @@ fn bags_that_the_journal_names_must_be_there_and_be_those() {
     let mut run = Run::new(&folder, "lab", &episodes);
     (0..6).for_each(|episode| run.whole(episode, if episode == 2 { WINS } else { FALLS }));
     fs::remove_file(run.bag(0)).expect("removed");
-    // A row that was changed.
+    // A row was changed.
     let (head, all) = (run.header(1, 1), rows(Task::S03, 1, FALLS));
     let mut changed = all.clone();
     changed[7].joint_position[3] += 1e-15;
     begin(&folder.0.join("x"), &head, &changed).finish(&result(&head, &all)).expect("finished");
     fs::rename(folder.0.join("x"), run.bag(1)).expect("renamed");
-    // A success in place of a fall: another episode's bag, once as it is and once with a header made anew.
+    // A success replaces a fall: another episode's bag, once unchanged and once with a new header.
     fs::copy(run.bag(2), run.bag(3)).expect("copied");
     let (head, all) = (run.header(4, 1), rows(Task::S03, 4, WINS));
     begin(&folder.0.join("x"), &head, &all).finish(&result(&head, &all)).expect("finished");
@@ -222,7 +222,7 @@ fn bags_that_the_journal_names_must_be_there_and_be_those() {
     assert_eq!((results.subtasks[0].episodes, results.overall.success.hits), (6, 1));
 }
 
-/// Played on one of them is played; of two plays the one that was begun first counts, attempts of a dead server aside.
+/// Played on one server means played. Of two plays the one begun first counts, apart from attempts of a dead server.
 #[test]
 fn journals_of_several_servers_are_one_run() {
     let folder = Folder::new("servers");
@@ -284,7 +284,7 @@ fn a_run_that_is_not_finished_says_so() {
     assert_eq!(results.conditions.seeds, "hosted");
     assert!(tables::text(&results).lines().all(|line| line.chars().count() <= 100), "{}", tables::text(&results));
 
-    // Not even one.
+    // Not a single episode was played.
     let folder = Folder::new("unplayed");
     drop(Run::new(&folder, "lab", &episodes));
     let results = graded(&folder);
@@ -296,7 +296,7 @@ fn a_run_that_is_not_finished_says_so() {
     assert!(report::html(&results).contains("0 played"));
 }
 
-/// What lies above a run's folder is no run.
+/// A folder above that of a run is not a run.
 #[test]
 fn runs_are_graded_one_by_one() {
     let folder = Folder::new("above");

@@ -15,47 +15,48 @@ pub struct LinkArgs {
     /// Zenoh config file (json5); the flags below override it
     #[arg(short, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated [a client's default: tcp/127.0.0.1:7447].
-    /// Also unixsock-stream/PATH, and with the certificates of a config file (`fiatlux keys`) quic/
+    /// Connect to this endpoint, such as tcp/192.168.1.7:7447; may be repeated [a client's default:
+    /// tcp/127.0.0.1:7447]. Also unixsock-stream/PATH, and quic/ with the certificates of a config file (`fiatlux
+    /// keys`)
     #[arg(short = 'e', long, value_name = "ENDPOINT", value_parser = parse_endpoint)]
     pub connect: Vec<String>,
     /// Listen on this endpoint, such as tcp/0.0.0.0:7447; may be repeated [a server's default, unless it has -e:
     /// tcp/127.0.0.1:7447]
     #[arg(short, long, value_name = "ENDPOINT", value_parser = parse_endpoint)]
     pub listen: Vec<String>,
-    /// Part in the Zenoh network [default: client for a program that connects to one server, else peer]
+    /// Role in the Zenoh network [default: client for a program that connects to one server, else peer]
     #[arg(long, value_name = "MODE")]
     pub mode: Option<LinkMode>,
-    /// Turn multicast scouting off where a config file turns it on; without a config file it is off
+    /// Turn multicast scouting off if a config file turns it on; without a config file it is off
     #[arg(long)]
     pub no_multicast_scouting: bool,
 }
 
-/// Checks an endpoint such as `tcp/HOST:PORT`, as a value of a flag: a wrong one is wrong usage.
+/// Checks an endpoint such as `tcp/HOST:PORT`, for the value of a flag: a wrong one is a usage error.
 ///
 /// # Errors
-/// What is wrong with it, and how it is written.
+/// What is wrong with the endpoint, and how to write it.
 pub fn parse_endpoint(text: &str) -> Result<String, String> {
     config::check_endpoint(text).map(|()| text.into()).map_err(|reason| config::advise(&reason))
 }
 
-/// Part of a program in the Zenoh network.
+/// Role of a program in the Zenoh network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum LinkMode {
-    /// Talks to what it is connected to.
+    /// Talks to the programs that it is connected to.
     Peer,
     /// Talks through the one peer or router that it is connected to.
     Client,
-    /// Passes on what others say to each other.
+    /// Passes messages on between other programs.
     Router,
 }
 
 impl LinkArgs {
-    /// Opens the session. Blocks for at most [`crate::CONNECT_TIMEOUT_S`] where a client has to connect first; a
-    /// connection that is lost later comes back by itself.
+    /// Opens the session. Blocks for at most [`crate::CONNECT_TIMEOUT_S`] if a client has to connect first; a
+    /// connection that is lost later recovers by itself.
     ///
     /// # Errors
-    /// [`LinkError`]: a config, an endpoint, or nothing answers.
+    /// [`LinkError`]: a wrong config or endpoint, or nothing answers.
     pub fn open(&self, role: Role) -> Result<Session, LinkError> {
         let config = config::layered(self, role)?;
         for endpoint in exposure::exposed(&config) {
@@ -65,10 +66,11 @@ impl LinkArgs {
         zenoh::open(config).wait().map_err(|source| plan.explain(&source.to_string()))
     }
 
-    /// Where others find a program that opened its session so: `listening on ENDPOINT` or `connected to ENDPOINT`.
+    /// Where others find a program that opened its session with these options: `listening on ENDPOINT` or `connected to
+    /// ENDPOINT`.
     ///
     /// # Errors
-    /// [`LinkError`]: a config or an endpoint.
+    /// [`LinkError`]: a wrong config or endpoint.
     pub fn place(&self, role: Role) -> Result<String, LinkError> {
         config::layered(self, role).map(|config| config::place(&config))
     }

@@ -2,15 +2,15 @@
 
 use std::time::{Duration, Instant};
 
-/// A control step and its way there and back take less where it pays.
+/// Longest busy wait; where it pays, a control step and its round trip take less.
 const SPAN: Duration = Duration::from_millis(1);
 
-/// After looks in vain at most two to the power of this many waits sleep at once.
+/// After failed waits, at most two to the power of this many waits sleep at once.
 const MAX_SKIP_EXPONENT: u32 = 6;
 
-/// Looks for something for a millisecond before its thread sleeps, as long as that pays. On a virtual machine it costs 10 to
-/// 30 us to wake a thread, and more to wake an idle core: a step in lockstep over TCP wakes six, one after the other.
-/// Where looks are in vain, as with a slow policy or on a crowded machine, fewer and fewer are made: one in 64 waits.
+/// Polls for up to a millisecond before the thread sleeps, as long as that pays. On a virtual machine waking a thread
+/// costs 10 to 30 us, and waking an idle core costs more: a step in lockstep over TCP wakes six, one after another. If
+/// polling fails, as with a slow policy or on a crowded machine, it becomes rarer: at least one in 64 waits.
 #[derive(Debug, Default)]
 pub struct BusyWait {
     in_vain: u32,
@@ -18,7 +18,7 @@ pub struct BusyWait {
 }
 
 impl BusyWait {
-    /// Looks until `is_ready`; returns whether it is. The thread gives way to others between looks.
+    /// Polls until `is_ready`, and returns whether it is. The thread yields between polls.
     pub fn until(&mut self, is_ready: impl Fn() -> bool) -> bool {
         if self.skip > 0 {
             self.skip -= 1;
@@ -62,7 +62,7 @@ mod tests {
         assert_eq!(waits_with_a_look(&mut busy, 1 + 2 + 4), 3);
         waits_with_a_look(&mut busy, 1000);
         assert_eq!(waits_with_a_look(&mut busy, 640), 10);
-        // One that pays brings them back.
+        // A successful poll makes polling frequent again.
         while !busy.until(|| true) {}
         assert!(busy.until(|| true) && busy.until(|| true));
     }

@@ -7,16 +7,16 @@ use zenoh::config::EndPoint;
 use crate::honoured;
 use crate::{CONNECT_TIMEOUT_S, DEFAULT_ENDPOINT, LinkArgs, LinkError, LinkMode};
 
-/// What a program does in the service.
+/// Role of a program in the service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// Waits for others: listens, and keeps trying where it has to connect.
+    /// Waits for others: listens, and keeps trying if it has to connect.
     Server,
-    /// Needs a server: connects, and fails when nothing answers.
+    /// Needs a server: connects, and fails if nothing answers.
     Client,
 }
 
-/// Largest message that is put together from parts, bytes: twice what a message may have.
+/// Largest message that is assembled from parts, bytes: twice the limit of a message.
 const MAX_MESSAGE: usize = 2 * fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 
 /// Protocols that are built in. `quic` needs certificates in the config.
@@ -48,7 +48,7 @@ pub fn embedded() -> Result<Config, LinkError> {
     Ok(config)
 }
 
-/// Config of a program of that role with those options.
+/// Config for a program in this role with these options.
 pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     let mut config = match &args.config {
         None => Config::default(),
@@ -75,7 +75,7 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
         };
         set(&mut config, MODE, &json!(name))?;
     }
-    // Gossip makes peers connect to each other by addresses that nobody named.
+    // Gossip makes peers connect to each other at addresses that nobody configured.
     set_where_silent(&mut config, MULTICAST, json!(false))?;
     set_where_silent(&mut config, GOSSIP, json!(false))?;
     set_where_silent(&mut config, MESSAGE_SIZE, json!(MAX_MESSAGE))?;
@@ -86,7 +86,8 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     let scouts = get(&config, MULTICAST) == json!(true);
     let connects = !args.connect.is_empty() || !is_silent(&config, CONNECT);
     let listens = !args.listen.is_empty() || !is_silent(&config, LISTEN);
-    // A router passes nothing on between peers that do not gossip, but between clients, and a client and a peer, it does.
+    // A router passes nothing on between peers that do not gossip, but it does between clients, and between a client
+    // and a peer.
     let single = args.connect.len() < 2 && is_silent(&config, CONNECT);
     if (role == Role::Client || connects) && single && !scouts && !listens {
         set_where_silent(&mut config, MODE, json!("client"))?;
@@ -100,7 +101,7 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     if !args.listen.is_empty() {
         set(&mut config, LISTEN, &json!(args.listen))?;
     } else if !listens {
-        // A server that is told whom to connect to is found there; Zenoh's own default would open a port to the world.
+        // A server that is told where to connect is found there; Zenoh's own default would open a port to the world.
         let default = role == Role::Server && !connects && !only_connects;
         set(&mut config, LISTEN, &if default { json!([DEFAULT_ENDPOINT]) } else { json!([]) })?;
     }
@@ -118,8 +119,8 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     Ok(config)
 }
 
-/// Refuses an encrypted endpoint that the config has no certificate for. What this program connects to may have one of a
-/// public authority, so there only mutual TLS asks for a certificate of its own.
+/// Refuses an encrypted endpoint without a certificate in the config. A server to connect to may have a certificate of
+/// a public authority, so there only mutual TLS needs one in the config.
 fn check_certificates(config: &Config) -> Result<(), LinkError> {
     let has = |key: &str| {
         [key.to_owned(), format!("{key}_base64")].iter().any(|key| !get(config, &format!("{TLS}/{key}")).is_null())
@@ -128,7 +129,7 @@ fn check_certificates(config: &Config) -> Result<(), LinkError> {
     for (setting, side, is_needed) in [(LISTEN, "listen", true), (CONNECT, "connect", mutual)] {
         let encrypted = endpoints(&get(config, setting)).into_iter().find(|endpoint| is_encrypted(endpoint));
         let Some(endpoint) = encrypted.filter(|_| is_needed) else { continue };
-        // An endpoint may bring its own: quic/HOST:PORT#listen_certificate_file=...
+        // An endpoint may carry its own: quic/HOST:PORT#listen_certificate_file=...
         let own = endpoint.split_once('#').map_or("", |(_, own)| own);
         for part in ["certificate", "private_key"] {
             let key = format!("{side}_{part}");
@@ -140,18 +141,18 @@ fn check_certificates(config: &Config) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// Whether what goes over an endpoint is encrypted.
+/// Whether traffic over an endpoint is encrypted.
 pub fn is_encrypted(endpoint: &str) -> bool {
     endpoint.starts_with("quic/")
 }
 
-/// Where a session of that config listens, or else where it connects.
+/// Where a session with this config listens, or else where it connects.
 pub fn place(config: &Config) -> String {
     let [listens, connects] = [LISTEN, CONNECT].map(|key| endpoints(&get(config, key)).join(", "));
     if listens.is_empty() { format!("connected to {connects}") } else { format!("listening on {listens}") }
 }
 
-/// How Zenoh and its TLS library speak of certificates that do not fit.
+/// Words in the messages of Zenoh and its TLS library that point to wrong certificates.
 const TLS_FAILURES: &[&str] = &["certificate", "private key"];
 
 /// What a config asks for, to explain a failure with.
@@ -170,7 +171,7 @@ impl Plan {
         Self { connect, listen, timeout_s }
     }
 
-    /// The error behind what Zenoh says.
+    /// Turns Zenoh's message into an error with a remedy.
     pub fn explain(&self, reason: &str) -> LinkError {
         let reason = reason.split(" at /").next().unwrap_or(reason).to_string();
         let text = reason.to_lowercase();
@@ -184,7 +185,7 @@ impl Plan {
             return LinkError::Listen { endpoints: self.listen.clone(), reason };
         }
         if !self.connect.is_empty() && (text.contains("connect") || text.contains("timeout")) {
-            // Zenoh logs why a handshake failed, and reports that the time is over.
+            // Zenoh only logs why a handshake failed, and reports a time-out.
             let tls = if self.connect.split(", ").any(is_encrypted) {
                 "; or the certificates do not fit, or are expired: RUST_LOG=zenoh=warn shows more"
             } else {
@@ -209,20 +210,20 @@ pub fn check_protocol(protocol: &str) -> Result<(), String> {
         // Zenoh 1.10 reads and writes one TLS connection from two threads without a lock, which rustls forbids: programs died
         // of it under load (eclipse-zenoh/zenoh, issue 2557).
         "tls" => " (Zenoh's TLS link corrupts memory; quic/ is TLS 1.3 with the same certificates)",
-        // Zenoh sends nothing again over it, its own declarations neither.
-        "udp" => " (Zenoh repeats nothing that is lost on it; quic/ does)",
+        // Zenoh retransmits nothing over UDP, not even its own declarations.
+        "udp" => " (Zenoh does not retransmit over it; use quic/)",
         _ if PROTOCOLS.contains(&protocol) => return Ok(()),
         _ => "",
     };
     Err(format!("the protocol {protocol} is not built in{why}, only {}", PROTOCOLS.join(", ")))
 }
 
-/// What is wrong with an endpoint, and how it is written.
+/// A message about an endpoint, with how to write one.
 pub fn advise(reason: &str) -> String {
     format!("{reason}; write tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
 }
 
-/// Whether the config says nothing else there than Zenoh's defaults.
+/// Whether the config has only Zenoh's defaults there.
 pub fn is_silent(config: &Config, key: &str) -> bool {
     get(config, key) == get(&Config::default(), key)
 }
@@ -240,12 +241,12 @@ pub fn get(config: &Config, key: &str) -> Value {
     config.get_json(key).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
-/// All endpoints in a setting, whichever of Zenoh's forms it has.
+/// All endpoints in a setting, in any of Zenoh's forms.
 pub fn endpoints(setting: &Value) -> Vec<String> {
     match setting {
         Value::String(endpoint) => vec![endpoint.clone()],
         Value::Array(parts) => parts.iter().flat_map(endpoints).collect(),
-        // By mode, or a group of locators with its strategy.
+        // By mode, or as a group of locators with its strategy.
         Value::Object(parts) => {
             parts.iter().filter(|(key, _)| *key != "strategy").flat_map(|(_, part)| endpoints(part)).collect()
         }
@@ -271,7 +272,7 @@ mod tests {
         assert_eq!(settings(&client, Role::Server)[..2], [json!([DEFAULT_ENDPOINT]), json!([])]);
     }
 
-    /// With one server a client goes through whatever it is connected to; several are reached as a peer only.
+    /// With one server a client goes through whatever it is connected to; several servers are reached only as a peer.
     #[test]
     fn the_mode_follows_from_the_endpoints() {
         let mode = |endpoints: &[&str], mode, role| {

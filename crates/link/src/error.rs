@@ -1,4 +1,4 @@
-//! What can go wrong when a session is opened.
+//! Errors of opening a session.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum LinkError {
     /// The config file cannot be read, or is not a Zenoh config.
-    #[error("{}: no Zenoh config can be read from it: {reason}; it is json5, with the keys of Zenoh's own tools", path.display())]
+    #[error("{}: cannot read it as a Zenoh config: {reason}; write json5 with the keys of Zenoh's own tools", path.display())]
     ConfigFile {
         /// Path of the config file.
         path: PathBuf,
@@ -25,7 +25,7 @@ pub enum LinkError {
         /// What Zenoh says is wrong with it.
         reason: String,
     },
-    /// The config asks for what this build does not have, or for what would have no effect.
+    /// The config asks for something that this build lacks, or that would have no effect.
     #[error("{key}: {reason}; {remedy}")]
     NotHonoured {
         /// Path of the setting.
@@ -35,9 +35,9 @@ pub enum LinkError {
         /// What to do about it, for the end of the message.
         remedy: &'static str,
     },
-    /// An encrypted endpoint without a certificate.
+    /// An encrypted endpoint has no certificate.
     #[error(
-        "{endpoint} needs a certificate, and the config has no {key}; \
+        "{endpoint} needs a certificate, but the config has no {key}; \
          `fiatlux keys --out DIR` makes certificates and configs: start with -c DIR/CONFIG.json5"
     )]
     Certificate {
@@ -46,7 +46,7 @@ pub enum LinkError {
         /// Path of the setting.
         key: String,
     },
-    /// Certificates that cannot be read or that the other side does not take.
+    /// Certificates cannot be read, or the other side refuses them.
     #[error(
         "no TLS connection at {endpoints} ({reason}); both sides need certificates of the same `fiatlux keys --out DIR`, \
          whose --host names the address; are they expired?"
@@ -57,7 +57,7 @@ pub enum LinkError {
         /// What Zenoh says went wrong.
         reason: String,
     },
-    /// An endpoint cannot be read, or its protocol is not built in.
+    /// An endpoint cannot be parsed, or its protocol is not built in.
     #[error("{flag} {endpoint}: {reason}")]
     Endpoint {
         /// The flag or setting that it was given with.
@@ -73,26 +73,26 @@ pub enum LinkError {
          is the server running and is the address right? Name another with -e tcp/HOST:PORT"
     )]
     Connect {
-        /// Where it should connect.
+        /// Endpoints that were tried, separated by commas.
         endpoints: String,
-        /// How long was tried, s.
+        /// How long the session tried, s.
         timeout_s: f64,
         /// What Zenoh says went wrong.
         reason: String,
     },
-    /// An address cannot be listened on.
+    /// The program cannot listen on an address.
     #[error(
         "cannot listen on {endpoints} ({reason}); \
          another program may hold the port: stop it, or name another port with -l tcp/HOST:PORT"
     )]
     Listen {
-        /// Where it should listen.
+        /// Endpoints to listen on, separated by commas.
         endpoints: String,
         /// What Zenoh says went wrong.
         reason: String,
     },
-    /// Anything else that Zenoh reports.
-    #[error("no Zenoh session can be opened: {reason}; RUST_LOG=zenoh=debug shows more")]
+    /// Any other failure that Zenoh reports.
+    #[error("cannot open a Zenoh session: {reason}; RUST_LOG=zenoh=debug shows more")]
     Open {
         /// What Zenoh says went wrong.
         reason: String,

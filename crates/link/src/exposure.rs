@@ -1,4 +1,4 @@
-//! Who can reach what a program listens on, and whether the config asks them who they are.
+//! Finds listening endpoints that anybody can reach without proving who they are.
 
 use std::net::IpAddr;
 
@@ -10,9 +10,9 @@ const DICTIONARY: &str = "transport/auth/usrpwd/dictionary_file";
 const MTLS: &str = "transport/link/tls/enable_mtls";
 const ACCESS_CONTROL: &str = "access_control/enabled";
 
-/// Endpoints that others than this machine can reach, and where the config asks nobody who they are.
+/// Endpoints that other machines can reach and for which the config demands no authentication.
 pub fn exposed(config: &Config) -> Vec<String> {
-    // A program with a password of its own asks others for one only where it has a list of users.
+    // A program with a password of its own asks others for one only if it has a list of users.
     if !get(config, DICTIONARY).is_null() || get(config, ACCESS_CONTROL) == true {
         return Vec::new();
     }
@@ -21,7 +21,7 @@ pub fn exposed(config: &Config) -> Vec<String> {
     endpoints(&get(config, LISTEN)).into_iter().filter(is_open).collect()
 }
 
-/// What to tell whoever listens so.
+/// A warning about such an endpoint, with the remedy.
 pub fn warning(endpoint: &str) -> String {
     format!(
         "listening on {endpoint} without access control: whoever reaches it can open sessions, read what others sense and \
@@ -30,7 +30,7 @@ pub fn warning(endpoint: &str) -> String {
     )
 }
 
-/// Whether only this machine reaches an endpoint.
+/// Whether only this machine can reach an endpoint.
 fn is_local(endpoint: &str) -> bool {
     let (protocol, address) = endpoint.split_once('/').unwrap_or((endpoint, ""));
     if protocol.starts_with("unix") {

@@ -1,4 +1,4 @@
-//! What a config asks for and this build would pass over in silence: it is refused by name before a session opens.
+//! Config keys that this build would ignore: they are refused by name before a session opens.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use zenoh::Config;
 use crate::LinkError;
 use crate::config::{self, check_protocol, get, is_silent};
 
-/// Sections that Zenoh reads in any build and uses in some only, and what to do instead. Each is accepted with the values of
+/// Sections that Zenoh parses in any build but uses only in some, with the remedy. Each is accepted with the values of
 /// [`Config::default`], which ask for nothing.
 const NOT_BUILT_IN: &[(&str, &str)] = &[
     (
@@ -29,7 +29,7 @@ const ACCESS_CONTROL: &str = "access_control";
 const LINK_PROTOCOLS: &str = "transport/link/protocols";
 const DICTIONARY: &str = "transport/auth/usrpwd/dictionary_file";
 
-/// Refuses what this build cannot honour.
+/// Refuses whatever this build cannot honour.
 pub fn check(config: &Config) -> Result<(), LinkError> {
     for &(key, remedy) in NOT_BUILT_IN {
         if !is_silent(config, key) {
@@ -56,11 +56,11 @@ pub fn check(config: &Config) -> Result<(), LinkError> {
             })?;
         }
     }
-    // Zenoh opens a session without any check in these two.
+    // Zenoh accepts these two in any form when it opens a session.
     let rules = get(config, ACCESS_CONTROL);
     let has_rules = ["rules", "subjects", "policies"].iter().any(|part| !rules[part].is_null());
     if has_rules && rules["enabled"] != true {
-        let reason = "it has rules and is not enabled, so nobody would be held to them";
+        let reason = "it has rules but is not enabled, so they would have no effect";
         return Err(refused(ACCESS_CONTROL, reason, "set access_control/enabled: true, or remove the rules"));
     }
     match get(config, DICTIONARY).as_str() {
@@ -69,7 +69,7 @@ pub fn check(config: &Config) -> Result<(), LinkError> {
     }
 }
 
-/// A list of users that names nobody lets everybody in.
+/// An empty list of users would let everybody in.
 fn check_dictionary(path: &str) -> Result<(), LinkError> {
     let remedy = "it has a line USER:PASSWORD for each user; paths are relative to the working folder";
     let text = std::fs::read_to_string(path)
@@ -80,8 +80,8 @@ fn check_dictionary(path: &str) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// Refuses keys of a config file that Zenoh ignores: spelled wrong below a section that takes any key, or without effect
-/// any more. A file in YAML is not compared; Zenoh alone reads that.
+/// Refuses keys of a config file that Zenoh ignores: misspelled ones below a section that takes any key, and ones that
+/// no longer have an effect. YAML files are not checked, because only Zenoh can read them.
 pub fn check_keys(path: &Path, config: &Config) -> Result<(), LinkError> {
     if !path.extension().is_some_and(|end| end == "json5" || end == "json") {
         return Ok(());
@@ -107,14 +107,14 @@ pub fn check_keys(path: &Path, config: &Config) -> Result<(), LinkError> {
 
 const ANY: &str = "metadata";
 
-/// First key of what is written that is not in what was read.
+/// The first key of the written config that the parsed one lacks.
 fn unread(written: &Value, read: &Value, path: &str) -> Option<String> {
     match (written, read) {
         (Value::Object(written), Value::Object(read)) => written.iter().find_map(|(key, value)| {
             let path = format!("{path}/{key}");
             match read.get(key) {
                 Some(read) => unread(value, read, &path),
-                // Secrets are not given back.
+                // Secrets are not printed.
                 None if value.is_null() || key.ends_with("_base64") => None,
                 None => Some(path),
             }
@@ -140,7 +140,7 @@ mod tests {
         Config::from_json5(text).unwrap()
     }
 
-    /// Guards that whoever asks for a protection, or for anything else, gets it or is told.
+    /// Whoever asks for a protection, or for anything else, either gets it or an error.
     #[test]
     fn what_is_not_built_in_is_refused_by_name() {
         for (text, key) in [

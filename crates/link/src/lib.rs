@@ -1,5 +1,5 @@
-//! The Zenoh session of our programs: its options on the command line, its defaults, the log, and
-//! the signals that end a program.
+//! The Zenoh session of our programs: its command-line options, its defaults, the log, and the signals that end a
+//! program.
 //!
 //! Nothing leaves the loopback interface unless a flag or a config file asks for it: without them a server listens on
 //! [`DEFAULT_ENDPOINT`], a client connects to it, and neither scouts.
@@ -44,10 +44,10 @@ pub use progress::ProgressLine;
 pub use settings::{check_example, parse_with_settings, parse_with_settings_from};
 pub use signal::{stop_on_signal, wait_for};
 
-/// Where a server listens and a client looks for it, unless told otherwise.
+/// Default endpoint: where a server listens and a client looks for it.
 pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
-/// How long the start of a client waits for what it connects to, s. A server keeps trying without end.
+/// How long a client that starts waits for its server, s. A server keeps trying without limit.
 pub const CONNECT_TIMEOUT_S: f64 = 5.0;
 
 /// A session for one process: its parts talk to each other, and no network is used.

@@ -7,15 +7,16 @@ use std::str::FromStr;
 
 use clap::{Arg, Command, CommandFactory, Parser};
 
-/// Parses the command line of this process. Unlike clap alone it takes `-1` after a flag for its value, so that the flag
-/// can say what is wrong with it. Exits with a message and code 2 where the line is wrong.
+/// Parses the command line of this process. Unlike clap alone it accepts `-1` as the value of a flag, so that the flag
+/// can say what is wrong with it. On an error it exits with a message and code 2.
 pub fn parse<C: Parser>() -> C {
     let mut command = lets_flags_judge_numbers(C::command());
     let matches = command.get_matches_mut();
     C::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
 }
 
-/// The command with flags, its subcommands' too, that take a negative number for their value and not for another flag.
+/// The command, with flags (also those of its subcommands) that take a negative number as their value and not as
+/// another flag.
 pub(crate) fn lets_flags_judge_numbers(command: Command) -> Command {
     let takes_value =
         |arg: &Arg| !arg.is_positional() && arg.get_action().takes_values() && !arg.is_allow_hyphen_values_set();
@@ -24,7 +25,7 @@ pub(crate) fn lets_flags_judge_numbers(command: Command) -> Command {
         .mut_subcommands(lets_flags_judge_numbers)
 }
 
-/// Reads a flag's whole number, for `value_parser`; a message names the range.
+/// A `value_parser` for whole numbers in a range; its message names the range.
 ///
 /// ```
 /// let workers = fiatlux_link::whole::<u16>(1..=256);
@@ -51,7 +52,8 @@ where
     }
 }
 
-/// Checks every flag of a program that is a whole number, for its tests: each refuses -1 in words that name the range.
+/// Tests of programs call this: it checks that every flag for a whole number refuses -1 with a message that names the
+/// range.
 ///
 /// # Errors
 /// The first flag that does not.

@@ -1,10 +1,10 @@
-//! Ports that are free.
+//! Finds free ports.
 
 use std::io;
 use std::net::{TcpListener, UdpSocket};
 
-/// An endpoint with a port that is free now in place of port 0, so that a program can say where it listens. Any other
-/// endpoint stays as it is.
+/// Replaces port 0 of an endpoint by a port that is free now, so that a program can say where it listens. Any other
+/// endpoint stays unchanged.
 ///
 /// # Errors
 /// No port of that host is free, or the host is not this machine.

@@ -1,21 +1,21 @@
-//! How far long work is, on stderr.
+//! Shows the progress of long work on stderr.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Between two looks on a terminal.
+/// Time between two updates on a terminal.
 const TERMINAL_PERIOD: Duration = Duration::from_millis(200);
-/// Between two lines elsewhere, such as in the log of a CI run.
+/// Time between two lines elsewhere, such as in the log of a CI run.
 const LINE_PERIOD: Duration = Duration::from_secs(10);
 
-/// One line that is written over on a terminal; a line now and then elsewhere. Short work shows nothing.
+/// A line that is overwritten on a terminal, and an occasional line elsewhere. Short work shows nothing.
 #[derive(Debug)]
 pub struct ProgressLine {
     start: Instant,
     is_terminal: bool,
-    /// When to show the next look, and whether one stands there.
+    /// When to show the next update, and whether one is on the screen.
     state: Mutex<(Instant, bool)>,
 }
 
@@ -29,7 +29,7 @@ impl Default for ProgressLine {
 }
 
 impl ProgressLine {
-    /// Shows a look at the work if one is due; `look` is not asked otherwise.
+    /// Shows the progress if an update is due; `look` is called only then.
     pub fn show<D: Display>(&self, look: impl FnOnce() -> D) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
@@ -46,19 +46,19 @@ impl ProgressLine {
         }
     }
 
-    /// Time that is left where `done` of `all` took the time since the start, as minutes and seconds.
+    /// Estimated time left after `done` of `all`, as minutes and seconds.
     pub fn left(&self, done: u64, all: u64) -> String {
         let per_unit = self.start.elapsed().as_secs_f64() / done.max(1) as f64;
         let left = (per_unit * all.saturating_sub(done) as f64) as u64;
         format!("{}:{:02}", left / 60, left % 60)
     }
 
-    /// Units a second since the start.
+    /// Units of work for each second since the start.
     pub fn rate(&self, done: u64) -> f64 {
         done as f64 / self.start.elapsed().as_secs_f64().max(1e-9)
     }
 
-    /// Wipes the line, for what is written next.
+    /// Clears the line, so that other text can follow.
     pub fn clear(&self) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if std::mem::take(&mut state.1) {

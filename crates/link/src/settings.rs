@@ -1,7 +1,7 @@
-//! Settings files: a command line's flags, written down as TOML.
+//! Settings files: the flags of a command line in TOML.
 //!
-//! A key is the name of a flag without its dashes, and its value is checked as the flag's would be. So a program that
-//! adds a flag to its command line has added the key, too.
+//! A key is the name of a flag without its dashes, and its value is checked like the flag's. A program that adds a flag
+//! thus also adds the key.
 
 use std::any::TypeId;
 use std::collections::BTreeMap;
@@ -31,8 +31,8 @@ enum SettingsError {
     Value { place: String, key: String, reason: String },
 }
 
-/// Parses the command line of this process. Its flag `--settings FILE`, which this adds, names a file whose values hold
-/// where the command line has no flag. Exits with a message and code 2 where either is wrong.
+/// Parses the command line of this process. Adds a flag `--settings FILE`: the file's values apply where the command
+/// line has no flag. On an error it exits with a message and code 2.
 pub fn parse_with_settings<C: Parser>() -> C {
     parse_with_settings_from(std::env::args_os()).unwrap_or_else(|error: clap::Error| error.exit())
 }
@@ -47,7 +47,7 @@ pub fn parse_with_settings_from<C: Parser>(
 ) -> Result<C, clap::Error> {
     let mut args: Vec<OsString> = args.into_iter().map(Into::into).collect();
     let mut command = command::<C>();
-    // A flag that the program needs may stand in the file.
+    // A required flag may be given in the file.
     let given = lenient(&command).try_get_matches_from(&args)?;
     if let Some(path) = given.get_one::<PathBuf>(SETTINGS) {
         let text = std::fs::read_to_string(path).map_err(|source| SettingsError::Read { path: path.clone(), source });
@@ -60,11 +60,11 @@ pub fn parse_with_settings_from<C: Parser>(
     C::from_arg_matches(&command.try_get_matches_from_mut(args)?).map_err(|error| error.format(&mut command))
 }
 
-/// Checks a program's example of a settings file, for its tests: every flag has a key there, which may be commented out as
-/// in `# key = value`, and all values are right.
+/// Tests of programs call this to check the example of a settings file: every flag has a key there, possibly commented
+/// out as `# key = value`, and all values are valid.
 ///
 /// # Errors
-/// The first thing that is wrong.
+/// The first mistake in the file.
 pub fn check_example<C: CommandFactory>(path: &Path) -> Result<(), String> {
     let command = command::<C>();
     let text = std::fs::read_to_string(path).map_err(|error| error.to_string())?;
@@ -86,7 +86,7 @@ fn command<C: CommandFactory>() -> Command {
         .value_name("FILE")
         .value_parser(ValueParser::path_buf())
         .help("Settings file (TOML): its keys are the names of the flags, which override it");
-    // What a file turns on, a flag can turn off.
+    // A flag can turn off what a file turns on.
     let switch = |arg: Arg| match arg.get_action() {
         ArgAction::SetTrue => arg
             .action(ArgAction::Set)
@@ -102,7 +102,7 @@ fn command<C: CommandFactory>() -> Command {
     crate::parse::lets_flags_judge_numbers(C::command()).mut_args(switch).arg(settings)
 }
 
-/// The command without what it requires.
+/// The command with nothing required.
 fn lenient(command: &Command) -> Command {
     command.clone().mut_args(|arg| arg.required(false))
 }
@@ -111,7 +111,7 @@ fn keys(command: &Command) -> impl Iterator<Item = (&str, &Arg)> {
     command.get_arguments().filter_map(|arg| Some((arg.get_long()?, arg))).filter(|(key, _)| *key != SETTINGS)
 }
 
-/// What a file says, as flags: each key's argument in the command, and the flags that have its value.
+/// A file's values as flags: each key's argument in the command, and the flags with its value.
 fn read(path: &Path, text: &str, command: &Command) -> Result<Vec<(String, Vec<String>)>, SettingsError> {
     let place = |span: Option<Range<usize>>| match span {
         Some(span) => format!("{}:{}", path.display(), text[..span.start].matches('\n').count() + 1),
@@ -135,7 +135,7 @@ fn read(path: &Path, text: &str, command: &Command) -> Result<Vec<(String, Vec<S
     flags.collect()
 }
 
-/// A value as the flags that say the same.
+/// A value as equivalent flags.
 fn flags(arg: &Arg, key: &str, value: Value) -> Result<Vec<String>, String> {
     let is_list = matches!(arg.get_action(), ArgAction::Append);
     let is_switch = arg.get_value_parser().type_id() == TypeId::of::<bool>();
@@ -157,7 +157,7 @@ fn flags(arg: &Arg, key: &str, value: Value) -> Result<Vec<String>, String> {
     }
 }
 
-/// Lets the command judge some flags alone.
+/// Checks some flags with the command's own parser.
 fn check(command: &Command, flags: &[String]) -> Result<(), String> {
     let args = std::iter::once("").chain(flags.iter().map(String::as_str));
     let error = lenient(command).try_get_matches_from(args).err();
@@ -188,7 +188,7 @@ mod tests {
         link: LinkArgs,
     }
 
-    /// Parses the flags with a file of that text.
+    /// Parses the flags together with a file of this text.
     fn parsed(name: &str, text: &str, flags: &[&str]) -> Result<Cli, String> {
         let path = std::env::temp_dir().join(format!("fiatlux-settings-{name}-{}.toml", std::process::id()));
         std::fs::write(&path, text).unwrap();
@@ -240,7 +240,7 @@ mod tests {
             ("out = 'a'\nout = 'b'", "FILE:2: duplicate key".into()),
             ("out = 'a'\ncapacity 7", "FILE:2: ".into()),
         ] {
-            // A value is wrong even where a flag overrides it.
+            // A wrong value is an error even if a flag overrides it.
             for flags in [&["--out", "b"][..], &["--out", "b", "--capacity", "1", "--mode", "peer"]] {
                 let message = parsed("wrong", text, flags).unwrap_err();
                 assert!(message.contains(&words), "{text}: {message}");

@@ -1,4 +1,4 @@
-//! The end of a program that someone asks for.
+//! Ends a program on Ctrl-C or SIGTERM.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use tokio::signal::unix::{SignalKind, signal};
 
-/// Exit code of a program that is interrupted a second time, as shells have it.
+/// Exit code of a program that is interrupted twice, as in shells.
 const INTERRUPTED: i32 = 130;
 
-/// A flag that Ctrl-C or SIGTERM sets, for a program that then ends cleanly. A second one ends it at once.
+/// A flag that Ctrl-C or SIGTERM sets, so that the program can end cleanly. A second signal ends it at once.
 ///
 /// # Errors
-/// The system gives no thread or no signal handler.
+/// The system cannot start a thread or install a signal handler.
 pub fn stop_on_signal() -> std::io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);

@@ -1,4 +1,4 @@
-//! Sessions as they are opened.
+//! Opening sessions.
 
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
@@ -48,7 +48,7 @@ fn a_server_whose_port_is_taken_says_so() {
     assert!(matches!(&error, Some(LinkError::Listen { endpoints, .. }) if *endpoints == endpoint), "{error:?}");
 }
 
-/// Guards that an encrypted endpoint says what it needs, by flag and by config, before anything is opened.
+/// An encrypted endpoint without a certificate is refused with a remedy before anything opens, by flag and by config.
 #[test]
 fn an_endpoint_without_its_certificate_says_what_to_do() {
     let endpoint = "quic/127.0.0.1:0";
@@ -66,7 +66,7 @@ fn an_endpoint_without_its_certificate_says_what_to_do() {
     std::fs::remove_file(path).expect("removes");
 }
 
-/// Guards that users and passwords of a config file are asked for.
+/// A config file with a list of users makes the listener ask for user and password.
 #[test]
 fn a_listener_with_a_list_of_users_asks_for_them() {
     let folder = std::env::temp_dir().join(format!("fiatlux-link-users-{}", std::process::id()));
@@ -122,7 +122,7 @@ fn answer(session: &Session) -> zenoh::query::Queryable<()> {
     session.declare_queryable("a/describe").callback(reply).wait().expect("declares")
 }
 
-/// How many peers answer a query.
+/// Number of peers that answer a query.
 fn ask(session: &Session) -> usize {
     let replies = session.get("a/describe").timeout(Duration::from_secs(1)).wait().expect("asks");
     replies.iter().filter(|reply| reply.result().is_ok()).count()

@@ -1,4 +1,4 @@
-//! Requests and their answers.
+//! Answers to the requests of a browser.
 
 use std::error::Error;
 use std::fmt::Write;
@@ -24,7 +24,7 @@ const TEXT: &str = "text/plain; charset=utf-8";
 const JSON: &str = "application/json";
 const BYTES: &str = "application/octet-stream";
 
-/// What every answer says of itself.
+/// Headers of every answer.
 const HEADERS: [(HeaderName, &str); 5] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
@@ -43,19 +43,19 @@ pub(crate) fn router(shelf: Arc<Shelf>, port: u16) -> Router {
         .route("/episode/{index}/track.bin", get(track))
         .route("/episode/{index}/bag", get(bag))
         .route("/page/{file}", get(page_file))
-        .fallback(|| async { problem(StatusCode::NOT_FOUND, "there is nothing at this address; begin at /") })
+        .fallback(|| async { problem(StatusCode::NOT_FOUND, "nothing is at this address; start at /") })
         .layer(from_fn_with_state(port, guard))
         .with_state(shelf)
 }
 
-/// Lets requests through that name this server, and adds the headers that every answer has.
+/// Lets only requests to this server's own address pass, and adds the headers of every answer.
 async fn guard(State(port): State<u16>, request: Request, next: Next) -> Response {
     let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
     let (name, asked) = host.rsplit_once(':').unwrap_or((host, "80"));
     let mut answer = if ["127.0.0.1", "localhost"].contains(&name) && asked == port.to_string() {
         next.run(request).await
     } else {
-        problem(StatusCode::MISDIRECTED_REQUEST, "this server answers to 127.0.0.1 and localhost with its port alone")
+        problem(StatusCode::MISDIRECTED_REQUEST, "this server answers only to 127.0.0.1 and localhost with its port")
     };
     let headers = answer.headers_mut();
     for (name, value) in HEADERS {
@@ -114,11 +114,11 @@ async fn part(
     }
 }
 
-/// The file itself, as it is on disk.
+/// Sends the bag's file unchanged.
 async fn bag(State(shelf): State<Arc<Shelf>>, Path(index): Path<String>) -> Response {
     let Some(path) = index_of(&index).and_then(|index| shelf.bags.file(index)) else { return no_episode(&shelf) };
     let Ok(file) = File::open(path).await else {
-        return problem(StatusCode::NOT_FOUND, "the bag cannot be opened any more");
+        return problem(StatusCode::NOT_FOUND, "the bag can no longer be opened");
     };
     let name = format!("attachment; filename=\"{}\"", plain_name(path));
     let mut answer = content(BYTES, whole_file(file));
@@ -161,7 +161,7 @@ fn problem(status: StatusCode, what: &str) -> Response {
     (status, content(TEXT, what.to_owned())).into_response()
 }
 
-/// An error with its causes.
+/// An error followed by its causes.
 fn in_full(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
@@ -172,7 +172,7 @@ fn in_full(error: &dyn Error) -> String {
     text
 }
 
-/// A file's name as a header can hold it.
+/// A file's name, reduced to characters that are safe in a header.
 fn plain_name(path: &FilePath) -> String {
     let name = path.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
     name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()

@@ -1,4 +1,4 @@
-//! The episodes that are shown, and what is known of each without reading its rows.
+//! The list of episodes, made from headers and results without reading rows.
 
 use std::path::{Path, PathBuf};
 
@@ -10,66 +10,66 @@ use serde::Serialize;
 use crate::text::short;
 use crate::{EpisodeInfo, ReplayError};
 
-/// Most bags that are listed: opening one takes about a millisecond.
+/// Largest number of bags in a list: opening one takes about a millisecond.
 const MOST_LISTED: usize = 2000;
 
-/// The bags of a file or folder, unfinished ones among them.
+/// The bags of a file or folder, including unfinished ones.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Bags {
     folder: PathBuf,
     files: Vec<PathBuf>,
 }
 
-/// What a rulebook said of an episode when it was recorded.
+/// The recorded verdict of one rulebook.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RecordedRuling {
-    /// Cause of the end; empty where the rows stop before.
+    /// Cause of the end; empty if the rows stop before it.
     pub cause: String,
     /// Gate progress, 0 to 1.
     pub progress: f64,
 }
 
-/// A bag of the list.
+/// One bag of the list.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Entry {
-    /// Its index, which is its address.
+    /// Index of the bag, from 0, which is part of its address.
     pub index: usize,
-    /// Path inside of the folder.
+    /// Path of the bag inside the folder.
     pub name: String,
-    /// Task and its name.
+    /// Id and name of the task, such as `S07 Approach New Bulb`.
     pub title: String,
-    /// Name of the policy.
+    /// Name of the policy that played it.
     pub policy: String,
     /// Layout seed, in decimal digits.
     pub seed: String,
-    /// What the strict rulebook said; none where there is no result, or where it was played by the published one.
+    /// Verdict of the strict rulebook; `None` without a result, or if the published rulebook was in force.
     pub strict: Option<RecordedRuling>,
-    /// What the published rulebook said.
+    /// Verdict of the published rulebook; `None` without a result.
     pub published: Option<RecordedRuling>,
-    /// Length, s; none where there is no result.
+    /// Length of the episode, s; `None` without a result.
     pub seconds: Option<f64>,
-    /// What a viewer should know, such as that it is cut.
+    /// Remark for the viewer, such as that the bag is cut; empty if there is none.
     pub note: String,
-    /// Why it cannot be opened; none where it can.
+    /// Why the bag cannot be opened; `None` if it can.
     pub error: Option<String>,
 }
 
-/// The list of episodes.
+/// The list of episodes, as JSON for the page.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Listing {
-    /// The folder, as it was named.
+    /// The folder, as the user named it.
     pub folder: String,
-    /// The bags, by path.
+    /// The bags, sorted by path.
     pub entries: Vec<Entry>,
-    /// Bags that are not in the list, because they are too many.
+    /// Number of bags that the list leaves out because there are too many.
     pub left_out: usize,
 }
 
 impl Bags {
-    /// The bags of a folder, to any depth, or the one of a file.
+    /// Finds the bags of a folder, to any depth, or takes the one of a file.
     ///
     /// # Errors
-    /// [`ReplayError`]: a path that is missing or may not be read, or a folder without bags.
+    /// [`ReplayError`]: a path that is missing or cannot be read, or a folder without bags.
     pub fn find(path: &Path) -> Result<Self, ReplayError> {
         let found = BagFiles::find(&[path.to_path_buf()])?;
         let mut files = found.bags;
@@ -86,12 +86,12 @@ impl Bags {
         self.files.len()
     }
 
-    /// A bag's file.
+    /// Path of the bag at an index; `None` if there are fewer.
     pub fn file(&self, index: usize) -> Option<&Path> {
         self.files.get(index).map(PathBuf::as_path)
     }
 
-    /// Reads header and result of each bag.
+    /// Reads header and result of every bag.
     pub fn list(&self) -> Listing {
         let entry = |(index, path): (usize, &PathBuf)| self.entry(index, path);
         Listing {

@@ -1,74 +1,74 @@
-//! Which conditions hold in a row, and what both rulebooks make of the episode.
+//! Which conditions hold in a row, and the verdicts of both rulebooks on the episode.
 
 use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_rules::{Judge, JudgeOptions, Judges, Protocol, Row, Task};
 use fiatlux_wire::{WireError, read_geometry, read_identity};
 use serde::Serialize;
 
-/// Flags of a row: bit `i` is criterion `i` of [`Conditions::criteria`], the bits below stand above them.
+/// Flags of a row: bit `i` is criterion `i` of [`Conditions::criteria`]; the bits below come after them.
 pub mod flag {
     /// The old bulb is in the socket.
     pub const OLD_SEATED: u32 = 1 << 16;
     /// The fresh bulb is in the socket.
     pub const FRESH_SEATED: u32 = 1 << 17;
-    /// The published gate has fired, in this row or before.
+    /// The published gate has fired in this row or earlier.
     pub const PUBLISHED: u32 = 1 << 18;
-    /// The strict gate has fired, in this row or before.
+    /// The strict gate has fired in this row or earlier.
     pub const STRICT: u32 = 1 << 19;
-    /// A bulb is broken by the rulebook in force, in this row or before.
+    /// By the rulebook in force, a bulb was broken in this row or earlier.
     pub const BROKEN: u32 = 1 << 20;
-    /// A bulb was dropped, in this row or before.
+    /// A bulb was dropped in this row or earlier.
     pub const DROPPED: u32 = 1 << 21;
 }
 
-/// A criterion of the gate.
+/// One criterion of the gate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CriterionName {
-    /// Its name in results.
+    /// Name of the criterion, as in results.
     pub name: &'static str,
-    /// Asked for by the published gate too; the others are strict's alone.
+    /// Whether the published gate needs it too; if not, only the strict gate does.
     pub published: bool,
 }
 
-/// What a gate asks for.
+/// Criteria and windows of the task's gates.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Conditions {
-    /// Criteria of the strict gate, the published ones first.
+    /// Criteria of the strict gate, starting with those of the published one.
     pub criteria: Vec<CriterionName>,
-    /// Consecutive rows for which all published ones must hold.
+    /// Number of consecutive rows for which all published criteria must hold.
     pub published_window: u32,
-    /// The same of all of them, for the strict gate.
+    /// Number of consecutive rows for which all criteria must hold, for the strict gate.
     pub strict_window: u32,
-    /// By which rulebook the episode was played: `strict` or `published`.
+    /// Rulebook that was in force when the episode was played: `strict` or `published`.
     pub in_force: &'static str,
     /// Contact force on a hand body above which a bulb breaks, N.
     pub fragility_n: f64,
 }
 
-/// What a rulebook says of the rows.
+/// Verdict of one rulebook on the rows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ruling {
-    /// `strict` or `published`.
+    /// Name of the rulebook: `strict` or `published`.
     pub protocol: &'static str,
-    /// Cause of the end; none where the rows stop before.
+    /// Cause of the end; `None` if the rows stop before it.
     pub end: Option<&'static str>,
     /// All causes that the last row met.
     pub causes: Vec<&'static str>,
-    /// The gate fired.
+    /// Whether the gate fired.
     pub success: bool,
-    /// Control steps.
+    /// Number of control steps up to the end.
     pub steps: u64,
     /// Gate progress, 0 to 1.
     pub progress: f64,
-    /// A bulb was broken.
+    /// Whether a bulb was broken.
     pub broken: bool,
-    /// A bulb was dropped.
+    /// Whether a bulb was dropped.
     pub dropped: bool,
     /// Largest contact force of a bulb on a hand body, N.
     pub peak_hand_force_n: f64,
 }
 
-/// Judges rows, where the header says by what.
+/// Judges rows by the rules that the header names.
 #[derive(Debug)]
 pub(crate) struct Referee {
     judges: Judges,
@@ -77,10 +77,10 @@ pub(crate) struct Referee {
 }
 
 impl Referee {
-    /// For an episode of this header.
+    /// Prepares to judge an episode with this header.
     ///
     /// # Errors
-    /// [`WireError`] for what this version cannot judge: rows can be shown without it.
+    /// [`WireError`] if this version cannot judge it: its rows can still be shown.
     pub fn new(header: &EpisodeHeader) -> Result<Self, WireError> {
         let identity = read_identity(header)?;
         let geometry = read_geometry(&header.geometry)?;
@@ -89,7 +89,7 @@ impl Referee {
         Ok(Self { judges, task: identity.task, started: false })
     }
 
-    /// Shows it the next row; its flags.
+    /// Judges the next row, and returns its [`flag`]s.
     pub fn push(&mut self, row: &Row) -> u32 {
         if self.started {
             self.judges.advance(row);
@@ -125,7 +125,7 @@ impl Referee {
         }
     }
 
-    /// What the rows amount to: by the published rulebook, and by the strict one where the episode was played by it.
+    /// The verdicts so far: published first, and strict if the episode was played by it.
     pub fn rulings(&self) -> Vec<Ruling> {
         let strict = (self.judges.protocol() == Protocol::Strict).then_some(Protocol::Strict);
         strict.into_iter().chain([Protocol::Published]).map(|protocol| ruling(self.judges.of(protocol))).collect()

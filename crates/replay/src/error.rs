@@ -1,4 +1,4 @@
-//! Why there is no replay.
+//! Errors of opening and serving replays.
 
 use std::io;
 use std::net::SocketAddr;
@@ -8,55 +8,55 @@ use fiatlux_bag::{BagError, FindError};
 use fiatlux_wire::RebuildError;
 use thiserror::Error;
 
-/// Why there is no replay.
+/// Why a replay cannot be shown.
 #[derive(Debug, Error)]
 pub enum ReplayError {
-    /// The bag cannot be opened.
+    /// The bag's file cannot be opened as a bag.
     #[error(transparent)]
     Bag(#[from] BagError),
-    /// A file or folder cannot be looked at.
+    /// A path does not exist, or a folder cannot be listed.
     #[error(transparent)]
     Find(#[from] FindError),
-    /// The bag's header gives no scene.
+    /// No scene can be built from the bag's header.
     #[error("cannot show {}", bag.display())]
     Header {
-        /// The bag.
+        /// Path of the bag.
         bag: PathBuf,
-        /// Why.
+        /// What in the header prevents it.
         #[source]
         source: RebuildError,
     },
     /// No row of the bag can be drawn.
-    #[error("there is nothing to show of {}: it has no row that can be drawn{details}; record the episode again", bag.display())]
+    #[error("cannot show {}: it has no row that can be drawn{details}; record the episode again", bag.display())]
     Empty {
-        /// The bag.
+        /// Path of the bag.
         bag: PathBuf,
-        /// What is wrong with its rows, each on a line of its own.
+        /// What is wrong with its rows, each fault on its own line.
         details: String,
     },
-    /// A folder without bags.
-    #[error("there is no bag in {}; name an .mcap file, or a folder that has some", folder.display())]
+    /// The folder holds no bag.
+    #[error("there is no bag in {}; name an .mcap file, or a folder with some", folder.display())]
     NoBags {
-        /// The folder.
+        /// The folder that was searched.
         folder: PathBuf,
     },
     /// A file or folder cannot be read or written.
-    #[error("cannot {action} {}; check that it is there and its permissions", path.display())]
+    #[error("cannot {action} {}; check that it exists, and its permissions", path.display())]
     Io {
-        /// What was tried.
+        /// The attempted action: `read` or `write`, to follow "cannot".
         action: &'static str,
-        /// On what.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// Why.
+        /// The system's error, which says why.
         #[source]
         source: io::Error,
     },
-    /// The server cannot listen.
+    /// The server cannot listen on its port.
     #[error("cannot listen on {address}; choose another port with --port, or 0 for a free one")]
     Listen {
-        /// Where.
+        /// Address that was asked for.
         address: SocketAddr,
-        /// Why.
+        /// The system's error, which says why.
         #[source]
         source: io::Error,
     },

@@ -1,31 +1,31 @@
-//! What happened in an episode.
+//! What happened in an episode, as recorded.
 
 use fiatlux_bag::Bag;
 use serde::Serialize;
 
 use crate::text::short;
 
-/// Most events that are shown.
+/// Largest number of events to show.
 const MOST_EVENTS: usize = 1000;
-/// Changes of criteria are seen in the conditions of each row.
+/// Kind of events to leave out: the flags of each row show how criteria change.
 const CRITERION: &str = "criterion";
 
-/// Something that happened.
+/// A recorded event of an episode.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Happening {
-    /// The step in which it did.
+    /// Control step in which it happened.
     pub step: u64,
-    /// Its kind, such as `attachment`.
+    /// Kind of event, such as `attachment`.
     pub kind: String,
-    /// What it is about, such as `old_bulb`.
+    /// What it happened to, such as `old_bulb`.
     pub subject: String,
     /// What changed, such as `released`.
     pub change: String,
-    /// More of it.
+    /// Details, such as a number; may be empty.
     pub detail: String,
 }
 
-/// The events of a bag but those of criteria, as far as they can be read.
+/// All events of a bag except those of criteria, as far as they can be read.
 pub(crate) fn happenings(bag: &Bag, notes: &mut Vec<String>) -> Vec<Happening> {
     let mut found = Vec::new();
     for event in bag.events() {
@@ -33,7 +33,7 @@ pub(crate) fn happenings(bag: &Bag, notes: &mut Vec<String>) -> Vec<Happening> {
             Ok(event) => event,
             Err(error) => {
                 let note = format!("Events cannot be read to the end: {}.", short(&error.to_string()));
-                // The rows say so too where they are in the same chunk.
+                // If rows share the damaged chunk, they report it too.
                 notes.push(note);
                 break;
             }

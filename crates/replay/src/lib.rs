@@ -8,10 +8,10 @@
 //! Desk, site                   the same in pages of another server, one replay or two side by side
 //! ```
 //!
-//! The documents are for any page; ours is in `page/`, small modules of JavaScript without a build step. What it imports from
-//! three.js is in `vendor/three`: files of the npm package `three` 0.180.0, minified, byte for byte as they are published, so
-//! that anybody can compare them (a test pins their digests). All of it is compiled in: neither build nor page fetches
-//! anything from another host, and the page's Content-Security-Policy forbids it.
+//! Any page can use the documents. Ours is in `page/`: small JavaScript modules without a build step. What it imports
+//! from three.js is in `vendor/three`: files of the npm package `three` 0.180.0, minified, with the same bytes as
+//! published, so that anybody can compare them (a test pins their digests). Everything is compiled in: neither the
+//! build nor the page fetches anything from another host, and the page's Content-Security-Policy forbids it.
 //!
 //! ```no_run
 //! use fiatlux_replay::{Bags, Replay, Viewer};

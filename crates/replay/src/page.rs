@@ -1,4 +1,4 @@
-//! The files of the page, and the head that binds them together.
+//! The files of the page, and the HTML head that links them.
 
 use std::fmt::Write;
 
@@ -6,7 +6,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use sha2::{Digest, Sha256};
 
-/// A file of the page.
+/// One file of the page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Asset {
     pub name: &'static str,
@@ -21,7 +21,7 @@ macro_rules! asset {
 
 pub(crate) const STYLE: Asset = asset!("page", "style.css");
 
-/// Modules of JavaScript: ours, and those of three.js.
+/// JavaScript modules: ours, and those of three.js.
 pub(crate) const MODULES: [Asset; 13] = [
     asset!("page", "arrows.js"),
     asset!("page", "bar.js"),
@@ -38,26 +38,26 @@ pub(crate) const MODULES: [Asset; 13] = [
     asset!("vendor/three", "three.module.min.js"),
 ];
 
-/// What modules import by a name of its own, and the file that it stands for.
+/// Names that modules import, and the files that they stand for.
 const NAMES: [(&str, &str); 2] =
     [("three", "three.module.min.js"), ("three/addons/controls/OrbitControls.js", "OrbitControls.js")];
 
 const REPLAY: &str = include_str!("../page/replay.html");
-/// What a page of replays is made of, see [`crate::site`].
+/// The parts of a page with replays, see [`crate::site`].
 pub(crate) const ONE: &str = include_str!("../page/view.html");
 pub(crate) const PAIR: &str = include_str!("../page/pair.html");
 pub(crate) const LIST: &str = include_str!("../page/list.html");
 
-/// Where the parts go that differ between a served page and a file.
+/// Placeholder for what differs between a served page and a file.
 const HEAD: &str = "<!--head-->";
 const VIEW: &str = "<!--view-->";
 const BACK: &str = "<!--back-->";
 const DATA: &str = "<!--data-->";
 
-/// No icon, so that no browser asks for one.
+/// An empty icon, so that browsers do not ask for one.
 const ICON: &str = "<link rel=\"icon\" href=\"data:,\">\n";
 
-/// A page that a server gives out, with its policy.
+/// A page from the server, with its Content-Security-Policy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Page {
     pub html: String,
@@ -65,12 +65,12 @@ pub(crate) struct Page {
 }
 
 impl Page {
-    /// The list of episodes.
+    /// The page with the list of episodes.
     pub fn list() -> Self {
         Self::served(LIST, "list.js", "")
     }
 
-    /// An episode; `is_listed` where there is a list to go back to.
+    /// The page of an episode; `is_listed` adds a link back to the list.
     pub fn replay(is_listed: bool) -> Self {
         let back = if is_listed { "<p class=\"small\"><a href=\"/\">All episodes</a></p>" } else { "" };
         Self::served(REPLAY, "main.js", back)
@@ -86,16 +86,16 @@ impl Page {
     }
 }
 
-/// What the head of a served page needs.
+/// What a served page needs in its head.
 pub(crate) struct Head {
-    /// Links to the style and to a module, and the map of names.
+    /// Links to the style and the module, and the import map.
     pub html: String,
-    /// The source for `script-src` of the page's policy that allows the map.
+    /// Source for `script-src` in the page's policy, which allows the import map.
     pub script: String,
 }
 
 impl Head {
-    /// Of a page that starts with a module.
+    /// The head of a page that starts with this module.
     pub fn of(module: &str) -> Self {
         let map = import_map(NAMES.map(|(name, file)| (name.to_owned(), format!("/page/{file}"))));
         let html = format!(
@@ -111,12 +111,12 @@ fn put_together(html: &str, head: &str, back: &str, data: &str) -> String {
     html.replace(HEAD, head).replace(VIEW, ONE.trim_end()).replace(BACK, back).replace(DATA, data)
 }
 
-/// The page of a replay as a file that holds its data.
+/// The page of a replay as a single file with its data.
 pub(crate) fn file(data: &str) -> String {
     put_together(REPLAY, &standalone_head(), "", data)
 }
 
-/// The head of a file that has everything in itself: no address but those of its own data can be loaded.
+/// The head of a self-contained file: its policy allows nothing but its own data.
 fn standalone_head() -> String {
     let files = MODULES.iter().map(|module| (own_name(module.name), data_address(module.text)));
     let names = NAMES.iter().filter_map(|(name, file)| {
@@ -138,12 +138,12 @@ fn standalone_head() -> String {
     )
 }
 
-/// Name of a module in a file, where nothing has an address that another could be relative to.
+/// Import name of a module inside a file, where relative addresses do not work.
 fn own_name(file: &str) -> String {
     format!("fiatlux/{file}")
 }
 
-/// A module as an address that holds it. Its imports of neighbours become imports by name.
+/// A module as a `data:` address. Its imports of neighbouring files become imports by name.
 fn data_address(text: &str) -> String {
     let mut text = text.to_owned();
     for module in MODULES {
@@ -165,7 +165,7 @@ fn import_map(entries: impl IntoIterator<Item = (String, String)>) -> String {
     map
 }
 
-/// Source of a Content-Security-Policy that allows exactly this text.
+/// A source for a Content-Security-Policy that allows exactly this text.
 fn hash_of(text: &str) -> String {
     format!("sha256-{}", STANDARD.encode(Sha256::digest(text)))
 }
@@ -174,7 +174,7 @@ fn hash_of(text: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Files of the npm package `three` 0.180.0, as published: these are the digests of its tarball's files.
+    /// These are the digests of the files in the tarball of the npm package `three` 0.180.0.
     #[test]
     fn three_is_what_npm_has() {
         let expected = [
@@ -189,7 +189,7 @@ mod tests {
         }
     }
 
-    /// Every import of a module is of one that is there: by the map's names, or next to it.
+    /// Every import resolves: by a name of the map, or to a neighbouring file.
     #[test]
     fn imports_are_of_modules_that_are_here() {
         for module in MODULES {
@@ -205,7 +205,7 @@ mod tests {
         }
     }
 
-    /// A file has no neighbours: all its imports are by name.
+    /// A single file has no neighbours: all its imports are by name.
     #[test]
     fn a_file_imports_by_name_alone() {
         for module in MODULES {

@@ -1,4 +1,4 @@
-//! A bag as what a browser needs.
+//! Turns a bag into what a browser needs.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,82 +19,82 @@ use crate::scene::Stage;
 use crate::text::short;
 use crate::track::{ForceName, MOST_KEPT, POSE, Track};
 
-/// Rows that are read, and the step before which they are: the longest task has 72,001.
+/// Limit on the number of rows and on their steps: the longest task has 72,001 rows.
 const MOST_ROWS: usize = 200_000;
 
-/// Version of the documents.
+/// Version of the JSON document.
 pub const REPLAY_VERSION: u32 = 1;
 
-/// What an episode is, and where things stand in the blocks of bytes that go with it.
+/// Describes an episode, and the layout of the blocks of bytes that belong to it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Document {
-    /// Version of this document.
+    /// [`REPLAY_VERSION`] of the program that made it.
     pub version: u32,
-    /// What the episode is.
+    /// Task, seed, policy and other facts from the header.
     pub episode: EpisodeInfo,
-    /// Frames, materials, surfaces, light.
+    /// Frames, materials, surfaces and light.
     pub stage: Stage,
-    /// The rows.
+    /// Layout of the track's bytes.
     pub track: TrackInfo,
-    /// What the gate asks for; none where this version cannot judge the episode.
+    /// Criteria of the gates; `None` if this version cannot judge the episode.
     pub conditions: Option<Conditions>,
-    /// What each rulebook makes of the rows, the one in force first.
+    /// Verdict of each rulebook on the rows, the one in force first.
     pub rulings: Vec<Ruling>,
-    /// Cause of the end as it was recorded; none where the bag has no result.
+    /// Recorded cause of the end; `None` if the bag has no result.
     pub recorded_end: Option<String>,
-    /// What happened, by step.
+    /// Recorded events, sorted by step.
     pub events: Vec<Happening>,
-    /// What a viewer should know: what is missing or differs.
+    /// Remarks for the viewer on what is missing or differs.
     pub notes: Vec<String>,
 }
 
-/// What an episode is.
+/// Facts about an episode from its header.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct EpisodeInfo {
     /// Name of the bag's file, without its folder.
     pub bag: String,
-    /// Such as `S05`.
+    /// Id of the task, such as `S05`.
     pub task: String,
-    /// Name of the task; empty where it is not known.
+    /// Name of the task; empty if this version does not know it.
     pub name: String,
-    /// What the robot is told.
+    /// Instruction that the robot gets.
     pub instruction: String,
-    /// Layout seed, in decimal digits: a browser's numbers do not hold all of them.
+    /// Layout seed in decimal digits, because a browser's numbers cannot hold all seeds.
     pub seed: String,
-    /// Index of the episode, likewise.
+    /// Index of the episode in decimal digits.
     pub episode: String,
-    /// Name of the policy.
+    /// Name of the policy that played it.
     pub policy: String,
-    /// Hands of the robot.
+    /// Name of the robot's hands, such as `inspire`.
     pub hands: String,
-    /// Version of the benchmark.
+    /// Version of the benchmark that it was played in.
     pub benchmark_version: u32,
     /// Control steps until time-out.
     pub horizon_steps: u64,
 }
 
-/// How the track's bytes are laid out, see [`Replay::track`].
+/// Layout of the track's bytes, see [`Replay::track`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrackInfo {
     /// Length of a control step, s.
     pub control_dt: f64,
-    /// All rows.
+    /// Number of all rows.
     pub rows: usize,
-    /// Rows with poses.
+    /// Number of rows with poses.
     pub kept: usize,
-    /// One row of this many has poses.
+    /// Distance in rows between two rows with poses.
     pub stride: usize,
-    /// Numbers of a pose.
+    /// Number of values in a pose.
     pub pose: usize,
-    /// Numbers of a kept row.
+    /// Number of values in a kept row.
     pub width: usize,
-    /// Steps of the first and the last row.
+    /// Control steps of the first and the last row.
     pub span: [u32; 2],
-    /// Forces of a kept row.
+    /// The contact forces of a kept row, in order.
     pub forces: Vec<ForceName>,
 }
 
-/// A bag as what a browser needs: a document, and two blocks of bytes.
+/// A bag in the form that a browser needs: a document and two blocks of bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replay {
     document: Document,
@@ -102,19 +102,19 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Reads a bag, whole or cut. What of it cannot be shown is in [`Document::notes`]. It takes 2 kB for each row, and at
-    /// most 50 MB. Whether the bag proves what it shows is not checked here: a grade does that.
+    /// Reads a bag, whole or cut. [`Document::notes`] lists what cannot be shown. It takes 2 kB of memory for each row,
+    /// and at most 50 MB. It does not check whether the bag proves what it shows; grading does.
     ///
     /// # Errors
-    /// [`ReplayError`]: a bag that cannot be opened, whose header gives no scene, or that has no row that can be drawn.
+    /// [`ReplayError`]: the bag cannot be opened, its header gives no scene, or none of its rows can be drawn.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, ReplayError> {
         Self::open_with(path.as_ref(), MOST_KEPT)
     }
 
-    /// [`Replay::open`] with the poses of at most `most_kept` rows.
+    /// As [`Replay::open`], with the poses of at most `most_kept` rows.
     ///
     /// # Errors
-    /// As [`Replay::open`].
+    /// As for [`Replay::open`].
     pub fn open_with(path: &Path, most_kept: usize) -> Result<Self, ReplayError> {
         let bag = Bag::open(path)?;
         let header = bag.header();
@@ -164,21 +164,21 @@ impl Replay {
         Ok(Self { document, track: track.bytes() })
     }
 
-    /// With another name for the bag's file.
+    /// Changes the name under which the bag's file is shown.
     #[must_use]
     pub fn called(mut self, name: &str) -> Self {
         self.document.episode.bag = short(name);
         self
     }
 
-    /// What it shows.
+    /// Description of the episode and of the blocks of bytes.
     pub fn document(&self) -> &Document {
         &self.document
     }
 
-    /// What it shows, as JSON.
+    /// The same description as JSON, for the page.
     pub fn document_json(&self) -> String {
-        // It has text, finite numbers and lists alone.
+        // The document holds only text, finite numbers and lists, so this cannot fail.
         serde_json::to_string(&self.document).unwrap_or_default()
     }
 
@@ -187,28 +187,28 @@ impl Replay {
         &self.document.stage.bytes
     }
 
-    /// The rows, little endian: `FLTR`, version, rows, kept rows, numbers a kept row (u32 each); of all rows steps (u32), flags
-    /// (u32, see [`crate::flag`]) and the largest contact force of a bulb on a hand body (f32, N); of the kept rows steps
-    /// (u32) and numbers (f32). A kept row has a pose for each frame (m, then the quaternion, w first), then the forces
-    /// (three numbers each, N).
+    /// The rows, little-endian. First `FLTR`, version, rows, kept rows, numbers in a kept row (u32 each). Then for all
+    /// rows the steps (u32), the flags (u32, see [`crate::flag`]) and the largest contact force of a bulb on a hand
+    /// body (f32, N). Then for the kept rows the steps (u32) and the numbers (f32): a pose for each frame (m, then the
+    /// quaternion, w first), then the forces (three numbers each, N).
     pub fn track(&self) -> &[u8] {
         &self.track
     }
 
-    /// [`Replay::meshes`] and [`Replay::track`], without a copy.
+    /// Moves out [`Replay::meshes`] and [`Replay::track`] without a copy.
     pub fn into_bytes(self) -> (Vec<u8>, Vec<u8>) {
         (self.document.stage.bytes, self.track)
     }
 }
 
-/// Reads the rows.
+/// Reads and judges the rows; faults are added to `notes`.
 fn read(bag: &Bag, scene: &Scene, mut referee: Option<&mut Referee>, most: usize, notes: &mut Vec<String>) -> Track {
     let mut track = Track::new(&scene.robot, most);
     let mut rows = Rows::new(bag, scene.robot_layout());
     let mut undrawable = 0;
     for row in rows.by_ref() {
         if track.rows() >= MOST_ROWS || row.step >= MOST_ROWS as u64 {
-            notes.push(format!("Rows from step {MOST_ROWS} on are left out; no episode is so long."));
+            notes.push(format!("Rows from step {MOST_ROWS} on are left out; no episode is that long."));
             break;
         }
         let conditions = referee.as_mut().map_or(0, |referee| referee.push(&row));
@@ -217,12 +217,12 @@ fn read(bag: &Bag, scene: &Scene, mut referee: Option<&mut Referee>, most: usize
     rows.faults.undrawable += undrawable;
     notes.extend(rows.faults.phrases().iter().map(|phrase| format!("The bag is damaged: {}.", short(phrase))));
     if let Completeness::Cut { reason, .. } = bag.completeness() {
-        notes.push(format!("The bag is cut: {}. The rows before are shown.", short(reason)));
+        notes.push(format!("The bag is cut: {}. The rows before the cut are shown.", short(reason)));
     }
     track
 }
 
-/// Where the scene may differ from the one that was recorded, as phrases about the bag.
+/// How the scene may differ from the recorded one, as phrases about the bag.
 pub fn differences(header: &EpisodeHeader, scene: &Scene) -> Vec<String> {
     let digests = [
         ("robot", header.model_digest.as_str(), scene.robot.digest().to_owned()),
@@ -233,7 +233,7 @@ pub fn differences(header: &EpisodeHeader, scene: &Scene) -> Vec<String> {
 }
 
 impl EpisodeInfo {
-    /// From a header.
+    /// Takes the facts from a header, and the file's name from its path.
     pub fn new(header: &EpisodeHeader, path: &Path) -> Self {
         let spec = header.task.parse::<Task>().ok().map(Task::spec);
         Self {

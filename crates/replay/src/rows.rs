@@ -1,4 +1,4 @@
-//! Rows of a bag that can be drawn.
+//! Reads those rows of a bag that can be drawn.
 
 use fiatlux_bag::{Bag, Messages};
 use fiatlux_proto::v3::State;
@@ -6,30 +6,30 @@ use fiatlux_rules::{RobotLayout, Row};
 use fiatlux_wire::read_row;
 use nalgebra::Isometry3;
 
-/// Farther from the origin, m, or larger, rad, than anything in an episode.
+/// Positions (m) and angles (rad) beyond this are not from an episode.
 const ABSURD: f64 = 1000.0;
-/// A quaternion of a row is a unit one within this.
+/// Tolerance on the length of a row's quaternions.
 const UNIT: f64 = 1e-3;
 
-/// What is wrong with the rows of a bag.
+/// Faults in the rows of a bag; the numbers count rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// Rows that cannot be drawn: incomplete, or with numbers that cannot be a pose.
+    /// Rows that cannot be drawn: incomplete, or with impossible poses.
     pub undrawable: u64,
-    /// Rows that stand after a later one.
+    /// Rows that come after one of a later step.
     pub misplaced: u64,
     /// Rows that are missing between others.
     pub missing: u64,
-    /// Where reading stopped before the end.
+    /// Why reading stopped before the end; `None` if it did not.
     pub broken: Option<String>,
 }
 
 impl Faults {
-    /// As phrases.
+    /// Each fault as a phrase, for notes and errors.
     pub fn phrases(&self) -> Vec<String> {
         let counts = [
             (self.undrawable, "cannot be drawn and were left out"),
-            (self.misplaced, "stand after later ones and were left out"),
+            (self.misplaced, "come after later ones and were left out"),
             (self.missing, "are missing between others"),
         ];
         let rows = |count: u64| if count == 1 { "row" } else { "rows" };
@@ -39,18 +39,18 @@ impl Faults {
     }
 }
 
-/// The rows of a bag that can be drawn, by rising step. What is left out is counted in [`Rows::faults`].
+/// The rows of a bag that can be drawn, by rising step. [`Rows::faults`] counts those left out.
 pub struct Rows<'a> {
     states: Messages<'a, State>,
     layout: RobotLayout,
-    /// The step after the last row.
+    /// Step that the next row should have.
     next: Option<u64>,
-    /// What was wrong with the rows so far.
+    /// Faults in the rows read so far.
     pub faults: Faults,
 }
 
 impl<'a> Rows<'a> {
-    /// Rows of these sizes; others cannot be drawn.
+    /// Reads rows of these sizes; others cannot be drawn.
     pub fn new(bag: &'a Bag, layout: RobotLayout) -> Self {
         Self { states: bag.states(), layout, next: None, faults: Faults::default() }
     }
@@ -87,7 +87,7 @@ impl Iterator for Rows<'_> {
     }
 }
 
-/// Whether every pose of a row is one and every joint has an angle.
+/// Whether every pose of a row is valid and every joint has a finite angle.
 fn is_drawable(row: &Row) -> bool {
     let is_number = |number: &f64| number.abs() < ABSURD;
     let is_pose = |pose: &Isometry3<f64>| {

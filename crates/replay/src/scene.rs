@@ -1,6 +1,7 @@
-//! What is in the scene of an episode: frames, paints, and surfaces of triangles.
+//! The scene of an episode: frames, materials, and surfaces made of triangles.
 //!
-//! Shapes and colours are those of [`fiatlux_render`]. A surface belongs to a frame; where the frames are is in the rows.
+//! Shapes and colours come from [`fiatlux_render`]. Each surface belongs to a frame; the rows hold the poses of the
+//! frames.
 
 use fiatlux_render::{Carrier, Lighting, Visuals, paints};
 use fiatlux_robot::Robot;
@@ -8,98 +9,99 @@ use fiatlux_rules::Bulb;
 use fiatlux_world::{Scene, ShapeOwner};
 use serde::Serialize;
 
-/// Frames of other things than the robot; they follow its links.
+/// Frames of things other than the robot; they come after its links.
 pub(crate) const PROPS: [&str; 3] = ["ladder", "old_bulb", "fresh_bulb"];
 
-/// A frame whose pose is in every row.
+/// A frame whose pose is in every kept row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Frame {
     /// Name of the link, or of the prop.
     pub name: String,
-    /// Name of the joint that moves it in its parent; none for the pelvis, welded links and props.
+    /// Name of the joint between it and its parent; `None` for the pelvis, fixed links and props.
     pub joint: Option<String>,
 }
 
-/// A paint.
+/// Optical properties of a surface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Material {
-    /// Its name.
+    /// Name of the material.
     pub name: String,
-    /// Red, green, blue, linear, with the room's tint where it takes it.
+    /// Linear red, green and blue, with the room's tint where it applies.
     pub colour: [f32; 3],
-    /// Share of the light that it mirrors.
+    /// Share of the light that is mirrored, 0 to 1.
     pub mirror: f32,
     /// Roughness of the surface, 0 to 1.
     pub roughness: f32,
-    /// Light of its own, times its colour.
+    /// Strength of its own light, as a factor on its colour.
     pub glow: f32,
     /// Index of the material that replaces it while the fresh bulb is in the socket.
     pub lit: Option<usize>,
 }
 
-/// Triangles of one paint.
+/// Triangles of one material.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Group {
     /// Index of the material.
     pub material: usize,
-    /// First of the surface's indices, counted over all surfaces.
+    /// Position of its first index in the block of all indices.
     pub first: usize,
-    /// Number of indices, three a triangle.
+    /// Number of indices, three for each triangle.
     pub count: usize,
 }
 
-/// A rigid surface.
+/// A rigid surface, with its place in the blocks of vertices and indices.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mesh {
-    /// What it is part of, such as `ladder`.
+    /// What the surface is part of, such as `ladder`.
     pub part: &'static str,
-    /// Index of its frame; none for what stands in the world.
+    /// Index of its frame; `None` if it is fixed in the world.
     pub frame: Option<usize>,
-    /// First vertex, counted over all surfaces; its indices count from here.
+    /// Position of its first vertex in the block of all vertices; its indices count from there.
     pub first_vertex: usize,
-    /// Number of vertices.
+    /// Number of vertices of this surface.
     pub vertices: usize,
-    /// Its triangles, by paint.
+    /// Its triangles, by material.
     pub groups: Vec<Group>,
-    /// Throws a shadow.
+    /// Whether it casts a shadow.
     pub shadow: bool,
 }
 
 /// The light of an episode.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Light {
-    /// Strength of the light from all around; 1 is the benchmark's nominal light.
+    /// Strength of the ambient light; 1 is the benchmark's nominal light.
     pub dome: f64,
-    /// Strength of the key light, likewise.
+    /// Strength of the key light; 1 is the nominal light.
     pub key: f64,
     /// Colour of the key light, linear.
     pub key_colour: [f64; 3],
-    /// Where it shines to, a unit vector, world.
+    /// Direction in which the key light shines: a unit vector in the world frame.
     pub key_direction: [f64; 3],
 }
 
-/// The scene of an episode. Numbers of vertices are in a block of bytes, see [`Stage::bytes`].
+/// The scene of an episode. The numbers of its vertices are in a block of bytes, see [`Stage::bytes`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stage {
-    /// Links of the robot by link index, then ladder, old bulb, fresh bulb.
+    /// Links of the robot in order, then ladder, old bulb and fresh bulb.
     pub frames: Vec<Frame>,
-    /// Materials, as [`Group::material`] counts them.
+    /// Materials, in the order of [`Group::material`].
     pub materials: Vec<Material>,
-    /// Surfaces.
+    /// All surfaces of robot, props and room.
     pub meshes: Vec<Mesh>,
-    /// Vertices of all surfaces.
+    /// Number of vertices of all surfaces.
     pub vertices: usize,
-    /// Indices of all surfaces.
+    /// Number of indices of all surfaces.
     pub indices: usize,
-    /// The light.
+    /// The light of this episode.
     pub light: Light,
-    /// Little endian: positions (three f32 a vertex, m, in its frame), normals (three f32 a vertex), indices (u32 each).
+    /// Little-endian: positions (three f32 for each vertex, m, in its frame), normals (three f32 for each vertex),
+    /// indices (u32 each).
     #[serde(skip)]
     pub bytes: Vec<u8>,
 }
 
 impl Stage {
-    /// The scene in that light.
+    /// The scene under this light.
     pub fn new(scene: &Scene, lighting: &Lighting) -> Self {
         let visuals = Visuals::new(scene);
         let links = scene.robot.links().len();
@@ -155,7 +157,7 @@ fn materials(lighting: &Lighting) -> Vec<Material> {
         let tint = lighting.room_tint.map(|tint| if look.tinted { tint as f32 } else { 1.0 });
         Material {
             colour: std::array::from_fn(|i| look.colour[i] * tint[i]),
-            // Of a Blinn highlight with that exponent; without one the surface is dull.
+            // Roughness of a Blinn highlight with this exponent; without a highlight the surface is dull.
             roughness: if look.sharpness == 0 {
                 1.0
             } else {

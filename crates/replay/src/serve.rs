@@ -1,4 +1,4 @@
-//! The server of replays: for this machine alone.
+//! The server of replays, for this machine only.
 
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -10,11 +10,12 @@ use crate::page::Page;
 use crate::shown::{Desk, Shown};
 use crate::{Bags, ReplayError};
 
-/// How often it looks whether it shall stop.
+/// How often the server checks whether it should stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Shows bags in a browser of this machine. It listens on the loopback interface and answers requests for its own address
-/// alone, so that no page of another host can read it under a name of its own. Clients name episodes by number, never files.
+/// Shows bags in a browser on this machine. It listens on the loopback interface and answers only requests for its own
+/// address, so that no page of another host can read it under another name. Clients name episodes by number, never
+/// files.
 #[derive(Debug)]
 pub struct Viewer {
     listener: TcpListener,
@@ -23,7 +24,7 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Listens on a port of 127.0.0.1; 0 is a free one.
+    /// Listens on a port of 127.0.0.1; 0 picks a free one.
     ///
     /// # Errors
     /// [`ReplayError::Listen`]: the port is taken.
@@ -36,7 +37,7 @@ impl Viewer {
         Ok(Self { listener, address: bound, shelf: Arc::new(Shelf::new(bags)) })
     }
 
-    /// Where it listens.
+    /// Address to open in a browser.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -55,7 +56,7 @@ impl Viewer {
                 () = stopped(stop) => Ok(()),
             }
         });
-        // A replay that is being read is not waited for.
+        // Does not wait for a replay that is still being read.
         runtime.shutdown_background();
         served.map_err(ReplayError::Serve)
     }
@@ -67,7 +68,7 @@ async fn stopped(stop: &AtomicBool) {
     }
 }
 
-/// The bags, their pages, and the replays that were asked for last.
+/// The bags, their pages, and recently requested replays.
 #[derive(Debug)]
 pub(crate) struct Shelf {
     pub bags: Bags,
@@ -82,7 +83,7 @@ impl Shelf {
         Self { bags, list: Page::list(), replay, desk: Desk::default() }
     }
 
-    /// The replay of a bag; none where there is no bag of that number.
+    /// The replay of the bag at an index; `None` if there is no such bag.
     pub fn show(&self, index: usize) -> Option<Result<Shown, ReplayError>> {
         self.bags.file(index).map(|path| self.desk.show(path, None))
     }

@@ -1,4 +1,4 @@
-//! Replays as they are sent, and those that were asked for last.
+//! Replays in the form that is sent, with a cache of recent ones.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,21 +9,21 @@ use axum::body::Bytes;
 
 use crate::{Replay, ReplayError};
 
-/// Replays that are kept in memory by default, of at most 50 MB each.
+/// Default number of replays to keep in memory, of at most 50 MB each.
 const MOST_KEPT: usize = 2;
 
-/// A replay as it is sent.
+/// A replay in the form that is sent to a browser.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shown {
-    /// What it shows, as JSON.
+    /// The document as JSON, see [`Replay::document_json`].
     pub document: Bytes,
-    /// See [`Replay::meshes`].
+    /// Vertices and indices, see [`Replay::meshes`].
     pub meshes: Bytes,
-    /// See [`Replay::track`].
+    /// The rows as bytes, see [`Replay::track`].
     pub track: Bytes,
 }
 
-/// Which file it was made of, and which version of it: a bag may still be growing.
+/// The file that a replay was made of, and its state then: a bag may still be growing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Edition {
     path: PathBuf,
@@ -31,11 +31,11 @@ struct Edition {
     modified: Option<SystemTime>,
 }
 
-/// Reads replays, and keeps those that were asked for last.
+/// Reads replays, and keeps recent ones in memory.
 #[derive(Debug)]
 pub struct Desk {
     most: usize,
-    /// The last one is the one that was asked for last.
+    /// Replays in memory, most recently requested last.
     kept: Mutex<Vec<(Edition, Shown)>>,
 }
 
@@ -46,16 +46,16 @@ impl Default for Desk {
 }
 
 impl Desk {
-    /// Keeps at most so many replays, of at most 50 MB each.
+    /// Keeps up to `most` replays, of at most 50 MB each.
     pub fn keeping(most: usize) -> Self {
         Self { most: most.max(1), kept: Mutex::default() }
     }
 
-    /// The replay of a bag; `name` is what its file is called for people, where that is not the name that it has here.
-    /// One is read at a time, which bounds the memory.
+    /// The replay of a bag, shown under `name` if its file has another name here. Only one is read at a time, to limit
+    /// the memory.
     ///
     /// # Errors
-    /// As [`Replay::open`].
+    /// As for [`Replay::open`].
     pub fn show(&self, path: &Path, name: Option<&str>) -> Result<Shown, ReplayError> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let metadata =

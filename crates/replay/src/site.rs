@@ -1,9 +1,9 @@
-//! Replays in the pages of another server.
+//! Replays inside the pages of another server.
 //!
-//! Such a page has [`SitePage::head`] in its head and [`SitePage::body`] in its body, and allows what [`SitePage::script`] names.
-//! [`one`] asks for `document.json`, `meshes.bin`, `track.bin` and `bag` below the page's own address; [`pair`] asks for the
-//! same of two addresses, which the attributes `data-a` and `data-b` of an element with the id `pair` name.
-//! Modules and style are asked for as `/page/NAME`: [`page_part`].
+//! Such a page has [`SitePage::head`] in its head and [`SitePage::body`] in its body, and its policy allows
+//! [`SitePage::script`]. [`one`] requests `document.json`, `meshes.bin`, `track.bin` and `bag` below the page's own
+//! address. [`pair`] requests the same from two addresses, given by the attributes `data-a` and `data-b` of an element
+//! with the id `pair`. Modules and style are requested as `/page/NAME`: see [`page_part`].
 
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -15,28 +15,28 @@ use tokio::io::{AsyncRead, ReadBuf};
 
 use crate::page::{Head, MODULES, ONE, PAIR, STYLE};
 
-/// Bytes of a file that are read at once.
+/// Number of bytes to read from a file at once.
 const BLOCK: usize = 64 * 1024;
 
-/// The parts of a page with replays.
+/// The parts of a page that shows replays.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SitePage {
-    /// Links to style and modules.
+    /// Links to the style and the modules, for the page's head.
     pub head: String,
-    /// The only inline script in it, as a source for `script-src`; `'self'` allows the others.
+    /// A source for `script-src` that allows the page's only inline script; `'self'` allows the others.
     pub script: String,
-    /// A `main` element. What is around it has the class that the style goes by.
+    /// A `main` element. The element around it needs [`SitePage::class`] for the style to apply.
     pub body: &'static str,
-    /// That class.
+    /// Class for the element around `body`.
     pub class: &'static str,
 }
 
-/// A page with one replay.
+/// The parts of a page with one replay.
 pub fn one() -> SitePage {
     of("main.js", ONE, "replay")
 }
 
-/// A page with two replays side by side, and one time bar.
+/// The parts of a page with two replays side by side and one time bar.
 pub fn pair() -> SitePage {
     of("pair.js", PAIR, "pair")
 }
@@ -46,7 +46,7 @@ fn of(module: &str, body: &'static str, class: &'static str) -> SitePage {
     SitePage { head, script, body, class }
 }
 
-/// A file of the page by its name: what it is, and its text.
+/// Media type and text of a file of the page, by its name; `None` if there is no such file.
 pub fn page_part(name: &str) -> Option<(&'static str, &'static str)> {
     if name == STYLE.name {
         return Some(("text/css; charset=utf-8", STYLE.text));
@@ -55,12 +55,12 @@ pub fn page_part(name: &str) -> Option<(&'static str, &'static str)> {
     Some(("text/javascript; charset=utf-8", module.text))
 }
 
-/// A file as the body of an answer, one block of it in memory at a time.
+/// Streams a file as the body of an answer, one block at a time.
 pub fn whole_file(file: File) -> Body {
     Body::from_stream(Blocks { file, block: vec![0; BLOCK] })
 }
 
-/// The blocks of a file, one in memory at a time.
+/// The blocks of a file, one at a time.
 struct Blocks {
     file: File,
     block: Vec<u8>,

@@ -1,4 +1,4 @@
-//! A replay as one file that needs nothing else.
+//! A replay as a single self-contained file.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -6,8 +6,8 @@ use base64::engine::general_purpose::STANDARD;
 use crate::Replay;
 use crate::page::file;
 
-/// The page with all its data. It opens from a disk, without a server, and may load nothing from any host. It is about 4/3
-/// of the replay's bytes, and 1.5 MB.
+/// The page with all its data. It opens from a disk, without a server, and its policy forbids loading anything from any
+/// host. Its size is about 4/3 of the replay's bytes plus 1.5 MB.
 pub fn standalone(replay: &Replay) -> String {
     let mut data = String::new();
     for (name, bytes) in [

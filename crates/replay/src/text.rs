@@ -1,9 +1,9 @@
-//! Text that comes from a bag.
+//! Makes text from a bag fit to show.
 
-/// Most characters of a text that are shown.
+/// Longest text to show, characters.
 const MOST: usize = 300;
 
-/// A text from a bag for people to read: bounded, and without control characters and marks that turn its direction.
+/// Shortens a text from a bag, and removes control characters and marks that change its direction.
 pub(crate) fn short(text: &str) -> String {
     let is_hidden = |c: char| {
         c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')

@@ -1,8 +1,8 @@
 //! The rows of an episode as a block of bytes: poses and forces of those that are kept, conditions of all.
 //!
-//! A row takes 2 kB here, and the longest task has 72,001. Memory is bounded in one pass: where the kept rows become too
-//! many, every second one goes and the distance between them doubles. Conditions and the force on the hands are small;
-//! they are there for every row, so that nothing that lights up for one row is lost.
+//! A row takes 2 kB here, and the longest task has 72,001 rows. Memory is limited in a single pass: when there are too
+//! many kept rows, every second one is dropped and the distance between them doubles. Conditions and the force on the
+//! hands are small and kept for every row, so that nothing that lasts for one row is lost.
 
 use fiatlux_robot::{Robot, RobotError};
 use fiatlux_rules::{Bulb, LIMBS, Limb, Row, measure};
@@ -14,29 +14,29 @@ use crate::scene::PROPS;
 
 /// First bytes of a track.
 pub const MAGIC: [u8; 4] = *b"FLTR";
-/// Version of its layout.
+/// Version of the layout of a track.
 pub const TRACK_VERSION: u32 = 1;
-/// Numbers of a pose: position x, y, z in m, then the quaternion w, x, y, z.
+/// How many numbers a pose has: position x, y, z in m, then the quaternion w, x, y, z.
 pub const POSE: usize = 7;
-/// Most rows whose poses are kept: 42 MB of the robot with Inspire hands.
+/// Largest number of rows whose poses are kept: 42 MB for the robot with Inspire hands.
 pub const MOST_KEPT: usize = 20_000;
 
-/// A contact force that every kept row has, world axes, N.
+/// A contact force that every kept row has, in the world frame, N.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ForceName {
-    /// What presses, such as `floor`.
+    /// What exerts the force, such as `floor`.
     pub by: &'static str,
-    /// Index of the frame that it presses on; the force is drawn from its origin.
+    /// Index of the frame that it acts on; it is drawn from the origin of that frame.
     pub frame: usize,
 }
 
-/// Collects rows.
+/// Collects rows into a track, and thins out their poses.
 #[derive(Debug)]
 pub(crate) struct Track {
     most: usize,
     frames: usize,
     forces: Vec<Force>,
-    /// One row of this many is kept.
+    /// Distance in rows between two kept ones.
     stride: usize,
     kept_steps: Vec<u32>,
     /// Poses of all frames, then forces, of each kept row.
@@ -56,7 +56,7 @@ struct Force {
 enum Source {
     Floor(usize),
     Ladder(usize),
-    /// Of a bulb on all bodies of the right (0) or the left (1) hand.
+    /// The force of a bulb on all bodies of the right (0) or left (1) hand.
     Hand(Bulb, usize),
 }
 
@@ -75,12 +75,12 @@ impl Track {
         }
     }
 
-    /// Takes the next row, with the flags of its conditions.
+    /// Adds the next row, with the flags of its conditions.
     ///
     /// # Errors
-    /// A row that is not a posture of the robot; nothing of it is taken.
+    /// The row is not a posture of the robot; then nothing of it is added.
     pub fn push(&mut self, row: &Row, robot: &Robot, conditions: u32) -> Result<(), RobotError> {
-        // Rows of later steps are not read.
+        // The caller reads no rows of later steps.
         let step = u32::try_from(row.step).unwrap_or(u32::MAX);
         if self.steps.len().is_multiple_of(self.stride) {
             let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
@@ -103,7 +103,7 @@ impl Track {
         Ok(())
     }
 
-    /// Keeps every second of the rows that are kept.
+    /// Drops every second kept row.
     fn thin_out(&mut self) {
         let width = self.width();
         let kept = self.kept_steps.len().div_ceil(2);
@@ -116,27 +116,27 @@ impl Track {
         self.stride *= 2;
     }
 
-    /// Numbers of a kept row.
+    /// How many numbers a kept row has.
     pub fn width(&self) -> usize {
         POSE * self.frames + 3 * self.forces.len()
     }
 
-    /// Rows whose poses are kept.
+    /// Number of rows whose poses are kept.
     pub fn kept(&self) -> usize {
         self.kept_steps.len()
     }
 
-    /// All rows.
+    /// Number of rows that were added.
     pub fn rows(&self) -> usize {
         self.steps.len()
     }
 
-    /// Steps of the first and the last row.
+    /// Control steps of the first and the last row; `None` without rows.
     pub fn span(&self) -> Option<[u32; 2]> {
         Some([*self.steps.first()?, *self.steps.last()?])
     }
 
-    /// One row of this many has poses.
+    /// Distance in rows between two rows with poses.
     pub fn stride(&self) -> usize {
         self.stride
     }
@@ -146,9 +146,7 @@ impl Track {
         self.forces.iter().map(|force| force.name.clone()).collect()
     }
 
-    /// Little endian: magic, version, rows, kept rows, numbers a kept row (u32 each); then of all rows the steps (u32), the
-    /// flags (u32), the largest contact force of a bulb on a hand body (f32, N); then of the kept rows the steps (u32) and
-    /// the numbers (f32): poses of all frames, then forces.
+    /// The track as bytes, in the layout that [`Replay::track`](crate::Replay::track) describes.
     pub fn bytes(&self) -> Vec<u8> {
         let counts = [TRACK_VERSION, self.rows() as u32, self.kept() as u32, self.width() as u32];
         let mut bytes = Vec::with_capacity(20 + 12 * self.rows() + 4 * self.kept() + 4 * self.kept.len());
@@ -173,7 +171,7 @@ impl Source {
     }
 }
 
-/// Forces on feet and palms by floor and ladder, and on the hands by the bulbs.
+/// Forces of floor and ladder on feet and palms, and of the bulbs on the hands.
 fn forces(robot: &Robot) -> Vec<Force> {
     let palm = |side: usize| robot.palms().get(side).copied();
     let foot = |side: usize| robot.feet().get(side).copied();
@@ -188,7 +186,7 @@ fn forces(robot: &Robot) -> Vec<Force> {
         add("ladder", frame, Source::Ladder(limb as usize));
     }
     for (bulb, name) in [(Bulb::Old, "old_bulb"), (Bulb::Fresh, "fresh_bulb")] {
-        // Rows have the right hand first, the robot its left palm.
+        // In rows the right hand comes first, on the robot the left palm.
         for (side, frame) in [palm(1), palm(0)].into_iter().enumerate() {
             add(name, frame, Source::Hand(bulb, side));
         }

@@ -1,4 +1,4 @@
-//! What compares a row with those before it: how the bulbs move.
+//! Compares a row with earlier ones: how the bulbs move.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -7,31 +7,31 @@ use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
 use crate::settle::{self, PoseSpeed};
 use crate::thresholds::Thresholds;
 
-/// Low-passed speeds of both bulbs, and the two rows before the next one.
+/// Low-passed speeds of both bulbs, and the last two rows.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct BulbMotion {
     pub speeds: [PoseSpeed; 2],
-    /// In the frames of the palms, by bulb, then left and right, m/s.
+    /// Speeds in the frames of the palms, by bulb, then left and right, m/s.
     pub grip_speeds: [[f64; 2]; 2],
     /// The last row and the one before it.
     last: [Option<Instant>; 2],
 }
 
-/// What struck some bulb in a row.
+/// What struck a bulb in a row.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Jolts {
-    /// Its velocity changed since the last row by more than free fall explains.
+    /// The bulb's velocity has changed since the last row by more than free fall explains.
     pub impact: bool,
-    /// Something touched it and changed its velocity since the last row, or the last but one, by more than free fall explains.
-    /// Over two rows, because the physics steps of a blow can lie on both sides of a row; there the row before both must not
-    /// be one of the first, exempt rows.
+    /// Something touched the bulb and changed its velocity, since the last row or the one before it, by more than free
+    /// fall explains. Two rows are compared because the physics steps of a blow can be on both sides of a row; then the
+    /// earlier of these rows must not be one of the first, exempt rows.
     pub blow: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Instant {
     bulbs: [BodyRow; 2],
-    /// Places of the bulbs' origins in the frames of the palms, by bulb, then left and right, m.
+    /// Positions of the bulbs' origins in the frames of the palms, by bulb, then left and right, m.
     in_palms: [[Vector3<f64>; 2]; 2],
     touched: [bool; 2],
 }
@@ -80,12 +80,12 @@ impl Instant {
     }
 }
 
-/// Place of a bulb's origin in a palm's frame, m.
+/// Position of a bulb's origin in a palm's frame, m.
 fn in_palm(world_from_palm: &Isometry3<f64>, bulb: &BodyRow) -> Vector3<f64> {
     world_from_palm.inverse_transform_point(&bulb.pose.translation.vector.into()).coords
 }
 
-/// Change of a bulb's velocity over some control steps, free fall apart, m/s.
+/// Change of a bulb's velocity over some control steps, apart from free fall, m/s.
 fn jump(before: &BodyRow, after: &BodyRow, steps: f64) -> f64 {
     let fall = Vector3::new(0.0, 0.0, -GRAVITY) * CONTROL_DT * steps;
     (after.linear_velocity - before.linear_velocity - fall).norm()

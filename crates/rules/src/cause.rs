@@ -5,14 +5,14 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
-/// A condition that ends an episode where its task or session says so. All are noted as they occur, whether or not
-/// they end it.
+/// A condition that ends an episode if its task or session says so. Every condition is noted when it is met, whether or
+/// not it ends the episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Cause {
     /// The gate held for its whole window.
     Success,
-    /// The state left what is physically plausible. Ends every episode, whatever its task or session says, and never goes
-    /// with success.
+    /// The state is no longer physically plausible. Ends every episode, whatever its task or session says, and excludes
+    /// success.
     Diverged,
     /// The robot fell: its pelvis is lower or tilted further than the thresholds allow.
     Fall,
@@ -84,10 +84,10 @@ impl FromStr for Cause {
 pub struct Causes(u16);
 
 impl Causes {
-    /// The set that has no cause.
+    /// A set without any cause.
     pub const NONE: Causes = Causes(0);
 
-    /// The causes of a list.
+    /// The set of these causes.
     pub const fn of(causes: &[Cause]) -> Self {
         let (mut bits, mut i) = (0, 0);
         while i < causes.len() {
@@ -97,23 +97,23 @@ impl Causes {
         Self(bits)
     }
 
-    /// Whether a cause is among them.
+    /// Whether the set contains a cause.
     pub const fn contains(self, cause: Cause) -> bool {
         self.0 & (1 << cause as u8) != 0
     }
 
-    /// Whether there is none.
+    /// Whether the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// These and those of another set.
+    /// The union with another set.
     #[must_use]
     pub const fn union(self, other: Causes) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// Those that are in both sets.
+    /// The intersection with another set.
     #[must_use]
     pub const fn intersection(self, other: Causes) -> Self {
         Self(self.0 & other.0)

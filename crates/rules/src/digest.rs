@@ -33,7 +33,7 @@ impl RowDigest {
         Self { link: hash.finalize().into(), numbers: Vec::with_capacity(1024) }
     }
 
-    /// Goes on from a link of a chain, such as its start, given as [`RowDigest::hex`] gives it; `None` for anything else.
+    /// Continues a chain from a link, such as its start, in the form of [`RowDigest::hex`]; `None` for any other text.
     pub fn from_hex(link: &str) -> Option<Self> {
         let digit = |byte: u8| char::from(byte).to_digit(16).map(|digit| digit as u8);
         let pair = |pair: &[u8]| Some(digit(*pair.first()?)? << 4 | digit(*pair.get(1)?)?);

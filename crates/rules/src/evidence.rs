@@ -1,4 +1,4 @@
-//! What a row says whichever protocol judges it: measured once, and judged by both.
+//! What a row shows under either protocol: it is measured once, and both judges use it.
 
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
@@ -11,7 +11,7 @@ use crate::settle::PoseSpeed;
 use crate::spec::TaskSpec;
 use crate::strict::leaps;
 
-/// By the row itself and by those before it.
+/// Measurements of a row, in part relative to earlier rows.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Evidence {
     /// Number of the row.
@@ -24,17 +24,17 @@ pub(crate) struct Evidence {
     pub grip_speeds: [[f64; 2]; 2],
     /// Conditions that it meets. Success is never among them: it follows from the rows before and the protocol.
     pub conditions: Causes,
-    /// A bulb is dropped in a task that minds, whether or not this bulb's drop ends it.
+    /// Whether a bulb is dropped in a task that forbids it, whether or not this drop ends the episode.
     pub drops: bool,
-    /// Something struck a bulb, but for the first rows.
+    /// Whether something struck a bulb, except in the first rows.
     pub has_blow: bool,
-    /// The robot rises or sinks faster than anybody climbs.
+    /// Whether the robot rises or sinks faster than anybody climbs.
     pub leaps: bool,
-    /// The pelvis is at working height.
+    /// Whether the pelvis is at working height.
     pub is_high: bool,
     /// Largest contact force of a bulb on a hand body, N.
     pub hand_force_n: f64,
-    /// The same over the physics steps, N.
+    /// Largest contact force of a bulb on a hand body over the physics steps, N.
     pub substep_force_n: f64,
     /// Largest force of anything on a bulb over the physics steps, N.
     pub bulb_force_n: f64,

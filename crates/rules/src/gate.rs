@@ -1,4 +1,4 @@
-//! A gate: conditions that must hold together.
+//! Gates: conditions that must hold together.
 
 use crate::geometry::Geometry;
 use crate::protocol::Protocol;
@@ -8,10 +8,10 @@ use crate::strict::UPRIGHT;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 
-/// What a predicate reads besides the row.
+/// Inputs of a predicate besides the row.
 #[derive(Debug, Clone, Copy)]
 pub struct Context<'a> {
-    /// Numbers to compare with.
+    /// Figures to compare with.
     pub thresholds: &'a Thresholds,
     /// Places and sizes in the scene that predicates measure against.
     pub geometry: &'a Geometry,
@@ -24,7 +24,7 @@ pub struct Context<'a> {
 }
 
 impl<'a> Context<'a> {
-    /// For a task, with bulbs that do not move.
+    /// The context of a task with bulbs that do not move.
     pub(crate) fn at_rest(task: Task, thresholds: &'a Thresholds, geometry: &'a Geometry) -> Self {
         let drop_heights = [thresholds.old_drop_m, (task.spec().special.fresh_drop_m)(thresholds)];
         Self { thresholds, geometry, bulb_speeds: Default::default(), grip_speeds: Default::default(), drop_heights }
@@ -58,9 +58,9 @@ pub struct Criterion {
 pub struct Gate {
     /// The conditions, at most [`MAX_CRITERIA`].
     pub criteria: &'static [Criterion],
-    /// Consecutive control steps; 1 where one is enough.
+    /// Number of consecutive control steps; 1 if a single one is enough.
     pub sustain_steps: u32,
-    /// What protocol `strict` also asks for; every list gains an upright pelvis.
+    /// Additional criteria of protocol `strict`; an upright pelvis is always one of them.
     pub strict: &'static [Criterion],
     /// Consecutive control steps in protocol `strict`.
     pub strict_steps: u32,
@@ -94,7 +94,7 @@ impl Gate {
         self.criteria_of(protocol).count() as u32
     }
 
-    /// Consecutive control steps for which they must hold.
+    /// Number of consecutive control steps for which they must hold.
     pub fn window(&self, protocol: Protocol) -> u32 {
         match protocol {
             Protocol::Published => self.sustain_steps,
@@ -117,7 +117,7 @@ impl Criteria {
     /// Criteria of no gate: none.
     pub(crate) const NONE: Self = Self { held: [false; MAX_CRITERIA], len: 0 };
 
-    /// One entry a criterion.
+    /// One entry for each criterion.
     pub fn as_slice(&self) -> &[bool] {
         &self.held[..self.len]
     }

@@ -15,21 +15,21 @@ pub struct JointDrive {
     pub damping: f64,
     /// Largest torque of the drive, N m.
     pub effort_limit: f64,
-    /// Rated speed, rad/s; infinite where there is none.
+    /// Rated speed, rad/s; infinite if there is none.
     pub speed_limit: f64,
     /// Inertia of the motor's rotor seen at the joint, kg m^2.
     pub armature: f64,
 }
 
-/// Everything besides the rows that must be equal for two digests to be comparable. A world makes it of what it plays,
-/// a scorer of a bag's header; both start their chain with [`EpisodeIdentity::digest`].
+/// Everything besides the rows that must be equal for two digests to be comparable. A world takes it from what it
+/// plays, a scorer from a bag's header; both start their chain with [`EpisodeIdentity::digest`].
 ///
 /// Light, tint and the noise of sensors touch no row and are not part of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeIdentity {
     /// The task that is played.
     pub task: Task,
-    /// Draws the room and, with the index, everything else.
+    /// Seed that draws the room and, with the index, everything else.
     pub seed: u64,
     /// Index of the episode.
     pub episode: u64,
@@ -41,7 +41,7 @@ pub struct EpisodeIdentity {
     pub hand_friction: Option<f64>,
     /// Factors of the props' sizes: ladder x, y and z, socket, fresh bulb.
     pub prop_scale: [f64; 5],
-    /// The start has noise.
+    /// Whether the start has noise.
     pub is_start_drawn: bool,
     /// All thresholds in force.
     pub thresholds: Thresholds,
@@ -63,7 +63,7 @@ impl EpisodeIdentity {
         RowDigest::new(&self.context())
     }
 
-    /// As bytes, in the order of the fields.
+    /// The identity as bytes, in the order of the fields.
     ///
     /// Texts (the task's id, names and digests) are followed by a zero byte; numbers are little-endian, whole ones of 8 bytes,
     /// others f64. Of each drive stiffness, damping, effort limit, speed limit and armature; the friction is NaN for the

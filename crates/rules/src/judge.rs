@@ -42,14 +42,14 @@ pub struct Judge {
     thresholds: Thresholds,
     geometry: Geometry,
     options: JudgeOptions,
-    /// Kept for the published way of counting.
+    /// Row 0, for the published way of counting.
     first_row: Option<Box<Row>>,
     first_step: u64,
     start_count: Option<u32>,
     motion: BulbMotion,
-    /// What the row last judged says.
+    /// Measurements of the last row.
     evidence: Evidence,
-    /// For how many rows each criterion has held; protocol `strict` counts by it.
+    /// Number of rows for which each criterion has held; protocol `strict` needs it.
     held_for: [u32; MAX_CRITERIA],
     squared_actions: f64,
     first_met: [Option<u64>; Cause::ALL.len()],
@@ -76,7 +76,7 @@ const UNJUDGED: Verdict = Verdict {
 };
 
 impl Judge {
-    /// A judge that has seen nothing; [`Judge::start`] shows it row 0.
+    /// A judge that has seen no row; [`Judge::start`] shows it row 0.
     pub fn new(
         protocol: Protocol,
         task: Task,
@@ -102,7 +102,7 @@ impl Judge {
         }
     }
 
-    /// Forgets all rows, and keeps what was chosen.
+    /// Forgets all rows, but keeps its options.
     fn forget(&mut self) {
         (self.first_row, self.first_step, self.start_count) = (None, 0, None);
         (self.motion, self.evidence) = (BulbMotion::default(), Evidence::default());
@@ -130,14 +130,14 @@ impl Judge {
         &self.geometry
     }
 
-    /// What ends an episode.
+    /// The causes that end an episode.
     pub fn ends_on(&self) -> Causes {
         let usual = Causes::of(&[Cause::Success, Cause::Fall, Cause::TimeOut]);
         let chosen = self.options.end_on.unwrap_or_else(|| usual.union(self.task.spec().also_ends_on));
         chosen.union(Causes::of(&[Cause::Diverged]))
     }
 
-    /// What the rows so far say.
+    /// Verdict on the rows so far.
     pub fn verdict(&self) -> &Verdict {
         &self.verdict
     }
@@ -191,7 +191,7 @@ impl Judge {
         &self.verdict
     }
 
-    /// Measures the next row, without judging it.
+    /// Measures the next row without judging it.
     pub(crate) fn see(&mut self, row: &Row) -> Evidence {
         let follows = self.evidence.step.checked_add(1) == Some(row.step);
         if !follows {
@@ -202,7 +202,7 @@ impl Judge {
         Evidence::of(row, follows, steps, &mut self.motion, self.task.spec(), &cx)
     }
 
-    /// Judges a row by what some judge of the same task and thresholds saw in it.
+    /// Judges a row with the measurements of any judge of the same task and thresholds.
     pub(crate) fn judge(&mut self, row: &Row, evidence: Evidence) {
         if self.verdict.end.is_some() {
             return;
@@ -240,7 +240,7 @@ impl Judge {
         self.count(counted);
     }
 
-    /// What the episode amounts to so far.
+    /// Summary of the episode so far.
     pub fn summary(&self) -> Summary {
         let v = &self.verdict;
         let steps = self.steps_at(v.step);
@@ -267,7 +267,7 @@ impl Judge {
         step.saturating_sub(self.first_step)
     }
 
-    /// Takes a number of criteria into c0, the best and the progress.
+    /// Updates c0, the best count and the progress with a number of criteria.
     fn count(&mut self, count: u32) {
         let n = self.gate().n(self.protocol);
         let c0 = *self.start_count.get_or_insert(count);
@@ -276,7 +276,7 @@ impl Judge {
         self.verdict.progress = if c0 >= n { 1.0 } else { f64::from(best.saturating_sub(c0)) / f64::from(n - c0) };
     }
 
-    /// Criteria as a simulator counts them that has already reset the scene, but not the contact forces.
+    /// Number of criteria as counted by a simulator that has already reset the scene, but not the contact forces.
     fn count_after_reset(&self, first: &Row, last: &Row) -> u32 {
         let reset = Row { hand_force: last.hand_force.clone(), ..first.clone() };
         let context = Context::at_rest(self.task, &self.thresholds, &self.geometry);
@@ -298,7 +298,7 @@ impl Judge {
         gate.criteria_of(self.protocol).zip(held_for).filter(|pair| counts(*pair)).count() as u32
     }
 
-    /// Something broke, was dropped, fell or tipped, or the robot leapt, in the row last shown or before.
+    /// Whether something broke, was dropped, fell or tipped, or the robot leapt, in this row or earlier.
     fn is_spoilt(&self) -> bool {
         let v = &self.verdict;
         v.broken

@@ -1,4 +1,4 @@
-//! Both judges over the same rows.
+//! Both judges, over the same rows.
 
 use crate::geometry::Geometry;
 use crate::judge::{Judge, JudgeOptions};
@@ -19,7 +19,7 @@ pub struct Judges {
 }
 
 impl Judges {
-    /// Judges that have seen nothing.
+    /// Judges that have seen no row.
     pub fn new(
         protocol: Protocol,
         task: Task,
@@ -51,18 +51,18 @@ impl Judges {
         self.strict.judge(row, evidence);
     }
 
-    /// Which of them ends the episode.
+    /// The protocol that ends the episode.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }
 
-    /// The one that ends the episode.
+    /// The judge that ends the episode.
     pub fn in_force(&self) -> &Judge {
         self.of(self.protocol)
     }
 
-    /// The one of a protocol. What the strict one says of an episode that was played by `published` is cut off at the
-    /// published end.
+    /// The judge of a protocol. For an episode that was played by `published`, the strict judge stops at the published
+    /// end.
     pub fn of(&self, protocol: Protocol) -> &Judge {
         match protocol {
             Protocol::Published => &self.published,

@@ -1,4 +1,4 @@
-//! Geometry read off poses. Only measurements: what they mean is the rulebook's business.
+//! Geometry derived from poses. These are only measurements: the rulebook decides what they mean.
 
 use std::f64::consts::{PI, TAU};
 

@@ -32,14 +32,14 @@ pub const RULES: &str = "c1fb0231bd937605165a704b14e26fde075e32110352c525a3b4fb5
 /// Digest of the sensors' terms: names, fields, shapes, units, ranges, scales and noise. The test says how it is made.
 pub const SENSORS: &str = "2f989348700329cc438a9afac1da77995ce3b2cff2e038aeffba30ca9f0d825a";
 
-/// The pinned digest of the robot with these hands; none for hands that the benchmark does not know.
+/// The pinned digest of the robot with these hands; `None` for hands that the benchmark does not know.
 pub fn model(hands: &str) -> Option<&'static str> {
     MODELS.into_iter().find(|(name, _)| *name == hands).map(|(_, digest)| digest)
 }
 
-/// SHA-256 over the rules as data, hexadecimal: the default thresholds, the bounds of divergence, and of each task its
-/// start, gate, ends, weight, horizon, special rules and the names and weights of what it pays for. What a predicate
-/// computes is not in it: the tests of the rules guard that.
+/// SHA-256 over the rules as data, hexadecimal: the default thresholds, the bounds of divergence, and for each task its
+/// start, gate, ends, weight, horizon, special rules and the names and weights of its reward terms. The computations of
+/// predicates are not in it: the tests of the rules guard those.
 pub fn rules_digest() -> String {
     let mut text = format!("control_dt {CONTROL_DT:?}\ngravity {GRAVITY:?}\n");
     let mut line = |line: std::fmt::Arguments<'_>| {

@@ -1,4 +1,4 @@
-//! What gates and terminations are made of. Figures and their sources stand in [`Thresholds`](crate::Thresholds).
+//! The predicates of gates and terminations. Figures and their sources are in [`Thresholds`](crate::Thresholds).
 //!
 //! A comparison with NaN is false on both sides: such a robot neither stands nor has fallen.
 

@@ -1,16 +1,16 @@
-//! By which of two rulebooks an episode is judged and ends.
+//! The two rulebooks by which an episode can be judged and end.
 
 use std::fmt;
 use std::str::FromStr;
 
 use thiserror::Error;
 
-/// One bag has both verdicts where it was played by `strict`, because that never ends an episode earlier.
+/// A bag of an episode that was played by `strict` has both verdicts, because `strict` never ends an episode earlier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub enum Protocol {
     /// The paper's gates and ends, for scores that compare with the published ones.
     Published,
-    /// The same gates and what keeps stunts from passing them. The default, and what rankings go by.
+    /// The same gates, with criteria that keep stunts from passing them. The default, and the one for rankings.
     #[default]
     Strict,
 }

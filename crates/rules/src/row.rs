@@ -1,4 +1,4 @@
-//! One row of state: everything that a gate, a reward or a metric reads, and all that a world needs to go on from there.
+//! One row of state: everything that a gate, a reward or a metric reads, and that a world needs to continue from there.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -111,7 +111,7 @@ pub struct Row {
     pub com_velocity: Vector3<f64>,
     /// Poses of the left and the right palm in the world, m.
     pub world_from_palm: [Isometry3<f64>; 2],
-    /// rad, in the public joint order.
+    /// Angles of the joints, rad, in the public joint order.
     pub joint_position: Vec<f64>,
     /// Speeds of the joints in the same order, rad/s.
     pub joint_velocity: Vec<f64>,

@@ -9,18 +9,18 @@ use crate::verdict::End;
 pub use benchmark::{Benchmark, SeedScore, Spread, SubtaskScore};
 pub use rate::{Rate, wilson_interval};
 
-/// What one episode amounts to.
+/// Summary of one episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
     /// The task that was played.
     pub task: Task,
     /// Whether the gate fired: it held for its whole window.
     pub success: bool,
-    /// A bulb pressed harder on a hand body than it can bear.
+    /// Whether a bulb pressed harder on a hand body than it can bear.
     pub broken: bool,
-    /// A bulb was dropped.
+    /// Whether a bulb was dropped.
     pub dropped: bool,
-    /// From 0 to 1.
+    /// Gate progress, from 0 to 1.
     pub gate_progress: f64,
     /// Largest contact force of a bulb on a hand body, N.
     pub peak_hand_force_n: f64,
@@ -28,9 +28,9 @@ pub struct Summary {
     pub control_effort: f64,
     /// Control steps that were played.
     pub steps: u64,
-    /// How it ended; `None` while it runs or where it was cut.
+    /// How it ended; `None` while it runs or if it was cut.
     pub end: Option<End>,
-    /// The pelvis was at working height; a diagnostic.
+    /// Whether the pelvis was at working height; a diagnostic.
     pub reached_working_height: bool,
 }
 
@@ -51,6 +51,6 @@ impl Summary {
 pub struct Episode {
     /// Seed of the layout.
     pub seed: u64,
-    /// What it amounts to.
+    /// Summary of the episode.
     pub summary: Summary,
 }

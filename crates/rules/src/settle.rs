@@ -31,7 +31,7 @@ impl PoseSpeed {
 
 /// A speed, low-passed over one control step.
 pub(crate) fn low_pass(old: f64, new: f64, time_constant_s: f64) -> f64 {
-    // A time constant of zero takes the speed as it is.
+    // With a time constant of zero the speed is not filtered.
     let share = if time_constant_s > CONTROL_DT { CONTROL_DT / time_constant_s } else { 1.0 };
     old + share * (new - old)
 }

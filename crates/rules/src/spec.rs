@@ -1,4 +1,4 @@
-//! What a page of `tasks/` fills in: all that defines a task.
+//! Everything that defines a task, to be filled in by a page of `tasks/`.
 
 use crate::cause::Causes;
 use crate::gate::Gate;
@@ -66,14 +66,14 @@ impl Factor {
     }
 }
 
-/// Which ladder a task is played with.
+/// The kind of ladder that a task is played with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ladder {
-    /// It stands anywhere in the room and can be carried.
+    /// Anywhere in the room, and free to be carried.
     Free,
-    /// It stands ready below the fixture. It is free to move there too.
+    /// Ready below the fixture, and free to move.
     Coupled,
-    /// It is fixed to the floor, in the scene of `climb`.
+    /// Fixed to the floor, in the scene of `climb`.
     Fixed,
 }
 
@@ -158,7 +158,7 @@ pub struct StartSpec {
     pub ladder: Ladder,
     /// Where the robot stands.
     pub robot: Stand,
-    /// How far off that a reset may put it.
+    /// Noise that a reset adds.
     pub noise: ResetNoise,
     /// Where the old bulb is.
     pub old_bulb: Spot,
@@ -183,12 +183,12 @@ impl StartSpec {
     }
 }
 
-/// What a task pays for.
+/// The reward of a task.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum RewardSpec {
     /// Gate progress; in training also these hints, success, failures and motion.
     Subtask {
-        /// What a learner is led by, task by task.
+        /// Additional terms that guide a learner.
         hints: &'static [TermSpec],
     },
     /// These terms and motion, whether in training or not.
@@ -200,7 +200,7 @@ pub(crate) enum RewardSpec {
     },
 }
 
-/// Rules that differ in one task or two; [`SpecialRules::NONE`] has what the others go by.
+/// Rules that differ in one or two tasks; [`SpecialRules::NONE`] has the usual ones.
 #[derive(Debug, Clone, Copy)]
 pub struct SpecialRules {
     /// Height below which the fresh bulb counts as dropped, m.
@@ -210,7 +210,7 @@ pub struct SpecialRules {
     /// The bulb that has to stay in the socket: without it the condition [`Cause::Unseated`](crate::Cause::Unseated) is
     /// met.
     pub keeps_seated: Option<Bulb>,
-    /// A grade mentions whether the pelvis was at working height, for which the gate does not ask.
+    /// Whether a grade mentions that the pelvis was at working height, which the gate does not need.
     pub notes_working_height: bool,
 }
 
@@ -224,7 +224,7 @@ impl SpecialRules {
     };
 }
 
-/// All that defines a task.
+/// Everything that defines a task.
 #[derive(Debug, Clone, Copy)]
 pub struct TaskSpec {
     /// Short name, such as `S01` or `replace`.
@@ -233,9 +233,9 @@ pub struct TaskSpec {
     pub id: &'static str,
     /// Name for people, such as `Move Ladder`.
     pub name: &'static str,
-    /// What the robot is told.
+    /// Instruction that the robot gets.
     pub instruction: &'static str,
-    /// Why it weighs what it weighs; empty where it has no weight.
+    /// Factors of its weight; empty if it has no weight.
     pub factors: &'static [Factor],
     /// Weight in the benchmark score; 0 outside it.
     pub weight: f64,
@@ -251,10 +251,10 @@ pub struct TaskSpec {
     pub gate: Gate,
     /// Criteria that hold in its start state.
     pub start_count: u32,
-    /// What ends it besides success, fall and time-out.
+    /// Causes that end it besides success, fall and time-out.
     pub also_ends_on: Causes,
-    /// What differs from the other tasks.
+    /// Rules that differ from those of other tasks.
     pub special: SpecialRules,
-    /// What it pays for.
+    /// The terms of its reward.
     pub(crate) reward: RewardSpec,
 }

@@ -1,4 +1,4 @@
-//! What protocol `strict` asks for beyond the published gates: a criterion for each way in which a stunt can pass them.
+//! The additional criteria of protocol `strict`: one for each way in which a stunt can pass the published gates.
 //!
 //! A strict gate is all published criteria of its task, those of this page that the task names, and [`upright`]; it holds for
 //! at least a second. Nothing may have fallen, tipped, dropped or broken before, and the robot may not have leapt.
@@ -51,8 +51,8 @@ pub fn slow(row: &Row, cx: &Context<'_>) -> bool {
     row.robot.linear_velocity.norm() < cx.thresholds.strict_walk_speed_m_s
 }
 
-/// The centre of mass rises or sinks faster than anybody climbs. Who drops off a ladder and lands on both feet has not climbed
-/// down.
+/// The centre of mass rises or sinks faster than anybody climbs. A robot that drops off a ladder and lands on both feet
+/// has not climbed down.
 pub fn leaps(row: &Row, cx: &Context<'_>) -> bool {
     row.com_velocity.z.abs() > cx.thresholds.strict_leap_m_s
 }
@@ -66,7 +66,7 @@ pub fn in_grip(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
     }
     let [right, left] = row.hands(bulb);
     let peaks = row.hand_force_peak[bulb as usize].split_at(right.len());
-    // Palms stand in a row the other way round than hands do.
+    // Rows list the left palm first, but the right hand first.
     [(right, peaks.1, 1), (left, peaks.0, 0)].into_iter().any(|(hand, of_other_hand, palm)| {
         of_other_hand.iter().all(|peak| *peak <= stray)
             && cx.grip_speeds[bulb as usize][palm] < cx.thresholds.strict_slip_m_s

@@ -66,7 +66,7 @@ impl Task {
         all
     };
 
-    /// All that defines the task.
+    /// Everything that defines the task.
     pub fn spec(self) -> &'static TaskSpec {
         match self {
             Task::S01 => &tasks::s01_move_ladder::SPEC,
@@ -106,7 +106,7 @@ impl Task {
         self.spec().weight
     }
 
-    /// What the robot is told.
+    /// Instruction that the robot gets.
     pub fn instruction(self) -> &'static str {
         self.spec().instruction
     }
@@ -116,7 +116,7 @@ impl Task {
         self.spec().horizon_steps
     }
 
-    /// The one bulb that the task handles; `None` where it handles none, or both.
+    /// The one bulb that the task handles; `None` if it handles none, or both.
     pub fn carried(self) -> Option<Bulb> {
         match self.spec().bulbs {
             [bulb] => Some(*bulb),
@@ -134,7 +134,7 @@ impl fmt::Display for Task {
 impl FromStr for Task {
     type Err = UnknownTask;
 
-    /// Reads `S01`, `s1`, `replace`, `climb` and full ids, in upper or lower case.
+    /// Parses `S01`, `s1`, `replace`, `climb` and full ids, in upper or lower case.
     fn from_str(name: &str) -> Result<Self, UnknownTask> {
         let number = name.strip_prefix(['S', 's']).filter(|rest| rest.bytes().all(|b| b.is_ascii_digit()));
         if let Some(number) = number.and_then(|rest| rest.parse::<usize>().ok()) {

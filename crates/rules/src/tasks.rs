@@ -1,4 +1,4 @@
-//! The tasks, a page each: what it is, its start, its gate, its ends, its special rules and its reward.
+//! The tasks, one page for each: its description, start, gate, ends, special rules and reward.
 //!
 //! Every task also ends on success, on a fall of the robot and at its horizon. Starts are data, which the world carries
 //! out; figures of places and noise stand in its scene config. The hints are what training pays in addition. `strict` lists

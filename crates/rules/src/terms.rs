@@ -1,4 +1,4 @@
-//! What rewards are made of: the kinds of terms, and measures that several tasks pay for.
+//! Kinds of reward terms, and measures that several tasks pay for.
 
 pub(crate) mod hints;
 pub(crate) mod motion;

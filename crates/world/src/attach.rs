@@ -17,7 +17,7 @@ pub enum AttachmentState {
     Seated,
 }
 
-/// Hold on one bulb.
+/// The socket's hold on one bulb.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Attachment {
     /// Whether the bulb is held.
@@ -26,7 +26,7 @@ pub struct Attachment {
     pub steps_beyond: u32,
 }
 
-/// A plug as the socket sees it.
+/// A plug in relation to the socket.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlugState {
     /// Direction out of the socket, world.

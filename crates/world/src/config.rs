@@ -1,5 +1,4 @@
-//! Every number of the scene. The published values and their sources stand in `scene.toml`, with the meaning of
-//! each field.
+//! Every number of the scene. `scene.toml` holds the published values with their sources and the meaning of each field.
 
 mod check;
 mod parts;
@@ -56,11 +55,11 @@ impl Default for SceneConfig {
 }
 
 impl SceneConfig {
-    /// Reads and checks a config. What the text leaves out keeps its published value.
+    /// Parses and checks a config. Fields that the text omits keep their published values.
     ///
     /// # Errors
-    /// [`SceneError::Toml`] for text that cannot be read or a field that does not exist, [`SceneError::Value`] for the
-    /// first value that makes no scene.
+    /// [`SceneError::Toml`] if the text cannot be parsed or a field does not exist, [`SceneError::Value`] for the first
+    /// invalid value.
     pub fn from_toml(text: &str) -> Result<Self, SceneError> {
         let mut merged = DeTable::parse(PUBLISHED_SCENE).map_err(|e| toml_error(PUBLISHED_SCENE, &e))?;
         let changes = DeTable::parse(text).map_err(|e| toml_error(text, &e))?.into_inner();
@@ -86,7 +85,8 @@ impl SceneConfig {
         Sha256::digest(self.to_toml()).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
-    /// Checks that the numbers make a scene. Needed only after a change in place; [`SceneConfig::from_toml`] checks.
+    /// Checks that the numbers make a scene. Needed only after changing a config in place; [`SceneConfig::from_toml`]
+    /// checks too.
     ///
     /// # Errors
     /// [`SceneError::Value`] for the first value at fault.

@@ -1,16 +1,16 @@
 use crate::{HandFriction, Layout, Light, PropScale, StartOffset};
 
-/// What was drawn for an episode, or is nominal. The noise of the sensors is not kept.
+/// Everything that was drawn for an episode, or is nominal, except the noise of the sensors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DomainSample {
     /// Where everything stands in the room.
     pub layout: Layout,
     /// Sizes of the props.
     pub scale: PropScale,
-    /// Friction of the hands; none for the robot file's own.
+    /// Friction of the hands; `None` for that in the robot's file.
     pub hand_friction: Option<HandFriction>,
     /// Light of the scene and tint of the room.
     pub light: Light,
-    /// How far off its nominal start the robot is.
+    /// Offset of the robot from its nominal start.
     pub start: StartOffset,
 }

@@ -1,4 +1,4 @@
-//! One episode of a task: a world in motion, judged, paid and chained into a digest.
+//! One episode of a task: a world in motion, with judges, rewards and the digest of its rows.
 
 use std::sync::Arc;
 
@@ -15,31 +15,31 @@ use crate::{
     SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
 };
 
-/// What an episode is. It plays in the scene that [`EpisodeSpec::scene`] describes; gains are the scene's.
+/// Defines an episode. It plays in the scene that [`EpisodeSpec::scene`] describes, with that scene's gains.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeSpec {
     /// The task that is played.
     pub task: Task,
-    /// Draws the room and the sizes of the props, and with the episode everything else.
+    /// Seed that draws the room and the sizes of the props and, with the episode, everything else.
     pub seed: u64,
-    /// Index of the episode; with the seed it draws what varies.
+    /// Index of the episode; with the seed it determines everything that varies.
     pub episode: u64,
-    /// Which draws it makes.
+    /// What to draw at random.
     pub randomize: Randomization,
-    /// Sizes of the props; not in force where they are drawn.
+    /// Sizes of the props, unless they are drawn.
     pub scale: PropScale,
     /// The thresholds that are in force.
     pub thresholds: Thresholds,
-    /// Which of the two judges ends it, and pays for it.
+    /// Which of the two judges ends it and pays its rewards.
     pub protocol: Protocol,
-    /// What ends it in place of the task's own conditions.
+    /// What ends it, in place of the task's own conditions.
     pub end_on: Option<Causes>,
     /// Which reward it pays; not part of the digest.
     pub variant: Variant,
 }
 
 impl EpisodeSpec {
-    /// An episode as the benchmark has it.
+    /// An episode as the benchmark plays it.
     pub fn new(task: Task, seed: u64, episode: u64) -> Self {
         Self {
             task,
@@ -64,7 +64,7 @@ impl EpisodeSpec {
         if self.randomize.prop_scale { PropScale::draw(self.seed) } else { self.scale }
     }
 
-    /// Material of the hands; none for the robot file's own.
+    /// Material of the hands; `None` for that in the robot's file.
     pub fn drawn_hand_friction(&self) -> Option<HandFriction> {
         self.randomize.hand_friction.then(|| HandFriction::draw(self.seed, self.episode))
     }
@@ -106,7 +106,7 @@ impl EpisodeSpec {
         Err(StartError::OtherScene { task, seed, episode, what, needed, found })
     }
 
-    /// What must be equal besides the rows for two digests to be comparable.
+    /// Everything besides the rows that must be equal for two digests to be comparable.
     pub fn identity(&self, scene: &Scene) -> EpisodeIdentity {
         let drive = |gains: &JointGains| JointDrive {
             stiffness: gains.stiffness,
@@ -139,7 +139,7 @@ impl EpisodeSpec {
     }
 }
 
-/// Why an episode took no step; it is unchanged then.
+/// Why an episode took no step; it is unchanged.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EpisodeError {
     /// The episode has ended, so no step can follow.
@@ -153,7 +153,7 @@ pub enum EpisodeError {
     World(#[from] WorldError),
 }
 
-/// What a control step brought.
+/// The result of a control step.
 #[derive(Debug, Clone, Copy)]
 pub struct Step<'a> {
     /// The row after it.
@@ -162,14 +162,14 @@ pub struct Step<'a> {
     pub verdict: &'a Verdict,
     /// What each term of the reward paid.
     pub terms: &'a [Term],
-    /// Some number of the action was outside the box [-1, 1].
+    /// Whether a number of the action was outside the box [-1, 1].
     pub outside_box: bool,
 }
 
-/// Sums over an episode that no verdict has.
+/// Sums over an episode that verdicts do not have.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Totals {
-    /// Physics steps that did not converge, those of staging among them.
+    /// Physics steps that did not converge, including those of staging.
     pub unconverged: u64,
     /// Steps whose action left the box [-1, 1].
     pub steps_outside_box: u64,
@@ -192,7 +192,7 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// Stages an episode: row 0 is judged and in the digest.
+    /// Stages an episode: row 0 is judged and enters the digest.
     ///
     /// # Errors
     /// [`StartError`]: the scene is not the one of [`EpisodeSpec::scene`], or the task does not start in it.
@@ -223,9 +223,9 @@ impl Episode {
         target.iter().zip(self.scene().robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect()
     }
 
-    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, digest. An action
-    /// has a number for each joint: joint target = q0 + [`ACTION_SCALE`] action. It is all that a row records of a command,
-    /// so joint targets become one first ([`Episode::action_for`]).
+    /// Advances by one control step: attachments, physics, measurement, judgement, rewards, digest. An action has one
+    /// number for each joint: joint target = q0 + [`ACTION_SCALE`] action. Rows record commands only as actions, so
+    /// joint targets must be converted first ([`Episode::action_for`]).
     ///
     /// # Errors
     /// [`EpisodeError`]; the episode is unchanged.
@@ -252,12 +252,12 @@ impl Episode {
         })
     }
 
-    /// What the episode was asked to be.
+    /// The spec that the episode was started with.
     pub fn spec(&self) -> &EpisodeSpec {
         &self.spec
     }
 
-    /// What was drawn for it.
+    /// Everything that was drawn for the episode.
     pub fn domain_sample(&self) -> DomainSample {
         let scene = self.world.scene();
         DomainSample {
@@ -269,7 +269,7 @@ impl Episode {
         }
     }
 
-    /// The scene it plays in.
+    /// The scene that it plays in.
     pub fn scene(&self) -> &Arc<Scene> {
         self.world.scene()
     }
@@ -284,7 +284,7 @@ impl Episode {
         self.world.row()
     }
 
-    /// Both judges: that of `published` and that of `strict`.
+    /// Both judges, `published` and `strict`.
     pub fn judges(&self) -> &Judges {
         &self.judges
     }
@@ -294,7 +294,7 @@ impl Episode {
         self.judges.in_force()
     }
 
-    /// What the rows so far say, by the judge that ends the episode.
+    /// The verdict on the rows so far, by the judge that ends the episode.
     pub fn verdict(&self) -> &Verdict {
         self.judge().verdict()
     }
@@ -319,17 +319,17 @@ impl Episode {
         &self.context
     }
 
-    /// Sums that no verdict has.
+    /// Sums that verdicts do not have.
     pub fn totals(&self) -> Totals {
         self.totals
     }
 
-    /// What it amounts to so far, by the judge that ends it.
+    /// Summary of the episode so far, by the judge that ends it.
     pub fn summary(&self) -> Summary {
         self.judge().summary()
     }
 
-    /// How it ended, once it has.
+    /// How it ended; `None` while it runs.
     pub fn end(&self) -> Option<End> {
         self.verdict().end
     }

@@ -16,7 +16,7 @@ pub enum SceneError {
         /// What is wrong with the text.
         reason: String,
     },
-    /// A field has a value that makes no scene.
+    /// A field has an invalid value.
     #[error("scene config{}: {field} is {value}; {rule}", at_line(*.line))]
     Value {
         /// The field, such as `bench.surface_height`.
@@ -45,13 +45,13 @@ pub enum SceneError {
         factor: &'static str,
         /// The value that was given.
         value: f64,
-        /// Least factor that is taken.
+        /// Smallest factor that is accepted.
         low: f64,
-        /// Largest factor that is taken.
+        /// Largest factor that is accepted.
         high: f64,
     },
-    /// A recorded layout is none of this scene's.
-    #[error("recorded layout: {field} {rule}; take the layout as it was recorded in a scene of the same kind")]
+    /// A recorded layout does not fit this scene.
+    #[error("recorded layout: {field} {rule}; use the layout as it was recorded, in a scene of the same kind")]
     Recorded {
         /// The part at fault.
         field: &'static str,
@@ -78,7 +78,7 @@ pub enum SceneError {
     Robot(#[source] RobotError),
 }
 
-/// Why a world cannot do what it was asked to; it is unchanged then.
+/// Why a world cannot do what was requested; it is unchanged.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum WorldError {
     /// An action or a joint target is NaN or infinite.
@@ -97,7 +97,7 @@ pub enum WorldError {
         /// The number that was found.
         value: f64,
     },
-    /// An action or a list of joint targets is not as long as the robot has joints.
+    /// The length of an action or of a list of joint targets is not the robot's number of joints.
     #[error("{field} has {found} numbers instead of {expected}; send one a joint")]
     Length {
         /// Which list: `action` or `target`.
@@ -107,7 +107,7 @@ pub enum WorldError {
         /// Joints of the robot.
         expected: usize,
     },
-    /// An external wrench makes no sense.
+    /// An external wrench is not valid.
     #[error("wrench {index} {problem}")]
     Wrench {
         /// Its place in the list.
@@ -121,7 +121,7 @@ pub enum WorldError {
     /// The engine refused a variation.
     #[error("cannot vary the world")]
     Variation(#[from] ModelError),
-    /// A row is of another robot.
+    /// A row belongs to another robot.
     #[error("row to start from: it has {found:?}, the scene's robot has {expected:?}; take a row of the same robot")]
     Layout {
         /// Sizes of the row's robot.
@@ -129,7 +129,7 @@ pub enum WorldError {
         /// Sizes of the scene's robot.
         expected: RobotLayout,
     },
-    /// A row cannot be started from.
+    /// No world can start from a row.
     #[error("row to start from: {field} is {value}; {rule}")]
     Row {
         /// The field at fault.

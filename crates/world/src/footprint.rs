@@ -1,4 +1,4 @@
-//! What stands still, seen from above: enough to plan a path without the scene's shapes.
+//! Fixed things seen from above, which is enough to plan a path without the scene's shapes.
 
 use fiatlux_dynamics::{BodyId, Geometry, ShapeSpec};
 use nalgebra::{Vector2, Vector3};
@@ -6,22 +6,22 @@ use nalgebra::{Vector2, Vector3};
 use crate::owner::ShapeOwner;
 use crate::scene::Scene;
 
-/// A rectangle on the floor and the heights between which a thing fills it, or a part of it.
+/// A rectangle on the floor, and the heights between which a thing occupies all or part of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Footprint {
     /// `bench`, `crate`, `fixture`, `ladder` where it cannot move, or the name of a wall, a corner or the ceiling.
     pub name: String,
     /// Corners, counter-clockwise seen from above, world, m.
     pub outline: [Vector2<f64>; 4],
-    /// Height of its lowest point, m. What hangs can be passed under.
+    /// Height of its lowest point, m. A robot can pass under hanging things.
     pub bottom: f64,
     /// Height of its highest point, m.
     pub top: f64,
 }
 
 impl Scene {
-    /// Footprints of all that never moves but the floor, each wall by itself. A rectangle lies along its thing's own axes and
-    /// holds all of its shapes.
+    /// Footprints of everything that never moves, except the floor, with each wall by itself. A rectangle is aligned
+    /// with the thing's own axes and contains all of its shapes.
     pub fn footprints(&self) -> Vec<Footprint> {
         let mut found: Vec<(Bounds, Footprint)> = Vec::new();
         for shape in self.model.shapes().iter().filter(|shape| shape.body == BodyId::WORLD) {

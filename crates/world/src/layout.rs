@@ -13,7 +13,7 @@ use self::walls::clear_of_walls;
 use crate::parts::{LadderPart, SceneParts, absent_fixture};
 use crate::{SceneConfig, SceneError};
 
-/// Farthest that anything in a recorded layout may be, m or rad.
+/// Largest distance or angle in a recorded layout, m or rad.
 const FAR: f64 = 100.0;
 
 /// A place on the floor with a heading about the vertical.
@@ -21,12 +21,12 @@ const FAR: f64 = 100.0;
 pub struct Place {
     /// Position on the floor, m.
     pub position: Vector2<f64>,
-    /// rad, from +x towards +y.
+    /// Heading, rad, from +x towards +y.
     pub yaw: f64,
 }
 
 impl Place {
-    /// As a pose at height `z`.
+    /// The place as a pose at height `z`.
     pub fn world_from_place(&self, z: f64) -> Isometry3<f64> {
         let half = 0.5 * self.yaw;
         let rotation = Quaternion::new(libm::cos(half), 0.0, 0.0, libm::sin(half));
@@ -82,16 +82,16 @@ pub struct Layout {
     pub mount: Mount,
     /// Pose of the socket.
     pub world_from_fixture: Isometry3<f64>,
-    /// Where the published coupled ladder stands: in front of the fixture, steps away from it. Ours does too, unless that
-    /// is in a wall.
+    /// Place of the published coupled ladder: in front of the fixture, steps away from it. Ours stands there too,
+    /// unless that is inside a wall.
     pub anchor: Place,
     /// Where the ladder stands at the start.
     pub ladder: Place,
     /// Robot, in the zone drawn for it.
     pub robot: Place,
-    /// Centre of the bench, which never turns; none in `climb`.
+    /// Centre of the bench, which never turns; `None` in `climb`.
     pub bench: Option<Vector2<f64>>,
-    /// Centre of the crate, which never turns; none in `climb`.
+    /// Centre of the crate, which never turns; `None` in `climb`.
     pub crate_: Option<Vector2<f64>>,
 }
 
@@ -99,7 +99,7 @@ impl Layout {
     /// Where the parts of a scene stand; [`SceneParts`] says which places the seed draws.
     ///
     /// # Errors
-    /// As [`Layout::draw`].
+    /// As for [`Layout::draw`].
     pub fn of(config: &SceneConfig, parts: impl Into<SceneParts>, seed: u64) -> Result<Self, SceneError> {
         let parts = parts.into();
         match parts.ladder {
@@ -126,10 +126,10 @@ impl Layout {
         }
     }
 
-    /// Checks a layout that was recorded.
+    /// Checks a recorded layout.
     ///
     /// # Errors
-    /// [`SceneError::Recorded`] for numbers or parts that make no scene of these parts.
+    /// [`SceneError::Recorded`] if numbers or parts do not fit a scene of these parts.
     pub(crate) fn check(&self, config: &SceneConfig, parts: &SceneParts) -> Result<(), SceneError> {
         let ensure = |ok: bool, field, rule| if ok { Ok(()) } else { Err(SceneError::Recorded { field, rule }) };
         let reach = |numbers: &[f64]| numbers.iter().all(|number| number.abs() <= FAR);

@@ -1,4 +1,4 @@
-/// Whose a collision shape is.
+/// The thing that a collision shape belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ShapeOwner {
     /// The floor of the scene.
@@ -42,7 +42,7 @@ impl ShapeOwner {
         label as u32
     }
 
-    /// The owner of the shapes with a label.
+    /// The owner of the shapes with this label.
     pub fn from_label(label: u32) -> Self {
         let index = label as usize;
         Self::PROPS.get(index).copied().unwrap_or(ShapeOwner::Robot(index.saturating_sub(Self::PROPS.len())))

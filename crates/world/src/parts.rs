@@ -1,21 +1,21 @@
-//! What a scene is composed of.
+//! The parts that scenes are composed of.
 //!
-//! What a scene lacks still has its place in a row, for a row has one form. It stands there upright, at rest, free and
-//! untouched, [`FAR`] from the robot and from each other: near nothing, held by nothing, neither tipped nor dropped, so
-//! that no criterion which asks for it holds and no condition ends an episode. A missing crate is at the origin, as in
-//! `climb`: it matters only to a bulb between its walls.
+//! A missing part still has its place in a row, because all rows have the same form. It is upright, at rest, free and
+//! untouched, [`FAR`] from the robot and from other missing parts: near nothing, held by nothing, neither tipped nor
+//! dropped, so that no criterion that needs it holds and no condition ends an episode. A missing crate is at the
+//! origin, as in `climb`: it matters only to a bulb between its walls.
 
 use std::fmt;
 
 use nalgebra::Isometry3;
 
-/// How far away a row has what its scene lacks, m.
+/// Distance at which a row places missing parts, m.
 pub const FAR: f64 = 1000.0;
 
 /// How a ladder stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum LadderPart {
-    /// Free to move, in a place of its own.
+    /// Free to move, in its own place.
     Free,
     /// Free to move, ready below the fixture.
     Coupled,
@@ -23,15 +23,15 @@ pub enum LadderPart {
     Fixed,
 }
 
-/// What stands on the floor besides the robot. Floor and robot are in every scene.
+/// Everything on the floor besides the robot. Floor and robot are in every scene.
 ///
-/// Places are drawn by the layout seed where there is furniture. Without it they are those of the config's `climb`; and the
-/// robot is at the origin where there is neither ladder nor fixture nor bulb to stand before.
+/// With furniture, the layout seed draws the places. Without it they come from the config's `climb`; and the robot is
+/// at the origin if there is no ladder, fixture or bulb to stand in front of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct SceneParts {
-    /// The step ladder, and whether it can be moved; none leaves it out.
+    /// The step ladder, and whether it can be moved; `None` for no ladder.
     pub ladder: Option<LadderPart>,
-    /// Both bulbs: the old one in the fixture and the fresh one on the bench where there is furniture, else on the floor.
+    /// Both bulbs: the old one in the fixture; the fresh one on the bench if there is furniture, else on the floor.
     pub bulbs: bool,
     /// Walls and ceiling of the room.
     pub room: bool,
@@ -53,10 +53,10 @@ pub enum SceneKind {
 }
 
 impl SceneParts {
-    /// Robot and floor, nothing else.
+    /// Only robot and floor.
     pub const FLOOR: Self = Self { ladder: None, bulbs: false, room: false, fixture: false, furniture: false };
 
-    /// What stands in a scene of a task.
+    /// The parts of a task's scene.
     pub const fn of(kind: SceneKind) -> Self {
         let (ladder, furniture) = match kind {
             SceneKind::FreeLadder => (LadderPart::Free, true),
@@ -93,17 +93,17 @@ impl fmt::Display for SceneParts {
     }
 }
 
-/// Where a row has the ladder of a scene without one.
+/// Where rows place the ladder of a scene without one.
 pub(crate) fn absent_ladder() -> Isometry3<f64> {
     Isometry3::translation(-FAR, 0.0, 0.0)
 }
 
-/// Where a row has the fixture of a scene without one.
+/// Where rows place the fixture of a scene without one.
 pub(crate) fn absent_fixture() -> Isometry3<f64> {
     Isometry3::translation(FAR, 0.0, FAR)
 }
 
-/// Where a row has the old and the fresh bulb of a scene without them.
+/// Where rows place the old and the fresh bulb of a scene without them.
 pub(crate) fn absent_bulbs() -> [Isometry3<f64>; 2] {
     [-FAR, FAR].map(|y| Isometry3::translation(0.0, y, FAR))
 }

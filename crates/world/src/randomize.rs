@@ -1,4 +1,4 @@
-//! What is drawn for an episode, besides its task.
+//! Random draws for an episode, besides its task.
 //!
 //! | moment | what | drawn from |
 //! |---|---|---|
@@ -7,7 +7,7 @@
 //! | start-up | [`HandFriction`] | seed (64 materials), seed and episode (which of them) |
 //! | reset | [`StartOffset`](crate::StartOffset), [`Light`] and tint, noise of the sensors | seed and episode |
 //!
-//! Each is drawn from a stream of its own: to leave one out changes no other.
+//! Each is drawn from its own stream, so that omitting one does not change the others.
 
 mod hand_friction;
 mod light;
@@ -19,10 +19,10 @@ pub use prop_scale::PropScale;
 
 use crate::Random;
 
-/// Which draws an episode makes. What is not drawn is nominal. The default is the benchmark's.
+/// Which quantities an episode draws. The others are nominal. The default is the benchmark's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Randomization {
-    /// The room is drawn by the seed; else it is that of layout seed 0.
+    /// Whether the seed draws the room; if not, it is that of layout seed 0.
     pub layout: bool,
     /// Place, heading and joints of the robot at the start.
     pub start: bool,
@@ -39,7 +39,7 @@ pub struct Randomization {
 }
 
 impl Randomization {
-    /// Nothing is drawn: all episodes of a task are the same.
+    /// Draws nothing: all episodes of a task are the same.
     pub const FIXED: Self = Self {
         layout: false,
         start: false,

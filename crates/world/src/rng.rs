@@ -7,10 +7,10 @@ use sha2::{Digest, Sha256};
 /// Name and version of the generator and of its seeding, for records.
 pub const RNG_NAME: &str = "fiatlux-pcg64mcg-sha256/1";
 
-/// What all numbers of an episode are drawn with, for records: [`RNG_NAME`], and the generator of the published rooms.
+/// Generators of all numbers in an episode, for records: [`RNG_NAME`], and the generator of the published rooms.
 pub const GENERATORS: &str = "fiatlux-pcg64mcg-sha256/1, rooms python-mt19937";
 
-/// What random numbers are for; each purpose has a stream of its own. The room is not among them: [`Layout::draw`]
+/// Purposes of random numbers, each with its own stream. The room is not among them: [`Layout::draw`]
 /// uses the published generator.
 ///
 /// [`Layout::draw`]: crate::Layout::draw

@@ -14,10 +14,10 @@ use crate::parts::{LadderPart, SceneParts, absent_fixture, absent_ladder};
 use crate::props::{self, LadderPoints, PropSizes, add_parts};
 use crate::{PropScale, SceneConfig, SceneError};
 
-/// What to build a scene of.
+/// Description of a scene to build.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneSpec {
-    /// What stands in it.
+    /// The parts of the scene.
     pub parts: SceneParts,
     /// Layout seed; a scene without furniture does not use it.
     pub seed: u64,
@@ -27,12 +27,12 @@ pub struct SceneSpec {
     pub hand_friction: Option<f64>,
     /// Sizes of the props.
     pub scale: PropScale,
-    /// Layout as recorded, in place of a draw.
+    /// A recorded layout to use instead of a draw.
     pub layout: Option<Layout>,
 }
 
 impl SceneSpec {
-    /// The scene of a layout seed, with the robot's own friction, props of nominal size and a layout that is drawn.
+    /// The scene of a layout seed, with the robot's own friction, props of nominal size and a drawn layout.
     pub fn new(parts: impl Into<SceneParts>, seed: u64, gains: Gains) -> Self {
         Self { parts: parts.into(), seed, gains, hand_friction: None, scale: PropScale::default(), layout: None }
     }
@@ -48,11 +48,11 @@ impl SceneSpec {
 /// with every joint at 0.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// What was asked for.
+    /// The description that the scene was built from.
     pub spec: SceneSpec,
-    /// All numbers, the props in nominal size.
+    /// All numbers, with the props in nominal size.
     pub config: SceneConfig,
-    /// Numbers of the props in the size they have here.
+    /// Numbers of the props in their actual size.
     pub sizes: PropSizes,
     /// Where everything stands in it.
     pub layout: Layout,
@@ -62,19 +62,19 @@ pub struct Scene {
     pub model: Model,
     /// Where the robot is in the model.
     pub robot_ids: RobotIds,
-    /// The ladder's body; none where it cannot move.
+    /// The ladder's body; `None` if it cannot move.
     pub ladder: Option<BodyId>,
-    /// The old bulb's body.
+    /// The old bulb's body; `None` without bulbs.
     pub old_bulb: Option<BodyId>,
-    /// The fresh bulb's body.
+    /// The fresh bulb's body; `None` without bulbs.
     pub fresh_bulb: Option<BodyId>,
-    /// Where the ladder is laid out; a fixed one stays there.
+    /// Initial pose of the ladder; a fixed ladder stays there.
     pub world_from_ladder: Isometry3<f64>,
-    /// The socket; far away where there is none.
+    /// Pose of the socket; far away if there is none.
     pub world_from_fixture: Isometry3<f64>,
-    /// The bench, where there is one.
+    /// Pose of the bench; `None` without furniture.
     pub world_from_bench: Option<Isometry3<f64>>,
-    /// The crate, where there is one.
+    /// Pose of the crate; `None` without furniture.
     pub world_from_crate: Option<Isometry3<f64>>,
     /// Points of the ladder, in its frame.
     pub ladder_points: LadderPoints,
@@ -82,8 +82,8 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Builds a scene. Bodies come in the order ladder (where it can move), old bulb, fresh bulb, robot, each where there is
-    /// one.
+    /// Builds a scene. Bodies are in the order ladder (if it can move), old bulb, fresh bulb, robot; missing ones are
+    /// skipped.
     ///
     /// # Errors
     /// A config that [`SceneConfig::check`] refuses, sizes out of their range, a recorded layout that is none of the kind,
@@ -133,10 +133,10 @@ impl Scene {
         })
     }
 
-    /// Whose a shape is.
+    /// The owner of a shape.
     ///
     /// # Panics
-    /// If the shape is not this model's.
+    /// If the shape does not belong to this model.
     pub fn owner(&self, shape: ShapeId) -> ShapeOwner {
         self.owners[shape.0]
     }
@@ -157,7 +157,7 @@ impl Scene {
         RobotLayout { joints: self.robot.joints().len(), hand_bodies_per_side: self.robot.hand_links().len() / 2 }
     }
 
-    /// What the rulebook needs to know of the scene besides a row.
+    /// Constants of the scene that the rulebook needs besides a row.
     pub fn geometry(&self) -> Geometry {
         let config = &self.config;
         Geometry {
@@ -189,7 +189,7 @@ impl Scene {
     }
 }
 
-/// Refuses a robot that does not fit a [`fiatlux_rules::Row`].
+/// Refuses a robot that does not fit into a [`fiatlux_rules::Row`].
 fn check_robot(robot: &Robot) -> Result<(), SceneError> {
     // The right hand's come first, from the wrist down: all of them are below the first.
     let hands = robot.hand_links();

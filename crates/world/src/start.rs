@@ -28,14 +28,14 @@ pub const ACTION_SCALE: f64 = 0.5;
 /// effort and every reward stay finite.
 pub const ACTION_LIMIT: f64 = 1e3;
 
-/// How an episode starts.
+/// Options for the start of an episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StartOptions {
-    /// Adds the task's reset noise.
+    /// Whether to add the task's reset noise.
     pub reset_noise: bool,
-    /// Draws the reset noise, with the episode; none for the layout seed.
+    /// Seed that draws the reset noise, with the episode; `None` for the layout seed.
     pub seed: Option<u64>,
-    /// Thresholds in force: how hard a hand presses its bulb, how near the crate S05 may start.
+    /// Thresholds in force, which limit how hard a hand presses its bulb, and how near the crate S05 may start.
     pub thresholds: Thresholds,
 }
 
@@ -53,12 +53,12 @@ pub enum StartError {
     Scene {
         /// The task that was to start.
         task: Task,
-        /// Kind that it needs.
+        /// Kind of scene that it needs.
         needed: SceneKind,
-        /// What stands in the one that it was given.
+        /// Parts of the scene that it was given.
         found: SceneParts,
     },
-    /// The episode is played in another scene of the kind.
+    /// The episode needs another scene of the same kind.
     #[error(
         "{task} seed {seed} episode {episode} plays in a scene with {what} {needed} and was given one with {found}; \
          build the scene that EpisodeSpec::scene describes"
@@ -77,7 +77,7 @@ pub enum StartError {
         /// What the scene has.
         found: String,
     },
-    /// The config names a part that the robot does not have.
+    /// The config names a part that the robot lacks.
     #[error("scene config: {field} names '{name}', which the robot does not have")]
     Name {
         /// Path of the field that has the name.
@@ -85,7 +85,7 @@ pub enum StartError {
         /// Name of the joint or link.
         name: String,
     },
-    /// No place for the robot.
+    /// No place is free for the robot.
     #[error(
         "{task} seed {seed} episode {episode}: {obstacle:?} is in the robot's way, and no other place is free; give the \
          room more space or make start.clearance smaller"
@@ -100,7 +100,7 @@ pub enum StartError {
         /// What is in the way of the first place that was tried.
         obstacle: ShapeOwner,
     },
-    /// The staged hand does not hold the bulb as it must.
+    /// The staged hand does not hold the bulb properly.
     #[error(
         "{task} seed {seed} episode {episode}: the hand presses its bulb with {force_n} N, not between {least_n} and \
          {most_n} N; check start.carry, hand friction and gains"
@@ -114,9 +114,9 @@ pub enum StartError {
         episode: u64,
         /// Largest force of the bulb on a body of a hand, N.
         force_n: f64,
-        /// Below it nothing is held, N.
+        /// Force below which a bulb is not held, N.
         least_n: f64,
-        /// Above it the bulb breaks, N.
+        /// Force above which the bulb breaks, N.
         most_n: f64,
     },
     /// The world refused the state.
@@ -125,7 +125,7 @@ pub enum StartError {
     /// The robot's kinematics refused the posture.
     #[error("cannot find where the hand is that takes the bulb")]
     Kinematics(#[from] RobotError),
-    /// The engine refused to look for contacts.
+    /// The engine could not check for contacts.
     #[error("cannot find what is in the robot's way")]
     Contacts(#[from] ModelError),
 }
@@ -141,20 +141,20 @@ impl SceneKind {
     }
 }
 
-/// Refuses a scene that is not of a task's kind.
+/// Refuses a scene of another kind than the task needs.
 pub(crate) fn check_kind(scene: &Scene, task: Task) -> Result<(), StartError> {
     let (needed, found) = (SceneKind::of(task), scene.spec.parts);
     if SceneParts::of(needed) == found { Ok(()) } else { Err(StartError::Scene { task, needed, found }) }
 }
 
-/// How far off its nominal start the robot is, as drawn.
+/// Offset of the robot from its nominal start, as drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StartOffset {
-    /// Along the world's x and y, m.
+    /// Offset along the world's x and y, m.
     pub shift: [f64; 2],
-    /// About the vertical, rad.
+    /// Rotation about the vertical, rad.
     pub turn: f64,
-    /// Of each joint in the public order, rad. An angle that would leave its joint's limits stays at the limit.
+    /// Offset of each joint in the public order, rad. An angle beyond its joint's limits stays at the limit.
     pub joints: Vec<f64>,
 }
 
@@ -165,7 +165,7 @@ impl StartOffset {
     }
 }
 
-/// Everything that placing and staging need to know.
+/// Inputs for placing and staging.
 struct Start<'a> {
     scene: &'a Scene,
     task: Task,

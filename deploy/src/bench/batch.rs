@@ -1,4 +1,5 @@
-//! `bench batch`: many worlds in step, against a single world, against processes of their own, and what sensing costs.
+//! `bench batch`: many worlds in step, compared with a single world and with separate processes, and the cost of
+//! sensing.
 
 use std::fmt;
 use std::io::{BufRead, BufReader, Write};
@@ -21,25 +22,25 @@ use super::case::standing_world;
 use super::machine::machine;
 use super::worlds::heap;
 
-/// Rounds of measurements, taken in turns; the best of each counts.
+/// Rounds of measurements, which alternate; the best of each counts.
 const ROUNDS: usize = 5;
 /// What a process of the comparison prints before it measures.
 const READY: &str = "ready";
 /// Control steps of each world from the start of its episode.
 const STEPS: usize = 50;
 
-/// What to measure, and with what to compare it.
+/// What to measure, and what to compare it with.
 #[derive(Debug, Clone)]
 pub struct BatchOptions {
     /// Worlds of each batch.
     pub worlds: usize,
-    /// Threads, and processes that they are compared with.
+    /// Number of threads, and of processes to compare them with.
     pub threads: usize,
-    /// Seconds that each measurement of a round takes.
+    /// Duration of each measurement in a round, s.
     pub seconds: f64,
 }
 
-/// Result of `bench batch`. Rates are control steps of 20 ms a second, all worlds together.
+/// Result of `bench batch`. Rates are control steps of 20 ms per second, over all worlds.
 #[derive(Debug, Clone, Serialize)]
 pub struct BatchReport {
     /// Processor, cores and platform.
@@ -54,30 +55,30 @@ pub struct BatchReport {
     pub batch_steps_per_s: f64,
     /// Gain or loss of a batch: `batch_steps_per_s / single_steps_per_s`.
     pub batch_ratio: f64,
-    /// A batch on several threads.
+    /// A batch on `threads` threads.
     pub threads_steps_per_s: f64,
-    /// As many processes, each with its share of the worlds on one thread, at the same time.
+    /// The same number of processes at the same time, each with its share of the worlds on one thread.
     pub processes_steps_per_s: f64,
-    /// Threads next to processes: `threads_steps_per_s / processes_steps_per_s`.
+    /// Threads compared with processes: `threads_steps_per_s / processes_steps_per_s`.
     pub threads_ratio: f64,
-    /// What the threads gain: `threads_steps_per_s / batch_steps_per_s`.
+    /// Gain from threads: `threads_steps_per_s / batch_steps_per_s`.
     pub speed_up: f64,
-    /// On one thread with the proprioception of all joints, noise included.
+    /// A batch on one thread with the proprioception of all joints, noise included.
     pub proprioception_steps_per_s: f64,
-    /// Part of a step that it takes.
+    /// Share of a step that proprioception takes, 0 to 1.
     pub proprioception_share: f64,
     /// Walking on a floor, with its observation and rewards, one thread.
     pub walking_steps_per_s: f64,
-    /// The same on several threads.
+    /// The same walking task on `threads` threads.
     pub walking_threads_steps_per_s: f64,
-    /// Heap bytes of one more world; none where the allocator does not count.
+    /// Heap bytes of one more world; `None` if the allocator does not count.
     pub bytes_per_world: Option<usize>,
 }
 
 /// Runs all cases.
 ///
 /// # Errors
-/// A batch or a start state that does not come about, or processes that cannot be started.
+/// A batch or start state cannot be made, or processes cannot be started.
 pub fn run(options: &BatchOptions) -> Result<BatchReport, BenchError> {
     let BatchOptions { worlds, threads, seconds } = *options;
     let (mut world, targets) = standing_world()?;
@@ -131,15 +132,15 @@ pub fn run(options: &BatchOptions) -> Result<BatchReport, BenchError> {
     })
 }
 
-/// What a process of the comparison does: its share of the worlds on one thread. Control steps a second.
+/// Runs a process of the comparison: its share of the worlds on one thread. Returns control steps per second.
 ///
 /// # Errors
-/// As [`run`].
+/// As for [`run`].
 pub fn run_share(options: &BatchOptions) -> Result<f64, BenchError> {
     let (world, targets) = standing_world()?;
     let share = (options.worlds / options.threads).max(1);
     let mut running = Running::new(standing_batch(&world, &targets, share, 1, false)?);
-    // All processes measure in the same seconds: each says when it is ready, and waits until all are.
+    // All processes measure at the same time: each reports that it is ready, and waits for the others.
     println!("{READY}");
     std::io::stdin().read_line(&mut String::new()).map_err(io("wait for the other processes"))?;
     running.rate(Duration::from_secs_f64(options.seconds))
@@ -150,7 +151,7 @@ fn io(what: &str) -> impl FnOnce(std::io::Error) -> BenchError {
     move |source| BenchError::Io { what, source }
 }
 
-/// Rates of processes that run at the same time, summed.
+/// Total rate of processes that run at the same time.
 fn processes(options: &BatchOptions) -> Result<f64, BenchError> {
     let program = std::env::current_exe().map_err(io("find this program"))?;
     let BatchOptions { worlds, threads, seconds } = options;
@@ -207,8 +208,8 @@ impl Running {
     }
 }
 
-/// Control steps a second. All cases are stepped from the start of an episode, over and over: one that goes on for long stands
-/// still in the end, and its steps cost less.
+/// Control steps per second. Every case is stepped repeatedly from the start of an episode: a long episode comes to
+/// rest, and its steps become cheaper.
 fn rate<T>(
     budget: Duration,
     worlds: usize,
@@ -266,7 +267,7 @@ fn failed(error: impl std::error::Error + Send + Sync + 'static) -> BenchError {
     BenchError::Scene(Box::new(error))
 }
 
-/// Holds joint targets for ever.
+/// Holds joint targets constant.
 #[derive(Clone)]
 struct Hold {
     spec: Spec,

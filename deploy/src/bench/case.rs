@@ -1,4 +1,4 @@
-//! What is measured: start states in the whole scene, each with a number of steps from it.
+//! Cases to measure: start states in the whole scene, each with a number of steps from it.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use super::BenchError;
 /// Control steps under the balance controller before a robot counts as settled, and those of a second, which a case lasts.
 const SETTLE: usize = 500;
 const SECOND: usize = 50;
-/// How far the pelvis of a robot that stands may move within a case, m.
+/// Largest movement of the pelvis of a standing robot within a case, m.
 const STILL: f64 = 0.01;
 /// Where the robot stands before it falls onto the ladder, in the ladder's frame: before the treads, m.
 const BEFORE_LADDER: [f64; 2] = [0.0, -0.85];
@@ -23,7 +23,7 @@ const BEFORE_LADDER: [f64; 2] = [0.0, -0.85];
 const PUSH: f64 = 0.8;
 /// Height at which everything falls freely, m.
 const HIGH: f64 = 100.0;
-/// Pelvis heights that tell a standing robot from a lying one, m.
+/// Pelvis height that separates standing from lying, m.
 const STANDING: f64 = 0.7;
 const LYING: f64 = 0.35;
 
@@ -45,7 +45,7 @@ pub struct Case {
 /// All cases, `standing` first. Each holds the whole scene of layout seed 0: room, bench with both bulbs standing on it,
 /// crate, fixture, ladder below it, robot. Gains are the published ones.
 ///
-/// # Errors
+/// [`BenchError`]: the scene cannot be built, or a start state is not reached.
 /// The scene cannot be built, or a start state does not come about.
 pub fn cases() -> Result<Vec<Case>, BenchError> {
     let stage = Stage::new()?;
@@ -54,7 +54,7 @@ pub fn cases() -> Result<Vec<Case>, BenchError> {
     Ok(vec![standing, fall_onto_ladder(&stage)?, lying(&stage)?, free_fall(&stage)?, fist])
 }
 
-/// A world in which the robot of `standing` stands, and its joint targets, rad in the public order.
+/// A world in which the robot of case `standing` stands, with its joint targets, rad in the public order.
 pub(crate) fn standing_world() -> Result<(World, Vec<f64>), BenchError> {
     let stage = Stage::new()?;
     let standing = stage.balanced("many worlds", &stage.joint_q0)?;
@@ -62,7 +62,7 @@ pub(crate) fn standing_world() -> Result<(World, Vec<f64>), BenchError> {
     Ok((standing.world, targets))
 }
 
-/// Pushed over before the ladder: one second from the first touch.
+/// Pushed over in front of the ladder: one second from the first touch.
 fn fall_onto_ladder(stage: &Stage) -> Result<Case, BenchError> {
     let name = "falling onto the ladder";
     let scene = &stage.scene;
@@ -94,7 +94,7 @@ fn fall_onto_ladder(stage: &Stage) -> Result<Case, BenchError> {
     Ok(case)
 }
 
-/// On the floor after a fall under zero action, settled.
+/// At rest on the floor after a fall under zero action.
 fn lying(stage: &Stage) -> Result<Case, BenchError> {
     let name = "lying";
     let mut start = stage.start.clone();
@@ -103,7 +103,7 @@ fn lying(stage: &Stage) -> Result<Case, BenchError> {
     Ok(stage.case(name, start, &stage.q0))
 }
 
-/// Everything that can move, high above the room and at rest.
+/// Everything that can move, high above the room and starting at rest.
 fn free_fall(stage: &Stage) -> Result<Case, BenchError> {
     let name = "free fall";
     let mut start = stage.start.clone();
@@ -123,7 +123,7 @@ fn free_fall(stage: &Stage) -> Result<Case, BenchError> {
     Ok(case)
 }
 
-/// Standing, the right hand closed to a fist.
+/// Standing, with the right hand closed to a fist.
 fn hand_closed_on_nothing(stage: &Stage) -> Result<Case, BenchError> {
     let mut staged = stage.joint_q0.clone();
     for (joint, target) in stage.scene.robot.joints().iter().zip(&mut staged) {
@@ -134,8 +134,8 @@ fn hand_closed_on_nothing(stage: &Stage) -> Result<Case, BenchError> {
     stage.standing_case("hand closed on nothing", &staged)
 }
 
-/// The socket's hold is not part of the engine: without it the old bulb would fall out, so it stands on the bench. Its
-/// pose; the identity where there is no bulb or no bench.
+/// Stands the old bulb on the bench, since it would fall out of the socket, whose hold is not part of the engine.
+/// Returns its pose; the identity if there is no bulb or no bench.
 pub(super) fn stand_old_bulb_on_bench(scene: &Scene, state: &mut State) -> Isometry3<f64> {
     let (Some(world_from_bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) else {
         return Isometry3::identity();
@@ -203,8 +203,8 @@ impl Stage {
         Ok(standing)
     }
 
-    /// The robot of [`Stage::balanced`] for a second more. Its targets are recorded: each simulator replays them, for MuJoCo
-    /// has no controller. Without one the robot would tip over in the end; within the second it must stay where it is.
+    /// Continues [`Stage::balanced`] for a second. Every simulator replays the recorded targets, since MuJoCo has no
+    /// controller. Without a controller the robot would eventually tip over; within the second it must stay in place.
     fn standing_case(&self, name: &'static str, staged: &[f64]) -> Result<Case, BenchError> {
         let mut standing = self.balanced(name, staged)?;
         let start = standing.world.state().clone();
@@ -236,7 +236,7 @@ impl Stage {
         Case { name, model: self.model.clone(), start, targets: vec![targets.to_vec()], steps: SECOND * SUBSTEPS }
     }
 
-    /// Steps for that time; `look` sees the state before each step and the world after it.
+    /// Steps for that time; `look` receives the state before each step and the world after it.
     fn play(&self, state: &mut State, targets: &[f64], seconds: f64, mut look: impl FnMut(&State, &Dynamics)) {
         let mut dynamics = Dynamics::new(&self.model);
         for _ in 0..(seconds / PHYSICS_DT).round() as usize {
@@ -276,7 +276,7 @@ struct Standing {
 }
 
 impl Standing {
-    /// A control step; an error says what failed.
+    /// Takes a control step; an error says what failed.
     fn step(&mut self) -> Result<&Row, String> {
         let mut seen = Proprioception::zeros(0);
         self.observer.observe(self.world.row(), &mut seen);
@@ -293,7 +293,7 @@ impl Standing {
 }
 
 impl Case {
-    /// Physics step `number` of the case.
+    /// Takes physics step `number` of the case.
     pub(crate) fn step(&self, dynamics: &mut Dynamics, state: &mut State, number: usize) -> StepReport {
         let targets = &self.targets[(number / SUBSTEPS).min(self.targets.len() - 1)];
         dynamics.step(&self.model, state, &Input { targets, ..Input::default() }, PHYSICS_DT)
@@ -304,7 +304,7 @@ impl Case {
 mod tests {
     use super::*;
 
-    /// Each start state is what its name says; `cases` checks where the robot is.
+    /// Each start state is what its name says; `cases` checks the robot's position.
     #[test]
     fn cases_come_about() {
         let cases = cases().expect("the published scene gives all cases");

@@ -1,4 +1,4 @@
-//! What a benchmark ran on.
+//! The machine on which a benchmark ran.
 
 use std::thread::available_parallelism;
 

@@ -1,4 +1,4 @@
-//! MuJoCo's time for the same steps, by the oracle script.
+//! MuJoCo's time for the same steps, measured by the oracle script.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ pub struct MujocoTime {
     pub contacts: f64,
 }
 
-/// The script, and a folder for the scenes that it reads; the folder goes with it.
+/// The script, and a temporary folder for the scenes that it reads.
 #[derive(Debug)]
 pub struct Oracle {
     script: PathBuf,
@@ -47,10 +47,10 @@ struct Variant {
 }
 
 impl Oracle {
-    /// The oracle of that script.
+    /// Prepares to run that script.
     ///
     /// # Errors
-    /// No such script, or no temporary folder.
+    /// The script does not exist, or no temporary folder can be made.
     pub fn new(script: &Path) -> Result<Self, BenchError> {
         if !script.is_file() {
             return Err(BenchError::NoOracle(script.to_owned()));
@@ -92,7 +92,7 @@ impl Oracle {
 
 impl Drop for Oracle {
     fn drop(&mut self) {
-        // Nothing depends on it: the system clears its temporary folder in time.
+        // A failure does no harm: the system cleans its temporary folder.
         fs::remove_dir_all(&self.folder).ok();
     }
 }

@@ -1,8 +1,9 @@
-//! The same scene through Rapier's own `MultibodyJointSet`: the rival in the house. The day it is faster, it can take over.
+//! The same scene in Rapier's own `MultibodyJointSet`, the alternative within the library: if it becomes faster, it can
+//! replace our engine.
 //!
-//! Built from any model: trees become multibodies, drives become joint motors, shapes keep their places and sizes.
+//! Built from any model: trees become multibodies, drives become joint motors, and shapes keep their places and sizes.
 //! Rapier moves the origin of a multibody's root with the velocity of its centre of mass, so roots have their origin there.
-//! Priorities of materials are left out (the larger coefficient counts); they matter only in the lamp socket.
+//! Priorities of materials are ignored (the larger coefficient counts); they matter only in the lamp socket.
 
 use fiatlux_dynamics::{BodyId, BodySpec, Dynamics, Geometry, Hinge, Joint, Model, ShapeSpec, State};
 use fiatlux_world::PHYSICS_DT;
@@ -27,7 +28,7 @@ pub struct MultibodyWorld {
     body_from_rapier: Vec<Isometry3<f64>>,
 }
 
-/// Keeps the excluded pairs of bodies apart; colliders carry their body's index.
+/// Filters the excluded pairs of bodies; colliders carry their body's index.
 struct Filter {
     excluded: Vec<(BodyId, BodyId)>,
 }
@@ -47,7 +48,7 @@ impl MultibodyWorld {
     /// The model at `state` with drives set to `targets`, rad. `substeps` solver iterations a step; `None` keeps
     /// Rapier's default.
     ///
-    /// # Errors
+    /// [`BenchError::Joint`] if Rapier refuses a joint.
     /// [`BenchError::Joint`] when Rapier refuses a joint.
     pub fn new(model: &Model, state: &State, targets: &[f64], substeps: Option<usize>) -> Result<Self, BenchError> {
         let mut world = PhysicsWorld { gravity: vector(&model.gravity()), ..PhysicsWorld::default() };
@@ -79,7 +80,7 @@ impl MultibodyWorld {
     }
 
     /// Whether nothing moves faster than any real part of a robot. Links of a few grams sometimes gain energy without
-    /// bound, and then end in a panic over a NaN.
+    /// limit, and finally cause a panic on NaN.
     pub fn is_sane(&self) -> bool {
         self.handles.iter().all(|&handle| self.world.bodies[handle].linvel().length() < FASTEST)
     }
@@ -102,7 +103,7 @@ fn pose(isometry: &Isometry3<f64>) -> Pose {
     Pose { rotation: Rotation::from_xyzw(q.i, q.j, q.k, q.w), translation: vector(&isometry.translation.vector) }
 }
 
-/// Frame of the body in Rapier: that of the model, for free bodies moved to the centre of mass.
+/// Frame of the body in Rapier: the model's frame, but for free bodies at the centre of mass.
 fn body_from_rapier(spec: &BodySpec) -> Isometry3<f64> {
     match spec.joint {
         Joint::Free => Isometry3::from_parts(spec.com.into(), UnitQuaternion::identity()),
@@ -110,7 +111,7 @@ fn body_from_rapier(spec: &BodySpec) -> Isometry3<f64> {
     }
 }
 
-/// One body for each of the model's; the world becomes a fixed one.
+/// Adds one body for each of the model's; the world becomes a fixed one.
 fn add_bodies(
     world: &mut PhysicsWorld,
     model: &Model,
@@ -162,7 +163,7 @@ fn add_joints(
 }
 
 fn revolute(hinge: &Hinge, parent_from_body: &Isometry3<f64>, target: f64) -> GenericJoint {
-    // Rapier turns about x of the joint's frame.
+    // Rapier's revolute joints turn about x of the joint's frame.
     let turn = UnitQuaternion::rotation_between(&Vector3::x(), &hinge.axis)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI));
     let body_from_joint = Isometry3::from_parts(Vector3::zeros().into(), turn);
@@ -213,7 +214,7 @@ fn set_state(world: &mut PhysicsWorld, model: &Model, state: &State, handles: &[
         if body.root != BodyId(index) {
             continue;
         }
-        // A hinge at a root hangs on the fixed body and all such trees share one multibody; so do their links below.
+        // A hinge at a root hangs on the fixed body; all such trees, with the links below, share one multibody.
         let Some(link) = multibodies.rigid_body_link(handles[index]).copied() else { continue };
         let Some(multibody) = multibodies.get_multibody_mut(link.multibody) else { continue };
         multibody.forward_kinematics(bodies, true);

@@ -1,4 +1,4 @@
-//! What a benchmark says: as JSON fields, which are only ever added to, and as a table.
+//! The report of a benchmark, as JSON (fields are only ever added) and as a table.
 
 use std::fmt;
 
@@ -9,22 +9,22 @@ use serde::Serialize;
 pub struct Report {
     /// Processor, cores and platform.
     pub machine: String,
-    /// One entry a case.
+    /// One entry for each case.
     pub cases: Vec<CaseReport>,
-    /// What a whole room adds.
+    /// The cost of a whole room.
     pub room: RoomReport,
-    /// Many worlds in one process.
+    /// Results for many worlds in one process.
     pub worlds: WorldsReport,
 }
 
-/// Time of a physics step of a robot that stands and waves its arms; the best of many measurements.
+/// Time of a physics step of a robot that stands and waves its arms; the best of many measurements counts.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct RoomReport {
     /// Without fingers, on a floor, us.
     pub bare_us: f64,
     /// With fingers, in the whole room, us.
     pub room_us: f64,
-    /// What hands and room cost: `room_us / bare_us`.
+    /// Cost of hands and room: `room_us / bare_us`.
     pub ratio: f64,
 }
 
@@ -37,42 +37,42 @@ pub struct CaseReport {
     pub mean_us: f64,
     /// Median time of a physics step, us.
     pub p50_us: f64,
-    /// Time that 99 of 100 physics steps stay within, us.
+    /// Time that 99 of 100 physics steps do not exceed, us.
     pub p99_us: f64,
     /// Mean number of contact points in a step.
     pub contacts: f64,
-    /// Mean number of solver iterations in a step; none for Rapier.
+    /// Mean number of solver iterations in a step; `None` for Rapier.
     pub iterations: Option<f64>,
-    /// Steps whose solve did not converge; none for Rapier.
+    /// Steps whose solve did not converge; `None` for Rapier.
     pub unconverged: Option<u64>,
-    /// Steps from the start after which Rapier's bodies flew apart, where they did; only the steps until then are timed.
+    /// Number of steps after which Rapier's bodies flew apart, if they did; only the steps until then are timed.
     pub apart_after: Option<usize>,
     /// MuJoCo's mean time for a step from the same start, us, under the faster of two sets of options.
     pub mujoco_us: Option<f64>,
-    /// That set: MuJoCo's `defaults`, or the options `nearest` to ours.
+    /// The faster set: MuJoCo's `defaults`, or the options `nearest` to ours.
     pub mujoco_options: Option<&'static str>,
     /// MuJoCo's mean number of contact points.
     pub mujoco_contacts: Option<f64>,
-    /// Ours next to MuJoCo's: `mean_us / mujoco_us`, below 1 where ours is faster.
+    /// Our time over MuJoCo's: `mean_us / mujoco_us`, below 1 if ours is faster.
     pub ratio: Option<f64>,
 }
 
-/// Many worlds in one process.
+/// Speed and memory of many worlds in one process.
 #[derive(Debug, Clone, Serialize)]
 pub struct WorldsReport {
     /// Worlds that are stepped at once.
     pub worlds: usize,
     /// Threads that step them.
     pub threads: usize,
-    /// Heap bytes of one world besides the shared scene; none where the allocator does not count.
+    /// Heap bytes of one world besides the shared scene; `None` if the allocator does not count.
     pub bytes_per_world: Option<usize>,
     /// Heap bytes of the model that all share.
     pub bytes_shared: Option<usize>,
-    /// Physics steps per second of all of them together.
+    /// Physics steps per second, over all worlds.
     pub steps_per_s: f64,
-    /// The same of one world a thread.
+    /// Physics steps per second with one world on each thread.
     pub steps_per_s_single: f64,
-    /// What sharing a thread costs: `steps_per_s / steps_per_s_single`.
+    /// Cost of sharing a thread: `steps_per_s / steps_per_s_single`.
     pub ratio: f64,
 }
 

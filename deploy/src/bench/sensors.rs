@@ -1,4 +1,4 @@
-//! What sensors cost: control steps a second of one thread by what the policy senses, and the time of each sensor.
+//! The cost of sensors: control steps per second on one thread for sets of sensors, and the time of each sensor.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -22,10 +22,10 @@ use super::machine::machine;
 use super::report::write_table;
 use super::{BenchError, Times};
 
-/// It stands from start to time-out with a bulb in the hand: every step costs the same.
+/// A robot that stands from start to time-out with a bulb in the hand: every step costs the same.
 const TASK: Task = Task::S05;
 const POLICY: &str = "stand";
-/// Tasks in whose start states each sensor is timed: on the floor, on the ladder, at the bench.
+/// Tasks whose start states each sensor is timed in: on the floor, on the ladder, at the bench.
 const PLACES: [Task; 3] = [Task::S05, Task::S11, Task::S08];
 /// Rows in which each sensor is timed at each place.
 const ROWS: u64 = 60;
@@ -33,9 +33,9 @@ const ROWS: u64 = 60;
 /// What to measure, and for how long.
 #[derive(Debug, Clone)]
 pub struct SensorOptions {
-    /// Seconds that each case may take.
+    /// Longest duration of each case, s.
     pub seconds: f64,
-    /// The script that times PyTorch, where it is asked for.
+    /// Script that times PyTorch; `None` to leave PyTorch out.
     pub oracle: Option<PathBuf>,
 }
 
@@ -44,7 +44,7 @@ pub struct SensorOptions {
 pub struct SensorReport {
     /// Processor, cores and platform.
     pub machine: String,
-    /// Control steps by what is sensed.
+    /// Control-step rates for sets of sensors.
     pub cases: Vec<StepCase>,
     /// The time of each sensor alone.
     pub sensors: Vec<SensorCase>,
@@ -55,21 +55,21 @@ pub struct SensorReport {
 pub struct StepCase {
     /// Name of the case.
     pub name: String,
-    /// Control steps a second of one thread.
+    /// Control steps per second on one thread.
     pub steps_per_s: f64,
-    /// Simulated seconds a second.
+    /// Simulated seconds per second.
     pub real_time_factor: f64,
     /// Mean time of a control step, us.
     pub mean_us: f64,
     /// Median time of a control step, us.
     pub p50_us: f64,
-    /// Time that 99 of 100 control steps stay within, us.
+    /// Time that 99 of 100 control steps do not exceed, us.
     pub p99_us: f64,
     /// Size of an observation's message, bytes.
     pub message_bytes: usize,
 }
 
-/// Time of one sensor in one row.
+/// Time of one sensor in a row.
 #[derive(Debug, Clone, Serialize)]
 pub struct SensorCase {
     /// Name of the sensor.
@@ -78,18 +78,18 @@ pub struct SensorCase {
     pub mean_us: f64,
     /// Median time of the sensor, us.
     pub p50_us: f64,
-    /// Time that 99 of 100 calls of the sensor stay within, us.
+    /// Time that 99 of 100 calls of the sensor do not exceed, us.
     pub p99_us: f64,
-    /// Features: PyTorch's median on one thread in its fastest form, us.
+    /// For features: PyTorch's median on one thread in its fastest form, us.
     pub pytorch_us: Option<f64>,
-    /// `pytorch_us / p50_us`: above 1 ours is faster.
+    /// `pytorch_us / p50_us`, above 1 if ours is faster.
     pub ratio: Option<f64>,
 }
 
 /// Measures all cases on this thread.
 ///
 /// # Errors
-/// [`BenchError`]: a scene that cannot be built, or a PyTorch that cannot be run.
+/// [`BenchError`]: the scene cannot be built, or PyTorch cannot be run.
 pub fn run(options: &SensorOptions) -> Result<SensorReport, BenchError> {
     let network = ResNet18::new(&Weights::seeded(0));
     let body = Sensors::of_body(TASK);
@@ -142,7 +142,7 @@ impl Stage {
     }
 }
 
-/// Control steps as a session takes them, without the messages' way: policy, physics, rules, sensors, encoding.
+/// Takes control steps as a session does, except for sending messages: policy, physics, rules, sensors, encoding.
 fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> Result<StepCase, BenchError> {
     let mut stage = Stage::new(TASK, sensors, network)?;
     let mut policy = policies::by_name(POLICY).map_err(scene)?;
@@ -172,8 +172,8 @@ fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> 
     })
 }
 
-/// Each sensor in fresh rows, what it stands on computed before: the camera before its features, all before the flat
-/// vector.
+/// Times each sensor in fresh rows, after computing what it depends on: the camera before its features, everything
+/// before the flat vector.
 fn costs(network: &ResNet18) -> Result<Vec<SensorCase>, BenchError> {
     let all = Sensors::of(&Sensor::ALL);
     let mut samples: Vec<Vec<Duration>> = vec![Vec::new(); Sensor::ALL.len()];

@@ -1,4 +1,4 @@
-//! How fast sessions run: the same episode in one process and over TCP, recorded and not, and many clients at once.
+//! Speed of sessions: the same episode in one process and over TCP, recorded or not, and many clients at once.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -18,21 +18,21 @@ use zenoh::{Session, Wait};
 use super::machine::machine;
 use super::report::write_table;
 
-/// It stands from start to time-out with a bulb in the hand: every step costs the same.
+/// A robot that stands from start to time-out with a bulb in the hand: every step costs the same.
 const TASK: &str = "S05";
 const POLICY: &str = "stand";
 const SERVER: &str = "bench";
-/// How long the end of a server or of its bags may take.
+/// Longest time for closing a server and its bags.
 const CLOSING_TIME: Duration = Duration::from_secs(15);
-/// How long client processes may take to open their sessions.
+/// Longest time for client processes to open their sessions.
 const START_TIME: Duration = Duration::from_secs(60);
 
 /// What to measure, and for how long.
 #[derive(Debug, Clone)]
 pub struct ServiceOptions {
-    /// Sessions of the case with many of them, each with a client process of its own.
+    /// Number of sessions in the case with many of them, each with its own client process.
     pub sessions: usize,
-    /// Seconds that the cases with client processes are watched for.
+    /// Duration of the cases with client processes, s.
     pub seconds: f64,
     /// Path of the program `policy-client`.
     pub policy_client: PathBuf,
@@ -43,7 +43,7 @@ pub struct ServiceOptions {
 pub struct ServiceReport {
     /// Processor, cores and platform.
     pub machine: String,
-    /// One entry a case.
+    /// One entry for each case.
     pub cases: Vec<ServiceCase>,
 }
 
@@ -54,17 +54,17 @@ pub struct ServiceCase {
     pub name: String,
     /// Sessions that are open at once.
     pub sessions: usize,
-    /// Control steps a second, of all sessions together.
+    /// Control steps per second, over all sessions.
     pub steps_per_s: f64,
-    /// Simulated seconds a second.
+    /// Simulated seconds per second.
     pub real_time_factor: f64,
-    /// From the sending of an action to the arrival of the observation that answers it, us.
+    /// Median time from sending an action to the arrival of the observation that answers it, us.
     pub p50_us: Option<f64>,
-    /// The same time that 99 of 100 actions stay within, us.
+    /// Time that 99 of 100 actions do not exceed, us.
     pub p99_us: Option<f64>,
     /// `steps_per_s` over that of the case that it is compared with.
     pub ratio: Option<f64>,
-    /// The case that it is compared with.
+    /// Name of the case to compare with.
     pub compared_with: Option<&'static str>,
 }
 
@@ -74,14 +74,14 @@ pub struct ServiceCase {
 pub struct ServiceError {
     /// Name of the case that failed.
     pub case: String,
-    /// What failed and what to do.
+    /// What failed and what to do about it.
     pub problem: String,
 }
 
 /// Measures all cases.
 ///
 /// # Errors
-/// [`ServiceError`] for the first case that fails.
+/// [`ServiceError`] of the first case that fails.
 pub fn run(options: &ServiceOptions) -> Result<ServiceReport, ServiceError> {
     let mut cases = Vec::new();
     for (name, over_tcp, recorded) in [
@@ -117,7 +117,7 @@ fn failed(case: &str, problem: String) -> ServiceError {
     ServiceError { case: case.into(), problem }
 }
 
-/// A server and, where asked for, a recorder that writes to a folder which goes with it.
+/// A server, with a recorder if requested, which writes to a temporary folder.
 struct Service {
     link: Session,
     server: Server,
@@ -161,7 +161,7 @@ impl Service {
     }
 }
 
-/// One client in this process plays one episode.
+/// Plays one episode with one client in this process.
 fn one_session(name: &str, over_tcp: bool, recorded: bool) -> Result<ServiceCase, String> {
     let endpoint = over_tcp.then(free_endpoint).transpose()?;
     let service = Service::start(endpoint.clone(), recorded)?;
@@ -189,7 +189,7 @@ fn one_session(name: &str, over_tcp: bool, recorded: bool) -> Result<ServiceCase
     Ok(ServiceCase { p50_us, p99_us, ..case(name, 1, steps_per_s) })
 }
 
-/// Many clients, each a process; the rows that the server publishes are counted while all of them play.
+/// Runs many client processes, and counts the rows that the server publishes while all of them play.
 fn processes(name: &str, sessions: usize, options: &ServiceOptions) -> Result<ServiceCase, String> {
     let endpoint = free_endpoint()?;
     let service = Service::start(Some(endpoint.clone()), true)?;
@@ -244,7 +244,7 @@ fn case(name: &str, sessions: usize, steps_per_s: f64) -> ServiceCase {
     }
 }
 
-/// A client process; ended when it is dropped.
+/// A client process, which is killed on drop.
 struct Player(Child);
 
 impl Player {

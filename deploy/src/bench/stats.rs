@@ -1,4 +1,4 @@
-//! What a set of measured times comes to.
+//! Statistics of measured times.
 
 use std::time::Duration;
 
@@ -9,12 +9,12 @@ pub struct Times {
     pub mean_us: f64,
     /// Median of the times.
     pub p50_us: f64,
-    /// The time that 99 of 100 steps stay within.
+    /// The time that 99 of 100 steps do not exceed.
     pub p99_us: f64,
 }
 
 impl Times {
-    /// Of these samples, which it sorts. Percentiles are by nearest rank. No samples give zeros.
+    /// The statistics of these samples, which it sorts. Percentiles are by nearest rank. Without samples all are zero.
     pub fn of(samples: &mut [Duration]) -> Self {
         samples.sort_unstable();
         let micros = |time: &Duration| time.as_secs_f64() * 1e6;

@@ -1,4 +1,4 @@
-//! `bench violence`: what the engine does under targets that no sound policy sends, but a learner finds.
+//! `bench violence`: how the engine behaves under targets that no sound policy sends, but that a learner finds.
 
 mod accuracy;
 mod export;
@@ -17,7 +17,7 @@ use super::report::write_table;
 pub use export::export;
 use trial::Trials;
 
-/// How many runs to try, and on how many threads.
+/// How many runs to make, and on how many threads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViolenceOptions {
     /// Runs of 10 s under violent targets.
@@ -33,33 +33,33 @@ pub struct ViolenceOptions {
 pub struct ViolenceReport {
     /// Processor, cores and platform.
     pub machine: String,
-    /// Energy in free flight without drives, limits and contact.
+    /// Conservation of energy in free flight without drives, limits and contact.
     pub flight: Vec<FlightReport>,
-    /// One entry a pattern of targets, then one for the random starts.
+    /// One entry for each pattern of targets, then one for the random starts.
     pub trials: Vec<TrialReport>,
-    /// One entry a pattern of targets.
+    /// One entry for each pattern of targets.
     pub accuracy: Vec<AccuracyReport>,
 }
 
-/// How well energy is kept over 0.1 s.
+/// How well energy is conserved over 0.1 s.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FlightReport {
-    /// Speed of every joint at the start, rad/s, of either sign.
+    /// Speed of every joint at the start, rad/s, with a random sign.
     pub joint_speed: f64,
     /// Largest change of the kinetic energy at any step, of all starts, as a part of it.
     pub worst: f64,
-    /// Mean change at the end, as a part of it.
+    /// Mean relative change at the end.
     pub mean: f64,
 }
 
-/// What a set of runs showed.
+/// Results of a set of runs.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct TrialReport {
     /// Name of the pattern.
     pub name: String,
-    /// Runs that were made.
+    /// Number of runs that were made.
     pub runs: u64,
-    /// Runs that ended as diverged.
+    /// Number of runs that ended as diverged.
     pub diverged: u64,
     /// Largest speed of a joint with a rated speed at the end of a physics step, rad/s.
     pub joint_speed: f64,
@@ -67,21 +67,21 @@ pub struct TrialReport {
     pub pelvis_speed: f64,
     /// Deepest contact point, m.
     pub penetration: f64,
-    /// The run that had it.
+    /// The run with the deepest contact point.
     pub deepest_run: u64,
-    /// Runs in which some contact point was deeper than 5 mm for more than 0.1 s.
+    /// Number of runs in which a contact point was deeper than 5 mm for more than 0.1 s.
     pub deep_runs: u64,
-    /// Of these: the pair that was deepest, with a count and its depth in m.
+    /// In these runs, the pairs that were deepest, each with the number of runs and its depth, m.
     pub deep_pairs: BTreeMap<String, (u64, f64)>,
-    /// Physics steps of all runs together.
+    /// Physics steps of all runs.
     pub steps: u64,
-    /// Physics steps that were tried twice.
+    /// Number of physics steps that were tried twice.
     pub retried: u64,
-    /// Physics steps whose second try did not converge.
+    /// Number of physics steps whose second try did not converge.
     pub unconverged: u64,
 }
 
-/// Distance from the same second stepped at 0.25 ms, by the targets that are replayed.
+/// Distance to a simulation of the same second at 0.25 ms with the same targets.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AccuracyReport {
     /// Name of the pattern.
@@ -90,16 +90,16 @@ pub struct AccuracyReport {
     pub errors: [(f64, f64); 4],
 }
 
-/// Runs everything; says on stderr how far it is.
+/// Runs everything, and reports progress on stderr.
 ///
 /// # Errors
-/// A scene or start state cannot be made.
+/// [`BenchError`]: a scene or start state cannot be made.
 pub fn run(options: &ViolenceOptions) -> Result<ViolenceReport, BenchError> {
     let flight = flight::JOINT_SPEEDS.map(flight::measure).into_iter().collect::<Result<_, _>>()?;
     let trials = Trials::new()?;
     let mut reports = Vec::new();
     for (index, pattern) in trial::PATTERNS.into_iter().enumerate() {
-        // The first patterns take what does not divide.
+        // The first patterns get the remainder.
         let patterns = trial::PATTERNS.len() as u64;
         let runs = options.runs / patterns + u64::from((index as u64) < options.runs % patterns);
         reports.push(share(&pattern.name(), runs, options.threads, |run| trials.violent(pattern, run))?);
@@ -109,7 +109,7 @@ pub fn run(options: &ViolenceOptions) -> Result<ViolenceReport, BenchError> {
     Ok(ViolenceReport { machine: machine(), flight, trials: reports, accuracy })
 }
 
-/// Plays runs on all threads and adds up what they showed; a sum does not depend on the order.
+/// Runs on all threads and sums up the results; the sum does not depend on the order.
 fn share(
     name: &str,
     runs: u64,
@@ -146,7 +146,7 @@ impl TrialReport {
         self.diverged += other.diverged;
         self.joint_speed = self.joint_speed.max(other.joint_speed);
         self.pelvis_speed = self.pelvis_speed.max(other.pelvis_speed);
-        // Of equals the first run, so that the order of the sum does not show.
+        // Among equals the first run wins, so that the order of the sum does not show.
         let rank = |report: &TrialReport| (report.penetration, std::cmp::Reverse(report.deepest_run));
         if rank(&other) > rank(self) {
             (self.penetration, self.deepest_run) = (other.penetration, other.deepest_run);

@@ -11,7 +11,7 @@ use super::{BenchError, Case, CaseReport, MultibodyWorld, Oracle, Report, Times,
 
 /// Rapier's multibody is slow: it is measured over this part of the time.
 const MULTIBODY_SHARE: f64 = 0.05;
-/// Runs from one start that are measured at least.
+/// Smallest number of runs from one start that are measured.
 const MIN_REPEATS: usize = 2;
 
 /// What to measure, for how long, and what to compare it with.
@@ -23,10 +23,10 @@ pub struct Options {
     pub oracle: Option<PathBuf>,
 }
 
-/// Runs all cases; says on stderr which one.
+/// Runs all cases, and names each on stderr.
 ///
 /// # Errors
-/// A case cannot be set up, or MuJoCo's part cannot be run.
+/// [`BenchError`]: a case cannot be set up, or MuJoCo cannot be run.
 pub fn run(options: &Options) -> Result<Report, BenchError> {
     let oracle = options.oracle.as_deref().map(Oracle::new).transpose()?;
     eprintln!("bench: setting up");
@@ -35,7 +35,7 @@ pub fn run(options: &Options) -> Result<Report, BenchError> {
     for case in &cases {
         eprintln!("bench: {}", case.name);
         let repeats = repeats(case, options.seconds);
-        // Half before MuJoCo and half after it, so that a change in the machine's load meets both.
+        // Half of it before MuJoCo and half after, so that a change in the machine's load affects both.
         let mut samples = Samples::default();
         samples.take(case, repeats.div_ceil(2));
         let mujoco = oracle.as_ref().map(|oracle| oracle.time(case, repeats)).transpose()?;
@@ -63,7 +63,7 @@ fn repeats(case: &Case, seconds: f64) -> usize {
     ((seconds / PHYSICS_DT / case.steps as f64).ceil() as usize).max(MIN_REPEATS)
 }
 
-/// Steps timed so far, and what the solver said of them.
+/// Times of steps so far, and the solver's reports.
 #[derive(Default)]
 struct Samples {
     times: Vec<Duration>,
@@ -73,7 +73,7 @@ struct Samples {
 }
 
 impl Samples {
-    /// Times every step of that many runs from the start, after one that is not timed.
+    /// Times every step of this many runs from the start, after one that is not timed.
     fn take(&mut self, case: &Case, repeats: usize) {
         self.times.reserve(repeats * case.steps);
         let mut dynamics = Dynamics::new(&case.model);
@@ -103,8 +103,8 @@ impl Samples {
     }
 }
 
-/// The same through Rapier, which holds the first targets, built afresh for every run; the first step of a run, which sets up its broad phase, is not
-/// timed.
+/// The same in Rapier, which holds the first targets. The world is built afresh for every run, and its first step,
+/// which sets up the broad phase, is not timed.
 fn time_multibody(
     case: &Case,
     name: String,
@@ -148,7 +148,7 @@ fn report(name: String, samples: &mut [Duration], contacts: u64) -> CaseReport {
     }
 }
 
-/// To three decimals: more would be noise.
+/// Rounded to three decimals: more would be noise.
 fn rounded(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }

@@ -1,4 +1,4 @@
-//! Many worlds in one process: the memory that each takes, and whether they get in each other's way.
+//! Many worlds in one process: the memory of each, and whether they slow each other down.
 
 use std::sync::Barrier;
 use std::thread;
@@ -12,12 +12,12 @@ use super::{BenchError, WorldsReport};
 
 const WORLDS: usize = 256;
 const THREADS: usize = 2;
-/// Control steps that each of the many worlds does in one measurement; they take turns by control steps, as in a batch.
+/// Control steps of each world in one measurement; the worlds take turns after each control step, as in a batch.
 const CONTROL_STEPS: usize = 50;
-/// Measurements of each kind, taken in turns; the best of each counts.
+/// Measurements of each kind, which alternate; the best of each counts.
 const ROUNDS: usize = 5;
 
-/// Measures copies of one world, in which the robot stands.
+/// Measures copies of one world in which the robot stands.
 pub(crate) fn run() -> Result<WorldsReport, BenchError> {
     let (world, targets) = standing_world()?;
 
@@ -48,7 +48,7 @@ pub(crate) fn run() -> Result<WorldsReport, BenchError> {
     })
 }
 
-/// Physics steps per second of all threads together, each of which plays its share of the worlds on one `World`.
+/// Physics steps per second of all threads together; each plays its share of the worlds on one `World`.
 fn rate(world: &World, play: &(impl Fn(&mut World) + Sync)) -> f64 {
     let barrier = Barrier::new(THREADS);
     let slowest = thread::scope(|scope| {
@@ -67,7 +67,7 @@ fn rate(world: &World, play: &(impl Fn(&mut World) + Sync)) -> f64 {
     (WORLDS * CONTROL_STEPS * SUBSTEPS) as f64 / slowest
 }
 
-/// A thread's share of the worlds at once: rows that take turns by control steps.
+/// Plays a thread's share of the worlds at once: rows take turns after each control step.
 fn in_turns(stage: &mut World, start: &World, targets: &[f64]) {
     let action = vec![0.0; targets.len()];
     let mut rows = vec![start.row().clone(); WORLDS / THREADS];
@@ -78,7 +78,7 @@ fn in_turns(stage: &mut World, start: &World, targets: &[f64]) {
     }
 }
 
-/// The same steps of the same worlds, each played to its end before the next.
+/// Plays the same worlds for as many steps, each to its end before the next.
 fn one_after_another(stage: &mut World, start: &World, targets: &[f64]) {
     let action = vec![0.0; targets.len()];
     for _ in 0..WORLDS / THREADS {
@@ -89,7 +89,7 @@ fn one_after_another(stage: &mut World, start: &World, targets: &[f64]) {
     }
 }
 
-/// Bytes on the heap now; 0 where the process has not installed the counting allocator.
+/// Bytes on the heap now; 0 if the process has not installed the counting allocator.
 pub(super) fn heap() -> usize {
     let stats = INSTRUMENTED_SYSTEM.stats();
     stats.bytes_allocated.saturating_sub(stats.bytes_deallocated)

@@ -1,4 +1,4 @@
-//! Which episodes of an evaluation are in its folder already.
+//! Finds the episodes of an evaluation that are already in its folder.
 
 use std::path::Path;
 
@@ -12,15 +12,15 @@ use fiatlux_world::SceneConfig;
 
 use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
 
-/// Jobs without a bag that can be scored. Bags that are cut, damaged, of an aborted episode, or of another version or model
-/// are removed: their episodes are played again. Two builds of one version are taken for the same.
+/// Jobs without a bag that can be scored. Bags that are cut, damaged, aborted, or of another version or model are
+/// removed, so that their episodes are played again. Two builds of one version count as the same.
 ///
 /// # Errors
-/// A bag of another policy, another session or another version of the protocol, or with other meshes: its place is not
-/// taken. Meshes that cannot be used.
+/// A bag belongs to another policy, session or protocol version, or was made with other meshes, and is not overwritten;
+/// or meshes cannot be used.
 pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Vec<Job>, EvaluateError> {
     let robots = HandKind::ALL.map(Robot::with_hands).into_iter().collect::<Result<Vec<_>, _>>()?;
-    // The robots differ in joints, not in links: the meshes of one are those of all.
+    // The robots differ in joints, not in links, so one robot's meshes serve all.
     let robot = &robots[0];
     let scene = SceneConfig::default().digest();
     let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, robot)).transpose()?;
@@ -49,7 +49,7 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
         }
     }
     if !kept.is_empty() {
-        // The rows tell whether a bag is what it was.
+        // The rows show whether a bag was changed.
         let excluded = grade_bags(&kept, bags, options)?.excluded;
         let is_excluded = |job: &Job| excluded.iter().any(|bag| bag.bag.ends_with(&job.bag_name()));
         for job in kept.extract_if(.., |job| is_excluded(job)) {
@@ -59,10 +59,10 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
     Ok(jobs.iter().filter(|job| !kept.contains(job)).copied().collect())
 }
 
-/// Refuses a bag that is not of the session that is asked for.
+/// Refuses a bag whose session is not the requested one.
 fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest, meshes: &str) -> Result<(), EvaluateError> {
     let Some(found) = &header.request else {
-        return Err(folder(path, "it does not say what it is an episode of; name another folder with --out"));
+        return Err(folder(path, "its header has no request; name another folder with --out"));
     };
     if found == wanted && header.meshes == meshes {
         return Ok(());
@@ -77,10 +77,10 @@ fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest, meshes:
     Err(folder(path, format!("it holds {what}; name another folder with --out")))
 }
 
-/// Whole, played to its end, and in the world that this build simulates.
+/// Whether a bag is whole, was played to its end, and comes from the world that this build simulates.
 fn is_current(bag: &Bag, model: &str, scene: &str) -> bool {
     let header = bag.header();
-    // A scorer grades no bag whose result does not name its header.
+    // A scorer refuses a bag whose result does not name its header.
     let bound = bag.result().filter(|result| !result.header_digest.is_empty());
     let ended = bound.and_then(|result| result.end.as_ref()).is_some_and(|end| end.cause != ABORTED);
     let same_world = header.model_digest == model && header.scene_digest == scene;

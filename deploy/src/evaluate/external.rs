@@ -1,4 +1,4 @@
-//! A policy that connects from elsewhere: a server that records its run here, and the grading of it.
+//! Serves a policy that connects from elsewhere: a server that records its run here, and then grades it.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,34 +13,34 @@ use fiatlux_sim::{Server, ServerOptions};
 use super::lock::Lock;
 use super::{EvaluateError, Outcome, folder};
 
-/// Between two looks at the ledger.
+/// Time between two reads of the ledger.
 const PERIOD: Duration = Duration::from_millis(250);
-/// How long bags may take to close when the server stops.
+/// Longest time for bags to close when the server stops.
 const CLOSING_TIME: Duration = Duration::from_secs(15);
-/// The client's last question is answered before the server goes.
+/// Time for answering the client's last query before the server stops.
 const FAREWELL: Duration = Duration::from_millis(500);
 
-/// Where a run from elsewhere is waited for.
+/// How to wait for a run from elsewhere.
 #[derive(Debug, Clone)]
 pub struct ExternalOptions {
     /// Name of the server.
     pub name: String,
-    /// Where it listens, such as `tcp/127.0.0.1:0`, where port 0 is a free one.
+    /// Endpoint to listen on, such as `tcp/127.0.0.1:0`; port 0 picks a free one.
     pub listen: String,
-    /// Folder for bags, results and report. It holds one run; one that is not over is taken up again.
+    /// Folder for bags, results and report. It holds one run; an unfinished one is resumed.
     pub out: PathBuf,
     /// Threads that step episodes.
     pub workers: usize,
-    /// Folder of the weights that a session may name.
+    /// Folder of weights that a session may name.
     pub weights: Option<PathBuf>,
-    /// Folder of meshes that the robot is drawn with in place of our own shapes.
+    /// Folder of meshes that replace the built-in shapes of the robot.
     pub meshes: Option<PathBuf>,
 }
 
-/// How far a run from elsewhere is.
+/// Progress of a run from elsewhere.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ExternalProgress {
-    /// The server can be reached there, and no run is registered.
+    /// The server can be reached, and no run is registered yet.
     Waiting {
         /// Endpoint that clients connect to.
         endpoint: String,
@@ -51,26 +51,26 @@ pub enum ExternalProgress {
         run: String,
         /// Name of its policy.
         policy: String,
-        /// Episodes of the run.
+        /// Number of episodes in the run.
         episodes: usize,
-        /// Episodes that are decided.
+        /// Number of episodes that are played or failed.
         done: usize,
-        /// Those of them that succeeded.
+        /// Number of those that succeeded.
         successes: usize,
-        /// Task and seed of those that are open.
+        /// Task and seed of each open episode.
         open: Vec<(String, u64)>,
-        /// Control steps of those that were played since the start of this call.
+        /// Control steps of the episodes that were played since this call began.
         steps: u64,
-        /// Most steps that could still follow: every episode goes on to its horizon.
+        /// Largest number of steps still to come, if every episode goes on to its horizon.
         steps_left: u64,
     },
 }
 
-/// Serves one run and grades it when it is over. `stop` ends it early: what is played by then is graded, and a later call
-/// with the same options goes on.
+/// Serves one run, and grades it when it is over. Setting `stop` ends it early: whatever is played by then is graded,
+/// and a later call with the same options continues.
 ///
 /// # Errors
-/// [`EvaluateError`]; the run stays as it is.
+/// [`EvaluateError`]; the run can still be continued.
 pub fn evaluate_external(
     options: &ExternalOptions,
     stop: &AtomicBool,
@@ -103,13 +103,13 @@ pub fn evaluate_external(
         tracing::warn!("not everything was recorded within {} s", CLOSING_TIME.as_secs());
     }
     match watched? {
-        // What was open is decided, or to be begun again, now that the server is gone.
+        // Without the server, open episodes are decided or can be begun again.
         Some(journal) => outcome(options, &journal, &read(&journal)?, stop.load(Ordering::Relaxed)),
         None => Err(EvaluateError::Nothing { lost: "no run was registered".into() }),
     }
 }
 
-/// Looks at the run until it is over, or `stop`; its journal, where there is one.
+/// Watches the run until it is over or `stop` is set; returns its journal, if there is one.
 fn watch(
     options: &ExternalOptions,
     runs: &Path,
@@ -118,7 +118,7 @@ fn watch(
     progress: &mut dyn FnMut(&ExternalProgress),
 ) -> Result<Option<PathBuf>, EvaluateError> {
     let mut journal = None;
-    // Steps that were played before.
+    // Steps that were played before this call.
     let mut steps_before = None;
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(PERIOD);
@@ -140,7 +140,7 @@ fn watch(
     Ok(journal)
 }
 
-/// Journal of the first run in a folder that is not over, or else of the first one.
+/// Journal of the first unfinished run in a folder, or else of the first run.
 fn find_run(runs: &Path, server: &str) -> Result<Option<PathBuf>, EvaluateError> {
     let entries = std::fs::read_dir(runs).map_err(|error| folder(runs, error))?;
     let mut journals: Vec<PathBuf> = entries.flatten().map(|entry| journal_of(&entry.path(), server)).collect();

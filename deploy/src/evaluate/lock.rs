@@ -1,24 +1,24 @@
-//! One evaluation at a time in a folder.
+//! Allows one evaluation at a time in a folder.
 
 use std::fs::{File, TryLockError};
 use std::path::Path;
 
 use super::{EvaluateError, folder};
 
-/// Name of the file that is locked. It stays: a file that is removed could be locked twice.
+/// Name of the lock file. It is never removed: a removed file could be locked twice.
 const NAME: &str = "evaluate.lock";
 
-/// Held while an evaluation is at work. The system lets it go with the process, however that ends.
+/// Held while an evaluation runs. The system releases it with the process, however that ends.
 #[derive(Debug)]
 pub(super) struct Lock {
     _file: File,
 }
 
 impl Lock {
-    /// Takes a folder.
+    /// Locks a folder.
     ///
     /// # Errors
-    /// Another evaluation has it, or the file cannot be made.
+    /// Another evaluation holds it, or the file cannot be made.
     pub(super) fn take(out: &Path) -> Result<Self, EvaluateError> {
         let path = out.join(NAME);
         let file = File::options().create(true).append(true).open(&path).map_err(|error| folder(&path, error))?;

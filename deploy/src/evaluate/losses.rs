@@ -1,26 +1,27 @@
-//! Why episodes have no bag.
+//! Explains why episodes have no bag.
 
 use super::Job;
 
 /// What became of the episodes that were played.
 #[derive(Debug, Default)]
 pub(super) struct Played {
-    /// Episodes that were begun and are over.
+    /// Episodes that were begun and have ended.
     pub over: Vec<Job>,
-    /// Why a client gave up.
+    /// Clients that failed, with their reasons.
     pub failed: Vec<(Job, String)>,
-    /// Why a bag could not be written whole.
+    /// Bags that could not be written whole, with the reasons.
     pub unwritten: Vec<(Job, String)>,
 }
 
 impl Played {
-    /// Why an episode that was played is not recorded whole. Why its client gave up says more than what that did to its bag.
+    /// Why a played episode is not recorded whole. The client's reason comes first, since it explains what happened to
+    /// the bag.
     pub(super) fn reason(&self, job: Job) -> Option<&str> {
         let mut reasons = self.failed.iter().chain(&self.unwritten);
         reasons.find(|(other, _)| *other == job).map(|(_, reason)| reason.as_str())
     }
 
-    /// A line for each episode that was played and has no bag; none for those that a stop came before.
+    /// A line for each episode that was played but has no bag; none for episodes that a stop prevented.
     pub(super) fn lost(&self, missing: &[Job]) -> Vec<String> {
         let played = missing.iter().filter(|job| self.over.contains(job) || self.reason(**job).is_some());
         let line = |job: &Job| {
@@ -37,7 +38,7 @@ mod tests {
 
     use super::*;
 
-    /// A full disk leaves no episode without a line, whichever way its bag was lost.
+    /// On a full disk every episode without a bag gets a line, however its bag was lost.
     #[test]
     fn every_episode_without_a_bag_is_named() {
         let jobs = [0, 1, 2, 3, 4].map(|seed| Job { task: Task::S01, seed });

@@ -1,4 +1,4 @@
-//! Plays episodes: a server, a recorder and a few clients on one embedded session.
+//! Plays episodes with a server, a recorder and a few clients on one embedded session.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,7 +14,7 @@ use super::{EvaluateError, EvaluateOptions, Job, Played, Progress, SERVER};
 
 /// How often progress is reported.
 const REPORT_PERIOD: Duration = Duration::from_millis(250);
-/// How long bags may take to close after the last episode.
+/// Longest time for bags to close after the last episode.
 const CLOSING_TIME: Duration = Duration::from_secs(15);
 
 /// Plays the jobs; returns what became of them.
@@ -35,9 +35,9 @@ pub(super) fn play(
             server: Some(SERVER.into()),
             naming: Naming::Flat,
             records: RecordsFrom::ThisProcess,
-            // What became of whole bags is read from the bags.
+            // The bags themselves show which of them are whole.
             on_bag: Box::new(move |report| note_cut(&report, &unwritten)),
-            // An episode without a bag is named at the end.
+            // An episode without a bag is reported at the end.
             on_loss: Box::new(|_, _| ()),
             name: SERVER.into(),
         },
@@ -75,7 +75,7 @@ pub(super) fn play(
 /// Notes why a bag is not whole.
 fn note_cut(report: &BagReport, unwritten: &mpsc::Sender<(Job, String)>) {
     if let (BagEnd::Cut(reason), Ok(task)) = (&report.end, report.header.task.parse()) {
-        // Nobody listens any more where the evaluation has failed.
+        // If the evaluation has failed, nobody receives this.
         let _ = unwritten.send((Job { task, seed: report.header.seed }, reason.clone()));
     }
 }
@@ -91,14 +91,14 @@ fn play_one(
     let mut policy = policies::by_name(&options.policy)?;
     let mut client = Client::open(link, Some(SERVER), options.request(job)?)?;
     client.run_episode(0, policy.as_mut(), on_step, stop)?;
-    // The episode is over; a session that is not closed ends by itself.
+    // The episode is over, and a session that is not closed ends by itself.
     if let Err(error) = client.close() {
         tracing::debug!("{} seed {}: the session was not closed: {error}", job.task, job.seed);
     }
     Ok(())
 }
 
-/// Who plays what: one seat a client.
+/// Assigns jobs to clients, each of which has a seat.
 struct Board<'a> {
     jobs: &'a [Job],
     state: Mutex<BoardState>,
@@ -110,7 +110,7 @@ struct BoardState {
     finished: usize,
     /// Steps of finished episodes.
     steps: u64,
-    /// Job and step at each seat.
+    /// Job and step of the client in each seat.
     seats: Vec<Option<(Job, u64)>>,
     failed: Vec<(Job, String)>,
     over: Vec<Job>,
@@ -167,7 +167,7 @@ impl<'a> Board<'a> {
         }
     }
 
-    /// Episodes that are over, and why clients gave up.
+    /// Episodes that have ended, and the reasons of clients that failed.
     fn over(&self) -> (Vec<Job>, Vec<(Job, String)>) {
         let state = self.state();
         (state.over.clone(), state.failed.clone())

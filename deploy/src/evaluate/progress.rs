@@ -1,18 +1,18 @@
-//! How far an evaluation is.
+//! Progress of an evaluation.
 
 use fiatlux_rules::Task;
 
-/// A look at an evaluation under way.
+/// A snapshot of an evaluation in progress.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
-    /// Episodes of the evaluation in all.
+    /// Number of episodes in the evaluation.
     pub episodes: usize,
-    /// Episodes that are finished.
+    /// Number of finished episodes.
     pub finished: usize,
-    /// Control steps so far.
+    /// Control steps played so far.
     pub steps: u64,
-    /// Most steps that could still follow: every episode goes on to its horizon.
+    /// Largest number of steps still to come, if every episode goes on to its horizon.
     pub steps_left: u64,
-    /// What is being played: task, seed and step.
+    /// Task, seed and current step of each episode that is being played.
     pub playing: Vec<(Task, u64, u64)>,
 }

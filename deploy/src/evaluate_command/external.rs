@@ -1,4 +1,4 @@
-//! `fiatlux evaluate --external`.
+//! The command `fiatlux evaluate --external`.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -12,12 +12,12 @@ use fiatlux_proto::v3::OpenRequest;
 
 use super::{EvaluateArgs, finish, workers};
 
-/// Reads a server's name.
+/// Parses the name of a server.
 pub(super) fn name(text: &str) -> Result<String, String> {
     if is_name(text) { Ok(text.into()) } else { Err("use 1 to 64 letters, digits, - or _".into()) }
 }
 
-/// Serves one run, and writes and prints what came of it.
+/// Serves one run, and writes and prints its outcome.
 pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     let mut session = args.session.clone();
     let weights = session.split_weights();
@@ -26,7 +26,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     asked.weights.clear();
     if asked != OpenRequest::default() {
         eprintln!(
-            "error: what sessions are opened with is the client's choice: give these flags to policy-client evaluate\n\n\
+            "error: the client chooses the options of its sessions: give these flags to policy-client evaluate\n\n\
              For more information, try '--help'."
         );
         return Ok(ExitCode::from(2));
@@ -41,7 +41,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     };
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let endpoint = OnceLock::new();
-    // The time since the run was registered is what counts.
+    // The rate counts from the registration of the run.
     let mut line = None;
     let outcome = evaluate_external(&options, &stop, &mut |progress| match progress {
         ExternalProgress::Waiting { endpoint: at } => {
@@ -59,8 +59,8 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     }
     let listen = endpoint.get().unwrap_or(&options.listen);
     let again = format!(
-        "it goes on with `fiatlux evaluate --external --name {} --listen {listen} --out {}`, and the client with its same \
-         command",
+        "continue it with `fiatlux evaluate --external --name {} --listen {listen} --out {}`, and run the client's command \
+         again",
         options.name,
         options.out.display()
     );
@@ -72,7 +72,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     finish(args, &options.out, &outcome?, &again)
 }
 
-/// The one line that a client needs.
+/// Prints the command for the client.
 fn greet(args: &EvaluateArgs, endpoint: &str) {
     let reachable = endpoint.replace("0.0.0.0", "ADDRESS-OF-THIS-MACHINE").replace("[::]", "ADDRESS-OF-THIS-MACHINE");
     let line = format!("policy-client evaluate --policy NAME -e {reachable} --server {}\n", args.name);
@@ -81,7 +81,7 @@ fn greet(args: &EvaluateArgs, endpoint: &str) {
     } else {
         fiatlux_link::print(line);
     }
-    eprintln!("waiting for a run; that line starts it, with the name of a policy");
+    eprintln!("waiting for a run; start it with the command above and the name of your policy");
 }
 
 fn look(line: &ProgressLine, progress: &ExternalProgress) -> String {

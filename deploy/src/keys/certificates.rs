@@ -1,4 +1,4 @@
-//! An authority that exists for one installation, and the certificates that it signs.
+//! An authority for a single installation, and the certificates that it signs.
 
 use rcgen::{
     BasicConstraints, Certificate, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer,
@@ -8,7 +8,7 @@ use time::{Duration, OffsetDateTime};
 
 use super::Role;
 
-/// Clocks of two machines may differ by this much.
+/// Tolerance for the clocks of two machines.
 const CLOCK_MARGIN: Duration = Duration::hours(1);
 
 /// Signs the certificates of all parts.
@@ -29,7 +29,7 @@ pub struct Credentials {
 }
 
 impl Authority {
-    /// A new authority, whose certificates are valid from now on, for that many days.
+    /// Makes an authority whose certificates are valid from now on, for this number of days.
     pub fn new(hosts: &[String], days: u16) -> Result<Self, rcgen::Error> {
         let now = OffsetDateTime::now_utc();
         let (from, until) = (now - CLOCK_MARGIN, now + Duration::days(days.into()));
@@ -49,7 +49,8 @@ impl Authority {
         Ok(Self { certificate, issuer: Issuer::new(params, key), hosts, from, until })
     }
 
-    /// The certificate of a part, with a new key. The router's says where it is found; only it can be connected to.
+    /// The certificate of a part, with a new key. Only the router's names its addresses: nothing else accepts
+    /// connections.
     pub fn certificate(&self, role: Role) -> Result<Credentials, rcgen::Error> {
         let (hosts, usage) = match role {
             Role::Router => (self.hosts.clone(), ExtendedKeyUsagePurpose::ServerAuth),
@@ -66,12 +67,12 @@ impl Authority {
         Ok(Credentials { authority: self.pem(), certificate: certificate.pem(), key: key.serialize_pem() })
     }
 
-    /// Its own certificate, which the others check theirs with, as PEM.
+    /// The authority's own certificate as PEM, with which others check theirs.
     pub fn pem(&self) -> String {
         self.certificate.pem()
     }
 
-    /// Its key: whoever has it can make certificates for any part.
+    /// The authority's key as PEM: whoever has it can make certificates for any part.
     pub fn key_pem(&self) -> String {
         self.issuer.key().serialize_pem()
     }

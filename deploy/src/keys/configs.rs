@@ -1,4 +1,4 @@
-//! The Zenoh configs of all parts. A config holds its own certificate and key, so one file is all that a machine needs, and
+//! The Zenoh configs of all parts. A config holds its own certificate and key, so a machine needs only this file, and
 //! programs in other languages read the same file.
 
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::certificates::Credentials;
 use super::roles::access_control;
 use super::{KeysOptions, Role, is_local};
 
-/// With mutual TLS, over QUIC.
+/// A config with mutual TLS over QUIC.
 pub fn with_certificates(role: Role, options: &KeysOptions, credentials: &Credentials) -> String {
     let (certificate, key) = (STANDARD.encode(&credentials.certificate), STANDARD.encode(&credentials.key));
     let mut tls = json!({
@@ -26,7 +26,7 @@ pub fn with_certificates(role: Role, options: &KeysOptions, credentials: &Creden
     config(role, options, "quic", transport, "cert_common_names")
 }
 
-/// With a user and a password, and without encryption. The router reads the list of users from a file.
+/// A config with a user and a password, without encryption. The router reads the list of users from a file.
 pub fn with_passwords(role: Role, options: &KeysOptions, password: &str, users: &Path) -> String {
     let usrpwd = match role {
         Role::Router => json!({ "dictionary_file": users }),
@@ -56,7 +56,7 @@ fn config(role: Role, options: &KeysOptions, protocol: &str, transport: Value, s
         "access_control": access_control(role, subject),
     });
     let name = role.name();
-    // Writing into a string cannot fail.
+    // Writing to a string cannot fail.
     let text = serde_json::to_string_pretty(&config).unwrap_or_default();
     format!(
         "// Zenoh config of the {name}, made by `fiatlux keys`. It holds secrets: only the {name} may read it.\n{text}\n"

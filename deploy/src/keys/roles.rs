@@ -1,4 +1,4 @@
-//! Who says what to whom: the table of keys in `PROTOCOL.md`, as rules for Zenoh's access control.
+//! Who may send what to whom: the table of keys in `PROTOCOL.md`, as rules for Zenoh's access control.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 /// A part in the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
-    /// Passes messages on, and holds everybody to the rules.
+    /// Passes messages on, and enforces the rules for everybody.
     Router,
     /// Simulates: hands out sessions and judges them.
     Server,
@@ -24,7 +24,7 @@ impl Role {
     /// All parts, in the order in which they are started.
     pub const ALL: [Self; 4] = [Self::Router, Self::Server, Self::Recorder, Self::Policy];
 
-    /// Common name in its certificate, and its user.
+    /// Common name in its certificate, and its user name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Router => "router",
@@ -35,13 +35,13 @@ impl Role {
     }
 }
 
-/// What a key is for.
+/// Use of a key.
 enum Kind {
-    /// Published by the first ones for the others.
+    /// The first roles publish on it for the second.
     Put(&'static [Role], &'static [Role]),
-    /// Asked by the first ones, answered by the others.
+    /// The first roles query it, and the second answer.
     Query(&'static [Role], &'static [Role]),
-    /// A liveliness token of the first ones, watched by the others.
+    /// A liveliness token of the first roles, watched by the second.
     Token(&'static [Role], &'static [Role]),
 }
 
@@ -76,7 +76,7 @@ fn keys() -> Vec<(String, Kind)> {
     ]
 }
 
-/// What a part says (`true`) and hears (`false`), by Zenoh's kinds of messages: the keys of each.
+/// What a part sends (`true`) and receives (`false`), by Zenoh's kinds of messages: the keys of each.
 type Words = BTreeMap<(bool, &'static str), Vec<String>>;
 
 fn words(role: Role) -> Words {
@@ -89,7 +89,7 @@ fn words(role: Role) -> Words {
                 (from, to, &["liveliness_token"], &["liveliness_query", "declare_liveliness_subscriber"])
             }
         };
-        // What one side says, the other one hears.
+        // What one side sends, the other one receives.
         let mut add = |says: bool, messages: &[&'static str]| {
             for &message in messages {
                 let keys: &mut Vec<String> = words.entry((says, message)).or_default();
@@ -108,10 +108,10 @@ fn words(role: Role) -> Words {
     words
 }
 
-/// The section `access_control` of that part's config: everything is denied but what the protocol has. The router holds each
-/// of the others to its part; they hold the router to what they need of it.
+/// The section `access_control` of a part's config: it denies everything that the protocol does not need. The router
+/// restricts each of the others to its part; they restrict the router to what they need from it.
 ///
-/// `subject` is how the router knows a part, such as `cert_common_names`.
+/// `subject` is the property by which the router recognises a part, such as `cert_common_names`.
 pub fn access_control(role: Role, subject: &str) -> Value {
     let held: &[Role] = if role == Role::Router { EVERYBODY } else { &[role] };
     let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
@@ -119,7 +119,7 @@ pub fn access_control(role: Role, subject: &str) -> Value {
         let name = other.name();
         let mut ids = Vec::new();
         for ((says, message), keys) in words(other) {
-            // For the router what a part says comes in, for the part itself it goes out.
+            // What a part sends is ingress for the router and egress for the part itself.
             let flow = if says == (role == Role::Router) { "ingress" } else { "egress" };
             let id = format!("{name}: {message}, {flow}");
             rules.push(json!({
@@ -144,7 +144,7 @@ mod tests {
         words(role).iter().any(|((s, m), keys)| *s == says && *m == message && keys.iter().any(|own| own == key))
     }
 
-    /// Guards the rows that decide who can cheat.
+    /// Checks the rows that decide who can cheat.
     #[test]
     fn a_policy_neither_serves_nor_sees_rows() {
         let session = ServerKeys::new("*").session("*");
@@ -159,7 +159,7 @@ mod tests {
         assert!(may(Recorder, true, "put", &session.truth_ack()) && may(Server, false, "put", &session.truth_ack()));
     }
 
-    /// What nobody may say, nobody need hear.
+    /// A message that nobody may send need not be received.
     #[test]
     fn whatever_is_heard_is_said_by_another_part() {
         for hearer in EVERYBODY {

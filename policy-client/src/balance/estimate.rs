@@ -1,4 +1,4 @@
-//! Where the centre of mass is over the feet and how it moves, from noisy senses.
+//! Estimates the position of the centre of mass over the feet, and its velocity, from noisy sensors.
 
 use fiatlux_robot::Robot;
 use fiatlux_rules::{CONTROL_DT, GRAVITY};
@@ -40,17 +40,17 @@ pub(super) struct Pendulum {
 #[derive(Debug, Clone)]
 pub(super) struct Estimator {
     mass: f64,
-    /// Nothing before the first observation.
+    /// State of the filters; `None` before the first observation.
     memory: Option<Memory>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Memory {
-    /// Unit vector, pelvis frame.
+    /// Vertical as a unit vector in the pelvis frame.
     up: Vector3<f64>,
     position: Vector2<f64>,
     velocity: Vector2<f64>,
-    /// Where the ground was told to push since.
+    /// Centre of pressure commanded since the last observation.
     pressure: Vector2<f64>,
 }
 
@@ -76,7 +76,7 @@ impl Estimator {
             let sensed_up = -Vector3::from(sensed.projected_gravity);
             direction(&(up + SOLE_GAIN * (sole_up - up) + GRAVITY_GAIN * (sensed_up - up)))
         });
-        // None only upside down.
+        // `None` only upside down.
         let level_from_pelvis = UnitQuaternion::rotation_between(&up, &Vector3::z()).unwrap_or_default();
 
         let moments = robot.links().iter().zip(pelvis_from_link);
@@ -84,7 +84,8 @@ impl Estimator {
         let com = level_from_pelvis * (moment / self.mass);
         let soles = soles.map(|sole| level_from_pelvis * sole.coords);
         let middle = (soles[0] + soles[1]) / 2.0;
-        // As if the robot turned as one piece with its pelvis; the noisy joint velocities would say it worse.
+        // Assumes that the robot turns as one piece with its pelvis; the noisy joint velocities would give a worse
+        // estimate.
         let pelvis_velocity = Vector3::from(sensed.base_linear_velocity);
         let com_velocity = level_from_pelvis * pelvis_velocity + (level_from_pelvis * turning).cross(&com);
 
@@ -99,7 +100,7 @@ impl Estimator {
         Pendulum { level_from_pelvis, com, soles, mass: self.mass, position, velocity }
     }
 
-    /// Notes where the ground is told to push until the next observation, from the middle between the soles, m.
+    /// Notes the centre of pressure commanded until the next observation, relative to the middle between the soles, m.
     pub(super) fn pushed_at(&mut self, pressure: Vector2<f64>) {
         if let Some(memory) = &mut self.memory {
             memory.pressure = pressure;
@@ -108,7 +109,7 @@ impl Estimator {
 }
 
 impl Memory {
-    /// Position and velocity one control step later: the pendulum's law, `rate` being g/h, and a measurement.
+    /// Position and velocity one control step later, from the pendulum's law (`rate` is g/h) and a measurement.
     fn fused(
         &self,
         rate: f64,
@@ -126,7 +127,7 @@ impl Memory {
     }
 }
 
-/// The unit vector along a vector; up where it has no direction.
+/// The unit vector along a vector; straight up if it is zero.
 fn direction(vector: &Vector3<f64>) -> Vector3<f64> {
     vector.try_normalize(1e-9).unwrap_or_else(Vector3::z)
 }

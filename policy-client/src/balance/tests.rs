@@ -2,8 +2,8 @@ use nalgebra::UnitQuaternion;
 
 use super::*;
 
-/// The feet's forces carry the weight, act together where they should and turn the robot about no axis through its centre
-/// of mass, on both sides of the limits.
+/// The feet's forces carry the weight, act at the wanted point and exert no torque about the centre of mass, on both
+/// sides of the limits.
 #[test]
 fn the_ground_carries_and_does_not_turn() {
     for (x, y) in [(0.0, 0.0), (0.02, -0.03), (-0.01, 0.05), (0.3, 0.0), (0.0, -0.3)] {

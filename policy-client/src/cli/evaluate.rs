@@ -1,4 +1,4 @@
-//! `policy-client evaluate`.
+//! The command `policy-client evaluate`.
 
 mod plan;
 mod report;
@@ -16,17 +16,17 @@ use fiatlux_rules::CONTROL_DT;
 
 use super::{Failure, model_server};
 
-/// Episodes under way that the progress line names.
+/// Largest number of running episodes that the progress line names.
 const MOST_SHOWN: usize = 3;
 
 /// Options of the command `evaluate`.
 #[derive(Debug, Args)]
 #[command(after_help = "What happens:
-  The run is registered on the server, under a name and a secret key that are drawn here and kept in the run file. Each
-  episode, one for each task and seed, is then played once, several at a time, and recorded by the server, which
-  keeps the score. With the run file the same command goes on after Ctrl-C, a crash or the loss of a server; an
-  episode that was cut off is played again from its start, and the server compares its rows. When all is played the
-  run is ended: nothing can be added to it.
+  The run is registered on the server, under a name and a secret key, which are drawn here and kept in the run file.
+  Each episode, one for each task and seed, is then played once, several at a time, and recorded by the server, which
+  keeps the score. With the run file the same command continues after Ctrl-C, a crash or the loss of a server; an
+  episode that was cut off is played again from its start, and the server compares its rows. When all are played the
+  run is closed: nothing can be added to it.
 
 Several servers:
   --server lab plays on all servers named lab or lab-SOMETHING that can be reached. If one is lost, its episodes go to
@@ -54,28 +54,28 @@ pub struct EvaluateArgs {
     /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 [default: 0..3]
     #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
     seeds: Option<SeedList>,
-    /// Number of seeds that the server draws when the run is registered, and discloses when it is over
+    /// Number of seeds to be drawn by the server when the run is registered; it discloses them when the run is over
     #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = fiatlux_link::whole::<u32>(1..=10_000))]
     hosted: Option<u32>,
-    /// Name of the server, or of a group of servers; not needed where there is only one
+    /// Name of the server, or of a group of servers; not needed if there is only one
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
-    /// Episodes at once, over all servers [default: as many as the servers take, at most 8 each]
+    /// Episodes to play at once, over all servers [default: as many as the servers accept, at most 8 each]
     #[arg(long, value_name = "N", value_parser = fiatlux_link::whole::<u16>(1..=1024))]
     parallel: Option<u16>,
     /// Version of the policy, for the record
     #[arg(long, value_name = "VERSION", default_value = "")]
     policy_version: String,
-    /// Where the policy is described, for the record
+    /// Address with a description of the policy, for the record
     #[arg(long = "link", value_name = "URL", default_value = "")]
     policy_link: String,
-    /// File with the run's name and secret key; drawn where it is not there
+    /// File with the run's name and secret key; created if it does not exist
     #[arg(long, value_name = "PATH", default_value = "RUN.toml")]
     run_file: PathBuf,
-    /// End the run also where episodes could not be played: they count as failures and cannot be played any more
+    /// Close the run even if episodes could not be played: they count as failures and can no longer be played
     #[arg(long)]
     finish: bool,
-    /// How long to wait for servers that are gone, do not answer, or let nothing be played, s
+    /// How long to wait for servers that are gone, do not answer, or do not let anything be played, s
     #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = fiatlux_link::whole::<u32>(1..=86_400))]
     patience: u32,
     /// Print the result as JSON
@@ -91,7 +91,7 @@ pub struct EvaluateArgs {
     connection: LinkArgs,
 }
 
-/// Plays the run and prints what came of it; whether all of it was played.
+/// Plays the run and prints the outcome; returns whether every episode was played.
 pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     let model = model_server(&args.policy, &args.vla, false)?;
     let spec = plan::spec(args, model.as_ref())?;
@@ -102,9 +102,9 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
             other => other.into(),
         })
     };
-    // A file that does not fit is told of at once; a new one is written when there is someone to register with.
+    // A file that does not fit is reported at once; a new one is written only when a server is there to register with.
     let known = if args.run_file.exists() { Some(open()?) } else { None };
-    // Of several servers one may be down at the start: it is waited for while the others play.
+    // One of several servers may be down at the start: the others play meanwhile.
     let role = if args.connection.connect.len() > 1 { Role::Server } else { Role::Client };
     let link = args.connection.open(role)?;
     let file = known.map_or_else(open, Ok)?;

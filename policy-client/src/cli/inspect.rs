@@ -1,4 +1,4 @@
-//! `policy-client inspect`.
+//! The command `policy-client inspect`.
 
 use std::path::PathBuf;
 
@@ -21,8 +21,8 @@ use crate::inspect::{self, Inspection};
   observation.json  the last observation, all numbers
 
 Without --sensors the session has the body's sensors, privileged and verdict in every step, lidar and camera at 10 Hz,
-and features and flat on request: lidar, camera, features and flat are each looked at alone three times, once in real
-time, so that you see what one costs. A bag's or a ranked run's policy has no privileged and no verdict.
+and features and flat on request: lidar, camera, features and flat are each requested alone three times, once in real
+time, so that you see what one costs. The policy of a bag or of a ranked run gets neither privileged nor verdict.
 
 Examples:
   policy-client inspect --task S05
@@ -34,7 +34,7 @@ pub struct InspectArgs {
     /// Task: S01 to S12, replace, climb
     #[arg(short, long)]
     task: String,
-    /// Policy that drives: zero, random, hold, stand, or replay:BAG, whose seed, episode and session are those of its bag
+    /// Policy that drives: zero, random, hold, stand, or replay:BAG, which takes seed, episode and session from its bag
     #[arg(short, long, value_name = "NAME", default_value = "stand")]
     policy: String,
     /// Simulated time to play, s
@@ -43,7 +43,7 @@ pub struct InspectArgs {
     /// Folder for the pictures and the observation [default: inspect-TASK]
     #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write into a folder that has something in it; files of the same names are replaced
+    /// Write into a folder that is not empty; files of the same names are replaced
     #[arg(long)]
     force: bool,
     /// List the joints: angles of the standing posture, limits, gains
@@ -52,13 +52,13 @@ pub struct InspectArgs {
     /// Seed of the layout
     #[arg(short, long, default_value_t = 0, value_parser = fiatlux_policy::parse_seed, allow_hyphen_values = true)]
     seed: u64,
-    /// Index of the episode; with the seed it draws start and noise
+    /// Index of the episode; with the seed it determines start and noise
     #[arg(long, value_name = "INDEX", default_value_t = 0, value_parser = fiatlux_link::whole::<u64>(0..))]
     episode: u64,
-    /// Name of the server; not needed where there is only one
+    /// Name of the server; not needed if there is only one
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
-    /// Step at 50 Hz by the wall clock; without it the server waits for each action
+    /// Step at 50 Hz by the wall clock; otherwise the server waits for each action
     #[arg(long)]
     real_time: bool,
     /// Print the result as JSON
@@ -72,7 +72,7 @@ pub struct InspectArgs {
     link: LinkArgs,
 }
 
-/// Shows a session; false is never the answer.
+/// Shows a session; always returns true on success.
 pub fn inspect(args: &InspectArgs) -> Result<bool, Failure> {
     let (policy, base, episode) = driver(args)?;
     let folder = args.out.clone().unwrap_or_else(|| format!("inspect-{}", args.task).into());
@@ -85,13 +85,13 @@ pub fn inspect(args: &InspectArgs) -> Result<bool, Failure> {
     Ok(true)
 }
 
-/// The policy, the session that it asks for, and the episode: for a bag those that it was recorded with.
+/// The policy, its session and its episode; for a bag, those that it was recorded with.
 fn driver(args: &InspectArgs) -> Result<(Box<dyn Policy>, OpenRequest, u64), Failure> {
     if let Some(path) = policies::replayed_bag(&args.policy) {
         let replay = Replay::open(path)?;
         let base = replay.request();
         if !base.task.eq_ignore_ascii_case(&args.task) {
-            return Err(Failure::Usage(format!("the bag is of task {}, not {}", base.task, args.task)));
+            return Err(Failure::Usage(format!("the bag was recorded in task {}, not {}", base.task, args.task)));
         }
         let episode = replay.header().episode;
         return Ok((Box::new(replay), base, episode));
@@ -102,7 +102,7 @@ fn driver(args: &InspectArgs) -> Result<(Box<dyn Policy>, OpenRequest, u64), Fai
     Ok((policy, base, args.episode))
 }
 
-/// The flags override what the policy asks for, and that overrides what is shown by default.
+/// The flags override the policy's request, which overrides the defaults.
 fn request(args: &InspectArgs, policy: &dyn Policy, base: OpenRequest) -> OpenRequest {
     let mut sensors = policy.sensors();
     for sensor in inspect::default_sensors() {

@@ -1,4 +1,4 @@
-//! `policy-client list`.
+//! The command `policy-client list`.
 
 use clap::Args;
 use fiatlux_link::{LinkArgs, Role, print};
@@ -14,14 +14,14 @@ pub struct ListArgs {
     /// Print the list as JSON
     #[arg(long)]
     json: bool,
-    /// List the policies that come with the program instead
+    /// List the built-in policies instead
     #[arg(long)]
     policies: bool,
     #[command(flatten)]
     link: LinkArgs,
 }
 
-/// Prints the servers, or the policies; false if there is none.
+/// Prints the servers, or the policies; returns false if there is none.
 pub fn list(args: &ListArgs) -> Result<bool, Failure> {
     if args.policies {
         list_policies(args.json);
@@ -32,7 +32,7 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
     if args.json {
         print(format!("{:#}\n", Value::Array(servers.iter().map(as_json).collect())));
     } else if servers.is_empty() {
-        eprintln!("no server answers; start `sim-server`, or name where it is with -e tcp/HOST:PORT");
+        eprintln!("no server answers; start `sim-server`, or give its address with -e tcp/HOST:PORT");
     }
     for server in servers.iter().filter(|_| !args.json) {
         let tasks: Vec<&str> = server.tasks.iter().map(|task| task.task.as_str()).collect();

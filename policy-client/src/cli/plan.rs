@@ -1,4 +1,4 @@
-//! What `run` is asked for, with the bag's word where a bag is replayed.
+//! Turns the flags of `run` into a request; for a replay, the bag fills in the rest.
 
 use clap::Args;
 use fiatlux_link::LinkArgs;
@@ -34,7 +34,7 @@ pub struct RunArgs {
     /// Name of the policy, see below
     #[arg(short, long, value_name = "NAME")]
     pub policy: String,
-    /// What the policy wbc is to do: vx, vy (m/s), wz (rad/s), height (m), roll, pitch, yaw of the torso (rad), such as
+    /// Command for the policy wbc: vx, vy (m/s), wz (rad/s), height (m), roll, pitch, yaw of the torso (rad), such as
     /// vx=0.4,wz=0.2 [default: stand]
     #[arg(long, value_name = "LIST")]
     pub command: Option<String>,
@@ -44,19 +44,19 @@ pub struct RunArgs {
     /// Seed of the layout [default: 0]
     #[arg(short, long, value_parser = parse_seed, allow_hyphen_values = true)]
     pub seed: Option<u64>,
-    /// Index of the first episode; with the seed it draws start and noise [default: 0]
+    /// Index of the first episode; with the seed it determines start and noise [default: 0]
     #[arg(long, value_name = "INDEX", value_parser = fiatlux_link::whole::<u64>(0..))]
     pub episode: Option<u64>,
-    /// Number of episodes, one after the other [default: 1]
+    /// Number of episodes to play, one after another [default: 1]
     #[arg(short = 'n', long, value_name = "N", value_parser = fiatlux_link::whole::<u64>(1..))]
     pub episodes: Option<u64>,
-    /// Name of the server; not needed where there is only one
+    /// Name of the server; not needed if there is only one
     #[arg(long, value_name = "NAME")]
     pub server: Option<String>,
-    /// Step at 50 Hz by the wall clock, whether an action has come or not; without it the server waits
+    /// Step at 50 Hz by the wall clock, whether or not an action has arrived; otherwise the server waits
     #[arg(long)]
     pub real_time: bool,
-    /// Wait for a recorder: the episode goes no further than it has recorded
+    /// Wait for a recorder: the episode goes no further than the recorder has written
     #[arg(long)]
     pub recorded: bool,
     /// Print results as JSON
@@ -72,18 +72,18 @@ pub struct RunArgs {
     pub link: LinkArgs,
 }
 
-/// What is to be run.
+/// What to run, from flags and bag.
 pub struct Plan {
     pub policy: Box<dyn Policy>,
     pub request: OpenRequest,
     /// Index of the first episode.
     pub first: u64,
     pub count: u64,
-    /// Digest of the recorded episode, where one is replayed and its bag is whole.
+    /// Digest of the recorded episode; `None` unless a whole bag is replayed.
     pub digest: Option<String>,
 }
 
-/// Turns the options into what is to be played.
+/// Turns the flags into a plan.
 pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
     match policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, Replay::open(path)?),
@@ -117,19 +117,19 @@ pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
 
 fn replay(args: &RunArgs, policy: Replay) -> Result<Plan, Failure> {
     if args.episodes.is_some_and(|count| count != 1) {
-        return Err(Failure::Usage("a bag holds one episode: leave --episodes out".into()));
+        return Err(Failure::Usage("a bag holds one episode: omit --episodes".into()));
     }
     let digest = policy.result().and_then(|result| result.end.as_ref()).map(|end| end.digest.clone());
     let digest = digest.filter(|digest| !digest.is_empty());
     if digest.is_none() {
-        tracing::warn!("the bag has no digest, for it was cut or aborted; nothing is compared at the end");
+        tracing::warn!("the bag has no digest, because it was cut or aborted; there is nothing to compare at the end");
     }
     let request = request(args, policy.request());
     let first = args.episode.unwrap_or(policy.header().episode);
     Ok(Plan { policy: Box::new(policy), request, first, count: 1, digest })
 }
 
-/// The request with what the flags ask for in place of its own.
+/// The request, with the values of the flags in place of its own.
 fn request(args: &RunArgs, mut request: OpenRequest) -> OpenRequest {
     request.task = args.task.clone().unwrap_or(request.task);
     request.seed = args.seed.unwrap_or(request.seed);

@@ -1,4 +1,4 @@
-//! `policy-client probe`.
+//! The command `policy-client probe`.
 
 use clap::Args;
 use fiatlux_bridge::{Contract, ModelChunk, Representation, Row};
@@ -10,17 +10,17 @@ use super::{Failure, usage};
 /// Options of the command `probe`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "It prints the server's contract, what does not fit the mapping, what was sent (the standing posture, \
-pictures of a grey ramp, the words 'Stand still.'), the answer, and its latency.
+    after_help = "It prints the server's contract, its differences from the mapping, what was sent (the standing \
+posture, pictures of a grey ramp, the words 'Stand still.'), the answer, and its latency.
 
-Exit codes: 0 all fits, 1 not there or something does not fit, 2 usage."
+Exit codes: 0 the server fits the mapping, 1 it does not or cannot be reached, 2 usage."
 )]
 pub struct ProbeArgs {
     #[command(flatten)]
     vla: VlaArgs,
 }
 
-/// Asks, and prints what was said; whether all fits.
+/// Asks the server and prints what it says; returns whether it fits the mapping.
 pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
     let source = args.vla.source(false).map_err(usage)?;
     let probed = source.probe().map_err(anyhow::Error::from)?;
@@ -34,8 +34,7 @@ pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
     }
     let Answer { chunk, latency, rows } = probed.answer.map_err(anyhow::Error::from)?;
     print_chunk(&chunk);
-    let server =
-        chunk.server_s.map_or_else(String::new, |time| format!(", {:.1} ms of them in the server", 1e3 * time));
+    let server = chunk.server_s.map_or_else(String::new, |time| format!(", {:.1} ms of it in the server", 1e3 * time));
     print(format!("latency   {:.1} ms{server}\n", 1e3 * latency.as_secs_f64()));
     match &rows {
         Ok(rows) => print_row(rows.first()),
@@ -43,8 +42,8 @@ pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
     }
     if let Some((key, width)) = source.undecoded() {
         print(format!(
-            "decoder   missing: '{key}' has motion tokens of {width} numbers, which the policy vla plays with \
-             --controller sonic:DIR alone\n"
+            "decoder   missing: '{key}' has motion tokens of {width} numbers, which the policy vla plays only with \
+             --controller sonic:DIR\n"
         ));
     }
     Ok(probed.fit.is_ok() && rows.is_ok())

@@ -1,22 +1,22 @@
-//! What came of a run, as text or JSON.
+//! Prints the episodes of `run`, as text or as JSON.
 
 use fiatlux_link::print;
 use fiatlux_policy::RoundTrips;
 use fiatlux_proto::v3::{EpisodeEnd, SessionInfo};
 use serde_json::{Value, json};
 
-/// An episode that has ended.
+/// The outcome of one episode.
 pub struct Episode {
     pub index: u64,
     pub end: EpisodeEnd,
     pub wall_s: f64,
 }
 
-/// What came of a run so far.
+/// The outcome of all episodes so far.
 pub struct Report {
     head: Value,
     episodes: Vec<Value>,
-    /// Digest of the recorded episode.
+    /// Digest of the recorded episode that is being replayed.
     digest: Option<String>,
     equal: bool,
 }
@@ -31,12 +31,12 @@ impl Report {
         Self { head, episodes: Vec::new(), digest, equal: true }
     }
 
-    /// Whether no replayed episode differs from its recording.
+    /// Whether every replayed episode equals its recording.
     pub fn is_equal(&self) -> bool {
         self.equal
     }
 
-    /// Adds an episode; as text it is printed at once.
+    /// Adds an episode, and prints it at once unless the output is JSON.
     pub fn add(&mut self, episode: Episode, as_json: bool) {
         let Episode { index, end, wall_s } = episode;
         let equal = self.digest.as_ref().map(|digest| *digest == end.digest);
@@ -66,7 +66,7 @@ impl Report {
         }));
     }
 
-    /// Prints what stands at the end.
+    /// Prints the summary at the end.
     pub fn finish(&self, trips: &RoundTrips, as_json: bool) {
         let [p50, p99] = [0.5, 0.99].map(|share| trips.quantile_s(share).map(|seconds| seconds * 1e6));
         if as_json {

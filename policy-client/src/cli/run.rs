@@ -1,4 +1,4 @@
-//! `policy-client run`.
+//! The command `policy-client run`.
 
 use std::sync::mpsc;
 use std::time::Instant;
@@ -12,24 +12,24 @@ use super::Failure;
 use super::plan::{RunArgs, plan};
 use super::report::{Episode, Report};
 
-/// What came of a run.
+/// How a run went, which decides the exit code.
 pub enum Played {
-    /// All of it, as it was asked for.
+    /// Every episode was played as requested.
     Whole,
-    /// All of it, but a recorder did not get every row.
+    /// Every episode was played, but a recorder missed rows.
     Cut,
-    /// A replay's digest is not that of its recording.
+    /// A replay's digest differs from that of its recording.
     Differs,
 }
 
-/// Logs a notice of the server; of one that says that a recording is cut, a line for the end.
+/// Logs a notice of the server; returns a line for the summary if it says that a recording is cut.
 fn pass_on(Notice { code, episode, step, field, message, remedy, .. }: Notice) -> Option<String> {
     tracing::warn!("notice of the server, episode {episode} step {step}: {message}; {remedy}");
     let is_cut = code == i32::from(Code::Lost) && field == "recorded";
     is_cut.then(|| format!("episode {episode} from step {step} on: {message}"))
 }
 
-/// Runs the episodes and prints what came of them.
+/// Runs the episodes and prints their outcomes.
 pub fn run(args: &RunArgs) -> Result<Played, Failure> {
     let mut plan = plan(args)?;
     let stop = stop_on_signal()?;
@@ -63,7 +63,7 @@ pub fn run(args: &RunArgs) -> Result<Played, Failure> {
         }
     }
     report.finish(client.round_trips(), args.json);
-    // The server misses a client that does not say goodbye, so a failure here costs no more than the grace time.
+    // The server notices clients that vanish, so a failure here costs no more than the grace time.
     if let Err(error) = client.close() {
         tracing::debug!("the session was not closed: {error}");
     }

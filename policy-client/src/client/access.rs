@@ -1,4 +1,4 @@
-//! What a client knows of servers, and shows them: keys and tokens.
+//! What a client knows about servers, and what it shows them: keys and tokens.
 
 use std::path::PathBuf;
 
@@ -7,19 +7,19 @@ use fiatlux_access::{AccessError, KnownServers, PublicKey, Token};
 
 use super::ClientError;
 
-/// What a client knows of servers, and shows them. By default it takes whichever server answers.
+/// What a client knows about servers, and what it shows them. By default it trusts whichever server answers.
 #[derive(Debug, Clone, Default)]
 pub struct Access {
-    /// The key that the server must have.
+    /// The key that the server must have; `None` to accept any.
     pub server_key: Option<PublicKey>,
-    /// Keys of servers by name; a server that is not among them is refused.
+    /// Keys of servers by name; servers that are not listed are refused.
     pub known: Option<KnownServers>,
-    /// Lets it open sessions where a server asks for one.
+    /// Proof that this client may open sessions, for servers that demand one.
     pub token: Option<Token>,
 }
 
 impl Access {
-    /// The key that a server of that name must have; none where any will do.
+    /// The key that a server of this name must have; `None` to accept any.
     pub(crate) fn key_of(&self, server: &str) -> Result<Option<PublicKey>, ClientError> {
         match (self.server_key, &self.known) {
             (Some(key), _) => Ok(Some(key)),
@@ -32,14 +32,14 @@ impl Access {
     }
 }
 
-/// Keys and tokens on the command line.
+/// Command-line flags for keys and tokens.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Access")]
 pub struct AccessArgs {
     /// Key that the server must have, ed25519:BASE64 as it prints it
     #[arg(long, value_name = "KEY", conflicts_with = "known_servers")]
     pub server_key: Option<PublicKey>,
-    /// File with the keys of known servers, a line NAME ed25519:BASE64 each; others are refused
+    /// File with the keys of known servers, one line NAME ed25519:BASE64 for each; other servers are refused
     #[arg(long, value_name = "FILE")]
     pub known_servers: Option<PathBuf>,
     /// File with the token by which a server lets this client open sessions
@@ -48,10 +48,10 @@ pub struct AccessArgs {
 }
 
 impl AccessArgs {
-    /// Reads the files.
+    /// Reads the files that the flags name.
     ///
     /// # Errors
-    /// [`AccessError`]: one cannot be read, or others can read the token too.
+    /// [`AccessError`]: a file cannot be read, or other users can read the token.
     pub fn read(&self) -> Result<Access, AccessError> {
         Ok(Access {
             server_key: self.server_key,

@@ -1,4 +1,4 @@
-//! Which servers there are.
+//! Finds servers.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -12,13 +12,13 @@ use zenoh::{Session, Wait};
 
 use super::ClientError;
 
-/// Tokens take a moment to arrive after a connection. A server is looked for during this time, s.
+/// How long to look for a server, s. Tokens take a moment to arrive after connecting.
 pub(crate) const DISCOVERY_S: f64 = 5.0;
 
-/// One look takes this time at most.
+/// Longest time for one look.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// Name of the server to use: the one that is asked for, if it is there, or the only one there is.
+/// Name of the server to use: the requested one if it exists, or the only one.
 ///
 /// # Errors
 /// No server, several of them, another one, or one of an older version; the error lists them.
@@ -47,11 +47,11 @@ pub fn find_server(link: &Session, wanted: Option<&str>) -> Result<String, Clien
     }
 }
 
-/// What every server that answers within about a second says of itself, by name. One whose answer cannot be read, or that
-/// speaks another major version, is skipped with a line in the log.
+/// Descriptions of all servers that answer within about a second, sorted by name. One that cannot be decoded, or has
+/// another major version, is skipped with a line in the log.
 ///
 /// # Errors
-/// Zenoh fails.
+/// Zenoh reports a failure.
 pub fn describe_servers(link: &Session) -> Result<Vec<ServerInfo>, ClientError> {
     let mut servers = BTreeMap::new();
     for _ in 0..2 {
@@ -60,7 +60,9 @@ pub fn describe_servers(link: &Session) -> Result<Vec<ServerInfo>, ClientError> 
         for reply in query.wait().map_err(ClientError::zenoh)? {
             let Ok(sample) = reply.result() else { continue };
             match decode::<ServerInfo>(&sample.payload().to_bytes(), MAX_SERVER_MESSAGE) {
-                Ok(info) if !is_name(&info.server) => tracing::warn!("{}: a server without a name", sample.key_expr()),
+                Ok(info) if !is_name(&info.server) => {
+                    tracing::warn!("{}: skipping a server without a valid name", sample.key_expr())
+                }
                 Ok(info) if info.protocol.as_ref().is_some_and(is_compatible) => {
                     servers.insert(info.server.clone(), info);
                 }
@@ -79,7 +81,7 @@ pub fn describe_servers(link: &Session) -> Result<Vec<ServerInfo>, ClientError> 
     Ok(servers.into_values().collect())
 }
 
-/// Names of the servers whose tokens are there now.
+/// Names of the servers whose liveliness tokens exist now.
 pub(crate) fn live_servers(link: &Session) -> Result<BTreeSet<String>, ClientError> {
     look(link, &any_alive())
 }

@@ -1,4 +1,4 @@
-//! What can go wrong between a client and its server.
+//! Errors between a client and its server.
 
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Refusal, Version};
@@ -8,34 +8,34 @@ use thiserror::Error;
 
 use crate::PolicyError;
 
-/// Why a client cannot go on.
+/// Why a client cannot continue.
 #[derive(Debug, Error)]
 pub enum ClientError {
-    /// No server answers within the time.
-    #[error("no server was found within {waited_s} s; start `sim-server`, or name where it is with -e tcp/HOST:PORT")]
+    /// No server answers in time.
+    #[error("no server was found within {waited_s} s; start `sim-server`, or give its address with -e tcp/HOST:PORT")]
     NoServer {
-        /// How long was looked, s.
+        /// How long the client looked, s.
         waited_s: f64,
     },
-    /// More than one answers.
-    #[error("there are several servers: {}; choose one with --server NAME", found.join(", "))]
+    /// Several servers answer, and none was chosen.
+    #[error("found several servers: {}; choose one with --server NAME", found.join(", "))]
     SeveralServers {
         /// Names of the servers that answer.
         found: Vec<String>,
     },
-    /// Others answer, but not the one asked for.
-    #[error("server '{name}' was not found within {waited_s} s; there is {}", if found.is_empty() { "none".into() } else { found.join(", ") })]
+    /// Only other servers answer.
+    #[error("server '{name}' was not found within {waited_s} s; found {}", if found.is_empty() { "none".into() } else { found.join(", ") })]
     NotThere {
-        /// The name that was asked for.
+        /// The name that was requested.
         name: String,
         /// Names of the servers that answer.
         found: Vec<String>,
-        /// How long was looked, s.
+        /// How long the client looked, s.
         waited_s: f64,
     },
-    /// Servers of an older version are there, and no other.
+    /// Only servers of an older version exist.
     #[error(
-        "server {} is of an older version, which does not speak protocol {PROTOCOL}; update it to this client's version",
+        "server {} is of an older version, which cannot speak protocol {PROTOCOL}; update it to this client's version",
         found.join(", ")
     )]
     OldServer {
@@ -49,54 +49,56 @@ pub enum ClientError {
         server: String,
         /// Kind of the refusal.
         code: Code,
-        /// Field of the request; may be empty.
+        /// Field of the request that is wrong; may be empty.
         field: String,
-        /// The server's words, with what to do.
+        /// The server's reason and remedy.
         message: String,
     },
     /// The server speaks another major version of the protocol.
-    #[error("server {server} speaks protocol {found}, this client {PROTOCOL}; use a client of the server's version")]
+    #[error(
+        "server {server} speaks protocol {found}, but this client speaks {PROTOCOL}; use a client of the server's version"
+    )]
     Version {
         /// Name of the server.
         server: String,
         /// Version that the server speaks.
         found: Version,
     },
-    /// A reply cannot be read.
-    #[error("the reply of server {server} cannot be read; use server and client of the same version")]
+    /// A reply cannot be decoded.
+    #[error("cannot decode the reply of server {server}; use server and client of the same version")]
     Unreadable {
         /// Name of the server.
         server: String,
-        /// What the decoder says.
+        /// The decoder's error, which names the field.
         #[source]
         source: DecodeError,
     },
-    /// The server describes a session that cannot be.
-    #[error("the server's session cannot be used: {reason}; use server and client of the same version")]
+    /// The server describes a session that is not valid.
+    #[error("cannot use the server's session: {reason}; use server and client of the same version")]
     Session {
-        /// What is wrong with its description.
+        /// What is wrong with the description.
         reason: String,
     },
-    /// No answer to a query.
+    /// A query got no answer.
     #[error(
         "{key} was not answered within {waited_s} s; check that the server runs (`policy-client list`) and try again"
     )]
     Unanswered {
         /// Key of the query.
         key: String,
-        /// How long was waited, s.
+        /// How long the client waited, s.
         waited_s: f64,
     },
-    /// Somebody answers in its place, or it has another key.
-    #[error("server {server} is not greeted")]
+    /// The handshake failed: another program answers, or the server has another key.
+    #[error("the handshake with server {server} failed")]
     Handshake {
         /// Name of the server.
         server: String,
-        /// What is wrong with its answer.
+        /// The error in the server's answer.
         #[source]
         source: fiatlux_access::HandshakeError,
     },
-    /// It is not among the known ones.
+    /// The server is not in the file of known servers.
     #[error(
         "server {server} is not in the file of known servers; add a line '{server} ed25519:...' with the key that it prints"
     )]
@@ -104,19 +106,19 @@ pub enum ClientError {
         /// Name of the server.
         server: String,
     },
-    /// The episode cannot go on.
+    /// The episode cannot continue.
     #[error(transparent)]
     Episode(#[from] SessionFailure),
-    /// The policy gives up.
+    /// The policy cannot be made or cannot continue.
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    /// A stop was asked for.
+    /// The caller asked to stop.
     #[error("stopped")]
     Stopped,
     /// Zenoh reports a failure.
     #[error("Zenoh fails: {reason}; check the link (RUST_LOG=zenoh=debug shows more) and start again")]
     Zenoh {
-        /// What Zenoh says about it.
+        /// Zenoh's message, which says why.
         reason: String,
     },
 }

@@ -1,4 +1,4 @@
-//! What came in from Zenoh's threads and waits for the client's.
+//! Messages from Zenoh's threads on their way to the client's thread.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,14 +8,14 @@ use std::time::Duration;
 use fiatlux_link::BusyWait;
 use fiatlux_session::client::Input;
 
-/// Messages that wait at most; the oldest go first, for the newest matter.
+/// Largest number of waiting messages; the oldest are dropped first, since the newest matter.
 const CAPACITY: usize = 64;
 
 /// A bounded queue between threads.
 #[derive(Debug, Default)]
 pub struct Mailbox {
     queue: Mutex<VecDeque<Input>>,
-    /// Whether something waits: looked at without the lock.
+    /// Whether a message waits; can be read without the lock.
     has_mail: AtomicBool,
     filled: Condvar,
 }
@@ -24,7 +24,7 @@ impl Mailbox {
     pub fn put(&self, input: Input) {
         let mut queue = self.lock();
         if queue.len() >= CAPACITY {
-            // How a query ended is said only once.
+            // The end of a query is reported only once.
             let old = queue.iter().position(|input| matches!(input, Input::Observation(_) | Input::Notice(_)));
             queue.remove(old.unwrap_or(0));
         }
@@ -40,18 +40,18 @@ impl Mailbox {
         queue.pop_front()
     }
 
-    /// Waits until something is there, or for that long.
+    /// Waits for a message, for at most `longest`.
     pub fn wait(&self, longest: Duration, busy: &mut BusyWait) {
         if longest.is_zero() || busy.until(|| self.has_mail.load(Ordering::Acquire)) {
             return;
         }
         let queue = self.lock();
-        // Woken, or not: the caller looks.
+        // The caller checks whether there is mail.
         drop(self.filled.wait_timeout_while(queue, longest, |queue| queue.is_empty()));
     }
 
     fn lock(&self) -> MutexGuard<'_, VecDeque<Input>> {
-        // The queue is whole whatever a thread that held it did.
+        // The queue is intact even if a thread panicked while holding the lock.
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,4 +1,5 @@
-//! Queries: those that are waited for, and those whose end comes by mail. Anybody may answer a query, so an answer is taken when
+//! Queries that wait for an answer, and queries whose answer goes to the mailbox. Any program may reply to a query, so
+//! only replies that the server has proved are accepted.
 //! it is the server's, and others are ignored.
 
 use std::cell::RefCell;
@@ -18,20 +19,20 @@ use zenoh::{Session, Wait};
 use super::mailbox::Mailbox;
 use super::{Access, ClientError};
 
-/// Just after a connection, queries find nobody for a moment. They are sent again during this time, s.
+/// How long to repeat queries, s: just after connecting they reach nobody for a moment.
 const PATIENCE_S: f64 = 3.0;
 
-/// A question, as it is sent each time.
+/// A question in the form in which it is sent each time.
 pub struct Question<'a> {
     pub key: &'a str,
-    /// Name of its message.
+    /// Name of the message's type.
     pub message: &'a str,
     pub payload: Bytes,
     pub attachment: Vec<u8>,
     pub timeout_s: f64,
 }
 
-/// The keys of a session, for all threads that talk in it.
+/// The keys of a session, shared by all threads that send in it.
 #[derive(Debug, Clone)]
 pub struct Sealing(Arc<Mutex<Channel>>);
 
@@ -41,11 +42,11 @@ impl Sealing {
     }
 
     pub fn lock(&self) -> MutexGuard<'_, Channel> {
-        // It is whole whatever a thread that held it did.
+        // The channel is intact even if a thread panicked while holding the lock.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The attachment of a message, and the number by which its answer is known.
+    /// The attachment for a message, and the number that identifies its answer.
     pub fn seal(&self, label: &str, payload: &[u8]) -> (Vec<u8>, u64) {
         let attachment = self.lock().seal(Label::Message(label), payload);
         let mut number = [0; 8];
@@ -54,7 +55,7 @@ impl Sealing {
         (attachment.to_vec(), u64::from_le_bytes(number))
     }
 
-    /// The server's answer to the query of that number; `None` for what others say.
+    /// The server's answer to the query of that number; `None` for replies of others.
     pub fn answer(&self, label: &str, number: u64, reply: &Reply) -> Option<Result<Bytes, Bytes>> {
         let sample = reply.result().ok()?;
         let attachment = sample.attachment().map(ZBytes::to_bytes).unwrap_or_default();
@@ -66,7 +67,7 @@ impl Sealing {
         opens("refusal").then_some(Err(payload))
     }
 
-    /// Asks on a key of a session, and waits for the server's answer.
+    /// Sends a question on a key of a session, and waits for the server's answer.
     pub fn ask(
         &self,
         link: &Session,
@@ -88,8 +89,8 @@ impl Sealing {
     }
 }
 
-/// Asks until `take` has taken an answer. Where a query has ended without one, it is sent again for a while, unless the caller
-/// knows enough.
+/// Repeats a question until `take` accepts an answer. A query that ends without one is sent again for a while, unless
+/// the caller knows enough.
 pub fn ask<T>(
     link: &Session,
     question: &Question<'_>,
@@ -115,22 +116,22 @@ pub fn ask<T>(
     }
 }
 
-/// What a reply to a greeting holds.
+/// The content of a reply to a greeting.
 pub struct Greeted<T> {
     pub content: Result<T, Refusal>,
-    /// It came over a link, which nobody else can use.
+    /// Whether the reply came over a link, which nobody else can use.
     pub is_sealed: bool,
     pub welcome: Option<Welcome>,
 }
 
-/// What a server says of a session or a run when it greets a client.
+/// A server's description of a session or a run in its answer to a greeting.
 pub trait Content: Message {
-    /// By which it is known.
+    /// Id of the session or run.
     fn id(&self) -> &str;
 }
 
-/// Greets a server: asks with a hello, and takes the first answer that it has signed. `request` makes the request's payload of
-/// the hello, `attach` what precedes the token's proof in its attachment, `read` reads an answer.
+/// Greets a server: sends a hello, and takes the first answer that the server has signed. `request` makes the request's
+/// payload from the hello, `attach` what precedes the token's proof in its attachment, and `read` decodes an answer.
 pub fn greet<T: Content>(
     link: &Session,
     server: &str,
@@ -149,7 +150,7 @@ pub fn greet<T: Content>(
     if let Some(token) = &access.token {
         attachment.extend(proof(token.secret(), &payload));
     }
-    // The last one that cannot be trusted, for where no other comes.
+    // The last untrusted answer, for the case that no other arrives.
     let doubtful = RefCell::new(None);
     let doubt = |error| *doubtful.borrow_mut() = Some(error);
     let question = Question { key, message, payload, attachment, timeout_s };
@@ -196,12 +197,12 @@ pub fn greet<T: Content>(
         (taken, _) => taken?,
     };
     if expected.is_none() {
-        tracing::info!(server, key = %verified.server(), "the server's key was not checked: --server-key names it");
+        tracing::info!(server, key = %verified.server(), "the server's key was not checked; --server-key would demand it");
     }
     Ok((content, greeting.agree(&verified).map_err(ClientError::handshake(server))?))
 }
 
-/// Asks; the first answer of the server, or that there is none, is put into the mailbox.
+/// Sends a question; the server's first answer, or the lack of one, goes to the mailbox.
 pub fn post(
     link: &Session,
     [key, label]: [&str; 2],
@@ -221,11 +222,11 @@ pub fn post(
     };
     let query = link.get(key).payload(request).attachment(attachment).timeout(timeout);
     let query = query.target(QueryTarget::All).consolidation(ConsolidationMode::None);
-    // As actions: what is sent first arrives first.
+    // With the priority of actions, so that messages arrive in the order in which they were sent.
     query.priority(Priority::RealTime).express(true).callback_mut(receive).wait().map_err(ClientError::zenoh)
 }
 
-/// Zenoh drops it when the query has ended.
+/// Zenoh drops this when the query has ended.
 struct End {
     mailbox: Arc<Mailbox>,
     input: fn(Answer) -> Input,

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::state::State;
 use super::terms::{SENSORS, spread};
 
-/// What the view says. `files` are those that were written, by what they hold.
+/// All that the view shows, as JSON. `files` are the paths that were written, by content.
 pub fn report(state: &State, files: &BTreeMap<&'static str, String>) -> Value {
     let info = &state.info;
     let task = info.task.clone().unwrap_or_default();
@@ -105,7 +105,8 @@ fn times(trips: &RoundTrips) -> Value {
     json!({ "count": trips.count(), "p50_us": p50, "p99_us": p99 })
 }
 
-/// The newest numbers of every sensor in full, a line a term. A sensor's numbers are those of its own step.
+/// The newest numbers of every sensor, in full and with a line for each term. Each sensor's numbers are those of its
+/// own step.
 pub fn observation(state: &State) -> String {
     let mut lines = Vec::new();
     for sensor in &SENSORS {
@@ -131,7 +132,7 @@ pub fn observation(state: &State) -> String {
     format!("{{\n{head},\n  \"sensors\": {{\n{}\n  }}\n}}\n", lines.join(",\n"))
 }
 
-/// With the digits that a number has: a single has about seven.
+/// A number with the digits that it has: a single-precision number has about seven.
 fn value(unit: &str, number: f64) -> Value {
     match unit {
         "bool" => json!(number != 0.0),

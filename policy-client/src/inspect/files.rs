@@ -1,4 +1,4 @@
-//! The files that an inspection leaves.
+//! The files that an inspection writes.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,10 +9,10 @@ use super::scan::Scan;
 use super::state::State;
 use super::{document, pictures};
 
-/// What an inspection writes.
+/// Names of the files.
 const NAMES: [&str; 3] = ["camera.png", "lidar.png", "observation.json"];
 
-/// What is wrong with a folder or a file in it.
+/// Why a folder or file cannot be used.
 #[derive(Debug, Error)]
 pub enum FilesError {
     #[error("folder {} holds other files; name another one with --out, or add --force", .0.display())]
@@ -25,7 +25,7 @@ pub enum FilesError {
     Png(#[from] png::EncodingError),
 }
 
-/// Refuses a folder that has something else in it than an earlier inspection left, unless by force.
+/// Refuses a folder with other files than those of an earlier inspection, unless `force` is set.
 pub fn check(folder: &Path, force: bool) -> Result<(), FilesError> {
     let is_ours = |entry: std::fs::DirEntry| entry.file_name().to_str().is_some_and(|name| NAMES.contains(&name));
     match std::fs::read_dir(folder).map(|entries| entries.flatten().all(is_ours)) {
@@ -35,7 +35,7 @@ pub fn check(folder: &Path, force: bool) -> Result<(), FilesError> {
     }
 }
 
-/// Writes what the state has; the paths by what they hold.
+/// Writes what the state contains; returns the paths by content.
 pub fn write(folder: &Path, state: &State) -> Result<BTreeMap<&'static str, String>, FilesError> {
     std::fs::create_dir_all(folder).map_err(|error| FilesError::Folder(folder.to_owned(), error))?;
     let scan = Scan::of(&state.info, &state.scanned);

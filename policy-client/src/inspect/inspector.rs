@@ -1,4 +1,4 @@
-//! A policy around a policy, which sees what the inner one is shown.
+//! A policy that wraps another and sees all that it receives.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,17 +12,17 @@ use super::screen::{Screen, Terminal};
 use super::state::State;
 use super::view::{self, Part};
 
-/// Shows what the policy inside it is shown.
+/// Wraps a policy and shows what it receives.
 pub struct Inspector<'a> {
     inner: Box<dyn Policy>,
     state: &'a mut State,
     screen: Option<Screen<Terminal>>,
     notices: Receiver<Notice>,
-    /// The step that is the last one.
+    /// Step at which to stop.
     last: u64,
     stop: Arc<AtomicBool>,
     origin: Instant,
-    /// The sensors that are being looked at, and since when.
+    /// Sensors of the look under way, and the time when it began, s.
     looking: Option<(Vec<&'static str>, f64)>,
 }
 
@@ -38,7 +38,7 @@ impl<'a> Inspector<'a> {
         Self { inner, state, screen, notices, last, stop, origin: Instant::now(), looking: None }
     }
 
-    /// Takes in what the server said last, and wipes the view.
+    /// Takes in the server's last messages, and clears the view.
     pub fn finish(&mut self) {
         self.read_notices();
         if let Some(screen) = &mut self.screen {

@@ -9,37 +9,37 @@ use embedded_graphics::prelude::*;
 use embedded_graphics::primitives::{PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
 
-/// A picture in 8-bit sRGB.
+/// An image in 8-bit sRGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Picture {
     pub width: usize,
     pub height: usize,
-    /// Row by row from the top, three bytes a pixel.
+    /// Three bytes for each pixel, row by row from the top.
     pub rgb: Vec<u8>,
 }
 
-/// A text on a ground of its own, with the middle, the left or the right end of its top at a point.
+/// A text with a background, anchored at the left end, the middle or the right end of its top.
 pub type Label<'a> = Text<'a, MonoTextStyle<'static, Rgb888>>;
 
 impl Picture {
-    /// All of one colour.
+    /// A picture in a single colour.
     pub fn new(width: usize, height: usize, color: Rgb888) -> Self {
         Self { width, height, rgb: [color.r(), color.g(), color.b()].repeat(width * height) }
     }
 
-    /// Draws something; what is outside is left out.
+    /// Draws something; parts outside the picture are ignored.
     pub fn put<T>(&mut self, drawable: &impl Drawable<Color = Rgb888, Output = T>) -> T {
         let Ok(output) = drawable.draw(self);
         output
     }
 
-    /// Fills a rectangle with one colour; what is outside the picture is left out.
+    /// Fills a rectangle with one colour; parts outside the picture are ignored.
     pub fn fill(&mut self, left: i32, top: i32, width: u32, height: u32, color: Rgb888) {
         let area = Rectangle::new(Point::new(left, top), Size::new(width, height));
         self.put(&area.into_styled(PrimitiveStyle::with_fill(color)));
     }
 
-    /// Each pixel as a square of `times` by `times` pixels.
+    /// The picture with each pixel as a square of `times` by `times` pixels.
     pub fn enlarged(&self, times: usize) -> Self {
         let mut rgb = Vec::with_capacity(self.rgb.len() * times * times);
         for row in self.rgb.chunks_exact((3 * self.width).max(1)) {
@@ -49,10 +49,10 @@ impl Picture {
         Self { width: times * self.width, height: times * self.height, rgb }
     }
 
-    /// The bytes of a PNG file.
+    /// Encodes the picture as a PNG file.
     ///
     /// # Errors
-    /// A picture without pixels.
+    /// The picture has no pixels.
     pub fn to_png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
@@ -66,7 +66,7 @@ impl Picture {
     }
 }
 
-/// A label, to be measured and drawn.
+/// A label that can be measured and drawn.
 pub fn label(text: &str, at: Point, alignment: Alignment, color: Rgb888, ground: Rgb888) -> Label<'_> {
     let letters = MonoTextStyleBuilder::new().font(&FONT_7X13).text_color(color).background_color(ground).build();
     let style = TextStyleBuilder::new().alignment(alignment).baseline(Baseline::Top).build();
@@ -102,7 +102,7 @@ mod tests {
     fn pixels_become_squares_and_come_back_from_the_file() {
         let mut picture = Picture::new(2, 1, Rgb888::new(1, 2, 3));
         picture.put(&Pixel(Point::new(1, 0), Rgb888::new(7, 8, 9)));
-        // Outside.
+        // Pixels outside the picture.
         picture.fill(2, 0, 5, 5, Rgb888::BLACK);
         picture.put(&Pixel(Point::new(-1, 0), Rgb888::BLACK));
         let large = picture.enlarged(2);
@@ -115,7 +115,7 @@ mod tests {
         assert!(Picture::new(0, 0, Rgb888::BLACK).to_png().is_err());
     }
 
-    /// The foot of an L is wider than the rest and below it.
+    /// The foot of an L is at the bottom and wider than the rest.
     #[test]
     fn letters_stand_upright() {
         let mut picture = Picture::new(7, 13, Rgb888::BLACK);

@@ -1,4 +1,4 @@
-//! Pictures of what the camera and the LiDAR see.
+//! Pictures of the camera's image and the LiDAR's scan.
 
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::*;
@@ -16,22 +16,23 @@ const RING: Rgb888 = Rgb888::new(70, 70, 78);
 const FLOOR_HIT: Rgb888 = Rgb888::new(110, 110, 120);
 const THING: Rgb888 = Rgb888::new(255, 110, 110);
 
-/// Pixels of a ray's square, and around everything.
+/// Side of a ray's square, and width of the margin, pixels.
 const RAY: u32 = 4;
 const MARGIN: i32 = 20;
-/// Place of the scan: below its title and its axis.
+/// Top of the scan, below its title and its axis.
 const TOP: i32 = 40;
-/// Side of the view from above, pixels, and what it shows in each direction, m.
+/// Side of the view from above, pixels, and its range in each direction, m.
 const SIDE: i32 = RAY as i32 * COLUMNS as i32;
 const REACH: f64 = 5.0;
-/// A scale: its strip, and all with its numbers.
+/// Height of a scale's strip, and of the scale with its numbers.
 const STRIP: i32 = 12;
 const SCALE: i32 = 46;
-/// Nearest range that has a colour of its own, m.
+/// Shortest range with a colour of its own, m.
 const NEAR: f64 = 0.3;
-/// Height that has the last colour, m.
+/// Height from which all points have the last colour, m.
 const HIGH: f64 = 2.0;
-/// A point below this is floor, m, and this much higher per metre of distance: the angles that place it are noisy.
+/// A point below this height (m) is floor; the limit rises by the second number per metre of distance, because the
+/// angles are noisy.
 const FLOOR: [f64; 2] = [0.05, 0.03];
 
 /// Dark violet, blue, green, yellow, in steps that look equal: matplotlib's viridis at eighths.
@@ -47,15 +48,14 @@ const RAMP: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 
-/// The camera's image, twice its size; `None` where its bytes are not those of an image.
+/// The camera's image at twice its size; `None` if its bytes do not form an image.
 pub fn camera(image: &Image) -> Option<Picture> {
     let (width, height) = (image.width as usize, image.height as usize);
     let whole = width > 0 && height > 0 && image.rgb.len() == 3 * width * height;
     whole.then(|| Picture { width, height, rgb: image.rgb.clone() }.enlarged(2))
 }
 
-/// The ranges as the robot sees them, near ones bright, and their hits from above. `None` where they are not those of a
-/// scan.
+/// The ranges as seen by the robot, bright when near, and the hits from above. `None` if the ranges do not form a scan.
 pub fn lidar(ranges: &[f32], scan: Option<&Scan>) -> Option<Picture> {
     if ranges.len() != ROWS * COLUMNS {
         return None;
@@ -86,7 +86,7 @@ pub fn lidar(ranges: &[f32], scan: Option<&Scan>) -> Option<Picture> {
     Some(picture)
 }
 
-/// The hits around the robot, which looks up the picture.
+/// Draws the hits around the robot, which faces the top of the picture.
 fn from_above(picture: &mut Picture, scan: &Scan, top: i32) {
     let pixels = f64::from(SIDE) / 2.0 / REACH;
     let place = |x: f64, y: f64| {
@@ -101,7 +101,7 @@ fn from_above(picture: &mut Picture, scan: &Scan, top: i32) {
         let circle = Circle::with_center(place(0.0, 0.0), 2 * (pixels * f64::from(ring)) as u32);
         picture.put(&circle.into_styled(PrimitiveStyle::with_stroke(RING, 1)));
     }
-    // The highest last, on top.
+    // Draw the highest hits last, so that they are on top.
     let mut points: Vec<&[f64; 3]> = scan.points.iter().filter(|point| inside(point)).collect();
     points.sort_by(|a, b| a[2].total_cmp(&b[2]));
     let mut hits = Vec::new();
@@ -141,7 +141,7 @@ fn from_above(picture: &mut Picture, scan: &Scan, top: i32) {
     scale(picture, top + SIDE + STRIP, SIDE, &marks, ramp);
 }
 
-/// A name near its mark: off what is taken, and over as few hits as can be.
+/// A place for a name near its mark: off the names already drawn, and over as few hits as possible.
 fn beside<'a>(name: &'a str, at: Point, area: &Rectangle, taken: &[Rectangle], hits: &[Point]) -> Option<Label<'a>> {
     let around = |away: i32| {
         [
@@ -155,7 +155,7 @@ fn beside<'a>(name: &'a str, at: Point, area: &Rectangle, taken: &[Rectangle], h
     let places = (0..16).flat_map(|times| around(6 * times));
     let labels = places.map(|(offset, alignment)| {
         let label = label(name, at + offset, alignment, THING, GROUND);
-        // Inside the area where the mark is near its edge.
+        // Inside the area if the mark is near its edge.
         let ([left, right], [first, last]) = (ends(label.bounding_box()), ends(*area));
         label.translate(Point::new((first - left).max(0) - (right - last).max(0), 0))
     });
@@ -167,7 +167,7 @@ fn beside<'a>(name: &'a str, at: Point, area: &Rectangle, taken: &[Rectangle], h
     labels.filter(is_free).min_by_key(covered)
 }
 
-/// A strip of colours with marks below, by their share of its width.
+/// Draws a strip of colours with labels below, placed by their share of its width.
 fn scale(picture: &mut Picture, top: i32, width: i32, marks: &[(f64, String)], color: impl Fn(f64) -> Rgb888) {
     for x in 0..width {
         picture.fill(MARGIN + x, top, 1, STRIP as u32, color(f64::from(x) / f64::from(width)));
@@ -179,14 +179,14 @@ fn scale(picture: &mut Picture, top: i32, width: i32, marks: &[(f64, String)], c
     }
 }
 
-/// Words with their middle at `x` from the left edge, as far as they do not pass the edges.
+/// Writes a text centred at `x`, but not beyond the edges.
 fn write(picture: &mut Picture, text: &str, x: i32, top: i32) {
     let half = label(text, Point::zero(), Alignment::Left, INK, BACKGROUND).bounding_box().size.width as i32 / 2;
     let x = x.clamp(half, (SIDE - half).max(half));
     picture.put(&label(text, Point::new(MARGIN + x, top), Alignment::Center, INK, BACKGROUND));
 }
 
-/// Where a range stands between the nearest and the farthest, by its logarithm.
+/// Position of a range between the shortest and the longest, on a logarithmic scale from 0 to 1.
 fn share_of(range: f64) -> f64 {
     (range.max(NEAR) / NEAR).ln() / (f64::from(RANGE) / NEAR).ln()
 }
@@ -195,12 +195,12 @@ fn range_at(share: f64) -> f64 {
     NEAR * (f64::from(RANGE) / NEAR).powf(share)
 }
 
-/// Colour of a range: near is bright.
+/// Colour of a range: near hits are bright.
 fn by_range(range: f64) -> Rgb888 {
     ramp(1.0 - share_of(range))
 }
 
-/// A colour between the ends of the ramp, 0 and 1.
+/// A colour from the ramp, between its ends 0 and 1.
 fn ramp(share: f64) -> Rgb888 {
     let at = share.clamp(0.0, 1.0) * (RAMP.len() - 1) as f64;
     let below = (at as usize).min(RAMP.len() - 2);
@@ -238,7 +238,7 @@ mod tests {
         assert!((range_at(share_of(2.5)) - 2.5).abs() < 1e-12);
     }
 
-    /// A thing ahead of the robot is above the middle of the picture, one on its left on the left.
+    /// A thing in front of the robot is above the middle of the picture, and one on its left is on the left.
     #[test]
     fn from_above_the_robot_looks_up() {
         let ranges = vec![RANGE; ROWS * COLUMNS];
@@ -249,13 +249,13 @@ mod tests {
             (0..canvas.rgb.len() / 3).filter(|at| canvas.rgb[3 * at..][..3] != empty.rgb[3 * at..][..3]).collect();
         assert_eq!(changed.len(), 9);
         let (x, y) = (changed[4] % canvas.width, changed[4] / canvas.width);
-        // 72 pixels a metre.
+        // 72 pixels for each metre.
         let middle = canvas.width / 2;
         let centre = empty.height - 46 - 20 - 360;
         assert_eq!((x, y), (middle - 72, centre - 144));
     }
 
-    /// Five things in one place, in a corner of the picture.
+    /// Five things at one place, in a corner of the picture.
     #[test]
     fn names_keep_off_each_other() {
         let area = Rectangle::new(Point::zero(), Size::new_equal(200));

@@ -1,4 +1,4 @@
-//! Where the LiDAR's rays hit, seen from the robot.
+//! Where the LiDAR's rays hit, in the robot's frame.
 
 use std::f64::consts::PI;
 
@@ -6,23 +6,24 @@ use fiatlux_proto::v3::{Observation, Pose, SessionInfo};
 use fiatlux_robot::Robot;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-/// Elevations and azimuths of a scan, and its range, m: as in `observation.proto`.
+/// Numbers of elevations and azimuths of a scan, and its range, m, as in `observation.proto`.
 pub const ROWS: usize = 32;
 pub const COLUMNS: usize = 180;
 pub const RANGE: f32 = 10.0;
 const ELEVATION: f64 = 25.0 * PI / 180.0;
 
-/// A scan's hits and what else is known of the room, in a level frame on the floor below the pelvis: x ahead, y left, z up.
+/// The hits of a scan and known things in the room, in a level frame on the floor below the pelvis: x forwards, y left,
+/// z up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
-    /// Where the rays hit, m.
+    /// Points that rays hit, m.
     pub points: Vec<[f64; 3]>,
-    /// Exact positions of things by name; empty without the sensor privileged.
+    /// Exact positions of things, m, by name; empty without the sensor `privileged`.
     pub things: Vec<(&'static str, [f64; 3])>,
 }
 
 impl Scan {
-    /// Of the numbers in an observation. `None` without the joints' angles, or for a robot that is not known here.
+    /// Computes the scan from an observation. `None` if the joint angles are missing or the robot is unknown.
     pub fn of(info: &SessionInfo, observation: &Observation) -> Option<Self> {
         let own = observation.proprioception.as_ref()?;
         let exact = observation.privileged.as_ref();
@@ -65,7 +66,7 @@ impl Scan {
     }
 }
 
-/// Unit vector along a ray in the sensor's frame.
+/// Unit vector along a ray, in the sensor's frame.
 fn direction(ray: usize) -> Vector3<f64> {
     let (row, column) = ((ray / COLUMNS) as f64, (ray % COLUMNS) as f64);
     let elevation = ELEVATION * (2.0 * row / (ROWS - 1) as f64 - 1.0);
@@ -74,7 +75,7 @@ fn direction(ray: usize) -> Vector3<f64> {
     Vector3::new(level * ahead, level * left, up)
 }
 
-/// Below the pelvis, turned as it is.
+/// The level frame below the pelvis, with its heading.
 fn level_from_world(world_from_pelvis: &Isometry3<f64>) -> Isometry3<f64> {
     let ahead = world_from_pelvis * Vector3::x();
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), ahead.y.atan2(ahead.x));
@@ -95,7 +96,7 @@ mod tests {
 
     use super::*;
 
-    /// The floor is at height 0 wherever the pelvis stands and turns, and what is to its left is on the left.
+    /// The floor is at height 0 wherever the pelvis stands and faces, and things on its left are on the left.
     #[test]
     fn hits_of_the_floor_lie_on_the_floor() {
         let robot = Robot::g1_inspire().unwrap();
@@ -141,7 +142,7 @@ mod tests {
         assert!(exact.points.iter().all(|point| point[2].abs() < 1e-4), "{:?}", exact.points[0]);
         let [(name, crate_)] = exact.things.as_slice() else { panic!("{:?}", exact.things) };
         assert!(*name == "crate" && crate_[1] > 0.9, "{crate_:?}");
-        // By gravity and height alone it is the same floor.
+        // Gravity and height alone give the same floor.
         observation.privileged = None;
         let felt = Scan::of(&info, &observation).unwrap();
         assert!(felt.points.iter().all(|point| point[2].abs() < 1e-3) && felt.things.is_empty());

@@ -1,4 +1,4 @@
-//! A view that is drawn over itself on a terminal.
+//! A view that redraws itself in place on a terminal.
 
 use std::io::{IsTerminal, Write, stderr, stdout};
 
@@ -6,28 +6,28 @@ use terminal_size::{Height, Width};
 
 use super::view::Style;
 
-/// Between two looks, s.
+/// Time between two drawings, s.
 const PERIOD_S: f64 = 0.2;
-/// Columns and rows of a terminal that does not say its size.
+/// Columns and rows to assume if the terminal does not say.
 const SIZE: [usize; 2] = [80, 24];
-/// Letters in a line of a text that goes to no terminal.
+/// Characters in a line when the output is not a terminal.
 const WIDTH: usize = 100;
 
-/// Where views are drawn: stdout or stderr.
+/// Stdout or stderr, where views are drawn.
 pub type Terminal = Box<dyn Write + Send>;
 
-/// A place on a terminal where a view stands.
+/// A view on a terminal.
 pub struct Screen<W: Write> {
     out: W,
     style: Style,
     rows: usize,
-    /// Lines that are on the screen.
+    /// Number of lines on the screen now.
     drawn: usize,
     next_s: f64,
 }
 
 impl Screen<Terminal> {
-    /// On the terminal of this process, if it has one.
+    /// A view on the terminal of this process; `None` if it has no terminal.
     pub fn on_terminal(color: bool) -> Option<Self> {
         let out: Terminal = match [stdout().is_terminal(), stderr().is_terminal()] {
             [true, _] => Box::new(stdout()),
@@ -40,14 +40,14 @@ impl Screen<Terminal> {
 }
 
 impl<W: Write> Screen<W> {
-    /// Draws the view anew if it is time to.
+    /// Redraws the view if enough time has passed.
     pub fn show(&mut self, now_s: f64, draw: impl FnOnce(Style) -> String) {
         if now_s < self.next_s {
             return;
         }
         self.next_s = now_s + PERIOD_S;
         let text = draw(self.style);
-        // The cursor cannot go up beyond the first row, and it stands below the last line.
+        // The cursor cannot move above the first row, and it is below the last line.
         let lines: Vec<&str> = text.lines().take(self.rows.saturating_sub(1)).collect();
         let mut frame = self.start();
         for line in &lines {
@@ -59,7 +59,7 @@ impl<W: Write> Screen<W> {
         self.write(&frame);
     }
 
-    /// Wipes the view, for what is written next.
+    /// Clears the view, so that other text can follow.
     pub fn clear(&mut self) {
         let frame = self.start() + "\x1b[J";
         self.drawn = 0;
@@ -76,7 +76,7 @@ impl<W: Write> Screen<W> {
     }
 }
 
-/// Columns and rows: what the environment says, else what the terminal says.
+/// Columns and rows, from the environment or else from the terminal.
 fn size() -> [usize; 2] {
     let asked = terminal_size::terminal_size().map(|(Width(columns), Height(rows))| [columns, rows].map(usize::from));
     let [columns, rows] = asked.unwrap_or(SIZE);
@@ -87,7 +87,7 @@ fn said(name: &str) -> Option<usize> {
     std::env::var(name).ok()?.parse().ok().filter(|&number| number > 0)
 }
 
-/// Letters in a line of what is printed at the end.
+/// Characters in a line of the final text.
 pub fn width() -> usize {
     if stdout().is_terminal() { size()[0] } else { said("COLUMNS").unwrap_or(WIDTH) }
 }

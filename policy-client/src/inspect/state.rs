@@ -8,11 +8,11 @@ use fiatlux_proto::v3::{EpisodeEnd, Mode, Notice, Observation, ObservationTerm, 
 
 use super::terms::{SENSORS, Sensor};
 
-/// Looks at each sensor that is worth one; their median is shown.
+/// Number of looks at each large sensor; their median is shown.
 const LOOKS: u32 = 3;
-/// Steps between two looks at a sensor.
+/// Steps between two looks at the same sensor.
 const LOOK_PERIOD: u64 = 50;
-/// Notices that are shown.
+/// Largest number of notices to show.
 const NOTICES: usize = 5;
 
 /// What has been seen of a session so far.
@@ -21,23 +21,23 @@ pub struct State {
     pub info: SessionInfo,
     pub policy: String,
     pub episode: u64,
-    /// The newest numbers of every sensor; its step is the newest one's.
+    /// The newest numbers of every sensor; `step` is the newest one's.
     pub latest: Observation,
-    /// The newest scan with the body's sensors at its step.
+    /// The newest scan, with the body's sensors at its step.
     pub scanned: Observation,
-    /// Terms of sensors that are not in the list here, as the session describes them, and their newest numbers.
+    /// Terms that are not in the list here, as the session describes them, with their newest numbers.
     pub others: Vec<(ObservationTerm, Vec<f64>)>,
-    /// By name of the sensor.
+    /// What was seen of each sensor, by name.
     pub seen: BTreeMap<&'static str, Seen>,
     pub observations: u64,
-    /// All observations together, without those of looks.
+    /// Size of all observations, without those of looks, bytes.
     pub bytes: u64,
-    /// From an action to the observation that answers it: all, and by the large sensors that came.
+    /// Time from an action to the observation that answers it: over all, and by the large sensors in it.
     pub steps: RoundTrips,
     pub steps_with: BTreeMap<Vec<&'static str>, RoundTrips>,
-    /// The policy's own time.
+    /// Time that the policy took.
     pub acting: RoundTrips,
-    /// Steps in which the verdict had each criterion, and steps with a verdict.
+    /// Steps in which each criterion held, and steps with a verdict.
     pub held: Vec<u64>,
     pub verdicts: u64,
     pub reward: f64,
@@ -47,7 +47,7 @@ pub struct State {
     pub end: Option<EpisodeEnd>,
     /// Time since the first observation, s.
     pub wall_s: f64,
-    /// As much of it as looks took, s.
+    /// Part of `wall_s` that looks took, s.
     pub look_s: f64,
     first_s: Option<f64>,
     acted_s: Option<f64>,
@@ -56,19 +56,19 @@ pub struct State {
 /// What has been seen of a sensor.
 #[derive(Default)]
 pub struct Seen {
-    /// Number of observations that had it.
+    /// Number of observations that contained it.
     pub count: u64,
-    /// Step of the newest one.
+    /// Step of the newest observation that contained it.
     pub step: u64,
-    /// In a message, without what all observations have.
+    /// Size in a message, bytes, without the fields that all observations have.
     pub bytes: usize,
-    /// How long looks at it alone took.
+    /// Durations of looks at this sensor alone.
     pub looks: RoundTrips,
-    /// Looks that were asked for, whether answered or not.
+    /// Number of looks requested, answered or not.
     tries: u32,
 }
 
-/// Commands beyond what the joints can follow.
+/// Commands beyond the limits of the joints.
 #[derive(Default)]
 pub struct OutOfLimits {
     pub steps: u64,
@@ -77,7 +77,7 @@ pub struct OutOfLimits {
 }
 
 impl State {
-    /// Of a session of which nothing has been seen yet.
+    /// The state of a session before its first observation.
     pub fn new(info: SessionInfo, policy: String, episode: u64) -> Self {
         let out_of_limits = OutOfLimits { joints: vec![0; info.joints.len()], ..OutOfLimits::default() };
         let held = vec![0; info.task.as_ref().map_or(0, |task| task.criteria.len())];
@@ -86,8 +86,8 @@ impl State {
         Self { info, policy, episode, held, out_of_limits, others, ..Self::default() }
     }
 
-    /// An observation has come; false if it is the one that was there. In real time one is shown again where the step of
-    /// a look was over.
+    /// Takes in an observation; returns false if it is the same as before. In real time the same one is shown again if
+    /// the step of a look was over.
     pub fn observed(&mut self, observation: &Observation, now_s: f64) -> bool {
         if self.observations > 0 && observation.step == self.latest.step {
             return false;
@@ -118,14 +118,14 @@ impl State {
         true
     }
 
-    /// The sensors that are worth a look at this step: where `all`, those of the session that the observation does not
-    /// have, else one of the large ones whose turn it is.
+    /// The sensors to look at in this step: with `all`, those of the session that the observation lacks, else a large
+    /// one whose turn it is.
     pub fn wanted(&mut self, observation: &Observation, all: bool) -> Vec<&'static str> {
         let absent = |sensor: &&Sensor| self.is_asked(sensor.name) && !sensor.is_in(observation);
         if all {
             return SENSORS.iter().filter(absent).map(|sensor| sensor.name).collect();
         }
-        // From step 1 on: an observation that has sensors with a rate comes at step 0.
+        // From step 1 on: sensors with a rate are in the observation of step 0.
         let turn = (observation.step % LOOK_PERIOD).checked_sub(1).and_then(|turn| usize::try_from(turn).ok());
         let large = SENSORS.iter().filter(|sensor| sensor.is_large);
         let wanted = turn.and_then(|turn| large.filter(|sensor| self.is_asked(sensor.name)).nth(turn)).filter(absent);
@@ -137,7 +137,7 @@ impl State {
         if seen.tries > looks { Vec::new() } else { vec![sensor.name] }
     }
 
-    /// Sensors that were looked at have come.
+    /// Takes in the answer to a look.
     pub fn looked(&mut self, sensors: &[&'static str], observation: &Observation, took_s: f64) {
         for sensor in sensors.iter().filter_map(|name| Sensor::by_name(name)) {
             self.keep(sensor, observation);
@@ -149,7 +149,7 @@ impl State {
         }
     }
 
-    /// The policy has answered.
+    /// Takes in the policy's answer.
     pub fn acted(&mut self, command: &Command, took_s: f64, now_s: f64) {
         self.acting.push(took_s);
         self.acted_s = Some(now_s);
@@ -160,7 +160,7 @@ impl State {
         let mut beyond = false;
         for ((number, joint), count) in numbers.iter().zip(&self.info.joints).zip(&mut self.out_of_limits.joints) {
             let target = scale.map_or(*number, |scale| joint.q0 + scale * number);
-            // Singles on the way here may have moved a target off its limit.
+            // Single precision on the way here may have moved a target off its limit.
             const SLACK: f64 = 1e-6;
             if target < joint.lower - SLACK || target > joint.upper + SLACK {
                 *count += 1;
@@ -171,7 +171,7 @@ impl State {
         self.passed(now_s);
     }
 
-    /// The server has said something.
+    /// Takes in a notice from the server.
     pub fn noticed(&mut self, notice: Notice) {
         self.notice_count += notice.count.max(1);
         if self.notices.len() == NOTICES {
@@ -185,7 +185,7 @@ impl State {
         self.latest.step as f64 * self.info.control_dt
     }
 
-    /// `lockstep` or `real time`.
+    /// Mode of the session: `lockstep` or `real time`.
     pub fn mode(&self) -> &'static str {
         if self.is_real_time() { "real time" } else { "lockstep" }
     }
@@ -195,13 +195,13 @@ impl State {
         self.info.mode() == Mode::RealTime
     }
 
-    /// Steps a second of wall clock, in lockstep without the time of looks; 0 before the second observation.
+    /// Steps for each second of wall clock, in lockstep without the time of looks; 0 before the second observation.
     pub fn steps_per_s(&self) -> f64 {
         let spent_s = if self.is_real_time() { self.wall_s } else { self.wall_s - self.look_s };
         if spent_s > 0.0 { self.latest.step as f64 / spent_s } else { 0.0 }
     }
 
-    /// Whether the session has a sensor.
+    /// Whether the session includes a sensor.
     pub fn is_asked(&self, name: &str) -> bool {
         self.info.sensors.iter().any(|sensor| sensor.name == name)
     }

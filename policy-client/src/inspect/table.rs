@@ -4,12 +4,12 @@ use super::state::State;
 use super::terms::{POSE, SENSORS, Sensor, Term, spread};
 use super::text::{Lines, bytes, number};
 
-/// Lines of fewer letters go without units and bytes.
+/// Narrower lines than this omit units and bytes.
 const WIDE: usize = 78;
-/// Up to this many numbers are shown one by one; of more, the least, mean and greatest.
+/// Up to this number of values are shown individually; otherwise the least, the mean and the greatest.
 const FEW: usize = 4;
 
-/// One line a term, under its sensor where that has several.
+/// Draws one line for each term, under the name of its sensor if that has several.
 pub fn draw(state: &State, lines: &mut Lines) {
     let wide = lines.width() >= WIDE;
     lines.title(line(wide, ["Sensor, term", "shape", "unit", "rate", "bytes", "last, min/mean/max"]));
@@ -62,7 +62,7 @@ fn shape_and_values(state: &State, sensor: &Sensor, term: &Term) -> [String; 2] 
     [shape, values]
 }
 
-/// `10 Hz`, or `look` where it comes on request.
+/// The rate, such as `10 Hz`, or `look` for a sensor on request.
 fn rate(state: &State, sensor: &str) -> String {
     let asked = state.info.sensors.iter().find(|asked| asked.name == sensor);
     match asked {
@@ -84,7 +84,7 @@ fn summary(term: &Term, numbers: &[f64]) -> String {
     let shown = match numbers {
         [x, y, z, w, i, j, k] if term.unit == POSE => {
             let yaw = f64::atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k));
-            // Without the sign of a zero.
+            // Drops the sign of a zero.
             let degrees = yaw.to_degrees().round() + 0.0;
             return format!("{} {degrees:.0}°", [x, y, z].map(|x| number(*x)).join(" "));
         }

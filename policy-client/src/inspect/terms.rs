@@ -1,4 +1,5 @@
-//! What an observation can have: the one list of sensors and their terms, with names, shapes and units as in
+//! What an observation can contain: the list of sensors and their terms, with names, shapes and units as in
+//! `observation.proto`.
 //! `observation.proto`.
 
 use fiatlux_proto::Message;
@@ -6,20 +7,20 @@ use fiatlux_proto::v3::{Observation, ObservationTerm, Pose, Privileged, Proprioc
 
 /// A sensor's part of an observation.
 pub struct Sensor {
-    /// Name, as a session asks for it.
+    /// Name of the sensor in a request.
     pub name: &'static str,
-    /// How often a session is shown with it by default, Hz: 0 in every step, `None` on request.
+    /// Default rate, Hz: 0 for every step, `None` for on request.
     pub rate_hz: Option<f64>,
-    /// It takes the server a while, or many bytes; its cost is worth a look.
+    /// Whether it takes the server a while or many bytes, so that its cost is worth a look.
     pub is_large: bool,
     pub terms: &'static [Term],
-    /// What its numbers are, as far as names and units do not say it, line by line.
+    /// What its numbers mean, as far as names and units do not say it, line by line.
     pub remarks: fn(&SessionInfo) -> String,
-    /// Puts what an observation has of it into another one.
+    /// Copies this sensor's field from one observation to another.
     copy: fn(&Observation, &mut Observation),
 }
 
-/// Numbers of one kind.
+/// A group of numbers in a sensor's field.
 pub struct Term {
     pub name: &'static str,
     pub unit: &'static str,
@@ -28,17 +29,17 @@ pub struct Term {
 }
 
 impl Sensor {
-    /// The sensor of that name.
+    /// Finds a sensor by its name.
     pub fn by_name(name: &str) -> Option<&'static Sensor> {
         SENSORS.iter().find(|sensor| sensor.name == name)
     }
 
-    /// Whether an observation has it.
+    /// Whether an observation contains this sensor.
     pub fn is_in(&self, observation: &Observation) -> bool {
         self.terms.iter().any(|term| term.read(observation).is_some())
     }
 
-    /// Puts what an observation has of it into another one; the bytes that it takes in a message, 0 without it.
+    /// Copies this sensor's field to another observation; returns its size in a message, bytes, or 0 if it is missing.
     pub fn keep(&self, from: &Observation, to: &mut Observation) -> usize {
         let mut alone = Observation::default();
         (self.copy)(from, &mut alone);
@@ -51,7 +52,7 @@ impl Sensor {
 }
 
 impl Term {
-    /// Its numbers; `None` where an observation does not have it.
+    /// The term's numbers; `None` if the observation lacks them.
     pub fn read(&self, observation: &Observation) -> Option<Vec<f64>> {
         (self.read)(observation).filter(|numbers| !numbers.is_empty())
     }
@@ -66,7 +67,7 @@ const fn term(
     Term { name, unit, shape, read }
 }
 
-/// A sensor that has its field of an observation.
+/// Defines a sensor with a field in the observation.
 macro_rules! sensor {
     ($name:literal, $rate_hz:expr, large: $is_large:literal, $field:ident, $remarks:expr, $terms:expr) => {
         Sensor {
@@ -81,7 +82,7 @@ macro_rules! sensor {
 }
 
 /// All sensors, in the order in which sessions list them.
-#[rustfmt::skip] // A line a term reads as the table that it is.
+#[rustfmt::skip] // One line for each term reads like a table.
 pub static SENSORS: [Sensor; 10] = [
     sensor!("proprioception", Some(0.0), large: false, proprioception, |_| {
         "proprioception: with noise unless it is fixed; joint_position is relative to q0; vectors in the pelvis frame".into()
@@ -146,7 +147,7 @@ pub static SENSORS: [Sensor; 10] = [
     ]),
 ];
 
-/// Unit of a pose: position and quaternion.
+/// Units of a pose: position and quaternion.
 pub const POSE: &str = "m, wxyz";
 
 fn joints(info: &SessionInfo) -> Vec<usize> {
@@ -202,10 +203,10 @@ mod tests {
         let seen = Observation { step: 7, lidar: vec![1.0; 5760], camera, ..Observation::default() };
         let mut kept = Observation::default();
         let lidar = Sensor::by_name("lidar").unwrap();
-        // 4 bytes a number, the field's number and the length.
+        // 4 bytes for each number, plus the field's number and the length.
         assert_eq!(lidar.keep(&seen, &mut kept), 4 * 5760 + 4);
         assert_eq!(kept, Observation { lidar: vec![1.0; 5760], ..Observation::default() });
-        // What an observation lacks stays.
+        // Fields that an observation lacks stay unchanged.
         assert_eq!(lidar.keep(&Observation::default(), &mut kept), 0);
         assert_eq!(kept.lidar.len(), 5760);
         let present = SENSORS.iter().filter(|sensor| sensor.is_in(&seen)).map(|sensor| sensor.name);

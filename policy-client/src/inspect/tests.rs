@@ -62,7 +62,7 @@ fn observation(step: u64) -> Observation {
     Observation { step, proprioception: Some(own), lidar, verdict: Some(verdict), ..Observation::default() }
 }
 
-/// Ten steps at 10 ms each, 2 ms of them the policy's.
+/// Ten steps of 10 ms, of which the policy takes 2 ms.
 fn state() -> State {
     let mut state = State::new(info(), "hold".into(), 3);
     for step in 0..10 {
@@ -78,7 +78,7 @@ fn steps_rates_and_holds_are_counted() {
     let state = state();
     assert_eq!((state.observations, state.seen["lidar"].count, state.seen["lidar"].step), (10, 2, 5));
     assert_eq!((state.held.as_slice(), state.verdicts, state.reward), ([5, 10].as_slice(), 10, 2.5));
-    // The first observation answers no action.
+    // The first observation does not answer an action.
     assert_eq!((state.steps.count(), state.acting.count()), (9, 10));
     assert!((state.steps.quantile_s(0.5).unwrap() - 0.008).abs() < 1e-6);
     assert_eq!(state.steps_with[&vec!["lidar"]].count(), 1);
@@ -90,7 +90,7 @@ fn steps_rates_and_holds_are_counted() {
     assert!(!again.observed(&observation(9), 1.0) && again.observations == 10 && again.reward == 2.5);
 }
 
-/// One large sensor a step, three times each, and everything that is missing in the last step.
+/// One large sensor in a step, three times each, and all that is missing in the last step.
 #[test]
 fn looks_take_turns() {
     let mut state = State::new(info(), "hold".into(), 0);
@@ -106,7 +106,7 @@ fn looks_take_turns() {
     assert_eq!((state.seen["lidar"].looks.count(), state.seen["lidar"].count), (1, 0));
 }
 
-/// A sensor that this program was not written for is shown as the session describes it.
+/// A sensor that this program does not know is shown as the session describes it.
 #[test]
 fn an_unknown_sensor_is_shown() {
     let term = ObservationTerm {
@@ -169,7 +169,7 @@ fn no_line_is_wider_than_the_terminal() {
         let longest = text.lines().map(|line| line.chars().count()).max().unwrap();
         assert!(longest <= width, "{longest} of {width}");
         assert!(text.contains("Notices of the s"));
-        // A narrow table has the numbers and no bytes.
+        // A narrow table has the numbers but no bytes.
         assert_eq!(text.contains("kB  2 2 2"), width == 80);
         assert!(width < 60 || text.contains("10 Hz  2"), "{text}");
     }
@@ -188,7 +188,7 @@ fn the_document_has_what_the_view_has() {
     let one: serde_json::Value = serde_json::from_str(&document::observation(&state)).unwrap();
     assert_eq!((&one["step"], &one["sensors"]["lidar"]["step"]), (&9.into(), &5.into()));
     assert_eq!(one["sensors"]["lidar"]["terms"]["lidar"]["values"].as_array().unwrap().len(), 5760);
-    // A single has the digits of a single.
+    // A single-precision number has the digits of one.
     let own = &one["sensors"]["proprioception"]["terms"];
     assert_eq!(own["base_height"]["values"][0].to_string(), "0.79");
     assert_eq!(one["sensors"]["verdict"]["terms"]["criteria"]["values"], serde_json::json!([true, true]));

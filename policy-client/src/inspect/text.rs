@@ -1,9 +1,9 @@
-//! Lines of a width, and numbers in few letters.
+//! Lines of limited width, and short forms of numbers.
 
-/// How a view is drawn.
+/// How to draw a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Style {
-    /// Letters in a line at most.
+    /// Largest number of characters in a line.
     pub width: usize,
     pub color: bool,
 }
@@ -19,7 +19,7 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// A text without any line.
+    /// A text that has no lines yet.
     pub fn new(style: Style) -> Self {
         Self { style, text: String::new() }
     }
@@ -29,7 +29,7 @@ impl Lines {
         self.text
     }
 
-    /// Letters in a line at most.
+    /// Largest number of characters in a line.
     pub fn width(&self) -> usize {
         self.style.width
     }
@@ -38,7 +38,7 @@ impl Lines {
         self.text.push('\n');
     }
 
-    /// A line that is cut where it is too long.
+    /// Adds a line, and cuts it if it is too long.
     pub fn row(&mut self, line: String) {
         self.push(None, &line);
     }
@@ -47,17 +47,17 @@ impl Lines {
         self.push(Some(BOLD), &line);
     }
 
-    /// A line that stands out where something holds.
+    /// Adds a line, highlighted if `holds`.
     pub fn marked(&mut self, holds: bool, line: String) {
         self.push(holds.then_some(GREEN), &line);
     }
 
-    /// As [`Lines::prose`], indented once.
+    /// As [`Lines::prose`], with one level of indentation.
     pub fn note(&mut self, text: &str) {
         self.prose("  ", text);
     }
 
-    /// A text that goes on in the next line where one is full.
+    /// Adds a text that is wrapped at the width.
     pub fn prose(&mut self, indent: &str, text: &str) {
         let mut line = indent.to_owned();
         for word in text.split_whitespace() {
@@ -93,7 +93,7 @@ fn cut(line: &str, width: usize) -> String {
     short
 }
 
-/// A number with about three digits.
+/// A number with about three significant digits.
 pub fn number(number: f64) -> String {
     let size = number.abs();
     let text = match size {
@@ -106,7 +106,7 @@ pub fn number(number: f64) -> String {
     if text.trim_matches(['-', '0', '.']).is_empty() { text.trim_start_matches('-').to_owned() } else { text }
 }
 
-/// A time in the unit that suits it.
+/// A time in a suitable unit.
 pub fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 1e-6 => "< 1 us".into(),
@@ -117,7 +117,7 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
-/// A size in the unit that suits it.
+/// A size in a suitable unit.
 pub fn bytes(bytes: f64) -> String {
     match bytes {
         b if b < 1e3 => format!("{b:.0} B"),

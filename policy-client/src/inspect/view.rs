@@ -8,16 +8,16 @@ use super::terms::SENSORS;
 pub use super::text::Style;
 use super::text::{Lines, bytes, duration, number};
 
-/// How much is shown.
+/// How much to show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
-    /// What changes, the most telling first.
+    /// What changes, the most important first.
     Live,
-    /// All, for the end; with the joints one by one or without them.
+    /// Everything, for the end; with or without a list of the joints.
     Summary { joints: bool },
 }
 
-/// The view, each line no longer than the style's width.
+/// Draws the view; no line is longer than the style's width.
 pub fn draw(state: &State, part: Part, style: Style) -> String {
     let mut lines = Lines::new(style);
     head(state, &mut lines);

@@ -1,11 +1,11 @@
-//! What the policies share that stand on a whole-body controller, ours or another's.
+//! Shared by the policies that use a whole-body controller, ours or a foreign one.
 
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_wbc::{ARMS, Command, Joint, MOVED, Sensed};
 
 use crate::PolicyError;
 
-/// Joints of a session, as controllers compare them with their own.
+/// Joints of a session, in the form in which controllers compare them with their own.
 pub(super) fn joints(info: &SessionInfo) -> Vec<Joint> {
     let joint = |joint: &fiatlux_proto::v3::Joint| Joint {
         name: joint.name.clone(),
@@ -17,10 +17,10 @@ pub(super) fn joints(info: &SessionInfo) -> Vec<Joint> {
     info.joints.iter().map(joint).collect()
 }
 
-/// Targets of all joints that keep the staged posture, rad.
+/// Targets that keep the staged posture, for all joints, rad.
 ///
 /// # Errors
-/// The session does not give what a controller reads.
+/// The session lacks a term that a controller reads.
 pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observation) -> Result<Vec<f64>, PolicyError> {
     if first.last_action.is_empty() {
         return Err(PolicyError::Sensor { policy, sensor: "last_action" });
@@ -32,10 +32,10 @@ pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observati
     Ok(info.joints.iter().zip(&first.last_action).map(target).collect())
 }
 
-/// Reads observations as controllers take them.
+/// Converts observations for controllers.
 pub(super) struct Senses {
     policy: &'static str,
-    /// Less the standing posture, rad; then rad/s.
+    /// Joint positions relative to the standing posture, rad.
     position: Vec<f64>,
     velocity: Vec<f64>,
 }
@@ -46,10 +46,10 @@ impl Senses {
         Self { policy, position: room(), velocity: room() }
     }
 
-    /// Legs, waist and arms. Terms that are too short are the controller's to refuse.
+    /// Sensor data of legs, waist and arms. The controller refuses terms that are too short.
     ///
     /// # Errors
-    /// An observation without proprioception.
+    /// The observation has no proprioception.
     pub fn read(&mut self, observation: &Observation) -> Result<Sensed<'_>, PolicyError> {
         let body = observation.proprioception.as_ref();
         let body = body.ok_or(PolicyError::Sensor { policy: self.policy, sensor: "proprioception" })?;
@@ -70,15 +70,15 @@ impl Senses {
     }
 }
 
-/// NaN where a term is too short, which the controller refuses by the term's name.
+/// A vector; NaN if the term is too short, so that the controller refuses it by its name.
 fn vector(term: &[f32]) -> [f64; 3] {
     [0, 1, 2].map(|axis| term.get(axis).map_or(f64::NAN, |&value| f64::from(value)))
 }
 
-/// Words such as `vx=0.4,wz=0.2`: names and values, each with the word that it stands in. Empty words count for nothing.
+/// Parses words such as `vx=0.4,wz=0.2` into names and values, each with its whole word. Empty words are skipped.
 ///
 /// # Errors
-/// [`PolicyError::Words`]: a word that is not NAME=VALUE; `fields` are the names that it may have.
+/// [`PolicyError::Words`]: a word is not NAME=VALUE; `fields` are the known names.
 pub(super) fn words<'a>(
     text: &'a str,
     fields: &'static str,
@@ -89,10 +89,10 @@ pub(super) fn words<'a>(
     })
 }
 
-/// Names of a command's fields.
+/// Names of the fields of a command.
 pub(super) const COMMAND: &str = "vx, vy, wz, height, roll, pitch, yaw";
 
-/// Sets a field of a command; none where there is no such field, or the value is not a finite number.
+/// Sets a field of a command; `None` if the field is unknown or the value is not a finite number.
 pub(super) fn set(command: &mut Command, name: &str, value: &str) -> Option<()> {
     let place = match name {
         "vx" => &mut command.velocity[0],

@@ -1,4 +1,4 @@
-//! The body that policies stand on: legs and waist by a whole-body controller, ours or another's.
+//! A body on which policies build: a whole-body controller, ours or a foreign one, moves legs and waist.
 
 use std::sync::Arc;
 
@@ -10,16 +10,16 @@ use super::body::{self, Senses};
 use super::foreign::GearFiles;
 use crate::{Command, PolicyError};
 
-/// KEY:NUMBERS of a command in the record, in the order of [`fiatlux_wbc::Command::numbers`].
+/// A command's parts in the record, as KEY:NUMBERS, in the order of [`fiatlux_wbc::Command::numbers`].
 const RECORDED: [&str; 3] = ["navigate:3", "height:1", "torso:3"];
 
-/// Legs and waist by a whole-body controller; arms and hands keep the targets that they are given.
+/// Legs and waist follow a whole-body controller; arms and hands keep their targets.
 pub(crate) struct Body {
     controller: Moves,
     senses: Senses,
-    /// Of all joints, rad.
+    /// Targets of all joints, rad.
     pub targets: Vec<f64>,
-    /// Which command was the last one, counted from 0, and the command.
+    /// Number of the last command, from 0, and the command.
     commanded: Option<(u64, fiatlux_wbc::Command)>,
 }
 
@@ -29,7 +29,7 @@ enum Moves {
 }
 
 impl Body {
-    /// On our controller, at the start of an episode; arms and hands keep the staged posture.
+    /// Starts an episode with our controller; arms and hands keep the staged posture.
     ///
     /// # Errors
     /// The session lacks a term, or its robot is not the controller's.
@@ -48,10 +48,10 @@ impl Body {
         Ok(Self::on(policy, Moves::Own(Box::new(Controller::new(network))), targets))
     }
 
-    /// On GEAR's.
+    /// Starts an episode with GEAR's controller.
     ///
     /// # Errors
-    /// As [`Body::own`]; other gains than the controller's.
+    /// As for [`Body::own`], or gains other than the controller's.
     pub fn gear(
         policy: &'static str,
         files: &GearFiles,
@@ -66,7 +66,7 @@ impl Body {
         Self { controller, senses: Senses::new(policy), targets, commanded: None }
     }
 
-    /// The command to stand upright.
+    /// The command for standing upright.
     pub fn upright(&self) -> fiatlux_wbc::Command {
         match self.controller {
             Moves::Own(_) => fiatlux_wbc::Command::default(),
@@ -74,10 +74,10 @@ impl Body {
         }
     }
 
-    /// Answers an observation.
+    /// Answers an observation with the next command.
     ///
     /// # Errors
-    /// An observation that lacks a term or is not finite, or a network that fails.
+    /// The observation lacks a term or is not finite, or a network fails.
     pub fn step(&mut self, observation: &Observation, command: &fiatlux_wbc::Command) -> Result<Command, PolicyError> {
         let sensed = self.senses.read(observation)?;
         match &mut self.controller {
@@ -88,7 +88,7 @@ impl Body {
         Ok(Command::JointTarget(self.targets.clone()))
     }
 
-    /// The last command, for the record: a chunk of one row.
+    /// The last command for the record, as a chunk of one row.
     pub fn record(&self) -> Option<Chunk> {
         let (index, command) = self.commanded?;
         let numbers = command.numbers().map(|number| number as f32);

@@ -1,4 +1,4 @@
-//! Policies `gear` and `sonic`: whole-body controllers of others, from the user's ONNX files.
+//! Policies `gear` and `sonic`: foreign whole-body controllers from the user's ONNX files.
 
 use std::path::Path;
 
@@ -12,13 +12,13 @@ use super::body::{self, Senses};
 use super::carrier::Body;
 use crate::{Command, Policy, PolicyError};
 
-/// Words of `gear`, of what carries a model's commands, and of `sonic`.
+/// Words that each of `gear`, a carrier of a model's commands, and `sonic` accepts.
 const GEAR_FIELDS: &str = "reading, gains, vx, vy, wz, height, roll, pitch, yaw";
 const GEAR_FILE_FIELDS: &str = "reading, gains";
 const SONIC_FIELDS: &str = "token, gains";
 const SONIC_FILE_FIELDS: &str = "gains";
 
-/// GEAR's networks and how they are read, for any number of episodes.
+/// GEAR's networks and how to read them, for any number of episodes.
 #[derive(Debug)]
 pub(super) struct GearFiles {
     networks: [Model; 2],
@@ -28,7 +28,7 @@ pub(super) struct GearFiles {
 }
 
 impl GearFiles {
-    /// What it is commanded to unless told otherwise.
+    /// Command for the fields that the user leaves out.
     pub const UPRIGHT: fiatlux_wbc::Command =
         fiatlux_wbc::Command { velocity: [0.0; 3], height: HEIGHT, torso: [0.0; 3] };
 
@@ -40,7 +40,7 @@ impl GearFiles {
         Self::open_with(text, GEAR_FILE_FIELDS, |_, _| None)
     }
 
-    /// The same; `other` takes further words, and says whether it could.
+    /// As [`GearFiles::open`]; `other` takes further words, and returns whether it knows them.
     fn open_with(
         text: &str,
         fields: &'static str,
@@ -59,12 +59,12 @@ impl GearFiles {
         }
         let networks = GearController::read(Path::new(folder))?;
         for network in &networks {
-            tracing::info!("gear: a network of SHA-256 {}", network.digest());
+            tracing::info!("gear: loaded a network with SHA-256 {}", network.digest());
         }
         Ok(Self { networks, plant: Plant::gear(reading)?, reading, rule })
     }
 
-    /// Its name in the record.
+    /// Name of the controller in the record.
     pub fn name(&self) -> &'static str {
         match self.reading {
             Reading::Nvidia => "gear",
@@ -72,10 +72,10 @@ impl GearFiles {
         }
     }
 
-    /// The controller, at the start of an episode.
+    /// Makes the controller for an episode.
     ///
     /// # Errors
-    /// A session that does not fit, or a network that cannot be prepared.
+    /// The session does not fit, or a network cannot be prepared.
     pub fn controller(&self, policy: &'static str, info: &SessionInfo) -> Result<GearController, PolicyError> {
         let q0 = fit(policy, &self.plant, info, self.rule)?;
         Ok(GearController::new(&self.networks, self.reading, &q0)?)
@@ -91,7 +91,7 @@ pub(super) struct SonicFiles {
 }
 
 impl SonicFiles {
-    /// Its name in the record.
+    /// Name of the controller in the record.
     pub const NAME: &str = "sonic";
 
     /// Reads `DIR[,gains=own|any]`.
@@ -102,7 +102,7 @@ impl SonicFiles {
         Self::open_with(text, SONIC_FILE_FIELDS, |_, _| Ok(None))
     }
 
-    /// The same; `other` takes further words, and says whether it could.
+    /// As [`SonicFiles::open`]; `other` takes further words, and returns whether it knows them.
     fn open_with(
         text: &str,
         fields: &'static str,
@@ -119,14 +119,14 @@ impl SonicFiles {
             read.ok_or_else(|| PolicyError::Words { word: word.into(), fields })?;
         }
         let decoder = SonicController::read(Path::new(folder))?;
-        tracing::info!("sonic: a network of SHA-256 {}", decoder.digest());
+        tracing::info!("sonic: loaded a network with SHA-256 {}", decoder.digest());
         Ok(Self { decoder, plant: Plant::sonic()?, rule })
     }
 
-    /// The body on this decoder, at the start of an episode.
+    /// Starts an episode with this decoder.
     ///
     /// # Errors
-    /// A session that does not fit or lacks a term, or a network that cannot be prepared.
+    /// The session does not fit or lacks a term, or a network cannot be prepared.
     pub fn begin(
         &self,
         policy: &'static str,
@@ -139,33 +139,33 @@ impl SonicFiles {
     }
 }
 
-/// Legs, waist and arms by the decoder; hands keep the targets that they are given.
+/// Legs, waist and arms follow the decoder; hands keep their targets.
 pub(super) struct SonicBody {
     controller: SonicController,
     senses: Senses,
-    /// Of all joints, rad.
+    /// Targets of all joints, rad.
     pub targets: Vec<f64>,
 }
 
 impl SonicBody {
-    /// Answers an observation.
+    /// Answers an observation with the next command.
     ///
     /// # Errors
-    /// An observation that lacks a term or is not finite, a token beyond its limit, or a network that fails.
+    /// The observation lacks a term or is not finite, the token is over its limit, or a network fails.
     pub fn step(&mut self, observation: &Observation, token: &Token) -> Result<Command, PolicyError> {
         self.controller.step(&self.senses.read(observation)?, token, &mut self.targets)?;
         Ok(Command::JointTarget(self.targets.clone()))
     }
 }
 
-/// GEAR's decoupled controller on one command: it moves legs and waist; arms and hands keep the staged posture.
+/// GEAR's decoupled controller under a fixed command: it moves legs and waist; arms and hands keep the staged posture.
 pub struct Gear {
     files: GearFiles,
     command: fiatlux_wbc::Command,
     body: Option<Body>,
 }
 
-/// The decoder of GEAR-SONIC on tokens: it moves legs, waist and arms; hands keep the staged posture.
+/// The decoder of GEAR-SONIC with a sequence of tokens: it moves legs, waist and arms; hands keep the staged posture.
 pub struct Sonic {
     files: SonicFiles,
     tokens: Box<dyn TokenSource>,
@@ -173,8 +173,8 @@ pub struct Sonic {
 }
 
 impl Gear {
-    /// Reads `DIR[,reading=nvidia|lerobot][,vx=0.4,...][,gains=own|any]`. Left out, it stands at 0.74 m with the makers' reading
-    /// and refuses other gains of legs and waist than its own.
+    /// Parses `DIR[,reading=nvidia|lerobot][,vx=0.4,...][,gains=own|any]`. By default it stands at 0.74 m in the
+    /// makers' reading, and refuses sessions with other gains of legs and waist.
     ///
     /// # Errors
     /// [`PolicyError::Words`], or networks that cannot be loaded.
@@ -205,7 +205,7 @@ impl Policy for Gear {
 }
 
 impl Sonic {
-    /// Reads `DIR[,token=FILE][,gains=own|any]`. Without a file of tokens the token is zeros.
+    /// Parses `DIR[,token=FILE][,gains=own|any]`. Without a file of tokens every token is zeros.
     ///
     /// # Errors
     /// [`PolicyError::Words`], or a network or tokens that cannot be loaded.
@@ -238,8 +238,8 @@ impl Policy for Sonic {
     }
 }
 
-/// Compares a session with what a controller was made for, warns of what is allowed to differ, and returns the posture that
-/// its positions are relative to, rad.
+/// Compares a session with what a controller was made for, and warns of allowed differences. Returns the posture that
+/// the session's positions are relative to, rad.
 fn fit(policy: &str, plant: &Plant, info: &SessionInfo, rule: GainsRule) -> Result<Vec<f64>, PolicyError> {
     let joints = body::joints(info);
     if let Some(differs) = plant.fits(&joints, info.control_dt, rule)? {

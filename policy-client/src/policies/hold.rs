@@ -1,10 +1,10 @@
-//! Policy `hold`.
+//! The policy `hold`.
 
 use fiatlux_proto::v3::{Observation, SessionInfo};
 
 use crate::{Command, Policy, PolicyError};
 
-/// Keeps the posture of the start: repeats the last action of observation 0, which is the staged posture.
+/// Keeps the staged posture: repeats the last action of observation 0.
 #[derive(Debug, Default)]
 pub struct Hold {
     posture: Vec<f64>,

@@ -1,4 +1,4 @@
-//! Policy `random`.
+//! The policy `random`.
 
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use rand_pcg::Pcg64Mcg;
@@ -6,7 +6,7 @@ use rand_pcg::rand_core::Rng as _;
 
 use crate::{Command, Policy, PolicyError};
 
-/// Actions drawn uniformly from [-1, 1]. The draw depends on the session's seed and the episode's index alone.
+/// Actions drawn uniformly from [-1, 1]. They depend only on the session's seed and the episode's index.
 #[derive(Debug)]
 pub struct Random {
     generator: Pcg64Mcg,
@@ -36,8 +36,8 @@ impl Policy for Random {
     }
 }
 
-/// Spreads a number over all bits: the finaliser of SplitMix64 (Steele, Lea and Flood, 2014). A PCG whose state differs from
-/// another's in its lowest bit alone is the same one.
+/// Spreads a number over all bits: the finaliser of SplitMix64 (Steele, Lea and Flood, 2014). Without it, PCG states
+/// that differ only in their lowest bit would give the same numbers.
 fn mix(number: u64) -> u64 {
     let number = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let number = (number ^ (number >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -45,7 +45,7 @@ fn mix(number: u64) -> u64 {
     number ^ (number >> 31)
 }
 
-/// From -1 to 1, of the 53 highest bits.
+/// A number from -1 to 1, made of the 53 highest bits.
 fn uniform(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
 }

@@ -1,4 +1,4 @@
-//! Policy `replay`.
+//! The policy `replay`.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, Mode, Observation, OpenReq
 
 use crate::{Command, Policy, PolicyError};
 
-/// Sends the actions of a recorded episode once more, exactly as they were received.
+/// Sends the actions of a recorded episode again, exactly as they were received.
 #[derive(Debug)]
 pub struct Replay {
     header: EpisodeHeader,
@@ -16,10 +16,10 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Reads a bag's actions.
+    /// Reads the actions of a bag.
     ///
     /// # Errors
-    /// A bag that cannot be read.
+    /// The bag cannot be read.
     pub fn open(path: &Path) -> Result<Self, PolicyError> {
         let bag = Bag::open(path)?;
         let mut commands = Vec::new();
@@ -33,16 +33,16 @@ impl Replay {
         Ok(Self { header: bag.header().clone(), result: bag.result().cloned(), commands })
     }
 
-    /// What was set when the episode was recorded.
+    /// The header of the recorded episode.
     pub fn header(&self) -> &EpisodeHeader {
         &self.header
     }
 
-    /// The request that opens a session for the same rows: in lockstep, whatever the mode was, for the bag has the action
-    /// that led to each row. It bears the recorded policy's name: a bag of the replay is a copy.
+    /// The request for a session with the same rows. It is in lockstep, whatever the recorded mode, because the bag has
+    /// the action that led to each row. It carries the recorded policy's name: a bag of the replay is a copy.
     pub fn request(&self) -> OpenRequest {
         let header = self.header.clone();
-        // What a grade goes by comes from the same fields, so that a header cannot say one thing and do another.
+        // Grading uses the same fields, so a header cannot state one thing and do another.
         OpenRequest {
             policy: header.policy,
             task: header.task,
@@ -59,7 +59,7 @@ impl Replay {
         }
     }
 
-    /// How the recorded episode ended, where the bag goes so far.
+    /// The result of the recorded episode; `None` if the bag was cut before its end.
     pub fn result(&self) -> Option<&EpisodeResult> {
         self.result.as_ref()
     }

@@ -1,4 +1,4 @@
-//! Policy `stand`.
+//! The policy `stand`.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use super::body;
 use crate::balance::{Balance, Sensed};
 use crate::{Command, Policy, PolicyError};
 
-/// Keeps the robot upright on level ground; [`crate::balance`] says how.
+/// Keeps the robot upright on level ground; see [`crate::balance`].
 #[derive(Debug, Default)]
 pub struct Stand {
     balance: Option<Balance>,

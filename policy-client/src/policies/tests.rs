@@ -36,7 +36,7 @@ fn zero_and_hold() {
     assert!(error.contains("needs the sensor last_action"), "{error}");
 }
 
-/// The draws depend on seed and episode, and on nothing that came before.
+/// The draws depend only on seed and episode, not on earlier episodes.
 #[test]
 fn random_is_drawn_from_seed_and_episode() {
     let mut random = Random::default();
@@ -76,8 +76,7 @@ fn an_unknown_name_is_answered_with_the_known_ones() {
     assert!(matches!(by_name("replay:/nowhere.mcap"), Err(PolicyError::Bag(_))));
 }
 
-/// What was received is sent again, actions as actions and targets as targets, bit for bit; then the policy says that
-/// there is no more.
+/// Received actions and targets are sent again, bit for bit; then the policy reports that there are no more.
 #[test]
 fn replay_sends_what_was_recorded_and_no_more() {
     let path = std::env::temp_dir().join(format!("fiatlux-replay-{}.mcap", std::process::id()));
@@ -111,7 +110,7 @@ fn replay_sends_what_was_recorded_and_no_more() {
     assert!(matches!(replay.reset(&other, &Observation::default()), Err(PolicyError::Unfit { .. })));
 }
 
-/// A session of a robot that stands in its posture at rest, and its first observation.
+/// A session with the robot at rest in its posture, and the first observation.
 fn standing(robot: &Robot, gains: GainSet) -> (SessionInfo, Observation) {
     let joint = |((joint, q0), gains): ((&fiatlux_robot::Joint, &f64), JointGains)| Joint {
         name: joint.name.clone(),
@@ -138,7 +137,7 @@ fn standing(robot: &Robot, gains: GainSet) -> (SessionInfo, Observation) {
     (SessionInfo { joints, action_scale: 0.5, control_dt: 0.02, ..SessionInfo::default() }, first)
 }
 
-/// In the standing posture at rest the controller is content: no target is far from the posture.
+/// In the standing posture at rest, no target is far from the posture.
 #[test]
 fn stand_answers_with_targets_of_all_joints() {
     let robot = Robot::g1_inspire().expect("loads");
@@ -156,10 +155,10 @@ fn stand_answers_with_targets_of_all_joints() {
     assert!(matches!(stand.reset(&session(0), &first), Err(PolicyError::Unfit { .. })));
 }
 
-/// Small networks that Python wrote.
+/// Small networks written by Python.
 const NETWORKS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/foreign/tests/fixtures");
 
-/// What a foreign controller commands in its first step: targets of all joints.
+/// A foreign controller's command in its first step: targets of all joints.
 fn foreign_targets(words: &str, robot: &Robot, gains: GainSet) -> Result<Vec<f64>, String> {
     let (kind, words) = words.split_once(',').unwrap_or((words, ""));
     let said = |error: PolicyError| match std::error::Error::source(&error) {
@@ -176,14 +175,14 @@ fn foreign_targets(words: &str, robot: &Robot, gains: GainSet) -> Result<Vec<f64
     }
 }
 
-/// Each moves its joints and leaves the rest in the staged posture, 0.25 rad from the standing one here.
+/// Each controller moves its joints and keeps the others in the staged posture, here 0.25 rad from the standing one.
 #[test]
 fn foreign_controllers_move_their_own_joints() {
     for name in Robot::NAMES {
         let robot = Robot::by_name(name).expect("loads");
         for (words, gains, moved) in [
             ("gear,vx=0.3", GainSet::Gear, 15),
-            // Legs and waist of the benchmark have the gains of GEAR's makers.
+            // On legs and waist the benchmark's gains are those of GEAR's makers.
             ("gear,height=0.7", GainSet::Fiatlux, 15),
             ("gear,reading=lerobot", GainSet::GearLerobot, 15),
             ("gear,reading=lerobot,gains=any", GainSet::Fiatlux, 15),
@@ -199,7 +198,7 @@ fn foreign_controllers_move_their_own_joints() {
     }
 }
 
-/// What a policy commands to its whole-body controller is in the record of each action.
+/// Every action's record has the policy's command to its whole-body controller.
 #[test]
 fn commands_are_recorded() {
     let robot = Robot::g1_inspire().expect("loads");

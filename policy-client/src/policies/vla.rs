@@ -1,4 +1,4 @@
-//! Policy `vla`: plays the chunks of a model server.
+//! The policy `vla`, which plays the chunks of a model server.
 
 mod args;
 mod asking;
@@ -25,10 +25,10 @@ use crate::{Command, Policy, PolicyError};
 pub use args::VlaArgs;
 pub use probe::{Answer, Probed};
 
-/// How often the cameras are in the observations of a real-time session, Hz: a look would come too late there.
+/// Rate of the cameras in a real-time session's observations, Hz; a look would come too late there.
 const REAL_TIME_CAMERA_HZ: f64 = 10.0;
 
-/// A model server and its mapping, checked against each other once; makes a policy for each episode.
+/// A model server with its mapping, checked against each other once; makes a policy for each episode.
 #[derive(Debug, Clone)]
 pub struct VlaSource(Arc<Shared>);
 
@@ -38,26 +38,26 @@ struct Shared {
     mapping: Mapping,
     play: Play,
     robot: Robot,
-    /// What moves the body; none where the model does it alone, or speaks tokens and no decoder is given.
+    /// What moves the body; `None` if the model does it alone, or outputs tokens and no decoder is given.
     carrier: Option<Carrier>,
-    /// How long a server that is gone is tried again.
+    /// How long to retry a server that is gone.
     patience: Duration,
     is_real_time: bool,
 }
 
-/// What moves the body on what a model says.
+/// The controller that carries out the model's commands or tokens.
 #[derive(Debug)]
 enum Carrier {
-    /// Our controller, on commands.
+    /// Our own controller, which follows commands.
     Own(Arc<Network>),
-    /// GEAR's, on commands.
+    /// GEAR's controller, which follows commands.
     Gear(GearFiles),
-    /// The decoder of GEAR-SONIC, on motion tokens.
+    /// GEAR-SONIC's decoder, which follows motion tokens.
     Sonic(SonicFiles),
 }
 
 impl Shared {
-    /// Refuses motion tokens that nobody can read.
+    /// Refuses motion tokens without a decoder.
     fn check_decoder(&self) -> Result<(), BridgeError> {
         match (self.mapping.token(), &self.carrier) {
             (Some((key, width)), None) => {
@@ -67,7 +67,7 @@ impl Shared {
         }
     }
 
-    /// What a chunk asks for, with all its tokens in their limits. `q` are the angles at the question, rad.
+    /// The rows of a chunk, with all tokens within their limits. `q` are the joint angles at the question, rad.
     fn rows(&self, q: &[f64], chunk: &ModelChunk) -> Result<Vec<Row>, BridgeError> {
         let rows = self.mapping.rows(&self.robot, q, chunk)?;
         if let Some((key, _)) = self.mapping.token() {
@@ -83,10 +83,10 @@ impl Shared {
 }
 
 impl VlaSource {
-    /// Asks the server for its contract and compares it with the mapping.
+    /// Requests the server's contract and compares it with the mapping.
     ///
     /// # Errors
-    /// [`PolicyError::Bridge`]: nobody there, a contract that does not fit, or motion tokens, which need a decoder.
+    /// [`PolicyError::Bridge`]: nobody answers, the contract does not fit, or motion tokens have no decoder.
     fn check(&self) -> Result<(), PolicyError> {
         let shared = &self.0;
         shared.check_decoder()?;
@@ -94,19 +94,19 @@ impl VlaSource {
         Ok(check_contract(&shared.mapping, &contract)?)
     }
 
-    /// A policy for an episode; it connects when the episode begins.
+    /// A policy for one episode; it connects when the episode begins.
     pub fn policy(&self) -> Vla {
         Vla { shared: Arc::clone(&self.0), episode: None }
     }
 }
 
-/// Plays a model's chunks.
+/// Plays a model's chunks in one episode.
 pub struct Vla {
     shared: Arc<Shared>,
     episode: Option<Episode>,
 }
 
-/// What an episode keeps.
+/// State of an episode.
 struct Episode {
     asker: Asker,
     player: Player,
@@ -116,26 +116,26 @@ struct Episode {
     session: String,
     is_real_time: bool,
     robot: Driven,
-    /// For the record of the next action.
+    /// Notes for the record of the next action.
     note: Note,
-    /// Why the policy gives up at the next step; the record has it first.
+    /// Why the policy fails at the next step; the record states it first.
     end: Option<BridgeError>,
 }
 
-/// What the model drives.
+/// The joints that the model moves, directly or through a controller.
 enum Driven {
-    /// Arms and hands, and legs and waist by commands.
+    /// Arms and hands directly, legs and waist by commands.
     Body(Box<Body>),
-    /// Hands, and the rest by motion tokens.
+    /// Hands directly, the rest by motion tokens.
     Tokens(Box<SonicBody>),
-    /// Targets of all joints, rad.
+    /// Every joint directly; holds their targets, rad.
     Joints(Vec<f64>),
 }
 
-/// What the record is told.
+/// Notes for the record.
 #[derive(Debug, Default)]
 struct Note {
-    /// Of a chunk that has just arrived.
+    /// A chunk that has just arrived.
     chunk: Option<ModelChunk>,
     latency_s: f64,
     server_s: Option<f64>,
@@ -230,10 +230,10 @@ impl Policy for Vla {
         };
         match asked {
             Ok(()) => {}
-            // Nothing has moved yet: there is nothing to record.
+            // Nothing has moved, so there is nothing to record.
             Err(error) if episode.player.row(step).is_none() => return Err(error.into()),
             Err(error) => {
-                episode.note.problem = format!("the policy gives up: {error}");
+                episode.note.problem = format!("the policy cannot go on: {error}");
                 episode.end = Some(error);
             }
         }
@@ -247,12 +247,12 @@ impl Policy for Vla {
 }
 
 impl Episode {
-    /// Whether a question is asked at a step, or a later one needs the picture of this step.
+    /// Whether a question is asked at this step, or a later question needs this step's picture.
     fn needs_picture(&self, mapping: &Mapping, step: u64) -> bool {
         mapping.lookbacks().iter().any(|back| self.player.asks_after(step, *back))
     }
 
-    /// Keeps the pictures that have come.
+    /// Keeps the pictures of an observation.
     fn see(&mut self, mapping: &Mapping, observation: &Observation) -> Result<(), BridgeError> {
         let images = [("camera", &observation.camera), ("chest_camera", &observation.chest_camera)];
         for (sensor, image) in images {
@@ -263,7 +263,7 @@ impl Episode {
         Ok(())
     }
 
-    /// The model's observation, and the angles that it has.
+    /// The observation for the model, and the joint angles in it, rad.
     fn observe(&self, shared: &Shared, seen: &Observation) -> Result<(ModelObservation, Vec<f64>), BridgeError> {
         let remedy = "leave --sensors out, or name proprioception there";
         let missing = || BridgeError::Sensed { what: "proprioception".into(), remedy };
@@ -286,7 +286,7 @@ impl Episode {
         Ok((observation, q))
     }
 
-    /// In lockstep: where the prefix is played, the simulation waits for the next chunk.
+    /// In lockstep: when the prefix has been played, the simulation waits for the next chunk.
     fn ask_now(&mut self, shared: &Shared, seen: &Observation) -> Result<(), BridgeError> {
         if !self.player.wants(seen.step) {
             return Ok(());
@@ -297,7 +297,7 @@ impl Episode {
         self.take(shared, answered?, &q, seen.step, seen.step)
     }
 
-    /// In real time: the question goes to a thread, and what holds goes on until its answer is there.
+    /// In real time: a thread asks the server, and the current chunk continues until the answer arrives.
     fn ask_meanwhile(&mut self, shared: &Shared, seen: &Observation) -> Result<(), BridgeError> {
         if let Some((asked_at, q, answered)) = self.asker.answer() {
             self.note.problem = self.asker.problem().unwrap_or_default();
@@ -326,8 +326,8 @@ impl Episode {
         Ok(())
     }
 
-    /// The command of a step. Before the first chunk, and after the last row of one, the body stands and the arms hold; a
-    /// token holds on, and before the first one the posture does.
+    /// The command of a step. Before the first chunk, and after the last row of a chunk, the body stands and the arms
+    /// hold their targets. The last token is kept; before the first one, the posture is.
     fn play(&mut self, seen: &Observation, played: Option<Played>) -> Result<Command, PolicyError> {
         if let Some(played) = &played {
             self.note.played = Some((played.chunk, played.at, played.age));
@@ -360,14 +360,14 @@ impl Episode {
     }
 }
 
-/// The targets of a row, from a joint on: those before it are a controller's.
+/// Copies a row's targets for joints from `from` on; a controller moves those before it.
 fn put(targets: &mut [f64], row: &Row, from: usize) {
     let own = row.targets.iter().filter(|(joint, _)| *joint >= from);
     own.for_each(|(joint, target)| targets[*joint] = *target);
 }
 
 impl Note {
-    /// The message of the record. A chunk that is too large for it goes without its numbers.
+    /// The message for the record. A chunk that is too large is recorded without its numbers.
     fn record(&mut self) -> Option<Chunk> {
         let Self { chunk, latency_s, server_s, problem, played } = std::mem::take(self);
         if played.is_none() && problem.is_empty() {
@@ -393,7 +393,7 @@ impl Note {
             record.width = u32::try_from(width).unwrap_or(0);
             record.keys = parts.iter().map(|(key, width, _)| cut(&format!("{key}:{width}"), longest_key)).collect();
         }
-        // Doubles that no float can hold.
+        // Some f64 values are out of range for f32.
         if record.values.iter().any(|number| !number.is_finite()) {
             (record.values, record.width, record.keys) = (Vec::new(), 0, Vec::new());
         }
@@ -401,7 +401,7 @@ impl Note {
     }
 }
 
-/// The beginning of a text, at most so many bytes.
+/// The beginning of a text, at most `most` bytes.
 fn cut(text: &str, most: usize) -> String {
     let end = (0..=most.min(text.len())).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
     text[..end].into()

@@ -1,4 +1,5 @@
-//! Policy `walk`: goes to the crate, the fresh bulb or the ladder on the whole-body controller, and stands there.
+//! The policy `walk`: walks to the crate, the fresh bulb or the ladder with the whole-body controller, and stands
+//! there.
 
 mod path;
 
@@ -13,21 +14,21 @@ use crate::{Command, Policy, PolicyError};
 
 /// Control steps between plans.
 const REPLAN: u64 = 25;
-/// How far ahead on its path the robot looks, m.
+/// How far ahead on its path the robot aims, m.
 const AHEAD_M: f64 = 0.35;
-/// Largest velocity along the path, m/s, and about the vertical, rad/s.
+/// Largest speed along the path, m/s, and about the vertical, rad/s.
 const FASTEST: (f64, f64) = (0.45, 0.7);
-/// How fast the velocity changes, m/s^2 and rad/s^2: what is in the hand is not to be jerked.
+/// Largest change of the velocity, m/s^2 and rad/s^2, so that an object in the hand is not jerked.
 const GAIN: (f64, f64) = (0.6, 1.2);
-/// The robot stands this long before it goes, control steps: the controller takes over a staged posture.
+/// Control steps for which the robot stands first, while the controller takes over the staged posture.
 const SETTLES: u64 = 25;
-/// From this distance to the goal on the robot turns to what it goes to, m.
+/// Distance to the goal at which the robot begins to turn towards the target, m.
 const NEAR_M: f64 = 0.4;
-/// Facing so well and standing within reach it stops; beyond the slack it goes on, rad and m.
+/// Facing error at which it stops within reach, rad, and slack beyond which it moves again, m.
 const FACING: (f64, f64) = (0.15, 0.35);
 const SLACK_M: f64 = 0.025;
 
-/// Where a task goes.
+/// The target of a task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Goal {
     Crate,
@@ -45,7 +46,8 @@ impl Goal {
         }
     }
 
-    /// How near the pelvis stops: to the crate's footprint, or to the thing's origin, m. The gates ask for 0.50, 0.63 and
+    /// Distance at which the pelvis stops, to the crate's footprint or to the target's origin, m. The gates require
+    /// 0.50, 0.63 and 0.85.
     /// 0.85.
     fn stop_m(self) -> f64 {
         match self {
@@ -56,13 +58,13 @@ impl Goal {
     }
 }
 
-/// Goes to a goal and stands there; the arms keep the posture of the start.
+/// Walks to a goal and stands there; the arms keep the staged posture.
 pub struct Walk {
     network: Arc<Network>,
     trip: Option<Trip>,
 }
 
-/// An episode's way.
+/// State of one episode: the controller, the goal, and the path to it.
 struct Trip {
     body: Body,
     goal: Goal,
@@ -74,10 +76,10 @@ struct Trip {
 }
 
 impl Walk {
-    /// On the controller that comes with this version.
+    /// Uses the controller that comes with this version.
     ///
     /// # Errors
-    /// A controller that does not load; a test guards that it does.
+    /// The controller does not load; a test checks that it does.
     pub fn new() -> Result<Self, PolicyError> {
         Ok(Self { network: Arc::new(Network::shipped()?), trip: None })
     }
@@ -95,7 +97,7 @@ impl Policy for Walk {
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
         let Some(goal) = Goal::of(task) else {
-            let reason = format!("it walks in S05, S07 and S09, and this is {task}; use another policy");
+            let reason = format!("it walks in S05, S07 and S09, but this is {task}; use another policy");
             return Err(PolicyError::Unfit { policy: "walk", reason });
         };
         privileged(first)?;
@@ -120,7 +122,7 @@ impl Policy for Walk {
 }
 
 impl Trip {
-    /// Bounds how fast the velocity changes, but for a stop.
+    /// Limits the change of the velocity, except for a stop.
     fn gently(&mut self, wanted: fiatlux_wbc::Command, step: u64) -> fiatlux_wbc::Command {
         let rates = [GAIN.0, GAIN.0, GAIN.1].map(|rate| rate * fiatlux_wbc::CONTROL_DT);
         let goes = wanted.walks() && step >= SETTLES;
@@ -180,13 +182,13 @@ fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {
     observation.privileged.as_ref().ok_or(PolicyError::Sensor { policy: "walk", sensor: "privileged" })
 }
 
-/// Angle from where the robot looks to a point, rad.
+/// Angle between the robot's heading and a point, rad.
 fn turn(heading: f64, here: Point, there: Point) -> f64 {
     let angle = libm::atan2(there[1] - here[1], there[0] - here[0]) - heading;
     libm::atan2(libm::sin(angle), libm::cos(angle))
 }
 
-/// Place and heading of a pose.
+/// Position and heading of a pose on the floor.
 fn planar(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
     let missing = || PolicyError::Unfit { policy: "walk", reason: "the privileged observation lacks a pose".into() };
     let pose = pose.ok_or_else(missing)?;

@@ -1,4 +1,4 @@
-//! Policy `wbc`: the whole-body controller on a fixed command.
+//! The policy `wbc`: the whole-body controller with a fixed command.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use super::body::{self, COMMAND};
 use super::carrier::Body;
 use crate::{Command, Policy, PolicyError};
 
-/// Follows one command; the arms keep the posture of the start.
+/// Follows one command; the arms keep the staged posture.
 pub struct Wbc {
     network: Arc<Network>,
     command: fiatlux_wbc::Command,
@@ -17,10 +17,10 @@ pub struct Wbc {
 }
 
 impl Wbc {
-    /// Reads a command such as `vx=0.4,wz=0.2,height=0.7`; what is left out is as when standing upright.
+    /// Parses a command such as `vx=0.4,wz=0.2,height=0.7`; fields left out are those of standing upright.
     ///
     /// # Errors
-    /// [`PolicyError::Words`]: a field that is not known, or a number that cannot be read; [`PolicyError::Wbc`]: out of range.
+    /// [`PolicyError::Words`]: an unknown field, or a value that is not a number; [`PolicyError::Wbc`]: out of range.
     pub fn new(command: &str) -> Result<Self, PolicyError> {
         let network = Arc::new(Network::shipped()?);
         let command = parse(command)?;

@@ -1,10 +1,10 @@
-//! Policy `zero`.
+//! The policy `zero`.
 
 use fiatlux_proto::v3::{Observation, SessionInfo};
 
 use crate::{Command, Policy, PolicyError};
 
-/// All actions 0: every joint is sent to its angle of the standing posture.
+/// All actions 0: every joint moves to its angle in the standing posture.
 #[derive(Debug, Default)]
 pub struct Zero {
     joints: usize,

@@ -20,16 +20,16 @@ use crate::client::OPEN_TIMEOUT_S;
 use crate::client::query::{Content, Greeted, Question, Sealing, ask, greet};
 use crate::{Access, ClientError};
 
-/// The time that a server has for anything but opening a session, s.
+/// Longest wait for an answer to anything but opening a session, s.
 const TIMEOUT_S: f64 = 5.0;
 
-/// The time that a server has to describe itself.
+/// Longest wait for a server's description.
 const DESCRIBE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The links to servers that this client has greeted, by their names.
+/// The links to servers that this client has greeted, by server name.
 pub(super) type Links = Mutex<BTreeMap<String, Link>>;
 
-/// What later requests are proved with.
+/// Keys that prove later requests.
 #[derive(Clone)]
 pub(super) struct Link {
     id: String,
@@ -41,7 +41,7 @@ pub(super) struct Link {
 pub(super) struct Calls<'a> {
     pub link: &'a Session,
     pub run: &'a str,
-    /// Its secret, which is not sent: requests are signed with it.
+    /// The run's secret. It is never sent: requests are signed with it.
     pub key: &'a str,
     pub access: &'a Access,
     pub links: &'a Links,
@@ -53,25 +53,25 @@ impl Content for RunInfo {
     }
 }
 
-/// How a request that is proved by its link has ended.
+/// The outcome of a request that its link proves.
 enum Said<T> {
     Taken(T),
-    /// The server does not know the link, or somebody says so in its place.
+    /// The server does not know the link, or somebody in its place says so.
     NoLink,
 }
 
 impl Calls<'_> {
-    /// Registers the run, or takes it up.
+    /// Registers the run, or resumes it.
     pub(super) fn register(&self, server: &str, spec: &RunSpec) -> Result<RunInfo, ClientError> {
         self.greet(server, Ask::Register(spec.clone()))
     }
 
-    /// Where the run stands on that server.
+    /// The state of the run on that server.
     pub(super) fn status(&self, server: &str) -> Result<RunInfo, ClientError> {
         self.info(server, Ask::Status(RunStatus {}))
     }
 
-    /// Ends the run on that server.
+    /// Closes the run on that server.
     pub(super) fn finish(&self, server: &str) -> Result<RunInfo, ClientError> {
         self.info(server, Ask::Finish(RunFinish {}))
     }
@@ -87,7 +87,7 @@ impl Calls<'_> {
             let opened = greet(
                 self.link,
                 server,
-                // The link has the token's rights.
+                // The link has the rights of the token.
                 &Access { token: None, ..self.access.clone() },
                 [&key, "RunRequest"],
                 OPEN_TIMEOUT_S,
@@ -119,7 +119,7 @@ impl Calls<'_> {
         Err(unknown_link(server))
     }
 
-    /// What the server says of itself.
+    /// The server's description of itself.
     pub(super) fn describe(&self, server: &str) -> Result<ServerInfo, ClientError> {
         let key = ServerKeys::new(server).describe();
         let replies = self.link.get(&key).timeout(DESCRIBE_TIMEOUT).wait().map_err(ClientError::zenoh)?;
@@ -150,7 +150,7 @@ impl Calls<'_> {
                 },
                 || no_link.get(),
             );
-            // The server's own answer is taken before what others say.
+            // The server's own answer takes precedence over what others say.
             let said = match said {
                 Err(ClientError::Unanswered { .. }) if no_link.get() => Said::NoLink,
                 said => said?,
@@ -191,7 +191,7 @@ impl Calls<'_> {
         self.links.lock().unwrap_or_else(PoisonError::into_inner).remove(server);
     }
 
-    /// Shows a server that this client has the run's key; the keys of what follows are kept.
+    /// Proves to a server that this client has the run's key, and keeps the keys for later requests.
     fn greet(&self, server: &str, what: Ask) -> Result<RunInfo, ClientError> {
         let identity = run_identity(self.key).map_err(ClientError::handshake(server))?;
         let key = ServerKeys::new(server).run();
@@ -232,7 +232,8 @@ fn read(server: &str, bytes: &[u8]) -> Result<Read, ClientError> {
     Ok((reply, welcome))
 }
 
-/// A server that has started anew knows no links. Whoever says so in its place makes the client greet it once more.
+/// A server that has restarted knows no links. Somebody who claims so in its place only makes the client greet it
+/// again.
 fn says_no_link(reply: &Reply) -> bool {
     let Ok(sample) = reply.result() else { return false };
     let reply = decode::<RunReply>(&sample.payload().to_bytes(), MAX_SERVER_MESSAGE);
@@ -241,7 +242,7 @@ fn says_no_link(reply: &Reply) -> bool {
 }
 
 fn other_kind() -> ClientError {
-    ClientError::Session { reason: "the reply is of another kind".into() }
+    ClientError::Session { reason: "the reply has an unexpected type".into() }
 }
 
 fn unknown_link(server: &str) -> ClientError {

@@ -1,4 +1,5 @@
-//! Carries a run: the threads that play episodes, the servers that come and go, and the questions to their ledgers.
+//! Carries out a run: manages the threads that play episodes, the servers that come and go, and the queries to their
+//! ledgers.
 
 mod members;
 mod play;
@@ -26,24 +27,24 @@ use crate::{ClientError, Policy, PolicyError};
 use members::{Build, Known, cannot_keep};
 use play::{Job, setback};
 
-/// How long a server may take to end the run: it waits for clients that are gone.
+/// Longest time for a server to close the run: it waits for clients that are gone.
 const FINISHING_TIME: Duration = Duration::from_secs(30);
 
-/// An episode that is under way for this time is played, or its session is waited for.
+/// An episode that has run for this long is being played, or its session is being waited for.
 const AT_WORK: Duration = Duration::from_secs(2);
 
-/// Between two questions to a server that is to end the run.
+/// Time between two requests to a server to close the run.
 const FINISHING_PERIOD: Duration = Duration::from_millis(500);
 
-/// Between two looks at everything.
+/// Time between two checks of everything.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Between two reports of progress.
+/// Time between two reports of progress.
 const REPORT_PERIOD: Duration = Duration::from_millis(200);
 
 type MakePolicy<'a> = dyn Fn() -> Result<Box<dyn Policy>, PolicyError> + Sync + 'a;
 
-/// What the crew's threads hear of.
+/// Messages to the crew from its threads.
 enum Event {
     Token { server: String, is_there: bool },
     Joined { server: String, asked: u64, said: Result<Box<(ServerInfo, RunInfo)>, ClientError> },
@@ -60,24 +61,24 @@ pub(super) struct Crew<'scope, 'env> {
     stop: &'env AtomicBool,
     group: Group,
     scheduler: Scheduler,
-    /// Task and seed of each episode; none until a server has taken the run.
+    /// Task and seed of each episode; empty until a server has accepted the run.
     episodes: Vec<RunEpisode>,
     horizons: BTreeMap<String, u64>,
     build: Option<Build>,
     servers: BTreeMap<String, Known>,
     jobs: BTreeMap<usize, Job>,
-    /// Steps of jobs that are over.
+    /// Steps of finished jobs.
     steps: u64,
     finished: bool,
-    /// The last thing that kept a server from taking part.
+    /// The last error that kept a server from taking part.
     problem: Option<ClientError>,
-    /// Since when nothing is played, neither by us nor by others.
+    /// Time since which nothing has been played, by this client or another.
     quiet_since: Instant,
-    /// Episodes that were decided or given up at that time.
+    /// Number of episodes decided or given up at that time.
     decided: usize,
     /// Why the last episode was not opened.
     refusal: Option<String>,
-    /// Why what is left was not played.
+    /// Why the remaining episodes were not played.
     ending: Option<String>,
     events: Receiver<Event>,
     sender: Sender<Event>,
@@ -98,7 +99,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
         let tokens = calls.link.liveliness().declare_subscriber(any_alive()).history(true).callback(move |sample| {
             if let Some(server) = server_of(sample.key_expr().as_str()).filter(|server| members.has(server)) {
                 let is_there = sample.kind() == SampleKind::Put;
-                // The crew may be gone.
+                // The crew may already be gone.
                 let _ = tell.send(Event::Token { server: server.into(), is_there });
             }
         });
@@ -131,7 +132,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
     /// Plays until nothing is left to do, or nothing can be done.
     pub(super) fn play(mut self, progress: &mut dyn FnMut(&RunProgress)) -> Result<RunOutcome, RunError> {
         let played = self.play_on(progress);
-        // Whatever happened, the threads of the jobs are waited for: they end soon.
+        // Whatever happened, wait for the threads of the jobs: they end soon.
         self.jobs.values().for_each(Job::break_off);
         while !self.jobs.is_empty() {
             match self.events.recv_timeout(TICK) {
@@ -171,7 +172,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             if self.episodes.is_empty() {
                 self.give_up_joining(start)?;
             } else if self.scheduler.is_over() && self.is_settled(start.elapsed()) {
-                // Each server that is there is told that the run has ended.
+                // Tell every server that is present that the run has ended.
                 return Ok(());
             }
             if self.scheduler.has_server() || self.episodes.is_empty() {
@@ -209,7 +210,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             Event::Token { server, is_there } => {
                 let known = self.servers.entry(server.clone()).or_default();
                 known.is_there = is_there;
-                // A token that is there once more may be that of a new process: the ledger is asked again.
+                // A token that reappears may belong to a new process: query the ledger again.
                 known.has_joined = false;
                 known.refused &= !is_there;
                 known.missing_since = (!is_there).then(Instant::now);
@@ -233,7 +234,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                     Ok(info) => self.on_ledger(&server, asked, &info),
                     Err(error) if cannot_keep(&error) => self.set_aside(&server, error),
                     Err(error) => {
-                        tracing::debug!("server {server} does not say where the run stands: {error}");
+                        tracing::debug!("cannot get the state of the run from server {server}: {error}");
                         if matches!(error, ClientError::Unanswered { .. }) {
                             self.on_silence(&server);
                         }
@@ -251,7 +252,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
         self.steps += steps;
         match end {
             Ok(_) => self.scheduler.ended(index),
-            // It fits none of the run's sessions.
+            // The policy cannot work in any of the run's sessions.
             Err(ClientError::Policy(error @ (PolicyError::Sensor { .. } | PolicyError::Unfit { .. }))) => {
                 self.scheduler.set_back(index, Setback::BrokenOff);
                 return Err(error.into());
@@ -278,7 +279,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
         Ok(())
     }
 
-    /// Whether nothing was played for so long that nothing can be expected; the reason is noted then.
+    /// Whether nothing has been played for so long that nothing can be expected; notes the reason.
     fn is_quiet(&mut self) -> bool {
         let look = self.look();
         let is_at_work = |job: &Job| job.since.elapsed() >= AT_WORK;
@@ -289,7 +290,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             return false;
         }
         let reason =
-            self.refusal.clone().unwrap_or_else(|| "the servers do not say what became of what was played".into());
+            self.refusal.clone().unwrap_or_else(|| "the servers do not report the outcome of finished episodes".into());
         let ending = format!("nothing could be played for {} s: {reason}", self.options.patience.as_secs());
         tracing::warn!("{ending}");
         self.ending = Some(ending);
@@ -312,7 +313,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
         }
     }
 
-    /// Ends the run on all servers.
+    /// Closes the run on all servers.
     fn finish(&mut self) {
         let live: Vec<String> = self.scheduler.live().map(str::to_owned).collect();
         let asked = self.scheduler.moment() + 1;
@@ -333,7 +334,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             match said {
                 Ok(info) => self.on_ledger(&server, asked, &info),
                 Err(error) => {
-                    tracing::warn!("cannot end the run on server {server}: {error}");
+                    tracing::warn!("cannot close the run on server {server}: {error}");
                     finished = false;
                 }
             }

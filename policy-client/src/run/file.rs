@@ -1,4 +1,4 @@
-//! The small file by which a run is taken up again.
+//! The small file that lets a run be resumed.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
@@ -8,53 +8,53 @@ use fiatlux_proto::v3::RunSpec;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Bytes of a run's key, which is written in hexadecimal digits.
+/// Length of a run's key, bytes; it is written in hexadecimal digits.
 const KEY_BYTES: usize = 16;
 
-/// Largest file that is read, bytes: thousands of seeds fit.
+/// Largest file that is read, bytes: enough for thousands of seeds.
 const MAX_FILE: u64 = 1 << 20;
 
-/// First line of the file.
-const HEAD: &str = "# A run of `policy-client evaluate`. The same command with this file goes on with it.\n\
-                    # Keep it to yourself: whoever has the key can go on with the run too.\n";
+/// The comment at the top of the file.
+const HEAD: &str = "# A run of `policy-client evaluate`. The same command with this file continues it.\n\
+                    # Keep it secret: whoever has the key can continue the run too.\n";
 
-/// A run's name, its secret key, and what is played.
+/// A run's name, its secret key, and what it plays.
 #[derive(Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunFile {
     /// Name of the run.
     pub run: String,
-    /// Its secret: hexadecimal digits.
+    /// Its secret key in hexadecimal digits.
     pub key: String,
-    /// The policy, tasks, seeds and session that the run is registered with.
+    /// The policy, tasks, seeds and session to register.
     pub spec: RunSpec,
 }
 
-/// Why a run has no file.
+/// Why the file of a run cannot be used.
 #[derive(Debug, Error)]
 pub enum RunFileError {
     /// The file cannot be read or written.
     #[error("cannot {what} the run file {}; name another one with --run-file", path.display())]
     Io {
-        /// `read`, `create` or the like.
+        /// What was attempted, such as `read` or `create`.
         what: &'static str,
         /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error, which says why.
         #[source]
         source: std::io::Error,
     },
-    /// It is not the file of a run.
+    /// The file does not hold a run.
     #[error("{} is not the file of a run: {reason}; name another one with --run-file", path.display())]
     Content {
         /// Path of the file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// What is wrong with its content.
         reason: String,
     },
-    /// It belongs to another run.
+    /// The file belongs to a run with other settings.
     #[error(
-        "{} belongs to the run {run}, which differs in {}; repeat its command to go on with it, or name another file with \
+        "{} belongs to the run {run}, which differs in {}; repeat its command to continue it, or name another file with \
          --run-file to begin a new run", path.display(), differs.join(", ")
     )]
     Other {
@@ -68,11 +68,11 @@ pub enum RunFileError {
 }
 
 impl RunFile {
-    /// The run of a file. Without a file, a new run with a key of its own is drawn and written, for its owner's eyes
-    /// only (mode 0600). A file is never changed afterwards.
+    /// Opens the run of a file. If the file does not exist, draws a new run with a new key and writes it, readable only
+    /// by its owner (mode 0600). The file never changes afterwards.
     ///
     /// # Errors
-    /// [`RunFileError`]: above all a file of a run that plays something else.
+    /// [`RunFileError`], most often because the file's run plays something else.
     pub fn open(path: &Path, spec: &RunSpec) -> Result<Self, RunFileError> {
         let io = |what| move |source| RunFileError::Io { what, path: path.into(), source };
         match File::open(path) {
@@ -95,7 +95,7 @@ impl RunFile {
         }
     }
 
-    /// A new run under the policy's name, with a key that nobody can guess.
+    /// Draws a new run: the policy's name with a random suffix, and a key that nobody can guess.
     fn draw(spec: &RunSpec) -> std::io::Result<Self> {
         let mut bytes = [0; KEY_BYTES + 4];
         File::open("/dev/urandom")?.read_exact(&mut bytes)?;
@@ -106,7 +106,7 @@ impl RunFile {
         Ok(Self { run: format!("{policy}-{}", hex(tail)), key: hex(key), spec: spec.clone() })
     }
 
-    /// Not over another file.
+    /// Writes a new file, never over an existing one.
     fn write(&self, path: &Path) -> std::io::Result<()> {
         let text = toml::to_string(self).map_err(std::io::Error::other)?;
         let mut options = OpenOptions::new();
@@ -114,19 +114,19 @@ impl RunFile {
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         let mut file = options.open(path)?;
         let written = file.write_all(format!("{HEAD}{text}").as_bytes()).and_then(|()| file.sync_all());
-        // A part of a key is of no use to anyone.
+        // Do not leave a file with part of a key.
         written.inspect_err(|_| drop(std::fs::remove_file(path)))
     }
 }
 
-/// The key is not for logs.
+/// Keeps the key out of logs.
 impl std::fmt::Debug for RunFile {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("RunFile").field("run", &self.run).field("spec", &self.spec).finish_non_exhaustive()
     }
 }
 
-/// Names of what two runs do not have in common.
+/// Names of the settings in which two runs differ.
 fn differences(left: &RunSpec, right: &RunSpec) -> Vec<&'static str> {
     [
         ("the policy", left.policy == right.policy),

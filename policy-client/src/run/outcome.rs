@@ -1,49 +1,49 @@
-//! What is said of a run, while it goes on and at its end.
+//! The progress of a run, and its outcome.
 
-/// What became of an episode.
+/// The fate of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EpisodeFate {
-    /// Played to its end and on the server's disk.
+    /// Played to its end, and on the server's disk.
     Played,
     /// The server counts it as a failure.
     Failed,
-    /// It was not played to its end; the same call tries again.
+    /// Not played to its end; the same call tries again.
     Lost,
 }
 
-/// What came of one episode.
+/// The outcome of one episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeOutcome {
-    /// Short name of the task.
+    /// Id of the task, such as `S01`.
     pub task: String,
-    /// Seed; `None` where it is hosted and the run is not finished.
+    /// Layout seed; `None` if it is hosted and the run is not finished.
     pub seed: Option<u64>,
-    /// What became of it.
+    /// Whether it was played, failed or lost.
     pub fate: EpisodeFate,
     /// What ended it, or why it was not played.
     pub cause: String,
-    /// Success, by the protocol of the run.
+    /// Whether it succeeded by the protocol of the run.
     pub success: bool,
-    /// Digest of its rows; may be empty.
+    /// Digest of its rows; empty if it has none.
     pub digest: String,
-    /// How often its server began it.
+    /// How many times its server began it.
     pub attempts: u32,
-    /// Server that has its bag; `None` where it was not played.
+    /// Server that has its bag; `None` if it was not played.
     pub server: Option<String>,
 }
 
-/// What came of a run.
+/// The outcome of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunOutcome {
-    /// Name of the run.
+    /// Name of the run, as registered.
     pub run: String,
-    /// All episodes, by index.
+    /// Every episode of the run, by index.
     pub episodes: Vec<EpisodeOutcome>,
-    /// No more episodes can be played.
+    /// Whether the run is closed, so that no more episodes can be played.
     pub finished: bool,
-    /// A stop was asked for before the end.
+    /// Whether the caller stopped it before the end.
     pub stopped: bool,
-    /// Servers that took part in this call.
+    /// Names of the servers that took part in this call.
     pub servers: Vec<String>,
 }
 
@@ -54,38 +54,38 @@ impl RunOutcome {
     }
 }
 
-/// An episode under way.
+/// An episode that is being played.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Playing {
-    /// Short name of the task.
+    /// Id of the task, such as `S01`.
     pub task: String,
-    /// Seed; `None` where it is hosted.
+    /// Layout seed; `None` if it is hosted.
     pub seed: Option<u64>,
-    /// Server that it is on.
+    /// Name of the server that simulates it.
     pub server: String,
-    /// Control step that it is at.
+    /// Control step that it has reached.
     pub step: u64,
 }
 
-/// A look at a run under way.
+/// The progress of a run.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RunProgress {
-    /// Episodes of the run; 0 until a server has taken it.
+    /// Number of episodes; 0 until a server has accepted the run.
     pub episodes: usize,
-    /// Episodes played, or failed, by now.
+    /// Number of episodes that are played or failed.
     pub done: usize,
-    /// Those of them that succeeded.
+    /// Number of those that succeeded.
     pub successes: usize,
-    /// Episodes given up for now.
+    /// Number of episodes given up for now.
     pub lost: usize,
-    /// Episodes that are open for another client of the same run, or for one that died.
+    /// Number of episodes that are open for another client of the same run, or for one that died.
     pub held: usize,
-    /// Control steps of this call.
+    /// Control steps played in this call.
     pub steps: u64,
-    /// Most steps that could still follow: every episode goes on to its horizon.
+    /// Largest number of steps still to come, if every episode goes on to its horizon.
     pub steps_left: u64,
-    /// What is being played.
+    /// Episodes that are being played now.
     pub playing: Vec<Playing>,
-    /// Servers that take part now.
+    /// Names of the servers that take part now.
     pub servers: Vec<String>,
 }

@@ -1,25 +1,26 @@
-//! Which episode is opened next, and on which server. No I/O and no clock: the caller says what happened.
+//! Decides which episode to open next, and on which server. It does no I/O and reads no clock: the caller reports
+//! events.
 
 use std::collections::BTreeMap;
 
 use fiatlux_proto::v3::RunEpisode;
 use fiatlux_proto::v3::run_episode::State as Ledger;
 
-/// An episode that fails so often is given up.
+/// Number of failures after which an episode is given up.
 pub(super) const MAX_TRIES: u32 = 3;
 
-/// Where an episode stands.
+/// The state of an episode.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Standing {
     /// Not open on any server.
     Waiting,
-    /// Played by us on that server since that moment, or about to be.
+    /// This client plays it on that server since that moment, or is about to.
     Playing { server: String, since: u64 },
-    /// Open on that server for someone else: a client that died, or one that plays the same run at the same time.
+    /// Open on that server for another client: one that died, or one that plays the same run at the same time.
     Held { server: String },
-    /// Played by us to its end at that moment; the server has not said yet that it is on disk.
+    /// This client played it to its end at that moment; the server has not yet confirmed that it is on disk.
     Ended { server: String, since: u64 },
-    /// In a server's ledger, played or failed.
+    /// Played or failed according to a server's ledger.
     Decided { server: String, entry: RunEpisode },
     /// Given up for now.
     Lost,
@@ -30,15 +31,15 @@ pub(super) enum Standing {
 pub(super) enum Setback {
     /// The server has no room for it.
     Busy,
-    /// It is open there for someone else.
+    /// It is open there for another client.
     Held,
-    /// We broke it off.
+    /// This client broke it off.
     BrokenOff,
-    /// The server does not open it, for this reason: its ledger tells more.
+    /// The server refuses to open it, for this reason; its ledger says more.
     Refused(String),
-    /// It went wrong in a way that may not come again.
+    /// It failed in a way that may not recur.
     Failed(String),
-    /// It would go wrong again.
+    /// It would fail again.
     Hopeless(String),
 }
 
@@ -46,7 +47,7 @@ pub(super) enum Setback {
 struct Episode {
     standing: Standing,
     tries: u32,
-    /// Where it was begun last: a server can compare the rows of a new attempt with those of the old one.
+    /// The server on which it was last begun, which can compare the rows of a new attempt with those of the old one.
     home: Option<String>,
     problem: Option<String>,
 }
@@ -54,7 +55,7 @@ struct Episode {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Presence {
     Live,
-    /// Its token is missing for the moment: it gets no new episode, and keeps what it has.
+    /// Its token is missing for the moment: it gets no new episodes, and keeps its current ones.
     Missing,
     Gone,
 }
@@ -62,20 +63,20 @@ enum Presence {
 #[derive(Debug, Clone)]
 struct Server {
     presence: Presence,
-    /// Episodes that it can play at once for us, as it said itself.
+    /// Number of episodes that it offers to play at once for this client.
     full_room: usize,
-    /// The same, as far as it was not too busy: it grows again with each episode that ends.
+    /// Number that it accepted without being too busy; it grows again with each episode that ends.
     room: usize,
 }
 
-/// The episodes of a run and the servers that play it.
+/// The episodes of a run, and the servers that play them.
 #[derive(Debug, Clone)]
 pub(super) struct Scheduler {
     episodes: Vec<Episode>,
     servers: BTreeMap<String, Server>,
-    /// Most episodes at once.
+    /// Largest number of episodes at once.
     parallel: usize,
-    /// Counts what we begin and end, so that an answer can be told from one that is older.
+    /// Counts the episodes that this client begins and ends, to recognise answers that are out of date.
     moment: u64,
 }
 
@@ -85,20 +86,20 @@ impl Scheduler {
         Self { episodes: vec![episode; episodes], servers: BTreeMap::new(), parallel, moment: 0 }
     }
 
-    /// A server is there, or there again.
+    /// A server has appeared or reappeared.
     pub(super) fn server_joins(&mut self, name: &str, room: usize) {
         self.servers
             .insert(name.into(), Server { presence: Presence::Live, full_room: room.max(1), room: room.max(1) });
     }
 
-    /// A server cannot be seen for the moment.
+    /// A server is missing for the moment.
     pub(super) fn server_is_missed(&mut self, name: &str) {
         if let Some(server) = self.servers.get_mut(name) {
             server.presence = Presence::Missing;
         }
     }
 
-    /// A server is gone. What it has not confirmed may be played elsewhere.
+    /// A server is gone. Episodes that it has not confirmed may be played elsewhere.
     pub(super) fn server_leaves(&mut self, name: &str) {
         let Some(server) = self.servers.get_mut(name) else { return };
         server.presence = Presence::Gone;
@@ -111,17 +112,17 @@ impl Scheduler {
         }
     }
 
-    /// The present moment, for [`Scheduler::told`].
+    /// The current moment, for [`Scheduler::told`].
     pub(super) fn moment(&self) -> u64 {
         self.moment
     }
 
-    /// What the ledger of a server says in answer to a question of that moment. Returns the episodes that we play and
-    /// that it no longer plays, or that are decided elsewhere: they are to be broken off.
+    /// Takes in the ledger of a server, as an answer to a query of that moment. Returns the episodes to break off:
+    /// those that this client plays but the server does not, or that are decided elsewhere.
     pub(super) fn told(&mut self, name: &str, asked: u64, ledger: &[RunEpisode]) -> Vec<usize> {
         let mut broken_off = Vec::new();
         for (index, (episode, entry)) in self.episodes.iter_mut().zip(ledger).enumerate() {
-            // Servers with one folder tell of each other's episodes.
+            // Servers that share a folder list each other's episodes.
             let by = if entry.server.is_empty() { name } else { &entry.server };
             let decided = Standing::Decided { server: by.into(), entry: entry.clone() };
             match (entry.state(), &episode.standing) {
@@ -132,7 +133,7 @@ impl Scheduler {
                     }
                     episode.standing = decided;
                 }
-                // A failure says less than an episode that is played elsewhere.
+                // A failure counts for less than an episode that is being played elsewhere.
                 (Ledger::Failed, Standing::Decided { .. }) => {}
                 (Ledger::Failed, Standing::Playing { server, .. } | Standing::Ended { server, .. })
                     if server != name => {}
@@ -155,8 +156,8 @@ impl Scheduler {
         broken_off
     }
 
-    /// The next episode to open, and where: the first of those with the fewest failures, on the server where it was begun
-    /// or else on the one with the smallest part of its room in use. It counts as played from now on.
+    /// The next episode to open, and the server: the first of those with the fewest failures, on the server where it
+    /// was begun, else on the one with the smallest share of its room in use. From now on it counts as being played.
     pub(super) fn next(&mut self) -> Option<(usize, String)> {
         if self.playing().count() >= self.parallel {
             return None;
@@ -211,7 +212,7 @@ impl Scheduler {
         let server = server.clone();
         let is_live = self.servers.get(&server).is_some_and(Server::is_live);
         match setback {
-            // It is the server's failure, not the episode's.
+            // The failure is the server's, not the episode's.
             Setback::Busy | Setback::Held | Setback::Refused(_) | Setback::Failed(_) if !is_live => {
                 episode.standing = Standing::Waiting;
             }
@@ -221,7 +222,7 @@ impl Scheduler {
                 if let Some(server) = self.servers.get_mut(&server) {
                     server.room = load.max(1);
                 }
-                // With nothing else under way, no episode's end can be waited for: its ledger is asked first.
+                // With no other episode under way, none will end and make room: query the ledger first.
                 if busy <= 1 {
                     self.episodes[index].standing = Standing::Held { server };
                 }
@@ -242,7 +243,7 @@ impl Scheduler {
         }
     }
 
-    /// Episodes that we play on a server that is gone, while another one is there: they are to be broken off.
+    /// Episodes on a server that is gone while another one is present: they are to be broken off.
     pub(super) fn strays(&self) -> Vec<usize> {
         if !self.has_server() {
             return Vec::new();
@@ -251,7 +252,7 @@ impl Scheduler {
         self.playing().filter(|(_, server)| is_gone(server)).map(|(index, _)| index).collect()
     }
 
-    /// Servers whose ledger would tell something new.
+    /// Servers whose ledger may have news.
     pub(super) fn to_ask(&self) -> Vec<String> {
         let asks = |name: &str| {
             self.episodes.iter().any(|episode| match &episode.standing {
@@ -263,7 +264,7 @@ impl Scheduler {
         live.map(|(name, _)| name.clone()).filter(|name| asks(name)).collect()
     }
 
-    /// Whether there is any server.
+    /// Whether any server is known.
     pub(super) fn has_server(&self) -> bool {
         self.servers.values().any(Server::is_live)
     }
@@ -274,12 +275,12 @@ impl Scheduler {
         self.episodes.iter().all(is_over)
     }
 
-    /// Where each episode stands, and what went wrong with it last.
+    /// The state of each episode, and its last problem.
     pub(super) fn standings(&self) -> impl Iterator<Item = (&Standing, Option<&str>)> {
         self.episodes.iter().map(|episode| (&episode.standing, episode.problem.as_deref()))
     }
 
-    /// Servers that are present.
+    /// Names of the servers that are present.
     pub(super) fn live(&self) -> impl Iterator<Item = &str> {
         self.servers.iter().filter(|(_, server)| server.is_live()).map(|(name, _)| name.as_str())
     }

@@ -12,10 +12,10 @@ use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::v3::EpisodeEnd;
 use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
 
-/// Records the sessions of simulation servers, an episode in an MCAP file each.
+/// Records the sessions of simulation servers, with one MCAP file for each episode.
 ///
-/// Prints a line for each bag that ended, and for each session of which records are in no bag. Exit codes: 0 all whole,
-/// 1 failed, 2 usage, 3 some bags are cut or records lost.
+/// Prints a line for each bag that ends, and for each session with records that are in no bag. Exit codes: 0 all bags
+/// whole, 1 failed, 2 usage, 3 some bags are cut or records lost.
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXAMPLES)]
 struct Cli {
@@ -25,13 +25,13 @@ struct Cli {
     /// Record only this server [default: all]
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
-    /// Name of this recorder, for the servers
+    /// Name of this recorder, for the servers' logs
     #[arg(long, value_name = "NAME", default_value = "recorder")]
     name: String,
-    /// All bags in one folder, in place of SERVER/SESSION/
+    /// Put all bags into one folder instead of SERVER/SESSION/
     #[arg(long)]
     flat: bool,
-    /// File with the key that the servers have, too (`fiatlux keys` makes one): records are sealed by it
+    /// File with the key that the servers have too (`fiatlux keys` makes one): records are sealed with it
     #[arg(long, value_name = "FILE")]
     recorder_key: PathBuf,
     #[command(flatten)]
@@ -43,7 +43,7 @@ Examples:
   recorder --out bags --recorder-key recorder.key    sessions of the server on this machine
   recorder --settings recorder.toml                  with the flags that a file has; deploy/settings/recorder.toml shows all";
 
-/// Finished with data loss.
+/// Exit code for data loss.
 const CUT: u8 = 3;
 
 fn main() -> ExitCode {
@@ -59,7 +59,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Records until it is told to stop; returns whether a bag is cut or unfinished.
+/// Records until it is told to stop; returns whether any bag is cut or unfinished.
 fn run(cli: Cli) -> anyhow::Result<bool> {
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for signals")?;
     std::fs::create_dir_all(&cli.out).with_context(|| format!("cannot make the folder {}", cli.out.display()))?;
@@ -89,12 +89,12 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
     fiatlux_link::wait_for(&stop);
     let unfinished = recorder.stop();
     for part in &unfinished {
-        tracing::warn!("{} is unfinished; a recorder started now with the same --out goes on with it", part.display());
+        tracing::warn!("{} is unfinished; a recorder started now with the same --out continues it", part.display());
     }
     Ok(any_cut.load(Ordering::Relaxed) || !unfinished.is_empty())
 }
 
-/// One bag on one line.
+/// The line for one bag.
 fn line(BagReport { path, end, .. }: &BagReport) -> String {
     let path = path.display();
     match end {

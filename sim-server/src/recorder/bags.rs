@@ -19,16 +19,16 @@ use tracing::warn;
 use super::{BagEnd, BagReport, Naming, Shared};
 use fiatlux_wire::{Frames, hands_named, layout_of, read_row};
 
-/// Rows from one set of poses to the next: 25 Hz.
+/// Number of rows from one set of poses to the next: 25 Hz.
 const ROWS_PER_FRAMES: u64 = 2;
 
-/// A session that goes on has one of its bags among the newest of the folder; this many are looked at.
+/// Number of newest bags in which to look for one of a session that continues.
 const LATEST: usize = 64;
 
-/// Most bags of one name in a folder.
+/// Largest number of bags with the same name in a folder.
 const MAX_SAME_NAME: u32 = 10_000;
 
-/// Writes the bags of a session, one after the other.
+/// Writes the bags of a session, one after another.
 pub(super) struct Bags {
     folder: PathBuf,
     shared: Arc<Shared>,
@@ -41,7 +41,7 @@ struct OpenBag {
 }
 
 impl Bags {
-    /// Names that come from the network must have been checked.
+    /// Names from the network must have been checked before.
     pub fn new(shared: &Arc<Shared>, server: &str, session: &str) -> Self {
         let folder = match shared.naming {
             Naming::Flat => shared.out.clone(),
@@ -50,9 +50,9 @@ impl Bags {
         Self { folder, shared: Arc::clone(shared), open: None }
     }
 
-    /// Takes up the bag that an earlier recorder left of this session, if there is one.
+    /// Opens the unfinished bag that an earlier recorder left of this session, if there is one.
     pub fn resume(&mut self, server: &str, session: &str) -> Option<(EpisodeHeader, u64)> {
-        // The last episode of the session: what is left of earlier ones was given up.
+        // Only the session's last episode: earlier unfinished bags were given up.
         let mut parts = self.files("part");
         parts.sort();
         let of_session = |part: PathBuf| Some((header_of(&part, server, session)?.episode, part));
@@ -64,13 +64,13 @@ impl Bags {
                 Some((resumed.header, next_step))
             }
             Err(error) => {
-                warn!(part = %part.display(), error = &error as &dyn std::error::Error, "an unfinished bag stays as it is");
+                warn!(part = %part.display(), error = &error as &dyn std::error::Error, "leaving an unfinished bag as it is");
                 None
             }
         }
     }
 
-    /// Whether an earlier recorder has finished bags of this session here: its first rows are on disk then.
+    /// Whether an earlier recorder has finished bags of this session here, so that its first rows are on disk.
     pub fn are_begun(&self, server: &str, session: &str) -> bool {
         let modified = |bag: &PathBuf| fs::metadata(bag).and_then(|found| found.modified()).ok();
         let mut bags: Vec<_> = self.files("mcap").into_iter().map(|bag| (modified(&bag), bag)).collect();
@@ -94,7 +94,7 @@ impl Bags {
         self.open.map(|open| part_of(open.writer.path()))
     }
 
-    /// Writes; `false` when the open bag had to be given up, which is reported.
+    /// Writes; returns `false` if the open bag had to be given up, which is also reported.
     pub fn write(&mut self, write: Write) -> bool {
         let done = match write {
             Write::Open(header) => self.start(&header),
@@ -109,7 +109,7 @@ impl Bags {
     }
 
     fn start(&mut self, header: &EpisodeHeader) -> Result<(), BagError> {
-        // The task's own short name: the header's text may be anything.
+        // The task's own short name, because the header's text may be anything.
         let task = header.task.parse::<Task>().map_or("unknown", Task::short_id);
         let ticket = header.run.as_ref().filter(|ticket| self.shared.naming == Naming::ByRun && is_name(&ticket.run));
         let (folder, name) = match ticket.filter(|_| is_name(&header.server)) {
@@ -122,7 +122,7 @@ impl Bags {
             let name = if number == 1 { format!("{name}.mcap") } else { format!("{name}-{number}.mcap") };
             let path = folder.join(&name);
             match BagWriter::create(&path, header) {
-                // An earlier recorder had finished it, and died before the server knew: what comes is on disk.
+                // An earlier recorder finished this bag and died before it told the server: these rows are on disk.
                 Err(BagError::Exists { .. }) if is_whole(&path, header) => return Ok(()),
                 Err(BagError::Exists { .. }) => {}
                 Err(error) => return Err(self.refuse(path, header, error)),
@@ -136,7 +136,7 @@ impl Bags {
         Err(self.refuse(path.clone(), header, BagError::Exists { path }))
     }
 
-    /// Reports a bag that cannot be made.
+    /// Reports a bag that cannot be created.
     fn refuse(&self, path: PathBuf, header: &EpisodeHeader, error: BagError) -> BagError {
         let end = BagEnd::Cut(in_full(&error));
         (self.shared.on_bag)(BagReport { path, header: header.clone(), end });
@@ -171,31 +171,31 @@ impl Bags {
         true
     }
 
-    /// Reports a bag that cannot be written; what there is of it stays unfinished.
+    /// Reports a bag that cannot be written; its file stays unfinished.
     fn fail(&mut self, error: &BagError) {
         match self.open.take() {
             Some(OpenBag { header, writer }) => {
                 let path: &Path = &part_of(writer.path());
                 (self.shared.on_bag)(BagReport { path: path.into(), header, end: BagEnd::Cut(in_full(error)) });
             }
-            None => warn!(error = error as &dyn std::error::Error, "an episode is not recorded"),
+            None => warn!(error = error as &dyn std::error::Error, "cannot record an episode"),
         }
     }
 }
 
-/// The header of a bag, where that is one of this session.
+/// The header of a bag, if it belongs to this session.
 fn header_of(bag: &Path, server: &str, session: &str) -> Option<EpisodeHeader> {
     let bag = Bag::open(bag).ok()?;
     let header = bag.header();
     (header.server == server && header.session == session).then(|| header.clone())
 }
 
-/// Whether the whole bag of this very episode is there.
+/// Whether a whole bag of this very episode exists.
 fn is_whole(path: &Path, header: &EpisodeHeader) -> bool {
     Bag::open(path).is_ok_and(|bag| bag.header() == header && *bag.completeness() == Completeness::Whole)
 }
 
-/// Encoded poses of a row; none where the record has none, or no readable one, or the robot is not known here.
+/// Encoded poses of a row; `None` if the record has no readable row, or the robot is unknown here.
 fn frames(known: &BTreeMap<HandKind, Frames>, header: &EpisodeHeader, state: &[u8]) -> Option<Vec<u8>> {
     if state.is_empty() {
         return None;

@@ -1,4 +1,4 @@
-//! A thread that follows some of the sessions: Zenoh's callbacks only put into its queue, it writes bags.
+//! A thread that follows some of the sessions and writes their bags; Zenoh's callbacks only put events into its queue.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -21,19 +21,19 @@ use zenoh::{Session as Zenoh, Wait};
 use super::Shared;
 use super::bags::Bags;
 
-/// Between two looks at all sessions.
+/// Time between two checks of all sessions.
 const TICK: Duration = Duration::from_millis(50);
 
-/// An answer takes no longer.
+/// Longest wait for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// What a worker is told; sessions go by the key of their token.
+/// Events for a worker; sessions are identified by the key of their token.
 pub(super) enum WorkerEvent {
-    /// The token of a session is there.
+    /// The token of a session has appeared.
     Live(Arc<str>),
     /// The token of a session is gone.
     Gone(Arc<str>),
-    /// A record, sent or asked for.
+    /// A record, published or requested.
     StepRecord(Arc<str>, ZBytes),
     /// The answer to a session's request is complete.
     Answered(Arc<str>),
@@ -41,7 +41,7 @@ pub(super) enum WorkerEvent {
     Stop,
 }
 
-/// Puts a session's records into the queue. Those over the limit are dropped, and asked for again.
+/// Puts a session's records into the queue. Records over the limit are dropped and requested again.
 #[derive(Clone)]
 pub(super) struct Inlet {
     key: Arc<str>,
@@ -60,9 +60,9 @@ impl Inlet {
     }
 }
 
-/// The inlets of all sessions that are followed, by the key of their records.
+/// The inlets of all followed sessions, by the key of their records.
 ///
-/// One subscription serves them all: to Zenoh each further one costs as much as there are, and anybody can announce sessions.
+/// A single subscription serves them all: in Zenoh each further one costs more, and anybody can announce sessions.
 pub(super) type Inlets = RwLock<BTreeMap<String, Inlet>>;
 
 /// A session's place among the inlets.
@@ -101,22 +101,22 @@ struct Followed {
     bags: Bags,
     /// The key that unseals its records.
     rows: Option<RowsKey>,
-    /// Somebody withdrew its token, not always its server.
+    /// The token was withdrawn, not necessarily by the server.
     is_gone: bool,
-    /// A record of it has come.
+    /// A record of the session has arrived.
     is_heard: bool,
     since: Duration,
     _listed: Listed,
 }
 
-/// What runs on a worker's thread.
+/// State of a worker's thread.
 pub(super) struct Worker {
     pub zenoh: Zenoh,
     pub shared: Arc<Shared>,
     pub inbox: Receiver<WorkerEvent>,
     pub queue: Sender<WorkerEvent>,
     pub start: Instant,
-    /// Sessions that it follows of which no record has come.
+    /// Largest number of sessions to follow that have sent no record.
     pub max_unheard: usize,
 }
 
@@ -170,11 +170,11 @@ impl Worker {
                     Some(rows) => rows.open(&bytes.to_bytes()),
                 };
                 let Some(record) = record else {
-                    return debug!(%key, "a record that is not the server's is dropped");
+                    return debug!(%key, "dropping a record that is not the server's");
                 };
                 session.is_heard = true;
                 if session.is_gone {
-                    // Whoever withdrew the token: the server is gone once it has been silent for as long.
+                    // Whoever withdrew the token: the server is gone once it has been silent for that long.
                     session.state.handle(Input::ServerSeen, now);
                     session.state.handle(Input::ServerGone, now);
                 }
@@ -196,21 +196,21 @@ impl Worker {
         let name = &self.shared.name;
         let state = match bags.resume(server, session) {
             Some((header, next_step)) => {
-                info!(%key, next_step, "an unfinished bag is taken up");
+                info!(%key, next_step, "continuing an unfinished bag");
                 RecorderSession::resume(name, header, next_step, now)
             }
             None if bags.are_begun(server, session) => RecorderSession::again(name, now),
             None => RecorderSession::new(name, now),
         };
         let sealed_by = self.shared.key.as_ref().map(|key| RowsKey::of_recorder(key, server, session)).transpose();
-        let rows = sealed_by.map_err(|error| warn!(%key, %error, "a session is not recorded")).ok()?;
+        let rows = sealed_by.map_err(|error| warn!(%key, %error, "cannot record a session")).ok()?;
         let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default() };
         let listed = Listed::new(&self.shared, keys.truth_row(), inlet.clone());
-        debug!(%key, "a session is recorded");
+        debug!(%key, "recording a session");
         Some(Followed { keys, inlet, state, bags, rows, is_gone: false, is_heard: false, since: now, _listed: listed })
     }
 
-    /// Gives a session an input and does what it wants done; returns whether it goes on.
+    /// Gives a session an input and carries out what it asks for; returns whether it continues.
     fn advance(&self, session: &mut Followed, input: Input, now: Duration) -> bool {
         session.state.handle(input, now);
         while let Some(output) = session.state.poll() {
@@ -243,7 +243,7 @@ impl Worker {
             .attachment(proof)
             .target(QueryTarget::All)
             .encoding(Encoding::from(encoding("StepRecordRequest")));
-        // All replies have one key, and each counts.
+        // All replies have the same key, and each one counts.
         let asked = asked.consolidation(ConsolidationMode::None).timeout(ANSWER_TIMEOUT);
         if let Err(error) = asked.callback(take).wait() {
             warn!(key = %session.inlet.key, %error, "cannot ask for records");
@@ -260,7 +260,7 @@ impl Worker {
     }
 }
 
-/// Follows the oldest session no more of which nothing has come, where there are too many of them.
+/// If too many sessions have sent nothing, stops following the oldest of them.
 fn make_room(sessions: &mut BTreeMap<Arc<str>, Followed>, max_unheard: usize) {
     let unheard = || sessions.iter().filter(|(_, session)| !session.is_heard);
     if unheard().count() < max_unheard {
@@ -268,7 +268,7 @@ fn make_room(sessions: &mut BTreeMap<Arc<str>, Followed>, max_unheard: usize) {
     }
     let oldest = unheard().min_by_key(|(_, session)| session.since).map(|(key, _)| Arc::clone(key));
     if let Some(key) = oldest {
-        debug!(%key, "too many sessions are announced; this one has sent no record and is followed no more");
+        debug!(%key, "too many sessions are announced; no longer following this one, which has sent no record");
         sessions.remove(&key);
     }
 }

@@ -1,4 +1,4 @@
-//! One session among others: its inbox, which never grows without bound, and its way out.
+//! One session among others: its bounded inbox, and its outgoing messages.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -26,10 +26,10 @@ use super::runs::Attempt;
 /// A session whose replies go to those who asked over Zenoh.
 pub(super) type Session = ServerSession<Simulation, Asker>;
 
-/// Where a reply goes.
+/// Destination of a reply.
 #[derive(Debug)]
 pub(super) enum Asker {
-    /// To the client's query on that key, of that number; the gate knows who waits for it.
+    /// The client's query on this key with this number; the gate knows who waits for it.
     Client(&'static str, u64),
     /// To a recorder's query.
     Recorder(Query),
@@ -40,18 +40,18 @@ pub(super) struct Actor {
     pub id: String,
     pub session: Mutex<Session>,
     inbox: Mutex<Inbox>,
-    /// Gone once the session is done.
+    /// `None` once the session is done.
     pub wire: Mutex<Option<Wire>>,
-    /// Of the run whose episode it plays.
+    /// The attempt at an episode of a run that it plays, if any.
     pub attempt: Option<Arc<Attempt>>,
     pub gate: Arc<Gate>,
-    /// Seals its records; without one they stay in this process.
+    /// Seals the session's records; without it they stay in this process.
     pub rows: Option<RowsKey>,
-    /// Its records are for its opener.
+    /// Only the session's opener gets its records.
     pub is_replay: bool,
-    /// When it is closed unless somebody has claimed it.
+    /// Time at which it is closed unless somebody has claimed it.
     pub claim_by: Duration,
-    /// Somebody withdrew the client's token since its last message, not always the client.
+    /// The client's token was withdrawn since its last message, not necessarily by the client.
     pub token_gone: AtomicBool,
     /// The furthest acknowledgement so far.
     pub acknowledged: Mutex<Option<u64>>,
@@ -62,22 +62,22 @@ pub(super) struct Actor {
 #[derive(Default)]
 struct Inbox {
     inputs: VecDeque<(Side, Input<Asker>)>,
-    /// How many of each side wait.
+    /// Number of waiting messages of each side.
     waiting: [usize; 3],
     dropped: u64,
     tick: bool,
     /// It is in the run queue, or a worker has it.
     scheduled: bool,
-    /// The earliest time that the timer holds for it.
+    /// The earliest time for which the timer holds it.
     wake_at: Option<Duration>,
 }
 
-/// Whose messages: each side has its own bound, so that a flood of one does not drown the other.
+/// Sender of a message: each side has its own limit, so that a flood of one does not drown the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Side {
     Client,
     Recorder,
-    /// The server's own, few and without a bound.
+    /// The server's own messages, which are few and have no limit.
     Server,
 }
 
@@ -99,23 +99,24 @@ impl Actor {
         }
     }
 
-    /// Whether nobody has claimed it in time.
+    /// Whether the time to claim it has passed.
     pub fn is_unclaimed(&self, now: Duration) -> bool {
         now >= self.claim_by && !self.gate.is_claimed()
     }
 
-    /// When it has to be looked at.
+    /// When the session needs attention.
     pub fn wake_at(&self, session: &Session, now: Duration) -> Option<Duration> {
         let claim = (now < self.claim_by && !self.gate.is_claimed()).then_some(self.claim_by);
         session.wake_at().into_iter().chain(claim).min()
     }
 
-    /// Whether its client shows by a message that it is there, after its token was withdrawn.
+    /// Whether a message of its client has just shown that it exists, after its token was withdrawn.
     pub fn shows_up(&self) -> bool {
         self.token_gone.load(Ordering::Relaxed) && self.token_gone.swap(false, Ordering::Relaxed)
     }
 
-    /// Takes a message in; returns whether the session has to be scheduled. Messages over the limit are counted and dropped.
+    /// Takes in a message; returns whether the session must be scheduled. Messages over the limit are counted and
+    /// dropped.
     #[must_use]
     pub fn push(&self, side: Side, input: Input<Asker>) -> bool {
         let mut inbox = lock(&self.inbox);
@@ -136,7 +137,7 @@ impl Actor {
         !std::mem::replace(&mut inbox.scheduled, true)
     }
 
-    /// The time has come that the session asked for.
+    /// Notes that the time has come for which the session asked.
     #[must_use]
     pub fn tick(&self) -> bool {
         let mut inbox = lock(&self.inbox);
@@ -159,14 +160,14 @@ impl Actor {
         (count > 0).then_some(Input::Dropped(count))
     }
 
-    /// Whether the worker may leave it: nothing has come meanwhile.
+    /// Whether the worker may leave it, because nothing has arrived meanwhile.
     pub fn park(&self) -> bool {
         let mut inbox = lock(&self.inbox);
         inbox.scheduled = inbox.tick || inbox.dropped > 0 || !inbox.inputs.is_empty();
         !inbox.scheduled
     }
 
-    /// Whether the timer has to be told of a time; it holds an earlier one otherwise.
+    /// Whether the timer needs this time, because it holds no earlier one.
     #[must_use]
     pub fn wakes_earlier(&self, at: Duration) -> bool {
         let mut inbox = lock(&self.inbox);
@@ -178,7 +179,7 @@ impl Actor {
     }
 }
 
-/// What a session sends with.
+/// The publishers of a session.
 pub(super) struct Wire {
     pub observation: Publisher<'static>,
     pub notice: Publisher<'static>,
@@ -187,8 +188,8 @@ pub(super) struct Wire {
 }
 
 impl Wire {
-    /// Every message may be dropped on the way, and is asked for again then: a peer that does not read costs the server
-    /// nothing but that. Records leave the process sealed alone. Recorders do not look for a session that `is_replay`.
+    /// Every message may be dropped on the way and is then requested again: a peer that does not read costs the server
+    /// nothing more. Records leave the process only sealed. Recorders ignore a session that `is_replay`.
     pub fn declare(zenoh: &Zenoh, keys: &SessionKeys, is_sealed: bool, is_replay: bool) -> zenoh::Result<Self> {
         let records_to = if is_sealed { Locality::Any } else { Locality::SessionLocal };
         let publisher = |key: String, message: &str, priority: Priority, express: bool, to: Locality| {

@@ -1,4 +1,4 @@
-//! What keeps strangers out of a session: each message of its client is checked before it is queued, and each answer sealed.
+//! Keeps strangers out of a session: checks each message of its client before it is queued, and seals each answer.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Mutex;
@@ -11,20 +11,20 @@ use zenoh::query::Query;
 
 use super::lock;
 
-/// Answers that are kept for those who ask the same once more. A client waits for one or two at a time.
+/// Number of answers kept for repeated queries. A client waits for one or two at a time.
 const MAX_ANSWERED: usize = 8;
-/// Copies of one query that wait for its answer.
+/// Largest number of copies of one query that may wait for its answer.
 const MAX_COPIES: usize = 64;
-/// Between two lines in the log about what was refused.
+/// Time between two lines in the log about refused messages.
 const TELLING_PERIOD: Duration = Duration::from_secs(1);
 
-/// One session's guard. A copy of a client's query gets the answer of the first: whoever sees a query on the network may send
-/// it before the client's own arrives.
+/// The guard of one session. A copy of a client's query gets the answer of the first: whoever sees a query on the
+/// network may send it before the client's own arrives.
 pub(super) struct Gate(Mutex<State>);
 
 struct State {
     channel: Channel,
-    /// Who waits for the answer to the query of that number.
+    /// Queries that wait for the answer of each number.
     asked: BTreeMap<u64, Vec<Query>>,
     answered: VecDeque<(u64, Sealed)>,
     is_claimed: bool,
@@ -41,15 +41,15 @@ pub(super) struct Sealed {
     pub attachment: [u8; SEAL_BYTES],
 }
 
-/// What becomes of a query.
+/// What to do with a query.
 pub(super) enum Asked {
-    /// It is to be answered, under that number.
+    /// It is to be answered, under this number.
     New(u64),
     /// It was answered before.
     Again(Box<Sealed>, Query),
-    /// It waits with an earlier copy, or its answer is forgotten.
+    /// Nothing: it waits with an earlier copy, or its answer is forgotten.
     Nothing,
-    /// It is not the client's.
+    /// It does not come from the client.
     Foreign(Query),
 }
 
@@ -59,7 +59,7 @@ impl Gate {
         Self(Mutex::new(State { channel, asked, answered, is_claimed: false, told_at: None, told: 0 }))
     }
 
-    /// Whether a message is the client's, and new.
+    /// Whether a message comes from the client and is new.
     pub fn takes(&self, label: &str, payload: &[u8], attachment: Option<&ZBytes>) -> bool {
         let mut state = lock(&self.0);
         let attachment = attachment.map(ZBytes::to_bytes).unwrap_or_default();
@@ -68,7 +68,7 @@ impl Gate {
         takes
     }
 
-    /// Takes a query in.
+    /// Takes in a query.
     pub fn ask(&self, label: &str, payload: &[u8], query: Query) -> Asked {
         let mut state = lock(&self.0);
         let attachment = query.attachment().map(ZBytes::to_bytes).unwrap_or_default().into_owned();
@@ -104,27 +104,27 @@ impl Gate {
         (sealed, state.asked.remove(&number).unwrap_or_default())
     }
 
-    /// The query is not answered: the client asks again.
+    /// Forgets a query without an answer: the client asks again.
     pub fn forget(&self, number: u64) {
         lock(&self.0).asked.remove(&number);
     }
 
-    /// Nothing that was asked is answered any more.
+    /// Forgets all queries, which then get no answer.
     pub fn forget_all(&self) {
         lock(&self.0).asked.clear();
     }
 
-    /// The attachment of a message to the client.
+    /// The attachment for a message to the client.
     pub fn seal(&self, label: &str, payload: &[u8]) -> [u8; SEAL_BYTES] {
         lock(&self.0).channel.seal(Label::Message(label), payload)
     }
 
-    /// Whether anything of its client has come.
+    /// Whether anything from its client has arrived.
     pub fn is_claimed(&self) -> bool {
         lock(&self.0).is_claimed
     }
 
-    /// How many messages were refused since it was last said, at most once a second.
+    /// Number of messages refused since the last report, at most once a second.
     pub fn refused(&self, now: Duration) -> Option<u64> {
         let mut state = lock(&self.0);
         let count = state.channel.refused() - state.told;

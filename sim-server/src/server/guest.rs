@@ -1,4 +1,4 @@
-//! Who asks for something, and how the server greets them.
+//! Clients that ask for something, and how the server greets them.
 
 use fiatlux_access::{Identity, Reply, Secrets, is_proof, welcome};
 use fiatlux_proto::v3::refusal::Code;
@@ -7,23 +7,23 @@ use fiatlux_proto::{Message, PROTOCOL};
 
 use super::shared::Shared;
 
-/// A client that has said who it is, with the request that it made.
+/// A client that has identified itself, with its request.
 pub(super) struct Guest<'a> {
     hello: &'a Hello,
     request: &'a [u8],
-    /// Tells it from others: by its token, or else by what it says itself.
+    /// Identifies the client: by its token, or else by what it says itself.
     pub peer: String,
-    /// Sessions that its token grants.
+    /// Number of sessions that its token grants; `None` without tokens.
     pub limit: Option<usize>,
 }
 
 impl<'a> Guest<'a> {
-    /// The same peer with another request.
+    /// A guest for another request of the same peer.
     pub fn again(hello: &'a Hello, request: &'a [u8], peer: &str, limit: Option<usize>) -> Self {
         Self { hello, request, peer: peer.into(), limit }
     }
 
-    /// The server's half of the exchange, for a reply with that content.
+    /// The server's half of the exchange, for a reply with this content.
     pub fn welcome(
         &self,
         identity: &Identity,
@@ -37,7 +37,7 @@ impl<'a> Guest<'a> {
 }
 
 impl Shared {
-    /// Lets a client in, or says why not. `proof` is of its token.
+    /// Admits a client, or says why not. `proof` is the proof of its token.
     pub fn admit<'a>(
         &self,
         hello: Option<&'a Hello>,
@@ -67,7 +67,8 @@ impl Shared {
         Ok(Guest { hello, request, peer: format!("token {}", grant.id()), limit: Some(limit) })
     }
 
-    /// Signs a refusal, so that nobody else can refuse in the server's place; only a request with a hello can be answered so.
+    /// Signs a refusal, so that nobody else can refuse in the server's place; only a request with a hello can be
+    /// answered this way.
     pub fn sign(&self, hello: Option<&Hello>, request: &[u8], refusal: &Refusal) -> Option<Welcome> {
         let content = refusal.encode_to_vec();
         let guest = Guest { hello: hello?, request, peer: String::new(), limit: None };

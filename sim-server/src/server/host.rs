@@ -1,4 +1,4 @@
-//! The simulation of a session: its episodes, and what its client senses and its bag has of them, as messages.
+//! The simulation of a session: its episodes, and what its client senses and its bag stores of them, as messages.
 
 #[cfg(test)]
 pub(super) mod tests;
@@ -35,21 +35,21 @@ pub(super) struct Simulation {
     /// Label of the weights of the camera's features; empty without them.
     weights: String,
     run: Option<Run>,
-    /// At an episode of a run.
+    /// The attempt at an episode of a run that it plays.
     attempt: Option<Arc<Attempt>>,
-    /// The identity that signs the results.
+    /// Identity that signs the results.
     signer: Option<Arc<Identity>>,
 }
 
 #[derive(Debug)]
 struct Run {
     episode: Episode,
-    /// None before row 0 is recorded.
+    /// `None` before row 0 is recorded.
     record: Option<Record>,
     observation: Observation,
-    /// Some number of the last action was outside the box [-1, 1].
+    /// Whether a number of the last action was outside the box [-1, 1].
     outside_box: bool,
-    /// Actions on their way to the robot, the next one first.
+    /// Actions on their way to the robot, next one first.
     delayed: VecDeque<Vec<f64>>,
 }
 
@@ -71,17 +71,17 @@ impl Simulation {
         }
     }
 
-    /// Of a run: it plays one episode, and must repeat what earlier attempts at that had.
+    /// Makes it play one episode of a run, which must repeat the rows of earlier attempts.
     pub fn of_run(self, attempt: Option<Arc<Attempt>>) -> Self {
         Self { attempt, ..self }
     }
 
-    /// Its results are signed.
+    /// Makes it sign its results.
     pub fn signed_by(self, signer: Option<Arc<Identity>>) -> Self {
         Self { signer, ..self }
     }
 
-    /// What a client is told of the session, its timeouts aside.
+    /// What a client learns about the session, apart from its timeouts.
     pub fn info(&self) -> SessionInfo {
         info::session(&self.server, &self.id, &self.plan, self.labels(), &self.built.scene)
     }
@@ -108,7 +108,7 @@ impl Host for Simulation {
             .begin(episode.scene(), NoiseSeed::of(&spec), || built.visuals(), Lighting::of(&spec.light()))
             .and_then(|()| observe(suite, &episode, self.plan.sensors.due(0)))
             .map_err(|error| sensors_fail(&error))?;
-        // Until the first action arrives the staged posture holds.
+        // Until the first action arrives, the staged posture holds.
         let delayed = VecDeque::from(vec![episode.row().action.clone(); self.plan.action_delay]);
         let run = Run { episode, record: None, observation, outside_box: false, delayed };
         Ok(&self.run.insert(run).observation)
@@ -120,7 +120,7 @@ impl Host for Simulation {
             Command::Action(action) => Cow::Borrowed(action),
             Command::JointTarget(target) => Cow::Owned(run.episode.action_for(target)),
         };
-        // Of the action that arrived, as it is recorded; the row has the one that acts.
+        // Flags of the action that arrived and is recorded; the row has the one that takes effect.
         run.outside_box = action.iter().any(|number| number.abs() > 1.0);
         let acting = if self.plan.action_delay == 0 {
             action
@@ -172,7 +172,7 @@ impl Host for Simulation {
     }
 }
 
-/// Tells an attempt at an episode of a run of a row, which may have to be one that was seen before.
+/// Passes a row on to an attempt at an episode of a run, which may have to repeat an earlier row.
 fn note_row(attempt: Option<&Attempt>, episode: &Episode) -> Result<(), Refusal> {
     let (step, is_last) = (episode.row().step, episode.end().is_some());
     attempt.map_or(Ok(()), |attempt| attempt.row(step, episode.digest(), is_last))
@@ -199,12 +199,12 @@ fn sensors(names: &[String], plan: &SensorPlan) -> Result<Sensors, Refusal> {
     Ok(asked)
 }
 
-/// What a policy sees in the last row.
+/// The observation of the last row.
 fn observe(suite: &mut SensorSuite, episode: &Episode, due: Sensors) -> Result<Observation, SenseError> {
     Ok(Observation { end: record::end(episode), ..suite.observe(&View::of(episode), due)? })
 }
 
-/// What the bag has of the last row, whose observation has been published.
+/// What the bag stores of the last row, whose observation has been published.
 fn recorded(
     suite: &mut SensorSuite,
     episode: &Episode,
@@ -212,7 +212,7 @@ fn recorded(
     large: bool,
     published: &Observation,
 ) -> Result<Seen, SenseError> {
-    /// Those that have topics of their own.
+    /// Sensors that have topics of their own.
     const APART: Sensors = Sensors::of(&[Sensor::Camera, Sensor::Lidar]);
     let step = episode.row().step;
     let wanted = sensors.recorded(step);

@@ -1,4 +1,4 @@
-//! What a server says of itself, of its tasks, and of a session.
+//! Descriptions of a server, of its tasks and of a session.
 
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
@@ -13,7 +13,7 @@ use fiatlux_wire::{domain_sample_message, drive_message, footprint_messages, geo
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Of a server; the number of open sessions is left at 0.
+/// Description of a server; the number of open sessions stays 0.
 pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneConfig) -> ServerInfo {
     ServerInfo {
         protocol: Some(PROTOCOL),
@@ -50,7 +50,7 @@ fn hand_bodies(robot: &Robot) -> Vec<String> {
     robot.hand_links().iter().map(|link| robot.links()[*link].name.clone()).collect()
 }
 
-/// The joints of a scene's robot with the gains in force, as a client is told of them.
+/// The joints of a scene's robot with the gains in force, as clients receive them.
 pub fn joints(scene: &Scene) -> Vec<Joint> {
     let robot = &scene.robot;
     let joints = robot.joints().iter().zip(robot.q0()).zip(&scene.spec.gains.0);
@@ -67,14 +67,14 @@ pub fn joints(scene: &Scene) -> Vec<Joint> {
     joints.map(joint).collect()
 }
 
-/// What pictures and features are made with, besides the scene; empty where there is nothing to name.
+/// Labels of weights and meshes that pictures and features are made with; empty where there is nothing to name.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Labels<'a> {
     pub weights: &'a str,
     pub meshes: &'a str,
 }
 
-/// Of a session, its timeouts aside.
+/// Description of a session, without its timeouts.
 pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, scene: &Scene) -> SessionInfo {
     SessionInfo {
         protocol: Some(PROTOCOL),

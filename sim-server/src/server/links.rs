@@ -1,4 +1,4 @@
-//! Requests to runs: a client greets the server once, and proves by the keys of that link what it asks for later.
+//! Requests to runs: a client greets the server once, and proves later requests with the keys of that link.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -18,10 +18,10 @@ use super::plan;
 use super::runs::Run;
 use super::shared::Shared;
 
-/// Links that are kept; a client whose link is forgotten greets once more.
+/// Largest number of links to keep; a client whose link is forgotten greets again.
 const MAX_LINKS: usize = 1024;
 
-/// A client of a run, since it has shown that it holds the run's key.
+/// A client of a run that has proved that it holds the run's key.
 pub(super) struct Link {
     run: Arc<Run>,
     peer: String,
@@ -36,7 +36,7 @@ pub(super) struct Links(Mutex<Known>);
 #[derive(Default)]
 struct Known {
     links: BTreeMap<String, Arc<Link>>,
-    /// Their ids, the oldest first.
+    /// Their ids, oldest first.
     order: VecDeque<String>,
 }
 
@@ -57,18 +57,18 @@ impl Links {
     }
 }
 
-/// A request to a run, as the thread that serves runs gets it.
+/// A request to a run, for the thread that serves runs.
 pub(super) enum RunJob {
-    /// With its payload, its attachment and the digest by which it is known.
+    /// A greeting, with its payload, its attachment and the digest that identifies it.
     Greeting(Box<RunRequest>, Bytes, Vec<u8>, Digest),
-    /// Of a link, with its payload and number.
+    /// A request over a link, with its payload and number.
     Ask(Box<RunRequest>, Bytes, Arc<Link>, u64),
 }
 
 type Answered = Result<(run_reply::Reply, Option<Welcome>), Refusal>;
 
 impl Shared {
-    /// What the thread does that serves runs.
+    /// Serves requests to runs; the body of a thread.
     pub fn serve_runs(&self) {
         while let Some(job) = self.run_requests.next() {
             let carry_out = || match &job {
@@ -101,7 +101,7 @@ impl Shared {
         }
     }
 
-    /// Registers a run or takes one up, for a client that holds its key.
+    /// Registers or resumes a run, for a client that holds its key.
     fn greet(&self, request: &RunRequest, payload: &[u8], attachment: &[u8]) -> Answered {
         plan::check_version(request.protocol.as_ref())?;
         let (signature, proof) = attachment.split_at(attachment.len().min(SIGNATURE_BYTES));
@@ -160,7 +160,7 @@ impl Shared {
     }
 }
 
-/// A request that needs a link and has none that is known.
+/// The refusal of a request whose link is missing or unknown.
 pub(super) fn no_link() -> Refusal {
     Refusal::new(Code::Closed, "link", "there is no such link; register the run or ask for its status, which gives one")
 }

@@ -1,4 +1,4 @@
-//! What arrives over Zenoh: each message is checked in its callback, and put into an inbox or a queue.
+//! Receives messages over Zenoh: a callback checks each one and puts it into an inbox or a queue.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -25,19 +25,19 @@ use super::pool::{AnswerKind, Job};
 use super::shared::{Shared, names_one_server, refuse, reply};
 use super::shell::{Endpoint, Server, ServerError, refused};
 
-/// Requests to open or describe that wait for a worker; more are refused.
+/// Largest number of waiting requests to open or describe; more are refused.
 const MAX_REQUESTS: usize = 256;
 
-/// Largest message whose sender is looked for: beyond it nobody is told.
+/// Largest message whose sender is looked up; beyond it nobody is told.
 const MAX_CHECKED: usize = limits::MAX_SERVER_MESSAGE;
 
 impl Server {
-    /// Declares all that the server answers and hears.
+    /// Declares everything that the server answers and receives.
     pub(super) fn listen(&mut self) -> Result<(), ServerError> {
         let keys = &self.shared.keys;
         let any = keys.session("*");
         let (describe, open, run) = (keys.describe(), keys.open(), keys.run());
-        // Only a recorder that has the key says what is on disk, or one in this process.
+        // Only a recorder with the key, or one in this process, may say what is on disk.
         let acks_from = if self.shared.recorder_key.is_none() { Locality::SessionLocal } else { Locality::Any };
         let jobs =
             |shared: &Shared| shared.queue.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))));
@@ -58,13 +58,13 @@ impl Server {
         self.refuse_legacy(legacy.describe())
     }
 
-    /// Queries of clients of older versions, which would wait in vain otherwise.
+    /// Answers clients of older versions, which would otherwise wait in vain.
     fn refuse_legacy(&mut self, key: String) -> Result<(), ServerError> {
         let message = format!("this server speaks protocol {PROTOCOL} alone; update the client to that version");
         self.declare_queryable(Locality::Any, key, move |query| reject(&query, Code::Version, "protocol", &message))
     }
 
-    /// Messages to any session.
+    /// Subscribes to messages for any session.
     fn subscribe(
         &mut self,
         key: String,
@@ -83,7 +83,7 @@ impl Server {
         Ok(())
     }
 
-    /// Queries of any session's client, on the key that ends so.
+    /// Answers queries of any session's client on the key with this ending.
     fn serve_session(
         &mut self,
         key: String,
@@ -115,7 +115,8 @@ impl Server {
         self.declare_queryable(Locality::Any, key, callback)
     }
 
-    /// Records, for whoever proves to have their key; those without a key stay in this process.
+    /// Answers requests for records, for those who prove that they have the key; without a key records stay in this
+    /// process.
     fn serve_records(&mut self, key: String) -> Result<(), ServerError> {
         for from in [Locality::SessionLocal, Locality::Remote] {
             let shared = Arc::clone(&self.shared);
@@ -133,7 +134,7 @@ impl Server {
                     None => from == Locality::SessionLocal,
                 };
                 if !may {
-                    let message = "records go to the server's recorders alone; give recorder and server the same \
+                    let message = "only the server's recorders get records; give recorder and server the same \
                                    --recorder-key FILE, or read the server's bags";
                     return reject(&query, Code::Closed, "", message);
                 }
@@ -144,7 +145,7 @@ impl Server {
         Ok(())
     }
 
-    /// Queries to the server: `waiting` counts those that are queued already, `push` queues one more.
+    /// Answers queries to the server: `waiting` counts those already queued, `push` queues another one.
     fn serve(
         &mut self,
         key: String,
@@ -176,7 +177,7 @@ impl Server {
         Ok(())
     }
 
-    /// Liveliness tokens of clients.
+    /// Watches liveliness tokens of clients.
     fn watch_clients(&mut self, key: String) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |sample: Sample| {
@@ -203,7 +204,7 @@ fn session_of(shared: &Shared, key: &str) -> Option<Arc<Actor>> {
     shared.find(id)
 }
 
-/// A request to open a session.
+/// Takes in a request to open a session.
 fn take_open(shared: &Shared, query: Query) {
     let key = shared.keys.open();
     if let Err(refusal) = names_one_server(&query, &key) {
@@ -218,7 +219,7 @@ fn take_open(shared: &Shared, query: Query) {
     }
 }
 
-/// A request to a run.
+/// Takes in a request to a run.
 fn take_run(shared: &Shared, query: Query) {
     let key = shared.keys.run();
     let (payload, attachment) = parts(&query);
@@ -257,11 +258,11 @@ fn take_action(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
     shared.send(actor, Side::Client, if is_small { Input::Action(bytes) } else { Input::TooLarge(length) });
 }
 
-/// Only what goes further than the acknowledgements before is news; anybody can send an old one once more.
+/// Only an acknowledgement that goes further than earlier ones is news; anybody can resend an old one.
 fn take_ack(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
     let bytes = own(sample.payload());
     if bytes.len() > limits::MAX_CLIENT_MESSAGE || actor.is_replay {
-        return tracing::debug!(session = actor.id, length = bytes.len(), "an acknowledgement is dropped");
+        return tracing::debug!(session = actor.id, length = bytes.len(), "dropping an acknowledgement");
     }
     if let Some(rows) = &actor.rows {
         let proof = sample.attachment().map(ZBytes::to_bytes).unwrap_or_default();
@@ -278,7 +279,7 @@ fn take_ack(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
     shared.send(actor, Side::Recorder, Input::Ack(bytes));
 }
 
-/// The client has shown that it is there, whatever became of its token.
+/// Notes that the client has shown that it exists, whatever became of its token.
 fn see(shared: &Shared, actor: &Arc<Actor>) {
     if actor.shows_up() {
         shared.send(actor, Side::Server, Input::ClientSeen);
@@ -288,7 +289,7 @@ fn see(shared: &Shared, actor: &Arc<Actor>) {
 fn tell_of_refused(shared: &Shared, actor: &Actor) {
     shared.refused.fetch_add(1, Ordering::Relaxed);
     if let Some(count) = actor.gate.refused(shared.now()) {
-        tracing::warn!(session = actor.id, count, "messages that are not of the session's client are dropped");
+        tracing::warn!(session = actor.id, count, "dropping messages that are not of the session's client");
     }
 }
 
@@ -303,7 +304,8 @@ fn begin_again(shared: &Shared, key: &str, begun: Begun, query: Query) {
     shared.answer(query, AnswerKind::Own(key.into(), message, bytes, attachment));
 }
 
-/// To a query of no session that is open: its former client is told for certain, others as well as it goes.
+/// Answers a query to a session that is not open: its former client gets a sealed answer, others get one on a
+/// best-effort basis.
 fn tell_it_is_over(shared: &Shared, label: &'static str, bytes: &[u8], query: Query) {
     let refusal = Refusal::new(Code::Closed, "", "there is no such session; open one");
     let former = keys::SessionKeys::of(query.key_expr().as_str()).and_then(|(_, _, id)| {
@@ -320,7 +322,7 @@ fn tell_it_is_over(shared: &Shared, label: &'static str, bytes: &[u8], query: Qu
 
 fn answer_refusal(shared: &Shared, gate: &Gate, label: &'static str, number: u64, refusal: Refusal) {
     let (message, bytes) = in_form(label, refusal);
-    // Where a reply has no form for a refusal, the reply itself is one.
+    // If a reply has no form for a refusal, the reply itself is one.
     let label = if message == "Refusal" { "refusal" } else { label };
     shared.answer_client(gate, label, number, message, bytes);
 }
@@ -330,13 +332,14 @@ fn parts(query: &Query) -> (Bytes, Vec<u8>) {
     (query.payload().map(own).unwrap_or_default(), attachment.unwrap_or_default())
 }
 
-/// A refusal on the server's own key: of replies with one key, a query for all servers may keep the last alone.
+/// Sends a refusal on the server's own key: of several replies with one key, a query for all servers may keep only the
+/// last.
 fn reject_on(shared: &Shared, key: String, query: Query, label: &str, refusal: Refusal) {
     let (message, bytes) = in_form(label, refusal);
     shared.answer(query, AnswerKind::Own(key, message, bytes, None));
 }
 
-/// A refusal that nobody is greeted with.
+/// Sends a refusal that is not signed.
 fn reject(query: &Query, code: Code, field: &str, message: &str) {
     reject_with(query, Refusal::new(code, field, message));
 }
@@ -349,7 +352,7 @@ fn reject_with(query: &Query, refusal: Refusal) {
     }
 }
 
-/// A refusal in the form that the query's key asks for, with the name of its message.
+/// A refusal in the form that the query's key calls for, with the name of its message.
 fn in_form(label: &str, refused: Refusal) -> (&'static str, Bytes) {
     match label {
         "open" => {

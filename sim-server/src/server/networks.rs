@@ -1,4 +1,4 @@
-//! Networks for the features of the camera's image, made once and shared by the sessions that use them.
+//! Networks for the features of the camera's image, built once and shared by the sessions that use them.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -11,15 +11,15 @@ use fiatlux_proto::v3::refusal::Code;
 
 use super::lock;
 
-/// Networks that are kept; each takes 95 MB.
+/// Number of networks to keep; each takes 95 MB.
 const KEPT: usize = 3;
-/// Seed of the weights of sessions that name none.
+/// Seed of the weights for sessions that name no file.
 const SEED: u64 = 0;
 
-/// Makes networks from the files of one folder, and from the seed.
+/// Builds networks from the files of one folder, or from the seed.
 pub(super) struct Networks {
     folder: Option<PathBuf>,
-    /// By the name of the file, empty for the seed; the last used is the last.
+    /// Networks by the name of the file (empty for the seed), last used at the end.
     kept: Mutex<VecDeque<(String, ResNet18)>>,
 }
 
@@ -28,12 +28,12 @@ impl Networks {
         Self { folder, kept: Mutex::default() }
     }
 
-    /// A network with the weights of a file, or with seeded ones where the name is empty.
+    /// A network with the weights of a file, or with seeded weights if the name is empty.
     pub fn get(&self, file: &str) -> Result<ResNet18, Refusal> {
         if let Some(twin) = self.find(file) {
             return Ok(twin);
         }
-        // Two sessions may make the same one at once; that costs time only.
+        // Two sessions may build the same one at once; that only costs time.
         let network = ResNet18::new(&self.weights(file)?);
         let twin = network.twin();
         let mut kept = lock(&self.kept);
@@ -64,7 +64,7 @@ impl Networks {
                  weights empty"
             )));
         };
-        // A client names a file of that folder and of no other.
+        // A client can only name a file of that folder.
         if Path::new(file).file_name().is_none_or(|name| name != file) {
             return Err(wrong(format!("'{file}' is not the name of a file; give one without a folder")));
         }
@@ -85,7 +85,7 @@ mod tests {
         assert_eq!(lock(&networks.kept).len(), 1);
     }
 
-    /// A client reaches no file outside the folder, and is told what is wrong with one inside.
+    /// A client reaches no file outside the folder, and learns what is wrong with one inside.
     #[test]
     fn refusals_name_the_file() {
         let folder = std::env::temp_dir().join(format!("fiatlux-weights-{}", std::process::id()));

@@ -1,4 +1,4 @@
-//! Requests that begin something: each is carried out once, however many copies of it come.
+//! Requests that start something: each is carried out once, however many copies of it arrive.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Mutex;
@@ -9,15 +9,15 @@ use zenoh::query::Query;
 
 use super::lock;
 
-/// Answers that are kept for copies of their requests.
+/// Number of answers kept for copies of their requests.
 const MAX_ANSWERED: usize = 256;
-/// Copies of one request that wait for its answer.
+/// Largest number of copies of one request that may wait for its answer.
 const MAX_COPIES: usize = 64;
 
-/// Known by its bytes: a client draws a hello for each request.
+/// Identifies a request by its bytes: a client draws a new hello for each request.
 pub(super) type Digest = [u8; 32];
 
-/// The requests that were made lately.
+/// Recent requests and their answers.
 #[derive(Default)]
 pub(super) struct Opens(Mutex<State>);
 
@@ -38,15 +38,15 @@ pub(super) struct Begun {
     /// Name of its message.
     pub message: &'static str,
     pub bytes: Bytes,
-    /// Of a request to a run.
+    /// Code of the answer, for a request to a run.
     pub attachment: Option<[u8; SEAL_BYTES]>,
 }
 
-/// What becomes of a request.
+/// What to do with a request.
 pub(super) enum Taken {
     /// It is to be carried out.
     New,
-    /// It was carried out before; this is what came of it.
+    /// It was carried out before, with this answer.
     Again(Box<Begun>, Query),
     /// It waits with an earlier copy.
     Joined,
@@ -77,7 +77,7 @@ impl Opens {
         }
     }
 
-    /// Keeps the answer; returns who waits for it.
+    /// Keeps the answer; returns the queries that wait for it.
     pub fn answer(&self, digest: Digest, begun: Begun) -> Vec<Query> {
         let mut state = lock(&self.0);
         let waiting = state.requests.insert(digest, Request::Answered(begun));
@@ -93,7 +93,7 @@ impl Opens {
         }
     }
 
-    /// It was not carried out, and may be sent again.
+    /// Forgets a request that was not carried out, so that it may be sent again.
     pub fn forget(&self, digest: &Digest) {
         lock(&self.0).requests.remove(digest);
     }

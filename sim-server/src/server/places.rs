@@ -1,20 +1,20 @@
-//! Who gets a place on a server: nobody takes them all, and nobody keeps one without using it.
+//! Assigns the places of a server, so that nobody takes them all or keeps one without using it.
 
 use std::sync::Mutex;
 use std::time::Duration;
 
 use super::lock;
 
-/// A session of which no message has come is closed after this time.
+/// Time after which a session is closed if none of its client's messages has arrived.
 pub(super) const CLAIM_TIME: Duration = Duration::from_secs(2);
 
-/// Where the server is full, a session that is not claimed keeps its place for this time.
+/// Time for which an unclaimed session keeps its place when the server is full.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// This many sessions may wait to be claimed even on a small server.
+/// Number of sessions that may wait to be claimed even on a small server.
 const LEAST_UNCLAIMED: usize = 4;
 
-/// The places of a server, from the oldest one on.
+/// The places of a server, oldest first.
 pub(super) struct Places {
     capacity: usize,
     taken: Mutex<Vec<Place>>,
@@ -31,7 +31,7 @@ struct Place {
 pub(super) enum NoPlace {
     /// All places are taken.
     Full,
-    /// The rest is kept for peers that have none.
+    /// The rest is reserved for peers that have none.
     Kept,
     /// The peer has as many as its token grants.
     Limit(usize),
@@ -42,14 +42,14 @@ impl Places {
         Self { capacity, taken: Mutex::default() }
     }
 
-    /// Sessions that clients have.
+    /// Number of places that sessions hold.
     pub fn count(&self) -> usize {
         lock(&self.taken).len()
     }
 
-    /// Gives a session a place; returns the one that has to make room, if any. `limit` is of the peer's token.
+    /// Gives a session a place; returns the session that has to make room, if any. `limit` comes from the peer's token.
     ///
-    /// Of sessions that nobody has claimed, those of the peer with the most of them make room first, from the oldest on.
+    /// Among unclaimed sessions, the oldest ones of the peer with the most of them make room first.
     pub fn take(
         &self,
         session: &str,
@@ -83,7 +83,7 @@ impl Places {
         Ok(leaves)
     }
 
-    /// Whether the session has its place still.
+    /// Whether the session still has its place.
     pub fn has(&self, session: &str) -> bool {
         lock(&self.taken).iter().any(|place| place.session == session)
     }
@@ -130,7 +130,8 @@ mod tests {
         }
     }
 
-    /// A flood under one name costs others nothing, and one under many names only those who do not claim theirs.
+    /// A flood under one name costs others nothing; one under many names costs only those who do not claim their
+    /// sessions.
     #[test]
     fn what_nobody_claims_makes_room() {
         let places = Places::new(64);

@@ -1,4 +1,4 @@
-//! What a client asks for when it opens a session, checked field by field.
+//! Checks a client's request to open a session, field by field.
 
 mod sensors;
 
@@ -19,16 +19,16 @@ use fiatlux_sensing::{Sensors, Setup};
 use fiatlux_wire as wire;
 pub(super) use sensors::SensorPlan;
 
-/// The side of the camera's image unless a session asks for another, pixels.
+/// Default side of the camera's image, pixels.
 const IMAGE_SIDE: u32 = HEAD_PIXELS as u32;
 
-/// The longest delay of actions that a session may ask for, ms.
+/// Longest delay of actions that a session may request, ms.
 const MAX_ACTION_DELAY_MS: u32 = 100;
 
-/// A session as it was asked for.
+/// A session as it was requested.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plan {
-    /// The request as it came.
+    /// The request as it arrived.
     pub request: OpenRequest,
     pub task: Task,
     pub seed: u64,
@@ -47,7 +47,7 @@ pub(super) struct Plan {
     pub reward: Variant,
     /// Control steps from an action's arrival to the step in which it acts.
     pub action_delay: usize,
-    /// Of the run whose episode it plays; none where a client opened the session by itself.
+    /// The run whose episode it plays; `None` if a client opened the session by itself.
     pub ticket: Option<RunTicket>,
 }
 
@@ -56,22 +56,22 @@ impl Plan {
         if self.real_time { Mode::RealTime } else { Mode::Lockstep }
     }
 
-    /// Whether the client must not learn the room from what describes the session.
+    /// Whether the client must not learn the room from the session's description.
     pub fn is_hosted(&self) -> bool {
         self.ticket.as_ref().is_some_and(|ticket| ticket.hosted)
     }
 
-    /// A refusal of a scene or a start. What stands in the way may tell the room: of a hosted one the log alone has it.
+    /// A refusal of a scene or a start. The obstacle may reveal the room, so for a hosted room only the log has it.
     pub fn does_not_start(&self, field: &str, error: &dyn std::error::Error) -> Refusal {
         if self.is_hosted() {
             tracing::warn!(error = in_full(error), "an episode with a hosted seed does not start");
-            let message = "the episode does not start in its room, which is not told; open the run's next one";
+            let message = "the episode does not start in its room, which is secret; open the run's next one";
             return Refusal::new(Code::Start, "", message);
         }
         Refusal::new(Code::Start, field, in_full(error))
     }
 
-    /// What the shapes of its terms depend on.
+    /// The properties that the shapes of its terms depend on.
     pub fn setup(&self, scene: &Scene) -> Setup {
         Setup { protocol: self.protocol, image_size: self.image_size, ..Setup::new(scene, self.task) }
     }
@@ -94,7 +94,7 @@ impl Plan {
     }
 }
 
-/// Reads and checks a request.
+/// Decodes and checks a request.
 #[cfg(test)]
 pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
     let request: OpenRequest = decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
@@ -108,7 +108,7 @@ pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         Ok(Mode::Unspecified | Mode::Lockstep) => false,
         Ok(Mode::RealTime) => true,
         Err(_) => {
-            let message = format!("there is no mode {}; use MODE_LOCKSTEP or MODE_REAL_TIME", request.mode);
+            let message = format!("mode {} does not exist; use MODE_LOCKSTEP or MODE_REAL_TIME", request.mode);
             return Err(unknown("mode", message));
         }
     };
@@ -145,7 +145,7 @@ pub(super) fn check_version(version: Option<&Version>) -> Result<(), Refusal> {
     };
     if !is_compatible(version) {
         let message = format!(
-            "the client speaks {version}, this server {PROTOCOL}; use a client of major version {}",
+            "the client speaks {version}, but this server speaks {PROTOCOL}; use a client of major version {}",
             PROTOCOL.major
         );
         return Err(Refusal::new(Code::Version, "protocol", message));
@@ -157,7 +157,7 @@ fn prop_scale(request: &OpenRequest, randomize: &Randomization) -> Result<PropSc
     let wrong = |message: String| Err(Refusal::new(Code::Value, "prop_scale", message));
     let scale = wire::prop_scale(&request.prop_scale.unwrap_or_default());
     if randomize.prop_scale && scale != PropScale::default() {
-        return wrong("sizes are both given and to be drawn; choose one of the two".into());
+        return wrong("sizes are both given and random; choose one of the two".into());
     }
     scale.check().map(|()| scale).or_else(|error| wrong(error.to_string()))
 }
@@ -173,12 +173,12 @@ fn reward(name: &str) -> Result<Variant, Refusal> {
     let known = [Variant::Benchmark, Variant::Training];
     let found = known.into_iter().find(|reward| name == reward_name(*reward) || name.is_empty());
     found.ok_or_else(|| {
-        let message = format!("there is no reward '{name}'; use one of {}", known.map(reward_name).join(", "));
+        let message = format!("'{name}' is not a known reward; use one of {}", known.map(reward_name).join(", "));
         Refusal::new(Code::Unknown, "reward", message)
     })
 }
 
-/// A delay in ms, in control steps.
+/// Converts a delay in ms to control steps.
 fn action_delay(ms: u32) -> Result<usize, Refusal> {
     let step_ms = (CONTROL_DT * 1e3).round() as u32;
     if ms > MAX_ACTION_DELAY_MS || !ms.is_multiple_of(step_ms) {
@@ -197,7 +197,7 @@ fn image_size(request: &OpenRequest, sensors: &SensorPlan) -> Result<[usize; 2],
     let side = |field: &str, side: u32| {
         let side = if side == 0 { IMAGE_SIDE } else { side };
         if !(least..=most).contains(&side) {
-            let message = format!("{field} is {side} pixels; it must be within {least} and {most}");
+            let message = format!("{field} is {side} pixels; it must be from {least} to {most}");
             return Err(Refusal::new(Code::Value, field, message));
         }
         if with_features && !(side as usize).is_multiple_of(SIDE_STEP) {
@@ -223,7 +223,7 @@ fn gains(name: &str) -> Result<GainSet, Refusal> {
     }
     let unknown = |_| {
         let known = GainSet::ALL.map(GainSet::name).join(", ");
-        let message = format!("there are no gains '{name}'; use one of {known}");
+        let message = format!("'{name}' is not a known set of gains; use one of {known}");
         Refusal::new(Code::Unknown, "gains", message)
     };
     name.parse().map_err(unknown)
@@ -332,13 +332,13 @@ mod tests {
                 OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
                 Code::Version,
                 "protocol",
-                "the client speaks 2.3, this server 3.5",
+                "the client speaks 2.3, but this server speaks 3.5",
             ),
             (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
             (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),
             (OpenRequest { sensors: named(&["smell"]), ..request() }, Code::Unknown, "sensors", "does not exist"),
-            (OpenRequest { image_width: 15, ..request() }, Code::Value, "image_width", "within 16 and 640"),
-            (OpenRequest { image_height: 641, ..request() }, Code::Value, "image_height", "within 16 and 640"),
+            (OpenRequest { image_width: 15, ..request() }, Code::Value, "image_width", "from 16 to 640"),
+            (OpenRequest { image_height: 641, ..request() }, Code::Value, "image_height", "from 16 to 640"),
             (
                 OpenRequest { sensors: flat(), image_height: 250, ..request() },
                 Code::Value,

@@ -1,4 +1,4 @@
-//! Workers and a timer: who runs a session, and when.
+//! Workers and a timer, which decide who runs a session, and when.
 
 use std::cmp;
 use std::collections::{BinaryHeap, VecDeque};
@@ -18,12 +18,12 @@ use super::opens::Digest;
 /// What a worker does.
 pub(super) enum Job {
     Run(Arc<Actor>),
-    /// A request, and the digest by which it is known.
+    /// A request to open a session, with the digest that identifies it.
     Open(Bytes, Vec<u8>, Digest),
     Describe(Query),
 }
 
-/// Replies that a session has for a query.
+/// Replies of a session to a query.
 pub(super) struct Answer {
     pub query: Query,
     pub kind: AnswerKind,
@@ -39,19 +39,19 @@ impl Answer {
 }
 
 pub(super) enum AnswerKind {
-    /// Messages of that name.
+    /// Messages of this type.
     Replies(&'static str, Vec<Bytes>),
-    /// A message of that name, on that key: of replies with one key, a query for all servers may keep the last alone. With
-    /// its attachment, if it has one.
+    /// A message of this type on the server's own key: of several replies with one key, a query for all servers may
+    /// keep only the last. With its attachment, if any.
     Own(String, &'static str, Bytes, Option<[u8; SEAL_BYTES]>),
     /// A refusal that has no other form.
     Refusal(Bytes),
 }
 
-/// Work for threads, in the order in which it came.
+/// Jobs for threads, in order of arrival.
 pub(super) struct Queue<T> {
     state: Mutex<QueueState<T>>,
-    /// Whether `next` has something to return: looked at without the lock.
+    /// Whether `next` has something to return; can be read without the lock.
     is_ready: AtomicBool,
     changed: Condvar,
 }
@@ -59,7 +59,7 @@ pub(super) struct Queue<T> {
 struct QueueState<T> {
     work: VecDeque<T>,
     is_stopped: bool,
-    /// One thread looks for work before it sleeps, and need not be woken.
+    /// Whether a thread is polling for work, and so need not be woken.
     is_watched: bool,
 }
 
@@ -82,12 +82,12 @@ impl<T> Queue<T> {
         }
     }
 
-    /// What comes next; none once the queue is stopped.
+    /// The next job; `None` once the queue is stopped.
     pub fn next(&self) -> Option<T> {
         self.next_after(|| false)
     }
 
-    /// The same, for a thread that looks for a moment before it sleeps.
+    /// As [`Queue::next`], but the thread polls for a moment before it sleeps.
     pub fn next_soon(&self, busy: &mut BusyWait) -> Option<T> {
         self.next_after(|| busy.until(|| self.is_ready.load(Ordering::Acquire)))
     }
@@ -116,7 +116,7 @@ impl<T> Queue<T> {
         }
     }
 
-    /// Looks at what waits.
+    /// Folds over the waiting jobs.
     pub fn fold<B>(&self, start: B, look: impl Fn(B, &T) -> B) -> B {
         lock(&self.state).work.iter().fold(start, look)
     }
@@ -130,7 +130,7 @@ impl<T> Queue<T> {
     }
 }
 
-/// Wakes sessions at times since the server's start.
+/// Wakes sessions at given times since the server's start.
 #[derive(Default)]
 pub(super) struct Timer {
     state: Mutex<(BinaryHeap<Alarm>, bool)>,
@@ -152,7 +152,7 @@ impl Timer {
         }
     }
 
-    /// Runs until stopped; `wake` takes the sessions whose time has come.
+    /// Runs until stopped; calls `wake` with each session whose time has come.
     pub fn run(&self, now: impl Fn() -> Duration, wake: impl Fn(Arc<Actor>)) {
         let mut state = lock(&self.state);
         while !state.1 {
@@ -193,7 +193,7 @@ impl PartialOrd for Alarm {
     }
 }
 
-/// The earliest is the greatest, as the heap has it.
+/// The earliest alarm is the greatest, as the heap needs.
 impl Ord for Alarm {
     fn cmp(&self, other: &Self) -> cmp::Ordering {
         other.at.cmp(&self.at)

@@ -1,4 +1,4 @@
-//! What is recorded of an episode: its header, its rows with their events, and its result.
+//! The records of an episode: its header, its rows with their events, and its result.
 
 use fiatlux_proto::v3::{
     ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, StepRecord,
@@ -8,7 +8,7 @@ use fiatlux_rules::{Bulb, Criteria, Protocol};
 use fiatlux_wire::{end_message, header_digest, judgement_message, state_message};
 use fiatlux_world::Episode;
 
-/// What was sensed of a row, encoded; empty where the bag is not to have it.
+/// Encoded sensor data of a row; empty where the bag is not to have it.
 #[derive(Debug, Default)]
 pub(super) struct Seen {
     pub observation: Vec<u8>,
@@ -36,7 +36,7 @@ fn bulb_name(bulb: Bulb) -> &'static str {
 }
 
 impl Record {
-    /// Row 0, with everything that must be known besides the rows.
+    /// Row 0, with everything besides the rows that a reader must know.
     pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, seen: Seen) -> (Self, StepRecord) {
         let row = episode.row();
         let criteria = episode.verdict().criteria;
@@ -60,7 +60,7 @@ impl Record {
         (record, first)
     }
 
-    /// The row after a step, and the result where it is the last one.
+    /// The row after a step, with the result if it is the last one.
     pub fn row(&mut self, episode: &Episode, action: &ActionRecord, seen: Seen) -> StepRecord {
         let row = episode.row();
         let mut encoded = Vec::new();
@@ -111,13 +111,13 @@ impl Record {
     }
 }
 
-/// The result of an episode that no row ended.
+/// The result of an episode that was aborted.
 pub(super) fn aborted(episode: &Episode, record: Option<&Record>) -> EpisodeResult {
     let header_digest = record.map(|record| record.header_digest.clone()).unwrap_or_default();
     result(episode, ended(episode, ABORTED, Vec::new()), header_digest)
 }
 
-/// How an episode ended, once it has.
+/// The end of an episode; `None` while it runs.
 pub(super) fn end(episode: &Episode) -> Option<EpisodeEnd> {
     let end = episode.end()?;
     Some(ended(episode, end.cause().name(), end.causes.iter().map(|cause| cause.name().to_owned()).collect()))

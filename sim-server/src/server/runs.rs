@@ -1,4 +1,5 @@
-//! Runs: registered once, every episode played once, and all of it in ledgers on disk (`fiatlux_bag::run`).
+//! Runs: each is registered once, each of its episodes is played once, and ledgers on disk keep track
+//! (`fiatlux_bag::run`).
 
 mod attempt;
 mod register;
@@ -26,23 +27,23 @@ use super::plan::{self, Plan};
 pub(super) use attempt::Attempt;
 use siblings::Siblings;
 
-/// Most runs that a server has at once.
+/// Largest number of runs on a server.
 const MAX_RUNS: usize = 1000;
 
-/// Most episodes of all its runs.
+/// Largest number of episodes over all runs.
 const MAX_EPISODES_OF_ALL: usize = 200_000;
 
-/// Characters of a cause that a client is told: a reply has many.
+/// Longest cause that a client gets, characters: a reply contains many.
 const MAX_CAUSE: usize = 100;
 
-/// How often a start tries to lock its folder, and the time between.
+/// Number of attempts to lock the folder at the start, and the time between them.
 const LOCK_TRIES: u32 = 5;
 const LOCK_AGAIN: Duration = Duration::from_millis(50);
 
 /// Why a server cannot record.
 #[derive(Debug, Error)]
 pub enum RecordError {
-    /// Two servers of one name would write the same journals.
+    /// Another server of the same name would write the same journals.
     #[error(
         "another server named '{server}' records into {folder}; stop it, or give this one another --name or --record"
     )]
@@ -52,14 +53,14 @@ pub enum RecordError {
         /// The folder that both record into.
         folder: PathBuf,
     },
-    /// The folder or its lock.
-    #[error("cannot {action} {path}; check that it exists, its permissions, and the space that is left")]
+    /// The folder or its lock cannot be used.
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the free space")]
     Io {
-        /// What was tried: a verb for the message, such as `open`.
+        /// What was attempted: a verb for the message, such as `open`.
         action: &'static str,
-        /// The file or folder that it was tried on.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         source: std::io::Error,
     },
@@ -72,29 +73,30 @@ pub(super) struct Runs {
     runs: Mutex<BTreeMap<String, Arc<Run>>>,
 }
 
-/// One run. Its lock is held while a line goes to disk.
+/// One run. Its lock is held while a line is written to disk.
 pub(super) struct Run {
     state: Mutex<RunState>,
 }
 
 struct RunState {
     writer: LedgerWriter,
-    /// What happened and could not be written yet.
+    /// Events that could not be written yet.
     pending: VecDeque<Event>,
-    /// Of the episodes that are open, by their index.
+    /// Attempts at the open episodes, by the episode's index.
     open: BTreeMap<u32, Arc<Attempt>>,
 }
 
-/// An episode that is to be begun.
+/// An episode that is about to begin.
 pub(super) struct Seat {
     run: Arc<Run>,
     episode: u32,
-    /// Rows that it must repeat.
+    /// Rows of earlier attempts that it must repeat.
     prefix: Option<Prefix>,
 }
 
 impl Runs {
-    /// Takes up the runs of the server of that name in a folder, which is made. Nobody else may while the file is held.
+    /// Loads the runs of the server of that name from a folder, which is created if necessary. The file is a lock that
+    /// keeps other servers out.
     pub fn open(folder: &Path, server: &str) -> Result<(Self, File), RecordError> {
         let failed = |action, path: &Path| {
             let path = path.to_owned();
@@ -108,7 +110,7 @@ impl Runs {
             tries -= 1;
             match file.try_lock() {
                 Ok(()) => break,
-                // Another server may look just now whether this one is alive.
+                // Another server may be checking at this moment whether this one is alive.
                 Err(TryLockError::WouldBlock) if tries > 0 => std::thread::sleep(LOCK_AGAIN),
                 Err(TryLockError::WouldBlock) => {
                     return Err(RecordError::Taken { server: server.into(), folder: folder.into() });
@@ -130,15 +132,15 @@ impl Runs {
                 Ok(run) => {
                     runs.insert(name, Arc::new(run));
                 }
-                // The other runs go on; this one cannot be registered again while its journal is there.
-                Err(error) => tracing::error!(run = name, error = in_full(&error), "cannot take up a run"),
+                // The other runs continue; this one cannot be registered again while its journal exists.
+                Err(error) => tracing::error!(run = name, error = in_full(&error), "cannot resume a run"),
             }
         }
-        tracing::info!(folder = %folder.display(), runs = runs.len(), "sessions are recorded here");
+        tracing::info!(folder = %folder.display(), runs = runs.len(), "recording sessions to this folder");
         Ok((Self { folder: folder.into(), server: server.into(), runs: Mutex::new(runs) }, file))
     }
 
-    /// The run of that name and key.
+    /// The run of that name and key; `None` if there is no such run.
     fn get(&self, name: &str, key_sha256: &str) -> Result<Option<Arc<Run>>, Refusal> {
         let Some(run) = lock(&self.runs).get(name).cloned() else { return Ok(None) };
         if !register::is_same(&lock(&run.state).writer.ledger().registration().key_sha256, key_sha256) {
@@ -151,10 +153,10 @@ impl Runs {
         Ok(Some(run))
     }
 
-    /// The run of that name and key.
+    /// The run of that name and key; a refusal if there is none.
     pub fn find(&self, name: &str, key: &str) -> Result<Arc<Run>, Refusal> {
         self.get(name, &register::key_digest(key))?.ok_or_else(|| {
-            let message = format!("there is no run '{name}' on this server; register it");
+            let message = format!("run '{name}' does not exist on this server; register it");
             Refusal::new(Code::Unknown, "run", message)
         })
     }
@@ -177,7 +179,7 @@ impl Runs {
         let all: usize = known.iter().map(|run| lock(&run.state).writer.ledger().episodes().len()).sum();
         if known.len() >= MAX_RUNS || all + episodes.len() > MAX_EPISODES_OF_ALL {
             let message = format!(
-                "the server has {} runs with {all} episodes and takes {MAX_RUNS} with {MAX_EPISODES_OF_ALL}; move finished \
+                "the server has {} runs with {all} episodes and accepts {MAX_RUNS} with {MAX_EPISODES_OF_ALL}; move finished \
                  ones out of its folder and start it again",
                 known.len()
             );
@@ -198,13 +200,13 @@ impl Runs {
             error => not_written(&error),
         })?;
         let count = writer.ledger().episodes().len();
-        tracing::info!(run = name, episodes = count, "a run is registered");
+        tracing::info!(run = name, episodes = count, "registered a run");
         let run = Arc::new(Run::new(writer));
         lock(&self.runs).insert(name.into(), Arc::clone(&run));
         Ok(run)
     }
 
-    /// The attempt that a bag is of; none where it has ended already.
+    /// The attempt that a bag belongs to; `None` if it has already ended.
     pub fn attempt_of(&self, ticket: &RunTicket, session: &str) -> Option<Arc<Attempt>> {
         let run = lock(&self.runs).get(&ticket.run).cloned()?;
         let attempt = lock(&run.state).open.get(&ticket.episode).cloned()?;
@@ -221,7 +223,7 @@ impl Run {
         let mut writer = LedgerWriter::open(journal)?;
         let Registration { server: of_server, run, .. } = writer.ledger().registration();
         if of_server != server || run != name {
-            let reason = format!("it is of run '{run}' on server '{of_server}', and is in the place of another");
+            let reason = format!("it belongs to run '{run}' on server '{of_server}', and is in the wrong folder");
             return Err(LedgerError::Line { path: journal.into(), line: 1, reason });
         }
         if writer.ledger().open().next().is_some() {
@@ -230,10 +232,10 @@ impl Run {
         Ok(Self::new(writer))
     }
 
-    /// Where it stands, for its client. Hosted seeds are told when it is finished.
+    /// The state of the run, for its client. Hosted seeds are included once it is finished.
     ///
     /// # Errors
-    /// What has happened cannot be written: nobody is told of it then.
+    /// An event cannot be written to disk; the client must not hear of it then.
     pub fn info(&self) -> Result<RunInfo, Refusal> {
         let mut state = lock(&self.state);
         state.flush()?;
@@ -241,7 +243,7 @@ impl Run {
         let is_waiting = ledger.episodes().iter().any(|episode| episode.state == State::Waiting);
         let asks_siblings = is_waiting || ledger.is_hosted() && ledger.is_finished();
         let siblings = if asks_siblings { state.siblings().ok() } else { None };
-        // On another server that has the same seeds the run may go on.
+        // On another server with the same seeds the run may continue.
         let is_over = || ledger.is_finished() && siblings.as_ref().is_some_and(Siblings::are_finished);
         let hides_seeds = ledger.is_hosted() && !is_over();
         let planned = &ledger.registration().episodes;
@@ -286,7 +288,7 @@ impl Run {
         })
     }
 
-    /// The session that an episode is to be played in, where it may be.
+    /// The session in which to play an episode, if it may be played.
     pub fn plan(self: &Arc<Self>, index: u32) -> Result<(Plan, Seat), Refusal> {
         let mut state = lock(&self.state);
         state.flush()?;
@@ -295,7 +297,7 @@ impl Run {
         let wrong = |code, message: String| Err(Refusal::new(code, "open", message));
         if version != VERSION {
             let message = format!(
-                "the run was registered with version {version} of the server, this is {VERSION}; start that one, or finish \
+                "the run was registered with version {version} of the server, but this is {VERSION}; start that one, or finish \
                  the run"
             );
             return wrong(Code::Version, message);
@@ -307,7 +309,7 @@ impl Run {
         let Some((planned, episode)) = found else {
             return wrong(
                 Code::Value,
-                format!("there is no episode {index}; the run has {}, from 0 on", episodes.len()),
+                format!("episode {index} does not exist; the run has {}, from 0 on", episodes.len()),
             );
         };
         match &episode.state {
@@ -340,7 +342,7 @@ impl Run {
         Ok((plan, Seat { run: Arc::clone(self), episode: index, prefix }))
     }
 
-    /// Ends it: what was not decided has failed.
+    /// Finishes the run: episodes that are not decided become failures.
     pub fn finish(&self) -> Result<(), Refusal> {
         let mut state = lock(&self.state);
         state.flush()?;
@@ -361,18 +363,19 @@ impl Run {
         Ok(())
     }
 
-    /// Notes how an attempt ended.
+    /// Notes the end of an attempt.
     fn end(&self, episode: u32, event: Event) {
         let mut state = lock(&self.state);
         state.open.remove(&episode);
         state.pending.push_back(event);
-        // Its client asks for the state, and is told.
+        // The client learns of it when it asks for the state.
         let _ = state.flush();
     }
 }
 
 impl RunState {
-    /// Writes what is pending. What a full disk does not take stays, and its episode open, until there is room.
+    /// Writes pending events. What does not fit on a full disk stays pending, and its episode open, until there is
+    /// room.
     fn flush(&mut self) -> Result<(), Refusal> {
         while let Some(event) = self.pending.pop_front() {
             let Err(error) = self.writer.append(event.clone()) else { continue };
@@ -396,14 +399,14 @@ impl RunState {
 }
 
 impl Seat {
-    /// Begins the episode in a session: that is on disk when this returns.
+    /// Begins an episode in a session; the line is on disk when this returns.
     pub fn begin(&self, session: &str, ticket: &RunTicket) -> Result<Arc<Attempt>, Refusal> {
         let Self { run, episode, prefix } = self;
         let number = ticket.attempt;
         let mut state = lock(&run.state);
         let opened = Event::Opened { episode: *episode, attempt: number, session: session.into(), unix_ms: unix_ms() };
         state.writer.append(opened).map_err(|error| not_written(&error))?;
-        // Of two servers that were asked at once the later line sees the other.
+        // If two servers are asked at once, the one whose line comes later sees the other's.
         let index = *episode as usize;
         let planned = state.ledger().registration().episodes.get(index).cloned();
         let free = planned.map_or(Ok(None), |planned| state.siblings()?.prefix_of(index, &planned));
@@ -426,20 +429,20 @@ impl Seat {
     }
 }
 
-/// Held by a server that records into the folder.
+/// The lock that a server holds while it records into the folder.
 fn lock_of(folder: &Path, server: &str) -> PathBuf {
     folder.join(format!("{server}.lock"))
 }
 
-/// The log says why. A client stops, for there is nothing to be played that would count.
+/// The log says why. The client stops, because nothing could be played that would count.
 fn not_written(error: &LedgerError) -> Refusal {
-    tracing::error!(error = in_full(error), "the ledger of a run cannot be written");
+    tracing::error!(error = in_full(error), "cannot write the ledger of a run");
     let message = match error {
         LedgerError::Exists { .. } => {
-            "the server's folder has a run of that name that it could not take up; see its log, or give the run another name"
+            "the server's folder has a run of that name that it could not resume; see its log, or give the run another name"
         }
         _ => {
-            "the server cannot write the run's journal; free some space on its disk, see its log, and go on with the run"
+            "the server cannot write the run's journal; free some space on its disk, see its log, and continue the run"
         }
     };
     Refusal::new(Code::Busy, "journal", message)

@@ -10,18 +10,18 @@ use fiatlux_world::{Scene, SceneConfig, SceneError, SceneSpec};
 
 use super::lock;
 
-/// Scenes that are kept; each takes some hundreds of kB.
+/// Number of scenes to keep; each takes some hundreds of kB.
 const KEPT: usize = 32;
 
-/// A scene, and what else is made of it once.
+/// A scene, and what is made from it once.
 #[derive(Debug, Clone)]
 pub(super) struct Built {
     pub scene: Arc<Scene>,
-    /// Its shapes for a viewer, an encoded `foxglove.SceneUpdate`.
+    /// Its shapes for a viewer, as an encoded `foxglove.SceneUpdate`.
     pub shapes: Arc<[u8]>,
-    /// Its meshes, once a camera has asked for them.
+    /// Its meshes, made when a camera first needs them.
     visuals: Arc<OnceLock<Arc<Visuals>>>,
-    /// Those of the user's own.
+    /// The user's own meshes of the robot.
     meshes: Option<Arc<RobotMeshes>>,
 }
 
@@ -31,18 +31,18 @@ impl Built {
         Self { scene, shapes, visuals: Arc::default(), meshes }
     }
 
-    /// The meshes of the scene, made when they are first asked for.
+    /// The meshes of the scene, made when they are first needed.
     pub fn visuals(&self) -> Arc<Visuals> {
         let make = || Arc::new(Visuals::with_robot(&self.scene, self.meshes.as_deref()));
         Arc::clone(self.visuals.get_or_init(make))
     }
 
-    /// Label of the meshes of the user's own; empty without.
+    /// Label of the user's own meshes; empty without them.
     pub fn meshes(&self) -> &str {
         self.meshes.as_ref().map_or("", |meshes| meshes.label())
     }
 
-    /// The same scene with other friction of the hands, which nobody sees.
+    /// The same scene with another friction of the hands, which is not visible.
     pub fn with_friction(&self, hand_friction: Option<f64>) -> Result<Arc<Scene>, SceneError> {
         let spec = &self.scene.spec;
         if spec.hand_friction == hand_friction {
@@ -74,13 +74,13 @@ impl Robots {
     }
 }
 
-/// Builds scenes of one config and keeps those last used.
+/// Builds scenes from one config and keeps those last used.
 #[derive(Debug)]
 pub(super) struct Scenes {
     config: SceneConfig,
     robots: Robots,
     meshes: Option<Arc<RobotMeshes>>,
-    /// The last used is the last.
+    /// Scenes, last used at the end.
     kept: Mutex<VecDeque<Built>>,
 }
 
@@ -93,13 +93,13 @@ impl Scenes {
         self.robots.get(hands)
     }
 
-    /// A scene with the hands' own friction.
+    /// A scene with the hands' nominal friction.
     pub fn get(&self, hands: HandKind, spec: SceneSpec) -> Result<Built, SceneError> {
         let spec = SceneSpec { hand_friction: None, ..spec };
         if let Some(built) = self.find(hands, &spec) {
             return Ok(built);
         }
-        // Two sessions may build the same scene at once; that costs time only.
+        // Two sessions may build the same scene at once; that only costs time.
         let scene = Arc::new(Scene::build(&self.config, Arc::clone(self.robot(hands)), spec)?);
         let built = Built::new(scene, self.meshes.clone());
         let mut kept = lock(&self.kept);

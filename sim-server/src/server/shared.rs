@@ -1,4 +1,4 @@
-//! What all parts of a server share, and what its workers do with it.
+//! State shared by all parts of a server, and the work of its workers.
 
 use std::collections::BTreeMap;
 use std::collections::VecDeque;
@@ -35,15 +35,15 @@ use super::scenes::Scenes;
 use crate::recorder::{BagEnd, BagReport};
 use fiatlux_sensing::Sensors;
 
-/// Inputs that a worker gives a session before others get their turn, and how long they may take.
+/// Largest number of inputs that a worker handles before other sessions get their turn, and the longest time for them.
 const TURN: usize = 256;
 const TURN_TIME: Duration = Duration::from_millis(20);
-/// Queries whose replies wait to be sent, and the bytes of these replies.
+/// Largest number of replies that wait to be sent, and their size in bytes.
 const MAX_ANSWERS: usize = 1024;
 const MAX_ANSWER_BYTES: usize = 64 << 20;
-/// Sessions that are over and whose clients may still ask.
+/// Number of closed sessions to remember, whose clients may still ask.
 const MAX_FORMER: usize = 256;
-/// Sessions that may wait for their recorder, for each one that may be open.
+/// Number of sessions that may wait for their recorder, for each one that may be open.
 const DRAINING_PER_OPEN: usize = 3;
 
 pub(super) struct Shared {
@@ -56,34 +56,34 @@ pub(super) struct Shared {
     pub networks: Networks,
     pub info: ServerInfo,
     pub queue: Queue<Job>,
-    /// A reply waits as long as its query says where the way to the client is full, so workers leave them to another thread.
+    /// A reply on a congested link waits for up to the time-out of its query, so separate threads send replies.
     pub answers: Queue<Answer>,
     pub timer: Timer,
-    /// None without a folder to record into.
+    /// `None` without a folder to record into.
     pub runs: Option<Runs>,
-    /// Requests to runs. They wait for the disk, so they have a thread of their own.
+    /// Requests to runs. They wait for the disk, so they have their own thread.
     pub run_requests: Queue<RunJob>,
     pub sessions: RwLock<BTreeMap<String, Arc<Actor>>>,
-    /// Guards of sessions that are over, the oldest first: their clients are told so.
+    /// Gates of closed sessions, oldest first: their clients are told that the session is over.
     pub former: Mutex<VecDeque<(String, Arc<Gate>)>>,
-    /// Sessions that clients have.
+    /// The places of open sessions.
     pub places: Places,
     pub identity: Arc<Identity>,
-    /// The identity, where it was given and so outlives the server: it signs results.
+    /// The server's identity if one was given, so that it outlives the process: it signs results.
     pub signer: Option<Arc<Identity>>,
-    /// Who may open sessions; none where everybody may.
+    /// Who may open sessions; `None` if everybody may.
     pub tokens: Option<Tokens>,
-    /// Of the recorders that are processes of their own.
+    /// Key shared with recorders in other processes.
     pub recorder_key: Option<RecorderKey>,
-    /// There is a recorder: sessions may ask to be recorded.
+    /// Whether there is a recorder, so that sessions may ask to be recorded.
     pub has_recorder: bool,
-    /// Requests that begin something.
+    /// Requests that start something.
     pub opens: Opens,
     pub links: Links,
-    /// Messages to sessions that were refused as not their client's.
+    /// Number of messages to sessions that were refused because they did not come from the client.
     pub refused: AtomicU64,
     pub closing: AtomicBool,
-    /// Makes the ids of sessions differ from those of an earlier server of the same name.
+    /// Distinguishes the ids of sessions from those of an earlier server of the same name.
     pub id_prefix: String,
     pub next_id: AtomicU64,
     pub start: Instant,
@@ -104,14 +104,14 @@ impl Shared {
         sessions.values().cloned().collect()
     }
 
-    /// Gives a session an input, and a worker the session.
+    /// Gives a session an input, and schedules the session.
     pub fn send(&self, actor: &Arc<Actor>, side: Side, input: Input<Asker>) {
         if actor.push(side, input) {
             self.queue.push(Job::Run(Arc::clone(actor)));
         }
     }
 
-    /// What a worker's thread does.
+    /// Runs sessions; the body of a worker's thread.
     pub fn work(&self) {
         let mut busy = BusyWait::default();
         while let Some(job) = self.queue.next_soon(&mut busy) {
@@ -157,7 +157,7 @@ impl Shared {
                 {
                     self.timer.set(at, actor);
                 }
-                // An answer that came meanwhile, as from a client in the same process, is taken at once.
+                // An answer that arrived meanwhile, as from a client in the same process, is handled at once.
                 parked = !done && actor.park();
                 if done || parked {
                     break;
@@ -177,7 +177,7 @@ impl Shared {
         }
     }
 
-    /// Sends what a session has to say; returns whether that was the last of it.
+    /// Sends an output of a session; returns whether it was the last one.
     fn emit(&self, actor: &Actor, wire: Option<&Wire>, output: Output<Asker>) -> bool {
         let put = |publish: fn(&Wire) -> &zenoh::pubsub::Publisher<'static>, label: Option<&str>, bytes: Bytes| {
             let Some(wire) = wire else { return };
@@ -221,7 +221,7 @@ impl Shared {
         }
     }
 
-    /// Replies over the limit are dropped: their client asks again.
+    /// Queues replies; those over the limit are dropped: the client asks again.
     pub fn answer(&self, query: Query, kind: AnswerKind) {
         let (waiting, bytes) = self.answers.fold((0, 0), |(count, bytes), answer| (count + 1, bytes + answer.bytes()));
         if waiting < MAX_ANSWERS && bytes < MAX_ANSWER_BYTES {
@@ -229,7 +229,7 @@ impl Shared {
         }
     }
 
-    /// What the thread does that sends replies.
+    /// Sends replies; the body of a thread.
     pub fn send_answers(&self) {
         while let Some(Answer { query, kind }) = self.answers.next() {
             match kind {
@@ -265,9 +265,9 @@ impl Shared {
         }
     }
 
-    /// Closes a session that panicked, as far as it still can.
+    /// Closes a session that panicked, as far as possible.
     fn give_up(&self, actor: &Actor) {
-        // What fails in it fails once more; the session is removed in any case.
+        // The same failure may occur again; the session is removed in any case.
         let _ = catch_unwind(AssertUnwindSafe(|| {
             let (mut session, wire) = (lock(&actor.session), lock(&actor.wire));
             session.handle(Input::Terminate("the server failed in this session"), self.now());
@@ -307,7 +307,7 @@ impl Shared {
         self.answer_all(digest, &self.keys.open(), Begun { message: "OpenReply", bytes, attachment: None });
     }
 
-    /// Answers a request that begins something, and all copies of it.
+    /// Answers a request that starts something, and all copies of it.
     pub fn answer_all(&self, digest: Digest, key: &str, begun: Begun) {
         for query in self.opens.answer(digest, begun.clone()) {
             let Begun { message, bytes, attachment } = begun.clone();
@@ -315,7 +315,7 @@ impl Shared {
         }
     }
 
-    /// Opens a session for a guest; says how it is greeted.
+    /// Opens a session for a guest, and returns the welcome for it.
     pub fn try_open(
         &self,
         mut plan: Plan,
@@ -345,7 +345,11 @@ impl Shared {
         let place = self.places.take(&id, &guest.peer, guest.limit, is_claimed, self.now());
         let leaves = place.map_err(|why| Refusal::new(Code::Busy, "", no_place(why, self.capacity)))?;
         if let Some(actor) = leaves.and_then(|id| self.find(&id)) {
-            self.send(&actor, Side::Server, Input::Terminate("nobody has claimed it, and another one needs its place"));
+            self.send(
+                &actor,
+                Side::Server,
+                Input::Terminate("nobody has claimed it, and another session needs its place"),
+            );
         }
         let opened = self.open_reserved(plan, seat, guest, &id);
         if opened.is_err() {
@@ -396,28 +400,28 @@ impl Shared {
         let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
         sessions.insert(id.into(), Arc::clone(&actor));
         drop(sessions);
-        // Looked at once, it sets the timer itself.
+        // The first check of a session sets its timer.
         let ends = !self.places.has(id);
         self.send(
             &actor,
             Side::Server,
-            if ends { Input::Terminate("another one needs its place") } else { Input::Tick },
+            if ends { Input::Terminate("another session needs its place") } else { Input::Tick },
         );
-        tracing::info!(session = id, %task, seed, policy, "session is open");
+        tracing::info!(session = id, %task, seed, policy, "opened a session");
         Ok((info, welcome))
     }
 
-    /// What the server's own recorder says of a bag.
+    /// Takes in a report of the server's own recorder on a bag.
     pub fn take_bag(&self, report: &BagReport) {
         let path = report.path.display();
         match &report.end {
-            BagEnd::Whole(_) => tracing::info!(bag = %path, "a bag is whole"),
+            BagEnd::Whole(_) => tracing::info!(bag = %path, "finished a bag"),
             BagEnd::Cut(reason) => tracing::error!(bag = %path, reason, "a bag is cut"),
         }
         let (Some(runs), Some(ticket)) = (&self.runs, &report.header.run) else { return };
         let session = &report.header.session;
         let Some(attempt) = runs.attempt_of(ticket, session) else {
-            return tracing::warn!(bag = %path, "the attempt that this bag is of has ended already; it does not count");
+            return tracing::warn!(bag = %path, "the attempt of this bag has already ended; the bag does not count");
         };
         let is_kept = match &report.end {
             BagEnd::Whole(result) => attempt.bag_is_whole(&report.path, result),
@@ -436,7 +440,7 @@ impl Shared {
     }
 }
 
-/// A record as it leaves: sealed where it can leave the process.
+/// Seals a record if it can leave the process.
 fn sealed(actor: &Actor, record: Bytes) -> Bytes {
     match &actor.rows {
         Some(rows) => rows.seal(record_seq(&record), &record).into(),
@@ -447,25 +451,26 @@ fn sealed(actor: &Actor, record: Bytes) -> Bytes {
 fn no_place(why: NoPlace, capacity: usize) -> String {
     match why {
         NoPlace::Full => format!(
-            "the server is busy: as many sessions are open as it has room for, {capacity}; close one, try again later, or \
+            "the server is busy: all of its {capacity} places are taken; close one, try again later, or \
              start it with a larger --capacity"
         ),
         NoPlace::Kept => format!(
-            "the server is busy: half of its {capacity} places are kept for clients that have none; close a session, try \
+            "the server is busy: half of its {capacity} places are reserved for clients that have none; close a session, try \
              again later, or start it with a larger --capacity"
         ),
         NoPlace::Limit(limit) => format!(
-            "as many sessions are open with this token as it grants, {limit}; close one, or ask the server's owner for more"
+            "the token allows {limit} sessions, and that many are open; close one, or ask the server's owner for more"
         ),
     }
 }
 
-/// Refuses a query for several servers: each that it reaches would do what it asks for.
+/// Refuses a query for several servers: every one of them would carry it out.
 pub(super) fn names_one_server(query: &Query, key: &str) -> Result<(), Refusal> {
     if query.key_expr().as_str() == key {
         return Ok(());
     }
-    let message = format!("the query names one server: use {key} or that of another one that describe lists");
+    let message =
+        format!("the query must name one server: use {key}, or the key of another server that describe lists");
     Err(Refusal::new(Code::Value, "", message))
 }
 

@@ -33,27 +33,28 @@ use super::scenes::{Robots, Scenes};
 use super::shared::Shared;
 use crate::recorder::{Naming, Recorder, RecorderError, RecorderOptions, RecordsFrom};
 
-/// A reply to a client that does not read holds its thread until Zenoh gives that client up, after seconds.
+/// Number of threads that answer: a reply to a client that does not read blocks its thread for seconds, until Zenoh
+/// gives up.
 const ANSWERING_THREADS: usize = 8;
-/// How long a start looks for another server of its name.
+/// How long a server that starts looks for another one of its name.
 const LOOK_FOR_OTHERS: Duration = Duration::from_millis(500);
 
-/// Who gets the records of a server that does not record itself.
+/// Recipients of the records of a server that does not record itself.
 #[derive(Debug, Clone, Default)]
 pub enum RecordsTo {
-    /// Nobody: sessions cannot ask to be recorded. What is on the server's own Zenoh session may still follow.
+    /// Nobody: sessions cannot ask to be recorded. Programs on the server's own Zenoh session may still follow.
     #[default]
     Nobody,
-    /// A recorder on the server's own Zenoh session; they do not leave it.
+    /// A recorder on the server's own Zenoh session, which records do not leave.
     ThisProcess,
-    /// Recorders that have this key; for others they are sealed.
+    /// Recorders that have this key, with which records are sealed.
     Recorders(RecorderKey),
 }
 
-/// Choices of a server.
+/// Settings of a server.
 #[derive(Debug, Clone)]
 pub struct ServerOptions {
-    /// Name in all its keys.
+    /// Name of the server, which is part of all its keys.
     pub name: String,
     /// Threads that step sessions, at least one.
     pub workers: usize,
@@ -63,23 +64,23 @@ pub struct ServerOptions {
     pub grace: Duration,
     /// How long a session waits for an action.
     pub action_timeout: Duration,
-    /// After this long without an observation a client sends its action again.
+    /// A client repeats its action after this time without an observation.
     pub resend: Duration,
     /// How long a session waits for a recorder that makes no progress.
     pub recorder_timeout: Duration,
-    /// All numbers of the scene.
+    /// The numbers of the scene.
     pub scene: SceneConfig,
     /// Folder of the weights that sessions may name for the camera's features.
     pub weights: Option<PathBuf>,
-    /// Folder of meshes that the robot is drawn with in place of our own shapes; it is read once, at the start.
+    /// Folder of meshes that replace the built-in shapes of the robot; it is read once, at the start.
     pub meshes: Option<PathBuf>,
-    /// Folder that all sessions are recorded into, by the server itself, and that keeps its runs.
+    /// Folder into which the server itself records all sessions, and in which it keeps its runs.
     pub record: Option<PathBuf>,
-    /// Who gets the records, where the server does not record itself.
+    /// Recipients of records if the server does not record itself.
     pub records_to: RecordsTo,
-    /// By which clients know the server; drawn at the start where none is given.
+    /// Identity by which clients recognise the server; drawn at the start if `None`.
     pub identity: Option<Arc<Identity>>,
-    /// Who may open sessions, and how many; none where everybody may.
+    /// Who may open sessions, and how many; `None` if everybody may.
     pub tokens: Option<Tokens>,
 }
 
@@ -111,10 +112,10 @@ pub enum ServerError {
     /// The name cannot be part of a key.
     #[error("'{0}' cannot be a server's name; use 1 to 64 letters, digits, - or _")]
     Name(String),
-    /// There is one of that name already.
+    /// A server of that name already exists.
     #[error("another server is named '{0}'; stop it, or give this one another --name")]
     Taken(String),
-    /// A number that makes no server.
+    /// A number of the options is 0.
     #[error("{what} must be above 0")]
     Zero {
         /// Which number is 0, for the message.
@@ -126,16 +127,16 @@ pub enum ServerError {
     /// The scene config makes no scene.
     #[error("cannot use the scene config")]
     Scene(#[from] SceneError),
-    /// The folder of meshes.
+    /// The folder of meshes cannot be used.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] MeshError),
-    /// The folder of recordings.
+    /// The folder of recordings cannot be used.
     #[error("cannot record")]
     Record(#[from] RecordError),
-    /// The system gives no key.
+    /// The system cannot draw a key.
     #[error("cannot draw the server's identity")]
     Identity(#[from] AccessError),
-    /// The recorder in the server.
+    /// The server's own recorder cannot start.
     #[error("cannot start the recorder")]
     Recorder(#[from] RecorderError),
     /// Zenoh refused a key.
@@ -143,10 +144,10 @@ pub enum ServerError {
     Zenoh {
         /// The key expression that was refused.
         key: String,
-        /// What Zenoh says about it.
+        /// Zenoh's message, which says why.
         reason: String,
     },
-    /// The system gave no thread.
+    /// The system cannot start a thread.
     #[error("cannot start a thread; use fewer --workers")]
     Thread(#[source] std::io::Error),
 }
@@ -155,13 +156,13 @@ pub enum ServerError {
 pub struct Server {
     pub(super) shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
-    /// What receives messages; the first to go at the end.
+    /// Everything that receives messages; dropped first.
     pub(super) endpoints: Vec<Endpoint>,
-    /// Its own, and the one that clients of older versions look for.
+    /// The server's token, and the one that clients of older versions look for.
     alive: Vec<LivelinessToken>,
-    /// The first to go at the end: what was recorded is known to the rest.
+    /// The server's own recorder; dropped first, so that the rest learns what was recorded.
     recorder: Option<Recorder>,
-    /// Nobody else records under this name into this folder while it is held.
+    /// Keeps other servers of this name from recording into this folder.
     _lock: Option<File>,
 }
 
@@ -172,11 +173,11 @@ pub(super) enum Endpoint {
 }
 
 impl Server {
-    /// Starts a server on a Zenoh session, which stays the caller's.
+    /// Starts a server on a Zenoh session, which still belongs to the caller.
     ///
     /// # Errors
-    /// [`ServerError`]: a name that does not fit or is taken, a scene config that makes no scene, a folder of meshes that
-    /// cannot be used, or what Zenoh or the system refuse.
+    /// [`ServerError`]: a name that is invalid or taken, an invalid scene config, a folder of meshes that cannot be
+    /// used, or a refusal by Zenoh or the system.
     pub fn start(zenoh: Zenoh, options: ServerOptions) -> Result<Self, ServerError> {
         if !keys::is_name(&options.name) {
             return Err(ServerError::Name(options.name));
@@ -204,7 +205,7 @@ impl Server {
             RecordsTo::Recorders(key) if runs.is_none() => Some(key),
             _ => None,
         };
-        // Milliseconds since 1970: no earlier server of this name had it.
+        // Milliseconds since 1970, which no earlier server of this name can have used.
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let shared = Arc::new(Shared {
             info: info::server(&options.name, options.capacity, robot, &options.scene),
@@ -255,22 +256,22 @@ impl Server {
         Ok(server)
     }
 
-    /// Name of the server.
+    /// Name under which clients find the server.
     pub fn name(&self) -> &str {
         &self.shared.name
     }
 
-    /// Sessions that are open now.
+    /// Number of sessions that are open now.
     pub fn open_sessions(&self) -> usize {
         self.shared.places.count()
     }
 
-    /// Messages to sessions that were not of their clients, or came once more, since its start.
+    /// Number of messages since the start that did not come from a session's client, or came a second time.
     pub fn refused_messages(&self) -> u64 {
         self.shared.refused.load(Ordering::Relaxed)
     }
 
-    /// Aborts what runs, then waits until recorders have everything, at most for `deadline`. Returns whether they do.
+    /// Aborts all sessions, then waits for recorders, for at most `deadline`. Returns whether they have every record.
     pub fn shutdown(mut self, deadline: Duration) -> bool {
         self.shared.closing.store(true, Ordering::Relaxed);
         self.alive.clear();
@@ -319,7 +320,7 @@ impl Server {
         Ok(())
     }
 
-    /// Starts the recorder in the server.
+    /// Starts the server's own recorder.
     fn record(&mut self, out: PathBuf) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let options = RecorderOptions {
@@ -348,7 +349,7 @@ impl Drop for Server {
         self.shared.run_requests.stop();
         self.shared.timer.stop();
         for thread in self.threads.drain(..) {
-            // A worker catches what goes wrong in a session; nothing is left to say here.
+            // Workers catch failures of sessions, so there is nothing left to report.
             let _ = thread.join();
         }
         for actor in self.shared.all() {
@@ -357,14 +358,14 @@ impl Drop for Server {
     }
 }
 
-/// Whether some server holds the token.
+/// Whether another server holds the token.
 fn is_taken(zenoh: &Zenoh, alive: &str) -> Result<bool, ServerError> {
     let tokens = zenoh.liveliness().get(alive).timeout(LOOK_FOR_OTHERS).wait();
     let tokens = tokens.map_err(|error| refused(alive, error.as_ref()))?;
     Ok(tokens.into_iter().any(|token| token.result().is_ok()))
 }
 
-/// What Zenoh says of a key.
+/// An error from Zenoh's refusal of a key.
 pub(super) fn refused(key: &str, error: &(dyn std::error::Error + Send + Sync)) -> ServerError {
     ServerError::Zenoh { key: key.into(), reason: error.to_string() }
 }
@@ -378,7 +379,7 @@ mod tests {
     use super::*;
     use crate::server::host::tests::PANICS;
 
-    /// A fault of the server closes the session that met it; the worker goes on with the others.
+    /// A panic closes the session that caused it; the worker continues with the others.
     #[test]
     #[allow(clippy::unwrap_used)]
     fn a_panic_stays_in_its_session() {
@@ -386,7 +387,7 @@ mod tests {
         let options = ServerOptions { name: "panics".into(), workers: 1, capacity: 2, ..ServerOptions::default() };
         let server = Server::start(zenoh.clone(), options).unwrap();
         let mut channels = Vec::new();
-        // Each is a peer of its own: half of the places are kept for those that have none.
+        // Each client is a separate peer, because half of the places are reserved for peers that have none.
         let policy_peer = |policy: &str| if policy == PANICS { "a" } else { "b" };
         for policy in [PANICS, "sound"] {
             let (task, policy): (_, String) = ("S07".into(), policy.into());

@@ -69,7 +69,7 @@ fn results_do_not_depend_on_the_workers() {
     let before = fs::read(one.join("results.json")).unwrap();
     let mut again = evaluate(&asked, &one, &scratch);
     assert!(again.finish(PATIENCE).0.success());
-    assert!(again.log().contains("4 episodes were in "), "{}", again.log());
+    assert!(again.log().contains("4 episodes were already in "), "{}", again.log());
     assert_eq!(bags(&one), written, "no bag is written again");
     assert_eq!(fs::read(one.join("results.json")).unwrap(), before);
 }
@@ -94,7 +94,7 @@ fn an_interrupted_evaluation_is_resumed() {
 
     let mut second = evaluate(&[&asked[..], &["--workers", "2"]].concat(), &out, &scratch);
     assert!(second.finish(PATIENCE).0.success());
-    assert!(second.log().contains("1 episodes were in "), "{}", second.log());
+    assert!(second.log().contains("1 episodes were already in "), "{}", second.log());
     let graded: Vec<Value> = seeds(&results(&out));
     assert_eq!(graded, [0, 1, 2]);
     assert_eq!(bags(&out)[0], kept, "what was done is not done again");

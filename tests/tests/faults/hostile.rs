@@ -127,7 +127,7 @@ fn hostile_requests_to_open() {
             "sensors",
             &["does not exist"],
         ),
-        (OpenRequest { image_width: 100_000, ..request("S01") }, Refused::Value, "image_width", &["within 16 and 640"]),
+        (OpenRequest { image_width: 100_000, ..request("S01") }, Refused::Value, "image_width", &["from 16 to 640"]),
         (
             OpenRequest { sensors: vec!["features".into()], weights: "../secret".into(), ..request("S01") },
             Refused::Value,

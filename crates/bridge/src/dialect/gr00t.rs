@@ -1,4 +1,4 @@
-//! Isaac GR00T: one MessagePack map each way over ZeroMQ.
+//! Isaac GR00T: each request and each answer is one MessagePack map over ZeroMQ.
 
 use rmpv::Value;
 
@@ -12,7 +12,7 @@ use crate::websocket::shortened;
 use crate::zmq::Req;
 use crate::{BridgeError, Tensor};
 
-/// A GR00T server.
+/// A GR00T server, connected by the first question.
 pub(super) struct Gr00t {
     address: Address,
     timeouts: Timeouts,
@@ -32,7 +32,7 @@ impl Gr00t {
         })
     }
 
-    /// Asks an endpoint. A connection on which anything went wrong is closed.
+    /// Sends a request to an endpoint and reads the answer. Any failure closes the connection.
     fn ask(&mut self, endpoint: &str, data: Option<Value>) -> Result<Value, BridgeError> {
         let question = encode(&question(endpoint, data, self.token.as_deref()));
         let mut socket = match self.socket.take() {
@@ -42,9 +42,9 @@ impl Gr00t {
         let answer = socket.ask(endpoint, &question)?;
         self.socket = Some(socket);
         let refused = |words: &str| BridgeError::Server { question: endpoint.into(), text: shortened(words) };
-        // Old servers say no more than that.
+        // Old servers give no reason.
         if answer == b"ERROR" {
-            return Err(refused("ERROR, without a reason; see its log"));
+            return Err(refused("ERROR without a reason; see its log"));
         }
         let answer = decode("an answer", &answer)?;
         match entry(&answer, "error") {
@@ -54,7 +54,7 @@ impl Gr00t {
     }
 }
 
-/// A request, byte for byte as GR00T's client packs it.
+/// A request in the same bytes that GR00T's client would send.
 fn question(endpoint: &str, data: Option<Value>, token: Option<&str>) -> Value {
     let mut question = vec![(text("endpoint"), text(endpoint))];
     question.extend(data.map(|data| (text("data"), data)));
@@ -62,7 +62,7 @@ fn question(endpoint: &str, data: Option<Value>, token: Option<&str>) -> Value {
     Value::Map(question)
 }
 
-/// The data of `get_action`.
+/// The `data` field of a `get_action` request.
 fn data(observation: &ModelObservation, is_flat: bool) -> Result<Value, BridgeError> {
     let image = |tensor: &Tensor| {
         let shape = [&[1], tensor.shape()].concat();
@@ -111,7 +111,7 @@ impl Model for Gr00t {
         let read = |(key, value): &(Value, Value)| {
             let key = as_text(key).ok_or_else(|| wrong("a key of its actions is not text"))?;
             let tensor = Tensor::of_gr00t(value).ok_or_else(|| wrong(&format!("'{key}' is not an array")))??;
-            // Batch, rows, numbers: a missing batch is an error of the server's wrapper.
+            // Batch, rows, numbers: only a fault of the server's wrapper loses the batch.
             if tensor.shape().len() != 3 {
                 let problem = format!("its shape is {:?}, not (1, rows, numbers)", tensor.shape());
                 return Err(BridgeError::malformed(format!("the action '{key}'"), problem));
@@ -126,7 +126,7 @@ impl Model for Gr00t {
     }
 }
 
-/// Reads the modality config, in both forms that servers send.
+/// Reads the modality config in either of the two forms that servers send.
 fn contract(answer: &Value) -> Result<Contract, BridgeError> {
     let wrong = |problem: String| BridgeError::malformed("the modality config", problem);
     let modality = |name: &str| -> Result<Option<Value>, BridgeError> {
@@ -179,7 +179,7 @@ fn contract(answer: &Value) -> Result<Contract, BridgeError> {
     Ok(contract)
 }
 
-/// JSON as a value of MessagePack.
+/// Converts JSON to a MessagePack value; `None` if it is not JSON.
 fn json_value(json: &str) -> Option<Value> {
     fn value(json: &serde_json::Value) -> Value {
         match json {
@@ -205,7 +205,7 @@ mod tests {
     use super::*;
     use crate::tensor::tests::{GET_ACTION, hex};
 
-    /// The golden request has a state alone; ours has video and language too, so its parts are compared.
+    /// The golden request has only a state; ours has video and language too, so the parts are compared.
     #[test]
     fn requests_have_the_golden_shape() {
         let observation = ModelObservation {

@@ -1,4 +1,4 @@
-//! openpi's WebSocket, and what BEHAVIOR and RoboArena make of it.
+//! openpi over WebSocket, and its variants BEHAVIOR and RoboArena.
 
 use rmpv::Value;
 
@@ -8,7 +8,7 @@ use crate::pack::{as_text, decode, encode, entry, text};
 use crate::websocket::{Frame, Socket, shortened};
 use crate::{BridgeError, Tensor};
 
-/// A server of one of the three.
+/// A server that speaks openpi or one of its two variants.
 pub(super) struct Openpi {
     address: Address,
     timeouts: Timeouts,
@@ -28,7 +28,7 @@ impl Openpi {
         })
     }
 
-    /// The connection, and the metadata that the server sends when it opens. It is put back where all went well.
+    /// Takes out the connection, and the metadata that the server sent when it opened. Callers put it back on success.
     fn take(&mut self) -> Result<(Socket, Value), BridgeError> {
         if let Some(link) = self.link.take() {
             return Ok(link);
@@ -46,11 +46,11 @@ impl Openpi {
         Ok((socket, metadata))
     }
 
-    /// The map of a request for a chunk.
+    /// The map of a request for a chunk of actions.
     fn question(&self, observation: &ModelObservation, metadata: &Value) -> Result<Value, BridgeError> {
         let mut entries = Vec::new();
         for (key, tensor) in &observation.images {
-            // One frame, without the axis of frames.
+            // A single frame has no axis of frames.
             let tensor = match tensor.shape() {
                 [1, rest @ ..] => Tensor::u8(rest.to_vec(), tensor.data().to_vec())?,
                 _ => tensor.clone(),
@@ -93,7 +93,7 @@ impl Model for Openpi {
         socket.send("infer", encode(&self.question(observation, &metadata)?))?;
         let answer = match socket.receive("infer")? {
             Frame::Binary(bytes) => decode("an answer", &bytes)?,
-            // A traceback; the server closes after it.
+            // A text frame is a traceback; the server closes after it.
             Frame::Text(words) => {
                 return Err(BridgeError::Server { question: "infer".into(), text: shortened(&words) });
             }
@@ -106,7 +106,7 @@ impl Model for Openpi {
         match self.dialect {
             Dialect::Behavior => {
                 let (mut socket, metadata) = self.take()?;
-                // It gets no reply.
+                // This dialect's reset gets no reply.
                 socket.send("reset", encode(&Value::Map(vec![(text("reset"), Value::from(true))])))?;
                 self.link = Some((socket, metadata));
             }
@@ -156,13 +156,13 @@ fn read(answer: &Value, dialect: Dialect, rows: usize) -> Result<ModelChunk, Bri
     chunk(vec![(name.into(), rows, width, numbers)], server_s)
 }
 
-/// Metadata has no fixed keys: what is known of RoboArena's config and of bridges to openpi is read.
+/// Metadata has no fixed keys: reads those of RoboArena's config and of known openpi bridges.
 fn contract(metadata: &Value) -> Contract {
     let number =
         |name: &str| entry(metadata, name).and_then(Value::as_u64).and_then(|number| usize::try_from(number).ok());
     let flag = |name: &str| entry(metadata, name).and_then(Value::as_bool);
     let size = entry(metadata, "image_resolution").and_then(Value::as_array).and_then(|sides| match sides.as_slice() {
-        // Height first, as NumPy has it.
+        // Height comes first, as in NumPy.
         [height, width] => Some([u32::try_from(width.as_u64()?).ok()?, u32::try_from(height.as_u64()?).ok()?]),
         _ => None,
     });

@@ -1,4 +1,4 @@
-//! A mapping as it stands in its file, and the checks that make one of it.
+//! The file format of a mapping, and the checks that turn a file into a [`Mapping`].
 
 use fiatlux_robot::Robot;
 use fiatlux_wbc::{BODY, CONTROL_DT, MOVED};
@@ -9,9 +9,9 @@ use crate::hands::{Hands, Side};
 use crate::image::Resize;
 use crate::{BridgeError, Dialect};
 
-/// Most rows of a chunk, numbers of a row, and frames of a camera.
+/// Largest number of rows in a chunk, numbers in a row, and frames of a camera.
 const MOST: (usize, usize, usize) = (400, 512, 8);
-/// Sides of a picture, pixels.
+/// Allowed width and height of a picture, pixels.
 const SIDES: std::ops::RangeInclusive<u32> = 16..=640;
 
 #[derive(Debug, Deserialize)]
@@ -95,14 +95,14 @@ fn present() -> Vec<i64> {
     vec![0]
 }
 
-/// Where a file is read, for messages.
+/// Parses one file, and names it in errors.
 struct Reader<'a> {
     name: &'a str,
     robot: &'a Robot,
     hands: Option<Hands>,
 }
 
-/// Reads and checks.
+/// Parses a mapping and runs every check on it.
 pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, BridgeError> {
     let mut reader = Reader { name, robot, hands: None };
     let file: File = toml::from_str(text).map_err(|error| reader.wrong("file", error.message().to_owned()))?;
@@ -117,7 +117,7 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
     reader.hands = file.hands.as_deref().map(|hands| Hands::open(hands, robot)).transpose()?;
     let name_fits = |char: char| char.is_ascii_alphanumeric() || "_-.".contains(char);
     if file.name.is_empty() || file.name.len() > 64 || !file.name.chars().all(name_fits) {
-        return Err(reader.wrong("name", "it takes 1 to 64 letters, digits, '_', '-' or '.'".into()));
+        return Err(reader.wrong("name", "use 1 to 64 letters, digits, '_', '-' or '.'".into()));
     }
     reader.range("horizon", file.horizon, MOST.0)?;
     reader.range("prefix", file.prefix, file.horizon)?;
@@ -126,7 +126,7 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
         return Err(reader.wrong("rate_hz", format!("{} is not 50 divided by a whole number", file.rate_hz)));
     }
     if !file.picture.iter().all(|side| SIDES.contains(side)) {
-        return Err(reader.wrong("picture", format!("sides are {SIDES:?} pixels")));
+        return Err(reader.wrong("picture", format!("use sides of {SIDES:?} pixels")));
     }
     let cameras =
         file.camera.into_iter().map(|camera| reader.camera(camera, file.picture)).collect::<Result<_, _>>()?;
@@ -155,7 +155,7 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
         )
     {
         if let Some(twice) = keys.iter().enumerate().find(|(at, key)| keys[..*at].contains(key)) {
-            return Err(reader.wrong(group, format!("the key '{}' stands twice", twice.1)));
+            return Err(reader.wrong(group, format!("the key '{}' appears twice", twice.1)));
         }
     }
     Ok(mapping)
@@ -188,7 +188,7 @@ impl Reader<'_> {
             self.wrong(&field, format!("resize '{}' is not known; use exact, stretch, pad or crop", camera.resize))
         })?;
         if !camera.size.iter().all(|side| SIDES.contains(side)) {
-            return Err(self.wrong(&field, format!("size: sides are {SIDES:?} pixels")));
+            return Err(self.wrong(&field, format!("size: use sides of {SIDES:?} pixels")));
         }
         if resize == Resize::Exact && sensor.is_some() && camera.size != picture {
             let problem = format!("size {:?} is not the picture's {picture:?}; name a resize rule", camera.size);
@@ -196,7 +196,7 @@ impl Reader<'_> {
         }
         let is_ordered = camera.delta.is_sorted() && camera.delta.iter().all(|delta| (-200..=0).contains(delta));
         if !is_ordered || !(1..=MOST.2).contains(&camera.delta.len()) {
-            return Err(self.wrong(&field, format!("delta has 1 to {} numbers from -200 to 0, rising", MOST.2)));
+            return Err(self.wrong(&field, format!("delta: use 1 to {} rising numbers from -200 to 0", MOST.2)));
         }
         Ok(Camera { key: camera.key, sensor, size: camera.size, resize, delta: camera.delta })
     }
@@ -229,12 +229,12 @@ impl Reader<'_> {
                 _ => true,
             };
             if !fits {
-                return Err(self.wrong(&field, format!("{part:?} does not belong in a {group}")));
+                return Err(self.wrong(&field, format!("{part:?} does not belong in the {group}")));
             }
             let is_command =
                 matches!(part, Part::Navigate | Part::Height | Part::Torso | Part::Token(_) | Part::Grip { .. });
             if is_command && representation != Representation::Absolute {
-                return Err(self.wrong(&field, format!("{part:?} is absolute; give it a key of its own")));
+                return Err(self.wrong(&field, format!("{part:?} is always absolute; give it a separate key")));
             }
         }
         Ok(Key { key: key.key, parts, representation, declared })
@@ -278,7 +278,7 @@ impl Reader<'_> {
                     return Err(wrong("grip needs a retargeting; name one as 'hands'".into()));
                 }
                 if !(open.is_finite() && closed.is_finite()) || open == closed {
-                    return Err(wrong("range takes two different numbers: open and closed".into()));
+                    return Err(wrong("range needs two different numbers: open and closed".into()));
                 }
                 Ok(Part::Grip { side: side(name)?, open, closed })
             }
@@ -300,11 +300,11 @@ impl Reader<'_> {
                     Err(wrong(format!("term '{other}' is not known; use {known}")))
                 }
             },
-            _ => Err(wrong("a part has one of joints, group, hand, grip, wrist, term, token and skip".into())),
+            _ => Err(wrong("a part needs exactly one of joints, group, hand, grip, wrist, term, token or skip".into())),
         }
     }
 
-    /// Refuses joints that are commanded twice, or that belong to the whole-body controller, and tokens that nobody reads.
+    /// Refuses joints with two commands, joints of the whole-body controller, and tokens without a decoder.
     fn uses(&self, actions: &[Key], body: Body) -> Result<(), BridgeError> {
         let mut used = vec![false; self.robot.joints().len()];
         let tokens = actions.iter().flat_map(|key| &key.parts).filter(|part| matches!(part, Part::Token(_))).count();
@@ -325,7 +325,9 @@ impl Reader<'_> {
                     }
                     Part::Wrist(side) => side.arm().collect(),
                     Part::Navigate | Part::Height | Part::Torso if body != Body::Wbc => {
-                        return Err(self.wrong(&field, "it is a command; set body = \"wbc\"".into()));
+                        return Err(
+                            self.wrong(&field, "it commands the whole-body controller; set body = \"wbc\"".into())
+                        );
                     }
                     Part::Torso => WAIST.collect(),
                     _ => Vec::new(),
@@ -359,7 +361,7 @@ impl FilePart {
     }
 }
 
-/// Runs of the robot's joints, by the names that GR00T gives them too.
+/// Named groups of consecutive joints; GR00T uses the same names.
 const GROUPS: [(&str, std::ops::Range<usize>); 5] =
     [("left_leg", 0..6), ("right_leg", 6..12), ("waist", 12..15), ("left_arm", 15..22), ("right_arm", 22..29)];
 

@@ -1,4 +1,4 @@
-//! The mappings that come with the program.
+//! The mappings that come with this program.
 
 use crate::Dialect;
 
@@ -12,12 +12,12 @@ const SHIPPED: [(&str, &str); 7] = [
     ("lerobot_g1", include_str!("../../mappings/lerobot_g1.toml")),
 ];
 
-/// Their names.
+/// Names of the mappings that come with this program, for [`Mapping::open`](crate::Mapping::open).
 pub fn shipped_names() -> Vec<&'static str> {
     SHIPPED.map(|(name, _)| name).to_vec()
 }
 
-/// The one that a dialect has where none is named.
+/// The mapping to use for a dialect if the user names none.
 pub fn default_mapping(dialect: Dialect) -> &'static str {
     match dialect {
         Dialect::Gr00t | Dialect::Gr00tFlat => "unitree_g1",

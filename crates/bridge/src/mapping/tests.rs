@@ -11,7 +11,7 @@ fn shipped(name: &str) -> Mapping {
     Mapping::open(name, &robot()).unwrap()
 }
 
-/// Counts of numbers of the facts: 43 and 35, 49 and 53, 46 and 78, and those of the four others.
+/// Sizes from the models' documentation: 43 and 35, 49 and 53, 46 and 78, and those of the four others.
 #[test]
 fn shipped_mappings_have_the_dimensions_of_their_models() {
     let widths = |mapping: &Mapping, keys: &[Key]| keys.iter().map(|key| mapping.width(key)).sum::<usize>();
@@ -36,7 +36,7 @@ fn shipped_mappings_have_the_dimensions_of_their_models() {
     assert_eq!(shipped("unitree_g1_sonic").token(), Some(("motion_token", 64)));
 }
 
-/// Errors in a file are told by their field.
+/// Errors in a file name the field.
 #[test]
 fn wrong_files_are_refused() {
     let text = include_str!("../../mappings/unitree_g1.toml");
@@ -47,14 +47,14 @@ fn wrong_files_are_refused() {
         ("\"gr00t-flat\"", "\"groot\"", "'groot' is not a known dialect"),
         ("size = [640, 480]", "size = [320, 240]", "name a resize rule"),
         ("sensor = \"camera\"", "sensor = \"wrist\"", "sensor 'wrist' is not known"),
-        ("delta = [0]", "delta = [0, -20]", "rising"),
+        ("delta = [0]", "delta = [0, -20]", "rising numbers"),
         ("group = \"waist\"", "group = \"tail\"", "group 'tail' is not known"),
         ("group = \"waist\"", "joints = [\"tail_joint\"]", "no joint 'tail_joint'"),
-        ("{ group = \"waist\" }", "{ group = \"waist\", skip = 1 }", "a part has one of"),
+        ("{ group = \"waist\" }", "{ group = \"waist\", skip = 1 }", "a part needs exactly one of"),
         ("term = \"height\"", "term = \"depth\"", "term 'depth' is not known"),
         ("dex3-inspire-1", "nowhere.toml", "give a file, or one of dex3-inspire-1"),
         ("declared = \"relative\"", "declared = \"odd\"", "representation 'odd' is not known"),
-        ("key = \"left_leg\"", "key = \"right_leg\"", "the key 'right_leg' stands twice"),
+        ("key = \"left_leg\"", "key = \"right_leg\"", "the key 'right_leg' appears twice"),
         ("name = \"unitree_g1\"", "name = \"a b\"", "letters, digits"),
         ("{ skip = 9 }", "", ""),
     ] {
@@ -70,7 +70,11 @@ fn wrong_files_are_refused() {
         ("{ token = 64 }", "{ skip = 64 }", "needs one token in the actions, which have 0"),
         ("{ token = 64 }", "{ token = 32 }, { token = 32 }", "which have 2"),
         ("{ token = 64 }", "{ token = 64 }, { group = \"waist\" }", "belongs to the decoder of the tokens"),
-        ("{ token = 64 }", "{ token = 64 }, { term = \"navigate\" }", "it is a command; set body = \"wbc\""),
+        (
+            "{ token = 64 }",
+            "{ token = 64 }, { term = \"navigate\" }",
+            "it commands the whole-body controller; set body = \"wbc\"",
+        ),
     ] {
         let error = Mapping::from_toml("test", &tokens.replacen(from, to, 1), &robot()).unwrap_err().to_string();
         assert!(error.contains(says), "{from} -> {to}: {error}");
@@ -79,7 +83,7 @@ fn wrong_files_are_refused() {
     for (from, to, says) in [
         ("group = \"waist\"", "group = \"left_arm\"", "commanded twice"),
         ("group = \"waist\"", "group = \"left_leg\"", "belongs to the whole-body controller"),
-        ("term = \"height\"", "term = \"projected_gravity\"", "does not belong in a action"),
+        ("term = \"height\"", "term = \"projected_gravity\"", "does not belong in the action"),
     ] {
         let text = format!("{head}# Relative keys{}", tail.replacen(from, to, 1));
         let error = Mapping::from_toml("test", &text, &robot()).unwrap_err().to_string();
@@ -87,7 +91,7 @@ fn wrong_files_are_refused() {
     }
 }
 
-/// The whole state of a data set of ours: the terms in their order, joint angles less the standing posture.
+/// The complete state of one of our data sets: terms in order, joint angles relative to the standing posture.
 #[test]
 fn a_state_has_the_terms_of_proprioception() {
     let terms = [
@@ -121,7 +125,7 @@ fn a_state_has_the_terms_of_proprioception() {
     assert!(mapping.observe(&robot, &short, &Frames::default(), 0, "go", "it").is_err());
 }
 
-/// A server that fits a mapping.
+/// A contract and a chunk that match a mapping.
 fn fitting(mapping: &Mapping) -> (Contract, ModelChunk) {
     let cameras = mapping.cameras.iter().map(|camera| CameraTerms {
         key: camera.key.clone(),
@@ -150,7 +154,7 @@ fn fitting(mapping: &Mapping) -> (Contract, ModelChunk) {
     (contract, ModelChunk { rows: mapping.horizon, parts, server_s: None })
 }
 
-/// Ten ways to be wrong, each told by its name.
+/// Ten kinds of difference, each named in the error.
 #[test]
 fn ten_wrong_mappings_are_refused_by_name() {
     type Change = fn(&mut Mapping);
@@ -181,7 +185,7 @@ fn ten_wrong_mappings_are_refused_by_name() {
         let error = check_contract(&wrong, &contract).unwrap_err().to_string();
         assert!(error.contains(says), "{says}\n{error}");
     }
-    // What a contract leaves out shows in the first answer.
+    // The first answer shows what a contract leaves out.
     for change in [changes[5].1, changes[6].1, changes[7].1, changes[8].1] {
         let mut wrong = good.clone();
         change(&mut wrong);
@@ -200,7 +204,7 @@ fn ten_wrong_mappings_are_refused_by_name() {
     }
 }
 
-/// Arms, hands, waist and commands come where they belong; a relative arm adds to the posture at the question.
+/// Arms, hands, waist and commands end up in the right fields; a relative arm adds to the posture at the question.
 #[test]
 fn a_chunk_becomes_targets_and_commands() {
     let robot = robot();
@@ -232,7 +236,7 @@ fn a_chunk_becomes_targets_and_commands() {
     assert!((mapping.rows(&robot, &bent, &chunk).unwrap()[3].targets[0].1 - 0.9).abs() < 1e-12);
 }
 
-/// Relative wrists: no change leaves the arm where it is; 3 cm ahead are 3 cm ahead.
+/// Relative wrists: no change leaves the arm where it is, and 3 cm forwards are 3 cm forwards.
 #[test]
 fn relative_wrists_are_reached() {
     let robot = robot();
@@ -243,7 +247,7 @@ fn relative_wrists_are_reached() {
     mapping.actions[0].representation = Representation::Relative;
     let (_, mut chunk) = fitting(&mapping);
     let mut q = robot.q0().to_vec();
-    // The forearm ahead: a straight arm cannot reach further.
+    // The forearm points forwards: a straight arm could not reach further.
     q[18] = 0.2;
     let still = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     chunk.parts[0].2 = still.repeat(40);

@@ -4,15 +4,15 @@ use super::{MAX_DIMENSIONS, Tensor, known};
 use crate::BridgeError;
 
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
-/// The data begin at a multiple of this, bytes.
+/// The data begin at a multiple of this number of bytes.
 const ALIGNMENT: usize = 64;
-/// NumPy leaves room for the first side to grow to so many digits.
+/// NumPy leaves room for the first dimension to grow to this number of digits.
 const GROWTH: usize = 21;
-/// Longest header that is read, bytes; NumPy's own bound.
+/// Longest accepted header, bytes; NumPy has the same limit.
 const MAX_HEADER: usize = 10_000;
 
 impl Tensor {
-    /// A complete file, byte for byte what NumPy's `save` writes.
+    /// A complete file, in the same bytes that NumPy's `save` writes.
     pub fn to_npy(&self) -> Vec<u8> {
         let sides: Vec<String> = self.shape.iter().map(ToString::to_string).collect();
         let shape = match sides.as_slice() {
@@ -34,10 +34,10 @@ impl Tensor {
         bytes
     }
 
-    /// Reads a file. Elements in Fortran's order are put in C's.
+    /// Reads a file. Elements in Fortran order are rearranged to C order.
     ///
     /// # Errors
-    /// [`BridgeError::Malformed`]: anything that is not such a file of a known type, pickled objects among it.
+    /// [`BridgeError::Malformed`]: the file is damaged or of an unknown type, such as one with pickled objects.
     pub fn of_npy(bytes: &[u8]) -> Result<Self, BridgeError> {
         let wrong = |problem: &str| BridgeError::malformed("a .npy file", problem);
         let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| wrong("its first bytes are not those of the format"))?;
@@ -45,12 +45,12 @@ impl Tensor {
         let size_bytes = match version[0] {
             1 => 2,
             2 | 3 => 4,
-            other => return Err(wrong(&format!("it has version {other} of the format; 1 to 3 are read"))),
+            other => return Err(wrong(&format!("it has version {other} of the format; 1 to 3 are supported"))),
         };
         let (size, rest) = rest.split_at_checked(size_bytes).ok_or_else(|| wrong("it is cut"))?;
         let size = size.iter().rev().fold(0, |size, &byte| size << 8 | usize::from(byte));
         if size > MAX_HEADER {
-            return Err(wrong(&format!("its header has {size} bytes; at most {MAX_HEADER} are read")));
+            return Err(wrong(&format!("its header has {size} bytes; the limit is {MAX_HEADER}")));
         }
         let (header, data) = rest.split_at_checked(size).ok_or_else(|| wrong("it is cut"))?;
         let header = std::str::from_utf8(header).map_err(|_| wrong("its header is not text"))?;
@@ -58,7 +58,7 @@ impl Tensor {
         let descr = field("descr")?;
         let dtype = match descr.trim_matches(['\'', '"']) {
             bare if bare.len() + 2 == descr.len() => known(bare)?,
-            _ => return Err(wrong("its elements are records; only plain numbers are read")),
+            _ => return Err(wrong("its elements are records; only plain numbers are supported")),
         };
         let shape = field("shape")?.trim_matches(['(', ')']);
         let sides = shape.split(',').map(str::trim).filter(|side| !side.is_empty()).take(MAX_DIMENSIONS + 1);
@@ -73,7 +73,7 @@ impl Tensor {
         Ok(if is_fortran { tensor.of_fortran() } else { tensor })
     }
 
-    /// The same array, where the elements came with the first index the fastest.
+    /// Rearranges elements that came with the first index fastest.
     fn of_fortran(mut self) -> Self {
         let size = self.dtype.size();
         let mut data = Vec::with_capacity(self.data.len());
@@ -94,7 +94,7 @@ impl Tensor {
     }
 }
 
-/// The text of a field of the header's dictionary.
+/// The text of a field in the header's dictionary; `None` if it is missing.
 fn value<'a>(header: &'a str, name: &str) -> Option<&'a str> {
     let at = ["'", "\""].iter().find_map(|quote| header.find(&format!("{quote}{name}{quote}")))?;
     let rest = header[at + name.len() + 2..].trim_start().strip_prefix(':')?.trim_start();

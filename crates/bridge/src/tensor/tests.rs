@@ -3,7 +3,7 @@
 use super::*;
 use crate::pack::{decode, encode};
 
-/// Of the facts: `get_action` with `state.waist` = f32[1, 1, 2] {1, 2}, written by msgpack 1.2.4 and numpy 2.4.6.
+/// A real request: `get_action` with `state.waist` = f32[1, 1, 2] {1, 2}, written by msgpack 1.2.4 and numpy 2.4.6.
 pub(crate) const GET_ACTION: &str = "82a8656e64706f696e74aa6765745f616374696f6ea46461746182ab6f62736572766174696f6e81a5737461746581a5776169737482b15f5f6e6461727261795f636c6173735f5fc3a661735f6e7079c488934e554d5059010076007b276465736372273a20273c6634272c2027666f727472616e5f6f72646572273a2046616c73652c20277368617065273a2028312c20312c2032292c207d202020202020202020202020202020202020202020202020202020202020202020202020202020202020202020202020202020202020200a0000803f00000040a76f7074696f6e73c0";
 
 pub(crate) fn hex(text: &str) -> Vec<u8> {
@@ -35,7 +35,7 @@ fn golden_bytes_of_openpi() {
     assert_eq!(Tensor::of_openpi(entry(&value, "s").unwrap()).unwrap().unwrap(), one);
 }
 
-/// A frame of a camera takes 128 bytes more than its pixels.
+/// A frame of a camera takes 128 bytes more than its pixels do.
 #[test]
 fn a_frame_has_a_header_of_128_bytes() {
     let frame = Tensor::u8(vec![1, 1, 480, 640, 3], vec![7; 921_600]).unwrap();
@@ -59,7 +59,7 @@ fn halves_are_read() {
     assert!(half(0x7e00).is_nan() && half(0xfc00) == f64::NEG_INFINITY);
 }
 
-/// No bytes of a hostile server are more than an error.
+/// Whatever a hostile server sends, the outcome is an error.
 #[test]
 fn hostile_arrays_are_refused() {
     let good = Tensor::f32(vec![2, 2], &[1.0; 4]).unwrap().to_npy();
@@ -80,7 +80,7 @@ fn hostile_arrays_are_refused() {
         ("'<f4'", "[('x', '<f4')]", "records"),
         ("(2, 2)", "(2, 3)", "takes 24 bytes; it has 16"),
         ("(2, 2)", "(-2, 2)", "whole numbers"),
-        ("(2, 2)", "(99999999999, 99999999999)", "elements are read"),
+        ("(2, 2)", "(99999999999, 99999999999)", "the limit is"),
         ("(2, 2)", "(1,1,1,1,1,1,1,1,1,4)", "dimensions"),
         ("False", "Maybe", "fortran_order"),
         ("'shape'", "'shade'", "no 'shape'"),
@@ -107,7 +107,7 @@ fn hostile_arrays_are_refused() {
     }
 }
 
-/// An array header that announces billions of entries, and one that nests without end.
+/// An array header that announces billions of entries, and one that nests endlessly.
 #[test]
 fn hostile_messages_are_refused() {
     assert!(decode("it", &[0xdd, 0xff, 0xff, 0xff, 0xff]).is_err());

@@ -1,10 +1,10 @@
-//! Which sessions a controller takes.
+//! Which sessions a controller accepts.
 
 use fiatlux_foreign::{ForeignError, GainsRule, Plant, Reading};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_wbc::{CONTROL_DT, Joint};
 
-/// The joints of a session with these gains.
+/// The joints of a session with this set of gains.
 fn joints(robot: &str, set: GainSet) -> Vec<Joint> {
     let robot = Robot::by_name(robot).unwrap();
     let gains = robot.gains(set).0;
@@ -32,7 +32,7 @@ fn each_fits_its_own_gains_on_both_robots() {
     }
 }
 
-/// Legs and waist of the benchmark have the gains of GEAR's makers; its arms have others, which GEAR does not move.
+/// Legs and waist of the benchmark have GEAR's gains; the arms differ, but GEAR does not move them.
 #[test]
 fn gear_plays_on_the_benchmarks_gains() {
     let joints = joints("g1_inspire", GainSet::Fiatlux);
@@ -63,8 +63,8 @@ fn other_sessions_are_refused_by_name() {
     assert!(refused(&own[..20], CONTROL_DT).contains("joint 20 left_wrist_pitch_joint"));
     let mut swapped = own.clone();
     swapped.swap(3, 4);
-    assert!(refused(&swapped, CONTROL_DT).contains("joint 3 left_knee_joint, and the session has left_ankle_pitch"));
-    assert!(refused(&own, 0.01).contains("a control step of 0.02 s, and the session has 0.01 s"));
+    assert!(refused(&swapped, CONTROL_DT).contains("joint 3 left_knee_joint, but the session has left_ankle_pitch"));
+    assert!(refused(&own, 0.01).contains("a control step of 0.02 s, but the session has 0.01 s"));
     let mut unknown = joints("g1_bare", GainSet::Sonic);
     unknown[28].stiffness = f64::NAN;
     let message = sonic.fits(&unknown, CONTROL_DT, GainsRule::Own).unwrap_err().to_string();

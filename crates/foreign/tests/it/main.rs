@@ -1,4 +1,4 @@
-//! Controllers of others.
+//! Tests of foreign controllers: matching sessions, networks, refusals and tokens.
 #![allow(clippy::unwrap_used)]
 
 mod fits;

@@ -48,7 +48,7 @@ pub fn perceptron(sizes: &[usize], seed: u128) -> pb::ModelProto {
     }
 }
 
-/// The bytes of a file.
+/// The bytes of an ONNX file.
 pub fn bytes(model: &pb::ModelProto) -> Vec<u8> {
     model.encode_to_vec()
 }

@@ -1,4 +1,4 @@
-//! The same targets as an independent implementation in Python gives: `tests/oracle/foreign.py`.
+//! Compares targets with an independent implementation in Python, `tests/oracle/foreign.py`.
 
 use std::path::{Path, PathBuf};
 use std::process::Command as Program;
@@ -8,17 +8,17 @@ use fiatlux_safetensors::File;
 use fiatlux_wbc::{Command, MOVED, Sensed};
 
 const STEPS: usize = 240;
-/// rad; the bar.
+/// Largest allowed difference of a target, rad.
 const TOLERANCE: f64 = 1e-5;
 
-/// The standing posture of the session's robot, rad, as `Q0` in the script.
+/// The standing posture of the session's robot, rad; `Q0` in the script.
 pub const Q0: [f64; BODY] = {
     let mut q0 = [0.0; BODY];
     (q0[0], q0[3], q0[4], q0[6], q0[9], q0[10]) = (-0.05, 0.2, -0.15, -0.05, 0.2, -0.15);
     q0
 };
 
-/// What is sensed, commanded and meant in a step.
+/// Sensor data, command and token of a step.
 struct Seen {
     angular_velocity: [f64; 3],
     gravity: [f64; 3],
@@ -38,7 +38,7 @@ impl Seen {
     }
 }
 
-/// `sequence` of the script.
+/// The same inputs as `sequence` of the script.
 fn sequence() -> Vec<Seen> {
     const VELOCITIES: [[f64; 3]; 4] = [[0.0; 3], [0.4, -0.1, 0.2], [0.03, 0.02, -0.01], [-0.2, 0.3, -0.6]];
     let mut state = 1_u32;
@@ -61,7 +61,7 @@ fn sequence() -> Vec<Seen> {
     (0..STEPS).map(seen).collect()
 }
 
-/// Plays both controllers and both readings through a folder of the script's, and compares each target of each step.
+/// Runs both controllers in both readings through a folder of the script's, and compares every target of every step.
 fn compare(folder: &Path) {
     let bytes = std::fs::read(folder.join("targets.safetensors")).unwrap();
     let file = File::parse(&bytes).unwrap();
@@ -82,7 +82,7 @@ fn check(file: &File<'_>, name: &str, count: usize, sequence: &[Seen], mut step:
     let expected = file.tensor(name, &[STEPS, count]).unwrap();
     let mut farthest = 0.0_f64;
     for (index, (seen, expected)) in sequence.iter().zip(expected.chunks_exact(count)).enumerate() {
-        // Hands follow, and keep their targets.
+        // The hands come after the body, and keep their targets.
         let mut targets = vec![7.0; BODY + 24];
         step(seen, &mut targets);
         for (joint, (target, expected)) in targets.iter().zip(expected).enumerate() {
@@ -100,7 +100,7 @@ fn small_networks_give_what_python_gave() {
     compare(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures"));
 }
 
-/// The readings differ: a test that cannot tell them apart would prove nothing of the option.
+/// The two readings give different targets: otherwise the option would not be tested.
 #[test]
 fn readings_are_told_apart() {
     let bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/targets.safetensors")).unwrap();
@@ -110,11 +110,11 @@ fn readings_are_told_apart() {
     assert!(apart > 1e-3, "{apart}");
 }
 
-/// Where `FIATLUX_PYTHON` names a Python with numpy, onnx and onnxruntime: networks of realistic size, of another seed.
+/// With a `FIATLUX_PYTHON` that has numpy, onnx and onnxruntime: networks of realistic size from another seed.
 #[test]
 fn large_networks_give_what_python_gives() {
     let Some(python) = std::env::var_os("FIATLUX_PYTHON") else {
-        return eprintln!("skipped: FIATLUX_PYTHON names no Python");
+        return eprintln!("skipped: FIATLUX_PYTHON does not name a Python");
     };
     let imports = ["-c", "import numpy, onnx, onnxruntime"];
     if !Program::new(&python).args(imports).output().is_ok_and(|output| output.status.success()) {

@@ -1,4 +1,4 @@
-//! Files and observations that are refused, each by name, and without a panic.
+//! Refused files and observations: each error names the cause, and nothing panics.
 
 use std::path::{Path, PathBuf};
 
@@ -59,30 +59,30 @@ fn wrong_networks_are_named() {
             &["constant 'b0' is not finite at index 1"],
         );
     }
-    // Finite weights whose sums are not.
+    // Finite weights, but their sums are infinite.
     check(|graph| graph.initializer[1].raw_data.as_chunks_mut().0.fill(f32::MAX.to_le_bytes()), &["of its output is"]);
     check(
         |graph| {
             let location = pb::StringStringEntryProto { key: "location".into(), value: "w.data".into() };
             graph.initializer[2].external_data.push(location);
         },
-        &["'w1' stands in another file", "in one file"],
+        &["'w1' is stored in another file", "in one file"],
     );
     assert!(matches!(load(b""), Err(ForeignError::Onnx { .. })));
     assert!(matches!(load(b"not a network"), Err(ForeignError::Onnx { .. })));
 }
 
-/// Cut anywhere or with any byte changed, a file is refused or gives finite numbers; nothing panics.
+/// A file that is cut anywhere, or has any byte changed, is refused or gives finite numbers; nothing panics.
 #[test]
 fn damaged_files_do_no_harm() {
-    // Panics of the loader are caught; their messages would only hide those of this test.
+    // The loader's panics are caught; their messages would only hide those of this test.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
     let whole = bytes(&perceptron(&[516, 2, 15], 1));
     for end in (0..whole.len()).step_by(97) {
         assert!(load(&whole[..end]).is_err(), "cut at {end}");
     }
-    // The graph stands at both ends; in between are weights.
+    // The graph is at both ends of the file, and the weights are in between.
     for at in (0..160).chain(whole.len() - 160..whole.len()) {
         let mut damaged = whole.clone();
         damaged[at] ^= 0x24;

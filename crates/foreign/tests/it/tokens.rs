@@ -1,4 +1,4 @@
-//! Tokens from a file.
+//! Reading tokens from a file.
 
 use fiatlux_foreign::{FixedToken, RecordedTokens, TokenSource};
 

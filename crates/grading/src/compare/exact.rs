@@ -1,11 +1,11 @@
 //! An exact test on paired differences.
 
-/// Two-sided p-value of the sign-flip test: if neither of two policies were better, each difference would be as likely
-/// with either sign. The p-value is the share of all `2^n` choices of signs whose sum is at least as far from zero as the
+/// Two-sided p-value of the sign-flip test. If neither policy were better, each difference would be as likely with
+/// either sign. The p-value is the share of all `2^n` choices of signs whose sum is at least as far from zero as the
 /// one found. Differences of zero change nothing.
 ///
-/// All choices are counted, by dynamic programming over the sum of those that are taken as positive; nothing is drawn at
-/// random. With differences of -1, 0 and 1 this is the sign test, which for paired successes is McNemar's exact test.
+/// Dynamic programming over the sum of the positive differences counts every choice; nothing is drawn at random. With
+/// differences of -1, 0 and 1 this is the sign test, which for paired successes is McNemar's exact test.
 pub(super) fn sign_flip_p(differences: &[i64]) -> f64 {
     let unit = differences.iter().fold(0, |unit, difference| greatest_divisor(unit, difference.unsigned_abs()));
     if unit == 0 {
@@ -30,7 +30,7 @@ pub(super) fn sign_flip_p(differences: &[i64]) -> f64 {
             share[sum] = 0.5 * (share[sum] + with);
         }
     }
-    // The sum of signed differences is twice that less the total; both tails are equal.
+    // The signed sum is twice that sum less the total; both tails are equal.
     let tail: f64 = share[(total + found) / 2..].iter().sum();
     (2.0 * tail).min(1.0)
 }
@@ -47,7 +47,7 @@ mod tests {
         (0..k).map(|i| f64::from(n - i) / f64::from(i + 1)).product()
     }
 
-    /// Against the binomial sum, where all differences have one size.
+    /// Compares with the binomial sum, which holds where all differences have one size.
     #[test]
     fn equal_differences_give_the_sign_test() {
         for (positive, negative) in [(1, 0), (5, 0), (8, 2), (2, 8), (3, 3), (48, 0), (30, 18), (100, 60)] {
@@ -62,7 +62,7 @@ mod tests {
         assert_eq!(sign_flip_p(&[1, 1, 1, 1, 1, 1, 1, 1, 1, -1]), 22.0 / 1024.0);
     }
 
-    /// Against all choices of signs, one by one.
+    /// Compares with all choices of signs, one by one.
     #[test]
     fn unequal_differences_give_what_enumeration_gives() {
         let cases: [&[i64]; 5] = [
@@ -84,7 +84,7 @@ mod tests {
         }
     }
 
-    /// 1 to n, all of one sign: no other choice but its mirror image is as far, as in Wilcoxon's table.
+    /// 1 to n, all of one sign: only the mirror image is as far from zero, as in Wilcoxon's table.
     #[test]
     fn one_sided_results_are_as_unlikely_as_can_be() {
         for n in [1_i32, 5, 20, 48] {

@@ -1,4 +1,4 @@
-//! The episodes of each task, with a figure each.
+//! The episodes of each task, each with a figure.
 
 use std::fmt::Write;
 
@@ -13,13 +13,14 @@ use crate::{EpisodeRow, Results};
 /// Where a page finds the figures and replays of its episodes.
 #[derive(Clone, Copy)]
 pub(super) enum Place<'a> {
-    /// Figures in the page itself, replays in files; says whether one is there, by its path from the page's folder.
+    /// Figures are in the page itself and replays in files; says whether a file exists, by its path relative to the
+    /// page's folder.
     File(&'a dyn Fn(&str) -> bool),
-    /// Each at an address of a site.
+    /// Figures and replays have addresses on a site.
     Site(&'a Site<'a>),
 }
 
-/// All episodes, a fold a task. Few tasks are shown unfolded.
+/// Writes all episodes, each task in a section that folds. With few tasks the sections start open.
 pub(super) fn section(out: &mut String, results: &Results, place: Place<'_>) {
     out.push_str("<h2 id=\"episodes\">Episodes</h2>\n");
     legend(out);
@@ -75,7 +76,7 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, pl
     out.push_str("</div></details>\n");
 }
 
-/// What the task asks for.
+/// Writes what the task asks for.
 pub(super) fn gate(out: &mut String, spec: Option<&TaskSpec>) {
     if let Some(spec) = spec {
         let criteria: Vec<_> = spec.gate.criteria.iter().map(|criterion| words(criterion.name)).collect();
@@ -98,7 +99,7 @@ pub(super) fn gate(out: &mut String, spec: Option<&TaskSpec>) {
     }
 }
 
-/// A card for each episode, as many as the place takes.
+/// Writes a card for each episode, up to as many as the place takes.
 pub(super) fn cards(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, place: Place<'_>) {
     let most = match place {
         Place::File(_) => usize::MAX,
@@ -142,7 +143,7 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: Place<'_>) 
     match place {
         Place::File(_) => out.push_str(&figure(&episode.series, &episode.end, limit_n)),
         Place::Site(site) => {
-            // Fetched when it comes into sight: it is drawn from the bag.
+            // Loaded only when it comes into view: the server draws it from the bag.
             let lanes =
                 episode.task.parse::<Task>().map_or(0, |task| task.spec().gate.criteria_of(Protocol::Strict).count());
             let _ = write!(

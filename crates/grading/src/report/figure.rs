@@ -9,16 +9,16 @@ use crate::tables::force;
 use crate::{Held, Series};
 
 pub(super) const WIDTH: f64 = 520.0;
-/// Where time begins and ends.
+/// Where the time axis begins and ends.
 const LEFT: f64 = 160.0;
 const RIGHT: f64 = 508.0;
 const LANE: f64 = 18.0;
 const FORCE: f64 = 74.0;
-/// Room above the force, and for the numbers below it.
+/// Space above the force, and for the numbers below it.
 const HEAD: f64 = 22.0;
 const FOOT: f64 = 24.0;
 
-/// Height of a figure with lanes for so many criteria.
+/// Height of a figure with lanes for this number of criteria.
 pub(super) fn height(criteria: usize) -> f64 {
     LANE * criteria as f64 + HEAD + FORCE + FOOT
 }
@@ -99,7 +99,8 @@ fn lane(out: &mut String, name: &str, held: &[Held], top: f64) {
 
 fn hand_force(out: &mut String, series: &Series, limit_n: f64, top: f64, bottom: f64) {
     let peak = series.hand_force_n.iter().copied().fold(0.0, f64::max);
-    // A crash of 1,000 N must not press the limit onto the floor: what is above is cut off, and the peak is written.
+    // A crash of 1,000 N must not press the limit onto the floor: the curve is cut off, and the peak is given as a
+    // number.
     let limit = limit_n.max(1.0);
     let full = (1.12 * peak).clamp(1.3 * limit, 3.0 * limit);
     let y = |newtons: f64| bottom - (bottom - top) * (newtons / full).min(1.0);

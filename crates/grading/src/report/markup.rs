@@ -1,6 +1,6 @@
-//! Text on its way into a page.
+//! Escapes and shortens text for a page.
 
-/// Escapes what came from a bag, for text and for quoted attributes.
+/// Escapes text from a bag for HTML text and quoted attributes.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -22,25 +22,25 @@ pub(super) fn escape(text: &str) -> String {
     out
 }
 
-/// A word that a shell takes as it is.
+/// Quotes a word for a shell.
 pub(super) fn shell_word(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:@,=".contains(c);
     if !text.is_empty() && text.chars().all(plain) { text.into() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
-/// A path as the address of a link. What could be read as a scheme or a question is spelt out in bytes.
+/// A path as the address of a link, percent-encoded where it could be read as a scheme or a query.
 pub(super) fn link(path: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.~/".contains(&byte);
     path.bytes().map(|byte| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") }).collect()
 }
 
-/// `old_bulb_held` as a person writes it.
+/// A name such as `old_bulb_held` with spaces for underscores.
 pub(super) fn words(name: &str) -> String {
     escape(&name.replace('_', " "))
 }
 
-/// The part of a class name that stands for a cause of an end: the style has `b-fall` for a background, `f-fall` for a
-/// figure.
+/// The part of a class name that stands for the cause of an end: the style has `b-fall` for a background and `f-fall`
+/// for a figure.
 pub fn cause_class(cause: &str) -> &'static str {
     match cause {
         "success" => "success",
@@ -56,13 +56,13 @@ pub fn cause_class(cause: &str) -> &'static str {
     }
 }
 
-/// A coordinate, with no more digits than a screen shows.
+/// A coordinate, rounded to what a screen shows.
 pub(super) fn px(value: f64) -> String {
     let text = format!("{value:.1}");
     text.strip_suffix(".0").map_or(text.clone(), str::to_owned)
 }
 
-/// A share as per cent.
+/// A share as a percentage.
 pub(super) fn percent(share: f64) -> String {
     format!("{:.1}\u{202f}%", 100.0 * share)
 }

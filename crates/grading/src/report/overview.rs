@@ -1,4 +1,4 @@
-//! The figure of all subtasks: score, success, gate progress and ends, a row each.
+//! The figure of all subtasks: score, success, gate progress and ends, one row each.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -9,20 +9,20 @@ use crate::{Results, TaskResult};
 const WIDTH: f64 = 1096.0;
 const HEAD: f64 = 46.0;
 const ROW: f64 = 30.0;
-/// Left edge and width of each panel; a value is written on its right.
+/// Left edge and width of each panel; the value is written to its right.
 const SCORE: (f64, f64) = (274.0, 140.0);
 const SUCCESS: (f64, f64) = (526.0, 168.0);
 const PROGRESS: (f64, f64) = (762.0, 110.0);
 const ENDS: (f64, f64) = (930.0, 166.0);
 
-/// A legend of the causes that occur, in the order of their names.
+/// A legend of the causes that occur, sorted by name.
 pub(super) fn causes(results: &Results) -> String {
     let causes: BTreeSet<&String> = results.subtasks.iter().flat_map(|task| task.ends.keys()).collect();
     let entry = |cause: &&String| format!("<span><i class=\"b-{}\"></i>{}</span>", cause_class(cause), escape(cause));
     format!("<div class=\"legend\"><span>Ends:</span>{}</div>", causes.iter().map(entry).collect::<String>())
 }
 
-/// SVG of the subtasks that ran.
+/// The subtasks that ran, as an SVG figure.
 pub(super) fn figure(results: &Results) -> String {
     let tasks = &results.subtasks;
     let height = HEAD + ROW * tasks.len() as f64 + 4.0;
@@ -100,7 +100,7 @@ fn row(out: &mut String, task: &TaskResult, top: f64) {
     ends(out, task, top);
 }
 
-/// What the figure shows of a task: by the strict gates where there are such, else by the published ones.
+/// What the figure shows of a task: the strict verdicts if it has them, else the published ones.
 struct Shown {
     score_mean: f64,
     score_std: Option<f64>,
@@ -142,7 +142,7 @@ fn bar(out: &mut String, (x, width): (f64, f64), top: f64, share: f64, class: &s
     rect(width * share.clamp(0.0, 1.0), class);
 }
 
-/// A rate as a point on its interval.
+/// Draws a rate as a point on its interval.
 fn rate(out: &mut String, y: f64, rate: f64, [low, high]: [f64; 2], clean: bool) {
     let at = |share: f64| px(SUCCESS.0 + SUCCESS.1 * share);
     let (line, width) = if clean { ("s-accent", 2.0) } else { ("s-soft", 1.5) };
@@ -158,7 +158,7 @@ fn rate(out: &mut String, y: f64, rate: f64, [low, high]: [f64; 2], clean: bool)
     );
 }
 
-/// Shares of the causes as one bar.
+/// Draws the shares of the causes as one bar.
 fn ends(out: &mut String, task: &TaskResult, top: f64) {
     let total = task.ends.values().sum::<u64>().max(1) as f64;
     let mut x = ENDS.0;

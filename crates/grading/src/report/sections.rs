@@ -8,7 +8,7 @@ use super::markup::{escape, shell_word};
 use crate::tables::{force, seeds};
 use crate::{Results, TaskResult};
 
-/// A table of tasks.
+/// Writes a table of tasks.
 pub(super) fn task_table(out: &mut String, tasks: &[TaskResult], scored: bool) {
     let score_head = if scored { "<th>Score s</th>" } else { "" };
     let columns = if scored { 3 } else { 2 };
@@ -60,18 +60,18 @@ fn rate(value: f64, [low, high]: [f64; 2]) -> String {
     format!("<td>{value:.2} <span class=\"ci\">[{low:.2}, {high:.2}]</span></td>")
 }
 
-/// `replace` and `climb`.
+/// Writes the table of `replace` and `climb`, which have no weight in S.
 pub(super) fn extra_tasks(out: &mut String, results: &Results) {
     if results.extra_tasks.is_empty() {
         return;
     }
-    out.push_str("<h2>Outside the score</h2>\n<p class=\"soft small\">These tasks have no weight in S.</p>\n");
+    out.push_str("<h2>Not part of the score</h2>\n<p class=\"soft small\">These tasks have no weight in S.</p>\n");
     out.push_str("<div class=\"panel scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Tasks outside the score\">");
     task_table(out, &results.extra_tasks, false);
     out.push_str("</div>\n");
 }
 
-/// Bags that are not scored.
+/// Writes the list of bags that are not scored.
 pub(super) fn excluded(out: &mut String, results: &Results) {
     if results.excluded.is_empty() {
         return;
@@ -99,7 +99,7 @@ pub(super) fn excluded(out: &mut String, results: &Results) {
     out.push_str("</tbody></table></div>\n");
 }
 
-/// Conditions, versions, digests, thresholds.
+/// Writes conditions, versions, digests and thresholds.
 pub(super) fn conditions(out: &mut String, results: &Results) {
     if results.episodes.is_empty() {
         return;
@@ -188,7 +188,7 @@ fn thresholds(out: &mut String, results: &Results) {
     out.push_str("</tbody></table></div></details>\n");
 }
 
-/// Commands that give these numbers again.
+/// Writes the commands that reproduce these numbers.
 pub(super) fn reproduce(out: &mut String, results: &Results) {
     let c = &results.conditions;
     let mut options: String = c
@@ -202,7 +202,7 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
     let show = |out: &mut String, title: &str, command: &str| {
         let _ = write!(out, "<h3>{title}</h3><pre tabindex=\"0\">{}</pre>", escape(command));
     };
-    out.push_str("<h2>How to get these numbers again</h2>\n<div class=\"panel\">");
+    out.push_str("<h2>How to reproduce these numbers</h2>\n<div class=\"panel\">");
     show(out, "Grade the same bags, from the folder that this page was written to", &grade_command(results, &options));
     if let Some(episode) = results.episodes.iter().find(|episode| episode.failure.is_none()) {
         let command = format!("scorer verify {} -e tcp/HOST:7447", shell_word(&episode.bag));
@@ -225,13 +225,13 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
         show(out, "Run the policy again", &command);
     }
     out.push_str(
-        "<p class=\"soft small\">The same bags and options give the same bytes, of this page too but for its links to replays. An episode's digest is a \
-         SHA-256 chain over all numbers of its rows: equal digests mean that every joint, body and force was equal to the \
+        "<p class=\"soft small\">The same bags and options give the same bytes, and the same page except for its links \
+         to replays. An episode's digest is a SHA-256 chain over all numbers of its rows: equal digests mean that every joint, body and force was equal to the \
          last bit at every step.</p></div>\n",
     );
 }
 
-/// Names folders in place of bags, where all of a folder's bags are graded anyway.
+/// Names folders in place of bags where all bags of a folder are graded anyway.
 fn grade_command(results: &Results, options: &str) -> String {
     if let Some(run) = &results.run {
         return format!("scorer grade {}{options} --html report.html", shell_word(&run.folder));
@@ -245,7 +245,7 @@ fn grade_command(results: &Results, options: &str) -> String {
     };
     let roots = folders.iter().filter(|folder| !folders.iter().any(|other| other != *folder && inside(folder, other)));
     let words: Vec<_> = roots.map(|folder| shell_word(folder)).collect();
-    // A list of many folders says no more than a placeholder.
+    // A long list of folders says no more than a placeholder.
     let words = if words.len() > 6 { "BAGS".to_owned() } else { words.join(" ") };
     format!("scorer grade {words}{options} --html report.html")
 }

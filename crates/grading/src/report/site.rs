@@ -8,22 +8,22 @@ use super::{STYLE, run_lines, sections, subtasks, summary};
 use crate::bag::read;
 use crate::{EpisodeRow, GradeOptions, Results};
 
-/// Addresses of what belongs to an episode. They are escaped where they are written.
+/// Addresses for an episode. They are escaped where they are written.
 pub struct Site<'a> {
-    /// Of its page, which has the replay.
+    /// Address of the episode's page, which has the replay.
     pub episode: &'a dyn Fn(&EpisodeRow) -> String,
-    /// Of its figure as an SVG picture, see [`episode_figure`].
+    /// Address of its figure as an SVG picture, see [`episode_figure`].
     pub figure: &'a dyn Fn(&EpisodeRow) -> String,
-    /// Of the page with all episodes of a task, by the task's id.
+    /// Address of the page with all episodes of a task, by the task's id.
     pub task: &'a dyn Fn(&str) -> String,
-    /// Most episodes of a task that are shown.
+    /// The largest number of episodes shown of each task.
     pub most: usize,
 }
 
-/// The report in parts, as HTML without scripts and without styles of their own. Whatever comes from a bag is escaped.
+/// The report in parts, as HTML without scripts or styles. Text from a bag is escaped.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SiteReport {
-    /// What a reader must know first, and cards with the numbers that count.
+    /// What a reader must know first, and cards with the main numbers.
     pub summary: String,
     /// Figure and table of the subtasks.
     pub subtasks: String,
@@ -33,7 +33,7 @@ pub struct SiteReport {
     pub conditions: String,
 }
 
-/// The report in parts.
+/// Renders the report in parts, for a page that adds a frame and [`STYLE`](super::STYLE).
 pub fn site(results: &Results, site: &Site<'_>) -> SiteReport {
     let part = |write: &dyn Fn(&mut String)| {
         let mut out = String::new();
@@ -73,8 +73,8 @@ pub fn task_cards(results: &Results, episodes: &[EpisodeRow], site: &Site<'_>) -
     out
 }
 
-/// The figure of an episode as an SVG picture that stands alone, in light and dark: when each criterion held, and the
-/// force on the hands. It is drawn from the rows of the bag, however much of it is whole. `None` where no row can be read.
+/// The figure of an episode as a self-contained SVG picture, in light and dark: when each criterion held, and the force
+/// on the hands. It is drawn from as many rows of the bag as can be read. `None` where no row can.
 pub fn episode_figure(bag: &Path, results: &Results) -> Option<String> {
     let options = GradeOptions {
         set: results

@@ -1,4 +1,4 @@
-//! The episodes for a spreadsheet, as in RFC 4180.
+//! The episodes as CSV (RFC 4180), for a spreadsheet.
 
 use crate::Results;
 
@@ -6,8 +6,8 @@ const HEAD: &str = "policy,task,seed,episode,success,clean,broken,dropped,gate_p
                     steps,end,steps_in_gate,state_digest,bag,benchmark_version,strict_success,strict_clean,\
                     strict_progress,strict_end,strict_steps,run,run_registered,run_played,run_finished";
 
-/// One line an episode, under a line with the names of the fields in `results.json`. Where the episodes are those of a run,
-/// each line says of which, and how many were registered and played: an episode that was not played has no line.
+/// One line for each episode, below a line with the names of the fields in `results.json`. In a run, each line also
+/// names the run and says how many episodes were registered and played: an episode that was not played has no line.
 pub fn csv(results: &Results) -> String {
     let mut lines = vec![HEAD.to_owned()];
     let run = results.run.as_ref();
@@ -45,12 +45,12 @@ pub fn csv(results: &Results) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Empty where there is none.
+/// The value as text; empty for `None`.
 fn or_empty(value: &Option<impl ToString>) -> String {
     value.as_ref().map(ToString::to_string).unwrap_or_default()
 }
 
-/// In quotes where it has to be. A name that a spreadsheet would take for a formula is kept from it by an apostrophe.
+/// Quotes a cell where necessary. An apostrophe protects a name that a spreadsheet would take for a formula.
 fn quoted(text: &str) -> String {
     let text = if text.starts_with(['=', '+', '-', '@', '\t']) { format!("'{text}") } else { text.to_owned() };
     if text.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::{conditions_line, count, run_line, seed_count};
 use crate::{RateRow, Results, TaskResult};
 
-/// A `table` environment that can be pasted as it is.
+/// A `table` environment that can be pasted into a paper.
 pub fn latex(results: &Results) -> String {
     let mut out = String::from("% needs \\usepackage{booktabs}\n\\begin{table}[t]\n\\centering\n\\small\n");
     let conditions = conditions_line(&results.conditions);
@@ -83,7 +83,7 @@ fn spread(mean: Option<f64>, std: Option<f64>) -> String {
     }
 }
 
-/// What TeX would read as a command is shown as it is.
+/// Escapes what TeX would read as a command.
 fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

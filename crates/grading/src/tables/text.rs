@@ -7,7 +7,7 @@ use crate::{Fault, RateRow, Results, Score, TaskResult};
 
 const WIDTH: usize = 100;
 
-/// Headline, subtasks, ends, what is missing and what was left out.
+/// Headline, subtasks, ends, missing subtasks and bags that were left out.
 pub fn text(results: &Results) -> String {
     let mut out = String::new();
     headline(&mut out, results);
@@ -16,13 +16,13 @@ pub fn text(results: &Results) -> String {
         table(&mut out, &results.subtasks, true);
     }
     if !results.extra_tasks.is_empty() {
-        out.push_str("\nOutside the score\n");
+        out.push_str("\nNot part of the score\n");
         table(&mut out, &results.extra_tasks, false);
     }
     if !results.episodes.is_empty() && !results.missing.is_empty() {
         let how = match results.run {
-            Some(_) => "Not registered, and 0 in the score",
-            None => "Missing under at least one seed, and outside its score",
+            Some(_) => "Not registered (0 in the score)",
+            None => "Missing under at least one seed (not part of its score)",
         };
         let list = format!("{how}: {}", results.missing.join(", "));
         let _ = writeln!(out, "\n{}", wrapped(&list, ""));
@@ -133,12 +133,12 @@ fn excluded(out: &mut String, results: &Results) {
     }
 }
 
-/// A share in five columns; a dash where there is none.
+/// A share in five columns; a dash for `None`.
 fn share(value: Option<f64>, digits: usize) -> String {
     value.map_or("    -".into(), |value| format!("{value:>5.digits$}"))
 }
 
-/// Breaks a text at spaces; further lines are indented. Words that are too long stay whole.
+/// Breaks a text at spaces and indents further lines. Overlong words stay whole.
 fn wrapped(text: &str, indent: &str) -> String {
     let mut lines = vec![String::new()];
     let mut used = 0;

@@ -1,4 +1,4 @@
-//! The records of a session that is verified, in order: what a recorder would write.
+//! The records of a session under verification, in order, as a recorder would write them.
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, channel};
@@ -13,36 +13,37 @@ use zenoh::pubsub::Subscriber;
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 use zenoh::{Session, Wait};
 
-/// Records that came before an earlier one; with more of them that one is asked for.
+/// Records to hold back while an earlier one is missing; beyond this number the missing one is requested.
 const MAX_AHEAD: usize = 64;
 
-/// An answer takes no longer.
+/// Longest wait for an answer to a request.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// A record is asked for so often.
+/// Number of times that a record is requested.
 const TRIES: u32 = 4;
 
-/// Records that have not come this long after the episode's end are lost.
+/// Time after the episode's end at which missing records count as lost.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// A session's records. It acknowledges nothing: a session that is verified does not wait for a recorder.
+/// Reads a session's records and acknowledges none: a session under verification does not wait for a recorder.
 pub(super) struct Records {
     link: Session,
     keys: SessionKeys,
     rows: RowsKey,
     inbox: Receiver<Bytes>,
-    /// By their number.
+    /// Records that arrived before an earlier one, by number.
     ahead: BTreeMap<u64, StepRecord>,
     next_seq: u64,
     _subscriber: Option<Subscriber<()>>,
 }
 
 impl Records {
-    /// All from the session's first one on, if it is not reset before, or those alone that are asked for.
+    /// Reads all records from the session's first one on (provided that it is not reset before), or only those
+    /// requested.
     pub fn of(link: &Session, keys: SessionKeys, rows: RowsKey, all: bool) -> Result<Self, zenoh::Error> {
         let (sender, inbox) = channel();
         let receive = move |sample: zenoh::sample::Sample| {
-            // Whoever followed may be gone.
+            // The receiver may be gone.
             let _ = sender.send(sample.payload().to_bytes().into_owned().into());
         };
         let subscribe = || link.declare_subscriber(keys.truth_row()).callback(receive).wait();
@@ -50,7 +51,7 @@ impl Records {
         Ok(Self { link: link.clone(), keys, rows, inbox, ahead: BTreeMap::new(), next_seq: 0, _subscriber: subscriber })
     }
 
-    /// The next record, where it has come.
+    /// The next record, if it has arrived.
     pub fn next(&mut self) -> Option<StepRecord> {
         while let Ok(bytes) = self.inbox.try_recv() {
             self.take(bytes);
@@ -63,7 +64,7 @@ impl Records {
         Some(record)
     }
 
-    /// The record of that number, asked for; `None` where the server does not keep it any more.
+    /// Requests the record of that number; `None` where the server no longer keeps it.
     pub fn get(&mut self, seq: u64) -> Option<StepRecord> {
         self.next_seq = seq;
         for _ in 0..TRIES {
@@ -75,7 +76,7 @@ impl Records {
         None
     }
 
-    /// The next record, waited for; `None` where it is lost.
+    /// Waits for the next record; `None` where it is lost.
     pub fn wait(&mut self) -> Option<StepRecord> {
         let start = Instant::now();
         loop {
@@ -92,16 +93,16 @@ impl Records {
 
     fn take(&mut self, bytes: Bytes) {
         let Some(record) = self.rows.open(&bytes) else {
-            return tracing::debug!("a record that is not of this session is dropped");
+            return tracing::debug!("dropping a record of another session");
         };
         match decode::<StepRecord>(&record, MAX_SERVER_MESSAGE) {
             Ok(record) if record.seq >= self.next_seq => drop(self.ahead.insert(record.seq, record)),
             Ok(_) => {}
-            Err(error) => tracing::warn!(%error, "a record is dropped; does the server speak this version?"),
+            Err(error) => tracing::warn!(%error, "cannot decode a record; does the server speak this version?"),
         }
     }
 
-    /// Asks for what is missing, and waits for the answer.
+    /// Requests the missing records and waits for the answer.
     fn ask(&mut self, count: u64) {
         let request = StepRecordRequest { from_seq: self.next_seq, count }.encode_to_vec();
         let proof = self.rows.prove("rows", &request).to_vec();

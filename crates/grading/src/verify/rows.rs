@@ -1,4 +1,4 @@
-//! Where two rows differ, by field and part.
+//! Finds where two rows differ, by field and part.
 
 use fiatlux_proto::v3;
 
@@ -9,7 +9,7 @@ const QUATERNION: [&str; 4] = ["w", "x", "y", "z"];
 const CONTACT_LIMBS: [&str; 4] = ["left foot", "right foot", "left palm", "right palm"];
 const SUPPORTS: [&str; 4] = ["left foot", "right foot", "left arm", "right arm"];
 
-/// What the numbers of a field belong to.
+/// How the numbers of a field are grouped.
 #[derive(Debug, Clone, Copy)]
 enum By {
     Joint,
@@ -17,9 +17,9 @@ enum By {
     HandBody,
     /// A vector for each hand body.
     HandBodyAxis,
-    /// A vector for each limb that touches.
+    /// A vector for each limb in contact.
     LimbAxis,
-    /// A number for each limb that carries.
+    /// A number for each limb that can bear weight.
     Support,
     Axis,
     Quaternion,
@@ -89,7 +89,7 @@ impl Fields {
     }
 }
 
-/// The first number of a row that is not the same to the last bit.
+/// The first number in which two rows differ, to the last bit.
 pub(super) fn first_row_difference(
     simulated: &v3::State,
     recorded: &v3::State,
@@ -110,7 +110,7 @@ pub(super) fn first_row_difference(
     None
 }
 
-/// What the number of that index belongs to, to stand behind the field's name.
+/// The part that the number at this index belongs to, as a suffix of the field's name.
 fn part(by: By, index: usize, header: &v3::EpisodeHeader) -> String {
     let named = |names: &[String], index: usize| names.get(index).cloned().unwrap_or_else(|| index.to_string());
     match by {

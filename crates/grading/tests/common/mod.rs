@@ -1,5 +1,5 @@
-//! Episodes made of moved rooms, and bags of them.
-#![allow(dead_code)] // Each test file uses a part of it.
+//! Episodes made up without a simulator, and bags of them.
+#![allow(dead_code)] // Each test file uses a part of this module.
 
 #[path = "../../../rules/tests/common/mod.rs"]
 pub mod room;
@@ -27,7 +27,7 @@ pub enum Story {
     Crushes(u64),
 }
 
-/// A folder of its own, removed in the end.
+/// A temporary folder, removed on drop.
 pub struct Folder(pub PathBuf);
 
 impl Folder {
@@ -91,7 +91,7 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
     })
 }
 
-/// A header whose chain starts where what it says lets it start, as a server makes it.
+/// A header with the start of its digest chain, as a server makes it.
 pub fn sealed(header: v3::EpisodeHeader) -> v3::EpisodeHeader {
     match read_identity(&header) {
         Ok(identity) => v3::EpisodeHeader { digest_context: identity.digest().hex(), ..header },
@@ -103,7 +103,7 @@ fn judge(task: Task) -> Judge {
     Judge::new(Protocol::Published, task, Thresholds::default(), room::geometry(), JudgeOptions::default())
 }
 
-/// Rows as a simulator gives them: every number moves a little.
+/// Rows like a simulator's: every number moves a little.
 pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
     let mut draw = Draw(seed ^ task as u64);
     let (Story::Waits(at) | Story::Falls(at) | Story::Succeeds(at) | Story::Crushes(at)) = story;
@@ -140,7 +140,7 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
     rows
 }
 
-/// The result that a server gives.
+/// The result that a server would give.
 pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
     let mut judge = judge(header.task.parse().expect("a task"));
     let mut digest = RowDigest::from_hex(&header.digest_context).expect("the start of a chain");
@@ -186,7 +186,7 @@ pub fn begin(path: &Path, header: &v3::EpisodeHeader, rows: &[Row]) -> BagWriter
     writer
 }
 
-/// A bag of a story.
+/// Writes a finished bag of a story.
 pub fn write(path: &Path, task: Task, seed: u64, story: Story) {
     let (header, rows) = (header(task, seed), rows(task, seed, story));
     begin(path, &header, &rows).finish(&result(&header, &rows)).expect("finished");

@@ -1,4 +1,4 @@
-//! An episode that is played and recorded here.
+//! Plays and records the episode that the tests show.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,10 +11,10 @@ use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Row, Task};
 use fiatlux_wire::{Frames, domain_sample_message, drive_message, geometry_message, state_message};
 use fiatlux_world::{Episode, EpisodeSpec, GENERATORS, Scene, SceneConfig};
 
-/// Most steps of the episode; the robot may fall before.
+/// Longest length of the episode in steps; the robot may fall earlier.
 const STEPS: u64 = 150;
 
-/// A generator for tests.
+/// A random generator for tests.
 pub struct Random(pub u64);
 
 impl Random {
@@ -24,18 +24,18 @@ impl Random {
     }
 }
 
-/// An episode that was played: its rows, its robot, and its bag.
+/// An episode that was played here: its rows, its robot, and its bag.
 pub struct Played {
     pub folder: PathBuf,
     pub bag: PathBuf,
     pub rows: Vec<Row>,
-    /// Criteria of the judge in force, by row.
+    /// For each row, the criteria of the judge in force.
     pub criteria: Vec<Vec<bool>>,
     pub scene: Arc<Scene>,
     pub cause: &'static str,
 }
 
-/// A folder of one test, empty.
+/// An empty folder for one test.
 pub fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_dir_all(&folder);
@@ -120,7 +120,7 @@ fn header(episode: &Episode) -> EpisodeHeader {
     }
 }
 
-/// Words of a track's head: version, rows, kept rows, numbers a kept row.
+/// A track as its tests need it, decoded.
 pub struct Track {
     pub steps: Vec<u32>,
     pub flags: Vec<u32>,
@@ -130,7 +130,7 @@ pub struct Track {
     pub width: usize,
 }
 
-/// Reads a track by its description alone.
+/// Decodes a track from its description alone.
 pub fn read_track(bytes: &[u8]) -> Track {
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     assert_eq!(&bytes[..4], b"FLTR");

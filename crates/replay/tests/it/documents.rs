@@ -1,4 +1,4 @@
-//! What a replay says, against the rows that were recorded.
+//! Compares replays with the rows that were recorded.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::common::{play, read_track};
 
-/// What single precision leaves of a position of a few metres, m, and of a unit quaternion.
+/// Error of single precision for a position of a few metres, m, and for a unit quaternion.
 const CLOSE: f32 = 2e-6;
 
 fn numbers(pose: &Isometry3<f64>) -> [f32; POSE] {
@@ -17,7 +17,7 @@ fn numbers(pose: &Isometry3<f64>) -> [f32; POSE] {
     [at.x, at.y, at.z, q.w, q.i, q.j, q.k].map(|number| number as f32)
 }
 
-/// Equal to the last bit where both come from the same kinematics.
+/// Equal to the last bit, because both come from the same kinematics.
 #[test]
 fn poses_are_those_of_the_robots_kinematics() {
     let played = play("kinematics", Task::S05, 3);
@@ -37,8 +37,8 @@ fn poses_are_those_of_the_robots_kinematics() {
     }
 }
 
-/// Two outside references: where the engine measured the palms, and the frames that the bag has for Foxglove, each in its
-/// parent, multiplied out here.
+/// Two outside references: where the engine measured the palms, and the frames that the bag holds for Foxglove, each
+/// relative to its parent and multiplied out here.
 #[test]
 fn poses_are_those_of_the_engine_and_of_the_bags_frames() {
     let played = play("engine", Task::S09, 5);
@@ -48,7 +48,7 @@ fn poses_are_those_of_the_engine_and_of_the_bags_frames() {
         track.numbers[row * track.width + frame * POSE..][..POSE].try_into().unwrap()
     };
     let near = |found: [f32; POSE], expected: [f32; POSE], what: &str| {
-        // A quaternion and its negative are one rotation.
+        // A quaternion and its negative are the same rotation.
         let dot: f32 = (3..7).map(|i| found[i] * expected[i]).sum();
         let sign = dot.signum();
         let same = (0..3).all(|i| (found[i] - expected[i]).abs() < CLOSE)
@@ -77,7 +77,7 @@ fn poses_are_those_of_the_engine_and_of_the_bags_frames() {
     }
 }
 
-/// Conditions are those of the judge that the episode was played by, forces those of its rows.
+/// Conditions are those of the judge in force, and forces are those of the rows.
 #[test]
 fn conditions_and_forces_are_those_of_the_rows() {
     let played = play("conditions", Task::S11, 2);
@@ -111,7 +111,7 @@ fn conditions_and_forces_are_those_of_the_rows() {
     assert_eq!(document.recorded_end.as_deref(), Some(played.cause));
 }
 
-/// Memory is bounded: of a long episode one row of a few has poses, and all have their conditions.
+/// Memory is limited: in a long episode only some rows have poses, but all have their conditions.
 #[test]
 fn long_episodes_are_thinned_out() {
     let played = play("long", Task::S07, 1);
@@ -130,7 +130,7 @@ fn long_episodes_are_thinned_out() {
     assert!(thin.document().notes.iter().any(|note| note.contains("poses stand 0.")));
 }
 
-/// The shapes are those that clips show, each in a frame that is there, and closed under their indices.
+/// The shapes are those that clips show, each in an existing frame and with valid indices.
 #[test]
 fn shapes_fit_their_description() {
     let played = play("shapes", Task::S05, 0);
@@ -156,7 +156,7 @@ fn shapes_fit_their_description() {
     for part in ["robot", "ladder", "old_bulb", "fresh_bulb", "fixture", "crate", "bench", "floor", "room"] {
         assert!(stage.meshes.iter().any(|mesh| mesh.part == part), "{part}");
     }
-    // A bag is the same replay each time, and its document reads back.
+    // The same bag gives the same replay each time, and its document reads back.
     assert_eq!(Replay::open(&played.bag).unwrap(), replay);
     let json: serde_json::Value = serde_json::from_str(&replay.document_json()).unwrap();
     assert_eq!(json["episode"]["policy"], "restless");

@@ -1,4 +1,4 @@
-//! Bags that are cut, damaged or made up: what is whole is shown, and nothing panics.
+//! Bags that are cut, damaged or made up: whatever is whole is shown, and nothing panics.
 
 use fiatlux_bag::{Bag, BagWriter, topic};
 use fiatlux_proto::Message;
@@ -38,7 +38,7 @@ fn mutated_bags_never_panic() {
     for _ in 0..300 {
         let mut mutated = bytes.clone();
         for _ in 0..=random.below(4) {
-            // The head of the file, with header and first chunk, gets half of it.
+            // Half of the changes go to the start of the file, with header and first chunk.
             let reach = if random.below(2) == 0 { bytes.len() } else { bytes.len().min(6000) };
             let at = random.below(reach);
             match random.below(3) {
@@ -65,7 +65,7 @@ fn mutated_bags_never_panic() {
     assert!(shown > 20 && refused > 20, "{shown} shown, {refused} refused");
 }
 
-/// A made-up bag of a whole format but with rows that are none.
+/// A made-up bag in a valid format, whose rows are not valid.
 #[test]
 fn rows_that_are_none_are_left_out() {
     let played = play("made_up", Task::S05, 6);
@@ -105,7 +105,7 @@ fn rows_that_are_none_are_left_out() {
     }
     let kinds = &replay.document().events[0].kind;
     assert!(kinds.chars().count() <= 301 && !kinds.contains('\u{202e}'));
-    // Text of a bag is data of the page, never markup.
+    // Text from a bag is data of the page, never markup.
     assert!(!standalone(&replay).contains("<b>"));
 }
 

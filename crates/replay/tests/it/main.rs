@@ -1,4 +1,4 @@
-//! Replays of bags that are recorded here, of damaged ones, and their server.
+//! Replays of bags recorded here, of damaged bags, and their server.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod common;

@@ -1,4 +1,4 @@
-//! The server, over real sockets.
+//! The server of replays over real sockets.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -25,7 +25,7 @@ impl Serving {
         Self { address, stop, thread: Some(std::thread::spawn(move || viewer.serve(&flag))) }
     }
 
-    /// Status, head and body of an answer.
+    /// Sends a request, and returns status, head and body of the answer.
     fn ask(&self, method: &str, path: &str, host: &str) -> (u16, String, Vec<u8>) {
         let mut stream = TcpStream::connect(self.address).unwrap();
         write!(stream, "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
@@ -49,7 +49,7 @@ impl Drop for Serving {
     }
 }
 
-/// The body of an answer in chunks.
+/// Joins a body that arrives in chunks.
 fn joined(mut chunked: &[u8]) -> Vec<u8> {
     let mut body = Vec::new();
     while let Some(end) = chunked.windows(2).position(|window| window == b"\r\n") {
@@ -82,7 +82,7 @@ fn one_bag_is_served_with_all_its_parts() {
     assert_eq!(status, 200);
     assert!(head.contains("content-disposition: attachment; filename=\"s05.mcap\""), "{head}");
     assert_eq!(joined(&bag), std::fs::read(&played.bag).unwrap());
-    // All that the page names is there.
+    // Everything that the page links to exists.
     for file in page.split("/page/").skip(1).filter_map(|rest| rest.split('"').next()) {
         assert_eq!(serving.get(&format!("/page/{file}")).0, 200, "{file}");
     }
@@ -106,13 +106,13 @@ fn a_folder_is_listed_and_a_broken_bag_says_why() {
     assert_eq!(status, 422);
     assert!(String::from_utf8(why).unwrap().contains("name an .mcap file that a recorder wrote"));
     assert!(String::from_utf8(serving.get("/episode/1").2).unwrap().contains("All episodes"));
-    // A bag that is gone is an answer, not the end of the server.
+    // A missing bag gives an error answer, and the server goes on.
     std::fs::remove_file(&played.bag).unwrap();
     assert_eq!(serving.get("/episode/1/track.bin").0, 422);
     assert_eq!(serving.get("/episode/1/bag").0, 404);
 }
 
-/// No client's path becomes a path of a file, and no other host's page can ask.
+/// A client's path never becomes a path of a file, and pages of other hosts cannot ask.
 #[test]
 fn paths_and_hosts_that_are_not_ours_are_refused() {
     let played = play("refused", Task::S05, 9);

@@ -15,7 +15,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of some values; `None` without any.
+    /// Mean and deviation of these values; `None` without any.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mean = mean(values)?;
         let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();
@@ -31,9 +31,9 @@ fn mean(values: &[f64]) -> Option<f64> {
 /// All episodes of one task.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SubtaskScore {
-    /// The task that they are of.
+    /// The task of these episodes.
     pub task: Task,
-    /// Half the success rate and half the mean gate progress, for each layout seed; then over the seeds.
+    /// Half the success rate plus half the mean gate progress under each layout seed; then over the seeds.
     pub score: Spread,
     /// How many episodes succeeded.
     pub success: Rate,
@@ -43,20 +43,20 @@ pub struct SubtaskScore {
     pub broken: Rate,
     /// Episodes in which a bulb was dropped.
     pub dropped: Rate,
-    /// Mean of the episodes.
+    /// Mean gate progress of the episodes.
     pub gate_progress: f64,
     /// Mean of the episode scores.
     pub episode_score: f64,
-    /// Largest of the episodes, N.
+    /// Largest contact force of a bulb on a hand body in any episode, N.
     pub peak_hand_force_n: f64,
-    /// Mean of the episodes.
+    /// Mean control effort of the episodes.
     pub control_effort: f64,
     /// Mean length of the episodes.
     pub mean_steps: f64,
 }
 
 impl SubtaskScore {
-    /// Scores a task's episodes; `None` where there are none. Those of other tasks are ignored.
+    /// Scores a task's episodes; `None` if there are none. Episodes of other tasks are ignored.
     pub fn of(task: Task, episodes: &[Episode]) -> Option<Self> {
         let own: Vec<&Episode> = episodes.iter().filter(|episode| episode.summary.task == task).collect();
         let seeds: BTreeSet<u64> = own.iter().map(|episode| episode.seed).collect();
@@ -101,7 +101,7 @@ pub struct SeedScore {
     pub missing: Vec<Task>,
 }
 
-/// The roll-up of all episodes of a policy.
+/// All scores of a policy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Benchmark {
     /// Over the layout seeds; `None` where no subtask ran.
@@ -115,7 +115,7 @@ pub struct Benchmark {
 }
 
 impl Benchmark {
-    /// Rolls episodes up, in any order; sums are equal to the last bit for the same order only.
+    /// Computes all scores. The order of the episodes only affects the last bit of sums.
     pub fn of(episodes: &[Episode]) -> Self {
         let is_subtask = |episode: &&Episode| Task::SUBTASKS.contains(&episode.summary.task);
         let seeds: BTreeSet<u64> = episodes.iter().filter(is_subtask).map(|episode| episode.seed).collect();

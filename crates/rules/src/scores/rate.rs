@@ -6,14 +6,14 @@ const Z_95: f64 = 1.959963984540054;
 /// How often something happened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rate {
-    /// How often it happened.
+    /// Number of times that it happened.
     pub hits: u64,
-    /// Times it could have.
+    /// Number of times that it could have happened.
     pub trials: u64,
 }
 
 impl Rate {
-    /// Counts what is true.
+    /// Counts the outcomes that are true.
     pub fn of(outcomes: impl IntoIterator<Item = bool>) -> Self {
         outcomes
             .into_iter()

@@ -1,4 +1,4 @@
-//! What a term of a reward is, and how it keeps its account.
+//! What a reward term is, and the state that it keeps.
 
 use crate::cause::Cause;
 use crate::gate::Context;
@@ -8,7 +8,7 @@ use crate::verdict::Verdict;
 /// Shortest start distance that an approach is measured against, m (paper).
 const MIN_START_DISTANCE: f64 = 1e-3;
 
-/// What a step shows to a term.
+/// What a term can read in a step.
 pub(crate) struct View<'a> {
     pub before: &'a Row,
     pub row: &'a Row,
@@ -19,10 +19,10 @@ pub(crate) struct View<'a> {
 /// A measure of one row.
 pub(crate) type Measure = fn(&Row, &Context<'_>) -> f64;
 
-/// How a term's value comes about.
+/// How the value of a term is computed.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Kind {
-    /// A value of each step.
+    /// A value in each step.
     Rate(fn(&View<'_>) -> f64),
     /// Difference of the potential `clamp((d0 - d) / d0, 0, 1)` of a distance d that was d0 in row 0.
     Approach(Measure),
@@ -39,7 +39,7 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// A name for digests, in which the functions themselves have no part.
+    /// A name for digests, which cannot cover the functions themselves.
     pub fn name(self) -> &'static str {
         match self {
             Kind::Rate(_) => "rate",
@@ -69,16 +69,16 @@ impl TermSpec {
     }
 }
 
-/// What one term paid in one step.
+/// What one term paid in a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Term {
     /// Name of the term in results.
     pub name: &'static str,
-    /// What the term measured, before weighting.
+    /// Value of the term before weighting.
     pub value: f64,
     /// Weight of the term in the reward.
     pub weight: f64,
-    /// What it added to the reward of the step.
+    /// Contribution to the reward of the step.
     pub reward: f64,
 }
 
@@ -88,7 +88,7 @@ impl Term {
     }
 }
 
-/// A term and what it remembers.
+/// A term and its state.
 #[derive(Debug, Clone)]
 pub(crate) struct Ledger {
     spec: TermSpec,
@@ -164,7 +164,7 @@ fn bounded(potential: f64) -> f64 {
     if potential.is_finite() { potential.clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// No number in place of an infinite one.
+/// An infinite measure becomes NaN.
 fn finite(measure: f64) -> f64 {
     if measure.is_finite() { measure } else { f64::NAN }
 }

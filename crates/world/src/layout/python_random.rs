@@ -1,5 +1,5 @@
-//! Python's `random.Random` as far as the published rooms need it: the generator, its seeding by a whole number, and how
-//! draws are made of its words.
+//! The parts of Python's `random.Random` that the published rooms need: the generator, its seeding by a whole number,
+//! and how draws are made from its words.
 
 use rand_mt::Mt;
 
@@ -21,12 +21,12 @@ impl PythonRandom {
         (f64::from(high) * 67_108_864.0 + f64::from(low)) * SCALE
     }
 
-    /// `uniform(low, high)`: uniform between the two, from one `random()`.
+    /// `uniform(low, high)`: uniform between `low` and `high`, from one `random()`.
     pub(super) fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.random()
     }
 
-    /// `choice(items)`: takes as many bits of a word as the number of items needs, and repeats until they name one.
+    /// `choice(items)`: takes as many bits of a word as the number of items has, and repeats until they select an item.
     pub(super) fn choice<T: Copy, const N: usize>(&mut self, items: [T; N]) -> T {
         const { assert!(N > 0 && N < 1 << 31) };
         let shift = (N as u32).leading_zeros();

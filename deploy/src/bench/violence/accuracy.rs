@@ -1,4 +1,4 @@
-//! The engine at its step of 5 ms against itself at 0.25 ms.
+//! Compares the engine at its step of 5 ms with itself at 0.25 ms.
 
 use fiatlux_dynamics::{Dynamics, Input, State};
 use fiatlux_world::{PHYSICS_DT, Random, SUBSTEPS, Scene, Stream};
@@ -7,15 +7,15 @@ use super::AccuracyReport;
 use super::trial::{Pattern, Trials};
 use crate::bench::BenchError;
 
-/// Parts of a step of 5 ms in the fine run.
+/// Number of fine steps in a step of 5 ms.
 pub(super) const FINE: usize = 20;
 /// Control steps after which both are compared: 0.1, 0.2, 0.5 and 1 s.
 pub(super) const AT: [usize; 4] = [5, 10, 25, 50];
-/// Runs of each pattern, over the tasks in turn; fewer where less is asked for.
+/// Number of runs for each pattern, over the tasks in turn; fewer if fewer are requested.
 pub(super) const RUNS: u64 = 28;
 pub(super) const PATTERNS: [Pattern; 3] = [Pattern::Boxes(0.2), Pattern::Boxes(1.0), Pattern::Limits];
 
-/// From the tasks' start states. The socket's hold is not part of the engine, so seated bulbs fall here.
+/// Measures from the tasks' start states. The socket's hold is not part of the engine, so seated bulbs fall here.
 pub(super) fn measure(trials: &Trials, runs: u64) -> Result<Vec<AccuracyReport>, BenchError> {
     PATTERNS.into_iter().map(|pattern| measure_pattern(trials, pattern, runs.clamp(1, RUNS))).collect()
 }
@@ -43,7 +43,7 @@ fn measure_pattern(trials: &Trials, pattern: Pattern, runs: u64) -> Result<Accur
     Ok(AccuracyReport { name, errors })
 }
 
-/// What the drives are told in each control step of a run, rad, in the order of the model's drives.
+/// Targets of each control step of a run, rad, in the order of the model's drives.
 pub(super) fn targets(scene: &Scene, pattern: Pattern, run: u64) -> Vec<Vec<f64>> {
     let mut random = Random::of_term(Stream::Trial, "accuracy", run, 0);
     let mut targets = vec![0.0; scene.robot.joints().len()];
@@ -54,7 +54,7 @@ pub(super) fn targets(scene: &Scene, pattern: Pattern, run: u64) -> Vec<Vec<f64>
     (0..AT[3]).map(draw).collect()
 }
 
-/// Targets of the public joint order within the joints' limits, in the order of the model's drives.
+/// Reorders targets from the public joint order to that of the model's drives, within the joints' limits.
 pub(super) fn driven(scene: &Scene, targets: &[f64]) -> Vec<f64> {
     let mut driven = vec![0.0; targets.len()];
     for ((ids, joint), target) in scene.robot_ids.joints.iter().zip(scene.robot.joints()).zip(targets) {
@@ -63,7 +63,7 @@ pub(super) fn driven(scene: &Scene, targets: &[f64]) -> Vec<f64> {
     driven
 }
 
-/// States at the times of [`AT`] of a run by steps of a part of 5 ms.
+/// States of a run at the times of [`AT`], in steps of 5 ms divided by `parts`.
 pub(super) fn roll(scene: &Scene, start: &State, targets: &[Vec<f64>], parts: usize) -> Vec<State> {
     let (mut state, mut dynamics) = (start.clone(), Dynamics::new(&scene.model));
     let mut states = Vec::new();
@@ -79,7 +79,7 @@ pub(super) fn roll(scene: &Scene, start: &State, targets: &[Vec<f64>], parts: us
     states
 }
 
-/// Of the pelvis, m, and of the joints, root mean square, rad.
+/// Distance of the pelvis, m, and of the joints (root mean square), rad.
 fn distance(scene: &Scene, a: &State, b: &State) -> (f64, f64) {
     let square = |index: usize| (a.qpos[index] - b.qpos[index]).powi(2);
     let root = scene.robot_ids.root_qpos;

@@ -1,4 +1,4 @@
-//! The same starts and targets for MuJoCo: scenes and numbers that `tests/oracle/violence.py` reads.
+//! Exports the same starts and targets for MuJoCo: scenes and numbers that `tests/oracle/violence.py` reads.
 
 use std::fs;
 use std::path::Path;
@@ -14,11 +14,11 @@ use super::flight;
 use super::trial::{HOLD, Trials};
 use crate::bench::BenchError;
 
-/// Writes `flight.xml` and `flight.json`, the starts in empty space; `starts.xml` and `starts.json`, the random starts; and
-/// for the error `replay-N.xml` and `replays.json`, whose states are what the engine made of them.
+/// Writes `flight.xml` and `flight.json`, the starts in empty space; `starts.xml` and `starts.json`, the random starts;
+/// and for the error `replay-N.xml` and `replays.json`, which hold the states that the engine reached.
 ///
 /// # Errors
-/// A scene or start state cannot be made, or a file not be written.
+/// [`BenchError`]: a scene or start state cannot be made, or a file cannot be written.
 pub fn export(folder: &Path, options: &ViolenceOptions) -> Result<(), BenchError> {
     fs::create_dir_all(folder)
         .map_err(|source| BenchError::Io { what: format!("make folder '{}'", folder.display()), source })?;
@@ -80,11 +80,11 @@ fn replays(folder: &Path, trials: &Trials, runs: u64) -> Result<Value, BenchErro
     Ok(json!({"hold": SUBSTEPS, "after": AT, "finer": FINE, "replays": replays}))
 }
 
-/// What the script has to know of a scene and MJCF does not say.
+/// Facts about a scene that the script needs and that MJCF does not hold.
 fn names(scene: &Scene) -> Value {
     let model = &scene.model;
     let name = |body: BodyId| &model.bodies()[body.0].spec.name;
-    // Infinite where a drive has no rated speed, which JSON writes as null.
+    // Infinite if a drive has no rated speed, which JSON writes as null.
     let speed_limits: Vec<_> = model.drives().iter().map(|(_, drive)| drive.speed_limit).collect();
     json!({
         "pelvis": name(scene.robot_ids.root),

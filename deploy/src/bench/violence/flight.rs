@@ -1,4 +1,4 @@
-//! A robot that tumbles in empty space: nothing takes energy or gives any.
+//! A robot that tumbles in empty space, where nothing adds or removes energy.
 
 use std::sync::Arc;
 
@@ -15,10 +15,10 @@ pub(super) const JOINT_SPEEDS: [f64; 2] = [15.0, 30.0];
 /// Starts, and steps of 5 ms from each.
 const STARTS: u64 = 16;
 pub(super) const STEPS: usize = 20;
-/// Farthest that a joint starts from zero, rad.
+/// Largest distance of a joint from zero at the start, rad.
 const POSTURE: f64 = 0.5;
 
-/// Every joint starts at the same speed, of a random sign.
+/// Measures from starts in which every joint has the same speed with a random sign.
 pub(super) fn measure(joint_speed: f64) -> Result<FlightReport, BenchError> {
     let model = robot_in_space()?;
     let (mut worst, mut mean) = (0.0_f64, 0.0);
@@ -29,7 +29,7 @@ pub(super) fn measure(joint_speed: f64) -> Result<FlightReport, BenchError> {
         for _ in 0..STEPS {
             dynamics.step(&model, &mut state, &Input::default(), PHYSICS_DT);
             change = kinetic_energy(&mut dynamics, &model, &state) / before - 1.0;
-            // A change that is not a number is the worst.
+            // NaN counts as the worst change.
             worst = worst.max(if change.is_nan() { f64::INFINITY } else { change.abs() });
         }
         mean += change / STARTS as f64;

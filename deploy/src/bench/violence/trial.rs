@@ -19,20 +19,20 @@ const START: usize = 50;
 pub(super) const HOLD: usize = 10;
 /// Fastest joint of a random start, rad/s.
 const START_SPEED: f64 = 5.0;
-/// Deeper than this for more rows than these (0.1 s) is a deep run.
+/// A run is deep if it exceeds this depth (m) in more rows than the number below (0.1 s).
 const DEEP: f64 = 5e-3;
 const DEEP_ROWS: usize = 5;
 
-/// How targets are drawn anew in every control step.
+/// How targets are drawn in every control step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Pattern {
-    /// All joints from one limit to the other and back: 25 Hz.
+    /// All joints from one limit to the other and back, at 25 Hz.
     Unison,
     /// Every second joint against its neighbours.
     Alternating,
     /// Each joint to one of its limits.
     Limits,
-    /// Actions of that many times the box [-1, 1].
+    /// Actions of up to this many times the box [-1, 1].
     Boxes(f64),
 }
 
@@ -57,7 +57,7 @@ impl Pattern {
         }
     }
 
-    /// Targets of a control step, rad.
+    /// Draws the targets of a control step, rad.
     pub fn draw(self, robot: &Robot, step: usize, random: &mut Random, targets: &mut [f64]) {
         for (index, (joint, target)) in robot.joints().iter().zip(targets).enumerate() {
             let unit = random.unit();
@@ -79,7 +79,7 @@ impl Pattern {
 pub(super) struct Trials {
     robot: Arc<Robot>,
     config: SceneConfig,
-    /// Of the random starts.
+    /// The room of the random starts.
     room: Arc<Scene>,
 }
 
@@ -92,7 +92,7 @@ impl Trials {
         Ok(Self { robot, config, room: Arc::new(room) })
     }
 
-    /// A task's start state; tasks and seeds take turns.
+    /// A task's start state; tasks and seeds rotate with the number of the run.
     pub fn start(&self, run: u64) -> Result<World, BenchError> {
         let tasks = Task::ALL.len() as u64;
         let (task, seed) = (Task::ALL[(run % tasks) as usize], run / tasks);
@@ -102,14 +102,14 @@ impl Trials {
         start(Arc::new(scene), task, seed, &StartOptions::default()).map_err(|e| BenchError::Scene(e.into()))
     }
 
-    /// 10 s under a pattern.
+    /// Plays 10 s under a pattern.
     pub fn violent(&self, pattern: Pattern, run: u64) -> Result<TrialReport, BenchError> {
         let mut random = Random::of_term(Stream::Trial, &pattern.name(), run, 0);
         let mut world = self.start(run)?;
         play(&mut world, run, RUN, |step, targets| pattern.draw(&self.robot, step, &mut random, targets))
     }
 
-    /// 1 s from a posture that touches nothing, anywhere near the ladder, towards random targets.
+    /// Plays 1 s from a posture that touches nothing, anywhere near the ladder, towards random targets.
     pub fn random_start(&self, index: u64) -> Result<TrialReport, BenchError> {
         let (mut world, sets) = self.start_and_targets(index)?;
         play(&mut world, index, START, |step, targets| targets.copy_from_slice(&sets[step / HOLD]))
@@ -156,7 +156,7 @@ impl Trials {
     }
 }
 
-/// Plays that many control steps, or until the state has left the plausible.
+/// Plays the given number of control steps, or until the state has diverged.
 fn play(
     world: &mut World,
     run: u64,

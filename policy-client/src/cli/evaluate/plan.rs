@@ -1,4 +1,4 @@
-//! What a run is to play, from its flags.
+//! Turns the flags into the specification of a run.
 
 use fiatlux_policy::Policy;
 use fiatlux_policy::policies::{self, Replay, VlaSource};
@@ -11,7 +11,7 @@ use crate::cli::{Failure, policy};
 /// Seeds of the published protocol.
 const PUBLISHED_SEEDS: [u64; 4] = [0, 1, 2, 3];
 
-/// What the run is registered with: policy, tasks, seeds and session.
+/// The specification to register: policy, tasks, seeds and session.
 pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, Failure> {
     let mut spec = match policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, &Replay::open(path)?)?,
@@ -41,15 +41,15 @@ pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, F
     Ok(spec)
 }
 
-/// The one episode of a bag.
+/// A run of the one episode of a bag.
 fn replay(args: &EvaluateArgs, policy: &Replay) -> Result<RunSpec, Failure> {
     let refuse = |message: &str| Err(Failure::Usage(message.into()));
     if args.tasks.is_some() || args.seeds.is_some() || args.hosted.is_some() {
-        return refuse("a bag holds one episode: leave --tasks, --seeds and --hosted out");
+        return refuse("a bag holds one episode: omit --tasks, --seeds and --hosted");
     }
     if policy.header().episode != 0 {
         return refuse(
-            "the bag is of a later episode of its session, and a run has only the first: use policy-client run",
+            "the bag holds a later episode of its session, but a run plays only the first: use policy-client run",
         );
     }
     let request = policy.request();
@@ -57,7 +57,7 @@ fn replay(args: &EvaluateArgs, policy: &Replay) -> Result<RunSpec, Failure> {
         policy: policy.name(),
         tasks: vec![request.task.clone()],
         seeds: vec![request.seed],
-        // The run says these itself.
+        // The run sets these itself.
         session: Some(OpenRequest {
             protocol: None,
             policy: String::new(),

@@ -1,4 +1,4 @@
-//! What came of a run, as a table or JSON.
+//! Prints the outcome of a run, as a table or as JSON.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -7,7 +7,7 @@ use std::path::Path;
 use fiatlux_policy::{EpisodeFate, EpisodeOutcome, RunOutcome};
 use serde_json::{Value, json};
 
-/// The episodes of a task.
+/// The table's row for one task.
 #[derive(Debug, Default)]
 struct Row<'a> {
     episodes: usize,
@@ -15,17 +15,17 @@ struct Row<'a> {
     success: usize,
     failed: usize,
     lost: usize,
-    /// What ended those that did not succeed, and how often.
+    /// How often each cause ended an episode without success.
     causes: BTreeMap<&'a str, usize>,
 }
 
-/// Prints a table with a line a task, or JSON with every episode.
+/// Prints a table with a row for each task, or JSON with every episode.
 pub fn print(outcome: &RunOutcome, policy: &str, as_json: bool) {
     let text = if as_json { format!("{:#}\n", as_json_value(outcome, policy)) } else { table(outcome, policy) };
     fiatlux_link::print(text);
 }
 
-/// Says on stderr what was not played, and how to go on.
+/// Reports on stderr what was not played, and how to continue.
 pub fn tell(outcome: &RunOutcome, run_file: &Path) {
     for episode in outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Failed) {
         eprintln!("failed: {}: {}", name(episode), episode.cause);
@@ -43,7 +43,7 @@ pub fn tell(outcome: &RunOutcome, run_file: &Path) {
     if outcome.finished {
         eprintln!("run {} is over; name another file than {file} with --run-file for another run", outcome.run);
     } else {
-        eprintln!("run {} is not over: the same command goes on with it, by its key in {file}", outcome.run);
+        eprintln!("run {} is not over: the same command continues it with the key in {file}", outcome.run);
     }
 }
 
@@ -80,7 +80,7 @@ fn table(outcome: &RunOutcome, policy: &str) -> String {
     let sum = |of: fn(&Row<'_>) -> usize| rows.iter().map(|(_, row)| of(row)).sum::<usize>();
     let width = rows.iter().map(|(task, _)| task.len()).max().unwrap_or(0).max("task".len());
     let mut text = format!("{policy}, run {}, on {}\n\n", outcome.run, outcome.servers.join(", "));
-    // Text in memory takes every line.
+    // Writing to a string cannot fail.
     let _ = writeln!(
         text,
         "{:width$}  {:>9}  {:>7}  {:>6}  {:>4}  ended by",

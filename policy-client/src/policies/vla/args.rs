@@ -1,4 +1,4 @@
-//! The flags of a model server.
+//! Command-line flags for a model server.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -13,37 +13,38 @@ use super::super::foreign::{GearFiles, SonicFiles};
 use super::{Carrier, Shared, VlaSource};
 use crate::PolicyError;
 
-/// Which model server the policy `vla` asks, and how its answers are played.
+/// Which model server the policy `vla` asks, and how to play its answers.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Model server (policy vla)")]
 pub struct VlaArgs {
-    /// How the server speaks: gr00t, gr00t-flat, gr00t-sonic, openpi, behavior or roboarena
+    /// Protocol of the server: gr00t, gr00t-flat, gr00t-sonic, openpi, behavior or roboarena
     #[arg(long, value_name = "NAME")]
     pub dialect: Option<Dialect>,
-    /// Where it is: tcp://HOST:PORT of a GR00T server, ws://HOST:PORT of the others
+    /// Address of the server: tcp://HOST:PORT for GR00T, ws://HOST:PORT for the others
     #[arg(long, value_name = "URL")]
     pub model: Option<String>,
-    /// What its keys are on this robot: a file, or unitree_g1, real_g1, unitree_g1_sonic, openpi_g1, behavior_g1,
+    /// Mapping of its keys to this robot: a file, or unitree_g1, real_g1, unitree_g1_sonic, openpi_g1, behavior_g1,
     /// roboarena_g1, lerobot_g1 [default: the dialect's]
     #[arg(long, value_name = "FILE")]
     pub map: Option<String>,
-    /// What carries the robot on the model's commands or motion tokens: own, gear:DIR or sonic:DIR with the folder of your ONNX
-    /// files, as the policies of that name; such as gear:DIR,reading=lerobot,gains=any [default: own, for commands]
+    /// Controller that follows the model's commands or motion tokens: own, or gear:DIR or sonic:DIR with the folder of
+    /// your ONNX files, as in the policies of that name; such as gear:DIR,reading=lerobot,gains=any [default: own, for
+    /// commands]
     #[arg(long, value_name = "NAME")]
     pub controller: Option<String>,
-    /// Rows of each chunk that are played [default: the mapping's]
+    /// Number of rows to play of each chunk [default: the mapping's]
     #[arg(long, value_name = "ROWS", value_parser = fiatlux_link::whole::<u16>(1..=400))]
     pub prefix: Option<u16>,
     /// Control steps over which a new chunk takes over from the old one
     #[arg(long, value_name = "STEPS", default_value_t = 0, value_parser = fiatlux_link::whole::<u16>(0..=100))]
     pub blend: u16,
-    /// Average the rows that several chunks have for a step; the i-th oldest has the weight exp(-M i)
+    /// Average the rows that several chunks have for a step; the i-th oldest has weight exp(-M i)
     #[arg(long, value_name = "M", value_parser = decay, conflicts_with = "blend")]
     pub ensemble: Option<f64>,
-    /// The time that the server has for an answer, s [default: 15]
+    /// Longest wait for an answer, s [default: 15]
     #[arg(long, value_name = "SECONDS", value_parser = fiatlux_link::whole::<u16>(1..=600))]
     pub reply_timeout: Option<u16>,
-    /// How long a server that is gone is tried again, s; an episode waits 60 s for an action [default: 30]
+    /// How long to retry a server that is gone, s; an episode waits 60 s for an action [default: 30]
     #[arg(long, value_name = "SECONDS", value_parser = fiatlux_link::whole::<u16>(0..=600))]
     pub model_patience: Option<u16>,
     /// File with the server's API token or key
@@ -57,10 +58,10 @@ fn decay(text: &str) -> Result<f64, String> {
 }
 
 impl VlaArgs {
-    /// Reads mapping and token; nobody is asked yet.
+    /// Reads mapping and token, without contacting the server.
     ///
     /// # Errors
-    /// [`PolicyError`]: flags that are missing, or files that cannot be read.
+    /// [`PolicyError`]: missing flags, or files that cannot be read.
     pub fn source(&self, is_real_time: bool) -> Result<VlaSource, PolicyError> {
         let unfit = |reason: String| PolicyError::Unfit { policy: "vla", reason };
         let (Some(dialect), Some(url)) = (self.dialect, &self.model) else {
@@ -72,7 +73,7 @@ impl VlaArgs {
         let wrong =
             |field: &str, problem: String| BridgeError::Mapping { name: name.into(), field: field.into(), problem };
         if !mapping.dialects.contains(&dialect) {
-            return Err(wrong("dialects", format!("it is not of {}; name another --map", dialect.name())).into());
+            return Err(wrong("dialects", format!("it is not for {}; name another --map", dialect.name())).into());
         }
         if let Some((key, width)) = mapping.token().filter(|(_, width)| *width != TOKEN) {
             return Err(wrong(&format!("action '{key}'"), format!("a token has {TOKEN} numbers, not {width}")).into());
@@ -90,7 +91,7 @@ impl VlaArgs {
             Play { prefix, blend: self.blend.into(), ensemble: self.ensemble, steps_per_row: mapping.steps_per_row() };
         let options =
             ModelOptions { url: url.clone(), dialect, timeouts, token: token.map(|token| token.trim().to_owned()) };
-        // An address that cannot be read is told of at once.
+        // Report an invalid address at once.
         drop(options.model()?);
         Ok(VlaSource(std::sync::Arc::new(Shared {
             options,
@@ -103,30 +104,30 @@ impl VlaArgs {
         })))
     }
 
-    /// What moves the body; none where the model does it alone, or speaks tokens and no decoder is given.
+    /// What moves the body; `None` if the model does it alone, or outputs tokens and no decoder is given.
     fn carrier(&self, mapping: &Mapping) -> Result<Option<Carrier>, PolicyError> {
         let (kind, folder) =
             self.controller.as_deref().map_or(("", ""), |name| name.split_once(':').unwrap_or((name, "")));
         let given = self.controller.as_deref().unwrap_or_default();
         let unfit = |problem: &str| {
-            let reason = format!("--controller is '{given}', and the mapping {} {problem}", mapping.name);
+            let reason = format!("--controller is '{given}', but the mapping {} {problem}", mapping.name);
             Err(PolicyError::Unfit { policy: "vla", reason })
         };
         match (mapping.body, kind, folder) {
             (Body::Direct | Body::Tokens, "", _) => Ok(None),
-            (Body::Direct, ..) => unfit("moves all joints itself; leave it out"),
+            (Body::Direct, ..) => unfit("moves all joints itself; omit it"),
             (Body::Wbc, "" | "own", "") => Ok(Some(Carrier::Own(std::sync::Arc::new(Network::shipped()?)))),
             (Body::Wbc, "gear", files) if !files.is_empty() => Ok(Some(Carrier::Gear(GearFiles::open(files)?))),
-            (Body::Wbc, ..) => unfit("speaks commands; use own or gear:DIR"),
+            (Body::Wbc, ..) => unfit("outputs commands; use own or gear:DIR"),
             (Body::Tokens, "sonic", files) if !files.is_empty() => Ok(Some(Carrier::Sonic(SonicFiles::open(files)?))),
-            (Body::Tokens, ..) => unfit("speaks motion tokens; use sonic:DIR"),
+            (Body::Tokens, ..) => unfit("outputs motion tokens; use sonic:DIR"),
         }
     }
 
-    /// The same, and compares the server's contract with the mapping.
+    /// As [`VlaArgs::source`], and compares the server's contract with the mapping.
     ///
     /// # Errors
-    /// As [`VlaArgs::source`]; nobody there, or a contract that does not fit.
+    /// As for [`VlaArgs::source`]; also if nobody answers, or the contract does not fit.
     pub fn checked(&self, is_real_time: bool) -> Result<VlaSource, PolicyError> {
         let source = self.source(is_real_time)?;
         source.check()?;

@@ -1,4 +1,4 @@
-//! Questions to a model server: patient with one that is gone for a while, and in a thread of their own in real time.
+//! Asks a model server; retries one that is gone for a while, and uses a thread in real time.
 
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::time::{Duration, Instant};
@@ -6,41 +6,41 @@ use std::time::{Duration, Instant};
 use fiatlux_bridge::{BridgeError, Model, ModelChunk, ModelObservation};
 use fiatlux_wbc::CONTROL_DT;
 
-/// Between two tries to reach a server that is gone.
+/// Pause between two attempts to reach a server that is gone.
 const PAUSE: Duration = Duration::from_millis(250);
 
-/// An answer, and how long it took from the question on, new connections included.
+/// An answer, and the time since the question, including any new connections.
 pub(super) struct Answered {
     pub chunk: ModelChunk,
     pub latency: Duration,
 }
 
-/// What a thread says.
+/// A message from the thread.
 struct Said {
     answered: Result<Answered, BridgeError>,
     problem: Option<String>,
 }
 
-/// Asks one server, for one episode.
+/// Asks one server during one episode.
 pub(super) struct Asker {
-    /// Where no thread has it.
+    /// The server; `None` while a thread uses it.
     patient: Option<Patient>,
     thread: Option<(Sender<ModelObservation>, Receiver<Said>)>,
-    /// Step and angles of the question that is out.
+    /// Step and joint angles of the pending question.
     out: Option<(u64, Vec<f64>)>,
-    /// The last latency.
+    /// Latency of the last answer, zero before the first one.
     usual: Duration,
     problem: Option<String>,
 }
 
-/// A model server, tried again.
+/// A model server that is retried after errors.
 struct Patient {
     model: Box<dyn Model>,
     patience: Duration,
 }
 
 impl Patient {
-    /// Calls until it goes well, the patience is over, or the error is one that no new connection mends. Says what went wrong.
+    /// Repeats a call until it succeeds, the patience is over, or a new connection cannot help. Logs what went wrong.
     fn call<T>(
         &mut self,
         mut call: impl FnMut(&mut dyn Model) -> Result<T, BridgeError>,
@@ -51,7 +51,7 @@ impl Patient {
             match call(self.model.as_mut()) {
                 Err(error) if error.is_transient() && start.elapsed() < self.patience => {
                     if problem.is_none() {
-                        tracing::warn!("{error}; it is tried again for {:.0} s", self.patience.as_secs_f64());
+                        tracing::warn!("{error}; retrying for {:.0} s", self.patience.as_secs_f64());
                     }
                     problem = Some(error.to_string());
                     std::thread::sleep(PAUSE);
@@ -74,7 +74,7 @@ impl Asker {
         Self { patient, thread: None, out: None, usual: Duration::ZERO, problem: None }
     }
 
-    /// An episode begins.
+    /// Tells the server that an episode begins.
     ///
     /// # Errors
     /// [`BridgeError`].
@@ -83,7 +83,7 @@ impl Asker {
         patient.call(|model| model.reset()).0
     }
 
-    /// Asks and waits.
+    /// Asks and waits for the answer.
     ///
     /// # Errors
     /// [`BridgeError`].
@@ -94,12 +94,12 @@ impl Asker {
         answered
     }
 
-    /// Asks in a thread; [`Asker::answer`] has what came of it. One question is out at a time.
+    /// Asks in a thread; [`Asker::answer`] returns the answer. Only one question is pending at a time.
     pub fn ask_meanwhile(&mut self, observation: ModelObservation, step: u64, q: Vec<f64>) {
         if let Some(mut patient) = self.patient.take() {
             let (questions, asked) = channel::<ModelObservation>();
             let (say, said) = channel();
-            // It ends when the policy is dropped and its last question is answered or timed out.
+            // The thread ends when the policy is dropped and its last question is answered or timed out.
             std::thread::spawn(move || {
                 while let Ok(observation) = asked.recv() {
                     if say.send(patient.infer(&observation)).is_err() {
@@ -116,7 +116,7 @@ impl Asker {
         }
     }
 
-    /// Step and angles of the question, and its answer, once it is there.
+    /// Step, joint angles and answer of the pending question, once it has arrived.
     pub fn answer(&mut self) -> Option<(u64, Vec<f64>, Result<Answered, BridgeError>)> {
         let (_, said) = self.thread.as_ref()?;
         let Said { answered, problem } = match said.try_recv() {
@@ -132,17 +132,17 @@ impl Asker {
         Some((step, q, answered))
     }
 
-    /// Whether a question is out.
+    /// Whether a question is pending.
     pub fn is_asking(&self) -> bool {
         self.out.is_some()
     }
 
-    /// Control steps that the last answer took: a question has to go out so much earlier.
+    /// Latency of the last answer in control steps: the next question must go out that much earlier.
     pub fn usual_steps(&self) -> u64 {
         (self.usual.as_secs_f64() / CONTROL_DT).ceil() as u64
     }
 
-    /// What went wrong on the way to the last answer, once.
+    /// What went wrong before the last answer; each problem is returned once.
     pub fn problem(&mut self) -> Option<String> {
         self.problem.take()
     }

@@ -1,4 +1,4 @@
-//! A look at a model server that moves nothing.
+//! Probes a model server without moving anything.
 
 use std::time::{Duration, Instant};
 
@@ -6,45 +6,46 @@ use fiatlux_bridge::{BridgeError, Contract, Frames, Mapping, ModelChunk, Picture
 
 use super::VlaSource;
 
-/// What a server said of itself and to one observation: the standing posture, and pictures of a grey ramp.
+/// What a server says about itself, and its answer to one observation: the standing posture, and pictures of a grey
+/// ramp.
 #[derive(Debug)]
 pub struct Probed {
-    /// Its contract.
+    /// The contract that it announced.
     pub contract: Contract,
-    /// Whether mapping and contract fit.
+    /// Whether the contract fits the mapping.
     pub fit: Result<(), BridgeError>,
-    /// What was sent: key and shape.
+    /// Key and shape of everything that was sent.
     pub sent: Vec<(String, Vec<usize>)>,
-    /// What came.
+    /// Its answer, or why there is none.
     pub answer: Result<Answer, BridgeError>,
 }
 
 /// A server's answer to one observation.
 #[derive(Debug)]
 pub struct Answer {
-    /// Its numbers.
+    /// Rows of actions under the model's own keys.
     pub chunk: ModelChunk,
-    /// The time from the question to all of it.
+    /// Time from the question to the end of the answer.
     pub latency: Duration,
-    /// What the mapping makes of it, where it fits.
+    /// The answer converted by the mapping, or how it differs from it.
     pub rows: Result<Vec<Row>, BridgeError>,
 }
 
 impl VlaSource {
-    /// The mapping in force.
+    /// The mapping in use.
     pub fn mapping(&self) -> &Mapping {
         &self.0.mapping
     }
 
-    /// The motion tokens that nobody can read: their key and width. The policy refuses to play them.
+    /// Key and width of motion tokens that have no decoder, so that the policy refuses to play them; else `None`.
     pub fn undecoded(&self) -> Option<(&str, usize)> {
         self.0.check_decoder().err().and(self.0.mapping.token())
     }
 
-    /// Asks for the contract, resets, and asks once for a chunk. What does not fit is in the result.
+    /// Requests the contract, resets, and requests one chunk. The result lists differences.
     ///
     /// # Errors
-    /// [`BridgeError`]: the server is not there, or says nothing that can be read.
+    /// [`BridgeError`]: nobody answers, or the answer cannot be decoded.
     pub fn probe(&self) -> Result<Probed, BridgeError> {
         let shared = &self.0;
         let mapping = &shared.mapping;

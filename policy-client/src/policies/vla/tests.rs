@@ -2,7 +2,7 @@ use fiatlux_bridge::ModelChunk;
 
 use super::*;
 
-/// The record has the whole chunk once, in the bounds of the protocol, and where each action comes from.
+/// The record has the whole chunk once, within the protocol's limits, and the origin of each action.
 #[test]
 fn a_note_becomes_a_record_within_bounds() {
     assert_eq!(Note::default().record(), None);
@@ -35,14 +35,14 @@ fn flags_that_are_missing_are_told() {
         ..VlaArgs::default()
     };
     assert!(error(model(None, "ws://lab:1")).contains("Address"));
-    assert!(error(model(Some("openpi_g1"), "tcp://lab:1")).contains("it is not of gr00t"));
+    assert!(error(model(Some("openpi_g1"), "tcp://lab:1")).contains("it is not for gr00t"));
     assert!(error(VlaArgs { prefix: Some(31), ..model(None, "tcp://lab:1") }).contains("a chunk has 30 rows"));
     assert!(error(model(None, "tcp://lab:1")).is_empty());
     let on = |controller: &str| VlaArgs { controller: Some(controller.into()), ..model(None, "tcp://lab:1") };
     assert!(error(on("own")).is_empty());
     for controller in ["sonic:x", "gear", "gear:", "own:x", "walk"] {
         let said = error(on(controller));
-        assert!(said.contains(&format!("'{controller}', and the mapping unitree_g1 speaks commands")), "{said}");
+        assert!(said.contains(&format!("'{controller}', but the mapping unitree_g1 outputs commands")), "{said}");
     }
     assert!(error(on("gear:/nowhere")).contains("/nowhere/Balance.onnx"));
     assert!(error(on("gear:/nowhere,vx=1")).contains("use names of reading, gains"));

@@ -1,28 +1,28 @@
-//! Paths on the floor, clear of what stands there.
+//! Paths on the floor that keep clear of obstacles.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// x and y, world, m.
+/// x and y in the world frame, m.
 pub(super) type Point = [f64; 2];
 
-/// Side of a cell, m.
+/// Side of a grid cell, m.
 const CELL_M: f64 = 0.05;
-/// The robot keeps this far from things where it can, m; nearer than half of it a way costs ten times as much.
+/// Preferred distance from obstacles, m; below half of it a path costs ten times as much.
 const CLEAR_M: f64 = 0.45;
-/// Cells around the robot in each direction: 6 m.
+/// Number of cells from the robot to the grid's edge in each direction: 6 m.
 const REACH: i32 = 120;
 
 pub(super) fn distance(one: Point, other: Point) -> f64 {
     libm::hypot(one[0] - other[0], one[1] - other[1])
 }
 
-/// Corners of an outline as a message has them.
+/// Corners of an outline, from the numbers of a message.
 pub(super) fn corners(outline: &[f64]) -> Vec<Point> {
     outline.as_chunks().0.to_vec()
 }
 
-/// What stands on the floor: convex outlines, counter-clockwise, by name.
+/// Obstacles on the floor: convex outlines by name, counter-clockwise.
 #[derive(Debug, Clone)]
 pub(super) struct Map {
     outlines: Vec<(String, Vec<Point>)>,
@@ -33,7 +33,7 @@ impl Map {
         Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).collect() }
     }
 
-    /// Distance of a point from a thing, 0 within it.
+    /// Distance of a point from an obstacle, m; 0 inside it.
     pub fn distance_to(&self, name: &str, at: Point) -> Option<f64> {
         self.outlines.iter().find(|(own, _)| own == name).map(|(_, corners)| from_outline(corners, at))
     }
@@ -42,7 +42,7 @@ impl Map {
         self.outlines.iter().map(|(_, corners)| from_outline(corners, at)).fold(f64::INFINITY, f64::min)
     }
 
-    /// The cheapest path to a point where `is_goal` holds; empty if there is none within reach.
+    /// The cheapest path to a point where `is_goal` holds; empty if none is within reach.
     pub fn path(&self, start: Point, is_goal: impl Fn(Point) -> bool) -> Vec<Point> {
         let side = (2 * REACH + 1) as usize;
         let index = |x: i32, y: i32| (y + REACH) as usize * side + (x + REACH) as usize;
@@ -51,7 +51,7 @@ impl Map {
         let mut from = vec![(0, 0); side * side];
         let mut open = BinaryHeap::new();
         costs[index(0, 0)] = 0.0;
-        // Costs in micrometres, which compare.
+        // Costs are whole micrometres, because floats have no total order.
         open.push((Reverse(0_u64), 0, 0));
         while let Some((Reverse(key), x, y)) = open.pop() {
             let cost = costs[index(x, y)];
@@ -84,7 +84,7 @@ fn micrometres(cost: f64) -> u64 {
     (cost * 1e6) as u64
 }
 
-/// From the start to a cell.
+/// The path from the start to a cell.
 fn trace(
     from: &[(i32, i32)],
     end: (i32, i32),
@@ -101,7 +101,7 @@ fn trace(
     path
 }
 
-/// Distance of a point from a convex outline, 0 within it.
+/// Distance of a point from a convex outline, m; 0 inside it.
 fn from_outline(corners: &[Point], at: Point) -> f64 {
     let mut nearest = f64::INFINITY;
     let mut is_inside = true;
@@ -120,7 +120,7 @@ fn from_outline(corners: &[Point], at: Point) -> f64 {
 mod tests {
     use super::{Map, distance};
 
-    /// Between the robot and its goal stands a wall of 2 m: the path goes round its end and keeps clear.
+    /// A wall of 2 m stands between the robot and its goal: the path goes round its end and keeps clear of it.
     #[test]
     fn paths_go_round_what_stands_there() {
         let wall = vec![[0.9, -1.0], [1.1, -1.0], [1.1, 1.0], [0.9, 1.0]];

@@ -1,4 +1,4 @@
-//! The servers of a run: who is there, who takes part, and what their ledgers say.
+//! The servers of a run: which are present, which take part, and what their ledgers say.
 
 use std::time::{Duration, Instant};
 
@@ -11,20 +11,20 @@ use super::super::scheduler::{Scheduler, Standing};
 use super::{Crew, Event};
 use crate::ClientError;
 
-/// Most episodes at once on a server where nobody says how many: its cores are not known here.
+/// Largest number of episodes at once on a server if neither side sets one: the client does not know its cores.
 const USUAL_ROOM: usize = 8;
 
-/// A server whose token is missing for this time is gone. A link that comes back sooner costs nothing.
+/// A server whose token is missing for this long is gone. A link that recovers sooner costs nothing.
 const MISSING_TIME: Duration = Duration::from_secs(2);
 
-/// Between two questions to the same server.
+/// Time between two queries to the same server.
 const ASKING_PERIOD: Duration = Duration::from_millis(500);
 
-/// A server that does not take the run within this time, and says nothing against it, is not waited for.
+/// How long to wait for a server that neither accepts nor refuses the run.
 const JOINING_TIME: Duration = Duration::from_secs(15);
 
-/// Servers that are there at the start are given this time to be heard of, and so long to take the run, so that it is spread
-/// over all of them.
+/// How long to wait at the start for servers to appear, and then for them to accept the run, so that it is spread over
+/// all of them.
 const SETTLING_TIMES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(3)];
 
 /// A server of the group.
@@ -32,18 +32,18 @@ const SETTLING_TIMES: [Duration; 2] = [Duration::from_millis(500), Duration::fro
 pub(super) struct Known {
     pub is_there: bool,
     pub missing_since: Option<Instant>,
-    /// It has taken the run since it was there last.
+    /// It has accepted the run since it last appeared.
     pub has_joined: bool,
-    /// It took the run at some time.
+    /// It accepted the run at some time.
     pub took_part: bool,
-    /// It will not take the run, for this reason.
+    /// It has refused the run for good.
     pub refused: bool,
-    /// A question is under way.
+    /// A query to it is pending.
     pub is_asked: bool,
     asked_at: Option<Instant>,
 }
 
-/// What the servers of a run have in common.
+/// What the servers of a run must have in common.
 #[derive(Debug, PartialEq)]
 pub(super) struct Build {
     version: String,
@@ -94,14 +94,14 @@ impl Crew<'_, '_> {
     pub(super) fn on_ledger(&mut self, server: &str, asked: u64, info: &RunInfo) {
         self.finished |= info.finished;
         if info.finished && info.episodes.len() == self.episodes.len() {
-            // Hosted seeds are told at the end.
+            // Hosted seeds are disclosed at the end.
             self.episodes.clone_from(&info.episodes);
         }
         let is_held = |((standing, _), entry): ((&Standing, _), &RunEpisode)| {
             matches!(standing, Standing::Held { server: by } if by == server) && entry.state() == Ledger::Open
         };
         if self.scheduler.standings().zip(&info.episodes).any(is_held) {
-            // Someone else plays it there.
+            // Another client plays it there.
             self.quiet_since = Instant::now();
         }
         for index in self.scheduler.told(server, asked, &info.episodes) {
@@ -109,7 +109,7 @@ impl Crew<'_, '_> {
         }
     }
 
-    /// A server does not take part.
+    /// Notes that a server does not take part.
     pub(super) fn refuse(&mut self, server: &str, is_final: bool, error: ClientError) {
         if is_final {
             self.servers.entry(server.into()).or_default().refused = true;
@@ -117,19 +117,19 @@ impl Crew<'_, '_> {
         if self.episodes.is_empty() {
             self.problem = Some(error);
         } else if is_final {
-            tracing::warn!("{error}; it takes no part");
+            tracing::warn!("{error}; it does not take part");
         }
     }
 
-    /// A server that cannot keep the run plays no more of it: nothing that it played would count.
+    /// Excludes a server that cannot write the run's ledger: nothing that it played would count.
     pub(super) fn set_aside(&mut self, server: &str, error: ClientError) {
-        tracing::warn!("{error}; it takes no part any more");
+        tracing::warn!("{error}; it no longer takes part");
         self.servers.entry(server.into()).or_default().refused = true;
         self.scheduler.server_leaves(server);
         self.problem = Some(error);
     }
 
-    /// A server does not answer: it gets no new episode until it does.
+    /// Notes that a server does not answer: it gets no new episode until it does.
     pub(super) fn on_silence(&mut self, server: &str) {
         if let Some(known) = self.servers.get_mut(server) {
             known.has_joined = false;
@@ -137,12 +137,12 @@ impl Crew<'_, '_> {
         }
     }
 
-    /// Whether no server is left that could take part again.
+    /// Whether every server has refused for good.
     pub(super) fn all_refuse(&self) -> bool {
         !self.servers.is_empty() && self.servers.values().all(|known| known.refused)
     }
 
-    /// Ends the wait for a first server where none can be expected.
+    /// Stops waiting for a first server when none can be expected.
     pub(super) fn give_up_joining(&mut self, start: Instant) -> Result<(), RunError> {
         let there = || self.servers.values().filter(|known| known.is_there);
         let all_refuse = there().next().is_some() && there().all(|known| known.refused);
@@ -167,14 +167,14 @@ impl Crew<'_, '_> {
                 self.scheduler.server_leaves(name);
                 if known.took_part {
                     tracing::warn!(
-                        "server {name} is gone; what it has not finished is played elsewhere, or when it is back"
+                        "server {name} is gone; its unfinished episodes are played elsewhere, or when it is back"
                     );
                 }
             }
         }
     }
 
-    /// Asks servers to take the run, and ledgers for news.
+    /// Asks servers to accept the run, and queries ledgers for news.
     pub(super) fn ask_servers(&mut self) {
         let ledgers = self.scheduler.to_ask();
         let asked = self.scheduler.moment() + 1;
@@ -203,7 +203,7 @@ impl Crew<'_, '_> {
     }
 }
 
-/// Whether the server cannot write what happens in a run.
+/// Whether the error means that the server cannot write the run's ledger.
 pub(super) fn cannot_keep(error: &ClientError) -> bool {
     matches!(error, ClientError::Refused { code: Code::Busy, field, .. } if field == "journal")
 }

@@ -1,4 +1,4 @@
-//! One episode in a thread of its own.
+//! Plays one episode in its own thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -10,13 +10,13 @@ use fiatlux_proto::v3::refusal::Code;
 use super::{Calls, MakePolicy, Setback};
 use crate::{Client, ClientError};
 
-/// An episode that is played.
+/// An episode that is being played.
 #[derive(Debug, Clone)]
 pub(super) struct Job {
     pub server: String,
     pub since: Instant,
     pub broken_off: Arc<AtomicBool>,
-    /// Step that it is at.
+    /// The step that it has reached.
     pub step: Arc<AtomicU64>,
 }
 
@@ -35,7 +35,7 @@ impl Job {
         stop: &AtomicBool,
         opened: &dyn Fn(),
     ) -> Result<EpisodeEnd, ClientError> {
-        // The session does not wait for a policy that takes its time to load.
+        // The session does not wait for a policy that is slow to load.
         let mut policy = make_policy()?;
         if self.broken_off.load(Ordering::Relaxed) {
             return Err(ClientError::Stopped);
@@ -45,7 +45,7 @@ impl Job {
         let mut client = Client::enter(calls.link, &self.server, info, &secrets)?;
         let mut note = |step| self.step.store(step, Ordering::Relaxed);
         let end = client.run_episode(0, policy.as_mut(), &mut note, &self.broken_off);
-        // A server that is gone would only be waited for.
+        // Closing would only wait for a server that is gone.
         let is_lost = matches!(end, Err(ClientError::Stopped)) && !stop.load(Ordering::Relaxed);
         if !is_lost && let Err(error) = client.close() {
             tracing::debug!("episode {index}: the session was not closed: {error}");
@@ -61,7 +61,7 @@ pub(super) fn setback(error: &ClientError) -> Setback {
         ClientError::Refused { code: Code::Busy, field, .. } if field == "open" => Setback::Held,
         ClientError::Refused { code: Code::Busy, .. } => Setback::Busy,
         ClientError::Refused { .. } => Setback::Refused(error.to_string()),
-        // A deterministic policy would do the same again.
+        // A deterministic policy would fail again.
         ClientError::Policy(_) => Setback::Hopeless(error.to_string()),
         _ => Setback::Failed(error.to_string()),
     }

@@ -1,4 +1,4 @@
-//! What is said of a run: looks at it while it goes on, and what came of it.
+//! Reports on a run: its progress, and its outcome.
 
 use std::sync::atomic::Ordering;
 

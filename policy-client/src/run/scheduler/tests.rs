@@ -6,7 +6,7 @@ fn scheduler(episodes: usize, servers: &[(&str, usize)]) -> Scheduler {
     scheduler
 }
 
-/// Hands out all that can be, each session opened at once.
+/// Hands out as many episodes as possible, and opens each session at once.
 fn hand_out(scheduler: &mut Scheduler) -> Vec<(usize, String)> {
     let next = || {
         let next = scheduler.next()?;
@@ -20,7 +20,7 @@ fn on(given: &[(usize, String)]) -> Vec<(usize, &str)> {
     given.iter().map(|(index, server)| (*index, server.as_str())).collect()
 }
 
-/// A ledger, a letter an episode: `.` not begun, `o` open, `p` played, `f` failed.
+/// A ledger with one letter for each episode: `.` not begun, `o` open, `p` played, `f` failed.
 fn ledger(states: &str) -> Vec<RunEpisode> {
     let state = |letter| match letter {
         'o' => Ledger::Open,
@@ -63,14 +63,14 @@ fn an_episode_is_done_when_a_ledger_says_so() {
     assert_eq!(hand_out(&mut run), []);
 }
 
-/// The state of a resumed run is the servers'.
+/// The state of a resumed run comes from the servers.
 #[test]
 fn a_run_goes_on_where_the_ledgers_are() {
     let mut run = scheduler(5, &[("a", 9), ("b", 9)]);
     tell(&mut run, "a", "p..o.");
     tell(&mut run, "b", ".f...");
     assert_eq!(on(&hand_out(&mut run)), [(2, "a"), (4, "b")]);
-    // The session of the client before this one ends.
+    // The session of the previous client ends.
     tell(&mut run, "a", "p.o..");
     assert_eq!(on(&hand_out(&mut run)), [(3, "a")], "where it was begun");
 }
@@ -93,10 +93,10 @@ fn with_no_other_server_an_episode_waits_for_the_lost_one() {
     hand_out(&mut run);
     run.server_leaves("a");
     assert!(run.strays().is_empty() && !run.has_server());
-    // It is back and has its session still.
+    // It reappears, and still has the session.
     run.server_joins("a", 1);
     assert!(tell(&mut run, "a", "o.").is_empty());
-    // It is back without.
+    // It reappears without the session.
     assert_eq!(tell(&mut run, "a", ".."), [0]);
     run.set_back(0, Setback::BrokenOff);
     assert_eq!(on(&hand_out(&mut run)), [(0, "a")]);
@@ -113,7 +113,7 @@ fn an_answer_older_than_the_session_breaks_nothing_off() {
     assert!(matches!(run.standings().next(), Some((Standing::Ended { .. }, None))));
 }
 
-/// A session that is being opened is not missed by a ledger that does not have it yet.
+/// A ledger that does not list a session yet, because it is still being opened, does not count against it.
 #[test]
 fn a_session_on_its_way_is_not_broken_off() {
     let mut run = scheduler(1, &[("a", 1)]);
@@ -163,7 +163,7 @@ fn a_busy_server_gets_no_more_than_it_takes() {
     assert!(hand_out(&mut run).is_empty());
     run.ended(0);
     assert_eq!(on(&hand_out(&mut run)), [(2, "a")]);
-    // Others have all its room: it is asked again later, not at once.
+    // Others use all its room: it is asked again later, not at once.
     let mut alone = scheduler(1, &[("a", 8)]);
     hand_out(&mut alone);
     alone.set_back(0, Setback::Busy);
@@ -194,7 +194,7 @@ fn a_refused_episode_waits_for_the_ledgers_word() {
     assert!(run.is_over());
 }
 
-/// The session of a client that died stays open for a while; that is not the episode's failure.
+/// The session of a client that died stays open for a while; that does not count as a failure of the episode.
 #[test]
 fn an_episode_that_is_open_elsewhere_is_waited_for() {
     let mut run = scheduler(1, &[("a", 1)]);
@@ -208,7 +208,7 @@ fn an_episode_that_is_open_elsewhere_is_waited_for() {
     }
 }
 
-/// A server that joins late takes its part.
+/// A server that joins late gets its share.
 #[test]
 fn a_server_that_appears_later_joins() {
     let mut run = scheduler(3, &[("a", 1)]);
@@ -217,7 +217,7 @@ fn a_server_that_appears_later_joins() {
     assert_eq!(on(&hand_out(&mut run)), [(1, "b"), (2, "b")]);
 }
 
-/// A server that cannot be seen for a moment keeps what it plays; what goes wrong there meanwhile does not count.
+/// A server that is missing for a moment keeps its episodes; failures there meanwhile do not count.
 #[test]
 fn a_missing_server_gets_nothing_new() {
     let mut run = scheduler(4, &[("a", 2), ("b", 1)]);

@@ -9,17 +9,17 @@ use fiatlux_sensing::{Sensor, Sensors, Sight};
 
 /// Observations a second of simulated time.
 const STEP_HZ: f64 = 1.0 / CONTROL_DT;
-/// How often a bag has what its session asks for without a rate, Hz.
+/// Default rate at which a bag records a sensor, Hz.
 const RECORD_HZ: f64 = 10.0;
 
-/// How a policy senses it.
+/// How the policy gets a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Use {
-    /// In observations, this many steps apart.
+    /// In observations, with this many steps between them.
     Every(u64),
     /// Only when the policy looks.
     Look,
-    /// Not at all: the bag has it.
+    /// Not at all: only the bag has it.
     BagOnly,
 }
 
@@ -28,9 +28,9 @@ enum Use {
 struct Choice {
     sensor: Sensor,
     use_: Use,
-    /// It sees more than the published one.
+    /// Whether it sees more than the published one.
     see_room: bool,
-    /// Steps from one record to the next, where it is large and in the bag.
+    /// Steps from one record to the next, if it is large and recorded.
     record_period: Option<u64>,
 }
 
@@ -39,22 +39,22 @@ struct Choice {
 pub(in crate::server) struct SensorPlan(Vec<Choice>);
 
 impl SensorPlan {
-    /// All sensors, whether the policy or only the bag gets them.
+    /// All sensors, for the policy or for the bag alone.
     pub fn all(&self) -> Sensors {
         self.of(|_| true)
     }
 
-    /// Those that the policy may look at.
+    /// Sensors that the policy may look at.
     pub fn sensed(&self) -> Sensors {
         self.of(|choice| choice.use_ != Use::BagOnly)
     }
 
-    /// Those that the observation of a step has.
+    /// Sensors in the observation of a step.
     pub fn due(&self, step: u64) -> Sensors {
         self.of(|choice| matches!(choice.use_, Use::Every(period) if step.is_multiple_of(period)))
     }
 
-    /// Those that the bag has of a step: of the large ones those whose turn it is, of the others what is due.
+    /// Sensors that the bag has of a step: large ones at their own rate, others whenever they are due.
     pub fn recorded(&self, step: u64) -> Sensors {
         let is_due = |choice: &Choice| choice.record_period.is_some_and(|period| step.is_multiple_of(period));
         self.due(step).without(Sensors::LARGE).and(self.of(is_due))
@@ -69,7 +69,7 @@ impl SensorPlan {
         self.0.iter().filter(|choice| is_in(choice)).fold(Sensors::NONE, |set, choice| set.with(choice.sensor))
     }
 
-    /// As a client is told.
+    /// The sensors as the client is told about them.
     pub fn messages(&self) -> Vec<v3::Sensor> {
         let hz = |period: u64| STEP_HZ / period as f64;
         let message = |choice: &Choice| v3::Sensor {
@@ -85,7 +85,7 @@ impl SensorPlan {
     }
 }
 
-/// Reads and checks the sensors of a request.
+/// Decodes and checks the sensors of a request.
 pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refusal> {
     let mut choices: Vec<Choice> = Vec::new();
     for asked in &request.sensors {
@@ -131,11 +131,11 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
     Ok(SensorPlan(choices))
 }
 
-/// Steps from one time to the next at a rate in Hz.
+/// Number of steps between two readings at a rate in Hz.
 fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refusal> {
-    /// A rate once an episode or so.
+    /// About once an episode.
     const LEAST_HZ: f64 = 0.01;
-    /// For rates that have no end as decimals.
+    /// For rates without an exact decimal form.
     const TOLERANCE: f64 = 1e-3;
     let hz = if hz == 0.0 { otherwise } else { hz };
     if (LEAST_HZ..=STEP_HZ).contains(&hz) {
@@ -151,7 +151,7 @@ fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refus
         );
         return Err(Refusal::new(Code::Value, "sensors", message));
     }
-    let message = format!("{field} of sensor '{name}' is {hz}; it must be within {LEAST_HZ} and {STEP_HZ}, in Hz");
+    let message = format!("{field} of sensor '{name}' is {hz}; it must be from {LEAST_HZ} to {STEP_HZ} Hz");
     Err(Refusal::new(Code::Value, "sensors", message))
 }
 
@@ -187,7 +187,7 @@ mod tests {
         assert_eq!((told[2].rate_hz, told[2].record_hz), (1.25, 10.0));
     }
 
-    /// What the bag alone has takes nothing from the policy, and is not its to look at.
+    /// A sensor for the bag alone takes nothing from the policy, which may not look at it.
     #[test]
     fn recording_changes_nothing_for_the_policy() {
         let camera = v3::Sensor { bag_only: true, recorded: true, ..sensor("camera") };
@@ -197,7 +197,7 @@ mod tests {
         assert_eq!((plan.recorded(0), plan.recorded(1)), (body.with(Sensor::Camera), body));
     }
 
-    /// The rates that a refusal proposes are taken.
+    /// The rates that a refusal proposes are accepted.
     #[test]
     fn proposed_rates_are_taken() {
         for steps in 1..=60 {
@@ -216,7 +216,7 @@ mod tests {
             (vec![sensor("smell")], "'smell' does not exist; ask for some of proprioception"),
             (vec![sensor("lidar"), sensor("lidar")], "listed twice"),
             (vec![with(30.0, 0.0)], "the nearest ones are 25.0000 and 50.0000"),
-            (vec![with(51.0, 0.0)], "within 0.01 and 50"),
+            (vec![with(51.0, 0.0)], "from 0.01 to 50"),
             (vec![with(-1.0, 0.0)], "rate_hz of sensor 'lidar' is -1"),
             (vec![with(f64::NAN, 0.0)], "within"),
             (vec![with(f64::INFINITY, 0.0)], "within"),

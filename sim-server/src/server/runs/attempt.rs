@@ -13,7 +13,7 @@ use fiatlux_rules::RowDigest;
 use super::Run;
 use crate::server::lock;
 
-/// What the simulation, the recorder and the end of a session say of the attempt.
+/// State of an attempt, updated by the simulation, the recorder and the end of the session.
 pub(in crate::server) struct Attempt {
     run: Arc<Run>,
     episode: u32,
@@ -27,15 +27,15 @@ pub(in crate::server) struct Attempt {
 #[derive(Default)]
 struct Progress {
     is_staged: bool,
-    /// Step of the last row, and the digest of all so far.
+    /// Step of the last row, and the digest of all rows so far.
     last: Option<(u64, RowDigest)>,
-    /// Of the digests on the way there.
+    /// Marks of the digests up to there.
     marks: Marks,
-    /// It went another way than an earlier attempt.
+    /// Whether it differs from an earlier attempt.
     differs: bool,
-    /// Why it came to no end.
+    /// Why it did not reach an end.
     cause: Option<String>,
-    /// The ledger has its end.
+    /// Whether its end is in the ledger.
     is_decided: bool,
 }
 
@@ -48,10 +48,10 @@ impl Attempt {
         &self.session
     }
 
-    /// Whether the session may stage that episode: one, and once.
+    /// Whether the session may stage this episode: only one, and only once.
     pub fn stage(&self, episode: u64) -> Result<(), Refusal> {
         if episode != 0 {
-            let message = format!("a session of a run has episode 0 alone, not {episode}; open the run's next episode");
+            let message = format!("a session of a run has only episode 0, not {episode}; open the run's next episode");
             return Err(Refusal::new(Code::Value, "episode", message));
         }
         if std::mem::replace(&mut lock(&self.progress).is_staged, true) {
@@ -61,10 +61,10 @@ impl Attempt {
         Ok(())
     }
 
-    /// Takes note of a row before it is shown to anybody.
+    /// Checks a row before it is shown to anybody.
     ///
     /// # Errors
-    /// It is not what an earlier attempt had.
+    /// The row differs from that of an earlier attempt.
     pub fn row(&self, step: u64, digest: &RowDigest, is_last: bool) -> Result<(), Refusal> {
         let mut progress = lock(&self.progress);
         progress.last = Some((step, digest.clone()));
@@ -83,14 +83,15 @@ impl Attempt {
         Ok(())
     }
 
-    /// Its bag is whole. Returns whether the session can go on: a bag that cannot be brought to disk is lost.
+    /// Notes that its bag is whole. Returns whether the session can continue: a bag that cannot be synced to disk is
+    /// lost.
     pub fn bag_is_whole(&self, bag: &Path, result: &EpisodeResult) -> bool {
         let EpisodeEnd { cause, digest, success, steps, .. } = result.end.clone().unwrap_or_default();
         if cause == ABORTED {
             return true;
         }
         if let Err(error) = sync(bag) {
-            self.bag_is_lost(&format!("cannot bring {} to disk: {error}", bag.display()));
+            self.bag_is_lost(&format!("cannot sync {} to disk: {error}", bag.display()));
             return false;
         }
         let name = bag.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -107,17 +108,17 @@ impl Attempt {
         true
     }
 
-    /// Its session ends it here, for this reason.
+    /// Notes that its session ends it here, for this reason.
     pub fn is_cut_short(&self, why: &str) {
         lock(&self.progress).cause.get_or_insert_with(|| clip(why));
     }
 
-    /// Its bag could not be written, for this reason.
+    /// Notes that its bag could not be written, for this reason.
     pub fn bag_is_lost(&self, reason: &str) {
         lock(&self.progress).cause = Some(clip(&format!("the recording is lost: {reason}")));
     }
 
-    /// Its session is over: what has not come to an end is abandoned.
+    /// Notes that its session is over: an attempt without an end is abandoned.
     pub fn settle(&self) {
         self.decide(|attempt, progress| {
             if progress.differs {
@@ -125,7 +126,7 @@ impl Attempt {
             }
             let unsaid = match progress.last {
                 None => "the session ended before the episode began",
-                // Not even its end was heard of.
+                // Not even the end of the recording was reported.
                 Some(_) => "the recording is lost: it was not completed in time",
             };
             let (steps, digest) =
@@ -142,7 +143,7 @@ impl Attempt {
         });
     }
 
-    /// Only the first decision counts.
+    /// Records a decision; only the first one counts.
     fn decide(&self, event: impl FnOnce(&Self, &Progress) -> Event) {
         let mut progress = lock(&self.progress);
         if std::mem::replace(&mut progress.is_decided, true) {
@@ -161,7 +162,7 @@ impl std::fmt::Debug for Attempt {
     }
 }
 
-/// A file and its name.
+/// Syncs a file and its directory entry.
 fn sync(path: &Path) -> std::io::Result<()> {
     File::open(path)?.sync_all()?;
     path.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())

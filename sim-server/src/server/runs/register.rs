@@ -1,4 +1,4 @@
-//! What a client registers, checked field by field.
+//! Checks what a client registers, field by field.
 
 use std::collections::BTreeSet;
 
@@ -19,9 +19,9 @@ const MAX_LINK: usize = 512;
 const SUBTASKS: usize = 12;
 /// Seeds of a run that names none.
 const PUBLIC_SEEDS: [u64; 4] = [0, 1, 2, 3];
-/// Hosted seeds start here: nobody finds one by trying, and the published ones are far away.
+/// Smallest hosted seed: too large to be found by trying, and far from the published ones.
 const LEAST_HOSTED: u64 = 1 << 32;
-/// And have so many bits: JSON keeps them.
+/// Number of bits of a hosted seed, which JSON numbers can hold.
 const HOSTED_BITS: u32 = 53;
 
 /// SHA-256 of a run's public key, hexadecimal.
@@ -29,13 +29,13 @@ pub(super) fn key_digest(key: &str) -> String {
     Sha256::digest(key).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Compares without a hint, by the time it takes, of where the two differ.
+/// Compares in a time that does not reveal where the two differ.
 pub(super) fn is_same(one: &str, other: &str) -> bool {
     let differing = one.bytes().zip(other.bytes()).fold(0, |bits, (one, other)| bits | (one ^ other));
     one.len() == other.len() && std::hint::black_box(differing) == 0
 }
 
-/// Refuses a spec that differs from the one a run was registered with.
+/// Refuses a spec that differs from that of a registered run.
 pub(super) fn check_same(run: &str, registered: &RunSpec, asked: &RunSpec) -> Result<(), Refusal> {
     let fields = [
         ("policy", registered.policy == asked.policy),
@@ -50,14 +50,14 @@ pub(super) fn check_same(run: &str, registered: &RunSpec, asked: &RunSpec) -> Re
         None => Ok(()),
         Some((field, _)) => {
             let message = format!(
-                "run '{run}' was registered with another {field}; register what it had, or give the new run another name"
+                "run '{run}' was registered with another {field}; register the same again, or give the new run another name"
             );
             Err(Refusal::new(Code::Value, &format!("register.{field}"), message))
         }
     }
 }
 
-/// What the session of an episode is opened with.
+/// The request with which an episode's session is opened.
 pub(super) fn request(spec: &RunSpec, task: &str, seed: u64) -> OpenRequest {
     OpenRequest {
         protocol: Some(PROTOCOL),
@@ -69,7 +69,7 @@ pub(super) fn request(spec: &RunSpec, task: &str, seed: u64) -> OpenRequest {
     }
 }
 
-/// The episodes of a new run; hosted seeds are drawn here.
+/// The episodes of a new run; draws hosted seeds.
 pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
     let wrong = |field: &str, message: String| Refusal::new(Code::Value, &format!("register.{field}"), message);
     for (field, text, least, most) in [
@@ -91,7 +91,7 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
         ("session.replay", session.replay),
     ] {
         if is_set {
-            return Err(wrong(field, "it is the run's own; leave it out".into()));
+            return Err(wrong(field, "the run sets it; leave it out".into()));
         }
     }
     let named = if spec.tasks.is_empty() { None } else { Some(&spec.tasks) };
@@ -104,10 +104,10 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
             .map_err(|error| Refusal::new(Code::Unknown, "register.tasks", error.to_string()))?,
     };
     if tasks.iter().map(|task| task.short_id()).collect::<BTreeSet<_>>().len() < tasks.len() {
-        return Err(wrong("tasks", "a task is there twice; name each once".into()));
+        return Err(wrong("tasks", "a task is listed twice; name each once".into()));
     }
     if spec.hosted_seeds > 0 && !spec.seeds.is_empty() {
-        return Err(wrong("seeds", "seeds are both named and to be drawn; leave one of the two out".into()));
+        return Err(wrong("seeds", "seeds are both named and hosted; leave one of the two out".into()));
     }
     let count = match (spec.hosted_seeds, spec.seeds.len()) {
         (0, 0) => PUBLIC_SEEDS.len(),
@@ -128,11 +128,11 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
     let mut seen = BTreeSet::new();
     seeds.retain(|seed| seen.insert(*seed));
     if seeds.len() < count {
-        return Err(wrong("seeds", "a seed is there twice; name each once".into()));
+        return Err(wrong("seeds", "a seed is listed twice; name each once".into()));
     }
     for task in &tasks {
         plan::check(&request(spec, task.short_id(), seeds[0])).map_err(|refusal| {
-            // Task and seed are right: what is wrong is in the session.
+            // Task and seed are valid, so the error is in the session.
             Refusal { field: format!("register.session.{}", refusal.field), ..refusal }
         })?;
     }
@@ -140,7 +140,7 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
     Ok(seeds.into_iter().flat_map(of_seed).collect())
 }
 
-/// Different seeds from the system's random source.
+/// Draws distinct seeds from the system's random source.
 fn draw(count: usize) -> Result<Vec<u64>, Refusal> {
     let mut seeds = BTreeSet::new();
     let mut drawn = Vec::with_capacity(count);

@@ -1,4 +1,4 @@
-//! What other servers have of a run, where they record into the same folder: one episode is never played twice.
+//! The ledgers of other servers that record into the same folder, so that no episode is played twice.
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -17,13 +17,13 @@ pub(super) struct Siblings {
 }
 
 impl Siblings {
-    /// Of the run in that folder, which need not be there.
+    /// Reads the ledgers of the run in this folder, which need not exist.
     pub fn read(folder: &Path, server: &str) -> Result<Self, Refusal> {
         let own = journal_of(folder, server);
         let found = if folder.is_dir() { journals(folder) } else { Ok(Vec::new()) };
         let others = found.map(|found| found.into_iter().filter(|path| *path != own));
         let ledgers = others.and_then(|paths| paths.map(Ledger::read).collect()).map_err(|error| {
-            tracing::error!(error = in_full(&error), "the journal of another server cannot be read");
+            tracing::error!(error = in_full(&error), "cannot read the journal of another server");
             let message =
                 "the server's folder has a journal of another server of this run that cannot be read; see its log";
             Refusal::new(Code::Busy, "", message)
@@ -31,7 +31,7 @@ impl Siblings {
         Ok(Self { folder: folder.into(), ledgers })
     }
 
-    /// Whether they were registered with the same key and spec; with the episodes that they have, if there are any.
+    /// Checks that the other servers registered the same key and spec; returns their episodes, if there are any.
     pub fn episodes(&self, run: &str, key_sha256: &str, spec: &RunSpec) -> Result<Option<Vec<Planned>>, Refusal> {
         let mut episodes = None;
         for ledger in &self.ledgers {
@@ -46,7 +46,7 @@ impl Siblings {
         Ok(episodes)
     }
 
-    /// Whether an episode is free, as far as they know; with the rows that it has to repeat.
+    /// Whether an episode is free, as far as the others know; returns the rows that it has to repeat.
     pub fn prefix_of(&self, index: usize, planned: &Planned) -> Result<Option<Prefix>, Refusal> {
         let refuse = |code, what: String| Err(Refusal::new(code, "open", what));
         let mut longest: Option<Prefix> = None;
@@ -85,7 +85,7 @@ impl Siblings {
         Ok(longest)
     }
 
-    /// What became of an episode on one of them, where it is decided there; with that server's name.
+    /// The state of an episode that another server has decided, with that server's name.
     pub fn decided(&self, index: usize, planned: &Planned) -> Option<(&str, &State)> {
         let states = || {
             self.ledgers.iter().filter_map(|ledger| {
@@ -97,21 +97,21 @@ impl Siblings {
         played.or_else(|| states().find(|(_, state)| matches!(state, State::Failed { .. })))
     }
 
-    /// Whether none of them plays on: each has ended the run, or is dead and begins nothing of a run that is ended.
+    /// Whether no other server continues: each has finished the run, or is dead and begins nothing in a finished run.
     pub fn are_finished(&self) -> bool {
         let is_over = |ledger: &Ledger| ledger.is_finished() || !is_alive(&self.folder, &ledger.registration().server);
         self.ledgers.iter().all(is_over)
     }
 }
 
-/// The episode in another server's ledger. One spec gives one order, so it stands at the same index, unless the servers drew
-/// seeds of their own.
+/// The episode in another server's ledger. The same spec gives the same order, so the index is the same, unless the
+/// servers drew their own seeds.
 fn episode_at<'a>(ledger: &'a Ledger, index: usize, planned: &Planned) -> Option<&'a Episode> {
     ledger.registration().episodes.get(index).filter(|other| *other == planned)?;
     ledger.episodes().get(index)
 }
 
-/// Whether a server of that name holds its lock. What a dead one had open is free.
+/// Whether the server of that name holds its lock. Open episodes of a dead server are free.
 fn is_alive(run_folder: &Path, server: &str) -> bool {
     let Some(folder) = run_folder.parent() else { return false };
     let Ok(file) = File::open(super::lock_of(folder, server)) else { return false };
