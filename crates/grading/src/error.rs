@@ -62,6 +62,9 @@ pub enum ScoreError {
     /// A journal of the run.
     #[error("the run cannot be read")]
     Ledger(#[from] LedgerError),
+    /// A journal whose signature is not of what it says.
+    #[error("{}: its signature does not fit it; bring back the file as its server left it", .0.display())]
+    Seal(PathBuf),
     /// Journals of different runs in one folder.
     #[error(
         "{} and {} are not journals of one run: the {field} differs; keep each run in a folder of its own",

@@ -76,6 +76,9 @@ pub struct RunResult {
     pub finished: bool,
     /// The server drew the seeds after registration.
     pub hosted: bool,
+    /// Public keys that signed the journals of the finished run, `ed25519:BASE64`; empty where one of them is not signed.
+    #[serde(default)]
+    pub signed_by: Vec<String>,
     /// Episodes in all.
     pub registered: u64,
     /// Those that were graded from their bags.

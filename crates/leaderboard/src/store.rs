@@ -86,6 +86,15 @@ impl Store {
         }
     }
 
+    /// Removes the halves of bags that a service left which was killed while it took them in. For whoever has the
+    /// [`Store::lock`]: nothing may write bags meanwhile. Returns how many.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`].
+    pub async fn remove_halves(&self) -> Result<usize, StoreError> {
+        self.blobs.remove_staged().await
+    }
+
     /// Whether the database answers.
     ///
     /// # Errors

@@ -127,8 +127,38 @@ impl Blobs {
         }
     }
 
+    /// Removes what uploads left that were cut off with their service: files `DIGEST#NUMBER`, which nobody reads. Returns how
+    /// many. Nothing may write meanwhile.
+    pub async fn remove_staged(&self) -> Result<usize, StoreError> {
+        let root = self.root.clone();
+        let removed = tokio::task::spawn_blocking(move || {
+            let mut removed = 0;
+            for folder in listed(&root)?.into_iter().filter(|path| path.is_dir()) {
+                for file in listed(&folder)?.into_iter().filter(|path| is_staged(path)) {
+                    std::fs::remove_file(&file).map_err(StoreError::io("remove", &file))?;
+                    removed += 1;
+                }
+            }
+            Ok(removed)
+        });
+        removed.await.map_err(|_| StoreError::corrupt("the folder of the bags", "a thread ended early"))?
+    }
+
     /// A content as a file of this machine.
     pub fn local(&self, digest: &Digest) -> PathBuf {
         self.root.join(&digest.0[..2]).join(&digest.0)
     }
+}
+
+fn listed(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let entries = std::fs::read_dir(folder).map_err(StoreError::io("read", folder))?;
+    entries.map(|entry| Ok(entry.map_err(StoreError::io("read", folder))?.path())).collect()
+}
+
+/// Whether a file has the name under which the store writes a content before it is whole.
+fn is_staged(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.split_once('#'));
+    name.is_some_and(|(digest, number)| {
+        Digest::parse(digest).is_some() && !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit())
+    })
 }
