@@ -7,6 +7,8 @@ mod forged;
 mod kills;
 #[path = "leaderboard/lab.rs"]
 mod lab;
+#[path = "leaderboard/restored.rs"]
+mod restored;
 
 use std::path::PathBuf;
 use std::process::Command;

@@ -31,8 +31,8 @@ const LOCK: &str = "lock";
 
 /// How long a statement waits for another process, such as an admin command.
 const BUSY: Duration = Duration::from_secs(20);
-/// Connections to the database.
-const CONNECTIONS: u32 = 8;
+/// Connections that read the database. One more writes.
+const READERS: u32 = 8;
 /// Results that are kept in memory.
 const MOST_RESULTS: usize = 256;
 
@@ -41,6 +41,8 @@ const MOST_RESULTS: usize = 256;
 pub struct Store {
     folder: PathBuf,
     pool: SqlitePool,
+    /// Of one connection: whoever writes waits for it here, and not in SQLite with a connection that others could read with.
+    writer: SqlitePool,
     pub(crate) blobs: Blobs,
     results: Arc<Mutex<BTreeMap<SubmissionId, Arc<Results>>>>,
 }
@@ -62,14 +64,12 @@ impl Store {
             // An answer says that something is on disk.
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(BUSY);
-        let pool = SqlitePoolOptions::new()
-            .max_connections(CONNECTIONS)
-            .connect_with(options)
-            .await
-            .map_err(StoreError::database("be opened"))?;
-        schema::migrate(&pool).await?;
+        let open = |connections, options| SqlitePoolOptions::new().max_connections(connections).connect_with(options);
+        let writer = open(1, options.clone()).await.map_err(StoreError::database("be opened"))?;
+        schema::migrate(&writer).await?;
+        let pool = open(READERS, options).await.map_err(StoreError::database("be opened"))?;
         let blobs = Blobs::open(&folder.join(BLOBS))?;
-        Ok(Self { folder: folder.into(), pool, blobs, results: Arc::default() })
+        Ok(Self { folder: folder.into(), pool, writer, blobs, results: Arc::default() })
     }
 
     /// The only service of this folder holds this lock while it runs; `None` where another one does.
@@ -130,8 +130,11 @@ impl Store {
         }
         let Some(digest) = self.results_digest(id).await? else { return Ok(None) };
         let bytes = self.blobs.read(&digest).await?;
-        let results: Results = serde_json::from_slice(&bytes)
-            .map_err(|error| StoreError::corrupt(format!("results.json of submission {id}"), error))?;
+        let corrupt =
+            |error: &dyn ToString| StoreError::corrupt(format!("results.json of submission {id}"), error.to_string());
+        // Megabytes, where there are many episodes.
+        let read = tokio::task::spawn_blocking(move || serde_json::from_slice::<Results>(&bytes));
+        let results = read.await.map_err(|error| corrupt(&error))?.map_err(|error| corrupt(&error))?;
         let results = Arc::new(results);
         let mut known = known();
         if known.len() >= MOST_RESULTS {
@@ -188,14 +191,14 @@ impl Store {
                 continue;
             }
             let from = self.blobs.local(&digest);
-            let mut reader = tokio::fs::File::open(&from).await.map_err(StoreError::io("open", &from))?;
-            if !copy.blobs.put_checked(&digest, &mut reader, &from).await? {
+            if !copy.blobs.put_checked(&digest, &from).await? {
                 return Err(StoreError::corrupt(from.display().to_string(), "its content is not that of its name"));
             }
             files += 1;
             bytes += from.metadata().map_or(0, |data| data.len());
         }
         copy.pool.close().await;
+        copy.writer.close().await;
         Ok((files, bytes))
     }
 
@@ -211,7 +214,7 @@ impl Store {
 
     /// A transaction that writes. SQLite cannot make a writer of a reader without losing a race, so it begins as one.
     async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        self.pool.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))
+        self.writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))
     }
 }
 
