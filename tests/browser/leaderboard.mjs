@@ -46,9 +46,12 @@ async function moves(name, page, view) {
 // All pictures of a page, which are asked for as they come into sight.
 async function pictures({ name, page }) {
   await page.evaluate(async () => {
-    for (const fold of document.querySelectorAll("details")) fold.open = true;
+    const folds = [...document.querySelectorAll("details:not([open])")];
+    for (const fold of folds) fold.open = true;
     for (const image of document.images) image.loading = "eager";
     await Promise.all([...document.images].map((image) => image.decode().catch(() => {})));
+    // As a reader finds it; a picture of all that is folded would be longer than a browser can make one.
+    for (const fold of folds) fold.open = false;
   });
   const [all, broken] = await page.evaluate(() => {
     const images = [...document.images];

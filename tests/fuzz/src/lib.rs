@@ -31,7 +31,8 @@ pub fn folder(name: &str) -> PathBuf {
 
 /// Where `run.sh` asks for seeds in place of a run: their folder, and a bag to make them of.
 pub fn seeds_wanted() -> Option<(PathBuf, PathBuf)> {
-    let [folder, bag] = ["FIATLUX_FUZZ_SEEDS", "FIATLUX_FUZZ_BAG"].map(|name| std::env::var_os(name).map(PathBuf::from));
+    let [folder, bag] =
+        ["FIATLUX_FUZZ_SEEDS", "FIATLUX_FUZZ_BAG"].map(|name| std::env::var_os(name).map(PathBuf::from));
     folder.zip(bag)
 }
 

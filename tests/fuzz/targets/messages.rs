@@ -10,11 +10,13 @@ use fiatlux_bag::Bag;
 use fiatlux_bag::run::Ledger;
 use fiatlux_fuzz::{folder, parts, pause, put, seeds_wanted, write_seeds};
 use fiatlux_proto::v3::{
-    Action, ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Joint, Observation, Refusal, ResetRequest, RunRequest,
-    SessionInfo, State, StepRecord, StepRecordAck,
+    Action, ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Joint, Observation, Refusal, ResetRequest,
+    RunRequest, SessionInfo, State, StepRecord, StepRecordAck,
 };
 use fiatlux_proto::{Bytes, Message};
-use fiatlux_session::{ClientSession, Command, Host, Machine, RecorderSession, ServerSession, client, recorder, server};
+use fiatlux_session::{
+    ClientSession, Command, Host, Machine, RecorderSession, ServerSession, client, recorder, server,
+};
 use fiatlux_wire::{layout_of, read_identity, read_row, reward_of, robot_of, scene_of};
 use libfuzzer_sys::fuzz_target;
 use sha2::{Digest as _, Sha256};

@@ -59,7 +59,8 @@ static BOARD: LazyLock<Board> = LazyLock::new(|| {
 
 impl Board {
     fn ask(&self, method: &str, address: &str, body: &[u8]) -> Option<(StatusCode, String)> {
-        let request = Request::builder().method(method).uri(address).header("Authorization", format!("Bearer {}", self.token));
+        let request =
+            Request::builder().method(method).uri(address).header("Authorization", format!("Bearer {}", self.token));
         let request = request.body(Body::from(body.to_vec())).ok()?;
         let answer = self.runtime.block_on(async {
             let answer = self.router.clone().oneshot(request).await.expect("an answer");
