@@ -14,15 +14,10 @@ shift $(($# > 0 ? 1 : 0))
 targets=("$@")
 [ "${#targets[@]}" -gt 0 ] || targets=(bag submission messages)
 target="${CARGO_TARGET_DIR:-$root/target}"
-host="$(rustc -vV | sed -n 's/^host: //p')"
 
-# Coverage for libFuzzer, by a pass that stable compilers have too. --target keeps it out of build scripts and macros.
-flags="-C passes=sancov-module"
-for option in level=4 inline-8bit-counters pc-table trace-compares; do
-    flags="$flags -C llvm-args=-sanitizer-coverage-$option"
-done
-RUSTFLAGS="$flags" CARGO_TARGET_DIR="$target/fuzz/build" \
-    cargo build --release --locked --manifest-path "$here/Cargo.toml" --target "$host"
+# Coverage by a pass that stable compilers have too.
+RUSTC_WRAPPER="$here/instrument.sh" CARGO_TARGET_DIR="$target/fuzz/build" \
+    cargo build --release --locked --manifest-path "$here/Cargo.toml"
 
 bag="$target/fuzz/seed/S06.mcap"
 if [ ! -f "$bag" ]; then
@@ -39,7 +34,7 @@ fi
 
 for name in "${targets[@]}"; do
     echo "== $name"
-    program="$target/fuzz/build/$host/release/$name"
+    program="$target/fuzz/build/release/$name"
     corpus="$target/fuzz/$name/corpus"
     mkdir -p "$corpus"
     FIATLUX_FUZZ_SEEDS="$corpus" FIATLUX_FUZZ_BAG="$bag" "$program"
