@@ -85,6 +85,10 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
     let Some(_lock) = store.lock()? else {
         bail!("another service is running on {}; stop it first, or use another folder", args.folder.display());
     };
+    let halves = store.remove_halves().await?;
+    if halves > 0 {
+        tracing::info!(halves, "halves of bags that a killed service left are removed");
+    }
     let options = ServiceOptions {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },
         signers: args.signers.as_deref().map(KnownServers::read).transpose()?.unwrap_or_default(),

@@ -1,7 +1,9 @@
-//! Bags of a forger: taken apart, changed, sealed anew, written.
+//! Bags and journals of a forger: taken apart, changed, sealed anew, written.
 
 use std::path::{Path, PathBuf};
 
+use fiatlux_access::Identity;
+use fiatlux_bag::run::{Event, LedgerWriter, Registration};
 use fiatlux_bag::{Bag, BagWriter, topic};
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, State};
@@ -53,5 +55,58 @@ impl Parts {
             writer.message(topic::STATE, state.step, &state.encode_to_vec()).unwrap();
         }
         writer.finish(&self.result).unwrap()
+    }
+}
+
+/// A journal's parts.
+#[derive(Debug, Clone)]
+pub struct JournalParts {
+    /// What was agreed on.
+    pub registration: Registration,
+    /// What happened, without the server's signature.
+    pub events: Vec<Event>,
+}
+
+impl JournalParts {
+    /// Of a whole journal.
+    pub fn of(journal: &Path) -> Self {
+        let text = std::fs::read_to_string(journal).unwrap();
+        let bare = |line: &str| {
+            let mut members: serde_json::Value = serde_json::from_str(line).unwrap();
+            members.as_object_mut().unwrap().remove("link");
+            members
+        };
+        let mut lines = text.lines().map(bare);
+        let registration = serde_json::from_value(lines.next().unwrap()).unwrap();
+        let events = lines.map(|line| serde_json::from_value(line).unwrap());
+        Self { registration, events: events.filter(|event| !matches!(event, Event::Sealed { .. })).collect() }
+    }
+
+    /// Leaves the last episode out, as if it had never been agreed on.
+    pub fn drop_last_episode(&mut self) {
+        self.registration.episodes.pop();
+        self.drop_events_of(self.registration.episodes.len() as u32);
+    }
+
+    /// Leaves out what became of an episode.
+    pub fn drop_events_of(&mut self, index: u32) {
+        self.events.retain(|event| match event {
+            Event::Opened { episode, .. }
+            | Event::Played { episode, .. }
+            | Event::Abandoned { episode, .. }
+            | Event::Failed { episode, .. } => *episode != index,
+            Event::Restarted { .. } | Event::Finished { .. } | Event::Sealed { .. } => true,
+        });
+    }
+
+    /// Writes it into a folder with a chain that holds, signed by that identity where there is one.
+    pub fn write(self, folder: &Path, signer: Option<&Identity>) -> PathBuf {
+        let mut writer = LedgerWriter::create(folder, self.registration).unwrap();
+        self.events.into_iter().for_each(|event| writer.append(event).unwrap());
+        if let Some(signer) = signer {
+            let sign = |link: &str| (signer.public().to_string(), fiatlux_access::sign_journal(signer, link));
+            writer.seal(sign).unwrap();
+        }
+        writer.path().to_owned()
     }
 }

@@ -7,10 +7,14 @@ mod forged;
 mod kills;
 #[path = "leaderboard/lab.rs"]
 mod lab;
+#[path = "leaderboard/restored.rs"]
+mod restored;
 
 use std::path::PathBuf;
 use std::process::Command;
 
+use fiatlux_access::Identity;
+use fiatlux_tests::forge::JournalParts;
 use fiatlux_tests::programs::endpoint;
 use lab::{Board, played_run};
 use serde_json::Value;
@@ -56,6 +60,51 @@ fn runs_get_the_badges_that_they_earn() {
     std::fs::write(&journal, text.replacen("\"hosted_seeds\":0", "\"hosted_seeds\":1", 1)).unwrap();
     let (code, fifth) = board.submit(&forged, &[]);
     assert_eq!((code, fifth["state"].as_str()), (1, Some("refused")), "{fifth}");
+}
+
+/// Guards that signed bags with another journal than the server's are not hosted: one that ends early, lacks an episode, or is
+/// signed by somebody else. Otherwise whoever has the bags could leave out what went badly.
+#[test]
+fn a_hosted_run_is_hosted_as_a_whole() {
+    let lab = lab::Lab::start("board-whole");
+    let hosted = played_run(&lab, "hosted", &["--hosted", "1"]);
+    let known = lab.known_servers();
+    let board = Board::start(&lab, &["--signers", &known.display().to_string()]);
+    let journal = fiatlux_bag::run::journals(&hosted).unwrap().remove(0);
+    let honest = JournalParts::of(&journal);
+    let stranger = Identity::generate().unwrap();
+    let last = honest.registration.episodes.len() as u32 - 1;
+    type Change = fn(&mut JournalParts, u32);
+    let forge = |name: &str, change: Change, signer: Option<&Identity>| {
+        let folder = lab.copy(&hosted, name, |file| file.ends_with(".mcap"));
+        let mut parts = honest.clone();
+        change(&mut parts, last);
+        let written = parts.write(&folder, signer);
+        (folder, written)
+    };
+    let forged: [(&str, Change, Option<&Identity>); 5] = [
+        ("unsigned", |_, _| {}, None),
+        ("cut", |parts, last| parts.drop_events_of(last), None),
+        ("shortened", |parts, _| parts.drop_last_episode(), None),
+        ("signed-cut", |parts, last| parts.drop_events_of(last), Some(&stranger)),
+        ("signed-shortened", |parts, _| parts.drop_last_episode(), Some(&stranger)),
+    ];
+    for (name, change, signer) in forged {
+        let (folder, _) = forge(name, change, signer);
+        let (code, entry) = board.submit(&folder, &["--note", name]);
+        assert_eq!((code, entry["badge"].as_str()), (0, Some("replayed")), "{name}: {entry}");
+    }
+    // The server's own signature under other lines.
+    let seal = std::fs::read_to_string(&journal).unwrap().lines().last().unwrap().to_owned();
+    assert!(seal.contains("\"event\":\"sealed\""), "{seal}");
+    let (folder, written) = forge("copied", |parts, _| parts.drop_last_episode(), None);
+    let text = std::fs::read_to_string(&written).unwrap();
+    std::fs::write(&written, format!("{text}{seal}\n")).unwrap();
+    let (code, entry) = board.submit(&folder, &[]);
+    assert_eq!((code, entry["state"].as_str()), (1, Some("refused")), "{entry}");
+    // As the server left it.
+    let (code, entry) = board.submit(&hosted, &[]);
+    assert_eq!((code, entry["badge"].as_str()), (0, Some("hosted")), "{entry}");
 }
 
 /// Guards that a service without trusted keys calls nothing hosted, and that episodes wait while no server verifies.

@@ -2,7 +2,7 @@
 //!
 //! | file | who has it | what it does |
 //! |---|---|---|
-//! | identity | the server | proves that the server owns its key, and signs results: [`Identity`] |
+//! | identity | the server | proves that it is the server of that key, signs results and journals: [`Identity`] |
 //! | known servers | clients | pins the keys of servers by name: [`KnownServers`] |
 //! | token | a client | opens sessions: [`Token`] |
 //! | tokens | the server | lists the tokens it accepts, and how many sessions each may have open: [`Tokens`] |
@@ -27,6 +27,7 @@ mod error;
 mod file;
 mod handshake;
 mod identity;
+mod journal;
 mod known;
 mod recorder_key;
 mod result;
@@ -41,6 +42,7 @@ pub use handshake::{
     registration, run_identity, welcome,
 };
 pub use identity::{Identity, PublicKey, SIGNATURE_BYTES};
+pub use journal::{journal_signer, sign_journal};
 pub use known::KnownServers;
 pub use recorder_key::RecorderKey;
 pub use result::{Signer, sign_result, signer_of};

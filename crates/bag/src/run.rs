@@ -7,6 +7,7 @@
 //! The last member of a line is its `link`: SHA-256 of the link before (of nothing, in the first line) and of the line
 //! without this member. A line that was changed, left out or moved breaks the chain there. What follows the last line break
 //! is a line that was being written when its server died; a reader leaves it out, and [`LedgerWriter::open`] removes it.
+//! Anybody can make such a chain: whose word it is says the server's signature under a finished one ([`Event::Sealed`]).
 //!
 //! ```
 //! use fiatlux_bag::run::{Event, Ledger, LedgerWriter, Planned, Registration, State, journals};
@@ -48,7 +49,7 @@ use serde::{Deserialize, Serialize};
 pub use error::LedgerError;
 pub(crate) use journal::is_journal;
 pub use journal::{journal_of, journals};
-pub use ledger::{Episode, Ledger, Played, Prefix, State};
+pub use ledger::{Episode, Ledger, Played, Prefix, Seal, State};
 pub use marks::Marks;
 pub use writer::LedgerWriter;
 
@@ -171,6 +172,15 @@ pub enum Event {
     Finished {
         /// When, ms since 1970.
         unix_ms: u64,
+    },
+    /// The server's signature of all lines above, from the registration to the end. Nothing follows it.
+    Sealed {
+        /// Link of the line before.
+        of: String,
+        /// Public key of the server, `ed25519:BASE64`.
+        key: String,
+        /// Signature of that link, base64, as `fiatlux_access::sign_journal` makes it.
+        signature: String,
     },
 }
 

@@ -62,7 +62,10 @@ pub enum ScoreError {
     /// A journal of the run cannot be read.
     #[error("the run cannot be read")]
     Ledger(#[from] LedgerError),
-    /// Journals in one folder belong to different runs.
+    /// A journal whose signature is not of what it says.
+    #[error("{}: its signature does not fit it; bring back the file as its server left it", .0.display())]
+    Seal(PathBuf),
+    /// Journals of different runs in one folder.
     #[error(
         "{} and {} are not journals of one run: the {field} differs; keep each run in a folder of its own",
         first.display(), second.display()

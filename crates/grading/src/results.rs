@@ -77,7 +77,10 @@ pub struct RunResult {
     pub finished: bool,
     /// Whether the server drew the seeds after registration.
     pub hosted: bool,
-    /// Number of registered episodes.
+    /// Public keys that signed the journals of the finished run, `ed25519:BASE64`; empty where one of them is not signed.
+    #[serde(default)]
+    pub signed_by: Vec<String>,
+    /// Episodes in all.
     pub registered: u64,
     /// Number of episodes that were graded from their bags.
     pub played: u64,

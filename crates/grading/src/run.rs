@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use fiatlux_access::{PublicKey, Signer, journal_signer};
 use fiatlux_bag::run::{ABANDONED, Episode, Ledger, NOT_RUN, Played, Registration, State, journals};
 use fiatlux_proto::v3::{EpisodeHeader, RunTicket};
 use fiatlux_rules::{Summary, Task};
@@ -25,7 +26,9 @@ pub(crate) struct Run {
     registration: Registration,
     servers: BTreeSet<String>,
     finished: bool,
-    /// One entry for each registered episode, by index.
+    /// Keys of the servers that signed their journals to the end: of all of them, or nobody's.
+    signers: BTreeSet<PublicKey>,
+    /// By index.
     pub episodes: Vec<Standing>,
     notes: Vec<String>,
 }
@@ -63,6 +66,7 @@ impl Run {
             }
         }
         let mut notes = Vec::new();
+        let signers = signers(&paths, &ledgers, &mut notes)?;
         let mut episodes = Vec::with_capacity(first.episodes.len());
         for (index, planned) in first.episodes.iter().enumerate() {
             let task = planned.task.parse().map_err(|source| ScoreError::Task { path: paths[0].clone(), source })?;
@@ -83,6 +87,7 @@ impl Run {
             // One journal that says so is enough: the other servers begin no more episodes, and one of them may be
             // dead.
             finished: ledgers.iter().any(Ledger::is_finished),
+            signers,
             registration: first,
             episodes,
             notes,
@@ -174,6 +179,7 @@ impl Run {
             servers: self.servers.iter().cloned().collect(),
             finished: self.finished,
             hosted: spec.hosted_seeds > 0,
+            signed_by: self.signers.iter().map(PublicKey::to_string).collect(),
             registered: self.episodes.len() as u64,
             played: (self.episodes.len() - failures.len()) as u64,
             failed,
@@ -185,7 +191,30 @@ impl Run {
     }
 }
 
-/// Summary of an episode that counts as a failure without rows.
+/// Who signed the journals, where all are signed. That one of a hosted run is not is worth a note.
+fn signers(paths: &[PathBuf], ledgers: &[Ledger], notes: &mut Vec<String>) -> Result<BTreeSet<PublicKey>, ScoreError> {
+    let mut signers = BTreeSet::new();
+    let mut all = true;
+    for (path, ledger) in paths.iter().zip(ledgers) {
+        let signer = ledger.seal().map(|seal| journal_signer(&seal.of, &seal.key, &seal.signature));
+        match signer {
+            Some(Signer::Key(key)) => {
+                signers.insert(key);
+            }
+            Some(Signer::Mismatch) => return Err(ScoreError::Seal(path.clone())),
+            Some(Signer::Nobody) | None => {
+                all = false;
+                if ledger.is_hosted() && ledger.is_finished() {
+                    let server = &ledger.registration().server;
+                    notes.push(format!("the journal of {server} is not signed: nobody vouches that it is whole"));
+                }
+            }
+        }
+    }
+    Ok(if all { signers } else { BTreeSet::new() })
+}
+
+/// What an episode amounts to that counts as a failure.
 pub(crate) fn failed(task: Task) -> Summary {
     Summary {
         task,

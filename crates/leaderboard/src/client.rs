@@ -26,9 +26,10 @@ use http::{Answer, Http};
 
 /// How often a failed request is tried again as long as no byte gets through.
 const TRIES: u32 = 8;
-/// Wait before the second try; doubles with each further one, up to a minute.
+/// How long it waits before the second try; twice as long before each further one, up to [`MAX_PAUSE`].
 const PAUSE: Duration = Duration::from_millis(500);
-/// How often [`Submit::wait`] asks for the state of a submission.
+const MAX_PAUSE: Duration = Duration::from_secs(60);
+/// How often it asks how a submission goes on.
 const POLL: Duration = Duration::from_secs(2);
 
 /// Why a submission failed.
@@ -314,7 +315,7 @@ impl<'a> Submit<'a> {
     /// Sends the missing part of a file; after an interruption it asks how much has arrived.
     fn file(&mut self, id: &str, file: &Place, path: &Path, done: u64, whole: u64) -> Result<(), SubmitError> {
         let read = |source| SubmitError::Read { path: path.into(), source };
-        let (mut received, mut tries) = (file.received, 0);
+        let (mut received, mut tries) = (file.received, Tries::default());
         loop {
             let mut source = File::open(path).map_err(read)?;
             source.seek(SeekFrom::Start(received)).map_err(read)?;
@@ -338,11 +339,7 @@ impl<'a> Submit<'a> {
                 Ok(answer) => answer.refused().to_string(),
                 Err(reason) => reason,
             };
-            tries += 1;
-            if tries > TRIES {
-                return Err(self.http.unanswered(reason));
-            }
-            self.pause(wait_before(tries))?;
+            self.pause(tries.again(&self.http, reason)?)?;
             let submitted = self.ask("GET", &format!("/api/v1/submissions/{id}"), None)?;
             let there = submitted.files.iter().find(|there| there.place == file.place);
             let there = there.ok_or_else(|| self.http.unreadable("it no longer lists the file"))?;
@@ -350,7 +347,7 @@ impl<'a> Submit<'a> {
                 return Ok(());
             }
             if there.received > received {
-                tries = 0;
+                tries = Tries::default();
             }
             received = there.received.min(file.bytes);
         }
@@ -358,7 +355,7 @@ impl<'a> Submit<'a> {
 
     /// A request without a file, tried again while the service does not answer.
     fn ask(&mut self, method: &str, address: &str, body: Option<String>) -> Result<Submitted, SubmitError> {
-        let mut tries = 0;
+        let mut tries = Tries::default();
         loop {
             let reason = match self.http.ask(method, address, body.as_deref()) {
                 Ok(Answer { status: 200..=299, json }) => {
@@ -368,11 +365,7 @@ impl<'a> Submit<'a> {
                 Ok(answer) => answer.refused().to_string(),
                 Err(reason) => reason,
             };
-            tries += 1;
-            if tries > TRIES {
-                return Err(self.http.unanswered(reason));
-            }
-            self.pause(wait_before(tries))?;
+            self.pause(tries.again(&self.http, reason)?)?;
         }
     }
 
@@ -388,12 +381,23 @@ impl<'a> Submit<'a> {
     }
 }
 
+/// How often a request came to nothing.
+#[derive(Debug, Default)]
+struct Tries(u32);
+
+impl Tries {
+    /// Counts one more, and says how long to wait before the next one.
+    fn again(&mut self, http: &Http, reason: String) -> Result<Duration, SubmitError> {
+        self.0 += 1;
+        if self.0 > TRIES {
+            return Err(http.unanswered(reason));
+        }
+        Ok((PAUSE * 2_u32.saturating_pow(self.0 - 1)).min(MAX_PAUSE))
+    }
+}
+
 impl std::fmt::Debug for Submit<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Submit").field("http", &self.http).finish_non_exhaustive()
     }
-}
-
-fn wait_before(tries: u32) -> Duration {
-    (PAUSE * 2_u32.saturating_pow(tries.saturating_sub(1))).min(Duration::from_secs(60))
 }

@@ -16,13 +16,13 @@ mod state;
 use std::sync::Arc;
 
 use axum::Router;
-use axum::extract::{Path, Request};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
-use axum::middleware::{Next, from_fn};
+use axum::extract::Path;
+use axum::http::HeaderMap;
+use axum::middleware::map_response;
 use axum::response::Response;
 use axum::routing::get;
 use fiatlux_grading::report;
-use fiatlux_replay::site::page_part;
+use fiatlux_replay::site::{guarded, page_part};
 
 use self::answer::{Problem, unchanging};
 use self::state::Pages;
@@ -31,15 +31,6 @@ use crate::Service;
 const CSS: &str = "text/css; charset=utf-8";
 const BOARD_STYLE: &str = include_str!("../style/board.css");
 const ICON: &str = include_str!("../style/icon.svg");
-
-/// Headers of every page.
-const HEADERS: [(HeaderName, &str); 5] = [
-    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-    (header::REFERRER_POLICY, "no-referrer"),
-    (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
-    (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
-    (HeaderName::from_static("permissions-policy"), "camera=(), geolocation=(), microphone=()"),
-];
 
 /// The pages of a service.
 pub(crate) fn router(service: Arc<Service>) -> Router {
@@ -60,23 +51,11 @@ pub(crate) fn router(service: Arc<Service>) -> Router {
         .route("/page/{file}", get(page_file))
         .route("/style/{file}", get(style))
         .fallback(nothing)
-        .layer(from_fn(headers))
+        .layer(map_response(|answer: Response| async { guarded(answer) }))
         .with_state(Arc::new(Pages::new(service)))
 }
 
-async fn headers(request: Request, next: Next) -> Response {
-    let mut answer = next.run(request).await;
-    let headers = answer.headers_mut();
-    for (name, value) in HEADERS {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
-    if !headers.contains_key(header::CONTENT_SECURITY_POLICY) {
-        headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static("default-src 'none'; sandbox"));
-    }
-    answer
-}
-
-/// A script module or the style sheet of replays.
+/// A module or the style of replays.
 async fn page_file(asked: HeaderMap, Path(file): Path<String>) -> Result<Response, Problem> {
     let (kind, text) = page_part(&file).ok_or(Problem::Nothing)?;
     Ok(unchanging(&asked, kind, text))

@@ -13,8 +13,10 @@ use crate::metrics::Metrics;
 use crate::submission::Limits;
 use crate::{Store, SubmissionId, api, metrics, pages};
 
-/// Number of uploads whose digest is checked at the same time.
-const SEALERS: usize = 4;
+/// Most uploads whose content is compared with its digest at once: half of the cores are left to those who read pages.
+const MOST_SEALERS: usize = 4;
+/// Uploads whose bytes are written at once.
+const WRITERS: usize = 2;
 
 /// How slow an upload may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,18 +59,21 @@ pub struct Service {
     /// Notified when a submission is received.
     pub(crate) received: Notify,
     pub(crate) sealers: Semaphore,
+    pub(crate) writers: Semaphore,
     busy: Mutex<BTreeSet<(SubmissionId, u32)>>,
 }
 
 impl Service {
     /// A service on an open store; it does nothing until its router is served and its jobs are started.
     pub fn new(store: Store, options: ServiceOptions) -> Self {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
         Self {
             store,
             options,
             metrics: Metrics::default(),
             received: Notify::new(),
-            sealers: Semaphore::new(SEALERS),
+            sealers: Semaphore::new((cores / 2).clamp(1, MOST_SEALERS)),
+            writers: Semaphore::new(WRITERS),
             busy: Mutex::default(),
         }
     }

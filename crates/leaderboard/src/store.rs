@@ -31,9 +31,9 @@ const LOCK: &str = "lock";
 
 /// How long a statement waits for another process, such as an admin command.
 const BUSY: Duration = Duration::from_secs(20);
-/// Number of connections to the database.
-const CONNECTIONS: u32 = 8;
-/// Number of results that are kept in memory.
+/// Connections that read the database. One more writes.
+const READERS: u32 = 8;
+/// Results that are kept in memory.
 const MOST_RESULTS: usize = 256;
 
 /// The folder of a service: a database, the bags by their content, and incomplete uploads.
@@ -41,6 +41,8 @@ const MOST_RESULTS: usize = 256;
 pub struct Store {
     folder: PathBuf,
     pool: SqlitePool,
+    /// Of one connection: whoever writes waits for it here, and not in SQLite with a connection that others could read with.
+    writer: SqlitePool,
     pub(crate) blobs: Blobs,
     results: Arc<Mutex<BTreeMap<SubmissionId, Arc<Results>>>>,
 }
@@ -62,14 +64,12 @@ impl Store {
             // When a request is answered, its data must be on disk.
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(BUSY);
-        let pool = SqlitePoolOptions::new()
-            .max_connections(CONNECTIONS)
-            .connect_with(options)
-            .await
-            .map_err(StoreError::database("be opened"))?;
-        schema::migrate(&pool).await?;
+        let open = |connections, options| SqlitePoolOptions::new().max_connections(connections).connect_with(options);
+        let writer = open(1, options.clone()).await.map_err(StoreError::database("be opened"))?;
+        schema::migrate(&writer).await?;
+        let pool = open(READERS, options).await.map_err(StoreError::database("be opened"))?;
         let blobs = Blobs::open(&folder.join(BLOBS))?;
-        Ok(Self { folder: folder.into(), pool, blobs, results: Arc::default() })
+        Ok(Self { folder: folder.into(), pool, writer, blobs, results: Arc::default() })
     }
 
     /// Locks the folder for the one service that may run on it; `None` if another one runs. Keep the file while serving.
@@ -86,7 +86,16 @@ impl Store {
         }
     }
 
-    /// Checks that the database answers.
+    /// Removes the halves of bags that a service left which was killed while it took them in. For whoever has the
+    /// [`Store::lock`]: nothing may write bags meanwhile. Returns how many.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`].
+    pub async fn remove_halves(&self) -> Result<usize, StoreError> {
+        self.blobs.remove_staged().await
+    }
+
+    /// Whether the database answers.
     ///
     /// # Errors
     /// [`StoreError::Database`]: it does not answer.
@@ -121,8 +130,11 @@ impl Store {
         }
         let Some(digest) = self.results_digest(id).await? else { return Ok(None) };
         let bytes = self.blobs.read(&digest).await?;
-        let results: Results = serde_json::from_slice(&bytes)
-            .map_err(|error| StoreError::corrupt(format!("results.json of submission {id}"), error))?;
+        let corrupt =
+            |error: &dyn ToString| StoreError::corrupt(format!("results.json of submission {id}"), error.to_string());
+        // Megabytes, where there are many episodes.
+        let read = tokio::task::spawn_blocking(move || serde_json::from_slice::<Results>(&bytes));
+        let results = read.await.map_err(|error| corrupt(&error))?.map_err(|error| corrupt(&error))?;
         let results = Arc::new(results);
         let mut known = known();
         if known.len() >= MOST_RESULTS {
@@ -179,17 +191,14 @@ impl Store {
                 continue;
             }
             let from = self.blobs.local(&digest);
-            let mut reader = tokio::fs::File::open(&from).await.map_err(StoreError::io("open", &from))?;
-            if !copy.blobs.put_checked(&digest, &mut reader, &from).await? {
-                return Err(StoreError::corrupt(
-                    from.display().to_string(),
-                    "its content does not have the digest in its name",
-                ));
+            if !copy.blobs.put_checked(&digest, &from).await? {
+                return Err(StoreError::corrupt(from.display().to_string(), "its content is not that of its name"));
             }
             files += 1;
             bytes += from.metadata().map_or(0, |data| data.len());
         }
         copy.pool.close().await;
+        copy.writer.close().await;
         Ok((files, bytes))
     }
 
@@ -205,7 +214,7 @@ impl Store {
 
     /// A transaction that writes from its first statement: SQLite cannot turn a reader into a writer without races.
     async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        self.pool.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))
+        self.writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))
     }
 }
 

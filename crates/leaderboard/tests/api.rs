@@ -111,7 +111,28 @@ fn a_changed_bag_is_refused_with_its_name() {
     assert!(reason.contains("'best' in the manifest and 'zero' in the bags"), "{reason}");
 }
 
-/// Guards that a backup made while the service runs works as a service with the same entries and bags.
+/// Guards that halves of bags that a killed service left are removed, and nothing else.
+#[test]
+fn halves_of_bags_are_removed() {
+    let board = Board::start("halves", ServiceOptions::default());
+    let token = board.token("lab");
+    let id = board.submit(&token, &manifest(), &[bag(&board.folder.0, 3)]);
+    board.decided(&id, &token);
+    let store = &board.store;
+    let kept = board.runtime.block_on(store.bag(id.parse().unwrap(), "S01", 3, 0)).unwrap().unwrap();
+    let [digest, folder] = [kept.file_name().unwrap().to_str().unwrap(), kept.parent().unwrap().to_str().unwrap()];
+    let name = |end: &str| format!("{folder}/{digest}{end}");
+    // What the store itself writes before a content is whole has such a name; others are somebody else's.
+    let halves = [name("#1"), name("#27")];
+    let others = [name(""), name("#"), name("#1a"), name("-1"), format!("{folder}/note#1")];
+    halves.iter().chain(&others[1..]).for_each(|path| std::fs::write(path, "half").unwrap());
+    assert_eq!(board.runtime.block_on(store.remove_halves()).unwrap(), 2);
+    assert!(halves.iter().all(|path| !std::path::Path::new(path).exists()));
+    assert!(others.iter().all(|path| std::path::Path::new(path).exists()));
+    assert_eq!(board.runtime.block_on(store.remove_halves()).unwrap(), 0);
+}
+
+/// Guards that a backup is a service of its own with the same entries and bags, made while the first one runs.
 #[test]
 fn a_backup_has_the_same_entries_and_bags() {
     let board = Board::start("backup", ServiceOptions::default());

@@ -9,6 +9,8 @@ use std::pin::Pin;
 use std::task::{Context, Poll};
 
 use axum::body::{Body, Bytes};
+use axum::http::{HeaderName, HeaderValue, header};
+use axum::response::Response;
 use futures_core::Stream;
 use tokio::fs::File;
 use tokio::io::{AsyncRead, ReadBuf};
@@ -18,7 +20,19 @@ use crate::page::{Head, MODULES, ONE, PAIR, STYLE};
 /// Number of bytes to read from a file at once.
 const BLOCK: usize = 64 * 1024;
 
-/// The parts of a page that shows replays.
+/// What every answer says of itself.
+const HEADERS: [(HeaderName, &str); 5] = [
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+    (HeaderName::from_static("permissions-policy"), "camera=(), geolocation=(), microphone=()"),
+];
+
+/// The Content-Security-Policy of what is not a page.
+const NO_PAGE: &str = "default-src 'none'; sandbox";
+
+/// The parts of a page with replays.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SitePage {
     /// Links to the style and the modules, for the page's head.
@@ -55,7 +69,18 @@ pub fn page_part(name: &str) -> Option<(&'static str, &'static str)> {
     Some(("text/javascript; charset=utf-8", module.text))
 }
 
-/// Streams a file as the body of an answer, one block at a time.
+/// An answer with the headers that keep a browser from taking it for anything else, or giving it to other sites. One without
+/// a Content-Security-Policy of its own gets one that allows nothing.
+pub fn guarded(mut answer: Response) -> Response {
+    let headers = answer.headers_mut();
+    for (name, value) in HEADERS {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    headers.entry(header::CONTENT_SECURITY_POLICY).or_insert(HeaderValue::from_static(NO_PAGE));
+    answer
+}
+
+/// A file as the body of an answer, one block of it in memory at a time.
 pub fn whole_file(file: File) -> Body {
     Body::from_stream(Blocks { file, block: vec![0; BLOCK] })
 }

@@ -150,7 +150,7 @@ impl Shared {
                 let (info, welcome) = self.try_open(plan, Some(&seat), &guest)?;
                 return Ok((run_reply::Reply::Session(info), Some(welcome)));
             }
-            Ask::Finish(RunFinish {}) => link.run.finish()?,
+            Ask::Finish(RunFinish {}) => link.run.finish(self.signer.as_deref())?,
             Ask::Status(RunStatus {}) => {}
             Ask::Register(_) => {
                 return Err(Refusal::new(Code::Value, "link", "a run is registered without a link; leave it out"));

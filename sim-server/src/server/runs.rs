@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use fiatlux_access::{Identity, sign_journal};
 use fiatlux_bag::run::{
     Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, Prefix, Registration, State, clip, journal_of,
 };
@@ -342,12 +343,14 @@ impl Run {
         Ok((plan, Seat { run: Arc::clone(self), episode: index, prefix }))
     }
 
-    /// Finishes the run: episodes that are not decided become failures.
-    pub fn finish(&self) -> Result<(), Refusal> {
+    /// Ends it: what was not decided has failed.
+    /// Its journal is signed then, where the server has an identity that outlives it.
+    pub fn finish(&self, signer: Option<&Identity>) -> Result<(), Refusal> {
         let mut state = lock(&self.state);
         state.flush()?;
         if state.writer.ledger().is_finished() {
-            return Ok(());
+            // Whose server died in between.
+            return state.seal(signer);
         }
         let open: Vec<u32> = state.writer.ledger().open().map(|(index, _)| index).collect();
         if let Some(first) = open.first() {
@@ -360,7 +363,7 @@ impl Run {
         }
         state.writer.append(Event::Finished { unix_ms: unix_ms() }).map_err(|error| not_written(&error))?;
         tracing::info!(run = state.writer.ledger().registration().run, "a run is finished");
-        Ok(())
+        state.seal(signer)
     }
 
     /// Notes the end of an attempt.
@@ -386,6 +389,12 @@ impl RunState {
             tracing::error!(error = in_full(&error), ?event, "cannot write an event of a run");
         }
         Ok(())
+    }
+
+    fn seal(&mut self, signer: Option<&Identity>) -> Result<(), Refusal> {
+        let Some(signer) = signer else { return Ok(()) };
+        let sealed = self.writer.seal(|link| (signer.public().to_string(), sign_journal(signer, link)));
+        sealed.map_err(|error| not_written(&error))
     }
 
     fn ledger(&self) -> &Ledger {

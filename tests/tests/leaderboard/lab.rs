@@ -112,6 +112,16 @@ impl<'a> Board<'a> {
         self.service = serve(self.lab, &self.args, servers);
     }
 
+    /// Kills it.
+    pub fn stop(&mut self) {
+        self.service.kill();
+    }
+
+    /// Its folder.
+    pub fn folder(&self) -> PathBuf {
+        self.lab.folder().path().join("board")
+    }
+
     pub fn url(&self) -> String {
         format!("http://127.0.0.1:{}", self.port)
     }
@@ -144,8 +154,13 @@ impl<'a> Board<'a> {
         )
     }
 
-    /// What the service answers to its account.
+    /// What the service answers to its account, as JSON.
     pub fn get(&self, address: &str) -> Value {
+        serde_json::from_slice(&self.fetch(address)).unwrap()
+    }
+
+    /// The body of what the service answers to its account.
+    pub fn fetch(&self, address: &str) -> Vec<u8> {
         let token = std::fs::read_to_string(self.token()).unwrap();
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -155,11 +170,12 @@ impl<'a> Board<'a> {
             "GET {address} HTTP/1.1\r\nHost: board\r\nConnection: close\r\nAuthorization: Bearer {token}\r\n\r\n"
         )
         .unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
-        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
-        assert!(head.starts_with("HTTP/1.1 200"), "{address}: {answer}");
-        serde_json::from_str(body).unwrap()
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        let end = answer.windows(4).position(|end| end == b"\r\n\r\n").unwrap() + 4;
+        let body = answer.split_off(end);
+        assert!(answer.starts_with(b"HTTP/1.1 200"), "{address}: {}", String::from_utf8_lossy(&answer));
+        body
     }
 }
 

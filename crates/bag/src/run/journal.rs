@@ -53,7 +53,8 @@ pub(crate) fn is_journal(path: &Path) -> bool {
 /// The chain so far: the link of the last line, and where that line ends in the file.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Chain {
-    link: String,
+    /// Empty before the first line.
+    pub link: String,
     /// Bytes of whole lines.
     pub length: u64,
     /// Number of whole lines.

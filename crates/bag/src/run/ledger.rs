@@ -55,6 +55,17 @@ pub struct Prefix {
     pub marks: Marks,
 }
 
+/// A server's signature under its journal. Whether it is good is for the reader to say, as is whose key counts.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Seal {
+    /// Link of the line above it, which stands for the whole journal.
+    pub of: String,
+    /// Public key of the server, `ed25519:BASE64`.
+    pub key: String,
+    /// Signature of the link, base64.
+    pub signature: String,
+}
+
 /// One episode of the run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Episode {
@@ -78,6 +89,7 @@ pub struct Ledger {
     registration: Registration,
     episodes: Vec<Episode>,
     finished: bool,
+    seal: Option<Seal>,
 }
 
 impl Ledger {
@@ -96,7 +108,7 @@ impl Ledger {
             opened_ms: None,
         };
         let episodes = vec![waiting; registration.episodes.len()];
-        Ok(Self { registration, episodes, finished: false })
+        Ok(Self { registration, episodes, finished: false, seal: None })
     }
 
     /// Reads a journal.
@@ -111,7 +123,12 @@ impl Ledger {
         let mut lines = Lines::open(path)?;
         let registration = lines.next()?.ok_or_else(|| lines.wrong_line("there is no registration".into()))?;
         let mut ledger = Self::new(registration).map_err(|reason| lines.wrong_line(reason))?;
-        while let Some(event) = lines.next()? {
+        loop {
+            let before = lines.chain.link.clone();
+            let Some(event) = lines.next()? else { break };
+            if matches!(&event, Event::Sealed { of, .. } if *of != before) {
+                return Err(lines.wrong_line("the signature is of other lines than those above it".into()));
+            }
             ledger.apply(&event).map_err(|reason| lines.wrong_line(reason))?;
         }
         Ok((ledger, lines.chain))
@@ -132,6 +149,11 @@ impl Ledger {
         self.finished
     }
 
+    /// The server's signature under the finished journal, where there is one.
+    pub fn seal(&self) -> Option<&Seal> {
+        self.seal.as_ref()
+    }
+
     /// Whether the server drew the seeds.
     pub fn is_hosted(&self) -> bool {
         self.registration.spec.hosted_seeds > 0
@@ -148,6 +170,9 @@ impl Ledger {
     /// # Errors
     /// It does not follow from what was before; nothing has changed then.
     pub fn apply(&mut self, event: &Event) -> Result<(), String> {
+        if let Event::Sealed { of, key, signature } = event {
+            return self.take_seal(of, key, signature);
+        }
         if self.finished {
             return Err("the run is finished".into());
         }
@@ -166,6 +191,7 @@ impl Ledger {
                 return Ok(());
             }
             Event::Finished { .. } => return self.finish(),
+            Event::Sealed { .. } => return Ok(()),
         };
         let count = self.episodes.len();
         let episode = self.episodes.get_mut(index as usize);
@@ -227,11 +253,20 @@ impl Ledger {
                 short(cause)?;
                 episode.state = State::Failed { cause: cause.clone() };
             }
-            Event::Opened { .. } | Event::Restarted { .. } | Event::Finished { .. } => {}
+            Event::Opened { .. } | Event::Restarted { .. } | Event::Finished { .. } | Event::Sealed { .. } => {}
         }
         if episode.state == State::Waiting && episode.attempts >= MAX_ATTEMPTS {
             episode.state = State::Failed { cause: ABANDONED.into() };
         }
+        Ok(())
+    }
+
+    fn take_seal(&mut self, of: &str, key: &str, signature: &str) -> Result<(), String> {
+        if !self.finished || self.seal.is_some() {
+            return Err("a journal is signed once, when its run is finished".into());
+        }
+        [of, key, signature].into_iter().try_for_each(short)?;
+        self.seal = Some(Seal { of: of.into(), key: key.into(), signature: signature.into() });
         Ok(())
     }
 

@@ -93,6 +93,20 @@ impl LedgerWriter {
         Ok(())
     }
 
+    /// Puts the server's signature under the journal of a finished run, where it has none yet. `sign` is given what the
+    /// signature is of, and returns public key and signature as text.
+    ///
+    /// # Errors
+    /// As for [`LedgerWriter::append`]; the run is not finished.
+    pub fn seal(&mut self, sign: impl FnOnce(&str) -> (String, String)) -> Result<(), LedgerError> {
+        if self.ledger.seal().is_some() {
+            return Ok(());
+        }
+        let of = self.chain.link.clone();
+        let (key, signature) = sign(&of);
+        self.append(Event::Sealed { of, key, signature })
+    }
+
     /// What of a line reached the file must not stand before the next one.
     fn undo(&self) -> std::io::Result<()> {
         self.file.set_len(self.chain.length)?;

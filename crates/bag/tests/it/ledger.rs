@@ -241,3 +241,34 @@ fn a_journal_that_cannot_be_made_says_so() {
     assert!(error.contains("space"), "{error}");
     let _ = fs::remove_file(&folder);
 }
+
+/// Guards what a signature stands for: the whole journal of a finished run, once, and no other lines.
+#[test]
+fn a_journal_is_sealed_at_its_end() {
+    let folder = folder("sealed");
+    let sign = |link: &str| ("ed25519:key".to_owned(), format!("of {link}"));
+    let mut writer = LedgerWriter::create(&folder, registration()).expect("a journal");
+    writer.append(opened(0, 1)).expect("it follows");
+    assert!(writer.seal(sign).is_err(), "the run goes on");
+    writer.append(played(0, 1)).expect("it follows");
+    writer.append(Event::Finished { unix_ms: 4 }).expect("it follows");
+    writer.seal(sign).expect("it is finished");
+    let path = writer.path().to_owned();
+    let whole = fs::read_to_string(&path).expect("a file");
+    // Once more changes nothing, also after a restart.
+    LedgerWriter::open(&path).expect("a journal").seal(sign).expect("it is sealed");
+    assert_eq!(fs::read_to_string(&path).expect("a file"), whole);
+    let ledger = Ledger::read(&path).expect("a ledger");
+    let seal = ledger.seal().expect("a seal");
+    let above = whole.lines().rev().nth(1).expect("the line before");
+    assert!(seal.of.len() == 64 && above.contains(&seal.of), "{above}");
+    assert_eq!((seal.key.as_str(), seal.signature.clone()), ("ed25519:key", format!("of {}", seal.of)));
+    // With a chain that holds, but of other lines.
+    fs::remove_file(&path).expect("removed");
+    let mut forged = LedgerWriter::create(&folder, registration()).expect("a journal");
+    forged.append(Event::Finished { unix_ms: 4 }).expect("it follows");
+    let (of, key, signature) = (seal.of.clone(), seal.key.clone(), seal.signature.clone());
+    forged.append(Event::Sealed { of, key, signature }).expect("a line");
+    let error = Ledger::read(&path).expect_err("another journal's").to_string();
+    assert!(error.contains("line 3: ") && error.contains("other lines"), "{error}");
+}

@@ -19,8 +19,10 @@ use super::submissions::owned;
 use crate::store::StoredFile;
 use crate::{Pace, Service, State as Stage, StoreError, SubmissionId};
 
-/// `PUT /api/v1/submissions/{id}/files/{place}?offset=N`: the bytes of a file from `N` on; `N` must be how many have arrived
-/// already.
+/// Bytes that are collected before they are written. A frame of a body has 32 kB at most.
+const PART: usize = 256 << 10;
+
+/// `PUT /api/v1/submissions/{id}/files/{place}?offset=N`: bytes of a file from `N` on, which must be what is there already.
 pub(super) async fn upload(
     State(service): State<Arc<Service>>,
     Path((id, place)): Path<(String, String)>,
@@ -81,9 +83,10 @@ async fn append(
         let message = format!("{length} bytes of the file have arrived; resume at that offset");
         return Err(Problem::conflict("offset", message).with_received(length));
     }
-    let taken = take(service, &mut out, file.bytes, length, body).await;
-    // Even if it was interrupted, what has arrived is worth keeping.
-    out.flush().await.map_err(io("write"))?;
+    let mut part = Vec::new();
+    let taken = take(service, &mut out, &mut part, file.bytes, length, body).await;
+    // What came before it broke off is worth keeping.
+    write(service, &mut out, &mut part).await.map_err(io("write"))?;
     taken.map_err(|failed| match failed {
         Failed::Write(source) => io("write")(source).into(),
         Failed::Said(problem) => problem,
@@ -95,7 +98,15 @@ enum Failed {
     Said(Problem),
 }
 
-async fn take(service: &Service, out: &mut File, whole: u64, mut length: u64, mut body: Body) -> Result<u64, Failed> {
+/// Takes a body in; how long the file is then, once also `part` is written.
+async fn take(
+    service: &Service,
+    out: &mut File,
+    part: &mut Vec<u8>,
+    whole: u64,
+    mut length: u64,
+    mut body: Body,
+) -> Result<u64, Failed> {
     let Pace { silence, start: free, least_rate } = service.options.pace;
     let (start, first) = (Instant::now(), length);
     loop {
@@ -118,7 +129,10 @@ async fn take(service: &Service, out: &mut File, whole: u64, mut length: u64, mu
             let message = format!("the file was announced with {whole} bytes, but more arrived");
             return Err(Failed::Said(Problem::too_large(message).with_received(length)));
         }
-        out.write_all(&data).await.map_err(Failed::Write)?;
+        part.extend_from_slice(&data);
+        if part.len() >= PART {
+            write(service, out, part).await.map_err(Failed::Write)?;
+        }
         length += data.len() as u64;
         service.metrics.uploaded_bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
         let taken = start.elapsed();
@@ -130,7 +144,17 @@ async fn take(service: &Service, out: &mut File, whole: u64, mut length: u64, mu
     }
 }
 
-/// Keeps a complete file if it has the announced digest; otherwise deletes it and returns `false`.
+/// Writes what has come. Few uploads do so at once: each write takes a thread, and dozens of them would keep those waiting who
+/// read pages.
+async fn write(service: &Service, out: &mut File, part: &mut Vec<u8>) -> std::io::Result<()> {
+    // It is never closed.
+    let _permit = service.writers.acquire().await.map_err(std::io::Error::other)?;
+    out.write_all(part).await?;
+    part.clear();
+    out.flush().await
+}
+
+/// Keeps a file that has all its bytes, if they are what was announced; else drops it.
 async fn seal(
     service: &Service,
     path: &FilePath,
@@ -140,8 +164,7 @@ async fn seal(
 ) -> Result<bool, Problem> {
     let busy = |_| Problem::busy("the service is stopping; send the rest again later");
     let _permit = service.sealers.acquire().await.map_err(busy)?;
-    let mut reader = File::open(path).await.map_err(StoreError::io("open", path))?;
-    let is_it = service.store.blobs.put_checked(&file.digest, &mut reader, path).await?;
+    let is_it = service.store.blobs.put_checked(&file.digest, path).await?;
     if is_it {
         service.store.set_stored(id, place).await?;
     }

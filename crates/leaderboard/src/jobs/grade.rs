@@ -106,11 +106,15 @@ fn losses(excluded: &[ExcludedBag]) -> Option<String> {
     (!lost.is_empty()).then_some(reason)
 }
 
-/// Whether the operator's servers played a finished run in rooms that they drew. Their signatures prove it: they cover the
-/// header of each bag, with its place in the run and whether the seed is hosted.
+/// Whether a finished run was played by servers of ours in rooms that they drew. Their signatures say so: those of the bags,
+/// which cover the header with its place in the run and whether the seed is hosted, and those of the journals, without which
+/// episodes or attempts could be left out.
 fn is_hosted(results: &Results, signers: &KnownServers) -> bool {
-    let run = results.run.as_ref().is_some_and(|run| run.hosted && run.finished && run.played > 0);
     let is_known = |key: &str| key.parse::<PublicKey>().is_ok_and(|key| signers.name_of(&key).is_some());
+    let run = results.run.as_ref().is_some_and(|run| {
+        let is_signed = !run.signed_by.is_empty() && run.signed_by.iter().all(|key| is_known(key));
+        run.hosted && run.finished && run.played > 0 && is_signed
+    });
     let mut played = results.episodes.iter().filter(|row| row.failure.is_none());
     run && results.conditions.seeds == "hosted" && played.all(|row| row.signed_by.as_deref().is_some_and(is_known))
 }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use axum::body::Bytes;
 use fiatlux_grading::Results;
 use fiatlux_replay::Desk;
+use tokio::sync::OwnedMutexGuard;
 
 use super::answer::Problem;
 use super::heavy::Heavy;
@@ -17,7 +18,9 @@ use crate::{Entry, Service, State, SubmissionId};
 
 /// How long the tables are shown before the service looks for new entries.
 const FRESH: Duration = Duration::from_secs(1);
-/// Number of replays in the cache, at most 50 MB each.
+/// For how long they are shown while somebody looks. Whoever comes later waits for new ones.
+const STALE: Duration = Duration::from_secs(10);
+/// Replays that are kept, of at most 50 MB each.
 const REPLAYS: usize = 4;
 /// Number of figures in the cache, about 20 kB each.
 const FIGURES: usize = 512;
@@ -29,13 +32,13 @@ pub(super) struct Pages {
     pub desk: Arc<Desk>,
     pub heavy: Heavy,
     figures: Mutex<VecDeque<((SubmissionId, String), Bytes)>>,
-    board: tokio::sync::Mutex<Kept>,
+    shown: Mutex<Option<(Instant, Arc<Board>)>>,
+    kept: Arc<tokio::sync::Mutex<Kept>>,
 }
 
-/// The tables, and the parts that they are made from. The results of an entry never change.
+/// What tables are made of. Results of an entry do not change.
 #[derive(Debug, Default)]
 struct Kept {
-    shown: Option<(Instant, Arc<Board>)>,
     standings: BTreeMap<SubmissionId, Result<Standing, Obstacle>>,
     neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
 }
@@ -70,7 +73,8 @@ impl Pages {
             desk: Arc::new(Desk::keeping(REPLAYS)),
             heavy: Heavy::default(),
             figures: Mutex::default(),
-            board: tokio::sync::Mutex::default(),
+            shown: Mutex::default(),
+            kept: Arc::default(),
         }
     }
 
@@ -88,20 +92,46 @@ impl Pages {
         Ok((entry, results))
     }
 
-    /// The leaderboard, at most a second old.
-    pub async fn board(&self) -> Result<Arc<Board>, Problem> {
-        let mut kept = self.board.lock().await;
-        if let Some((made, board)) = &kept.shown
+    /// The leaderboard, as it was a second ago or, where it is asked for seldom, ten. Nobody waits for a new one whom an old
+    /// one serves.
+    pub async fn board(self: &Arc<Self>) -> Result<Arc<Board>, Problem> {
+        let shown = self.shown();
+        let age = shown.as_ref().map(|(made, _)| made.elapsed());
+        match (shown, age) {
+            (Some((_, board)), Some(age)) if age < FRESH => Ok(board),
+            (Some((_, board)), Some(age)) if age < STALE => {
+                if let Ok(kept) = Arc::clone(&self.kept).try_lock_owned() {
+                    let pages = Arc::clone(self);
+                    // What fails is in the log, and the next one who asks tries again.
+                    tokio::spawn(async move { pages.renewed(kept).await.map(drop) });
+                }
+                Ok(board)
+            }
+            _ => {
+                let kept = Arc::clone(&self.kept).lock_owned().await;
+                self.renewed(kept).await
+            }
+        }
+    }
+
+    fn shown(&self) -> Option<(Instant, Arc<Board>)> {
+        self.shown.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The leaderboard, made anew where it is not fresh. One at a time holds what it is made of.
+    async fn renewed(&self, mut kept: OwnedMutexGuard<Kept>) -> Result<Arc<Board>, Problem> {
+        let shown = self.shown();
+        if let Some((made, board)) = &shown
             && made.elapsed() < FRESH
         {
             return Ok(Arc::clone(board));
         }
         let entries = self.service.store.entries().await?;
-        let board = match &kept.shown {
-            Some((_, board)) if board.entries == entries => Arc::clone(board),
+        let board = match shown {
+            Some((_, board)) if board.entries == entries => board,
             _ => Arc::new(self.make(&mut kept, entries).await?),
         };
-        kept.shown = Some((Instant::now(), Arc::clone(&board)));
+        *self.shown.lock().unwrap_or_else(PoisonError::into_inner) = Some((Instant::now(), Arc::clone(&board)));
         Ok(board)
     }
 
