@@ -25,7 +25,7 @@ for extra in "${extras[@]}"; do
     python3 -m venv "$work/$extra"
     "$work/$extra/bin/pip" install --quiet "fiatlux[$extra] @ file://$(realpath "$wheel")" "pytest>=8"
     case "$extra" in
-        train) tests=(test_rsl_rl.py test_stable_baselines3.py) ;;
+        train) tests=(test_rsl_rl.py test_stable_baselines3.py test_train.py) ;;
         ray) tests=(test_ray.py) ;;
         lerobot) tests=(test_lerobot.py) ;;
         mujoco)
