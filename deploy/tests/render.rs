@@ -189,7 +189,7 @@ fn damaged_bags() {
     rows.drain(40..45);
     begin(&bag, &header(), &rows).finish_cut("the disk was full").unwrap();
     let out = folder.join("frames");
-    let words = ["3 rows cannot be drawn", "5 rows are missing between others", "the bag is cut (the disk was full)"];
+    let words = ["3 rows that cannot be drawn", "5 rows missing between others", "the bag is cut (the disk was full)"];
     check(&render(&[text(&bag), "-o", text(&out), "--fps", "5"]), 3, &words);
     assert_eq!(names(&out).len(), 5, "rows 0, 10, 20, 30 and 50");
 }

@@ -197,7 +197,7 @@ mod tests {
             ("{routing: {peer: {mode: 'linkstate'}}}", "routing/peer:"),
         ] {
             let message = read(text).expect_err(text).to_string();
-            assert!(message.contains(&format!("from it: {key}")), "{text}: {message}");
+            assert!(message.contains(&format!("as a Zenoh config: {key}")), "{text}: {message}");
         }
         read(
             "{mode: 'router', metadata: {any: {key: 1}}, connect: {endpoints: {peer: ['tcp/a:1']}, timeout_ms: {router: -1}},

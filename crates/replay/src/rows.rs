@@ -28,9 +28,9 @@ impl Faults {
     /// Each fault as a phrase, for notes and errors.
     pub fn phrases(&self) -> Vec<String> {
         let counts = [
-            (self.undrawable, "cannot be drawn and were left out"),
-            (self.misplaced, "come after later ones and were left out"),
-            (self.missing, "are missing between others"),
+            (self.undrawable, "that cannot be drawn, left out"),
+            (self.misplaced, "out of order, left out"),
+            (self.missing, "missing between others"),
         ];
         let rows = |count: u64| if count == 1 { "row" } else { "rows" };
         let counted = counts.iter().filter(|(count, _)| *count > 0);

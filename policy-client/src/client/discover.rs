@@ -61,7 +61,7 @@ pub fn describe_servers(link: &Session) -> Result<Vec<ServerInfo>, ClientError> 
             let Ok(sample) = reply.result() else { continue };
             match decode::<ServerInfo>(&sample.payload().to_bytes(), MAX_SERVER_MESSAGE) {
                 Ok(info) if !is_name(&info.server) => {
-                    tracing::warn!("{}: skipping a server without a valid name", sample.key_expr())
+                    tracing::warn!("{}: skipping a server without a valid name", sample.key_expr());
                 }
                 Ok(info) if info.protocol.as_ref().is_some_and(is_compatible) => {
                     servers.insert(info.server.clone(), info);

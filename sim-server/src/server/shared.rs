@@ -451,7 +451,7 @@ fn sealed(actor: &Actor, record: Bytes) -> Bytes {
 fn no_place(why: NoPlace, capacity: usize) -> String {
     match why {
         NoPlace::Full => format!(
-            "the server is busy: all of its {capacity} places are taken; close one, try again later, or \
+            "the server is busy: its places, {capacity}, are all taken; close a session, try again later, or \
              start it with a larger --capacity"
         ),
         NoPlace::Kept => format!(

@@ -95,9 +95,9 @@ fn rows_that_are_none_are_left_out() {
     let replay = Replay::open(&path).unwrap();
     let notes = replay.document().notes.join("\n");
     for phrase in [
-        "2 rows cannot be drawn",
-        "1 row stand",
-        "are missing between",
+        "2 rows that cannot be drawn",
+        "1 row out of order",
+        "rows missing between",
         "Rows from step 200000",
         "Events after the first 1000",
     ] {
