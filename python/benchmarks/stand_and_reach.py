@@ -13,10 +13,9 @@ import json
 
 import fiatlux
 import numpy as np
+from fiatlux.whole_body import LEGS_AND_WAIST
 
 STEPS_PER_S = 50
-MOVED = 15
-ARMS = slice(15, 29)
 FASTEST = 2.0 / STEPS_PER_S
 REACH = np.array([0.5, 0.3, 0.4, 0.5, 0.4, 0.3, 0.3] * 2)
 """Half-widths of the poses that are drawn, rad, joint by joint from the shoulder."""
@@ -61,11 +60,12 @@ class Standing:
         self.observation, _ = self.env.reset(seed=seed)
         self.body = fiatlux.WholeBody()
         self.targets = self.body.targets(self.observation)
+        self.arms = self.targets[LEGS_AND_WAIST : len(self.body.q0)].copy()
 
     def step(self, arms):
         """A control step with these targets of the arms; places of pelvis and bulb, m, or None once it has ended."""
-        self.targets[ARMS] = arms
-        self.targets[:MOVED] = self.body(self.observation)
+        self.targets[LEGS_AND_WAIST : len(self.body.q0)] = arms
+        self.targets[:LEGS_AND_WAIST] = self.body(self.observation)
         self.observation, _, terminated, truncated, _ = self.env.step(self.targets)
         row = self.env.row()
         places = np.concatenate((row["robot_pose"][:3], row["old_bulb_pose"][:3]))
@@ -81,9 +81,8 @@ def reach(seed, reaches, noise):
     """Rms of pelvis and hand at each reach, and whether the episode ended before the last."""
     random = np.random.default_rng(seed)
     standing = Standing(seed, noise)
-    begin = standing.targets[ARMS].copy()
+    begin = arms = standing.arms
     pelvis, hand = [], []
-    arms = begin.copy()
     for _ in range(reaches):
         goal = begin + random.uniform(-REACH, REACH)
         while np.abs(goal - arms).max() > 1e-9:
@@ -105,10 +104,9 @@ def reach(seed, reaches, noise):
 def stand(seed, noise):
     """The way of the pelvis over a minute of standing, mm, on the floor; None where the episode ended."""
     standing = Standing(seed, noise)
-    arms = standing.targets[ARMS].copy()
     places = []
     for _ in range(64 * STEPS_PER_S):
-        here = standing.step(arms)
+        here = standing.step(standing.arms)
         if here is None:
             return None
         places.append(here[:2])
