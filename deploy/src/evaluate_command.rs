@@ -26,7 +26,7 @@ Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with episodes that are missing."
 /// Options of the command.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
-    /// Policy: zero, random, hold or stand.
+    /// Policy: zero, random, hold, stand, wbc, walk or another of those that `policy-client list --policies` lists.
     #[arg(long, value_parser = policy, required_unless_present = "external")]
     policy: Option<String>,
     /// Serve a policy that connects from elsewhere: start a server that records, print the command for its client, wait

@@ -18,7 +18,7 @@ use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{
     CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
-    SessionInfo, look_reply, open_reply,
+    SessionInfo, look_reply, notice::Code, open_reply,
 };
 use fiatlux_proto::{Bytes, Message as _, ObservationLayout, PROTOCOL, decode, encoding, is_compatible};
 use fiatlux_session::client::{Answer, Input, Output};
@@ -260,7 +260,9 @@ impl Client {
             }
             let Some(observation) = &present else {
                 let wake = self.state.wake_at().map_or(STOP_PERIOD, |at| at.saturating_sub(self.now()));
-                self.mailbox.wait(wake.min(STOP_PERIOD), &mut busy);
+                // The server has work: to poll would only take its core's time.
+                let busy = (!self.state.is_ahead()).then_some(&mut busy);
+                self.mailbox.wait(wake.min(STOP_PERIOD), busy);
                 continue;
             };
             if !is_reset {
@@ -347,7 +349,11 @@ impl Client {
         if let Input::Notice(bytes) = input
             && let Ok(notice) = decode::<Notice>(bytes, MAX_SERVER_MESSAGE)
         {
-            self.tell(notice);
+            // Of what was sent ahead and again, an episode's end leaves some over.
+            let is_left_over = self.state.is_ahead() && notice.code() == Code::Step;
+            if !is_left_over {
+                self.tell(notice);
+            }
         }
     }
 

@@ -1,7 +1,6 @@
 //! The built-in policies, one in each file.
 
 mod body;
-mod carrier;
 mod foreign;
 mod hold;
 mod random;
@@ -10,6 +9,7 @@ mod stand;
 mod vla;
 mod walk;
 mod wbc;
+mod whole_body;
 mod zero;
 
 use std::path::Path;
@@ -24,6 +24,7 @@ pub use stand::Stand;
 pub use vla::{Answer, Probed, Vla, VlaArgs, VlaSource};
 pub use walk::Walk;
 pub use wbc::Wbc;
+pub use whole_body::WholeBody;
 pub use zero::Zero;
 
 /// Names of the policies, each with a description for the command line.
@@ -32,7 +33,11 @@ pub const NAMES: [(&str, &str); 10] = [
     ("random", "uniform in [-1, 1], drawn from the session's seed and the episode's index"),
     ("hold", "keeps the posture of the start"),
     ("stand", "keeps the robot upright on level ground by closing a loop over its centre of mass"),
-    ("wbc", "walks, turns and bends on one command, such as wbc:vx=0.4,wz=0.2; the arms keep the posture of the start"),
+    (
+        "wbc",
+        "walks, turns and bends on one command, such as wbc:vx=0.4,wz=0.2; the arms keep the posture of the start; \
+         wbc:FILE,vx=0.4 with weights of your own",
+    ),
     (
         "walk",
         "walks to the crate (S05), the fresh bulb (S07) or the ladder (S09) by their exact poses, and stands there",

@@ -38,18 +38,14 @@ def main():
         ended += reached[2]
         drift = stand(seed, not args.exact)
         drifts += [] if drift is None else [drift]
-    found = {
-        "episodes": args.episodes,
-        "reaches": len(pelvis),
-        "ended early": ended,
-        "pelvis rms mm, mean": float(np.mean(pelvis)),
-        "pelvis rms mm, worst": float(np.max(pelvis)),
-        "hand rms mm, mean": float(np.mean(hand)),
-        "hand rms mm, worst": float(np.max(hand)),
-        "drift in 60 s, mm, mean": float(np.mean(drifts)),
-        "drift in 60 s, mm, worst": float(np.max(drifts)),
-    }
-    print(json.dumps(found) if args.json else "\n".join(f"{name:<26}{value:>9.3g}" for name, value in found.items()))
+    found = {"episodes": args.episodes, "reaches": len(pelvis), "ended early": ended}
+    for name, values in (("pelvis rms mm", pelvis), ("hand rms mm", hand), ("drift in 60 s, mm", drifts)):
+        # Where every episode ends early there is nothing to measure.
+        found[f"{name}, mean"] = float(np.mean(values)) if values else None
+        found[f"{name}, worst"] = float(np.max(values)) if values else None
+    print(json.dumps(found) if args.json else "\n".join(
+        f"{name:<26}{'none' if value is None else format(value, '.3g'):>9}" for name, value in found.items()
+    ))
 
 
 class Standing:

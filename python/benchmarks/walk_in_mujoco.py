@@ -143,7 +143,7 @@ def bare_scene(nearest):
     world = root.find("worldbody")
     gone = set()
     for child in list(world):
-        keeps = child.tag == "light" or child.get("name") in ("pelvis", "floor")
+        keeps = child.tag == "light" or child.get("name") in ("pelvis", "room_floor")
         if not keeps:
             gone.update(part.get("name") for part in child.iter() if part.get("name"))
             world.remove(child)
@@ -161,11 +161,12 @@ def play_theirs(model, commands):
     """Plays an episode in MuJoCo, from the standing posture."""
     data = mujoco.MjData(model)
     body = fiatlux.WholeBody()
-    names = [model.actuator(index).name for index in range(model.nu)]
     joints = [model.actuator_trnid[index, 0] for index in range(model.nu)]
+    names = [model.joint(joint).name for joint in joints]
     places, rates = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     q0 = np.zeros(model.nu)
-    own = [names.index(name) for name in body.joint_names]
+    # An exported joint has the name of the link that it moves.
+    own = [names.index(name.replace("waist_pitch", "torso").replace("_joint", "_link")) for name in body.joint_names]
     q0[own] = body.q0
     data.qpos[:7] = [0, 0, 0.79, 1, 0, 0, 0]
     data.qpos[places] = q0

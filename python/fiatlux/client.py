@@ -20,19 +20,34 @@ class Client:
     thread than the caller's.
 
     Args:
-        endpoint: Address of the server, such as ``"tcp/192.168.1.7:7447"``; several may be given as a list.
+        endpoint: Address of the server, such as ``"tcp/192.168.1.7:7447"``; several may be given as a list. By default that of
+            ``config``, or ``"tcp/127.0.0.1:7447"``.
         config: A Zenoh config file, the same as for the programs; it names the certificates of an encrypted link.
+        token: File with the token by which a server lets this client open sessions.
+        server_key: Key that the server must have, ``"ed25519:BASE64"`` as it prints it.
+        known_servers: File with the keys of known servers; other servers are refused.
 
     Raises:
-        ValueError: The endpoint is not a valid one.
+        ValueError: The endpoint or the key is not a valid one, or a file cannot be read.
         ConnectionError: Nobody answers at the endpoint.
     """
 
     def __init__(
-        self, endpoint: str | Sequence[str] = "tcp/127.0.0.1:7447", *, config: str | PathLike[str] | None = None
+        self,
+        endpoint: str | Sequence[str] | None = None,
+        *,
+        config: str | PathLike[str] | None = None,
+        token: str | PathLike[str] | None = None,
+        server_key: str | None = None,
+        known_servers: str | PathLike[str] | None = None,
     ) -> None:
+        if endpoint is None:
+            endpoint = "tcp/127.0.0.1:7447" if config is None else ()
+        if server_key is not None and known_servers is not None:
+            raise ValueError("server_key and known_servers: give one of them")
         endpoints = [endpoint] if isinstance(endpoint, str) else list(endpoint)
-        self._client = _native.Client(endpoints, None if config is None else fspath(config))
+        files = [None if file is None else fspath(file) for file in (config, token, known_servers)]
+        self._client = _native.Client(endpoints, files[0], files[1], server_key, files[2])
 
     def run(
         self,

@@ -127,7 +127,8 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         """The scene as MJCF for MuJoCo; its keyframe is the present state with the present joint targets.
 
         With ``nearest`` it has the options of MuJoCo that are closest to this simulator, otherwise MuJoCo's defaults. It does not
-        model how the socket holds a bulb.
+        model how the socket holds a bulb. Joints and actuators have the names of the links that they move, such as
+        ``left_knee_link``.
         """
         self._check_begun()
         return self._episode.mjcf(nearest)

@@ -1,6 +1,7 @@
 """Runs the benchmark in this process."""
 
 import json
+import warnings
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
@@ -129,7 +130,16 @@ def _recorded(
         raise ValueError("tasks and seeds: give at least one each")
     asked = complete(tasks[0] if len(tasks) == 1 else None, observation, settings)
     run = {**run_of(policy, tasks, seeds, parallel, name, out / "RUN.toml"), "record": list(record)}
-    text, lost = _native.evaluate_into(fspath(out), lambda: Player(policy, observation), run, asked, progress)
+    players = []
+
+    def play_one() -> Player:
+        players.append(1)
+        return Player(policy, observation)
+
+    text, lost = _native.evaluate_into(fspath(out), play_one, run, asked, progress)
+    if not players:
+        message = f"{out} had all episodes already, so none was played; name another folder for a changed policy"
+        warnings.warn(message, stacklevel=3)
     episodes = [_summary(row, Bag(out / row["bag"])) for row in json.loads(text)["episodes"] if row["bag"]]
     return Evaluation(_native.benchmark(episodes), episodes, tuple(lost))
 

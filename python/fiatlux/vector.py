@@ -206,6 +206,9 @@ class WalkingVectorEnv(_Batch):
         arm_range: Share of their joints' ranges that the arms, which are driven from outside, go through.
         load_kg: Largest load in a hand, kg.
         hand_force_n: Largest force that pulls at a hand along each of the world's axes, N.
+        reward_weights: Weights of the reward's terms, a second, where they are not to be the usual ones.
+
+    :attr:`reward_weights` has the weight of each term.
     """
 
     def __init__(
@@ -224,6 +227,7 @@ class WalkingVectorEnv(_Batch):
         arm_range: float = 1.0,
         load_kg: float = 1.0,
         hand_force_n: float = 20.0,
+        reward_weights: Mapping[str, float] | None = None,
         noise: bool = True,
         robot: str = "g1_bare",
         gains: str = "fiatlux",
@@ -246,7 +250,9 @@ class WalkingVectorEnv(_Batch):
             "arm_range": arm_range,
             "load_kg": load_kg,
             "hand_force_n": hand_force_n,
+            "reward_weights": dict(reward_weights or {}),
         }
         common = _common(num_envs, num_threads, seed, ranges, variations, disturbances)
         batch = _native.Batch.walking(settings, common)
+        self.reward_weights: dict[str, float] = {**_native.Batch.walking_weights(), **settings["reward_weights"]}
         super().__init__(batch, observation, copy, final_obs)

@@ -1,14 +1,18 @@
 """The whole-body controller, for policies that move only arms and hands themselves."""
 
-from typing import Any, Mapping
+from os import PathLike, fspath
+from typing import Any, Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 
 LEGS_AND_WAIST = 15
 """Number of joints that the controller moves, the first ones in joint order. The policy moves the others: arms and hands."""
+
+ARMS = 14
+"""Number of joints of both arms, which come next."""
 
 
 class WholeBody:
@@ -20,16 +24,24 @@ class WholeBody:
         class Wave:
             def reset(self, info):
                 self.body = fiatlux.WholeBody()
+                self.arms = self.body.q0[15:].copy()
+                self.arms[1] += 0.5  # the left one goes up sideways
 
             def __call__(self, observation):
                 targets = self.body.targets(observation)
                 targets[:15] = self.body(observation, vx=0.3)
-                targets[16] += 0.5  # an arm
+                targets[15:29] = self.body.hold_arms(observation, self.arms)
                 return targets
+
+    Args:
+        weights: File that ``python -m fiatlux.train export`` wrote, in place of the weights that come with the package.
+
+    Raises:
+        ValueError: The file is damaged, or made for another engine.
     """
 
-    def __init__(self) -> None:
-        self._native = _native.WholeBody()
+    def __init__(self, weights: str | PathLike[str] | None = None) -> None:
+        self._native = _native.WholeBody(None if weights is None else fspath(weights))
         joints = self._native.joints()
         self.joint_names: list[str] = [joint[0] for joint in joints]
         """Names of the joints of legs, waist and arms, in the order of actions."""
@@ -46,6 +58,25 @@ class WholeBody:
         q0 = np.zeros(last.shape)
         q0[: len(self.q0)] = self.q0
         return q0 + 0.5 * last
+
+    def hold_arms(self, observation: Mapping[str, Any], angles: ArrayLike) -> NDArray[np.float64]:
+        """Returns targets with which the arms come to these angles; call it once for each observation.
+
+        The arms' drives are soft: with the angles themselves as targets they sag by up to 0.2 rad under their own weight. What
+        is in the hands is not known to it.
+
+        Args:
+            observation: Fields by name; only those of proprioception are read.
+            angles: Of the joints of both arms, in joint order, rad, shape (14,).
+
+        Raises:
+            ValueError: An angle is not finite, their number is not 14, or the observation lacks a field or is not finite.
+        """
+        wanted = np.asarray(angles, np.float64)
+        if wanted.shape != (ARMS,):
+            raise ValueError(f"angles: shape {wanted.shape} instead of ({ARMS},); give the angles of both arms")
+        gravity, position = _read(observation, ("projected_gravity", "joint_position"))
+        return np.array(self._native.hold_arms(gravity, position, wanted.tolist()))
 
     def __call__(
         self,
@@ -72,11 +103,7 @@ class WholeBody:
         """
         command = [vx, vy, wz, height, roll, pitch, yaw]
         self._native.check(command)
-        try:
-            fields = [np.asarray(observation[name], np.float64).ravel().tolist() for name in _FIELDS]
-        except (KeyError, TypeError, IndexError) as error:
-            raise ValueError(f"observation: {error} is missing; use the form 'dict' and the sensor 'proprioception'") from error
-        turning, gravity, moving, base_height, position, velocity = fields
+        turning, gravity, moving, base_height, position, velocity = _read(observation, _FIELDS)
         (above,) = base_height
         return np.array(self._native.step(turning, gravity, moving, above, position, velocity, command))
 
@@ -89,3 +116,10 @@ _FIELDS = (
     "joint_position",
     "joint_velocity",
 )
+
+
+def _read(observation: Mapping[str, Any], names: Iterable[str]) -> list[list[float]]:
+    try:
+        return [np.asarray(observation[name], np.float64).ravel().tolist() for name in names]
+    except (KeyError, TypeError, IndexError) as error:
+        raise ValueError(f"observation: {error} is missing; use the form 'dict' and the sensor 'proprioception'") from error

@@ -1,5 +1,6 @@
 //! Batches that read and write NumPy arrays.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -63,6 +64,7 @@ struct WalkingSettings {
     arm_range: f64,
     load_kg: f64,
     hand_force_n: f64,
+    reward_weights: BTreeMap<String, f64>,
 }
 
 fn error(error: BatchError) -> PyErr {
@@ -125,12 +127,16 @@ impl Batch {
         built(py, common.config(banks, disturbances), &rulebook)
     }
 
+    /// The usual weight of each term of the walking task's reward, a second.
+    #[staticmethod]
+    fn walking_weights() -> BTreeMap<&'static str, f64> {
+        WalkingOptions::usual_reward_weights().collect()
+    }
+
     /// Worlds of walking by velocity command, on a floor.
     #[staticmethod]
     fn walking(py: Python<'_>, settings: WalkingSettings, common: Common<'_>) -> PyResult<Self> {
-        let WalkingSettings { robot, gains, frames, noise, horizon_steps, .. } = settings;
-        let WalkingSettings { command, height, stand_height, torso, arm_range, load_kg, hand_force_n, .. } = settings;
-        let (robot, gains) = settings::robot(&robot, &gains)?;
+        let (robot, gains) = settings::robot(&settings.robot, &settings.gains)?;
         let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
         let scene = Scene::build(&SceneConfig::default(), robot, SceneSpec::floor(gains));
         let mut bank = Bank::standing(Arc::new(scene.map_err(|error| refused(&error))?));
@@ -138,16 +144,17 @@ impl Batch {
             bank = bank.varied(&ranges, common.variations, common.seed);
         }
         let options = WalkingOptions {
-            frames,
-            noise,
-            horizon_steps,
-            command,
-            height,
-            stand_height,
-            torso,
-            arm_range,
-            load_kg,
-            hand_force_n,
+            frames: settings.frames,
+            noise: settings.noise,
+            horizon_steps: settings.horizon_steps,
+            command: settings.command,
+            height: settings.height,
+            stand_height: settings.stand_height,
+            torso: settings.torso,
+            arm_range: settings.arm_range,
+            load_kg: settings.load_kg,
+            hand_force_n: settings.hand_force_n,
+            reward_weights: settings.reward_weights,
         };
         let walking = Walking::new(&bank.scene, options).map_err(|error| refused(&*error))?;
         built(py, common.config(vec![bank], disturbances), &walking)

@@ -5,10 +5,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use fiatlux_access::PublicKey;
 use fiatlux_batch::{ActionForm, Field};
 use fiatlux_link::{LinkArgs, Role, in_full};
 use fiatlux_policy::{
-    Client as Link, Command, EpisodeFate, Policy, PolicyError, RunFile, RunOptions, RunOutcome, RunProgress,
+    Access, AccessArgs, Client as Link, Command, EpisodeFate, Policy, PolicyError, RunFile, RunOptions, RunOutcome,
+    RunProgress,
 };
 use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
 use numpy::{PyArray1, PyReadonlyArray1};
@@ -18,18 +20,29 @@ use pyo3::types::PyDict;
 
 use crate::settings::Settings;
 use crate::watch::watch;
-use crate::{build, failed, not_contiguous};
+use crate::{build, failed, not_contiguous, refused};
 
 /// A link to one server or several.
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Client {
     link: zenoh::Session,
+    access: Access,
 }
 
 #[pymethods]
 impl Client {
     #[new]
-    fn open(py: Python<'_>, endpoints: Vec<String>, config: Option<PathBuf>) -> PyResult<Self> {
+    fn open(
+        py: Python<'_>,
+        endpoints: Vec<String>,
+        config: Option<PathBuf>,
+        token: Option<PathBuf>,
+        server_key: Option<&str>,
+        known_servers: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let server_key = server_key.map(str::parse::<PublicKey>).transpose();
+        let server_key = server_key.map_err(|error| PyValueError::new_err(format!("server_key: {error}")))?;
+        let access = AccessArgs { server_key, known_servers, token }.read().map_err(|error| refused(&error))?;
         for endpoint in &endpoints {
             fiatlux_link::parse_endpoint(endpoint)
                 .map_err(|reason| PyValueError::new_err(format!("endpoint: {reason}")))?;
@@ -39,7 +52,7 @@ impl Client {
         let args = LinkArgs { connect: endpoints, config, ..LinkArgs::default() };
         let link = watch(py, move |_, _| args.open(role), |_, ()| Ok(()))?;
         let link = link.map_err(|error| PyConnectionError::new_err(format!("endpoint: {}", in_full(&error))))?;
-        Ok(Self { link })
+        Ok(Self { link, access })
     }
 
     /// Plays an episode in a session of its own; returns how it ended, with the fields of `EpisodeEnd`.
@@ -63,13 +76,13 @@ impl Client {
             ..settings.request(&record)?
         };
         let form = settings.action_form()?;
-        let (link, failure) = (self.link.clone(), Failure::default());
+        let (link, access, failure) = (self.link.clone(), self.access.clone(), Failure::default());
         let noted = failure.clone();
         let played = watch(
             py,
             move |stop, _| {
                 let mut policy = Player::new(player, name, form, Failure { stop: Arc::clone(stop), ..noted });
-                let mut client = Link::open(&link, server.as_deref(), request)?;
+                let mut client = Link::open_with(&link, server.as_deref(), request, &access)?;
                 let end = client.run_episode(episode, &mut policy, &mut |_| (), stop);
                 // A server would wait for a client that does not close its session.
                 let _ = client.close();
@@ -101,7 +114,7 @@ impl Client {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Py<PyDict>> {
         let form = settings.action_form()?;
-        let options = run.options(&settings)?;
+        let options = RunOptions { access: self.access.clone(), ..run.options(&settings)? };
         let (link, failure) = (self.link.clone(), Failure::default());
         let noted = failure.clone();
         let played = watch(

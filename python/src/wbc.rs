@@ -1,29 +1,36 @@
 //! Gives policies in Python the whole-body controller.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use fiatlux_wbc::{Command, Controller, MOVED, Network, Sensed};
+use fiatlux_wbc::{ARMS, Arms, Command, Controller, MOVED, Network, Sensed};
 use pyo3::prelude::*;
 
 use crate::{failed, refused};
 
-/// The controller that this version ships, for one robot.
+/// The controller that this version ships, or another one, for one robot.
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct WholeBody {
     controller: Controller,
+    arms: Arms,
 }
 
 #[pymethods]
 impl WholeBody {
     #[new]
-    fn new() -> PyResult<Self> {
-        let network = Network::shipped().map_err(|error| failed(&error))?;
-        Ok(Self { controller: Controller::new(Arc::new(network)) })
+    fn new(weights: Option<PathBuf>) -> PyResult<Self> {
+        let network = match weights {
+            None => Network::shipped().map_err(|error| failed(&error))?,
+            Some(file) => Network::read(&file).map_err(|error| refused(&error))?,
+        };
+        let arms = Arms::new(&network.contract().joints).map_err(|error| refused(&error))?;
+        Ok(Self { controller: Controller::new(Arc::new(network)), arms })
     }
 
     /// Resets the controller's state for another episode.
     fn restart(&mut self) {
         self.controller.restart();
+        self.arms.restart();
     }
 
     /// Name, standing angle (rad), stiffness, damping and effort limit of each joint that it knows: legs, waist, arms.
@@ -59,6 +66,17 @@ impl WholeBody {
         let mut targets = [0.0; MOVED];
         self.controller.step(&sensed, &command_of(command), &mut targets).map_err(|error| refused(&error))?;
         Ok(targets)
+    }
+
+    /// Targets with which the arms rest at these angles, rad.
+    fn hold_arms(
+        &mut self,
+        projected_gravity: [f64; 3],
+        joint_position: Vec<f64>,
+        angles: [f64; ARMS],
+    ) -> PyResult<[f64; ARMS]> {
+        let sensed = Sensed { projected_gravity, ..Sensed::upright(&joint_position, &[]) };
+        self.arms.targets(&sensed, &angles).map_err(|error| refused(&error))
     }
 }
 

@@ -45,7 +45,9 @@ def test_a_recorded_evaluation_is_the_plain_one(tmp_path):
         def __call__(self, observation):
             raise AssertionError("played again")
 
-    assert fiatlux.evaluate(Never, tasks, seeds, out=tmp_path, name="Waver").episodes == recorded.episodes
+    with pytest.warns(UserWarning, match="had all episodes already"):
+        again = fiatlux.evaluate(Never, tasks, seeds, out=tmp_path, name="Waver")
+    assert again.episodes == recorded.episodes
     with pytest.raises(ValueError, match="differs in the seeds.*run_file"):
         fiatlux.evaluate(Waver, tasks, [5], out=tmp_path)
 

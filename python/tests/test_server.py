@@ -25,9 +25,9 @@ class Waver:
 
 
 class Server:
-    def __init__(self, folder: pathlib.Path, port: int) -> None:
+    def __init__(self, folder: pathlib.Path, port: int, *flags: str) -> None:
         self.endpoint = f"tcp/127.0.0.1:{port}"
-        command = [SERVER, "-l", self.endpoint, "--name", "lab", "--record", str(folder)]
+        command = [SERVER, "-l", self.endpoint, "--name", "lab", "--record", str(folder), *flags]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         # It prints a line when it can be reached.
         assert self.process.stdout.readline()
@@ -92,3 +92,25 @@ def test_a_run_goes_on_after_its_server_was_killed(server, tmp_path):
     plain = fiatlux.evaluate(Waver, tasks, seeds)
     assert [one["state_digest"] for one in run["episodes"]] == [one["state_digest"] for one in plain.episodes]
     assert all(one["fate"] == "played" for one in run["episodes"])
+
+
+def test_a_server_with_tokens_and_a_key(tmp_path):
+    """Whoever has the token plays; the others are told why they do not."""
+    secret = "5a" * 32
+    (tmp_path / "tokens").write_text(f"lab {secret} 4\n")
+    (tmp_path / "token").write_text(f"lab:{secret}\n")
+    for name in ("tokens", "token"):
+        (tmp_path / name).chmod(0o600)
+    server = Server(tmp_path / "bags", free_port(), "--tokens", str(tmp_path / "tokens"))
+    try:
+        with pytest.raises(fiatlux.FiatluxError, match="holders of its tokens"):
+            fiatlux.Client(server.endpoint).run(Waver, "S05")
+        end = fiatlux.Client(server.endpoint, token=tmp_path / "token").run(Waver, "S05", seed=3)
+        assert end["state_digest"] == fiatlux.evaluate(Waver, ["S05"], [3]).episodes[0]["state_digest"]
+        with pytest.raises(ValueError, match="server_key"):
+            fiatlux.Client(server.endpoint, server_key="ed25519:nonsense")
+        other = "ed25519:" + "A" * 43 + "="
+        with pytest.raises((fiatlux.FiatluxError, ValueError)):
+            fiatlux.Client(server.endpoint, token=tmp_path / "token", server_key=other).run(Waver, "S05")
+    finally:
+        server.kill()

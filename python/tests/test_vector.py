@@ -184,3 +184,14 @@ def test_ctrl_c_works_while_worlds_step():
         for _ in range(100_000):
             env.step(actions)
     env.step(actions)
+
+
+def test_weights_of_the_reward_can_be_given():
+    usual = walkers()
+    ours = walkers(reward_weights={"alive": 2 * usual.reward_weights["alive"]})
+    assert list(usual.reward_weights) and set(ours.reward_weights) == set(ours.reward_terms)
+    place = ours.reward_terms.index("alive")
+    paid = [env.step(np.zeros(env.action_space.shape, np.float32))[4]["reward_terms"][:, place] for env in (usual, ours)]
+    np.testing.assert_allclose(2 * paid[0], paid[1])
+    with pytest.raises(ValueError, match="velocitty"):
+        walkers(reward_weights={"velocitty": 1.0})

@@ -43,3 +43,38 @@ def test_wrong_commands_and_observations_are_refused_by_name():
     with pytest.raises(ValueError, match="base_height"):
         body(broken)
     assert body.joint_names[0].endswith("hip_pitch_joint") and len(body.q0) == 29
+
+
+def test_arms_are_held_where_they_are_wanted():
+    def sag(holds):
+        """Angles of the arms less those wanted, of the shoulders and elbows, rad, for two poses after two seconds each."""
+        env = fiatlux.Env("S07", action_form="joint_target", observation="dict")
+        observation, _ = env.reset(seed=64)
+        body = fiatlux.WholeBody()
+        found = []
+        for raised in (0.0, 0.6):
+            angles = body.q0[15:].copy()
+            angles[[0, 7]] -= raised
+            for _ in range(100):
+                targets = body.targets(observation)
+                targets[:15] = body(observation)
+                targets[15:29] = body.hold_arms(observation, angles) if holds else angles
+                observation, _, terminated, truncated, _ = env.step(targets)
+                assert not terminated and not truncated
+            missing = body.q0[15:] + observation["joint_position"][15:29] - angles
+            found.append(np.abs(missing[[0, 1, 2, 3, 7, 8, 9, 10]]))
+        return np.array(found)
+
+    loose, held = sag(False), sag(True)
+    assert held.mean() < 0.35 * loose.mean() and held.max() < 0.5 * loose.max(), (loose, held)
+
+
+def test_wrong_angles_of_arms_are_refused_by_name():
+    observation, _ = fiatlux.Env("S07", observation="dict").reset(seed=64)
+    body = fiatlux.WholeBody()
+    with pytest.raises(ValueError, match=r"angles: shape \(13,\) instead of \(14,\)"):
+        body.hold_arms(observation, np.zeros(13))
+    with pytest.raises(ValueError, match="left_elbow_joint is not finite"):
+        body.hold_arms(observation, np.where(np.arange(14) == 3, np.nan, 0.0))
+    with pytest.raises(ValueError, match="projected_gravity"):
+        body.hold_arms({"joint_position": observation["joint_position"]}, np.zeros(14))

@@ -21,8 +21,8 @@ use time::format_description::well_known::Rfc3339;
   scorer admin --folder board backup /backups/board       copy the folder, even while the service runs")]
 pub struct AdminArgs {
     /// Folder of the service
-    #[arg(long, value_name = "DIR", global = true, default_value = ".")]
-    folder: PathBuf,
+    #[arg(long, value_name = "DIR", global = true)]
+    folder: Option<PathBuf>,
     #[command(subcommand)]
     command: Command,
 }
@@ -107,7 +107,8 @@ pub fn run(args: &AdminArgs) -> Result<ExitCode> {
 }
 
 async fn done(args: &AdminArgs) -> Result<String> {
-    let store = Store::open(&args.folder).await?;
+    let folder = args.folder.as_ref().context("name the folder of the service with --folder")?;
+    let store = Store::open(folder).await?;
     let mut said = String::new();
     match &args.command {
         Command::Account { name, limits } => {

@@ -7,11 +7,14 @@ mod submit;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::Ordering::Relaxed;
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use fiatlux_access::{KnownServers, PublicKey};
-use fiatlux_grading::{GradeOptions, Results, ScoreError, compare, grade, report, tables, verify};
+use fiatlux_grading::{
+    GradeOptions, Results, ScoreError, VerifyError, compare, false_claim, find_bags, grade, report, tables, verify,
+};
 use fiatlux_link::{LinkArgs, ProgressLine};
 use fiatlux_policy::AccessArgs;
 
@@ -21,7 +24,8 @@ const DATA_LOSS: u8 = 3;
 
 /// Grades recorded episodes: turns bags into scores, tables and a report; compares runs; serves the leaderboard.
 ///
-/// Exit codes: 0 success; 1 failed, or an episode differs; 2 wrong usage; 3 done, but some bags could not be scored.
+/// Exit codes: 0 success; 1 failed, or an episode differs; 2 wrong usage; 3 done, but some bags could not be scored, or
+/// the results.json of a folder says otherwise than its bags.
 /// Results go to stdout, everything else to stderr.
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
@@ -51,6 +55,9 @@ enum Command {
 /// The folder of a run, with its journals (*.run.jsonl), is graded as a run: every registered episode counts, and one that
 /// was not played to its end is a failure. S is over all twelve subtasks. A played episode whose bag is missing or altered
 /// is a failure too, and the exit code is 3.
+///
+/// If one folder is graded and has a results.json, it is compared with the bags: if it says otherwise, a line on stderr says
+/// where, and the exit code is 3.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   scorer grade runs/zero                               the table
@@ -119,19 +126,21 @@ struct CompareArgs {
     json: bool,
 }
 
-/// Simulate a recorded episode again on a server, and compare bit for bit
+/// Simulate recorded episodes again on a server, and compare bit for bit
 ///
-/// First checks the bag as grade does. Then opens a session with the conditions in its header, sends its actions again, and
-/// compares header, rows and result of the second run with those in the bag. Prints the first difference with both values,
-/// and which server signed the bag. Exit code 0: equal to the last bit and, with --signers, signed by a trusted server; 1: it
-/// differs, or could not be simulated.
+/// Needs a server: start one with `sim-server`. Checks each bag as grade does, opens a session with the conditions in its
+/// header, sends its actions again, and compares header, rows and result of the second run with those in the bag. Prints the
+/// first difference with both values, and which server signed the bag. Exit code 0: all are equal to the last bit and, with
+/// --signers, signed by a trusted server; 1: one differs, is not signed, or could not be simulated.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:
-  scorer verify results/zero/bags/S01-s0-e0.mcap -e tcp/127.0.0.1:7447")]
+#[command(after_help = "Examples:
+  sim-server &
+  scorer verify results/zero/bags/S01-s0-e0.mcap
+  scorer verify results/zero                           all bags of a run")]
 struct VerifyArgs {
-    /// Bag to verify (*.mcap)
-    #[arg(value_name = "BAG")]
-    bag: PathBuf,
+    /// Bags to verify, or folders to search for *.mcap, including subfolders
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
     /// Name of the server, if several can be reached
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
@@ -184,6 +193,16 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     });
     line.clear();
     let results = graded?;
+    let claim = match args.paths.as_slice() {
+        // With other rules it may well say otherwise; and a file that is written anew says nothing.
+        [folder]
+            if args.set.is_empty() && !args.published_counting && args.out != Some(folder.join("results.json")) =>
+        {
+            false_claim(folder, &results)
+        }
+        _ => None,
+    };
+    claim.iter().for_each(|claim| eprintln!("scorer: {claim}"));
     if let Some(file) = &args.html {
         // The report finds replays only if the names of bags are relative to its own folder.
         let is_base = args.out.as_deref().is_none_or(|out| folder(out) == folder(file));
@@ -195,7 +214,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
         Some(file) => write(file, &text)?,
         None => print(&text)?,
     }
-    Ok(if results.has_data_loss() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
+    Ok(if results.has_data_loss() || claim.is_some() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
 }
 
 fn formatted(results: &Results, args: &GradeArgs) -> Result<String> {
@@ -217,30 +236,43 @@ fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
     let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let access = args.access.read()?;
     let signers = args.signers.as_deref().map(KnownServers::read).transpose()?;
-    let line = ProgressLine::default();
-    let verified = verify(
-        &args.bag,
-        &args.link,
-        args.server.as_deref(),
-        &access,
-        &mut |step, steps| line.show(|| format!("step {step} of {steps}, {} left", line.left(step, steps))),
-        &stop,
-    );
-    line.clear();
-    let verified = verified?;
-    let (said, is_trusted) = signature(verified.signer.as_ref(), signers.as_ref());
-    print(&format!("{verified}{said}\n"))?;
-    Ok(if verified.is_equal() && is_trusted { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    let bags = find_bags(&args.paths)?;
+    let mut good = 0;
+    for (index, bag) in bags.iter().enumerate() {
+        let line = ProgressLine::default();
+        let place = if bags.len() > 1 { format!("bag {} of {}, ", index + 1, bags.len()) } else { String::new() };
+        let mut show =
+            |step, steps| line.show(|| format!("{place}step {step} of {steps}, {} left", line.left(step, steps)));
+        let verified = verify(bag, &args.link, args.server.as_deref(), &access, &mut show, &stop);
+        line.clear();
+        match verified {
+            Ok(verified) => {
+                let (said, is_trusted) = signature(verified.signer.as_ref(), signers.as_ref());
+                print(&format!("{verified}{said}\n"))?;
+                good += usize::from(verified.is_equal() && is_trusted);
+            }
+            // The others may be good, but not without a server.
+            Err(error) if bags.len() == 1 || stop.load(Relaxed) || matches!(error, VerifyError::Link(_)) => {
+                return Err(error.into());
+            }
+            Err(error) => eprintln!("scorer: {}: {:#}", bag.display(), anyhow::Error::from(error)),
+        }
+    }
+    if bags.len() > 1 {
+        print(&format!("{good} of {} bags are verified\n", bags.len()))?;
+    }
+    Ok(if good == bags.len() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
 }
 
 /// Says who signed the bag, and whether that is enough: without a list of trusted keys, it always is.
 fn signature(signer: Option<&PublicKey>, signers: Option<&KnownServers>) -> (String, bool) {
     match (signer, signers) {
-        (None, signers) => ("not signed".into(), signers.is_none()),
+        (None, None) => ("not signed".into(), true),
+        (None, Some(_)) => ("fails: not signed, and --signers asks for a signature".into(), false),
         (Some(key), None) => (format!("signed by {key}; use --signers FILE to say whom you trust"), true),
         (Some(key), Some(signers)) => match signers.name_of(key) {
             Some(name) => (format!("signed by {name}, {key}"), true),
-            None => (format!("signed by {key}, which is not among the trusted keys"), false),
+            None => (format!("fails: signed by {key}, which is not among the trusted keys"), false),
         },
     }
 }

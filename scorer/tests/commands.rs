@@ -37,6 +37,50 @@ fn a_changed_bag_shows_in_table_json_and_exit_code() {
     assert_eq!(json["episodes"].as_array().map(Vec::len), Some(0));
 }
 
+/// Guards against a `results.json` that its bags do not support: whoever grades a folder is told.
+#[test]
+fn a_claim_is_compared_with_the_bags() {
+    let folder = Folder::new("commands-claim");
+    for seed in [3, 4] {
+        let (header, rows) = (header(Task::S01, seed), rows(Task::S01, seed, Story::Succeeds(30)));
+        let result = result(&header, &rows);
+        begin(&folder.0.join(format!("{seed}.mcap")), &header, &rows).finish(&result).unwrap();
+    }
+    let (path, claim) = (folder.0.to_str().unwrap(), folder.0.join("results.json"));
+    let (code, json, _) = scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]);
+    assert_eq!((code, json.as_str()), (0, ""));
+    // From another folder the names of bags differ, and nothing else.
+    let (code, _, err) = scorer(&["grade", path]);
+    assert!(code == 0 && err.is_empty(), "{err}");
+    let other = std::fs::read_to_string(&claim).unwrap().replacen("\"success\": true", "\"success\": false", 1);
+    std::fs::write(&claim, other).unwrap();
+    let (code, _, err) = scorer(&["grade", path]);
+    assert!(code == 3 && err.contains("episodes[0].success is true by the bags, false in the file"), "{err}");
+    // Written anew it says nothing; nor does it for several folders at once.
+    let (code, _, err) = scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]);
+    assert!(code == 0 && err.is_empty(), "{err}");
+    let honest = std::fs::read_to_string(&claim).unwrap();
+    for (from, to, says) in [
+        ("\"run\": null", "\"run\": RUN", "is of a run, but its folder has no journal"),
+        ("\"mean\": ", "\"mean\": 0.5e0, \"was\": ", "score.mean is "),
+        ("\"observations\": \"standard\"", "\"observations\": \"exact\"", "conditions.observations is standard"),
+    ] {
+        let run = r#"{"name":"r","folder":"","policy_version":"","policy_link":"","servers":[],"finished":true,"hosted":true,
+            "registered":2,"played":2,"failed":{},"repeated":0,"begun_again":0,"failures":[],"notes":[]}"#;
+        assert!(honest.contains(from), "{from}");
+        std::fs::write(&claim, honest.replacen(from, &to.replace("RUN", run), 1)).unwrap();
+        let (code, _, err) = scorer(&["grade", path]);
+        assert!(code == 3 && err.contains(says), "{says}: {err}");
+    }
+    std::fs::write(&claim, honest).unwrap();
+    // An episode that is gone, and a seed that lacks it.
+    std::fs::remove_file(folder.0.join("4.mcap")).unwrap();
+    let (code, _, err) = scorer(&["grade", path]);
+    assert!(code == 3 && err.contains("number of episodes is 1 by the bags, 2 in the file"), "{err}");
+    std::fs::write(&claim, "{").unwrap();
+    assert!(scorer(&["grade", path]).2.contains("cannot be compared"));
+}
+
 /// A folder with the `results.json` of one policy, an episode of S01 for each seed.
 fn results(folder: &Folder, policy: &str, seeds: u64) -> String {
     let episode =

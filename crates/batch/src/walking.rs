@@ -6,8 +6,10 @@
 mod arms;
 mod draw;
 mod hands;
+mod knees;
 mod rewards;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use fiatlux_rules::{CONTROL_DT, Row, Support};
@@ -19,6 +21,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use self::arms::Arms;
 use self::draw::draw_command;
 use self::hands::Hands;
+use self::knees::Knees;
 use self::rewards::{TERMS, View};
 use crate::{Control, Field, Outcome, Spec, Task, TaskError};
 
@@ -67,6 +70,8 @@ pub struct WalkingOptions {
     pub load_kg: f64,
     /// Largest force that pulls at a hand along each of the world's axes, N.
     pub hand_force_n: f64,
+    /// Weights of the reward's terms, a second, where they are not [the usual ones](WalkingOptions::usual_reward_weights).
+    pub reward_weights: BTreeMap<String, f64>,
 }
 
 impl Default for WalkingOptions {
@@ -82,11 +87,17 @@ impl Default for WalkingOptions {
             arm_range: 1.0,
             load_kg: 1.0,
             hand_force_n: 20.0,
+            reward_weights: BTreeMap::new(),
         }
     }
 }
 
 impl WalkingOptions {
+    /// The usual weight of each term of the reward, a second.
+    pub fn usual_reward_weights() -> impl Iterator<Item = (&'static str, f64)> {
+        TERMS.iter().map(|(name, weight, _)| (*name, *weight))
+    }
+
     fn check(&self) -> Result<(), TaskError> {
         if self.frames == 0 || !(0.0..=1.0).contains(&self.arm_range) {
             return Err("walking takes at least 1 frame, and an arm range from 0 to 1".into());
@@ -98,6 +109,13 @@ impl WalkingOptions {
         let sizes = [self.load_kg, self.hand_force_n];
         if !sizes.iter().all(|size| (0.0..1e3).contains(size)) {
             return Err("walking takes a load and a force at the hands from 0 to below 1000".into());
+        }
+        let is_known = |given: &String| TERMS.iter().any(|(name, ..)| name == given);
+        if let Some(name) = self.reward_weights.keys().find(|name| !is_known(name)) {
+            return Err(format!("walking has no term of the reward named {name:?}").into());
+        }
+        if let Some((name, weight)) = self.reward_weights.iter().find(|(_, weight)| !weight.is_finite()) {
+            return Err(format!("the weight of {name:?} is {weight}; give a finite one").into());
         }
         Ok(())
     }
@@ -123,6 +141,8 @@ pub struct Walking {
     clock: Clock,
     arms: Arms,
     hands: Hands,
+    knees: Knees,
+    weights: [f64; TERMS.len()],
     /// The last three actions, the newest first.
     actions: [[f64; MOVED]; 3],
     slow_velocity: Vector3<f64>,
@@ -149,6 +169,7 @@ impl Walking {
         let torso = robot.link_index("torso_link").ok_or("walking needs a robot with a link 'torso_link'")?;
         options.check()?;
         let world = World::new(Arc::clone(scene));
+        let knees = Knees::of(&world).ok_or("walking needs a robot with the G1's hip, knee and ankle links")?;
         let pelvis = world.row().robot.pose.translation.z;
         let sole_m = world.world_from_link(*left).translation.z - (pelvis - robot.standing_height());
         let frames = options.frames;
@@ -176,6 +197,8 @@ impl Walking {
             clock: Clock::default(),
             arms: Arms::default(),
             hands: Hands::default(),
+            knees,
+            weights: TERMS.map(|(name, weight, _)| options.reward_weights.get(name).copied().unwrap_or(weight)),
             actions: [[0.0; MOVED]; 3],
             slow_velocity: Vector3::zeros(),
             foot_position: [Vector3::zeros(); 2],
@@ -278,7 +301,7 @@ impl Task for Walking {
         let up = row.robot.pose.rotation * Vector3::z();
         let fell = row.robot.pose.translation.z < FALL.0 || up.z < libm::cos(FALL.1);
         let view = View { walking: self, world, row, velocity, fell };
-        for (place, (_, weight, value)) in reward_terms.iter_mut().zip(TERMS) {
+        for ((place, weight), (.., value)) in reward_terms.iter_mut().zip(&self.weights).zip(TERMS) {
             *place = (weight * value(&view) * CONTROL_DT) as f32;
         }
         self.joint_velocity.copy_from_slice(&row.joint_velocity);

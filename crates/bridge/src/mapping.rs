@@ -143,6 +143,8 @@ pub struct Mapping {
     pub dialects: Vec<Dialect>,
     /// What moves the legs and the waist.
     pub body: Body,
+    /// Whether angles of arms are those at which they rest: their weight is compensated. Only with [`Body::Wbc`].
+    pub hold_arms: bool,
     /// Width and height of the pictures of the session's cameras, pixels.
     pub picture: [u32; 2],
     /// Retargeting of the fingers; `None` if the model has no hands.

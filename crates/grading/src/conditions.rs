@@ -213,12 +213,31 @@ fn action_delay_ms(header: &v3::EpisodeHeader) -> u32 {
     header.request.as_ref().map_or(0, |request| request.action_delay_ms)
 }
 
+/// Sensors of the standard observation: what a robot could sense.
+const STANDARD: [&str; 9] = [
+    "proprioception",
+    "hand_contact",
+    "limb_contact",
+    "last_action",
+    "lidar",
+    "camera",
+    "features",
+    "flat",
+    "chest_camera",
+];
+/// Sensors that say what no robot could sense.
+const BEYOND: [&str; 2] = ["privileged", "verdict"];
+
 fn observations(header: &v3::EpisodeHeader) -> &'static str {
-    let beyond = ["privileged", "verdict"];
+    let shown = || header.sensors.iter().filter(|sensor| !sensor.bag_only).map(|sensor| sensor.name.as_str());
     let exact = header.randomization.is_some_and(|random| random.exact_sensors);
-    if header.sensors.iter().any(|sensor| !sensor.bag_only && beyond.contains(&sensor.name.as_str())) {
+    if shown().any(|name| BEYOND.contains(&name)) {
         "privileged"
-    } else if exact || is_untrained(header) || !meshes(header).is_empty() {
+    } else if exact
+        || is_untrained(header)
+        || !meshes(header).is_empty()
+        || !shown().all(|name| STANDARD.contains(&name))
+    {
         "other"
     } else {
         "standard"

@@ -10,10 +10,23 @@ use crate::ScoreError;
 pub(crate) fn find(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
     let found = BagFiles::find(paths)?;
     if found.bags.is_empty() && found.unfinished.is_empty() && found.runs.is_empty() {
-        let names: Vec<_> = paths.iter().map(|path| path.display().to_string()).collect();
-        return Err(ScoreError::NoBags(names.join(", ")));
+        return Err(no_bags(paths));
     }
     Ok(found)
+}
+
+fn no_bags(paths: &[PathBuf]) -> ScoreError {
+    let names: Vec<_> = paths.iter().map(|path| path.display().to_string()).collect();
+    ScoreError::NoBags(names.join(", "))
+}
+
+/// The bags in these files and folders, subfolders included, in the order of their names.
+///
+/// # Errors
+/// [`ScoreError`]: a path that does not exist, or no bag in any of them.
+pub fn find_bags(paths: &[PathBuf]) -> Result<Vec<PathBuf>, ScoreError> {
+    let found = find(paths)?.bags;
+    if found.is_empty() { Err(no_bags(paths)) } else { Ok(found) }
 }
 
 /// The run that all paths belong to; `None` where there are loose bags only.

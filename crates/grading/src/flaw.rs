@@ -142,6 +142,10 @@ fn differing(path: &str, found: &Value, recorded: &Value) -> Option<Difference> 
             let pairs = a.iter().zip(b).enumerate();
             pairs.into_iter().find_map(|(index, (a, b))| differing(&format!("{path}[{index}]"), a, b))
         }
+        (Value::Array(a), Value::Array(b)) if a.iter().chain(b).any(Value::is_object) => {
+            let (field, found, recorded) = (format!("number of {path}"), a.len().to_string(), b.len().to_string());
+            Some(Difference { field, found, recorded })
+        }
         _ if found == recorded => None,
         _ => Some(Difference { field: path.to_owned(), found: shown(found), recorded: shown(recorded) }),
     }

@@ -31,6 +31,7 @@
 //! ```
 mod assemble;
 mod bag;
+mod claim;
 mod compare;
 mod conditions;
 mod episode;
@@ -45,10 +46,12 @@ mod series;
 pub mod tables;
 mod verify;
 
+pub use claim::false_claim;
 pub use compare::{CompareError, Comparison, Pairs, Side, compare, compare_results};
 pub use conditions::Conditions;
 pub use episode::{Graded, Grader, HeaderError};
 pub use error::ScoreError;
+pub use find::find_bags;
 pub use flaw::{Difference, Flaw};
 pub use grade::{GradeOptions, Progress, grade};
 pub use results::{

@@ -15,7 +15,7 @@ use std::path::Path;
 use episodes::Place;
 use markup::{escape, percent};
 
-use crate::tables::{conditions_line, count, run_line, seed_count};
+use crate::tables::{conditions_line, count, missing, run_line, seed_count};
 use crate::{RateRow, Results, Score};
 
 pub use markup::cause_class;
@@ -126,12 +126,7 @@ fn warnings(out: &mut String, results: &Results) {
         warn("Not ranked: this run is not played as the benchmark has it.", &text);
     }
     if !results.missing.is_empty() && !results.subtasks.is_empty() {
-        let how = match results.run {
-            Some(_) => "are not in the run; they count as 0 in its score.",
-            None => "did not run under every seed; what did not run is outside the score, not zero.",
-        };
-        let text = format!("{} {how}", results.missing.join(", "));
-        warn("Missing subtasks.", &text);
+        warn("Missing subtasks.", &format!("{}.", missing(results).join(". ")));
     }
     if results.has_data_loss() {
         let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));

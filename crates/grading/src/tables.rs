@@ -59,6 +59,32 @@ pub(crate) fn run_line(run: &RunResult) -> String {
     format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
 }
 
+/// Subtasks without a scored episode, and those without one under some of the seeds, in lines. S leaves them out; in a run they
+/// score 0.
+pub(crate) fn missing(results: &Results) -> Vec<String> {
+    if results.run.is_some() {
+        return vec![format!("Not registered (0 in the score): {}", results.missing.join(", "))];
+    }
+    let rows = &results.score.per_seed;
+    let lacks = |task: &String| -> Vec<u64> {
+        rows.iter().filter(|row| row.missing.contains(task)).map(|row| row.seed).collect()
+    };
+    let (never, partly): (Vec<_>, Vec<_>) = results.missing.iter().partition(|task| lacks(task).len() == rows.len());
+    let list = |tasks: &[&String]| tasks.iter().map(|task| task.as_str()).collect::<Vec<_>>().join(", ");
+    let mut lines = Vec::new();
+    if !never.is_empty() {
+        let played = fiatlux_rules::Task::SUBTASKS.len() - never.len();
+        lines.push(format!("S is over {played} of the 12 subtasks. Without a scored episode: {}", list(&never)));
+    }
+    for task in partly {
+        lines.push(format!(
+            "{task} has no scored episode under these seeds, which S leaves out: {}",
+            seeds(&lacks(task))
+        ));
+    }
+    lines
+}
+
 /// A count with its noun, in the plural unless it is 1.
 pub(crate) fn count(n: usize, noun: &str) -> String {
     let s = if n == 1 { "" } else { "s" };

@@ -61,6 +61,8 @@ pub enum VerifyError {
 /// Outcome of a second run, compared with a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
+    /// Which episode it is, in words: task, seed, index, policy and rulebook.
+    pub episode: String,
     /// How the recorded episode ended, confirmed by its rows.
     pub recorded: EpisodeEnd,
     /// Key of the server that signed the result; `None` where the bag is not signed.
@@ -88,10 +90,15 @@ impl Verification {
 impl fmt::Display for Verification {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_equal() {
-            return writeln!(f, "equal: {}", in_words(&self.recorded));
+            return writeln!(f, "equal: {}: {}", self.episode, in_words(&self.recorded));
         }
         let simulated = self.simulated.as_ref().map_or("did not end: the bag has no more actions".into(), in_words);
-        writeln!(f, "different\n  recorded   {}\n  simulated  {simulated}", in_words(&self.recorded))?;
+        writeln!(
+            f,
+            "different: {}\n  recorded   {}\n  simulated  {simulated}",
+            self.episode,
+            in_words(&self.recorded)
+        )?;
         let row = self.row.as_ref().map(|(step, difference)| (format!("row {step}"), difference));
         let header = self.header.as_ref().map(|difference| ("header".to_owned(), difference));
         let result = self.result.as_ref().map(|difference| ("result".to_owned(), difference));
@@ -105,7 +112,8 @@ impl fmt::Display for Verification {
 
 fn in_words(end: &EpisodeEnd) -> String {
     let EpisodeEnd { digest, steps, cause, gate_progress, .. } = end;
-    let flags = [("success", end.success), ("broken", end.broken), ("dropped", end.dropped)];
+    let succeeds = end.success && cause != "success";
+    let flags = [("success", succeeds), ("broken", end.broken), ("dropped", end.dropped)];
     let flags: String = flags.into_iter().filter(|(_, is)| *is).map(|(what, _)| format!(", {what}")).collect();
     format!("{steps} steps, {cause}, progress {gate_progress:.2}{flags}, digest {digest}")
 }
@@ -341,7 +349,9 @@ impl SecondRun<'_> {
             // The comparison is complete; the server ends the session by itself.
             warn!("the session could not be closed: {error}");
         }
+        let EpisodeHeader { task, seed, episode, policy, episode_protocol, .. } = bag.header();
         Ok(Verification {
+            episode: format!("{task} seed {seed}, episode {episode}, policy {policy}, {episode_protocol} protocol"),
             recorded,
             signer: None,
             simulated,

@@ -24,8 +24,8 @@ pub fn exposed(config: &Config) -> Vec<String> {
 /// A warning about such an endpoint, with the remedy.
 pub fn warning(endpoint: &str) -> String {
     format!(
-        "listening on {endpoint} without access control: whoever reaches it can open sessions, read what others sense and \
-         pass for a server. `fiatlux keys --out DIR` makes certificates and configs to start with (-c DIR/server.json5); or \
+        "listening on {endpoint} without access control: anyone who reaches it can read what others sense, pose as the \
+         server and, unless it has --tokens, open sessions. `fiatlux keys --out DIR` makes certificates and configs to start with (-c DIR/server.json5); or \
          listen on tcp/127.0.0.1:PORT, for this machine alone"
     )
 }

@@ -30,6 +30,34 @@ impl Robot {
         Ok(moment / self.total_mass())
     }
 
+    /// Efforts with which the drives hold up what hangs on their joints, N m, by joint index. Nothing but the pelvis is
+    /// supported: for a leg on the ground they say nothing. `gravity` is in the pelvis frame, m/s^2.
+    ///
+    /// # Errors
+    /// As [`Robot::forward_kinematics`], or a gravity that is not finite.
+    pub fn holding_efforts(&self, q: &[f64], gravity: [f64; 3]) -> Result<Vec<f64>, RobotError> {
+        check_array("gravity", &gravity, 3)?;
+        let gravity = Vector3::from(gravity);
+        let poses = self.forward_kinematics(q, &Isometry3::identity())?;
+        // Mass and its first moment, of each link with all that hangs on it. Parents come before their children.
+        let own =
+            |(link, pose): (&Link, &Isometry3<f64>)| (link.mass, link.mass * (pose * Point3::from(link.com)).coords);
+        let mut branches: Vec<(f64, Vector3<f64>)> = self.links.iter().zip(&poses).map(own).collect();
+        for (index, link) in self.links.iter().enumerate().rev() {
+            if let Some(parent) = link.parent {
+                let (mass, moment) = branches[index];
+                branches[parent].0 += mass;
+                branches[parent].1 += moment;
+            }
+        }
+        let effort = |joint: &Joint| {
+            let (pose, (mass, moment)) = (&poses[joint.link], &branches[joint.link]);
+            let arm = moment - pose.translation.vector * *mass;
+            -(pose.rotation * joint.axis).dot(&arm.cross(&gravity))
+        };
+        Ok(self.joints.iter().map(effort).collect())
+    }
+
     /// Height of the pelvis above a level floor that the lowest point of the soles touches, m, for joint angles `q` (rad, by
     /// joint index) and the pelvis turned so. Only the legs are computed, and nothing is allocated: a reset can afford it.
     ///

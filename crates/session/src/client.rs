@@ -213,6 +213,11 @@ impl ClientSession {
         }
     }
 
+    /// Whether actions have been sent before their observations arrived.
+    pub fn is_ahead(&self) -> bool {
+        matches!(&self.phase, Phase::Waiting { actions, .. } if actions.len() > 1)
+    }
+
     /// Returns the answer to a look if its parts are those that the session announced.
     ///
     /// # Errors
@@ -483,10 +488,6 @@ impl ClientSession {
         if self.tries == 0 {
             self.round_trip = Some(self.round_trip.map_or(time, |known| (7 * known + time) / 8));
         }
-    }
-
-    fn is_ahead(&self) -> bool {
-        matches!(&self.phase, Phase::Waiting { actions, .. } if actions.len() > 1)
     }
 }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{ACTION_CLAMP, ARMS, CONTROL_DT, FRAME, FRAME_LENGTH, MOVED, SCALES, WbcError};
 
 /// Name and version of the contract's layout.
-const FORMAT: &str = "fiatlux-wbc/1";
+const FORMAT: &str = "fiatlux-wbc/2";
 /// The robots that a controller plays: the same legs and waist, and hands that weigh the same.
 const ROBOTS: [&str; 2] = ["g1_bare", "g1_inspire"];
 
@@ -33,7 +33,7 @@ pub struct Contract {
     pub observation: Vec<(String, usize)>,
     /// Ranges of vx, vy (m/s), wz (rad/s), height while walking and while standing (m), roll, pitch and yaw (rad).
     pub command: [[f64; 2]; 8],
-    /// Numbers in and out of each layer of the network.
+    /// Numbers into each layer of the network, and out of the last one.
     pub layers: Vec<usize>,
     /// Where it comes from.
     pub training: Training,

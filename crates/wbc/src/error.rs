@@ -22,8 +22,10 @@ pub enum WbcError {
     /// The file does not say what it was made for.
     #[error("the controller's file has no contract; export it with this version")]
     NoContract,
-    /// A layer without numbers, or too wide.
-    #[error("the controller has a layer of {size} numbers, and they have 1 to {most}; export it again")]
+    /// A layer without numbers, too wide, or a hidden one without pairs.
+    #[error(
+        "the controller has a layer of {size} numbers, and they have 1 to {most}, hidden ones an even number; export it again"
+    )]
     Layer {
         /// Numbers of the layer, as its contract says.
         size: usize,
@@ -57,6 +59,12 @@ pub enum WbcError {
         /// What is wrong with it.
         problem: &'static str,
     },
+    /// Arms whose weight cannot be compensated; says why.
+    #[error("cannot hold the arms: {0}")]
+    Arms(String),
+    /// An angle for an arm's joint is NaN or infinite.
+    #[error("the angle of {0} is not finite")]
+    Angle(String),
     /// A command that is not finite or out of range.
     #[error("command {field} is {value}, outside of {low} to {high}; command something within")]
     Command {

@@ -2,7 +2,9 @@
 //!
 //! Training and use share what stands here, so that a controller meets what it was trained on: the [`Command`] and how it
 //! sets in, the rhythm of the feet ([`Clock`]), and what is observed ([`History`]). A [`Network`] comes from a file with its
-//! [`Contract`] inside, which says what robot and engine it fits; a [`Controller`] plays it.
+//! [`Contract`] inside, which says what robot and engine it fits; a [`Controller`] plays it. [`Arms`] adds
+//! to the targets of the arms what their weight takes away.
+mod arms;
 mod clock;
 mod command;
 mod contract;
@@ -11,6 +13,7 @@ mod error;
 mod frame;
 mod network;
 
+pub use arms::Arms;
 pub use clock::Clock;
 pub use command::{Command, NOMINAL_HEIGHT, Setpoint};
 pub use contract::{Contract, Joint, Training};

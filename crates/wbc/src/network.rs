@@ -1,4 +1,7 @@
-//! The network: the mean of a multilayer perceptron and of its mirror image.
+//! The network: a multilayer perceptron that is its own mirror image.
+//!
+//! Hidden units come in pairs, of which the second sees what the first would see in a mirror, so a file has the weights of the
+//! first ones alone, and a layer is run on its input and on the mirrored one.
 
 use std::path::Path;
 
@@ -21,6 +24,7 @@ struct Layer {
     weights: Vec<[f32; LANES]>,
     biases: Vec<[f32; LANES]>,
     inputs: usize,
+    outputs: usize,
 }
 
 /// A controller's network, ready to run. It is exactly symmetric: mirrored inputs give mirrored actions.
@@ -35,7 +39,7 @@ pub struct Network {
 /// Room for what a network works out on its way.
 #[derive(Debug, Clone)]
 pub(crate) struct Scratch {
-    /// Each number as it is, and mirrored.
+    /// Each number as it is, and what stands in its place in the mirror.
     layers: [Vec<[f32; 2]>; 2],
 }
 
@@ -66,12 +70,17 @@ impl Network {
         let file = File::parse(bytes)?;
         let contract = Contract::from_json(file.metadata(CONTRACT).ok_or(WbcError::NoContract)?)?;
         let sizes = &contract.layers;
-        if let Some(size) = sizes.iter().find(|size| !(1..=WIDEST).contains(*size)) {
+        let last = sizes.len().saturating_sub(2);
+        let is_sound = |(index, size): &(usize, &usize)| {
+            (1..=WIDEST).contains(*size) && ((*index == 0 || *index > last) || *size % 2 == 0)
+        };
+        if let Some((_, size)) = sizes.iter().enumerate().find(|entry| !is_sound(entry)) {
             return Err(WbcError::Layer { size: *size, most: WIDEST });
         }
         let mut layers = Vec::new();
         for (index, pair) in sizes.windows(2).enumerate() {
-            let (inputs, outputs) = (pair[0], pair[1]);
+            let inputs = if index < last { pair[0] } else { pair[0] / 2 };
+            let outputs = if index < last { pair[1] / 2 } else { pair[1] };
             let weights = finite(&file, &format!("layer{index}.weight"), &[outputs, inputs])?;
             let biases = finite(&file, &format!("layer{index}.bias"), &[outputs])?;
             layers.push(Layer::new(inputs, outputs, &weights, &biases));
@@ -110,6 +119,10 @@ impl Network {
         for (index, layer) in self.layers.iter().enumerate() {
             layer.run(from, to, index < last);
             std::mem::swap(from, to);
+            if index + 1 < last {
+                let (firsts, seconds) = from.split_at_mut(layer.outputs);
+                firsts.iter().zip(seconds).for_each(|([seen, mirrored], second)| *second = [*mirrored, *seen]);
+            }
         }
         for (index, place) in action.iter_mut().enumerate() {
             let (other, sign) = mirrored_action(index);
@@ -138,7 +151,7 @@ impl Layer {
         let weights = rows.map(|(panel, input)| std::array::from_fn(|lane| entry(panel * LANES + lane, input)));
         let bias = |output: usize| biases.get(output).copied().unwrap_or_default();
         let biases = (0..panels).map(|panel| std::array::from_fn(|lane| bias(panel * LANES + lane)));
-        Self { weights: weights.collect(), biases: biases.collect(), inputs }
+        Self { weights: weights.collect(), biases: biases.collect(), inputs, outputs }
     }
 
     /// Both columns at once, so that each weight is read once. Sums run in the order of the inputs on every machine.

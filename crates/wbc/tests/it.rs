@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use fiatlux_robot::Robot;
-use fiatlux_wbc::{ARMS, Command, Controller, MOVED, Network, Sensed, WbcError};
+use fiatlux_wbc::{ARMS, Arms, Command, Controller, MOVED, Network, Sensed, WbcError};
 
 const SHIPPED: &[u8] = include_bytes!("../weights/wbc.safetensors");
 
@@ -103,4 +103,33 @@ fn nothing_moves_on_a_bad_observation_or_command() {
     controller.check(&Command { height: 0.56, ..Command::default() }).unwrap();
     let low = Command { velocity: [0.3, 0.0, 0.0], height: 0.56, ..Command::default() };
     assert!(controller.check(&low).unwrap_err().to_string().contains("command height is 0.56"));
+}
+
+/// A forearm that points ahead is pulled down by its weight: its target is above the angle, by what its drive needs.
+#[test]
+fn arms_are_held_against_their_weight() {
+    let network = Network::shipped().unwrap();
+    let joints = &network.contract().joints;
+    let elbow = joints[MOVED..].iter().position(|joint| joint.name == "left_elbow_joint").unwrap();
+    let mut arms = Arms::new(joints).unwrap();
+    let mut angles = [0.0; ARMS];
+    let held = arms.targets(&upright(&ZEROS), &angles).unwrap();
+    let effort = (held[elbow] - angles[elbow]) * joints[MOVED + elbow].stiffness;
+    assert!((-4.0..-1.0).contains(&effort), "{effort} N m");
+    // Upside down it is the other way round, once that is believed.
+    let fallen = Sensed { projected_gravity: [0.0, 0.0, 1.0], ..upright(&ZEROS) };
+    let turned = (0..100).map(|_| arms.targets(&fallen, &angles).unwrap()).last().unwrap();
+    assert!((turned[elbow] + held[elbow]).abs() < 1e-3, "{} {}", turned[elbow], held[elbow]);
+    arms.restart();
+    assert_eq!(arms.targets(&upright(&ZEROS), &angles).unwrap(), held);
+
+    angles[elbow] = f64::NAN;
+    let error = arms.targets(&upright(&ZEROS), &angles).unwrap_err().to_string();
+    assert_eq!(error, "the angle of left_elbow_joint is not finite");
+    let error = arms.targets(&upright(&ZEROS[..7]), &[0.0; ARMS]).unwrap_err().to_string();
+    assert_eq!(error, "the controller needs joint_position, which the observation lacks");
+    assert!(Arms::new(&joints[..20]).unwrap_err().to_string().contains("the first 29 joints are not the G1's"));
+    let mut soft = joints.clone();
+    soft[MOVED].stiffness = 0.0;
+    assert!(Arms::new(&soft).unwrap_err().to_string().contains("left_shoulder_pitch_joint has stiffness 0 N m/rad"));
 }

@@ -40,9 +40,10 @@ impl Mailbox {
         queue.pop_front()
     }
 
-    /// Waits for a message, for at most `longest`.
-    pub fn wait(&self, longest: Duration, busy: &mut BusyWait) {
-        if longest.is_zero() || busy.until(|| self.has_mail.load(Ordering::Acquire)) {
+    /// Waits for a message, for at most `longest`; polls first if it is given a busy wait.
+    pub fn wait(&self, longest: Duration, busy: Option<&mut BusyWait>) {
+        let has_mail = || self.has_mail.load(Ordering::Acquire);
+        if longest.is_zero() || busy.is_some_and(|busy| busy.until(has_mail)) {
             return;
         }
         let queue = self.lock();

@@ -1,6 +1,5 @@
 //! What an observation can contain: the list of sensors and their terms, with names, shapes and units as in
 //! `observation.proto`.
-//! `observation.proto`.
 
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{Observation, ObservationTerm, Pose, Privileged, Proprioception, SessionInfo};

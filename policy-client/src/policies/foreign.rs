@@ -9,7 +9,7 @@ use fiatlux_foreign::{
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
 
 use super::body::{self, Senses};
-use super::carrier::Body;
+use super::whole_body::WholeBody;
 use crate::{Command, Policy, PolicyError};
 
 /// Words that each of `gear`, a carrier of a model's commands, and `sonic` accepts.
@@ -162,7 +162,7 @@ impl SonicBody {
 pub struct Gear {
     files: GearFiles,
     command: fiatlux_wbc::Command,
-    body: Option<Body>,
+    body: Option<WholeBody>,
 }
 
 /// The decoder of GEAR-SONIC with a sequence of tokens: it moves legs, waist and arms; hands keep the staged posture.
@@ -191,7 +191,7 @@ impl Policy for Gear {
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        self.body = Some(Body::gear("gear", &self.files, info, first)?);
+        self.body = Some(WholeBody::gear("gear", &self.files, info, first)?);
         Ok(())
     }
 

@@ -19,8 +19,8 @@ use fiatlux_wbc::{CONTROL_DT, MOVED, Network};
 
 use self::asking::{Answered, Asker};
 use super::body;
-use super::carrier::Body;
 use super::foreign::{GearFiles, SonicBody, SonicFiles};
+use super::whole_body::WholeBody;
 use crate::{Command, Policy, PolicyError};
 pub use args::VlaArgs;
 pub use probe::{Answer, Probed};
@@ -65,6 +65,12 @@ impl Shared {
             }
             _ => Ok(()),
         }
+    }
+
+    /// A body as the mapping wants it.
+    fn body(&self, body: WholeBody, info: &SessionInfo) -> Result<Driven, PolicyError> {
+        let body = if self.mapping.hold_arms { body.holding_arms(info)? } else { body };
+        Ok(Driven::Body(Box::new(body)))
     }
 
     /// The rows of a chunk, with all tokens within their limits. `q` are the joint angles at the question, rad.
@@ -125,7 +131,7 @@ struct Episode {
 /// The joints that the model moves, directly or through a controller.
 enum Driven {
     /// Arms and hands directly, legs and waist by commands.
-    Body(Box<Body>),
+    Body(Box<WholeBody>),
     /// Hands directly, the rest by motion tokens.
     Tokens(Box<SonicBody>),
     /// Every joint directly; holds their targets, rad.
@@ -194,8 +200,10 @@ impl Policy for Vla {
         shared.check_decoder()?;
         let robot = match &shared.carrier {
             None => Driven::Joints(body::staged("vla", info, first)?),
-            Some(Carrier::Own(network)) => Driven::Body(Box::new(Body::own("vla", Arc::clone(network), info, first)?)),
-            Some(Carrier::Gear(files)) => Driven::Body(Box::new(Body::gear("vla", files, info, first)?)),
+            Some(Carrier::Own(network)) => {
+                shared.body(WholeBody::own("vla", Arc::clone(network), info, first)?, info)?
+            }
+            Some(Carrier::Gear(files)) => shared.body(WholeBody::gear("vla", files, info, first)?, info)?,
             Some(Carrier::Sonic(files)) => Driven::Tokens(Box::new(files.begin("vla", info, first)?)),
         };
         let asker = Asker::new(shared.options.model()?, shared.patience);

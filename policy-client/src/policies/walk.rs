@@ -9,7 +9,7 @@ use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInf
 use fiatlux_wbc::Network;
 
 use self::path::{Map, Point, distance};
-use super::carrier::Body;
+use super::whole_body::WholeBody;
 use crate::{Command, Policy, PolicyError};
 
 /// Control steps between plans.
@@ -22,6 +22,14 @@ const FASTEST: (f64, f64) = (0.45, 0.7);
 const GAIN: (f64, f64) = (0.6, 1.2);
 /// Control steps for which the robot stands first, while the controller takes over the staged posture.
 const SETTLES: u64 = 25;
+/// Room around the robot before it turns, m, and the control steps after which it turns all the same: its hands reach ahead, and
+/// what they hold would hit what it stands at.
+const ROOM_M: f64 = 0.65;
+const LEAVES: u64 = 250;
+/// Half extents of the ladder on the floor, x and y of its own frame, m, as the scene has it.
+const LADDER_HALF: [f64; 2] = [0.29, 0.48];
+/// How fast it steps away, m/s.
+const LEAVES_M_S: f64 = 0.3;
 /// Distance to the goal at which the robot begins to turn towards the target, m.
 const NEAR_M: f64 = 0.4;
 /// Facing error at which it stops within reach, rad, and slack beyond which it moves again, m.
@@ -48,7 +56,6 @@ impl Goal {
 
     /// Distance at which the pelvis stops, to the crate's footprint or to the target's origin, m. The gates require
     /// 0.50, 0.63 and 0.85.
-    /// 0.85.
     fn stop_m(self) -> f64 {
         match self {
             Self::Crate => 0.42,
@@ -66,11 +73,12 @@ pub struct Walk {
 
 /// State of one episode: the controller, the goal, and the path to it.
 struct Trip {
-    body: Body,
+    body: WholeBody,
     goal: Goal,
     map: Map,
     path: Vec<Point>,
     planned: Option<u64>,
+    has_room: bool,
     has_arrived: bool,
     velocity: [f64; 3],
 }
@@ -101,11 +109,19 @@ impl Policy for Walk {
             return Err(PolicyError::Unfit { policy: "walk", reason });
         };
         privileged(first)?;
-        let body = Body::own("walk", Arc::clone(&self.network), info, first)?;
+        let body = WholeBody::own("walk", Arc::clone(&self.network), info, first)?;
         let outlines = info.footprints.iter().filter(|print| print.bottom < 1.3 && print.top > 0.05);
         let map = Map::new(outlines.map(|print| (print.name.clone(), path::corners(&print.outline))));
-        self.trip =
-            Some(Trip { body, goal, map, path: Vec::new(), planned: None, has_arrived: false, velocity: [0.0; 3] });
+        self.trip = Some(Trip {
+            body,
+            goal,
+            map,
+            path: Vec::new(),
+            planned: None,
+            has_room: false,
+            has_arrived: false,
+            velocity: [0.0; 3],
+        });
         Ok(())
     }
 
@@ -142,6 +158,11 @@ impl Trip {
             Goal::Ladder => planar(seen.ladder.as_ref())?,
         };
         let thing = thing.0;
+        // It can be moved, so no footprint says where it is. On the way to it, it is no obstacle.
+        let passes_ladder = self.goal != Goal::Ladder;
+        if passes_ladder {
+            self.map.put("ladder", ladder(seen)?);
+        }
         let stop = self.goal.stop_m();
         let crate_only = self.goal == Goal::Crate;
         let map = &self.map;
@@ -157,6 +178,14 @@ impl Trip {
         }
         if is_near {
             command.velocity[2] = (1.5 * faces).clamp(-0.5, 0.5);
+            return Ok(command);
+        }
+        let leaves = passes_ladder && !self.has_room && step <= LEAVES;
+        let way_out = if leaves { map.way_out(here, ROOM_M) } else { None };
+        self.has_room = way_out.is_none();
+        if let Some(angle) = way_out {
+            let [ahead, left] = [libm::cos(angle - heading), libm::sin(angle - heading)];
+            command.velocity = [LEAVES_M_S * ahead, LEAVES_M_S * left, 0.0];
             return Ok(command);
         }
         if self.planned.is_none_or(|planned| step >= planned + REPLAN) {
@@ -186,6 +215,15 @@ fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {
 fn turn(heading: f64, here: Point, there: Point) -> f64 {
     let angle = libm::atan2(there[1] - here[1], there[0] - here[0]) - heading;
     libm::atan2(libm::sin(angle), libm::cos(angle))
+}
+
+/// Corners of the ladder's footprint, counter-clockwise.
+fn ladder(seen: &Privileged) -> Result<Vec<Point>, PolicyError> {
+    let ([x, y], turned) = planar(seen.ladder.as_ref())?;
+    let (sin, cos) = (libm::sin(turned), libm::cos(turned));
+    let [a, b] = LADDER_HALF;
+    let corners = [[-a, -b], [a, -b], [a, b], [-a, b]];
+    Ok(corners.map(|[along, across]| [x + cos * along - sin * across, y + sin * along + cos * across]).into())
 }
 
 /// Position and heading of a pose on the floor.

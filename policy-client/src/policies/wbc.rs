@@ -1,31 +1,40 @@
-//! The policy `wbc`: the whole-body controller with a fixed command.
+//! The policy `wbc`: the whole-body controller, or another that was trained here, with a fixed command.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
 use fiatlux_wbc::{Controller, Network};
 
 use super::body::{self, COMMAND};
-use super::carrier::Body;
+use super::whole_body::WholeBody;
 use crate::{Command, Policy, PolicyError};
 
 /// Follows one command; the arms keep the staged posture.
 pub struct Wbc {
+    name: String,
     network: Arc<Network>,
     command: fiatlux_wbc::Command,
-    body: Option<Body>,
+    body: Option<WholeBody>,
 }
 
 impl Wbc {
-    /// Parses a command such as `vx=0.4,wz=0.2,height=0.7`; fields left out are those of standing upright.
+    /// Parses a command such as `vx=0.4,wz=0.2,height=0.7`; fields left out are those of standing upright. A first word without
+    /// `=` is the file of other weights: `FILE,vx=0.4`.
     ///
     /// # Errors
-    /// [`PolicyError::Words`]: an unknown field, or a value that is not a number; [`PolicyError::Wbc`]: out of range.
-    pub fn new(command: &str) -> Result<Self, PolicyError> {
-        let network = Arc::new(Network::shipped()?);
-        let command = parse(command)?;
+    /// [`PolicyError::Words`]: an unknown field, or a value that is not a number; [`PolicyError::Wbc`]: out of range, or a file
+    /// that cannot be read or does not fit.
+    pub fn new(text: &str) -> Result<Self, PolicyError> {
+        let (first, rest) = text.split_once(',').unwrap_or((text, ""));
+        let file = Path::new(first);
+        let (name, network, command) = match first.is_empty() || first.contains('=') {
+            true => ("wbc".into(), Network::shipped()?, text),
+            false => (format!("wbc:{}", file.file_stem().unwrap_or_default().display()), Network::read(file)?, rest),
+        };
+        let (network, command) = (Arc::new(network), parse(command)?);
         Controller::new(Arc::clone(&network)).check(&command)?;
-        Ok(Self { network, command, body: None })
+        Ok(Self { name, network, command, body: None })
     }
 }
 
@@ -41,11 +50,11 @@ fn parse(text: &str) -> Result<fiatlux_wbc::Command, PolicyError> {
 
 impl Policy for Wbc {
     fn name(&self) -> String {
-        "wbc".into()
+        self.name.clone()
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        self.body = Some(Body::own("wbc", Arc::clone(&self.network), info, first)?);
+        self.body = Some(WholeBody::own("wbc", Arc::clone(&self.network), info, first)?);
         Ok(())
     }
 

@@ -19,7 +19,7 @@ def main() -> int:
     walk.add_argument("--threads", type=int, help="number of threads for the worlds (default: one for each core)")
     for field in dataclasses.fields(Settings):
         is_list = isinstance(field.default, tuple)
-        kind = int if is_list else type(field.default)
+        kind = type(field.default[0] if field.default else "") if is_list else type(field.default)
         many = {"nargs": "+"} if is_list else {}
         help_text = f"{field.metadata['help']} (default: {field.default})"
         walk.add_argument(f"--{field.name.replace('_', '-')}", type=kind, default=None, help=help_text, **many)

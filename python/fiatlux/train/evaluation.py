@@ -121,6 +121,10 @@ def main(checkpoint: Path, episodes: int, tests: list[str] | None, threads: int 
     """Prints a table of a checkpoint's tests."""
     from .walk import load_checkpoint, models, settings_of
 
+    unknown = [name for name in tests or () if name not in TESTS]
+    if unknown:
+        print(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
+        return 2
     state = load_checkpoint(checkpoint)
     settings = settings_of(state, {})
     actor, _ = models(Worlds(1, device), settings)

@@ -6,7 +6,7 @@ import torch
 from safetensors.torch import save_file
 
 from .. import _native
-from .symmetry import FIELDS, MOVED, _join
+from .symmetry import FIELDS, _join
 from .walk import load_checkpoint, models, settings_of
 from .worlds import Worlds
 
@@ -17,14 +17,14 @@ POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
 def export(checkpoint: Path, file: Path, hardware: str) -> None:
     """Writes a checkpoint's policy; the normaliser goes into the first layer.
 
-    The file has ``layerN.weight`` (outputs x inputs) and ``layerN.bias``, ELU between the layers, and an observation with the
-    action of the mean of network and mirror image, by which a loader checks itself.
+    The file has ``layerN.weight`` (outputs x inputs) and ``layerN.bias``, ELU between the layers, of the first halves of the
+    hidden layers' units; the others are those in the mirror. It also has an observation with its action, by which a loader
+    checks itself.
     """
     state = load_checkpoint(checkpoint)
     settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
     index, sign = _join(*(FIELDS[name] for name in POLICY for _ in range(FRAMES)))
     index, sign = torch.tensor(index), torch.tensor(sign)
-    out_index, out_sign = torch.tensor(MOVED[0]), torch.tensor(MOVED[1])
     # The normaliser is symmetric but for rounding; here exactly.
     mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0) for name in ("_mean", "_std"))
     mean = 0.5 * (mean + sign * mean[index])
@@ -34,24 +34,26 @@ def export(checkpoint: Path, file: Path, hardware: str) -> None:
     layers = [[part.detach().double() for part in layer] for layer in actor.mlp.layers()]
     layers[0][0] = layers[0][0] / deviation
     layers[0][1] = layers[0][1] - layers[0][0] @ mean
+    *hidden, (weight, bias) = layers
+    halves = [(weight[: len(weight) // 2], bias[: len(bias) // 2]) for weight, bias in hidden]
+    # The mean of what this makes of the units and of their mirror images.
+    halves.append((2 * weight[:, : weight.shape[1] // 2], bias))
     tensors = {}
-    for number, (weight, bias) in enumerate(layers):
+    for number, (weight, bias) in enumerate(halves):
         tensors[f"layer{number}.weight"] = weight.float().contiguous()
         tensors[f"layer{number}.bias"] = bias.float().contiguous()
     if not all(tensor.isfinite().all() for tensor in tensors.values()):
         raise ValueError(f"{checkpoint} has numbers that are not finite; choose another checkpoint")
 
     def network(numbers: torch.Tensor) -> torch.Tensor:
-        for number in range(len(layers)):
-            numbers = tensors[f"layer{number}.weight"] @ numbers + tensors[f"layer{number}.bias"]
+        for number, (weight, bias) in enumerate(layers):
+            numbers = weight.float() @ numbers + bias.float()
             numbers = torch.nn.functional.elu(numbers) if number < len(layers) - 1 else numbers
         return numbers
 
     random = torch.Generator().manual_seed(0)
     observation = (mean + deviation * torch.randn(mean.shape, generator=random, dtype=torch.float64)).float()
-    mirrored = network(observation[index] * sign.float())
-    action = 0.5 * (network(observation) + mirrored[out_index] * out_sign.float())
-    tensors["check.observation"], tensors["check.action"] = observation, action
+    tensors["check.observation"], tensors["check.action"] = observation, network(observation)
     contract = _native.controller_contract(
         FRAMES, list(settings.hidden), settings.seed, progress["samples"], progress["seconds"] / 60, hardware
     )

@@ -29,14 +29,16 @@ class Settings:
     calm_over: int = _of(20_000_000, "samples over which they fall")
     harder: float = _of(0.08, "growth of the difficulty at a checkpoint whose robots seldom fell")
     falls: float = _of(1.5, "falls in 1,000 control steps of a world below which the difficulty grows")
-    tracks: float = _of(0.75, "part of the most that velocity can pay from which on the difficulty grows")
+    tracks: float = _of(0.62, "part of the most that velocity can pay from which on the difficulty grows")
     most_difficult: float = _of(1.0, "where the difficulty stops growing")
+    pushes: float = _of(0.5, "size of pushes at difficulty 0, m/s an axis; 1.0 at difficulty 1")
+    reward: tuple[str, ...] = _of((), "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT")
     start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it")
     widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed")
     evaluate: int = _of(6, "checkpoints from one evaluation to the next")
 
 
-def worlds_of(difficulty: float) -> dict[str, Any]:
+def worlds_of(difficulty: float, pushes: float = Settings.pushes) -> dict[str, Any]:
     """Arguments of :class:`fiatlux.WalkingVectorEnv` at a difficulty from 0 to 1: everything that disturbs grows with it."""
 
     def between(easy: float, hard: float) -> float:
@@ -52,6 +54,6 @@ def worlds_of(difficulty: float) -> dict[str, Any]:
         "ranges": {"floor_friction": (0.5, 1.1), "mass": (0.95, 1.05), "com_shift_m": 0.01},
         "variations": 64,
         "disturbances": {
-            "pushes": {"interval_s": (3.0, 8.0), "linear": between(0.2, 1.0), "angular": between(0.1, 0.4)}
+            "pushes": {"interval_s": (3.0, 8.0), "linear": between(pushes, 1.0), "angular": between(0.1, 0.4)}
         },
     }

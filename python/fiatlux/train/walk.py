@@ -22,8 +22,8 @@ from .symmetry import MOVED, SymmetricModel
 from .worlds import Worlds
 
 GROUPS = {"actor": ["policy"], "critic": ["critic"]}
-VELOCITY_PAYS = 3.0
-"""The most that the reward's term of velocity can be, a second: its weight in `crates/batch/src/walking/rewards.rs`."""
+VELOCITY = ("velocity", "slow_velocity")
+"""The reward's terms of velocity, each of which is its weight at best."""
 STOP_KL = 1.0
 """A policy that moves so far in one iteration has broken."""
 
@@ -65,6 +65,14 @@ def _number(seed: int, segment: int) -> int:
     return (seed * 1_000_003 + segment * 0x9E3779B1) % (1 << 48)
 
 
+def weights_of(given: tuple[str, ...]) -> dict[str, float]:
+    """Weights of the reward that are given as NAME=WEIGHT."""
+    try:
+        return {name: float(weight) for name, _, weight in (pair.partition("=") for pair in given)}
+    except ValueError:
+        raise ValueError(f"reward: {given} has no number; give terms as NAME=WEIGHT") from None
+
+
 class Run:
     """A run in progress."""
 
@@ -94,7 +102,8 @@ class Run:
     def _worlds(self) -> Worlds:
         seed = _number(self.settings.seed, self.segment)
         torch.manual_seed(seed)
-        given = worlds_of(self.difficulty)
+        given = worlds_of(self.difficulty, self.settings.pushes)
+        given["reward_weights"] = weights_of(self.settings.reward)
         return Worlds(self.settings.worlds, self.device, num_threads=self.threads, seed=seed, **given)
 
     def calm(self) -> None:
@@ -158,7 +167,8 @@ class Run:
         paid_terms = dict(zip(worlds.env.reward_terms, (terms / steps / 0.02).tolist()))
         row.update({f"reward/{name}": value for name, value in paid_terms.items()})
         # A robot that is made to bend and carry before it walks learns to step in place.
-        if falls < settings.falls and paid_terms["velocity"] > settings.tracks * VELOCITY_PAYS:
+        could_pay = sum(worlds.env.reward_weights[name] for name in VELOCITY)
+        if falls < settings.falls and sum(paid_terms[name] for name in VELOCITY) >= settings.tracks * could_pay:
             self.difficulty = min(self.difficulty + settings.harder, settings.most_difficult)
         return row
 
@@ -170,9 +180,9 @@ class Run:
     def _check(self, losses: Mapping[str, float], kl: float) -> None:
         broken = [name for name, loss in losses.items() if not math.isfinite(loss)]
         if broken or not math.isfinite(kl):
-            raise Stopped(f"{', '.join(broken) or 'the policy'} is not finite; the last checkpoint stands, resume from it")
+            raise Stopped(f"{', '.join(broken) or 'the policy'} is not finite")
         if kl > STOP_KL:
-            raise Stopped(f"the policy moved by a KL of {kl:.2f} in one iteration; resume with a smaller --desired-kl")
+            raise Stopped(f"the policy moved by a KL of {kl:.2f} in one iteration")
 
     def begin_segment(self) -> None:
         """New worlds, as of the segment's number."""
@@ -226,6 +236,9 @@ def train(
     began = time.monotonic()
     device = device or ("cuda" if torch.cuda.is_available() else "cpu")
     last, best, curve = out / "last.pt", out / "best.pt", out / "curve.csv"
+    if resume and not last.exists():
+        print(f"{last} does not exist, so there is nothing to go on with; begin without --resume")
+        return 2
     if resume:
         state = load_checkpoint(last)
         run = Run(out, settings_of(state, given), device, threads)
@@ -251,6 +264,10 @@ def train(
             row = run.run_segment()
         except Stopped as error:
             print(f"stopped: {error}", flush=True)
+            remedy = "go on from the last checkpoint with --resume and a smaller --desired-kl"
+            if not last.exists():
+                remedy = "no checkpoint has been written yet: begin anew with more --worlds or larger networks"
+            print(remedy, flush=True)
             return 1
         if run.segment % settings.evaluate == 0:
             row |= {f"test/{name}": value for name, value in score(run.ppo.actor, device, threads).items()}

@@ -59,8 +59,12 @@ impl Shared {
         };
         let grant = tokens.of(&hello.token).filter(|grant| is_proof(grant.secret(), request, proof));
         let grant = grant.ok_or_else(|| {
-            let message =
-                "this server is for holders of its tokens; ask its owner for one, and start with --token FILE";
+            let message = match hello.token.is_empty() {
+                true => "this server is for holders of its tokens; ask its owner for one, and start with --token FILE",
+                false => {
+                    "this server is for holders of its tokens and does not know this one; ask its owner for a valid one"
+                }
+            };
             Refusal::new(Code::Denied, "hello.token", message)
         })?;
         let limit = usize::try_from(grant.limit()).unwrap_or(usize::MAX);

@@ -20,18 +20,21 @@ pub(super) struct View<'a> {
 /// Name, weight a second, value.
 pub(super) type TermOf = (&'static str, f64, fn(&View<'_>) -> f64);
 
-pub(super) const TERMS: [TermOf; 26] = [
-    ("velocity", 3.0, tracks_velocity),
+pub(super) const TERMS: [TermOf; 29] = [
+    ("velocity", 1.0, |view| libm::exp(-velocity_error(view, &view.velocity) / 0.25)),
+    ("slow_velocity", 1.5, |view| libm::exp(-velocity_error(view, &view.walking.slow_velocity) / 0.06)),
+    ("velocity_error", -2.0, |view| velocity_error(view, &view.walking.slow_velocity).sqrt()),
     ("turning", 1.5, tracks_turning),
     ("alive", 0.5, |_| 1.0),
     ("feet_height", 1.5, feet_height),
-    ("feet_contact", 0.25, feet_contact),
+    ("feet_contact", 1.0, feet_contact),
     ("fall", -100.0, |view| f64::from(u8::from(view.fell))),
     ("height", 1.5, |view| libm::exp(-square(height_error(view)) / 0.0025)),
     ("height_error", -40.0, |view| square(height_error(view))),
-    ("torso", 1.0, |view| libm::exp(-torso_error(view) / 0.05)),
-    ("torso_error", -3.0, torso_error),
-    ("pelvis_tilt", -2.0, pelvis_tilt),
+    ("knees", -2.0, knees),
+    ("torso", 1.2, |view| libm::exp(-torso_error(view) / 0.05)),
+    ("torso_error", -4.0, torso_error),
+    ("pelvis_tilt", -8.0, pelvis_tilt),
     ("vertical_velocity", -0.5, |view| square(view.row.robot.linear_velocity.z)),
     ("roll_and_pitch_rate", -0.05, roll_and_pitch_rate),
     ("effort", -1.5e-5, |view| squares(&view.row.joint_effort[..MOVED])),
@@ -55,6 +58,8 @@ const FREE_RANGE: f64 = 0.95;
 const APART: [f64; 2] = [0.19, 0.40];
 /// From this load on a foot stands, N.
 const LOADED: f64 = 20.0;
+/// Places of the knees in the joint order.
+const KNEES: [usize; 2] = [3, LEGS / 2 + 3];
 const SUPPORTS: [Support; 2] = [Support::LeftFoot, Support::RightFoot];
 
 /// The pelvis's turn about the vertical.
@@ -77,13 +82,10 @@ fn squares(numbers: &[f64]) -> f64 {
     numbers.iter().map(|number| number * number).sum()
 }
 
-/// By the instantaneous velocity, which a policy feels at once, and by the slow one, which is not blurred by its steps; the
-/// widest term draws a robot that steps in place.
-fn tracks_velocity(view: &View<'_>) -> f64 {
+/// Squared, over both axes. A policy feels the instantaneous velocity at once; the slow one is not blurred by its steps.
+fn velocity_error(view: &View<'_>, velocity: &Vector3<f64>) -> f64 {
     let [x, y, _] = view.walking.setpoint.now().velocity;
-    let error = |velocity: &Vector3<f64>| square(velocity.x - x) + square(velocity.y - y);
-    let (now, slow) = (error(&view.velocity), error(&view.walking.slow_velocity));
-    (libm::exp(-now / 0.25) + libm::exp(-slow / 0.06) + libm::exp(-slow / 0.5)) / 3.0
+    square(velocity.x - x) + square(velocity.y - y)
 }
 
 fn tracks_turning(view: &View<'_>) -> f64 {
@@ -119,6 +121,12 @@ pub(super) fn torso(world: &World, link: usize) -> [f64; 3] {
 
 fn height_error(view: &View<'_>) -> f64 {
     view.row.robot.pose.translation.z - view.walking.setpoint.now().height
+}
+
+/// How much straighter than the height asks for the knees are, rad.
+fn knees(view: &View<'_>) -> f64 {
+    let least = view.walking.knees.least(view.walking.setpoint.now().height);
+    KNEES.iter().map(|joint| (least - view.row.joint_position[*joint]).max(0.0)).sum()
 }
 
 /// Squared, over all three angles.

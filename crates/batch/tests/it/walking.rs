@@ -67,6 +67,24 @@ fn robots_fall_and_rise_and_time_runs_out() {
     assert!(fell.is_some() && outputs.reward[0] < -1.5, "{fell:?} {}", outputs.reward[0]);
 }
 
+#[test]
+fn weights_of_the_reward_can_be_given() {
+    let bank = Bank::standing(floor());
+    let with = |name: &str, weight: f64| {
+        let options =
+            WalkingOptions { reward_weights: [(name.to_owned(), weight)].into(), ..WalkingOptions::default() };
+        Walking::new(&bank.scene, options)
+    };
+    assert!(with("velocitty", 1.0).unwrap_err().to_string().contains("velocitty"));
+    assert!(with("alive", f64::NAN).unwrap_err().to_string().contains("NaN"));
+    let task = with("alive", 2.0).unwrap();
+    let mut batch = simple(bank.clone(), &task, 1, 1);
+    let alive = batch.spec().rewards.iter().position(|name| name == "alive").unwrap();
+    let mut outputs = Outputs::new(&batch);
+    batch.step(&[0.0; 15], &mut outputs.buffers()).unwrap();
+    assert_eq!(outputs.reward_terms[alive], 0.04);
+}
+
 /// Buffers for a single world.
 fn outputs_of(outputs: &mut Outputs) -> &mut Outputs {
     let Outputs { observation, final_observation, reward, reward_terms, terminated, truncated, success } = outputs;

@@ -21,6 +21,8 @@ struct File {
     dialects: Vec<String>,
     #[serde(default = "wbc")]
     body: String,
+    #[serde(default)]
+    hold_arms: bool,
     #[serde(default = "picture")]
     picture: [u32; 2],
     hands: Option<String>,
@@ -114,6 +116,9 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
         "direct" => Body::Direct,
         other => return Err(reader.wrong("body", format!("'{other}' is not known; use wbc, tokens or direct"))),
     };
+    if file.hold_arms && body != Body::Wbc {
+        return Err(reader.wrong("hold_arms", "only body = \"wbc\" can hold arms; leave it out".into()));
+    }
     reader.hands = file.hands.as_deref().map(|hands| Hands::open(hands, robot)).transpose()?;
     let name_fits = |char: char| char.is_ascii_alphanumeric() || "_-.".contains(char);
     if file.name.is_empty() || file.name.len() > 64 || !file.name.chars().all(name_fits) {
@@ -137,6 +142,7 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
         name: file.name,
         dialects,
         body,
+        hold_arms: file.hold_arms,
         picture: file.picture,
         horizon: file.horizon,
         prefix: file.prefix,

@@ -67,6 +67,7 @@ fn wrong_files_are_refused() {
     let tokens = include_str!("../../mappings/unitree_g1_sonic.toml");
     for (from, to, says) in [
         ("body = \"tokens\"", "", "set body = \"tokens\""),
+        ("body = \"tokens\"", "body = \"tokens\"\nhold_arms = true", "only body = \"wbc\" can hold arms"),
         ("{ token = 64 }", "{ skip = 64 }", "needs one token in the actions, which have 0"),
         ("{ token = 64 }", "{ token = 32 }, { token = 32 }", "which have 2"),
         ("{ token = 64 }", "{ token = 64 }, { group = \"waist\" }", "belongs to the decoder of the tokens"),

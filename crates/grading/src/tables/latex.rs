@@ -46,8 +46,11 @@ pub fn latex(results: &Results) -> String {
     }
     out.push_str("\\bottomrule\n\\end{tabular}\n");
     if !results.missing.is_empty() {
-        let _ =
-            writeln!(out, "\\\\[2pt] \\footnotesize Missing under at least one seed: {}.", results.missing.join(", "));
+        let _ = writeln!(
+            out,
+            "\\\\[2pt] \\footnotesize Missing, or without some of the seeds: {}.",
+            results.missing.join(", ")
+        );
     }
     out.push_str("\\label{tab:fiatlux-results}\n\\end{table}\n");
     out

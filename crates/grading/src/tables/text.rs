@@ -2,10 +2,12 @@
 
 use std::fmt::Write;
 
-use super::{conditions_line, count, run_line, seed_count};
-use crate::{Fault, RateRow, Results, Score, TaskResult};
+use super::{conditions_line, count, missing, run_line, seed_count};
+use crate::{Fault, RateRow, Results, Score, SeedRow, TaskResult};
 
 const WIDTH: usize = 100;
+/// More seeds than these are not listed one by one.
+const MANY_SEEDS: usize = 8;
 
 /// Headline, subtasks, ends, missing subtasks and bags that were left out.
 pub fn text(results: &Results) -> String {
@@ -20,12 +22,10 @@ pub fn text(results: &Results) -> String {
         table(&mut out, &results.extra_tasks, false);
     }
     if !results.episodes.is_empty() && !results.missing.is_empty() {
-        let how = match results.run {
-            Some(_) => "Not registered (0 in the score)",
-            None => "Missing under at least one seed (not part of its score)",
-        };
-        let list = format!("{how}: {}", results.missing.join(", "));
-        let _ = writeln!(out, "\n{}", wrapped(&list, ""));
+        out.push('\n');
+        for line in missing(results) {
+            let _ = writeln!(out, "{}", wrapped(&line, "  "));
+        }
     }
     excluded(&mut out, results);
     out
@@ -63,8 +63,7 @@ fn headline(out: &mut String, results: &Results) {
             Some(std) => format!("+- {std:.4} over the seeds"),
             None => "of a single seed".into(),
         };
-        let seeds: Vec<_> = score.per_seed.iter().map(|s| format!("{}: {:.4}", s.seed, s.score)).collect();
-        let line = format!("{name:<22}{mean:>8.4}   {spread} ({})", seeds.join(", "));
+        let line = format!("{name:<22}{mean:>8.4}   {spread} ({})", by_seed(score));
         let _ = writeln!(out, "{}", wrapped(&line, "                                 "));
     };
     if let (Some(strict), Some(success)) = (&results.score_strict, &overall.strict_success) {
@@ -76,6 +75,17 @@ fn headline(out: &mut String, results: &Results) {
     out.push_str(&rate("Clean, published", &overall.clean_success));
     out.push_str(&rate("Bulb broken", &overall.broken));
     out.push_str(&rate("Bulb dropped", &overall.dropped));
+}
+
+/// The scores under each seed, or, of many, the least and the greatest.
+fn by_seed(score: &Score) -> String {
+    let one = |row: &SeedRow| format!("{}: {:.4}", row.seed, row.score);
+    let order = |a: &&SeedRow, b: &&SeedRow| a.score.total_cmp(&b.score);
+    let rows = &score.per_seed;
+    match (rows.iter().min_by(order), rows.iter().max_by(order)) {
+        (Some(least), Some(most)) if rows.len() > MANY_SEEDS => format!("{} to {}", one(least), one(most)),
+        _ => rows.iter().map(one).collect::<Vec<_>>().join(", "),
+    }
 }
 
 fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {

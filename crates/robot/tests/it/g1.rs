@@ -248,3 +248,30 @@ fn kinematics_refuses_a_wrong_posture() {
     assert!(robot.forward_kinematics(&[0.0; 52], &Isometry3::identity()).is_err());
     assert!(robot.forward_kinematics(&[f64::NAN; 53], &Isometry3::identity()).is_err());
 }
+
+/// The effort that holds a joint is the slope of the potential energy over its angle, which the centre of mass gives.
+#[test]
+fn efforts_that_hold_the_links_are_the_slope_of_the_potential_energy() {
+    let robot = g1();
+    let gravity = Vector3::new(2.0, -1.0, -9.5);
+    let mut q = robot.q0().to_vec();
+    for (index, angle) in q.iter_mut().enumerate() {
+        *angle += 0.3 * libm::sin(index as f64);
+    }
+    let energy = |q: &[f64]| {
+        let com = robot.center_of_mass(q, &Isometry3::identity()).unwrap();
+        -robot.total_mass() * gravity.dot(&com)
+    };
+    let efforts = robot.holding_efforts(&q, gravity.into()).unwrap();
+    assert!(efforts.iter().any(|effort| effort.abs() > 5.0));
+    for (index, effort) in efforts.iter().enumerate() {
+        let at = |change: f64| {
+            let mut changed = q.clone();
+            changed[index] += change;
+            energy(&changed)
+        };
+        let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
+        assert!(close(*effort, slope, 1e-5), "{}: {effort} and {slope}", robot.joints()[index].name);
+    }
+    assert!(robot.holding_efforts(&q, [0.0, f64::NAN, 0.0]).is_err());
+}

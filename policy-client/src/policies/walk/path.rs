@@ -10,6 +10,9 @@ pub(super) type Point = [f64; 2];
 const CELL_M: f64 = 0.05;
 /// Preferred distance from obstacles, m; below half of it a path costs ten times as much.
 const CLEAR_M: f64 = 0.45;
+/// How far ahead a direction with more room is looked for, m, and how much more room it must give.
+const LOOK_M: f64 = 0.15;
+const MORE_M: f64 = 0.03;
 /// Number of cells from the robot to the grid's edge in each direction: 6 m.
 const REACH: i32 = 120;
 
@@ -33,6 +36,12 @@ impl Map {
         Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).collect() }
     }
 
+    /// Adds an obstacle, or moves the one of this name.
+    pub fn put(&mut self, name: &str, corners: Vec<Point>) {
+        self.outlines.retain(|(own, _)| own != name);
+        self.outlines.push((name.to_owned(), corners));
+    }
+
     /// Distance of a point from an obstacle, m; 0 inside it.
     pub fn distance_to(&self, name: &str, at: Point) -> Option<f64> {
         self.outlines.iter().find(|(own, _)| own == name).map(|(_, corners)| from_outline(corners, at))
@@ -40,6 +49,16 @@ impl Map {
 
     fn clearance(&self, at: Point) -> f64 {
         self.outlines.iter().map(|(_, corners)| from_outline(corners, at)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The direction in which an obstacle that is nearer than `room` is left, as an angle in the world, rad; `None` if there is
+    /// room enough, or no direction gives more.
+    pub fn way_out(&self, at: Point, room: f64) -> Option<f64> {
+        let here = self.clearance(at);
+        let ahead = |angle: f64| self.clearance([at[0] + LOOK_M * libm::cos(angle), at[1] + LOOK_M * libm::sin(angle)]);
+        let angles = (0..16).map(|part| f64::from(part) * std::f64::consts::PI / 8.0);
+        let (angle, most) = angles.map(|angle| (angle, ahead(angle))).max_by(|one, other| one.1.total_cmp(&other.1))?;
+        (here < room && most > here + MORE_M).then_some(angle)
     }
 
     /// The cheapest path to a point where `is_goal` holds; empty if none is within reach.
@@ -127,6 +146,11 @@ mod tests {
         let map = Map::new([("wall".to_owned(), wall)].into_iter());
         assert_eq!(map.distance_to("wall", [1.0, 0.0]), Some(0.0));
         assert_eq!(map.distance_to("wall", [2.1, 0.5]), Some(1.0));
+        let mut moved = map.clone();
+        moved.put("wall", vec![[3.0, 0.0], [4.0, 0.0], [4.0, 1.0]]);
+        assert_eq!(moved.distance_to("wall", [2.0, 0.0]), Some(1.0));
+        assert_eq!(map.way_out([0.2, 0.0], 0.6), None);
+        assert_eq!(map.way_out([0.6, 0.0], 0.6), Some(std::f64::consts::PI));
         let path = map.path([0.0, 0.0], |at| distance(at, [2.0, 0.0]) < 0.1);
         assert!(path.len() > 40, "{path:?}");
         let nearest = path.iter().map(|at| map.clearance(*at)).fold(f64::INFINITY, f64::min);

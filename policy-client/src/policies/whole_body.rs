@@ -1,10 +1,10 @@
-//! A body on which policies build: a whole-body controller, ours or a foreign one, moves legs and waist.
+//! A body on which policies build: a whole-body controller moves legs and waist, ours or a foreign one.
 
 use std::sync::Arc;
 
 use fiatlux_foreign::Gear;
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
-use fiatlux_wbc::{CONTROL_DT, Controller, Network};
+use fiatlux_wbc::{ARMS, Arms, BODY, CONTROL_DT, Controller, MOVED, Network};
 
 use super::body::{self, Senses};
 use super::foreign::GearFiles;
@@ -14,10 +14,30 @@ use crate::{Command, PolicyError};
 const RECORDED: [&str; 3] = ["navigate:3", "height:1", "torso:3"];
 
 /// Legs and waist follow a whole-body controller; arms and hands keep their targets.
-pub(crate) struct Body {
+///
+/// ```no_run
+/// use std::sync::Arc;
+///
+/// use fiatlux_policy::{Command, PolicyError, policies::WholeBody};
+/// use fiatlux_proto::v3::{Observation, SessionInfo};
+/// use fiatlux_wbc::Network;
+///
+/// fn start(info: &SessionInfo, first: &Observation) -> Result<WholeBody, PolicyError> {
+///     Ok(WholeBody::own("mine", Arc::new(Network::shipped()?), info, first)?.holding_arms(info)?)
+/// }
+///
+/// fn act(body: &mut WholeBody, observation: &Observation) -> Result<Command, PolicyError> {
+///     body.targets[16] = 0.5; // left shoulder roll, rad
+///     body.step(observation, &fiatlux_wbc::Command { velocity: [0.3, 0.0, 0.0], ..Default::default() })
+/// }
+/// ```
+pub struct WholeBody {
+    policy: &'static str,
     controller: Moves,
     senses: Senses,
-    /// Targets of all joints, rad.
+    arms: Option<Arms>,
+    /// Targets of all joints, rad, in the session's joint order. The policy sets those of arms and hands; a step writes those
+    /// of legs and waist.
     pub targets: Vec<f64>,
     /// Number of the last command, from 0, and the command.
     commanded: Option<(u64, fiatlux_wbc::Command)>,
@@ -28,7 +48,7 @@ enum Moves {
     Gear(Box<Gear>),
 }
 
-impl Body {
+impl WholeBody {
     /// Starts an episode with our controller; arms and hands keep the staged posture.
     ///
     /// # Errors
@@ -51,8 +71,8 @@ impl Body {
     /// Starts an episode with GEAR's controller.
     ///
     /// # Errors
-    /// As for [`Body::own`], or gains other than the controller's.
-    pub fn gear(
+    /// As for [`WholeBody::own`], or gains other than the controller's.
+    pub(super) fn gear(
         policy: &'static str,
         files: &GearFiles,
         info: &SessionInfo,
@@ -63,7 +83,16 @@ impl Body {
     }
 
     fn on(policy: &'static str, controller: Moves, targets: Vec<f64>) -> Self {
-        Self { controller, senses: Senses::new(policy), targets, commanded: None }
+        Self { policy, controller, senses: Senses::new(policy), arms: None, targets, commanded: None }
+    }
+
+    /// Makes the targets of the arms the angles at which they rest: each step adds what their weight takes from them. The
+    /// drives of the arms are soft, and sag otherwise.
+    ///
+    /// # Errors
+    /// The session's robot does not have the joints of a G1.
+    pub fn holding_arms(self, info: &SessionInfo) -> Result<Self, PolicyError> {
+        Ok(Self { arms: Some(Arms::new(&body::joints(info))?), ..self })
     }
 
     /// The command for standing upright.
@@ -77,15 +106,25 @@ impl Body {
     /// Answers an observation with the next command.
     ///
     /// # Errors
-    /// The observation lacks a term or is not finite, or a network fails.
+    /// The observation lacks a term or is not finite, a network fails, or [`WholeBody::targets`] became too short.
     pub fn step(&mut self, observation: &Observation, command: &fiatlux_wbc::Command) -> Result<Command, PolicyError> {
         let sensed = self.senses.read(observation)?;
+        if self.targets.len() < BODY {
+            let reason = format!("it has {} targets; legs, waist and arms need {BODY}", self.targets.len());
+            return Err(PolicyError::Unfit { policy: self.policy, reason });
+        }
         match &mut self.controller {
             Moves::Own(controller) => controller.step(&sensed, command, &mut self.targets)?,
             Moves::Gear(controller) => controller.step(&sensed, command, &mut self.targets)?,
         }
         self.commanded = Some((self.commanded.map_or(0, |(count, _)| count + 1), *command));
-        Ok(Command::JointTarget(self.targets.clone()))
+        let mut targets = self.targets.clone();
+        if let Some(arms) = &mut self.arms {
+            let mut angles = [0.0; ARMS];
+            angles.copy_from_slice(&targets[MOVED..BODY]);
+            targets[MOVED..BODY].copy_from_slice(&arms.targets(&sensed, &angles)?);
+        }
+        Ok(Command::JointTarget(targets))
     }
 
     /// The last command for the record, as a chunk of one row.
