@@ -194,13 +194,13 @@ impl RecorderSession {
         Self { order: Order::new(true, now), ..Self::new(name, now) }
     }
 
-    /// A session with an open bag of this header, which has all rows before `next_step` on disk.
+    /// A session with an open bag of this header, which has all rows before `next_step`. Until [`Input::OnDisk`] says how
+    /// many of them are on disk, none is acknowledged: rows after the last whole chunk may be in memory alone.
     pub fn resume(name: &str, header: EpisodeHeader, next_step: u64, now: Duration) -> Self {
         Self {
             order: Order::new(true, now),
             open: Some(OpenBag { episode: header.episode, next_step }),
             resumed: Some(header),
-            on_disk: next_step,
             ..Self::new(name, now)
         }
     }

@@ -197,7 +197,9 @@ impl Worker {
         let state = match bags.resume(server, session) {
             Some((header, next_step)) => {
                 info!(%key, next_step, "continuing an unfinished bag");
-                RecorderSession::resume(name, header, next_step, now)
+                let mut state = RecorderSession::resume(name, header, next_step, now);
+                state.handle(Input::OnDisk(bags.next_step_on_disk()), now);
+                state
             }
             None if bags.are_begun(server, session) => RecorderSession::again(name, now),
             None => RecorderSession::new(name, now),

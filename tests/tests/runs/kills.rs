@@ -94,6 +94,8 @@ fn recorders_die() {
         }
         let episodes = fiatlux_tests::programs::played(&mut client);
         assert_eq!(episodes, expected);
+        // Rows of the last episodes may still be with the server.
+        wait_until("all bags are whole", PATIENCE, || service.folder.files(".mcap").len() == episodes.len());
         // One that was started just now has to listen for the signal first.
         wait_until("it records", PATIENCE, || recorder.log().contains("bags go to "));
         recorder.signal("TERM");

@@ -77,18 +77,28 @@ fn names() {
     assert!(error.starts_with("cannot open ") && error.contains("none.mcap"), "{error}");
 }
 
-/// Guards that a recorder that was killed before it wrote leaves nothing behind, and that a part being written is left alone.
+/// Guards that a recorder that was killed before it had written a header leaves nothing behind, and that a part being
+/// written is left alone, as is one with anything else in it.
 #[test]
-fn an_empty_part_is_taken_over() {
-    let path = folder("empty").join("a.mcap");
-    std::fs::write(part_of(&path), []).expect("an empty part");
-    let writer = BagWriter::create(&path, &header()).expect("a new bag");
-    drop(writer);
-    assert!(matches!(BagWriter::create(&path, &header()), Err(BagError::Exists { .. })), "it has a header");
-    std::fs::write(part_of(&path), []).expect("an empty part");
+fn a_part_without_a_whole_header_is_taken_over() {
+    let path = folder("begun").join("a.mcap");
+    let write = |bytes: &[u8]| std::fs::write(part_of(&path), bytes).expect("a part");
+    let is_taken_over = || BagWriter::create(&path, &header()).is_ok();
+    write(&[]);
+    assert!(is_taken_over());
+    let begun = std::fs::read(part_of(&path)).expect("bytes");
+    assert!(!is_taken_over(), "it has a header");
+    for length in [1, 41, 4096, begun.len() - 1] {
+        write(&begun[..length]);
+        assert!(is_taken_over(), "{length}");
+        assert!(std::fs::read(part_of(&path)).expect("bytes") == begun, "{length}");
+        write(&[&begun[..length], b"?"].concat());
+        assert!(!is_taken_over(), "{length} and something else");
+    }
+    write(&begun[..41]);
     let other = std::fs::File::open(part_of(&path)).expect("the part");
     other.lock().expect("nobody has it");
-    assert!(matches!(BagWriter::create(&path, &header()), Err(BagError::Exists { .. })), "somebody is about to write");
+    assert!(!is_taken_over(), "somebody is about to write");
 }
 
 #[test]

@@ -42,7 +42,9 @@ impl Harness {
 
     /// A recorder with the rows before step 4 of episode 0 on disk.
     fn resumed() -> Self {
-        Self::of(RecorderSession::resume("r", header(0), 4, NOW))
+        let mut recorder = Self::of(RecorderSession::resume("r", header(0), 4, NOW));
+        recorder.give(Input::OnDisk(4));
+        recorder
     }
 
     fn of(session: RecorderSession) -> Self {
@@ -203,6 +205,17 @@ fn a_recorder_goes_on_at_the_beginning_of_a_bag() {
     recorder.take(episode(0, 0, 3).into_iter().skip(1).chain(episode(3, 1, 2)));
     recorder.give(Input::Answered);
     assert_eq!((recorder.written(), recorder.next_seq(0)), ("0 1 f".into(), 5));
+}
+
+/// Guards a recorder that died while it finished a bag, and again just after it took it up: rows that its new file does
+/// not have yet are not acknowledged.
+#[test]
+fn what_a_resumed_bag_has_in_memory_is_not_acknowledged() {
+    let mut recorder = Harness::of(RecorderSession::resume("r", header(0), 4, NOW));
+    assert!(recorder.request().is_some());
+    recorder.take(episode(0, 0, 9).into_iter().take(3));
+    recorder.give(Input::Answered);
+    assert_eq!((recorder.written(), recorder.session.next_seq()), (String::new(), 0));
 }
 
 /// Guards a recorder that died with all rows on disk, but without the result.
