@@ -349,7 +349,8 @@ impl Client {
         if let Input::Notice(bytes) = input
             && let Ok(notice) = decode::<Notice>(bytes, MAX_SERVER_MESSAGE)
         {
-            // Of what was sent ahead and again, an episode's end leaves some over.
+            // Actions that were sent ahead, or twice, may arrive when their episode is over, or out of order. The session
+            // sends again what is missing.
             let is_left_over = self.state.is_ahead() && notice.code() == Code::Step;
             if !is_left_over {
                 self.tell(notice);

@@ -2,9 +2,8 @@
 
     python python/benchmarks/motors.py results/walk
 
-Takes bags and folders of bags. Left and right count together. Each row of a bag has the mean effort of a control step of 20 ms and
-the joint's speed at its end. An action is out of the
-box where its size is above 1.
+Takes bags and folders of bags. Left and right count together. Each row of a bag has the mean effort of a control step of
+20 ms and the joint's speed at its end. An action is outside the box where its magnitude is above 1.
 """
 
 import argparse

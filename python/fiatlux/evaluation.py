@@ -137,7 +137,7 @@ def _recorded(
         return Player(policy, observation)
 
     text, lost = _native.evaluate_into(fspath(out), play_one, run, asked, progress)
-    if not players:
+    if not players and not lost:
         message = f"{out} had all episodes already, so none was played; name another folder for a changed policy"
         warnings.warn(message, stacklevel=3)
     episodes = [_summary(row, Bag(out / row["bag"])) for row in json.loads(text)["episodes"] if row["bag"]]

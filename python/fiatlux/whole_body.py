@@ -62,8 +62,8 @@ class WholeBody:
     def hold_arms(self, observation: Mapping[str, Any], angles: ArrayLike) -> NDArray[np.float64]:
         """Returns targets with which the arms come to these angles; call it once for each observation.
 
-        The arms' drives are soft: with the angles themselves as targets they sag by up to 0.2 rad under their own weight. What
-        is in the hands is not known to it.
+        The arms' drives are soft: with the angles themselves as targets they sag by up to 0.2 rad under their own weight. It
+        does not know what the hands hold.
 
         Args:
             observation: Fields by name; only those of proprioception are read.

@@ -1,11 +1,12 @@
 //! `scorer admin`: manages accounts, tokens and submissions of a leaderboard, for whoever may write its folder.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use clap::{Args, Subcommand};
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Subcommand};
 use fiatlux_leaderboard::{MAX_DAYS, Quota, Store, SubmissionId};
 use fiatlux_link::whole;
 use time::OffsetDateTime;
@@ -20,7 +21,7 @@ use time::format_description::well_known::Rfc3339;
   scorer admin --folder board token lab --days 90         create a token for it, which is shown only once
   scorer admin --folder board backup /backups/board       copy the folder, even while the service runs")]
 pub struct AdminArgs {
-    /// Folder of the service
+    /// Folder of the service; required
     #[arg(long, value_name = "DIR", global = true)]
     folder: Option<PathBuf>,
     #[command(subcommand)]
@@ -101,13 +102,17 @@ struct LimitArgs {
 /// Runs the subcommand, and prints its result.
 pub fn run(args: &AdminArgs) -> Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start")?;
-    let said = runtime.block_on(done(args))?;
+    // Clap cannot require an option that may stand after the subcommand.
+    let Some(folder) = &args.folder else {
+        let what = "name the folder of the service with --folder";
+        crate::Cli::command().error(ErrorKind::MissingRequiredArgument, what).exit();
+    };
+    let said = runtime.block_on(done(args, folder))?;
     crate::print(&said)?;
     Ok(ExitCode::SUCCESS)
 }
 
-async fn done(args: &AdminArgs) -> Result<String> {
-    let folder = args.folder.as_ref().context("name the folder of the service with --folder")?;
+async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
     let store = Store::open(folder).await?;
     let mut said = String::new();
     match &args.command {

@@ -3,20 +3,16 @@
 mod admin;
 mod serve;
 mod submit;
+mod verify;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering::Relaxed;
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
-use fiatlux_access::{KnownServers, PublicKey};
-use fiatlux_grading::{
-    GradeOptions, Results, ScoreError, VerifyError, compare, false_claim, find_bags, grade, report, tables, verify,
-};
-use fiatlux_link::{LinkArgs, ProgressLine};
-use fiatlux_policy::AccessArgs;
+use fiatlux_grading::{GradeOptions, Results, ScoreError, compare, false_claim, grade, report, tables};
+use fiatlux_link::ProgressLine;
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
@@ -38,7 +34,7 @@ struct Cli {
 enum Command {
     Grade(GradeArgs),
     Compare(CompareArgs),
-    Verify(VerifyArgs),
+    Verify(verify::VerifyArgs),
     Serve(serve::ServeArgs),
     Submit(submit::SubmitArgs),
     Admin(admin::AdminArgs),
@@ -126,34 +122,6 @@ struct CompareArgs {
     json: bool,
 }
 
-/// Simulate recorded episodes again on a server, and compare bit for bit
-///
-/// Needs a server: start one with `sim-server`. Checks each bag as grade does, opens a session with the conditions in its
-/// header, sends its actions again, and compares header, rows and result of the second run with those in the bag. Prints the
-/// first difference with both values, and which server signed the bag. Exit code 0: all are equal to the last bit and, with
-/// --signers, signed by a trusted server; 1: one differs, is not signed, or could not be simulated.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  sim-server &
-  scorer verify results/zero/bags/S01-s0-e0.mcap
-  scorer verify results/zero                           all bags of a run")]
-struct VerifyArgs {
-    /// Bags to verify, or folders to search for *.mcap, including subfolders
-    #[arg(required = true, value_name = "PATH")]
-    paths: Vec<PathBuf>,
-    /// Name of the server, if several can be reached
-    #[arg(long, value_name = "NAME")]
-    server: Option<String>,
-    /// File with the keys of servers that you trust, one line NAME ed25519:BASE64 each; a bag that none of them signed
-    /// fails
-    #[arg(long, value_name = "FILE")]
-    signers: Option<PathBuf>,
-    #[command(flatten)]
-    access: AccessArgs,
-    #[command(flatten)]
-    link: LinkArgs,
-}
-
 fn main() -> ExitCode {
     let command = fiatlux_link::parse::<Cli>().command;
     if !matches!(command, Command::Serve(_)) {
@@ -162,7 +130,7 @@ fn main() -> ExitCode {
     let done = match command {
         Command::Grade(args) => run_grade(&args),
         Command::Compare(args) => run_compare(&args),
-        Command::Verify(args) => run_verify(&args),
+        Command::Verify(args) => verify::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Submit(args) => submit::run(&args),
         Command::Admin(args) => admin::run(&args),
@@ -195,10 +163,10 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     let results = graded?;
     let claim = match args.paths.as_slice() {
         // With other rules it may well say otherwise; and a file that is written anew says nothing.
-        [folder]
-            if args.set.is_empty() && !args.published_counting && args.out != Some(folder.join("results.json")) =>
-        {
-            false_claim(folder, &results)
+        [folder] if args.set.is_empty() && !args.published_counting => {
+            let place = |file: &Path| std::path::absolute(file).ok();
+            let is_written = args.out.as_ref().is_some_and(|out| place(out) == place(&folder.join("results.json")));
+            if is_written { None } else { false_claim(folder, &results) }
         }
         _ => None,
     };
@@ -230,51 +198,6 @@ fn run_compare(args: &CompareArgs) -> Result<ExitCode> {
     let compared = compare(&args.a, &args.b, args.any_conditions)?;
     print(&if args.json { compared.to_json()? } else { compared.to_text() })?;
     Ok(if compared.has_unpaired() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
-}
-
-fn run_verify(args: &VerifyArgs) -> Result<ExitCode> {
-    let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
-    let access = args.access.read()?;
-    let signers = args.signers.as_deref().map(KnownServers::read).transpose()?;
-    let bags = find_bags(&args.paths)?;
-    let mut good = 0;
-    for (index, bag) in bags.iter().enumerate() {
-        let line = ProgressLine::default();
-        let place = if bags.len() > 1 { format!("bag {} of {}, ", index + 1, bags.len()) } else { String::new() };
-        let mut show =
-            |step, steps| line.show(|| format!("{place}step {step} of {steps}, {} left", line.left(step, steps)));
-        let verified = verify(bag, &args.link, args.server.as_deref(), &access, &mut show, &stop);
-        line.clear();
-        match verified {
-            Ok(verified) => {
-                let (said, is_trusted) = signature(verified.signer.as_ref(), signers.as_ref());
-                print(&format!("{verified}{said}\n"))?;
-                good += usize::from(verified.is_equal() && is_trusted);
-            }
-            // The others may be good, but not without a server.
-            Err(error) if bags.len() == 1 || stop.load(Relaxed) || matches!(error, VerifyError::Link(_)) => {
-                return Err(error.into());
-            }
-            Err(error) => eprintln!("scorer: {}: {:#}", bag.display(), anyhow::Error::from(error)),
-        }
-    }
-    if bags.len() > 1 {
-        print(&format!("{good} of {} bags are verified\n", bags.len()))?;
-    }
-    Ok(if good == bags.len() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
-}
-
-/// Says who signed the bag, and whether that is enough: without a list of trusted keys, it always is.
-fn signature(signer: Option<&PublicKey>, signers: Option<&KnownServers>) -> (String, bool) {
-    match (signer, signers) {
-        (None, None) => ("not signed".into(), true),
-        (None, Some(_)) => ("fails: not signed, and --signers asks for a signature".into(), false),
-        (Some(key), None) => (format!("signed by {key}; use --signers FILE to say whom you trust"), true),
-        (Some(key), Some(signers)) => match signers.name_of(key) {
-            Some(name) => (format!("signed by {name}, {key}"), true),
-            None => (format!("fails: signed by {key}, which is not among the trusted keys"), false),
-        },
-    }
 }
 
 fn make(folder: &Path) -> Result<()> {

@@ -47,11 +47,16 @@ fn a_claim_is_compared_with_the_bags() {
         begin(&folder.0.join(format!("{seed}.mcap")), &header, &rows).finish(&result).unwrap();
     }
     let (path, claim) = (folder.0.to_str().unwrap(), folder.0.join("results.json"));
+    // From another folder the names of bags differ, and nothing else; of a copy the detail has such a name.
+    let copy = folder.0.join("copy.mcap");
+    std::fs::copy(folder.0.join("3.mcap"), &copy).unwrap();
     let (code, json, _) = scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]);
     assert_eq!((code, json.as_str()), (0, ""));
-    // From another folder the names of bags differ, and nothing else.
     let (code, _, err) = scorer(&["grade", path]);
     assert!(code == 0 && err.is_empty(), "{err}");
+    std::fs::remove_file(copy).unwrap();
+    let (code, json, _) = scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]);
+    assert_eq!((code, json.as_str()), (0, ""));
     let other = std::fs::read_to_string(&claim).unwrap().replacen("\"success\": true", "\"success\": false", 1);
     std::fs::write(&claim, other).unwrap();
     let (code, _, err) = scorer(&["grade", path]);
@@ -79,6 +84,12 @@ fn a_claim_is_compared_with_the_bags() {
     assert!(code == 3 && err.contains("number of episodes is 1 by the bags, 2 in the file"), "{err}");
     std::fs::write(&claim, "{").unwrap();
     assert!(scorer(&["grade", path]).2.contains("cannot be compared"));
+}
+
+#[test]
+fn administration_asks_for_its_folder() {
+    let (code, _, err) = scorer(&["admin", "accounts"]);
+    assert!(code == 2 && err.contains("--folder"), "{code}: {err}");
 }
 
 /// A folder with the `results.json` of one policy, an episode of S01 for each seed.

@@ -30,6 +30,14 @@ fn sensors_digest() -> String {
     Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
+/// Guards that a new sensor does not make runs with it *other* by being forgotten.
+#[test]
+fn every_sensor_is_standard_or_privileged() {
+    for sensor in Sensor::ALL {
+        assert_ne!(fiatlux_grading::observations_with(sensor.name()), "other", "{}", sensor.name());
+    }
+}
+
 #[test]
 fn the_benchmark_is_the_pinned_one() {
     let scene = SceneConfig::default().digest();

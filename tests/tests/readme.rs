@@ -74,7 +74,7 @@ fn every_command_works() {
     let bin = stage(&scratch);
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
     let (mut background, mut external) = (Vec::new(), None);
-    let ports = ["7447", "7448", "7449"].map(|port| (port, free_port().to_string()));
+    let ports = [":7447", ":7448", ":7449"].map(|port| (port, format!(":{}", free_port())));
     for line in blocks(&pages(), "sh").iter().flat_map(|block| block.lines()) {
         let line = match line.contains("0.0.0.0") || line.contains("192.168.1.7") {
             true => {
@@ -98,7 +98,9 @@ fn every_command_works() {
         match daemon {
             _ if line == "cargo test --workspace" => {}
             Some(name) if words.get(1) != Some(&"export") => {
-                let is_path = |word: &str| word == "bags" || word.starts_with("keys/") || word.starts_with("shared/");
+                let is_path = |word: &str| {
+                    word == "bags" || word == "lan-runs" || word.starts_with("keys/") || word.starts_with("shared/")
+                };
                 let place = |word: &&str| match is_path(word) {
                     true => scratch.path().join(word).display().to_string(),
                     false => (*word).to_owned(),

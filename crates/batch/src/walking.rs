@@ -112,7 +112,8 @@ impl WalkingOptions {
         }
         let is_known = |given: &String| TERMS.iter().any(|(name, ..)| name == given);
         if let Some(name) = self.reward_weights.keys().find(|name| !is_known(name)) {
-            return Err(format!("walking has no term of the reward named {name:?}").into());
+            let terms = TERMS.map(|(name, ..)| name).join(", ");
+            return Err(format!("walking has no term of the reward named {name:?}; the terms are {terms}").into());
         }
         if let Some((name, weight)) = self.reward_weights.iter().find(|(_, weight)| !weight.is_finite()) {
             return Err(format!("the weight of {name:?} is {weight}; give a finite one").into());

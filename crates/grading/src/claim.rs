@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use crate::Results;
 use crate::flaw::first_difference;
+use crate::{Fault, Results};
 
 /// Where the `results.json` in this folder says otherwise than `results`, which its bags gave, in a sentence; `None` where it
 /// agrees, or there is none.
@@ -23,14 +23,14 @@ pub fn false_claim(folder: &Path, results: &Results) -> Option<String> {
     if claim.run.is_some() && results.run.is_none() {
         return Some(format!("{name} is of a run, but its folder has no journal of one (*.run.jsonl)"));
     }
+    if claim.run.is_none() && results.run.is_some() {
+        return Some(format!(
+            "{name} is of loose bags, but its folder has the journal of a run: grade the folder again"
+        ));
+    }
     // What JSON rounds, it rounds in both.
     let results: Results = serde_json::from_str(&results.to_json().ok()?).ok()?;
-    let (mut found, claim) = (comparable(&results, &results), comparable(&claim, &results));
-    // The same bags, once graded as a run and once as loose bags, have other scores.
-    if claim.run.is_none() && found.run.is_some() {
-        found = Results { policy: found.policy, episodes: found.episodes, ..claim.clone() };
-    }
-    let difference = first_difference(&found, &claim)?;
+    let difference = first_difference(&comparable(&results, &results), &comparable(&claim, &results))?;
     let (field, bags, claimed) = (difference.field, difference.found, difference.recorded);
     Some(format!("{name} says otherwise than the bags: {field} is {bags} by the bags, {claimed} in the file"))
 }
@@ -39,7 +39,13 @@ pub fn false_claim(folder: &Path, results: &Results) -> Option<String> {
 fn comparable(results: &Results, versions_of: &Results) -> Results {
     let mut results = Results { versions: versions_of.versions.clone(), ..results.clone() };
     results.episodes.iter_mut().for_each(|row| row.bag.clear());
-    results.excluded.iter_mut().for_each(|bag| bag.bag.clear());
+    for excluded in &mut results.excluded {
+        excluded.bag.clear();
+        // It names the other bag.
+        if excluded.reason == Fault::Duplicate {
+            excluded.detail.clear();
+        }
+    }
     results.run.iter_mut().for_each(|run| run.folder.clear());
     results
 }

@@ -228,16 +228,24 @@ const STANDARD: [&str; 9] = [
 /// Sensors that say what no robot could sense.
 const BEYOND: [&str; 2] = ["privileged", "verdict"];
 
-fn observations(header: &v3::EpisodeHeader) -> &'static str {
-    let shown = || header.sensors.iter().filter(|sensor| !sensor.bag_only).map(|sensor| sensor.name.as_str());
-    let exact = header.randomization.is_some_and(|random| random.exact_sensors);
-    if shown().any(|name| BEYOND.contains(&name)) {
+/// What the sensor of that name makes of a run's observations: `standard`, `privileged`, or `other` where it is not known.
+pub fn observations_with(sensor: &str) -> &'static str {
+    if BEYOND.contains(&sensor) {
         "privileged"
-    } else if exact
-        || is_untrained(header)
-        || !meshes(header).is_empty()
-        || !shown().all(|name| STANDARD.contains(&name))
-    {
+    } else if STANDARD.contains(&sensor) {
+        "standard"
+    } else {
+        "other"
+    }
+}
+
+fn observations(header: &v3::EpisodeHeader) -> &'static str {
+    let shown = header.sensors.iter().filter(|sensor| !sensor.bag_only);
+    let kinds: Vec<_> = shown.map(|sensor| observations_with(&sensor.name)).collect();
+    let exact = header.randomization.is_some_and(|random| random.exact_sensors);
+    if kinds.contains(&"privileged") {
+        "privileged"
+    } else if exact || is_untrained(header) || !meshes(header).is_empty() || kinds.contains(&"other") {
         "other"
     } else {
         "standard"

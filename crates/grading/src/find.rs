@@ -6,27 +6,17 @@ use fiatlux_bag::BagFiles;
 
 use crate::ScoreError;
 
-/// All bags and runs in these files and folders.
-pub(crate) fn find(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
-    let found = BagFiles::find(paths)?;
-    if found.bags.is_empty() && found.unfinished.is_empty() && found.runs.is_empty() {
-        return Err(no_bags(paths));
-    }
-    Ok(found)
-}
-
-fn no_bags(paths: &[PathBuf]) -> ScoreError {
-    let names: Vec<_> = paths.iter().map(|path| path.display().to_string()).collect();
-    ScoreError::NoBags(names.join(", "))
-}
-
-/// The bags in these files and folders, subfolders included, in the order of their names.
+/// All bags and runs in these files and folders, subfolders included, and recordings that were never finished.
 ///
 /// # Errors
-/// [`ScoreError`]: a path that does not exist, or no bag in any of them.
-pub fn find_bags(paths: &[PathBuf]) -> Result<Vec<PathBuf>, ScoreError> {
-    let found = find(paths)?.bags;
-    if found.is_empty() { Err(no_bags(paths)) } else { Ok(found) }
+/// [`ScoreError`]: a path that does not exist, or nothing of all that in any of them.
+pub fn find_bags(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
+    let found = BagFiles::find(paths)?;
+    if found.bags.is_empty() && found.unfinished.is_empty() && found.runs.is_empty() {
+        let names: Vec<_> = paths.iter().map(|path| path.display().to_string()).collect();
+        return Err(ScoreError::NoBags(names.join(", ")));
+    }
+    Ok(found)
 }
 
 /// The run that all paths belong to; `None` where there are loose bags only.
@@ -68,18 +58,18 @@ mod tests {
         for name in ["b.mcap", "a.mcap", "c.mcap.part", "notes.txt"] {
             std::fs::write(deep.join(name), "").expect("a file");
         }
-        let found = find(&[root.clone(), deep.join("a.mcap")]).expect("found");
+        let found = find_bags(&[root.clone(), deep.join("a.mcap")]).expect("found");
         assert_eq!(found.bags, [deep.join("a.mcap"), deep.join("b.mcap")]);
         assert_eq!(found.unfinished, [deep.join("c.mcap.part")]);
         assert_eq!(relative(&found.bags[0], &root), "S01/seed 0/a.mcap");
         assert_eq!(relative(&root.join("x.mcap"), &deep), "../../x.mcap");
-        let error = find(&[root.join("none")]).expect_err("missing").to_string();
+        let error = find_bags(&[root.join("none")]).expect_err("missing").to_string();
         assert!(error.contains("none; check that it exists"), "{error}");
         std::fs::remove_file(deep.join("a.mcap")).expect("removed");
         for name in ["b.mcap", "c.mcap.part"] {
             std::fs::remove_file(deep.join(name)).expect("removed");
         }
-        assert!(matches!(find(std::slice::from_ref(&root)), Err(ScoreError::NoBags(_))));
+        assert!(matches!(find_bags(std::slice::from_ref(&root)), Err(ScoreError::NoBags(_))));
         std::fs::remove_dir_all(root).expect("removed");
     }
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use fiatlux_rules::Thresholds;
 
 use crate::assemble::{Judged, assemble, assemble_run};
-use crate::find::{find, relative, run_of};
+use crate::find::{find_bags, relative, run_of};
 use crate::results::{Fault, Results};
 use crate::run::Run;
 use crate::{ScoreError, bag};
@@ -63,7 +63,7 @@ pub fn grade(
 ) -> Result<Results, ScoreError> {
     let mut thresholds = Thresholds::default();
     options.set.iter().try_for_each(|assignment| thresholds.set(assignment))?;
-    let found = find(paths)?;
+    let found = find_bags(paths)?;
     let folder = options.folder();
     if let Some(run) = run_of(&found)? {
         return grade_run(&Run::read(run)?, options, progress);

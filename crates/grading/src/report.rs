@@ -125,8 +125,9 @@ fn warnings(out: &mut String, results: &Results) {
         let text = format!("{}.", results.conditions.deviations.join("; "));
         warn("Not ranked: this run is not played as the benchmark has it.", &text);
     }
-    if !results.missing.is_empty() && !results.subtasks.is_empty() {
-        warn("Missing subtasks.", &format!("{}.", missing(results).join(". ")));
+    let lines = missing(results);
+    if !lines.is_empty() {
+        warn("Missing subtasks.", &format!("{}.", lines.join(". ")));
     }
     if results.has_data_loss() {
         let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));

@@ -60,8 +60,11 @@ pub(crate) fn run_line(run: &RunResult) -> String {
 }
 
 /// Subtasks without a scored episode, and those without one under some of the seeds, in lines. S leaves them out; in a run they
-/// score 0.
+/// score 0. Nothing where no subtask was scored: then there is no S.
 pub(crate) fn missing(results: &Results) -> Vec<String> {
+    if results.subtasks.is_empty() || results.missing.is_empty() {
+        return Vec::new();
+    }
     if results.run.is_some() {
         return vec![format!("Not registered (0 in the score): {}", results.missing.join(", "))];
     }
@@ -73,12 +76,13 @@ pub(crate) fn missing(results: &Results) -> Vec<String> {
     let list = |tasks: &[&String]| tasks.iter().map(|task| task.as_str()).collect::<Vec<_>>().join(", ");
     let mut lines = Vec::new();
     if !never.is_empty() {
-        let played = fiatlux_rules::Task::SUBTASKS.len() - never.len();
-        lines.push(format!("S is over {played} of the 12 subtasks. Without a scored episode: {}", list(&never)));
+        let all = fiatlux_rules::Task::SUBTASKS.len();
+        let played = all - never.len();
+        lines.push(format!("S is over {played} of the {all} subtasks. Without a scored episode: {}", list(&never)));
     }
     for task in partly {
         lines.push(format!(
-            "{task} has no scored episode under these seeds, which S leaves out: {}",
+            "S leaves out {task} under these seeds, which have no scored episode of it: {}",
             seeds(&lacks(task))
         ));
     }

@@ -9,11 +9,11 @@ use std::sync::atomic::AtomicBool;
 
 use fiatlux_access::PublicKey;
 use fiatlux_bag::{Bag, BagError, Messages};
-use fiatlux_link::{LinkArgs, LinkError, Role};
 use fiatlux_policy::policies::Replay;
 use fiatlux_policy::{Access, Client, ClientError, PolicyError};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Mode, OpenRequest, State, StepRecord};
 use fiatlux_proto::{Message, decode};
 use thiserror::Error;
@@ -28,10 +28,8 @@ use rows::first_row_difference;
 #[derive(Debug, Error)]
 pub enum VerifyError {
     /// The bag is cut, aborted or changed, so no second run is needed.
-    #[error("{bag} cannot be verified: {reason}")]
+    #[error("the bag cannot be verified: {reason}")]
     Bag {
-        /// Path of the bag.
-        bag: String,
         /// What is wrong with it.
         reason: String,
     },
@@ -41,9 +39,6 @@ pub enum VerifyError {
     /// The bag's actions cannot be decoded.
     #[error("the bag's actions cannot be read")]
     Actions(#[from] PolicyError),
-    /// Cannot connect to a server.
-    #[error("cannot connect to a server")]
-    Link(#[from] LinkError),
     /// The server refuses the session, or the connection is lost.
     #[error("the episode could not be run again")]
     Client(#[from] ClientError),
@@ -58,10 +53,27 @@ pub enum VerifyError {
     },
 }
 
+impl VerifyError {
+    /// Whether it is not the bag's fault: the server is away, or takes no session now. Another server may verify the bag, or
+    /// this one later.
+    pub fn is_of_server(&self) -> bool {
+        match self {
+            Self::Bag { .. } | Self::Reread(_) | Self::Actions(_) | Self::Lost { .. } => false,
+            Self::Follow(_) => true,
+            Self::Client(ClientError::Policy(_) | ClientError::Episode(_)) => false,
+            // The same conditions would be refused again.
+            Self::Client(ClientError::Refused { code, .. }) => {
+                !matches!(code, Code::Malformed | Code::Unknown | Code::Value | Code::Start)
+            }
+            Self::Client(_) => true,
+        }
+    }
+}
+
 /// Outcome of a second run, compared with a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// Which episode it is, in words: task, seed, index, policy and rulebook.
+    /// Which episode it is, in words: task, seed, index, policy and protocol.
     pub episode: String,
     /// How the recorded episode ended, confirmed by its rows.
     pub recorded: EpisodeEnd,
@@ -222,19 +234,20 @@ fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHead
 
 /// Opens a session under a bag's conditions, sends its actions again and compares header, rows and result with the
 /// bag's. The bag must first pass the checks of [`grade`](crate::grade).
+/// `link` is a Zenoh session that reaches the server; `server` is its name, which may be left out where there is only one.
 /// `progress` receives the steps done and the steps in all; setting `stop` ends the run.
 ///
 /// # Errors
 /// [`VerifyError`]: a bag that is cut, aborted or changed; no server, or one that refuses; lost records.
 pub fn verify(
     path: &Path,
-    link: &LinkArgs,
+    link: &zenoh::Session,
     server: Option<&str>,
     access: &Access,
     progress: &mut dyn FnMut(u64, u64),
     stop: &AtomicBool,
 ) -> Result<Verification, VerifyError> {
-    let wrong = |reason: String| VerifyError::Bag { bag: path.display().to_string(), reason };
+    let wrong = |reason: String| VerifyError::Bag { reason };
     // What it says of itself is graded while it is played: one core here, one at the server.
     std::thread::scope(|scope| {
         let grading = scope.spawn(|| bag::read(path, &GradeOptions::default()));
@@ -252,7 +265,7 @@ pub fn verify(
 /// A second run, compared with the bag's rows; who signed them is not asked.
 fn play_again(
     path: &Path,
-    link: &LinkArgs,
+    link: &zenoh::Session,
     server: Option<&str>,
     access: &Access,
     wrong: &dyn Fn(String) -> VerifyError,
@@ -263,10 +276,9 @@ fn play_again(
     let ended = bag.result().and_then(|result| Some((result, result.end.clone()?)));
     let (result, recorded) = ended.ok_or_else(|| wrong("the recording has no result".into()))?;
     check_mode(&bag, wrong)?;
-    let session = link.open(Role::Client)?;
     let mut run_again = |rows| {
         let recorded = recorded.clone();
-        SecondRun { path, bag: &bag, result, recorded, session: &session, server, access, rows }.play(progress, stop)
+        SecondRun { path, bag: &bag, result, recorded, link, server, access, rows }.play(progress, stop)
     };
     // The digest covers all rows, so rows are compared one by one only where it differs or where the first or last
     // record can no longer be fetched.
@@ -291,7 +303,7 @@ struct SecondRun<'a> {
     bag: &'a Bag,
     result: &'a EpisodeResult,
     recorded: EpisodeEnd,
-    session: &'a zenoh::Session,
+    link: &'a zenoh::Session,
     server: Option<&'a str>,
     access: &'a Access,
     rows: Rows,
@@ -299,16 +311,16 @@ struct SecondRun<'a> {
 
 impl SecondRun<'_> {
     fn play(self, progress: &mut dyn FnMut(u64, u64), stop: &AtomicBool) -> Result<Verification, VerifyError> {
-        let Self { path, bag, result, recorded, session, server, access, rows } = self;
+        let Self { path, bag, result, recorded, link, server, access, rows } = self;
         let mut replay = Replay::open(path)?;
         // Sensors change no row, and some take long.
         let request = OpenRequest { sensors: vec!["last_action".into()], weights: String::new(), ..replay.request() };
         // Only this client needs the records.
         let request = OpenRequest { replay: true, recorded: false, ..request };
-        let mut client = Client::open_with(session, server, request, access)?;
+        let mut client = Client::open_with(link, server, request, access)?;
         let keys = ServerKeys::new(&client.info().server).session(&client.info().session);
         let key = client.take_rows_key().ok_or(VerifyError::Lost { next_seq: 0 })?;
-        let mut records = Records::of(session, keys, key, rows == Rows::All).map_err(VerifyError::Follow)?;
+        let mut records = Records::of(link, keys, key, rows == Rows::All).map_err(VerifyError::Follow)?;
         let mut comparison = Comparison::new(bag, result, rows);
         let mut reread = Ok(());
         let mut on_step = |step| {

@@ -60,9 +60,15 @@ impl ProgressLine {
 
     /// Clears the line, so that other text can follow.
     pub fn clear(&self) {
+        self.write_over(|| ());
+    }
+
+    /// Clears the line and writes other text, which no update interrupts.
+    pub fn write_over<T>(&self, write: impl FnOnce() -> T) -> T {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if std::mem::take(&mut state.1) {
             let _ = write!(std::io::stderr(), "\r\x1b[K");
         }
+        write()
     }
 }

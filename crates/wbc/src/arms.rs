@@ -10,8 +10,8 @@ use crate::{ARMS, BODY, Joint, MOVED, Sensed, WbcError};
 /// about ten steps, and the torso leans slower than that.
 const VERTICAL_GAIN: f64 = 0.1;
 
-/// Adds to the targets of the arms what their own weight takes from them: their drives are soft, and sag otherwise. What is
-/// in the hands is not known to it.
+/// Adds to the targets of the arms what their own weight takes from them: their drives are soft, and sag otherwise. It does
+/// not know what the hands hold.
 #[derive(Debug, Clone)]
 pub struct Arms {
     robot: Robot,

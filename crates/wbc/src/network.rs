@@ -1,7 +1,7 @@
 //! The network: a multilayer perceptron that is its own mirror image.
 //!
-//! Hidden units come in pairs, of which the second sees what the first would see in a mirror, so a file has the weights of the
-//! first ones alone, and a layer is run on its input and on the mirrored one.
+//! Hidden units come in pairs: the second has the weights of the first and sees the mirrored input. So a file holds the
+//! weights of the first ones alone, and a layer is run twice, on its input and on the mirrored input.
 
 use std::path::Path;
 
@@ -79,7 +79,7 @@ impl Network {
         }
         let mut layers = Vec::new();
         for (index, pair) in sizes.windows(2).enumerate() {
-            let inputs = if index < last { pair[0] } else { pair[0] / 2 };
+            let inputs = if index == last && index > 0 { pair[0] / 2 } else { pair[0] };
             let outputs = if index < last { pair[1] / 2 } else { pair[1] };
             let weights = finite(&file, &format!("layer{index}.weight"), &[outputs, inputs])?;
             let biases = finite(&file, &format!("layer{index}.bias"), &[outputs])?;

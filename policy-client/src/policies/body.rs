@@ -34,7 +34,8 @@ pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observati
 
 /// Converts observations for controllers.
 pub(super) struct Senses {
-    policy: &'static str,
+    /// Name of the policy, for its errors.
+    pub policy: &'static str,
     /// Joint positions relative to the standing posture, rad.
     position: Vec<f64>,
     velocity: Vec<f64>,

@@ -1,10 +1,14 @@
+use std::sync::Arc;
+
 use fiatlux_bag::BagWriter;
 use fiatlux_proto::v3::{
     Action, ActionRecord, EpisodeHeader, EpisodeResult, Joint, Observation, Proprioception, SessionInfo,
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, JointGains, Robot};
+use fiatlux_wbc::{BODY, MOVED, Network};
 
+use super::whole_body::WholeBody;
 use super::*;
 use crate::Command;
 
@@ -216,6 +220,32 @@ fn commands_are_recorded() {
             assert_eq!(chunk.values, [0.25, 0.0, -0.5, height, 0.0, 0.0, 0.0]);
         }
     }
+}
+
+/// The targets that are sent hold the arms' weight, and those of the policy stay what it asked for.
+#[test]
+fn a_body_can_hold_its_arms() {
+    let robot = Robot::g1_inspire().expect("loads");
+    let (info, observation) = standing(&robot, GainSet::Fiatlux);
+    let sent = |mut body: WholeBody| {
+        let (asked, command) = (body.targets.clone(), body.upright());
+        let Ok(Command::JointTarget(sent)) = body.step(&observation, &command) else { panic!("no targets") };
+        assert_eq!(body.targets[MOVED..], asked[MOVED..]);
+        let added = sent.iter().zip(&body.targets).map(|(sent, asked)| (sent - asked).abs());
+        added.collect::<Vec<f64>>()
+    };
+    let body =
+        || WholeBody::own("test", Arc::new(Network::shipped().expect("weights")), &info, &observation).expect("a body");
+    assert!(sent(body()).iter().all(|added| *added == 0.0));
+    let added = sent(body().holding_arms(&info).expect("a G1"));
+    let arms = &added[MOVED..BODY];
+    assert!(arms.iter().any(|added| *added > 0.02) && arms.iter().all(|added| *added < 0.5), "{arms:?}");
+    assert!(added[..MOVED].iter().chain(&added[BODY..]).all(|added| *added == 0.0));
+    let mut short = body();
+    let command = short.upright();
+    short.targets.truncate(BODY - 1);
+    let error = short.step(&observation, &command).expect_err("too few").to_string();
+    assert!(error.contains("28 targets"), "{error}");
 }
 
 #[test]

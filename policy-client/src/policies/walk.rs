@@ -26,7 +26,7 @@ const SETTLES: u64 = 25;
 /// what they hold would hit what it stands at.
 const ROOM_M: f64 = 0.65;
 const LEAVES: u64 = 250;
-/// Half extents of the ladder on the floor, x and y of its own frame, m, as the scene has it.
+/// Half extents of the ladder on the floor, x and y of its own frame, m: to the middle of its rails.
 const LADDER_HALF: [f64; 2] = [0.29, 0.48];
 /// How fast it steps away, m/s.
 const LEAVES_M_S: f64 = 0.3;
@@ -158,7 +158,7 @@ impl Trip {
             Goal::Ladder => planar(seen.ladder.as_ref())?,
         };
         let thing = thing.0;
-        // It can be moved, so no footprint says where it is. On the way to it, it is no obstacle.
+        // Footprints are of what stays in its place, and the ladder can be moved. Where it is the goal, it is no obstacle.
         let passes_ladder = self.goal != Goal::Ladder;
         if passes_ladder {
             self.map.put("ladder", ladder(seen)?);

@@ -1,4 +1,4 @@
-//! A body on which policies build: a whole-body controller moves legs and waist, ours or a foreign one.
+//! A body that policies build on: a whole-body controller, ours or a foreign one, moves legs and waist.
 
 use std::sync::Arc;
 
@@ -32,7 +32,6 @@ const RECORDED: [&str; 3] = ["navigate:3", "height:1", "torso:3"];
 /// }
 /// ```
 pub struct WholeBody {
-    policy: &'static str,
     controller: Moves,
     senses: Senses,
     arms: Option<Arms>,
@@ -83,7 +82,7 @@ impl WholeBody {
     }
 
     fn on(policy: &'static str, controller: Moves, targets: Vec<f64>) -> Self {
-        Self { policy, controller, senses: Senses::new(policy), arms: None, targets, commanded: None }
+        Self { controller, senses: Senses::new(policy), arms: None, targets, commanded: None }
     }
 
     /// Makes the targets of the arms the angles at which they rest: each step adds what their weight takes from them. The
@@ -108,11 +107,11 @@ impl WholeBody {
     /// # Errors
     /// The observation lacks a term or is not finite, a network fails, or [`WholeBody::targets`] became too short.
     pub fn step(&mut self, observation: &Observation, command: &fiatlux_wbc::Command) -> Result<Command, PolicyError> {
-        let sensed = self.senses.read(observation)?;
         if self.targets.len() < BODY {
             let reason = format!("it has {} targets; legs, waist and arms need {BODY}", self.targets.len());
-            return Err(PolicyError::Unfit { policy: self.policy, reason });
+            return Err(PolicyError::Unfit { policy: self.senses.policy, reason });
         }
+        let sensed = self.senses.read(observation)?;
         match &mut self.controller {
             Moves::Own(controller) => controller.step(&sensed, command, &mut self.targets)?,
             Moves::Gear(controller) => controller.step(&sensed, command, &mut self.targets)?,

@@ -8,7 +8,12 @@ use fiatlux_tests::programs::{PATIENCE, Running, Service, endpoint, grade};
 
 /// The exit code of `scorer verify`, and what it says.
 fn verify(service: &Service, bag: &Path) -> (Option<i32>, String) {
-    let args = ["verify", &bag.display().to_string(), "-e", &endpoint(service.port)];
+    verify_with(service, bag, &[])
+}
+
+fn verify_with(service: &Service, bag: &Path, options: &[&str]) -> (Option<i32>, String) {
+    let (bag, endpoint) = (bag.display().to_string(), endpoint(service.port));
+    let args = [&["verify", &bag, "-e", &endpoint], options].concat();
     let mut scorer = Running::start("scorer", &args, &service.folder);
     let (status, text) = scorer.finish(PATIENCE);
     (status.code(), format!("{text}\n{}", scorer.log()))
@@ -91,6 +96,36 @@ fn a_second_run_names_what_a_forger_changed() {
     let held = forged("held", &|parts| parts.actions[4].held = true);
     let (code, text) = verify(&service, &held);
     assert!(code == Some(1) && text.contains("the action of step 5 is one of real time"), "{text}");
+}
+
+/// Guards many bags: servers share them, one that takes no more leaves its bags to the others, and what was never finished
+/// is named.
+#[test]
+fn servers_share_the_bags() {
+    let (service, _router) = Service::start_behind_router("verify-share");
+    let mut recorder = service.record();
+    service.play(&["--policy", "random", "--task", "S01", "--seed", "3", "--episodes", "4", "--recorded"]);
+    recorder.wait_for("-e3.mcap");
+    let (key, router) = (service.recorder_key().display().to_string(), endpoint(service.port));
+    let args = ["--name", "other", "--capacity", "1", "-e", &router, "--recorder-key", &key];
+    let mut other = Running::start("sim-server", &args, &service.folder);
+    other.wait_for("connected to tcp/127.0.0.1:");
+    let bags = service.bags();
+    let (code, text) = verify_with(&service, &bags, &["--server", "test,other", "--parallel", "3"]);
+    assert!(code == Some(0) && text.contains("4 of 4 bags are verified"), "{text}");
+
+    // Of three at a time the server refuses two, and plays all the same.
+    let (code, text) = verify_with(&service, &bags, &["--server", "other", "--parallel", "3"]);
+    assert!(code == Some(0) && text.contains("4 of 4 bags are verified"), "{text}");
+
+    let (code, text) = verify_with(&service, &bags, &["--server", "test,none"]);
+    assert!(code == Some(1) && text.contains("none"), "{text}");
+    let part = bags.join("a.mcap.part");
+    std::fs::write(&part, []).unwrap();
+    let (code, text) = verify_with(&service, &bags, &["--server", "test"]);
+    assert!(code == Some(1) && text.contains("4 of 5 bags are verified") && text.contains("a.mcap.part: "), "{text}");
+    let (code, text) = verify_with(&service, &part, &["--server", "test"]);
+    assert!(code == Some(1) && text.contains("a.mcap.part: its recording was never finished"), "{text}");
 }
 
 /// Guards verification on every kind of server: one that records itself, one whose recorder follows all sessions, and one whose

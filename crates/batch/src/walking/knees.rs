@@ -2,7 +2,7 @@
 
 use fiatlux_world::World;
 
-/// The part of that bend which is asked for: legs lean, and are longest at the end of a step.
+/// Share of that bend for which the reward asks: a leg leans, and is longest at the end of a step.
 const PART: f64 = 0.7;
 
 /// A leg in its plane: thigh and shin. Straight legs are a trap, since a knee that is pressed beyond them lowers the pelvis
@@ -11,10 +11,12 @@ const PART: f64 = 0.7;
 pub(super) struct Knees {
     thigh_m: f64,
     shin_m: f64,
-    /// Height of the pelvis above that of the hip over the ankle, m.
+    /// Height of the pelvis less the distance from hip to ankle, m.
     above_m: f64,
     /// Angle of the joint when the leg is straight, rad.
     straight: f64,
+    /// Both knees in the joint order.
+    pub joints: [usize; 2],
 }
 
 impl Knees {
@@ -26,9 +28,10 @@ impl Knees {
             [place("left_hip_pitch_link")?, place("left_knee_link")?, place("left_ankle_pitch_link")?]
                 .map(|place| nalgebra::Vector2::new(place.x, place.z));
         let (thigh_m, shin_m, leg_m) = ((hip - knee).norm(), (knee - ankle).norm(), (hip - ankle).norm());
-        let q0 = robot.q0()[robot.joint_index("left_knee_joint")?];
-        let mut knees = Self { thigh_m, shin_m, above_m: world.row().robot.pose.translation.z - leg_m, straight: 0.0 };
-        knees.straight = q0 - knees.turn(leg_m);
+        let joints = [robot.joint_index("left_knee_joint")?, robot.joint_index("right_knee_joint")?];
+        let above_m = world.row().robot.pose.translation.z - leg_m;
+        let mut knees = Self { thigh_m, shin_m, above_m, straight: 0.0, joints };
+        knees.straight = robot.q0()[joints[0]] - knees.turn(leg_m);
         Some(knees)
     }
 
@@ -51,7 +54,7 @@ mod tests {
 
     #[test]
     fn knees_bend_as_the_pelvis_sinks() {
-        let knees = Knees { thigh_m: 0.3, shin_m: 0.4, above_m: 0.1, straight: -0.05 };
+        let knees = Knees { thigh_m: 0.3, shin_m: 0.4, above_m: 0.1, straight: -0.05, joints: [0, 1] };
         assert!((knees.least(0.8) - -0.05).abs() < 1e-6);
         // A right angle between thigh and shin.
         assert!((knees.least(0.6) - (PART * std::f64::consts::FRAC_PI_2 - 0.05)).abs() < 1e-9);

@@ -58,8 +58,6 @@ const FREE_RANGE: f64 = 0.95;
 const APART: [f64; 2] = [0.19, 0.40];
 /// From this load on a foot stands, N.
 const LOADED: f64 = 20.0;
-/// Places of the knees in the joint order.
-const KNEES: [usize; 2] = [3, LEGS / 2 + 3];
 const SUPPORTS: [Support; 2] = [Support::LeftFoot, Support::RightFoot];
 
 /// The pelvis's turn about the vertical.
@@ -123,10 +121,11 @@ fn height_error(view: &View<'_>) -> f64 {
     view.row.robot.pose.translation.z - view.walking.setpoint.now().height
 }
 
-/// How much straighter than the height asks for the knees are, rad.
+/// How much straighter the knees are than the height asks for, rad.
 fn knees(view: &View<'_>) -> f64 {
-    let least = view.walking.knees.least(view.walking.setpoint.now().height);
-    KNEES.iter().map(|joint| (least - view.row.joint_position[*joint]).max(0.0)).sum()
+    let knees = &view.walking.knees;
+    let least = knees.least(view.walking.setpoint.now().height);
+    knees.joints.iter().map(|joint| (least - view.row.joint_position[*joint]).max(0.0)).sum()
 }
 
 /// Squared, over all three angles.

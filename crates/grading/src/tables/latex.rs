@@ -48,7 +48,7 @@ pub fn latex(results: &Results) -> String {
     if !results.missing.is_empty() {
         let _ = writeln!(
             out,
-            "\\\\[2pt] \\footnotesize Missing, or without some of the seeds: {}.",
+            "\\\\[2pt] \\footnotesize Without a scored episode under at least one seed: {}.",
             results.missing.join(", ")
         );
     }

@@ -21,11 +21,12 @@ pub fn text(results: &Results) -> String {
         out.push_str("\nNot part of the score\n");
         table(&mut out, &results.extra_tasks, false);
     }
-    if !results.episodes.is_empty() && !results.missing.is_empty() {
+    let lines = missing(results);
+    if !lines.is_empty() {
         out.push('\n');
-        for line in missing(results) {
-            let _ = writeln!(out, "{}", wrapped(&line, "  "));
-        }
+    }
+    for line in lines {
+        let _ = writeln!(out, "{}", wrapped(&line, "  "));
     }
     excluded(&mut out, results);
     out
@@ -80,10 +81,11 @@ fn headline(out: &mut String, results: &Results) {
 /// The scores under each seed, or, of many, the least and the greatest.
 fn by_seed(score: &Score) -> String {
     let one = |row: &SeedRow| format!("{}: {:.4}", row.seed, row.score);
+    let span = |row: &SeedRow| format!("{:.4} (seed {})", row.score, row.seed);
     let order = |a: &&SeedRow, b: &&SeedRow| a.score.total_cmp(&b.score);
     let rows = &score.per_seed;
     match (rows.iter().min_by(order), rows.iter().max_by(order)) {
-        (Some(least), Some(most)) if rows.len() > MANY_SEEDS => format!("{} to {}", one(least), one(most)),
+        (Some(least), Some(most)) if rows.len() > MANY_SEEDS => format!("from {} to {}", span(least), span(most)),
         _ => rows.iter().map(one).collect::<Vec<_>>().join(", "),
     }
 }

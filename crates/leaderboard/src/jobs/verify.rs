@@ -9,9 +9,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use fiatlux_grading::{Difference, Verification, VerifyError, verify};
-use fiatlux_link::in_full;
+use fiatlux_link::{Role, in_full};
 use fiatlux_policy::{Access, ClientError};
-use fiatlux_proto::v3::refusal::Code;
 use fiatlux_rules::{BENCHMARK_VERSION, pins};
 use sha2::{Digest as _, Sha256};
 use tokio::runtime::Handle;
@@ -163,7 +162,12 @@ impl Worker {
         let mut steps = 0;
         let mut progress = |step, _| steps = step;
         let Verifier { link, server } = &self.verifier;
-        let done = verify(&path, link, server.as_deref(), &self.access, &mut progress, &self.stop);
+        // Opened anew for each episode: the server may have been away.
+        let link = match link.open(Role::Client) {
+            Ok(link) => link,
+            Err(error) => return Outcome::Again(in_full(&error)),
+        };
+        let done = verify(&path, &link, server.as_deref(), &self.access, &mut progress, &self.stop);
         let metrics = &self.service.metrics;
         metrics.verifying_ms.fetch_add(start.elapsed().as_millis() as u64, Ordering::Relaxed);
         metrics.verified_steps.fetch_add(steps, Ordering::Relaxed);
@@ -182,11 +186,13 @@ impl Worker {
                     Outcome::Again("the bag on disk is not the one that was uploaded; restore it from a backup".into())
                 }
             },
-            Err(VerifyError::Client(ClientError::Refused { code, field, message, .. })) if is_final(code) => {
+            Err(error) if error.is_of_server() || matches!(error, VerifyError::Lost { .. }) => {
+                Outcome::Again(in_full(&error))
+            }
+            Err(VerifyError::Client(ClientError::Refused { field, message, .. })) => {
                 Outcome::NotTaken(format!("{field}: {message}"))
             }
-            Err(error @ VerifyError::Client(ClientError::Episode(_))) => Outcome::NotTaken(in_full(&error)),
-            Err(error) => Outcome::Again(in_full(&error)),
+            Err(error) => Outcome::NotTaken(in_full(&error)),
         }
     }
 
@@ -262,11 +268,6 @@ fn is_pinned(field: &str, recorded: &str) -> bool {
         "benchmark_version" => recorded == BENCHMARK_VERSION.to_string(),
         _ => false,
     }
-}
-
-/// Whether another try would be refused too.
-fn is_final(code: Code) -> bool {
-    matches!(code, Code::Malformed | Code::Unknown | Code::Value | Code::Start)
 }
 
 fn digest_of(path: &Path) -> Option<Digest> {
