@@ -113,7 +113,7 @@ def test_a_server_with_tokens_and_a_key(tmp_path):
         with pytest.raises(ValueError, match="server_key"):
             fiatlux.Client(server.endpoint, server_key="ed25519:nonsense")
         (key,) = re.findall(r"key=(ed25519:\S+)", server.log.read_text())
-        other = "ed25519:/XsLn5E9vmSgVpPh89Vq8yTjeFi5qJjVfSAepSjfRW0="
+        other = "ed25519:yw0QaUn4rWIyHtNYnSGFUA5OOIk6PQMxzhif3g+3+jc="
         with pytest.raises(fiatlux.FiatluxError, match="handshake"):
             fiatlux.Client(server.endpoint, token=tmp_path / "token", server_key=other).run(Waver, "S05")
         again = fiatlux.Client(server.endpoint, token=tmp_path / "token", server_key=key).run(Waver, "S05", seed=3)
