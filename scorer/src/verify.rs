@@ -52,6 +52,9 @@ pub struct VerifyArgs {
 
 /// How often a worker without a bag looks whether another has put one back.
 const LOOK: Duration = Duration::from_millis(50);
+/// Pause of a worker whose server has no room, and how often it tries before it gives up.
+const PAUSE: Duration = Duration::from_secs(2);
+const TRIES: u32 = 6;
 
 /// The bags that wait for a server.
 #[derive(Default)]
@@ -142,6 +145,7 @@ impl Work<'_> {
 
     /// Verifies bags on a server until none is left, or the server takes no more.
     fn on(&self, server: &str) -> Result<()> {
+        let mut tries = 0;
         while let Some(bag) = self.next() {
             let mut show = |step, steps| {
                 let (done, of, what) = match self.all as u64 {
@@ -156,26 +160,29 @@ impl Work<'_> {
             match verified {
                 Ok(verified) => {
                     let (said, is_trusted) = signature(verified.signer.as_ref(), self.signers);
+                    tries = 0;
                     queue.ended += 1;
                     queue.good += usize::from(verified.is_equal() && is_trusted);
                     drop(queue);
                     let written = self.line.write_over(|| print(&format!("{verified}{said}\n")));
                     written.inspect_err(|_| self.queue().waiting.clear())?;
                 }
-                Err(error) => {
-                    let is_over = self.stop.load(Relaxed) || error.is_of_server();
-                    let name = bag.display().to_string();
-                    if is_over {
-                        queue.waiting.push_front(bag);
-                    } else {
-                        queue.ended += 1;
-                    }
+                Err(error) if self.stop.load(Relaxed) || error.is_of_server() => {
+                    queue.waiting.push_front(bag);
                     drop(queue);
-                    let error = anyhow::Error::from(error);
-                    self.line.write_over(|| eprintln!("scorer: {name}: {error:#}"));
-                    if is_over {
+                    tries += 1;
+                    if self.stop.load(Relaxed) || !error.is_busy() || tries >= TRIES {
+                        let error = anyhow::Error::from(error);
+                        self.line.write_over(|| eprintln!("scorer: server {server} takes no more bags: {error:#}"));
                         return Ok(());
                     }
+                    std::thread::sleep(PAUSE);
+                }
+                Err(error) => {
+                    queue.ended += 1;
+                    drop(queue);
+                    let error = anyhow::Error::from(error);
+                    self.line.write_over(|| eprintln!("scorer: {}: {error:#}", bag.display()));
                 }
             }
         }

@@ -54,6 +54,11 @@ pub enum VerifyError {
 }
 
 impl VerifyError {
+    /// Whether the server has no room for a session now; it may have some soon.
+    pub fn is_busy(&self) -> bool {
+        matches!(self, Self::Client(ClientError::Refused { code: Code::Busy, .. }))
+    }
+
     /// Whether it is not the bag's fault: the server is away, or takes no session now. Another server may verify the bag, or
     /// this one later.
     pub fn is_of_server(&self) -> bool {
