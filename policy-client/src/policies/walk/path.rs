@@ -68,6 +68,8 @@ impl Map {
         let point = |x: i32, y: i32| [start[0] + CELL_M * f64::from(x), start[1] + CELL_M * f64::from(y)];
         let mut costs = vec![f64::INFINITY; side * side];
         let mut from = vec![(0, 0); side * side];
+        // What a metre costs in a cell; found once, not from each of its neighbours.
+        let mut weights = vec![f64::NAN; side * side];
         let mut open = BinaryHeap::new();
         costs[index(0, 0)] = 0.0;
         // Costs are whole micrometres, because floats have no total order.
@@ -85,18 +87,30 @@ impl Map {
                 if x.abs() > REACH || y.abs() > REACH {
                     continue;
                 }
-                let near = (1.0 - self.clearance(point(x, y)) / CLEAR_M).max(0.0);
-                let weight = 1.0 + 20.0 * near * near + if near > 0.5 { 100.0 * near } else { 0.0 };
-                let cost = cost + CELL_M * libm::hypot(f64::from(dx), f64::from(dy)) * weight;
-                if cost < costs[index(x, y)] {
-                    costs[index(x, y)] = cost;
-                    from[index(x, y)] = before;
+                let (cell, length) = (index(x, y), CELL_M * libm::hypot(f64::from(dx), f64::from(dy)));
+                // No weight is below 1.
+                if cost + length >= costs[cell] {
+                    continue;
+                }
+                if weights[cell].is_nan() {
+                    weights[cell] = weight(self.clearance(point(x, y)));
+                }
+                let cost = cost + length * weights[cell];
+                if cost < costs[cell] {
+                    costs[cell] = cost;
+                    from[cell] = before;
                     open.push((Reverse(micrometres(cost)), x, y));
                 }
             }
         }
         Vec::new()
     }
+}
+
+/// What a metre costs at a distance from the nearest obstacle.
+fn weight(clearance: f64) -> f64 {
+    let near = (1.0 - clearance / CLEAR_M).max(0.0);
+    1.0 + 20.0 * near * near + if near > 0.5 { 100.0 * near } else { 0.0 }
 }
 
 fn micrometres(cost: f64) -> u64 {
