@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use fiatlux_grading::{GradeOptions, false_claim, grade};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_policy::{Client, Policy, PolicyError, RunFile, RunOptions, RunOutcome, RunProgress, policies};
 use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
@@ -111,6 +112,10 @@ fn a_run_from_elsewhere_is_graded() {
     let played: Vec<&str> = outcome.episodes.iter().map(|episode| episode.digest.as_str()).collect();
     assert_eq!(digests, played);
     assert!(out.join("report.html").exists());
+    // The same as `scorer grade` makes of the folder.
+    let regraded = grade(&[out.clone()], &GradeOptions::default(), &|_| {}).unwrap();
+    assert!(regraded.run.is_some());
+    assert_eq!(false_claim(&out, &regraded), None);
 
     // The run in the folder is over: it is graded once more, and nobody is waited for.
     let again = fiatlux(&["--external", "--name", "test", "--out", out.to_str().unwrap(), "--json"]).output().unwrap();
@@ -132,13 +137,18 @@ fn an_interrupted_run_is_graded_and_goes_on() {
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(3), "{said}");
     assert!(said.contains(&format!("--listen {endpoint} --out")), "{said}");
-    assert!((1..3).contains(&results(&out).len()) && outcome.stopped && !outcome.finished, "{outcome:?}");
+    // What was not played counts as a failure until it is.
+    let rows = results(&out);
+    let played = rows.iter().filter(|row| row["failure"].is_null()).count();
+    assert!((1..3).contains(&played) && rows.len() == 3, "{rows:#?}");
+    assert!(outcome.stopped && !outcome.finished, "{outcome:?}");
 
     let (mut child, again, _stdout) = serve(&out, &["--listen", &endpoint]);
     assert_eq!(again, endpoint);
     assert!(play(&endpoint, &out, 0, &mut |_| (), &AtomicBool::new(false)).is_whole());
     assert_eq!(child.wait().unwrap().code(), Some(0));
-    assert_eq!(results(&out).len(), 3);
+    let rows = results(&out);
+    assert!(rows.len() == 3 && rows.iter().all(|row| row["failure"].is_null()), "{rows:#?}");
 }
 
 #[test]

@@ -173,7 +173,7 @@ impl Work<'_> {
                     tries += 1;
                     if self.stop.load(Relaxed) || !error.is_busy() || tries >= TRIES {
                         let error = anyhow::Error::from(error);
-                        self.line.write_over(|| eprintln!("scorer: server {server} takes no more bags: {error:#}"));
+                        self.line.write_over(|| eprintln!("scorer: server {server}: {error:#}; it gets no more bags"));
                         return Ok(());
                     }
                     std::thread::sleep(PAUSE);

@@ -189,7 +189,7 @@ fn look(ledger: &Ledger, steps_before: u64) -> ExternalProgress {
     }
 }
 
-/// Grades what was played.
+/// Grades the run: what was registered and not played counts as a failure.
 fn outcome(
     options: &ExternalOptions,
     journal: &Path,
@@ -197,22 +197,22 @@ fn outcome(
     stopped: bool,
 ) -> Result<Outcome, EvaluateError> {
     let bags = journal.parent().unwrap_or(Path::new(""));
-    let mut paths = Vec::new();
+    let mut any_played = false;
     let mut lost = Vec::new();
     for (episode, planned) in ledger.episodes().iter().zip(&ledger.registration().episodes) {
         match &episode.state {
-            State::Played(played) => paths.push(bags.join(&played.bag)),
+            State::Played(_) => any_played = true,
             State::Failed { cause } => lost.push(format!("{} seed {}: {cause}", planned.task, planned.seed)),
             State::Waiting | State::Open { .. } => {}
         }
     }
-    if paths.is_empty() {
+    if !any_played {
         let lost = if lost.is_empty() { "no episode was played to its end".into() } else { lost.join("\n  ") };
         return Err(EvaluateError::Nothing { lost });
     }
     let grading =
         GradeOptions { workers: options.workers, relative_to: options.out.clone(), ..GradeOptions::default() };
-    let results: Results = grade(&paths, &grading, &|_| {})?;
+    let results: Results = grade(&[bags.to_path_buf()], &grading, &|_| {})?;
     lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
     Ok(Outcome { results, resumed: 0, lost, stopped: stopped && !ledger.is_finished() })
 }
