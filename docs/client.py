@@ -1,6 +1,7 @@
 """A client in Python, from proto/PROTOCOL.md alone: it opens a session, sends zeros, and prints how the episode ends.
 
-    pip install eclipse-zenoh cryptography grpcio-tools
+    pip install -r docs/client.requirements.txt
+    mkdir -p build
     python -m grpc_tools.protoc -I proto/proto --python_out=build fiatlux/v3/{session,observation,room}.proto
     PYTHONPATH=build python docs/client.py tcp/127.0.0.1:7447 SERVER S07 [ed25519:KEY]
 """
