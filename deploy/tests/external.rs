@@ -113,7 +113,7 @@ fn a_run_from_elsewhere_is_graded() {
     assert_eq!(digests, played);
     assert!(out.join("report.html").exists());
     // The same as `scorer grade` makes of the folder.
-    let regraded = grade(&[out.clone()], &GradeOptions::default(), &|_| {}).unwrap();
+    let regraded = grade(std::slice::from_ref(&out), &GradeOptions::default(), &|_| {}).unwrap();
     assert!(regraded.run.is_some());
     assert_eq!(false_claim(&out, &regraded), None);
 
