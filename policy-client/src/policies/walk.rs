@@ -158,7 +158,7 @@ impl Trip {
             Goal::Ladder => planar(seen.ladder.as_ref())?,
         };
         let thing = thing.0;
-        // Footprints are of what stays in its place, and the ladder can be moved. Where it is the goal, it is no obstacle.
+        // The ladder has no footprint, because it can be moved. It is an obstacle unless it is the goal.
         let passes_ladder = self.goal != Goal::Ladder;
         if passes_ladder {
             self.map.put("ladder", ladder(seen)?);
