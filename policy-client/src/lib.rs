@@ -4,7 +4,6 @@
 //! [`Client::evaluate`] plays a whole run. [`ClientSession`](fiatlux_session::ClientSession) holds the rules of the
 //! exchange and does no I/O. A new policy is one file in `policies/`, with a line in [`policies::by_name`].
 //! `policy-client/examples/wave.rs` is a complete program with its own policy.
-pub mod balance;
 mod client;
 mod lists;
 pub mod policies;

@@ -4,8 +4,6 @@ use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_session::Command;
 use thiserror::Error;
 
-use crate::balance::BalanceError;
-
 /// Turns observations into commands. Each term of an observation is either empty or of the right length; use
 /// [`Policy::reset`] to refuse a session that lacks a term.
 pub trait Policy: Send {
@@ -83,7 +81,7 @@ pub enum PolicyError {
     },
     /// The balance controller refuses its input.
     #[error("the balance controller cannot go on")]
-    Balance(#[from] BalanceError),
+    Balance(#[from] fiatlux_wbc::BalanceError),
     /// The whole-body controller refuses its input.
     #[error("the whole-body controller cannot go on")]
     Wbc(#[from] fiatlux_wbc::WbcError),

@@ -73,6 +73,7 @@ impl Setpoint {
     }
 }
 
-fn towards(from: f64, to: f64, rate: f64) -> f64 {
+/// A step of [`CONTROL_DT`] at a bounded rate.
+pub(crate) fn towards(from: f64, to: f64, rate: f64) -> f64 {
     from + (to - from).clamp(-rate * CONTROL_DT, rate * CONTROL_DT)
 }

@@ -3,18 +3,20 @@
 use std::sync::Arc;
 
 use crate::network::Scratch;
+use crate::standing::Standing;
 use crate::{
     ACTION_CLAMP, BODY, Clock, Command, History, MOVED, NOMINAL_HEIGHT, Network, Sensed, Setpoint, WbcError,
     first_unsound, scale,
 };
 
-/// Plays a network: one call a control step. It allocates nothing on the way.
+/// Plays a network, and stands without it: one call a control step. While the robot walks it allocates nothing.
 #[derive(Debug, Clone)]
 pub struct Controller {
     network: Arc<Network>,
     history: History,
     setpoint: Option<Setpoint>,
     clock: Clock,
+    standing: Standing,
     last_action: [f64; MOVED],
     observation: Vec<f32>,
     scratch: Scratch,
@@ -27,6 +29,7 @@ impl Controller {
             history: History::new(network.contract().frames),
             setpoint: None,
             clock: Clock::default(),
+            standing: network.standing().clone(),
             last_action: [0.0; MOVED],
             observation: vec![0.0; network.contract().layers[0]],
             scratch: network.scratch(),
@@ -39,6 +42,7 @@ impl Controller {
         self.history.clear();
         self.setpoint = None;
         self.clock = Clock::default();
+        self.standing.restart();
         self.last_action = [0.0; MOVED];
     }
 
@@ -79,10 +83,21 @@ impl Controller {
         }
         let setpoint = *setpoint;
         self.history.push(sensed, setpoint.now(), self.clock.signal(), &self.last_action, is_first);
+        let stands = self.clock.stands();
+        self.clock.advance(setpoint.now().walks());
+        if !stands {
+            self.standing.restart();
+        } else if let Some(wanted) = self.standing.step(sensed, setpoint.now())? {
+            let joints = &self.network.contract().joints;
+            for (index, (last, target)) in self.last_action.iter_mut().zip(targets).enumerate() {
+                *target = wanted[index];
+                *last = ((*target - joints[index].q0) / scale(index)).clamp(-ACTION_CLAMP, ACTION_CLAMP);
+            }
+            return Ok(());
+        }
         self.history.write(&mut self.observation);
         let mut action = [0.0; MOVED];
         self.network.run(&self.observation, &mut self.scratch, &mut action);
-        self.clock.advance(setpoint.now().walks());
         let joints = &self.network.contract().joints;
         for (index, ((last, action), target)) in self.last_action.iter_mut().zip(action).zip(targets).enumerate() {
             *last = f64::from(action).clamp(-ACTION_CLAMP, ACTION_CLAMP);
@@ -94,6 +109,11 @@ impl Controller {
     /// Whether both feet stay down until a command to walk.
     pub fn stands(&self) -> bool {
         self.clock.stands()
+    }
+
+    /// Whether it keeps the robot over its feet where they are, without the network.
+    pub fn is_standing(&self) -> bool {
+        self.standing.has_taken_over()
     }
 
     fn within_range(&self, command: &Command) -> Command {

@@ -51,6 +51,9 @@ pub enum WbcError {
     /// The network does not give what it gave when it was exported.
     #[error("the network differs from its export by {0:.2e}; export it again with this version")]
     Check(f32),
+    /// The controller for standing does not fit the joints, or refuses an observation.
+    #[error("the controller cannot stand")]
+    Balance(#[from] crate::BalanceError),
     /// An observation lacks a term or has NaN in it.
     #[error("the controller needs {term}, which {problem}")]
     Sensed {

@@ -2,9 +2,11 @@
 //!
 //! Training and use share what stands here, so that a controller meets what it was trained on: the [`Command`] and how it
 //! sets in, the rhythm of the feet ([`Clock`]), and what is observed ([`History`]). A [`Network`] comes from a file with its
-//! [`Contract`] inside, which says what robot and engine it fits; a [`Controller`] plays it. [`Arms`] adds
+//! [`Contract`] inside, which says what robot and engine it fits; a [`Controller`] plays it, and
+//! stands by [`balance`] where nothing asks for steps. [`Arms`] adds
 //! to the targets of the arms what their weight takes away.
 mod arms;
+pub mod balance;
 mod clock;
 mod command;
 mod contract;
@@ -12,8 +14,10 @@ mod controller;
 mod error;
 mod frame;
 mod network;
+mod standing;
 
 pub use arms::Arms;
+pub use balance::{Balance, BalanceError};
 pub use clock::Clock;
 pub use command::{Command, NOMINAL_HEIGHT, Setpoint};
 pub use contract::{Contract, Joint, Training};

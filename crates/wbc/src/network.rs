@@ -7,6 +7,7 @@ use std::path::Path;
 
 use fiatlux_safetensors::File;
 
+use crate::standing::Standing;
 use crate::{Contract, FRAME, MOVED, WbcError, mirrored_action, mirrored_frame};
 
 /// Columns of weights that one pass of the inner loop sums.
@@ -34,6 +35,7 @@ pub struct Network {
     layers: Vec<Layer>,
     /// Where each number of a mirrored observation comes from, and its sign.
     mirror: Vec<(usize, f32)>,
+    standing: Standing,
 }
 
 /// Room for what a network works out on its way.
@@ -88,7 +90,8 @@ impl Network {
         let example = finite(&file, "check.observation", &sizes[..1])?;
         let expected = finite(&file, "check.action", &[MOVED])?;
         let frames = contract.frames;
-        let network = Self { contract, layers, mirror: mirror(frames) };
+        let standing = Standing::new(&contract.joints)?;
+        let network = Self { contract, layers, mirror: mirror(frames), standing };
         let mut found = [0.0; MOVED];
         network.run(&example, &mut network.scratch(), &mut found);
         let differ = |(found, expected): (&f32, &f32)| (found - expected).abs() / expected.abs().max(1.0);
@@ -102,6 +105,11 @@ impl Network {
     /// What it was made for.
     pub fn contract(&self) -> &Contract {
         &self.contract
+    }
+
+    /// For the robot and gains that it was made for; it has seen nothing.
+    pub(crate) fn standing(&self) -> &Standing {
+        &self.standing
     }
 
     pub(crate) fn scratch(&self) -> Scratch {

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
-use fiatlux_policy::balance::{Balance, Sensed};
 use fiatlux_robot::{GainSet, HandKind, Robot};
 use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
+use fiatlux_wbc::{Balance, Sensed};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
 use nalgebra::{Isometry3, Vector3};
 
@@ -192,10 +192,10 @@ impl Stage {
         row.attachments = [AttachmentRow { seated: false, steps_beyond: 0 }; 2];
         world.reset_to(&row).map_err(|e| failed(e.to_string()))?;
 
-        let balance = Balance::new(robot.clone(), self.scene.spec.gains.clone(), &self.joint_q0, staged)
+        let balance = Balance::new(robot.clone(), self.scene.spec.gains.clone(), &self.joint_q0)
             .map_err(|e| failed(e.to_string()))?;
         let observer = Observer::new(self.joint_q0.clone(), Some(NoiseSeed { seed: 0, episode: 0 }));
-        let mut standing = Standing { world, balance, observer };
+        let mut standing = Standing { world, balance, observer, staged: staged.to_vec() };
         for _ in 0..SETTLE {
             standing.step().map_err(failed)?;
         }
@@ -273,6 +273,8 @@ struct Standing {
     world: World,
     balance: Balance,
     observer: Observer,
+    /// Targets of all joints, rad.
+    staged: Vec<f64>,
 }
 
 impl Standing {
@@ -284,9 +286,11 @@ impl Standing {
             base_angular_velocity: seen.base_angular_velocity,
             projected_gravity: seen.projected_gravity,
             base_linear_velocity: seen.base_linear_velocity,
+            base_height: seen.base_height,
             joint_position: &seen.joint_position,
+            joint_velocity: &seen.joint_velocity,
         };
-        let targets = self.balance.step(&sensed).map_err(|e| e.to_string())?;
+        let targets = self.balance.step(&sensed, &self.staged).map_err(|e| e.to_string())?;
         let action = vec![0.0; targets.len()];
         self.world.step(&action, targets).map_err(|e| e.to_string())
     }

@@ -6,13 +6,15 @@ use fiatlux_proto::v3::{Observation, Proprioception, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 
 use super::body;
-use crate::balance::{Balance, Sensed};
 use crate::{Command, Policy, PolicyError};
+use fiatlux_wbc::{Balance, Sensed};
 
-/// Keeps the robot upright on level ground; see [`crate::balance`].
+/// Keeps the robot upright on level ground; see [`fiatlux_wbc::balance`].
 #[derive(Debug, Default)]
 pub struct Stand {
     balance: Option<Balance>,
+    /// Targets that the episode starts with, rad.
+    staged: Vec<f64>,
 }
 
 impl Policy for Stand {
@@ -34,7 +36,8 @@ impl Policy for Stand {
         let own = robot.gains(Default::default());
         let gains = Gains(info.joints.iter().zip(&own.0).map(gain).collect());
         let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
-        self.balance = Some(Balance::new(Arc::new(robot), gains, &q0, &staged)?);
+        self.balance = Some(Balance::new(Arc::new(robot), gains, &q0)?);
+        self.staged = staged;
         Ok(())
     }
 
@@ -47,9 +50,11 @@ impl Policy for Stand {
             base_angular_velocity: vector(&sensed.base_angular_velocity),
             projected_gravity: vector(&sensed.projected_gravity),
             base_linear_velocity: vector(&sensed.base_linear_velocity),
+            base_height: f64::from(sensed.base_height),
             joint_position: &joint_position,
+            joint_velocity: &[],
         };
-        Ok(Command::JointTarget(balance.step(&sensed)?.to_vec()))
+        Ok(Command::JointTarget(balance.step(&sensed, &self.staged)?.to_vec()))
     }
 }
 

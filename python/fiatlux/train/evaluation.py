@@ -38,7 +38,8 @@ TESTS: dict[str, dict[str, Any]] = {
 
 
 def measure(
-    actor: Any, device: str, threads: int | None, episodes: int, steps: int, seed: int, settings: dict[str, Any]
+    actor: Any, device: str, threads: int | None, episodes: int, steps: int, seed: int, settings: dict[str, Any],
+    without: tuple[str, ...] = (),
 ) -> dict[str, float]:
     """Plays ``episodes`` episodes in parallel, up to ``steps`` control steps each, with the policy's mean actions.
 
@@ -47,7 +48,7 @@ def measure(
     torso angles (rad).
     """
     worlds = Worlds(
-        episodes, device, num_threads=threads, seed=seed, horizon_steps=steps + 1, **{"variations": 64, **settings}
+        episodes, device, without, num_threads=threads, seed=seed, horizon_steps=steps + 1, **{"variations": 64, **settings}
     )
     actor.eval()
     alive = np.ones(episodes, bool)
@@ -99,10 +100,10 @@ def measure(
     }
 
 
-def score(actor: Any, device: str, threads: int | None) -> dict[str, float]:
+def score(actor: Any, device: str, threads: int | None, without: tuple[str, ...] = ()) -> dict[str, float]:
     """A short test over the whole range that ranks checkpoints: higher is better."""
     was_training = actor.training
-    found = measure(actor, device, threads, 256, 500, 1, TESTS["all"])
+    found = measure(actor, device, threads, 256, 500, 1, TESTS["all"], without)
     actor.train(was_training)
     speed, torso = max(found["vx"], found["vy"]), (found["roll"] + found["pitch"] + found["yaw"]) / 3
     errors = 2 * speed + found["wz"] + 3 * found["height"] + torso
@@ -125,12 +126,15 @@ def main(checkpoint: Path, episodes: int, tests: list[str] | None, threads: int 
     if unknown:
         print(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
         return 2
+    if not checkpoint.exists():
+        print(f"{checkpoint} does not exist; train one with python -m fiatlux.train walk --out {checkpoint.parent}")
+        return 2
     state = load_checkpoint(checkpoint)
     settings = settings_of(state, {})
-    actor, _ = models(Worlds(1, device), settings)
+    actor, _ = models(Worlds(1, device, settings.without), settings)
     actor.load_state_dict(state["ppo"]["actor_state_dict"])
     actor.to(device)
     for name in tests or TESTS:
-        found = measure(actor, device, threads, episodes, 1000, 12345, TESTS[name])
+        found = measure(actor, device, threads, episodes, 1000, 12345, TESTS[name], settings.without)
         print(f"{name:12}" + "  ".join(f"{key} {value:.4f}" for key, value in found.items()), flush=True)
     return 0

@@ -32,10 +32,16 @@ class Settings:
     tracks: float = _of(0.62, "part of the most that velocity can pay from which on the difficulty grows")
     most_difficult: float = _of(1.0, "where the difficulty stops growing")
     pushes: float = _of(0.5, "size of pushes at difficulty 0, m/s an axis; 1.0 at difficulty 1")
+    without: tuple[str, ...] = _of((), "what the policy has to do without: history (earlier frames), clock (the rhythm of the feet, and what it pays), symmetry (of the networks); to see what each is worth")
     reward: tuple[str, ...] = _of((), "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT")
     start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it")
     widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed")
     evaluate: int = _of(6, "checkpoints from one evaluation to the next")
+
+    def __post_init__(self) -> None:
+        unknown = set(self.without) - {"history", "clock", "symmetry"}
+        if unknown:
+            raise ValueError(f"without: {', '.join(sorted(unknown))}; known are history, clock and symmetry")
 
 
 def worlds_of(difficulty: float, pushes: float = Settings.pushes) -> dict[str, Any]:

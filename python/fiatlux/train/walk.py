@@ -14,11 +14,12 @@ from typing import Any, Mapping
 
 import torch
 from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 
 from .evaluation import score
 from .settings import Settings, worlds_of
-from .symmetry import MOVED, SymmetricModel
+from .symmetry import MOVED, Mirror, SymmetricModel
 from .worlds import Worlds
 
 GROUPS = {"actor": ["policy"], "critic": ["critic"]}
@@ -32,32 +33,19 @@ class Stopped(RuntimeError):
     """The run cannot go on; the last checkpoint stands."""
 
 
-def models(worlds: Worlds, settings: Settings) -> tuple[SymmetricModel, SymmetricModel]:
+def models(worlds: Worlds, settings: Settings) -> tuple[MLPModel, MLPModel]:
     """Policy and critic, new."""
     deviation = {"class_name": "GaussianDistribution", "init_std": 0.6, "std_type": "log", "std_range": (0.05, 1.0)}
     observation, mirrors = worlds.observation, worlds.mirrors
-    actor = SymmetricModel(
-        observation,
-        GROUPS,
-        "actor",
-        worlds.num_actions,
-        hidden_dims=list(settings.hidden),
-        activation="elu",
-        distribution_cfg=deviation,
-        inputs=mirrors["policy"],
-        outputs=MOVED,
-    )
-    critic = SymmetricModel(
-        observation,
-        GROUPS,
-        "critic",
-        1,
-        hidden_dims=list(settings.critic),
-        activation="elu",
-        inputs=mirrors["critic"],
-        outputs=([0], [1.0]),
-    )
-    return actor, critic
+    is_symmetric = "symmetry" not in settings.without
+
+    def model(group: str, part: str, outputs: int, mirror: Mirror, hidden: tuple[int, ...], **more: Any) -> MLPModel:
+        kind = SymmetricModel if is_symmetric else MLPModel
+        more |= {"inputs": mirrors[group], "outputs": mirror} if is_symmetric else {"obs_normalization": True}
+        return kind(observation, GROUPS, part, outputs, hidden_dims=list(hidden), activation="elu", **more)
+
+    actor = model("policy", "actor", worlds.num_actions, MOVED, settings.hidden, distribution_cfg=deviation)
+    return actor, model("critic", "critic", 1, ([0], [1.0]), settings.critic)
 
 
 def _number(seed: int, segment: int) -> int:
@@ -104,7 +92,9 @@ class Run:
         torch.manual_seed(seed)
         given = worlds_of(self.difficulty, self.settings.pushes)
         given["reward_weights"] = weights_of(self.settings.reward)
-        return Worlds(self.settings.worlds, self.device, num_threads=self.threads, seed=seed, **given)
+        return Worlds(
+            self.settings.worlds, self.device, self.settings.without, num_threads=self.threads, seed=seed, **given
+        )
 
     def calm(self) -> None:
         """Less exploration the longer a run lasts."""
@@ -270,7 +260,7 @@ def train(
             print(remedy, flush=True)
             return 1
         if run.segment % settings.evaluate == 0:
-            row |= {f"test/{name}": value for name, value in score(run.ppo.actor, device, threads).items()}
+            row |= {f"test/{name}": value for name, value in score(run.ppo.actor, device, threads, settings.without).items()}
             if row["test/score"] > run.best:
                 run.best = row["test/score"]
                 run.save(best)

@@ -4,7 +4,8 @@ use fiatlux_robot::Robot;
 use fiatlux_rules::{CONTROL_DT, GRAVITY};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector2, Vector3};
 
-use super::{SMALLEST_HEIGHT, Sensed};
+use super::SMALLEST_HEIGHT;
+use crate::Sensed;
 
 /// Share of the difference by which the vertical goes, each step, to the one that flat soles show. The gyroscope carries it
 /// on by 0.0023 rad of noise a step; six noisy joints show it within 0.007 rad. A steady Kalman filter would take 0.28; less
@@ -21,19 +22,27 @@ const POSITION_GAINS: [f64; 2] = [0.17, 0.007];
 const VELOCITY_GAINS: [f64; 2] = [1.06, 0.10];
 
 /// The robot as an inverted pendulum. The level frame has the pelvis's origin and heading, its z axis points up.
-pub(super) struct Pendulum {
+pub(crate) struct Pendulum {
     /// Rotation from the pelvis frame to the level frame.
-    pub(super) level_from_pelvis: UnitQuaternion<f64>,
+    pub(crate) level_from_pelvis: UnitQuaternion<f64>,
     /// Centre of mass as the joints show it, level frame, m.
-    pub(super) com: Vector3<f64>,
+    pub(crate) com: Vector3<f64>,
     /// Centres of the left and the right sole, level frame, m.
-    pub(super) soles: [Vector3<f64>; 2],
+    pub(crate) soles: [Vector3<f64>; 2],
     /// Mass of the robot, kg.
-    pub(super) mass: f64,
+    pub(crate) mass: f64,
     /// Centre of mass from the middle between the soles, over the ground, estimated, m.
-    pub(super) position: Vector2<f64>,
+    pub(crate) position: Vector2<f64>,
     /// Velocity of the centre of mass over the ground, estimated, m/s.
-    pub(super) velocity: Vector2<f64>,
+    pub(crate) velocity: Vector2<f64>,
+}
+
+impl Pendulum {
+    /// Where the robot would come to rest, from the middle between the soles, m.
+    pub(crate) fn capture_point(&self) -> Vector2<f64> {
+        let height = (self.com.z - 0.5 * (self.soles[0].z + self.soles[1].z)).max(SMALLEST_HEIGHT);
+        self.position + self.velocity / libm::sqrt(GRAVITY / height)
+    }
 }
 
 /// Filters of the vertical and of the centre of mass.
@@ -57,6 +66,11 @@ struct Memory {
 impl Estimator {
     pub(super) fn new(robot: &Robot) -> Self {
         Self { mass: robot.total_mass(), memory: None }
+    }
+
+    /// Forgets what it has seen.
+    pub(super) fn restart(&mut self) {
+        self.memory = None;
     }
 
     /// Takes in an observation: the links' poses and the soles' centres as its joints have them, and the vertical as flat

@@ -14,7 +14,7 @@
 //!    drives' stiffness.
 //!
 //! Hips and knees get that torque on top of their posture, whose stiffness keeps the trunk up; the ankles' pitch gets it
-//! alone, on top of the angle where it is. Everything above the legs stays as it was staged.
+//! alone, on top of the angle where it is. Everything above the legs keeps its posture.
 //!
 //! The feet do not step: what pushes the capture point out of the soles tips the robot over.
 
@@ -27,7 +27,10 @@ use fiatlux_rules::GRAVITY;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use thiserror::Error;
 
-use estimate::{Estimator, Pendulum};
+use estimate::Estimator;
+pub(crate) use estimate::Pendulum;
+
+use crate::Sensed;
 
 /// How far beyond the capture point the pressure goes, per deviation of it from the reference. The poles of the loop are
 /// -w and -k w: with 1 both are those of the pendulum itself. More only sends the estimate's noise (6 mm) to the ankles.
@@ -50,19 +53,6 @@ const ANKLE_PITCH: usize = 4;
 
 /// A leg's joints from the hip down.
 const LEG_JOINTS: [&str; 6] = ["hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll"];
-
-/// What the controller reads from an observation, noise included. The pelvis frame is that of the pelvis link.
-#[derive(Debug, Clone, Copy)]
-pub struct Sensed<'a> {
-    /// Angular velocity of the pelvis, pelvis frame, rad/s.
-    pub base_angular_velocity: [f64; 3],
-    /// Direction of gravity, pelvis frame.
-    pub projected_gravity: [f64; 3],
-    /// Velocity of the pelvis link's origin, pelvis frame, m/s.
-    pub base_linear_velocity: [f64; 3],
-    /// Joint positions less those of q0, by joint index, rad.
-    pub joint_position: &'a [f64],
-}
 
 /// Why the controller cannot run.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -124,28 +114,29 @@ pub struct Balance {
     robot: Arc<Robot>,
     gains: Gains,
     q0: Vec<f64>,
-    staged: Vec<f64>,
     legs: [Leg; 2],
     estimator: Estimator,
+    /// As observed last, rad.
     joint_position: Vec<f64>,
+    pelvis_from_link: Vec<Isometry3<f64>>,
     targets: Vec<f64>,
 }
 
 impl Balance {
     /// A controller that has seen nothing. Arrays are by joint index: `gains` are the session's, `q0` the posture that
-    /// observed joint positions count from, `staged` the targets of the start state, rad.
+    /// observed joint positions count from, rad.
     ///
     /// # Errors
     /// A robot without the legs of a G1, an array of another length than its joints or with a number that is not finite, or
     /// a leg's drive without stiffness or effort.
-    pub fn new(robot: Arc<Robot>, gains: Gains, q0: &[f64], staged: &[f64]) -> Result<Self, BalanceError> {
+    pub fn new(robot: Arc<Robot>, gains: Gains, q0: &[f64]) -> Result<Self, BalanceError> {
         let expected = robot.joints().len();
-        for (field, found) in [("gains", gains.0.len()), ("q0", q0.len()), ("the staged posture", staged.len())] {
+        for (field, found) in [("gains", gains.0.len()), ("q0", q0.len())] {
             if found != expected {
                 return Err(BalanceError::Length { field, found, expected });
             }
         }
-        check_finite(&[("q0", q0), ("the staged posture", staged)])?;
+        check_finite(&[("q0", q0)])?;
         let legs = [leg(&robot, "left", 0)?, leg(&robot, "right", 1)?];
         for &index in legs.iter().flat_map(|leg| &leg.joints) {
             let JointGains { stiffness, effort_limit, .. } = gains.0[index];
@@ -157,45 +148,77 @@ impl Balance {
         Ok(Self {
             estimator: Estimator::new(&robot),
             joint_position: vec![0.0; expected],
-            targets: staged.to_vec(),
+            pelvis_from_link: Vec::new(),
+            targets: q0.to_vec(),
             q0: q0.to_vec(),
-            staged: staged.to_vec(),
             legs,
             robot,
             gains,
         })
     }
 
-    /// Joint targets for the next control step, by joint index, rad. They may lie beyond a joint's limits.
+    /// Forgets what it has seen.
+    pub fn restart(&mut self) {
+        self.estimator.restart();
+    }
+
+    /// Joint targets for the next control step with which the robot comes to a posture and keeps upright, both by joint index,
+    /// rad. They may lie beyond a joint's limits.
     ///
     /// # Errors
-    /// A number that is not finite or joint positions of the wrong length; nothing is remembered of that observation.
-    pub fn step(&mut self, sensed: &Sensed<'_>) -> Result<&[f64], BalanceError> {
+    /// A number that is not finite or an array of the wrong length; nothing is remembered of that observation.
+    pub fn step(&mut self, sensed: &Sensed<'_>, posture: &[f64]) -> Result<&[f64], BalanceError> {
+        let (found, expected) = (posture.len(), self.q0.len());
+        if found != expected {
+            return Err(BalanceError::Length { field: "the posture", found, expected });
+        }
+        check_finite(&[("the posture", posture)])?;
+        let pendulum = self.observe(sensed)?;
+        self.push(&pendulum, posture);
+        Ok(&self.targets)
+    }
+
+    /// Angles of all joints as observed last, rad.
+    pub(crate) fn joint_position(&self) -> &[f64] {
+        &self.joint_position
+    }
+
+    /// Notes that something else moves the robot until the next observation, and keeps it where it is.
+    pub(crate) fn rest(&mut self, pendulum: &Pendulum) {
+        self.estimator.pushed_at(pendulum.position);
+    }
+
+    /// Where the robot's mass is, and how it moves.
+    pub(crate) fn observe(&mut self, sensed: &Sensed<'_>) -> Result<Pendulum, BalanceError> {
         check(sensed, self.q0.len())?;
         for ((q, q0), observed) in self.joint_position.iter_mut().zip(&self.q0).zip(sensed.joint_position) {
             *q = q0 + observed;
         }
-        let pelvis_from_link = self.robot.forward_kinematics(&self.joint_position, &Isometry3::identity())?;
-        let feet = self.legs.each_ref().map(|leg| &pelvis_from_link[leg.foot]);
+        self.pelvis_from_link = self.robot.forward_kinematics(&self.joint_position, &Isometry3::identity())?;
+        let feet = self.legs.each_ref().map(|leg| &self.pelvis_from_link[leg.foot]);
         let soles = [0, 1].map(|side| feet[side] * Point3::from(self.legs[side].sole));
         let up = feet[0].rotation * Vector3::z() + feet[1].rotation * Vector3::z();
-        let pendulum = self.estimator.update(&self.robot, sensed, &pelvis_from_link, &up, &soles);
-        let forces = ground_forces(&pendulum);
-        self.estimator.pushed_at(forces.pressure);
+        Ok(self.estimator.update(&self.robot, sensed, &self.pelvis_from_link, &up, &soles))
+    }
 
+    /// Lets the ground push as what was observed last asks for; the targets.
+    pub(crate) fn push(&mut self, pendulum: &Pendulum, posture: &[f64]) -> &mut [f64] {
+        let forces = ground_forces(pendulum);
+        self.estimator.pushed_at(forces.pressure);
+        self.targets.copy_from_slice(posture);
         let level_from_pelvis = pendulum.level_from_pelvis;
         for (leg, (force, at)) in self.legs.iter().zip(forces.feet) {
             for (part, &index) in leg.joints.iter().enumerate() {
                 let (joint, gains) = (&self.robot.joints()[index], &self.gains.0[index]);
-                let level_from_link = level_from_pelvis * pelvis_from_link[joint.link];
+                let level_from_link = level_from_pelvis * self.pelvis_from_link[joint.link];
                 let axis = level_from_link.rotation * joint.axis;
                 let arm = at - level_from_link.translation.vector;
                 let torque = -axis.dot(&arm.cross(&force));
-                let rest = if part == ANKLE_PITCH { self.joint_position[index] } else { self.staged[index] };
+                let rest = if part == ANKLE_PITCH { self.joint_position[index] } else { posture[index] };
                 self.targets[index] = rest + torque.clamp(-gains.effort_limit, gains.effort_limit) / gains.stiffness;
             }
         }
-        Ok(&self.targets)
+        &mut self.targets
     }
 }
 
@@ -215,7 +238,7 @@ fn ground_forces(pendulum: &Pendulum) -> GroundForces {
     let height = (pendulum.com.z - middle.z).max(SMALLEST_HEIGHT);
     let half_stance = ((left.y - right.y) / 2.0).max(SMALLEST_STANCE);
 
-    let capture_point = pendulum.position + pendulum.velocity / libm::sqrt(GRAVITY / height);
+    let capture_point = pendulum.capture_point();
     let wanted = (1.0 + CAPTURE_GAIN) * capture_point;
     let sideways = LARGEST_SHIFT * half_stance;
     let pressure = Vector2::new(wanted.x.clamp(-SOLE_REACH, SOLE_REACH), wanted.y.clamp(-sideways, sideways));

@@ -1,0 +1,310 @@
+//! How well the controller stands: still while both arms reach, over a minute, at commanded postures, with loads and pulls.
+//!
+//!     cargo run --release -p fiatlux-wbc --example stand -- [--exact] [--robots N]
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use fiatlux_dynamics::Wrench;
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
+use fiatlux_wbc::{ARMS, BODY, Command, Controller, MOVED, NOMINAL_HEIGHT, Network, Sensed};
+use fiatlux_world::{AppliedWrench, ControlInput, Push, Random, Scene, SceneConfig, SceneSpec, Stream, Target, World};
+use nalgebra::{UnitQuaternion, Vector3};
+
+const SECOND: usize = 50;
+const FASTEST: f64 = 2.0 / SECOND as f64;
+const REACH: [f64; 7] = [0.5, 0.3, 0.4, 0.5, 0.4, 0.3, 0.3];
+
+struct Play {
+    world: World,
+    observer: Observer,
+    seen: Proprioception,
+    controller: Controller,
+    targets: Vec<f64>,
+    wrenches: Vec<AppliedWrench>,
+    push: Option<Push>,
+    random: Random,
+    stood: usize,
+    steps: usize,
+    unloaded: usize,
+}
+
+impl Play {
+    fn new(scene: &Arc<Scene>, network: &Arc<Network>, seed: u64, exact: bool) -> Self {
+        let mut world = World::new(scene.clone());
+        let mut row = world.row().clone();
+        let q0 = scene.robot.q0();
+        row.joint_position.copy_from_slice(q0);
+        row.robot.pose.translation.z = scene.robot.height_on_soles(q0, &UnitQuaternion::identity()).unwrap();
+        world.reset_to(&row).unwrap();
+        Self {
+            world,
+            observer: Observer::new(q0.to_vec(), (!exact).then_some(NoiseSeed { seed, episode: 0 })),
+            seen: Proprioception::zeros(q0.len()),
+            controller: Controller::new(network.clone()),
+            targets: q0.to_vec(),
+            wrenches: Vec::new(),
+            push: None,
+            random: Random::of_term(Stream::Noise, "example", seed, 1),
+            stood: 0,
+            steps: 0,
+            unloaded: 0,
+        }
+    }
+
+    /// Pelvis and hand, m, or none where it has fallen.
+    fn step(&mut self, command: &Command) -> Option<[Vector3<f64>; 2]> {
+        self.observer.observe(self.world.row(), &mut self.seen);
+        let sensed = Sensed {
+            base_angular_velocity: self.seen.base_angular_velocity,
+            projected_gravity: self.seen.projected_gravity,
+            base_linear_velocity: self.seen.base_linear_velocity,
+            base_height: self.seen.base_height,
+            joint_position: &self.seen.joint_position,
+            joint_velocity: &self.seen.joint_velocity,
+        };
+        self.controller.step(&sensed, command, &mut self.targets[..MOVED]).unwrap();
+        self.stood += usize::from(self.controller.is_standing());
+        self.steps += 1;
+        let action = vec![0.0; self.targets.len()];
+        let input = ControlInput {
+            action: &action,
+            joint_target: &self.targets,
+            wrenches: &self.wrenches,
+            push: self.push.take(),
+        };
+        let row = self.world.step_with(&input).unwrap();
+        self.unloaded += usize::from(row.floor_load.iter().take(2).any(|load| *load < 1.0));
+        let z = row.robot.pose.translation.z;
+        let places = [row.robot.pose.translation.vector, Vector3::zeros()];
+        let palm = self.world.world_from_link(self.world.scene().robot.palms()[1]).translation.vector;
+        (z > 0.4).then_some([places[0], palm])
+    }
+
+    fn torso(&self) -> [f64; 3] {
+        let row = self.world.row();
+        let link = self.world.scene().robot.link_index("torso_link").unwrap();
+        let ahead = row.robot.pose.rotation * Vector3::x();
+        let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), ahead.y.atan2(ahead.x));
+        let (roll, pitch, yaw) = (heading.inverse() * self.world.world_from_link(link).rotation).euler_angles();
+        [roll, pitch, yaw]
+    }
+}
+
+fn rms_mm(places: &[Vector3<f64>]) -> f64 {
+    let mean = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
+    1e3 * (places.iter().map(|place| (place - mean).norm_squared()).sum::<f64>() / places.len() as f64).sqrt()
+}
+
+fn main() {
+    let args: Vec<String> = std::env::args().collect();
+    let exact = args.iter().any(|arg| arg == "--exact");
+    let count = args.iter().position(|arg| arg == "--robots").map_or(4, |at| args[at + 1].parse().unwrap());
+    let only = args.iter().position(|arg| arg == "--only").map(|at| args[at + 1].clone());
+    let on = |name: &str| only.as_deref().is_none_or(|only| only == name);
+    let robot = Arc::new(Robot::by_name("g1_bare").unwrap());
+    let scene = Arc::new(
+        Scene::build(&SceneConfig::default(), robot.clone(), SceneSpec::floor(robot.gains(GainSet::default())))
+            .unwrap(),
+    );
+    let network = Arc::new(Network::shipped().unwrap());
+    let upright = Command::default();
+
+    if on("reach") {
+        let (mut pelvis, mut hand, mut fell) = (Vec::new(), Vec::new(), 0);
+        let (mut stood, mut steps, mut unloaded) = (0, 0, 0);
+        for seed in 0..count {
+            let mut play = Play::new(&scene, &network, seed, exact);
+            let mut up = true;
+            for _ in 0..3 * SECOND {
+                up &= play.step(&upright).is_some();
+            }
+            let begin: Vec<f64> = play.targets[MOVED..BODY].to_vec();
+            let mut arms = begin.clone();
+            'reaches: for _ in 0..20 {
+                let goal: Vec<f64> =
+                    (0..ARMS).map(|j| begin[j] + play.random.uniform(-REACH[j % 7], REACH[j % 7])).collect();
+                let mut places = [Vec::new(), Vec::new()];
+                let mut held = 0;
+                while held < 3 * SECOND {
+                    let mut still = true;
+                    for (arm, goal) in arms.iter_mut().zip(&goal) {
+                        still &= (goal - *arm).abs() < 1e-9;
+                        *arm += (goal - *arm).clamp(-FASTEST, FASTEST);
+                    }
+                    play.targets[MOVED..BODY].copy_from_slice(&arms);
+                    let Some(at) = play.step(&upright) else {
+                        up = false;
+                        break 'reaches;
+                    };
+                    held += usize::from(still);
+                    if held > SECOND {
+                        places[0].push(at[0]);
+                        places[1].push(at[1]);
+                    }
+                }
+                pelvis.push(rms_mm(&places[0]));
+                hand.push(rms_mm(&places[1]));
+            }
+            fell += usize::from(!up);
+            stood += play.stood;
+            steps += play.steps;
+            unloaded += play.unloaded;
+        }
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
+        let most = |v: &[f64]| v.iter().copied().fold(0.0, f64::max);
+        println!(
+            "reach: pelvis {:.2} mm (most {:.2}), hand {:.2} mm (most {:.2}), fell {fell}, stood {:.3}, unloaded {:.4}",
+            mean(&pelvis),
+            most(&pelvis),
+            mean(&hand),
+            most(&hand),
+            stood as f64 / steps as f64,
+            unloaded as f64 / steps as f64
+        );
+    }
+    if on("minute") {
+        for seed in 0..count {
+            let mut play = Play::new(&scene, &network, seed, exact);
+            let mut places = Vec::new();
+            for _ in 0..64 * SECOND {
+                match play.step(&upright) {
+                    Some(at) => places.push(at[0]),
+                    None => break,
+                }
+            }
+            let mean = |p: &[Vector3<f64>]| p.iter().sum::<Vector3<f64>>() / p.len() as f64;
+            let n = places.len();
+            let way = mean(&places[2 * SECOND..4 * SECOND]) - mean(&places[n - 2 * SECOND..]);
+            println!(
+                "minute: {} s, drift {:.1} mm, last 2 s rms {:.2} mm, stood {:.3}, unloaded {:.4}",
+                n / SECOND,
+                1e3 * way.xy().norm(),
+                rms_mm(&places[n - 2 * SECOND..]),
+                play.stood as f64 / play.steps as f64,
+                play.unloaded as f64 / play.steps as f64
+            );
+        }
+    }
+    if on("posture") {
+        let mut sums = [0.0; 4];
+        let mut worst = [0.0_f64; 4];
+        let (mut fell, mut held, mut stood, mut steps) = (0, 0, 0, 0);
+        let mut play = Play::new(&scene, &network, 7 + count, exact);
+        for number in 0..50 * count {
+            let within = |random: &mut Random, [low, high]: [f64; 2]| random.uniform(low, high);
+            let r = &mut play.random;
+            let command = Command {
+                velocity: [0.0; 3],
+                height: within(r, [0.55, 0.79]),
+                torso: [within(r, [-0.3, 0.3]), within(r, [-0.1, 0.6]), within(r, [-0.5, 0.5])],
+            };
+            let (mut sum, mut up) = ([0.0; 4], true);
+            for step in 0..5 * SECOND {
+                let Some(at) = play.step(&command) else {
+                    up = false;
+                    break;
+                };
+                if step >= 3 * SECOND {
+                    let torso = play.torso();
+                    for (sum, value) in sum.iter_mut().zip([at[0].z, torso[0], torso[1], torso[2]]) {
+                        *sum += value / (2.0 * SECOND as f64);
+                    }
+                }
+            }
+            if !up {
+                fell += 1;
+                println!("fell at {number}: {command:?}");
+                stood += play.stood;
+                steps += play.steps;
+                play = Play::new(&scene, &network, 8 + number, exact);
+                continue;
+            }
+            held += 1;
+            let wanted = [command.height, command.torso[0], command.torso[1], command.torso[2]];
+            let errors: Vec<f64> = sum.iter().zip(wanted).map(|(a, b)| (a - b).abs()).collect();
+            if args.iter().any(|a| a == "-v") && (errors[0] > 0.015 || errors[2] > 0.04) {
+                println!("{:.2} {:.2?} {errors:.3?} {}", command.height, command.torso, play.controller.is_standing());
+            }
+            for k in 0..4 {
+                sums[k] += errors[k];
+                worst[k] = worst[k].max(errors[k]);
+            }
+        }
+        stood += play.stood;
+        steps += play.steps;
+        println!(
+            "posture: errors {:.4?} m, rad; worst {:.3?}; fell {fell}; stood {:.3}",
+            sums.map(|s| s / held as f64),
+            worst,
+            stood as f64 / steps as f64
+        );
+    }
+    for (name, load, pull_n, push) in [
+        ("loads", 1.0, 0.0, 0.0),
+        ("pulls", 0.0, 20.0, 0.0),
+        ("pushes 0.6", 0.0, 0.0, 0.6),
+        ("pushes 1.0", 0.0, 0.0, 1.0),
+    ] {
+        if !on(name) {
+            continue;
+        }
+        let (mut fell, mut stood, mut steps) = (0, 0, 0);
+        let mut drift = 0.0;
+        for seed in 0..4 * count {
+            let mut play = Play::new(&scene, &network, seed, exact);
+            let mut goal: Vec<f64> = play.targets[MOVED..BODY].to_vec();
+            let weights = [play.random.uniform(0.0, load) * 9.81, load * 9.81];
+            let mut pull = [Vector3::zeros(); 2];
+            let start = play.world.row().robot.pose.translation.vector;
+            for step in 0..20 * SECOND {
+                if step % 100 == 0 {
+                    for (j, goal) in goal.iter_mut().enumerate() {
+                        let joint = &robot.joints()[MOVED + j];
+                        let q0 = robot.q0()[MOVED + j];
+                        *goal = q0 + 0.6 * (play.random.uniform(joint.lower, joint.upper) - q0);
+                    }
+                    pull = [(); 2].map(|()| {
+                        Vector3::new(
+                            play.random.uniform(-1.0, 1.0),
+                            play.random.uniform(-1.0, 1.0),
+                            play.random.uniform(-1.0, 1.0),
+                        ) * pull_n
+                    });
+                }
+                if push > 0.0 && step % 250 == 249 {
+                    play.push = Some(Push {
+                        linear: Vector3::new(play.random.uniform(-push, push), play.random.uniform(-push, push), 0.0),
+                        angular: Vector3::zeros(),
+                    });
+                }
+                if push == 0.0 {
+                    for (arm, goal) in play.targets[MOVED..BODY].iter_mut().zip(&goal) {
+                        *arm += (goal - *arm).clamp(-FASTEST, FASTEST);
+                    }
+                }
+                play.wrenches = (0..2)
+                    .map(|hand| AppliedWrench {
+                        target: Target::Link(robot.palms()[hand]),
+                        point: Some(Vector3::zeros()),
+                        wrench: Wrench { force: pull[hand] - Vector3::z() * weights[hand], torque: Vector3::zeros() },
+                    })
+                    .collect();
+                if play.step(&Command { height: NOMINAL_HEIGHT, ..upright }).is_none() {
+                    fell += 1;
+                    break;
+                }
+            }
+            drift += (play.world.row().robot.pose.translation.vector - start).xy().norm();
+            stood += play.stood;
+            steps += play.steps;
+        }
+        println!(
+            "{name}: fell {fell} of {}, stood {:.3}, way {:.3} m",
+            4 * count,
+            stood as f64 / steps as f64,
+            drift / (4 * count) as f64
+        );
+    }
+}
