@@ -136,7 +136,7 @@ impl Standing {
         stance.bend(&self.robot, &mut self.posture)?;
         let targets = self.balance.push(&pendulum, &self.posture);
         // The waist carries the trunk, and what a leg weighs itself does not press on its hip.
-        let down = stance.from_pelvis().rotation.inverse() * Vector3::new(0.0, 0.0, -GRAVITY);
+        let down = stance.middle_from_pelvis().rotation.inverse() * Vector3::new(0.0, 0.0, -GRAVITY);
         let efforts = self.robot.holding_efforts(&self.posture, down.into()).map_err(crate::BalanceError::from)?;
         for joint in 0..MOVED {
             let gains = &self.gains.0[joint];
@@ -184,7 +184,7 @@ impl Stance {
         })
     }
 
-    fn from_pelvis(&self) -> Isometry3<f64> {
+    fn middle_from_pelvis(&self) -> Isometry3<f64> {
         let [roll, pitch, yaw] = self.turned;
         Isometry3::from_parts(self.pelvis.into(), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
     }
@@ -203,7 +203,7 @@ impl Stance {
     /// Brings a posture nearer to the wanted one, by Newton's method.
     fn bend(&mut self, robot: &Robot, posture: &mut [f64]) -> Result<(), WbcError> {
         let poses = robot.forward_kinematics(posture, &Isometry3::identity()).map_err(crate::BalanceError::from)?;
-        let pelvis = self.from_pelvis();
+        let pelvis = self.middle_from_pelvis();
         for (side, from_foot) in self.from_foot.iter().enumerate() {
             let first = side * (LEGS / 2);
             let (foot, wanted) = (&poses[robot.feet()[side]], pelvis.inverse() * from_foot);
