@@ -10,10 +10,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use fiatlux_policy::balance::{Balance, BalanceError, Sensed};
 use fiatlux_robot::{GainSet, JointGains, Robot};
 use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
+use fiatlux_wbc::{Balance, BalanceError, Sensed};
 use fiatlux_world::{ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
 use nalgebra::Vector3;
 
@@ -79,6 +79,7 @@ struct Episode {
     world: World,
     observer: Observer,
     balance: Balance,
+    staged: Vec<f64>,
     q0: [f64; JOINTS],
     thinking: Duration,
 }
@@ -95,7 +96,8 @@ impl Episode {
         let staged: Vec<f64> = q0.iter().zip(&world.row().action).map(|(q0, a)| q0 + ACTION_SCALE * a).collect();
         Self {
             observer: Observer::new(q0.to_vec(), Some(NoiseSeed { seed, episode })),
-            balance: Balance::new(robot, gains, &q0, &staged).unwrap(),
+            balance: Balance::new(robot, gains, &q0).unwrap(),
+            staged,
             q0,
             world,
             thinking: Duration::ZERO,
@@ -106,12 +108,15 @@ impl Episode {
         let mut sensed = Proprioception::zeros(JOINTS);
         self.observer.observe(self.world.row(), &mut sensed);
         let clock = Instant::now();
-        let targets = self.balance.step(&Sensed {
+        let sensed = Sensed {
             base_angular_velocity: sensed.base_angular_velocity,
             projected_gravity: sensed.projected_gravity,
             base_linear_velocity: sensed.base_linear_velocity,
+            base_height: sensed.base_height,
             joint_position: &sensed.joint_position,
-        });
+            joint_velocity: &sensed.joint_velocity,
+        };
+        let targets = self.balance.step(&sensed, &self.staged);
         let targets: [f64; JOINTS] = targets.unwrap().try_into().unwrap();
         self.thinking += clock.elapsed();
         let action: [f64; JOINTS] = std::array::from_fn(|joint| (targets[joint] - self.q0[joint]) / ACTION_SCALE);
@@ -214,31 +219,29 @@ fn what_it_cannot_use_is_refused() {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let gains = robot.gains(GainSet::default());
     let q0 = robot.q0().to_vec();
-    let error = Balance::new(Arc::clone(&robot), gains.clone(), &q0, &q0[1..]).unwrap_err();
-    assert_eq!(error.to_string(), "the staged posture has 52 numbers where the robot has 53 joints");
+    let error = Balance::new(Arc::clone(&robot), gains.clone(), &q0[1..]).unwrap_err();
+    assert_eq!(error.to_string(), "q0 has 52 numbers where the robot has 53 joints");
     for (stiffness, effort_limit) in [(0.0, 50.0), (40.0, f64::NAN)] {
         let mut gains = gains.clone();
         gains.0[4] = JointGains { stiffness, effort_limit, ..gains.0[4] };
-        let error = Balance::new(Arc::clone(&robot), gains, &q0, &q0).unwrap_err();
+        let error = Balance::new(Arc::clone(&robot), gains, &q0).unwrap_err();
         assert!(matches!(&error, BalanceError::Drive { joint, .. } if joint == "left_ankle_pitch_joint"), "{error}");
     }
 
-    let mut balance = Balance::new(robot, gains, &q0, &q0).unwrap();
-    let good = Sensed {
-        base_angular_velocity: [0.0; 3],
-        projected_gravity: [0.0, 0.0, -1.0],
-        base_linear_velocity: [0.0; 3],
-        joint_position: &[0.0; JOINTS],
-    };
-    let targets = balance.clone().step(&good).unwrap().to_vec();
+    let mut balance = Balance::new(robot, gains, &q0).unwrap();
+    let zeros = [0.0; JOINTS];
+    let good = Sensed::upright(&zeros, &[]);
+    let targets = balance.clone().step(&good, &q0).unwrap().to_vec();
     let bad = Sensed { projected_gravity: [0.0, f64::NAN, -1.0], ..good };
-    assert_eq!(balance.step(&bad), Err(BalanceError::NotFinite { field: "the observed projected gravity" }));
+    assert_eq!(balance.step(&bad, &q0), Err(BalanceError::NotFinite { field: "the observed projected gravity" }));
     let bad = Sensed { joint_position: &[f64::NAN; JOINTS], ..good };
-    assert!(matches!(balance.step(&bad), Err(BalanceError::Kinematics(_))));
+    assert!(matches!(balance.step(&bad, &q0), Err(BalanceError::Kinematics(_))));
     let bad = Sensed { joint_position: &[0.0; 7], ..good };
-    assert!(matches!(balance.step(&bad), Err(BalanceError::Length { found: 7, expected: JOINTS, .. })));
+    assert!(matches!(balance.step(&bad, &q0), Err(BalanceError::Length { found: 7, expected: JOINTS, .. })));
+    let posture = balance.step(&good, &q0[1..]).unwrap_err().to_string();
+    assert_eq!(posture, "the posture has 52 numbers where the robot has 53 joints");
     // Nothing of them is remembered.
-    assert_eq!(balance.step(&good).unwrap(), targets);
+    assert_eq!(balance.step(&good, &q0).unwrap(), targets);
 }
 
 /// A range from the environment, such as `4..20`.
