@@ -28,6 +28,7 @@ _PUSHES = {"interval_s": (3.0, 8.0), "angular": 0.0}
 TESTS: dict[str, dict[str, Any]] = {
     "upright": UPRIGHT,
     "arms": {**UPRIGHT, "arm_range": 1.0},
+    "carry": {**UPRIGHT, "arm_range": 1.0, "load_kg": 1.0},
     "loads": {**UPRIGHT, "arm_range": 1.0, "load_kg": 1.0, "hand_force_n": 20.0},
     "pushes_0.6": {**UPRIGHT, "disturbances": {"pushes": {**_PUSHES, "linear": 0.6}}},
     "pushes_1.0": {**UPRIGHT, "disturbances": {"pushes": {**_PUSHES, "linear": 1.0}}},

@@ -20,11 +20,12 @@ pub(super) struct View<'a> {
 /// Name, weight a second, value.
 pub(super) type TermOf = (&'static str, f64, fn(&View<'_>) -> f64);
 
-pub(super) const TERMS: [TermOf; 29] = [
+pub(super) const TERMS: [TermOf; 30] = [
     ("velocity", 1.0, |view| libm::exp(-velocity_error(view, &view.velocity) / 0.25)),
     ("slow_velocity", 1.5, |view| libm::exp(-velocity_error(view, &view.walking.slow_velocity) / 0.06)),
     ("velocity_error", -2.0, |view| velocity_error(view, &view.walking.slow_velocity).sqrt()),
     ("turning", 1.5, tracks_turning),
+    ("turning_error", -1.0, turning_error),
     ("alive", 0.5, |_| 1.0),
     ("feet_height", 1.5, feet_height),
     ("feet_contact", 1.0, feet_contact),
@@ -33,7 +34,7 @@ pub(super) const TERMS: [TermOf; 29] = [
     ("height_error", -40.0, |view| square(height_error(view))),
     ("knees", -2.0, knees),
     ("torso", 1.2, |view| libm::exp(-torso_error(view) / 0.05)),
-    ("torso_error", -4.0, torso_error),
+    ("torso_error", -1.5, |view| torso_error(view).sqrt()),
     ("pelvis_tilt", -8.0, pelvis_tilt),
     ("vertical_velocity", -0.5, |view| square(view.row.robot.linear_velocity.z)),
     ("roll_and_pitch_rate", -0.05, roll_and_pitch_rate),
@@ -88,8 +89,13 @@ fn velocity_error(view: &View<'_>, velocity: &Vector3<f64>) -> f64 {
 
 fn tracks_turning(view: &View<'_>) -> f64 {
     let [.., turn] = view.walking.setpoint.now().velocity;
-    let error = |velocity: &Vector3<f64>| square(velocity.z - turn);
-    0.4 * libm::exp(-error(&view.velocity)) + 0.6 * libm::exp(-error(&view.walking.slow_velocity) / 0.2)
+    0.4 * libm::exp(-square(view.velocity.z - turn)) + 0.6 * libm::exp(-square(turning_error(view)) / 0.2)
+}
+
+/// Of the slow velocity. Unlike the kernels it pulls as hard when little is missing.
+fn turning_error(view: &View<'_>) -> f64 {
+    let [.., turn] = view.walking.setpoint.now().velocity;
+    (view.walking.slow_velocity.z - turn).abs()
 }
 
 fn feet_height(view: &View<'_>) -> f64 {
