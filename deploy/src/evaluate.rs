@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_grading::{GradeOptions, Results, ScoreError, grade};
-use fiatlux_policy::{PolicyError, SessionArgs, policies};
+use fiatlux_policy::{Policy, PolicyError, SessionArgs, policies};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_rules::Task;
@@ -58,18 +58,18 @@ struct Job {
 
 impl EvaluateOptions {
     /// The request for a job's session.
-    fn request(&self, job: Job) -> Result<OpenRequest, PolicyError> {
+    fn request(&self, job: Job, policy: &dyn Policy) -> OpenRequest {
         let mut request = OpenRequest {
             protocol: Some(PROTOCOL),
-            policy: self.policy.clone(),
+            policy: policy.name(),
             task: job.task.to_string(),
             seed: job.seed,
-            sensors: policies::by_name(&self.policy)?.sensors(),
+            sensors: policy.sensors(),
             recorded: true,
             ..OpenRequest::default()
         };
         self.session.apply(&mut request);
-        Ok(request)
+        request
     }
 }
 
@@ -156,7 +156,7 @@ pub fn evaluate(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, EvaluateError> {
     // Report a wrong name before anything is played.
-    policies::by_name(&options.policy)?;
+    let policy = policies::by_name(&options.policy)?;
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
     let _lock = Lock::take(&options.out)?;
@@ -172,7 +172,7 @@ pub fn evaluate(
         meshes: options.meshes.clone(),
         ..ServerOptions::default()
     };
-    let todo = done::not_done(&jobs, &bags, options)?;
+    let todo = done::not_done(&jobs, &bags, options, policy.as_ref())?;
     let resumed = jobs.len() - todo.len();
     let played = match todo.is_empty() {
         true => Played::default(),

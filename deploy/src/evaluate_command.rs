@@ -69,7 +69,7 @@ fn policy(name: &str) -> Result<String, String> {
             "a bag holds one episode; replay it with policy-client run, or compare it with scorer verify".into()
         );
     }
-    policies::by_name(name).map(|_| name.into()).map_err(|error| error.to_string())
+    policies::by_name(name).map(|_| name.into()).map_err(|error| format!("{:#}", anyhow::Error::new(error)))
 }
 
 /// Runs the command: evaluates a policy, or waits for one that connects from elsewhere.

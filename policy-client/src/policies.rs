@@ -35,12 +35,14 @@ pub const NAMES: [(&str, &str); 10] = [
     ("stand", "keeps the robot upright on level ground by closing a loop over its centre of mass"),
     (
         "wbc",
-        "walks, turns and bends on one command, such as wbc:vx=0.4,wz=0.2; the arms keep the posture of the start; \
+        "walks, turns and bends on one command, such as wbc:vx=0.4,wz=0.2 (vx -0.5 to 1.0 m/s, vy -0.4 to 0.4 m/s, wz -1.0 to \
+         1.0 rad/s, height 0.65 to 0.79 m, roll, pitch, yaw of the torso in rad); the arms keep the posture of the start; \
          wbc:FILE,vx=0.4 with weights of your own",
     ),
     (
         "walk",
-        "walks to the crate (S05), the fresh bulb (S07) or the ladder (S09) by their exact poses, and stands there",
+        "walks to the crate (S05), the fresh bulb (S07) or the ladder (S09) by their exact poses, and stands there; \
+         walk:FILE with weights of your own",
     ),
     (
         "vla",
@@ -69,8 +71,9 @@ pub fn by_name(name: &str) -> Result<Box<dyn Policy>, PolicyError> {
         "random" => Ok(Box::new(Random::default())),
         "hold" => Ok(Box::new(Hold::default())),
         "stand" => Ok(Box::new(Stand::default())),
-        "walk" => Ok(Box::new(Walk::new()?)),
+        "walk" => Ok(Box::new(Walk::new("")?)),
         "wbc" => Ok(Box::new(Wbc::new("")?)),
+        other if other.len() > "walk:".len() && other.starts_with("walk:") => Ok(Box::new(Walk::new(&other["walk:".len()..])?)),
         other if other.starts_with("wbc:") => Ok(Box::new(Wbc::new(&other["wbc:".len()..])?)),
         "vla" => {
             let reason = "it needs a model server; give --dialect and --model".into();

@@ -7,7 +7,8 @@ use thiserror::Error;
 /// Turns observations into commands. Each term of an observation is either empty or of the right length; use
 /// [`Policy::reset`] to refuse a session that lacks a term.
 pub trait Policy: Send {
-    /// Name of the policy for the record.
+    /// Name of the policy for the record, with its arguments and with a digest of each file that it reads: what acts otherwise
+    /// has another name.
     fn name(&self) -> String;
 
     /// Sensors that the policy needs; if empty, it gets proprioception, contact forces and the last action. A session

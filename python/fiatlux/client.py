@@ -4,7 +4,7 @@ from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from . import _native
-from .policy import Player, PolicyLike, is_stateful, name_of
+from .policy import Player, PolicyLike, is_stateful, name_of, settings_for
 from .settings import Settings, complete
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
@@ -75,7 +75,7 @@ class Client:
             record: Sensors to record in the bag, such as ``"camera"``; the episode then waits for a recorder.
             settings: See :class:`fiatlux.Settings`.
         """
-        asked = complete(task, observation, settings)
+        asked = complete(task, observation, settings_for(policy, settings))
         player = Player(policy, observation)
         return self._client.run(player, name or name_of(policy), server, task, seed, episode, asked, list(record))
 
@@ -118,7 +118,7 @@ class Client:
             progress: Called a few times a second with a dictionary of counts.
             settings: See :class:`fiatlux.Settings`.
         """
-        asked = complete(None, observation, settings)
+        asked = complete(None, observation, settings_for(policy, settings))
         run = {
             **run_of(policy, tasks, () if hosted_seeds else seeds, parallel, name, run_file),
             "version": version,

@@ -11,7 +11,7 @@ from . import _native
 from .bag import Bag
 from .client import run_of
 from .env import Env
-from .policy import Player, PolicyLike
+from .policy import Player, PolicyLike, settings_for
 from .settings import Settings, complete
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
@@ -81,16 +81,17 @@ def evaluate(
             counts.
         settings: See :class:`fiatlux.Settings`.
     """
+    chosen = settings_for(policy, settings)
     if out is not None:
         if max_steps is not None:
             raise ValueError("max_steps: a bag always holds a whole episode; drop either out or max_steps")
-        return _recorded(policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, settings)
+        return _recorded(policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, chosen)
     for field, given in (("parallel", parallel is not None), ("record", len(record) > 0)):
         if given:
             raise ValueError(f"{field}: only a recorded evaluation takes it; name a folder with out")
     episodes = []
     for task in tasks:
-        env = Env(task, observation=observation, **settings)
+        env = Env(task, observation=observation, **chosen)
         for seed in seeds:
             summary = play(env, policy, seed, max_steps=max_steps)
             episodes.append(summary)

@@ -12,7 +12,8 @@ class Policy(Protocol):
     """Answers each observation with an action.
 
     A method ``reset(info)``, if the policy has one, is called at the start of each episode with its ``task``, ``instruction``,
-    ``seed`` and ``episode``.
+    ``seed`` and ``episode``. An attribute ``action_form``, if it has one, says what its actions are, as in
+    :class:`fiatlux.Settings`.
     """
 
     def __call__(self, observation: Any) -> Any: ...
@@ -20,6 +21,15 @@ class Policy(Protocol):
 
 PolicyLike = Union[Policy, Callable[[Any], Any], type]
 """A policy. A class is instantiated without arguments for each episode; an object plays all of them."""
+
+
+def settings_for(policy: PolicyLike, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that are given, in the policy's own form of actions if it has one."""
+    own = getattr(policy, "action_form", None)
+    settings = dict(given)
+    if own is not None and settings.setdefault("action_form", own) != own:
+        raise ValueError(f"action_form is {settings['action_form']!r}, but the policy's own is {own!r}; leave it out")
+    return settings
 
 
 def is_stateful(policy: PolicyLike) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from . import _native
 from .env import Env
 from .evaluation import Evaluation, play
-from .policy import PolicyLike
+from .policy import PolicyLike, settings_for
 from .settings import Settings
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
@@ -48,7 +48,7 @@ def evaluate(
     jobs = [(task, seed) for task in tasks for seed in seeds]
     remote = _episode.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
-    running = {remote.remote(shared, task, seed, observation, max_steps, dict(settings)): (task, seed) for task, seed in jobs}
+    running = {remote.remote(shared, task, seed, observation, max_steps, settings_for(policy, settings)): (task, seed) for task, seed in jobs}
     done: dict[tuple[str, int], dict[str, Any]] = {}
     for job, summary in _as_they_end(running):
         done[job] = summary
@@ -75,7 +75,7 @@ def rollouts(
     """
     remote = _rollout.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
-    running = [remote.remote(shared, task, seed, max_steps, dict(settings)) for seed in seeds]
+    running = [remote.remote(shared, task, seed, max_steps, settings_for(policy, settings)) for seed in seeds]
     for reference in running:
         yield ray.get(reference)
 

@@ -7,29 +7,32 @@ from .tasks import TASKS
 
 
 class Settings(TypedDict, total=False):
-    """Settings that every way of playing the benchmark takes; all are optional."""
+    """Settings that every way of playing the benchmark takes; all are optional.
+
+    Attributes:
+        sensors: Names of the sensors; observations have them in the simulator's order. By default proprioception, contact
+            forces and the last action.
+        privileged: Adds the exact poses of the things around the robot, which a real robot cannot sense.
+        action_form: ``"action"``: joint target = q0 + 0.5 action. ``"joint_target"``: joint targets, rad.
+        reward: ``"benchmark"`` pays gate progress only, ``"training"`` the shaped reward.
+        protocol: Which judge ends the episode: ``"strict"`` or ``"published"``.
+        noise: Whether the sensors have noise.
+        robot: Name of the robot: ``"g1_inspire"``, or ``"g1_bare"`` with welded fingers.
+        gains: Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``.
+        image_size: Width and height of the cameras' images, pixels.
+        weights: Weights of the camera's features, a safetensors file; seeded ones by default.
+    """
 
     sensors: Sequence[str] | None
-    """Names of the sensors; observations have them in the simulator's order. By default proprioception, contact forces and
-    the last action."""
     privileged: bool
-    """Adds the exact poses of the things around the robot, which a real robot cannot sense."""
     action_form: str
-    """``"action"``: joint target = q0 + 0.5 action. ``"joint_target"``: joint targets, rad."""
     reward: str
-    """``"benchmark"`` pays gate progress only, ``"training"`` the shaped reward."""
     protocol: str
-    """Which judge ends the episode: ``"strict"`` or ``"published"``."""
     noise: bool
-    """Whether the sensors have noise."""
     robot: str
-    """Name of the robot: ``"g1_inspire"``, or ``"g1_bare"`` with welded fingers."""
     gains: str
-    """Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``."""
     image_size: tuple[int, int]
-    """Width and height of the cameras' images, pixels."""
     weights: str | PathLike[str] | None
-    """Weights of the camera's features, a safetensors file; seeded ones by default."""
 
 
 _DEFAULTS: dict[str, Any] = {

@@ -149,6 +149,7 @@ class VectorEnv(_Batch):
     """Many worlds of a task of the benchmark.
 
     Args:
+        task: Short id of the task, such as ``"S07"``, or its environment id.
         num_envs: Number of worlds.
         seeds: The benchmark's seeds of the rooms. The worlds are spread over the rooms and stay in them, so there must be at
             least as many worlds as rooms.
@@ -167,9 +168,9 @@ class VectorEnv(_Batch):
 
     def __init__(
         self,
+        task: str,
         num_envs: int = 1,
         *,
-        task: str,
         seeds: Sequence[int] = (1000,),
         episodes: int = 1,
         num_threads: int | None = None,
@@ -182,6 +183,8 @@ class VectorEnv(_Batch):
         final_obs: bool = True,
         **settings: "Unpack[Settings]",
     ) -> None:
+        if num_envs < len(seeds):
+            raise ValueError(f"num_envs is {num_envs}, but seeds names {len(seeds)} rooms; give at least one world for each room")
         batch = _native.Batch.rulebook(
             task,
             [(room, episode) for room in seeds for episode in range(episodes)],

@@ -18,10 +18,12 @@ ARMS = 14
 class WholeBody:
     """Walks, stands and bends on command, whatever the arms do: the controller of the policy ``wbc``.
 
-    It needs the standard observation in the form ``"dict"``, and an episode with the benchmark's gains and joint targets as
-    actions (``action_form="joint_target"``). A policy that uses it::
+    It needs the standard observation in the form ``"dict"``, and an episode with the benchmark's gains. What it returns are
+    joint targets in rad, so a policy that uses it says so with ``action_form``::
 
         class Wave:
+            action_form = "joint_target"
+
             def reset(self, info):
                 self.body = fiatlux.WholeBody()
                 self.arms = self.body.q0[15:].copy()
@@ -47,10 +49,12 @@ class WholeBody:
         """Names of the joints of legs, waist and arms, in the order of actions."""
         self.q0: NDArray[np.float64] = np.array([joint[1] for joint in joints])
         """Their angles in the standing posture, rad."""
+        self._last: NDArray[np.float64] | None = None
 
     def reset(self) -> None:
         """Resets the controller for another episode."""
         self._native.restart()
+        self._last = None
 
     def targets(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
         """The last targets of all joints, rad; at first those that the episode starts with."""
@@ -99,13 +103,27 @@ class WholeBody:
             roll, pitch, yaw: Angles of the torso, rad, relative to upright axes that point where the pelvis points.
 
         Raises:
-            ValueError: The command is outside the trained range, or the observation lacks a field or is not finite.
+            ValueError: The command is outside the trained range, the observation lacks a field or is not finite, or the
+                last targets were played as actions.
         """
         command = [vx, vy, wz, height, roll, pitch, yaw]
         self._native.check(command)
         turning, gravity, moving, base_height, position, velocity = _read(observation, _FIELDS)
         (above,) = base_height
-        return np.array(self._native.step(turning, gravity, moving, above, position, velocity, command))
+        self._refuse_actions(observation)
+        self._last = np.array(self._native.step(turning, gravity, moving, above, position, velocity, command))
+        return self._last.copy()
+
+    def _refuse_actions(self, observation: Mapping[str, Any]) -> None:
+        """Refuses an episode in which the last targets came back as actions, which are half as large and relative to ``q0``."""
+        if self._last is None or "last_action" not in observation:
+            return
+        played = np.asarray(observation["last_action"], np.float64)[:LEGS_AND_WAIST]
+        if np.abs(played - np.clip(self._last, -1.0, 1.0)).max() < 1e-4:
+            raise ValueError(
+                "the joint targets of the last step were played as actions; evaluate with action_form='joint_target', or give "
+                "the policy an attribute action_form = 'joint_target'"
+            )
 
 
 _FIELDS = (

@@ -6,6 +6,7 @@ Blocks that need a server, or an extra, name it: `extras/` has the same calls.
 import pathlib
 import re
 
+import fiatlux
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -21,3 +22,9 @@ def test_examples_run(page, tmp_path, monkeypatch):
         code = compile(block, str(page), "exec")
         if not needs:
             exec(code, names)
+
+
+def test_the_page_lists_the_terms_of_the_walking_reward_with_their_weights():
+    page = (ROOT / "docs/training.md").read_text()
+    listed = re.findall(r"^\| `(\w+)` \| (-?[\d.e-]+) \|", page, re.MULTILINE)
+    assert {name: float(weight) for name, weight in listed} == fiatlux.WalkingVectorEnv(1).reward_weights

@@ -153,8 +153,8 @@ def test_bad_use_is_refused_by_name():
     ]:
         with pytest.raises(ValueError, match=match):
             walkers(**settings)
-    with pytest.raises(ValueError, match="as many worlds as banks"):
-        fiatlux.VectorEnv(1, task="S07", seeds=[1000, 1001])
+    with pytest.raises(ValueError, match="one world for each room"):
+        fiatlux.VectorEnv("S07", seeds=[1000, 1001])
 
 
 def test_ctrl_c_breaks_a_long_step_off():

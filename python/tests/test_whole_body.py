@@ -78,3 +78,29 @@ def test_wrong_angles_of_arms_are_refused_by_name():
         body.hold_arms(observation, np.where(np.arange(14) == 3, np.nan, 0.0))
     with pytest.raises(ValueError, match="projected_gravity"):
         body.hold_arms({"joint_position": observation["joint_position"]}, np.zeros(14))
+
+
+class Walks:
+    """Walks by joint targets, without saying so."""
+
+    def reset(self, info):
+        self.body = fiatlux.WholeBody()
+
+    def __call__(self, observation):
+        targets = self.body.targets(observation)
+        targets[:15] = self.body(observation, vx=0.3)
+        return targets
+
+
+class WalksByTargets(Walks):
+    action_form = "joint_target"
+
+
+def test_targets_played_as_actions_are_refused_and_a_policy_can_say_what_it_gives():
+    with pytest.raises(ValueError, match="action_form='joint_target'"):
+        fiatlux.evaluate(Walks, ["S07"], [1000], max_steps=50)
+    said = fiatlux.evaluate(WalksByTargets, ["S07"], [1000], max_steps=50)
+    given = fiatlux.evaluate(Walks, ["S07"], [1000], max_steps=50, action_form="joint_target")
+    assert said.episodes[0]["state_digest"] == given.episodes[0]["state_digest"]
+    with pytest.raises(ValueError, match="the policy's own is 'joint_target'"):
+        fiatlux.evaluate(WalksByTargets, ["S07"], [1000], max_steps=50, action_form="action")

@@ -16,6 +16,15 @@ pub enum WbcError {
         #[source]
         source: std::io::Error,
     },
+    /// The file is a checkpoint of a training run.
+    #[error(
+        "{0} is a checkpoint, not a controller; export it: python -m fiatlux.train export {0} {1}",
+        path.display(), path.with_extension("safetensors").display()
+    )]
+    Checkpoint {
+        /// As it was given.
+        path: PathBuf,
+    },
     /// The file is not a safetensors file, or lacks a tensor of its contract.
     #[error("the controller's file is damaged; export it again")]
     File(#[from] fiatlux_safetensors::SafetensorsError),

@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use fiatlux_safetensors::File;
+use sha2::{Digest, Sha256};
 
 use crate::standing::Standing;
 use crate::{Contract, FRAME, MOVED, WbcError, mirrored_action, mirrored_frame};
@@ -16,6 +17,8 @@ const LANES: usize = 16;
 const TOLERANCE: f32 = 1e-5;
 /// Under which name a file carries the contract.
 const CONTRACT: &str = "contract";
+/// How a checkpoint begins, which is a zip archive.
+const CHECKPOINT: &[u8] = b"PK\x03\x04";
 /// The largest layer that is taken.
 const WIDEST: usize = 1 << 12;
 
@@ -32,6 +35,7 @@ struct Layer {
 #[derive(Debug, Clone)]
 pub struct Network {
     contract: Contract,
+    digest: String,
     layers: Vec<Layer>,
     /// Where each number of a mirrored observation comes from, and its sign.
     mirror: Vec<(usize, f32)>,
@@ -60,6 +64,9 @@ impl Network {
     /// A file that cannot be read, or see [`Network::from_bytes`].
     pub fn read(path: &Path) -> Result<Self, WbcError> {
         let bytes = std::fs::read(path).map_err(|source| WbcError::Read { path: path.into(), source })?;
+        if bytes.starts_with(CHECKPOINT) {
+            return Err(WbcError::Checkpoint { path: path.into() });
+        }
         Self::from_bytes(&bytes)
     }
 
@@ -91,7 +98,8 @@ impl Network {
         let expected = finite(&file, "check.action", &[MOVED])?;
         let frames = contract.frames;
         let standing = Standing::new(&contract.joints)?;
-        let network = Self { contract, layers, mirror: mirror(frames), standing };
+        let digest = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        let network = Self { contract, digest, layers, mirror: mirror(frames), standing };
         let mut found = [0.0; MOVED];
         network.run(&example, &mut network.scratch(), &mut found);
         let differ = |(found, expected): (&f32, &f32)| (found - expected).abs() / expected.abs().max(1.0);
@@ -105,6 +113,11 @@ impl Network {
     /// What it was made for.
     pub fn contract(&self) -> &Contract {
         &self.contract
+    }
+
+    /// SHA-256 of the file, hexadecimal.
+    pub fn digest(&self) -> &str {
+        &self.digest
     }
 
     /// For the robot and gains that it was made for; it has seen nothing.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use fiatlux_bag::{Bag, BagError, Completeness, part_of};
+use fiatlux_policy::Policy;
 use fiatlux_proto::ABORTED;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest};
 use fiatlux_render::RobotMeshes;
@@ -18,7 +19,12 @@ use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
 /// # Errors
 /// A bag belongs to another policy, session or protocol version, or was made with other meshes, and is not overwritten;
 /// or meshes cannot be used.
-pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Vec<Job>, EvaluateError> {
+pub(super) fn not_done(
+    jobs: &[Job],
+    bags: &Path,
+    options: &EvaluateOptions,
+    policy: &dyn Policy,
+) -> Result<Vec<Job>, EvaluateError> {
     let robots = HandKind::ALL.map(Robot::with_hands).into_iter().collect::<Result<Vec<_>, _>>()?;
     // The robots differ in joints, not in links, so one robot's meshes serve all.
     let robot = &robots[0];
@@ -35,7 +41,7 @@ pub(super) fn not_done(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> 
         }
         match Bag::open(&path) {
             Ok(bag) => {
-                let wanted = options.request(job)?;
+                let wanted = options.request(job, policy);
                 check_same(bag.header(), &path, &wanted, meshes)?;
                 let hands = hands_named(&wanted.hands)?;
                 let model = robots.iter().find(|robot| robot.hand() == hands).map_or("", Robot::digest);

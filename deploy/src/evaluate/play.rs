@@ -89,7 +89,7 @@ fn play_one(
     stop: &AtomicBool,
 ) -> Result<(), ClientError> {
     let mut policy = policies::by_name(&options.policy)?;
-    let mut client = Client::open(link, Some(SERVER), options.request(job)?)?;
+    let mut client = Client::open(link, Some(SERVER), options.request(job, policy.as_ref()))?;
     client.run_episode(0, policy.as_mut(), on_step, stop)?;
     // The episode is over, and a session that is not closed ends by itself.
     if let Err(error) = client.close() {

@@ -1,7 +1,10 @@
 //! Shared by the policies that use a whole-body controller, ours or a foreign one.
 
+use std::path::Path;
+use std::sync::Arc;
+
 use fiatlux_proto::v3::{Observation, SessionInfo};
-use fiatlux_wbc::{ARMS, Command, Joint, MOVED, Sensed};
+use fiatlux_wbc::{ARMS, Command, Joint, MOVED, Network, Sensed};
 
 use crate::PolicyError;
 
@@ -74,6 +77,30 @@ impl Senses {
 /// A vector; NaN if the term is too short, so that the controller refuses it by its name.
 fn vector(term: &[f32]) -> [f64; 3] {
     [0, 1, 2].map(|axis| term.get(axis).map_or(f64::NAN, |&value| f64::from(value)))
+}
+
+/// Our controller with the weights of a file, or with those of this version if its name is empty, and its name for the record.
+///
+/// # Errors
+/// A file that cannot be read, or that does not fit.
+pub(super) fn network(kind: &str, file: &str, words: &str) -> Result<(String, Arc<Network>), PolicyError> {
+    let path = Path::new(file);
+    let network = if file.is_empty() { Network::shipped()? } else { Network::read(path)? };
+    let name = match (file, words) {
+        ("", "") => kind.into(),
+        ("", words) => format!("{kind}:{words}"),
+        _ => label(kind, path, &[network.digest()], words),
+    };
+    Ok((name, Arc::new(network)))
+}
+
+/// A controller's name for the record: `KIND:FILE@DIGEST,WORDS`, with the last part of the file's path and eight digits of each
+/// file's SHA-256.
+pub(super) fn label(kind: &str, path: &Path, digests: &[&str], words: &str) -> String {
+    let file = path.file_name().unwrap_or_default().display();
+    let digests = digests.iter().map(|digest| &digest[..8]).collect::<Vec<_>>().join("+");
+    let comma = if words.is_empty() { "" } else { "," };
+    format!("{kind}:{file}@{digests}{comma}{words}")
 }
 
 /// Parses words such as `vx=0.4,wz=0.2` into names and values, each with its whole word. Empty words are skipped.

@@ -160,6 +160,7 @@ impl SonicBody {
 
 /// GEAR's decoupled controller under a fixed command: it moves legs and waist; arms and hands keep the staged posture.
 pub struct Gear {
+    name: String,
     files: GearFiles,
     command: fiatlux_wbc::Command,
     body: Option<WholeBody>,
@@ -167,6 +168,7 @@ pub struct Gear {
 
 /// The decoder of GEAR-SONIC with a sequence of tokens: it moves legs, waist and arms; hands keep the staged posture.
 pub struct Sonic {
+    name: String,
     files: SonicFiles,
     tokens: Box<dyn TokenSource>,
     body: Option<SonicBody>,
@@ -180,14 +182,17 @@ impl Gear {
     /// [`PolicyError::Words`], or networks that cannot be loaded.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
         let mut command = GearFiles::UPRIGHT;
+        let (folder, words) = text.split_once(',').unwrap_or((text, ""));
         let files = GearFiles::open_with(text, GEAR_FIELDS, |name, value| body::set(&mut command, name, value))?;
-        Ok(Self { files, command, body: None })
+        let [stands, walks] = &files.networks;
+        let name = body::label("gear", Path::new(folder), &[stands.digest(), walks.digest()], words);
+        Ok(Self { name, files, command, body: None })
     }
 }
 
 impl Policy for Gear {
     fn name(&self) -> String {
-        self.files.name().into()
+        self.name.clone()
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
@@ -218,13 +223,15 @@ impl Sonic {
             tokens = Box::new(RecordedTokens::read(Path::new(value))?);
             Ok(Some(()))
         })?;
-        Ok(Self { files, tokens, body: None })
+        let (folder, words) = text.split_once(',').unwrap_or((text, ""));
+        let name = body::label("sonic", Path::new(folder), &[files.decoder.digest()], words);
+        Ok(Self { name, files, tokens, body: None })
     }
 }
 
 impl Policy for Sonic {
     fn name(&self) -> String {
-        SonicFiles::NAME.into()
+        self.name.clone()
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {

@@ -80,6 +80,29 @@ fn an_unknown_name_is_answered_with_the_known_ones() {
     assert!(matches!(by_name("replay:/nowhere.mcap"), Err(PolicyError::Bag(_))));
 }
 
+/// Other weights under the same file name are another policy; a checkpoint is told from an exported file.
+#[test]
+fn the_name_says_which_weights_and_which_command() {
+    let name = |text: &str| by_name(text).map(|policy| policy.name()).map_err(|error| format!("{:#}", anyhow::Error::new(error)));
+    assert_eq!(name("wbc").as_deref(), Ok("wbc"));
+    assert_eq!(name("walk").as_deref(), Ok("walk"));
+    assert_eq!(name("wbc:vx=0.4,wz=0.2").as_deref(), Ok("wbc:vx=0.4,wz=0.2"));
+    let shipped = include_bytes!("../../../crates/wbc/weights/wbc.safetensors");
+    let path = std::env::temp_dir().join(format!("fiatlux-weights-{}.safetensors", std::process::id()));
+    std::fs::write(&path, shipped).expect("writes");
+    let file = path.file_name().expect("a name").display().to_string();
+    let digest = Network::shipped().expect("weights").digest()[..8].to_owned();
+    let (found, walks) = (name(&format!("wbc:{},vx=0.4", path.display())), name(&format!("walk:{}", path.display())));
+    std::fs::write(&path, b"PK\x03\x04 and more").expect("writes");
+    let refused = name(&format!("walk:{}", path.display())).expect_err("a checkpoint");
+    std::fs::remove_file(&path).expect("removes");
+    assert_eq!(found, Ok(format!("wbc:{file}@{digest},vx=0.4")));
+    assert_eq!(walks, Ok(format!("walk:{file}@{digest}")));
+    assert!(refused.contains("is a checkpoint") && refused.contains("fiatlux.train export"), "{refused}");
+    let refused = name("wbc:vx=3").expect_err("too fast");
+    assert!(refused.contains("command vx is 3, outside of -0.5 to 1"), "{refused}");
+}
+
 /// Received actions and targets are sent again, bit for bit; then the policy reports that there are no more.
 #[test]
 fn replay_sends_what_was_recorded_and_no_more() {

@@ -9,6 +9,7 @@ use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInf
 use fiatlux_wbc::Network;
 
 use self::path::{Map, Point, distance};
+use super::body;
 use super::whole_body::WholeBody;
 use crate::{Command, Policy, PolicyError};
 
@@ -67,6 +68,7 @@ impl Goal {
 
 /// Walks to a goal and stands there; the arms keep the staged posture.
 pub struct Walk {
+    name: String,
     network: Arc<Network>,
     trip: Option<Trip>,
 }
@@ -84,18 +86,19 @@ struct Trip {
 }
 
 impl Walk {
-    /// Uses the controller that comes with this version.
+    /// Uses the controller in a file, or the one that comes with this version if the file's name is empty.
     ///
     /// # Errors
-    /// The controller does not load; a test checks that it does.
-    pub fn new() -> Result<Self, PolicyError> {
-        Ok(Self { network: Arc::new(Network::shipped()?), trip: None })
+    /// A file that cannot be read or does not fit.
+    pub fn new(file: &str) -> Result<Self, PolicyError> {
+        let (name, network) = body::network("walk", file, "")?;
+        Ok(Self { name, network, trip: None })
     }
 }
 
 impl Policy for Walk {
     fn name(&self) -> String {
-        "walk".into()
+        self.name.clone()
     }
 
     fn sensors(&self) -> Vec<Sensor> {

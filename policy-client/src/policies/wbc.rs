@@ -1,6 +1,5 @@
 //! The policy `wbc`: the whole-body controller, or another that was trained here, with a fixed command.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
@@ -27,12 +26,10 @@ impl Wbc {
     /// that cannot be read or does not fit.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
         let (first, rest) = text.split_once(',').unwrap_or((text, ""));
-        let file = Path::new(first);
-        let (name, network, command) = match first.is_empty() || first.contains('=') {
-            true => ("wbc".into(), Network::shipped()?, text),
-            false => (format!("wbc:{}", file.file_stem().unwrap_or_default().display()), Network::read(file)?, rest),
-        };
-        let (network, command) = (Arc::new(network), parse(command)?);
+        let has_file = !first.is_empty() && !first.contains('=');
+        let (file, words) = if has_file { (first, rest) } else { ("", text) };
+        let (name, network) = body::network("wbc", file, words)?;
+        let command = parse(words)?;
         Controller::new(Arc::clone(&network)).check(&command)?;
         Ok(Self { name, network, command, body: None })
     }

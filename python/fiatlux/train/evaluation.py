@@ -1,5 +1,7 @@
 """Measures how well a policy walks: survival, and errors of one-second means."""
 
+import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +97,8 @@ def measure(
         "roll": float(mean[4]),
         "pitch": float(mean[5]),
         "yaw": float(mean[6]),
-        "unloaded": float(unloaded / max(standing, 1)),
-        "still_speed": float(np.sqrt(jitter / max(standing, 1))),
+        "unloaded": float(unloaded / standing) if standing else np.nan,
+        "still_speed": float(np.sqrt(jitter / standing)) if standing else np.nan,
         "seconds": float(len(table)),
     }
 
@@ -119,23 +121,30 @@ def score(actor: Any, device: str, threads: int | None, without: tuple[str, ...]
     }
 
 
-def main(checkpoint: Path, episodes: int, tests: list[str] | None, threads: int | None, device: str) -> int:
-    """Prints a table of a checkpoint's tests."""
-    from .walk import load_checkpoint, models, settings_of
+def main(
+    checkpoint: Path, episodes: int, tests: list[str] | None, threads: int | None, device: str, as_json: bool = False
+) -> int:
+    """Prints a table of a checkpoint's tests, a line as each ends; or, at the end, an object with one for each test."""
+    from .walk import device_of, load_checkpoint, models, settings_of
 
     unknown = [name for name in tests or () if name not in TESTS]
     if unknown:
-        print(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
-        return 2
-    if not checkpoint.exists():
-        print(f"{checkpoint} does not exist; train one with python -m fiatlux.train walk --out {checkpoint.parent}")
-        return 2
+        raise ValueError(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
     state = load_checkpoint(checkpoint)
     settings = settings_of(state, {})
+    device = device_of(device)
     actor, _ = models(Worlds(1, device, settings.without), settings)
     actor.load_state_dict(state["ppo"]["actor_state_dict"])
     actor.to(device)
+    table: dict[str, dict[str, float | None]] = {}
     for name in tests or TESTS:
         found = measure(actor, device, threads, episodes, 1000, 12345, TESTS[name], settings.without)
-        print(f"{name:12}" + "  ".join(f"{key} {value:.4f}" for key, value in found.items()), flush=True)
+        if not table and not as_json:
+            print(f"{'test':10}" + "".join(f"{key:>12}" for key in found))
+        table[name] = {key: value if math.isfinite(value) else None for key, value in found.items()}
+        if not as_json:
+            shown = ("-" if value is None else f"{value:.0f}" if key == "seconds" else f"{value:.4f}" for key, value in table[name].items())
+            print(f"{name:10}" + "".join(f"{text:>12}" for text in shown), flush=True)
+    if as_json:
+        print(json.dumps(table, indent=2))
     return 0

@@ -1,5 +1,6 @@
 """A trained policy as one file that carries its contract."""
 
+import os
 from pathlib import Path
 
 import torch
@@ -14,13 +15,20 @@ FRAMES = 4
 POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
 
 
-def export(checkpoint: Path, file: Path, hardware: str) -> None:
+def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False) -> None:
     """Writes a checkpoint's policy; the normaliser goes into the first layer.
 
     The file has ``layerN.weight`` (outputs x inputs) and ``layerN.bias``, ELU between the layers, of the first halves of the
     hidden layers' units; the others are those in the mirror. It also has an observation with its action, by which a loader
     checks itself.
+
+    Raises:
+        ValueError: The checkpoint is not one, or is not to be exported; or the file has another ending or exists.
     """
+    if file.suffix != ".safetensors":
+        raise ValueError(f"{file}: name a file that ends in .safetensors")
+    if file.exists() and not overwrites:
+        raise ValueError(f"{file} exists; name another file, or overwrite it with --force")
     state = load_checkpoint(checkpoint)
     settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
     if settings.without:
@@ -60,5 +68,12 @@ def export(checkpoint: Path, file: Path, hardware: str) -> None:
         FRAMES, list(settings.hidden), settings.seed, progress["samples"], progress["seconds"] / 60, hardware
     )
     file.parent.mkdir(parents=True, exist_ok=True)
-    save_file(tensors, file, metadata={"contract": contract})
+    part = file.with_suffix(".part")
+    save_file(tensors, part, metadata={"contract": contract})
+    # The library's file is for its owner alone.
+    umask = os.umask(0)
+    os.umask(umask)
+    part.chmod(0o666 & ~umask)
+    os.replace(part, file)
     print(f"{file}: {file.stat().st_size} bytes, {progress['samples'] / 1e6:.1f} M samples")
+    print(f"play it: fiatlux evaluate --policy wbc:{file},vx=0.4 --tasks S07")

@@ -1,47 +1,85 @@
 """What a training run is made of."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any
 
+from .. import _native
 
-def _of(default: Any, text: str) -> Any:
-    return dataclasses.field(default=default, metadata={"help": text})
+PARTS = ("history", "clock", "symmetry")
+"""What a policy can be trained without."""
+
+
+def _of(default: Any, text: str, least: float | None = None, most: float = math.inf) -> Any:
+    return dataclasses.field(default=default, metadata={"help": text, "least": least, "most": most})
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a run. A checkpoint holds them; a resumed run keeps them, but for those that are given anew."""
+    """Settings of a run. A checkpoint holds them; a resumed run keeps them, but for those that are given anew.
 
-    seed: int = _of(0, "seed of networks and worlds")
-    worlds: int = _of(2048, "worlds")
-    steps: int = _of(24, "control steps of each world in an iteration")
-    segment: int = _of(25, "iterations from one checkpoint to the next; the worlds begin anew at each")
-    samples: int = _of(100_000_000, "control steps of the whole run")
-    hidden: tuple[int, ...] = _of((256, 256, 128), "sizes of the policy's hidden layers")
-    critic: tuple[int, ...] = _of((512, 256, 128), "sizes of the critic's hidden layers")
-    epochs: int = _of(5, "passes over an iteration's samples")
-    batches: int = _of(4, "minibatches of a pass")
-    desired_kl: float = _of(0.012, "step of the policy that the learning rate is fitted to")
-    entropy: float = _of(0.003, "weight of the entropy at first; it falls to a sixth over the second half of the curriculum's time")
-    least_std: float = _of(0.12, "least standard deviation of an action at first; it falls likewise to 0.05")
-    calm_from: int = _of(25_000_000, "samples from which entropy and least deviation fall")
-    calm_over: int = _of(20_000_000, "samples over which they fall")
-    harder: float = _of(0.08, "growth of the difficulty at a checkpoint whose robots seldom fell")
-    falls: float = _of(1.5, "falls in 1,000 control steps of a world below which the difficulty grows")
-    tracks: float = _of(0.62, "part of the most that velocity can pay from which on the difficulty grows")
-    most_difficult: float = _of(1.0, "where the difficulty stops growing")
-    pushes: float = _of(0.5, "size of pushes at difficulty 0, m/s an axis; 1.0 at difficulty 1")
+    Raises:
+        ValueError: A setting is out of range.
+    """
+
+    seed: int = _of(0, "seed of networks and worlds", 0)
+    worlds: int = _of(2048, "worlds", 1)
+    steps: int = _of(24, "control steps of each world in an iteration", 1)
+    segment: int = _of(25, "iterations from one checkpoint to the next; the worlds begin anew at each", 1)
+    samples: int = _of(100_000_000, "control steps of the whole run, all worlds together", 1)
+    hidden: tuple[int, ...] = _of((256, 256, 128), "sizes of the policy's hidden layers", 2)
+    critic: tuple[int, ...] = _of((512, 256, 128), "sizes of the critic's hidden layers", 2)
+    epochs: int = _of(5, "passes over an iteration's samples", 1)
+    batches: int = _of(4, "minibatches of a pass", 1)
+    desired_kl: float = _of(0.012, "step of the policy that the learning rate is fitted to", 1e-6)
+    entropy: float = _of(0.003, "weight of the entropy at first; it falls to a sixth over the second half of the curriculum's time", 0)
+    least_std: float = _of(0.12, "least standard deviation of an action at first; it falls likewise to 0.05", 0.01, 1)
+    calm_from: int = _of(25_000_000, "samples from which entropy and least deviation fall", 0)
+    calm_over: int = _of(20_000_000, "samples over which they fall", 1)
+    harder: float = _of(0.08, "growth of the difficulty at a checkpoint whose robots seldom fell", 0, 1)
+    falls: float = _of(1.5, "falls in 1,000 control steps of a world below which the difficulty grows", 0)
+    tracks: float = _of(0.62, "part of the most that velocity can pay from which on the difficulty grows", 0, 1)
+    most_difficult: float = _of(1.0, "where the difficulty stops growing", 0, 1)
+    pushes: float = _of(0.5, "size of pushes at difficulty 0, m/s an axis; 1.0 at difficulty 1", 0)
     without: tuple[str, ...] = _of((), "what the policy has to do without: history (earlier frames), clock (the rhythm of the feet, and what it pays), symmetry (of the networks); to see what each is worth")
-    reward: tuple[str, ...] = _of((), "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT")
-    start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it")
-    widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed")
-    evaluate: int = _of(6, "checkpoints from one evaluation to the next")
+    reward: tuple[str, ...] = _of((), "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT; the command terms lists them")
+    start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it", 0, 1)
+    widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed", 0.01, 100)
+    evaluate: int = _of(6, "checkpoints from one evaluation to the next", 1)
 
     def __post_init__(self) -> None:
-        unknown = set(self.without) - {"history", "clock", "symmetry"}
+        for field in dataclasses.fields(self):
+            least, most = field.metadata["least"], field.metadata["most"]
+            value = getattr(self, field.name)
+            if least is None:
+                continue
+            for number in value if isinstance(value, tuple) else (value,):
+                if not least <= number <= most:
+                    bounds = f"{least:g} or more" if most == math.inf else f"{least:g} to {most:g}"
+                    raise ValueError(f"{field.name} is {number}; give {bounds}")
+        unknown = set(self.without) - set(PARTS)
         if unknown:
-            raise ValueError(f"without: {', '.join(sorted(unknown))}; known are history, clock and symmetry")
+            raise ValueError(f"without: {', '.join(sorted(unknown))} is not known; give some of {', '.join(PARTS)}")
+        if self.batches > self.worlds * self.steps:
+            raise ValueError(f"batches is {self.batches}, but an iteration has {self.worlds * self.steps} samples; give fewer")
+        weights_of(self.reward)
+
+
+def weights_of(given: tuple[str, ...]) -> dict[str, float]:
+    """Weights of the reward that are given as NAME=WEIGHT."""
+    known, weights = _native.Batch.walking_weights(), {}
+    for pair in given:
+        name, _, weight = pair.partition("=")
+        if name not in known:
+            raise ValueError(f"reward: there is no term {name!r}; the terms are {', '.join(known)}")
+        try:
+            weights[name] = float(weight)
+        except ValueError:
+            raise ValueError(f"reward: {pair!r} has no number; give NAME=WEIGHT, such as {name}={known[name]:g}") from None
+        if not math.isfinite(weights[name]):
+            raise ValueError(f"reward: the weight of {name} is {weight}; give a finite number")
+    return weights
 
 
 def worlds_of(difficulty: float, pushes: float = Settings.pushes) -> dict[str, Any]:

@@ -8,9 +8,11 @@ import csv
 import dataclasses
 import math
 import os
+import signal
+import sys
 import time
 from pathlib import Path
-from typing import Any, Mapping
+from typing import Any, Callable, Mapping
 
 import torch
 from rsl_rl.algorithms import PPO
@@ -18,7 +20,7 @@ from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 
 from .evaluation import score
-from .settings import Settings, worlds_of
+from .settings import Settings, weights_of, worlds_of
 from .symmetry import MOVED, Mirror, SymmetricModel
 from .worlds import Worlds
 
@@ -26,7 +28,12 @@ GROUPS = {"actor": ["policy"], "critic": ["critic"]}
 VELOCITY = ("velocity", "slow_velocity")
 """The reward's terms of velocity, each of which is its weight at best."""
 STOP_KL = 1.0
-"""A policy that moves so far in one iteration has broken."""
+"""A policy that moves so far in one iteration has broken, but for the first ones, in which the normaliser has yet to settle."""
+SETTLES = 5
+
+
+FIXED = ("hidden", "critic", "without")
+"""Settings that a resumed run cannot change: its networks have these forms."""
 
 
 class Stopped(RuntimeError):
@@ -51,14 +58,6 @@ def models(worlds: Worlds, settings: Settings) -> tuple[MLPModel, MLPModel]:
 def _number(seed: int, segment: int) -> int:
     """A seed for a segment, by Weyl's sequence."""
     return (seed * 1_000_003 + segment * 0x9E3779B1) % (1 << 48)
-
-
-def weights_of(given: tuple[str, ...]) -> dict[str, float]:
-    """Weights of the reward that are given as NAME=WEIGHT."""
-    try:
-        return {name: float(weight) for name, _, weight in (pair.partition("=") for pair in given)}
-    except ValueError:
-        raise ValueError(f"reward: {given} has no number; give terms as NAME=WEIGHT") from None
 
 
 class Run:
@@ -104,15 +103,18 @@ class Run:
         least = settings.least_std + done * (min(0.05, settings.least_std) - settings.least_std)
         self.ppo.actor.distribution.log_std_range[0] = math.log(least)
 
-    def run_segment(self) -> dict[str, float]:
-        """Takes a segment's iterations; what they came to."""
+    def run_segment(self, goes_on: Callable[[int], bool]) -> dict[str, float]:
+        """Takes a segment's iterations; what they came to. ``goes_on``, called with the number of those that are done, ends it
+        early."""
         start = time.monotonic()
         ppo, settings, worlds = self.ppo, self.settings, self.worlds
         ppo.train_mode()
         self.calm()
         totals = {"reward": 0.0, "falls": 0.0, "timeouts": 0.0, "rollout_s": 0.0, "kl": 0.0, "value_loss": 0.0}
         terms = 0.0
-        for _ in range(settings.segment):
+        iterations = 0
+        while iterations < settings.segment and (iterations == 0 or goes_on(iterations)):
+            iterations += 1
             began = time.monotonic()
             with torch.inference_mode():
                 for _ in range(settings.steps):
@@ -133,8 +135,8 @@ class Run:
                 kl = float(ppo.actor.get_kl_divergence(before, self._opinion()).mean())
             totals["kl"] += kl
             totals["value_loss"] += losses["value"]
-            self._check(losses, kl)
-        iterations, steps = settings.segment, settings.segment * settings.steps
+            self._check(losses, kl, may_jump=self.segment == 0 and iterations <= SETTLES)
+        steps = iterations * settings.steps
         self.samples += steps * settings.worlds
         self.segment += 1
         taken = time.monotonic() - start
@@ -167,11 +169,11 @@ class Run:
         self.ppo.actor(self.worlds.observation, stochastic_output=True)
         return tuple(part.clone() for part in self.ppo.actor.output_distribution_params)
 
-    def _check(self, losses: Mapping[str, float], kl: float) -> None:
+    def _check(self, losses: Mapping[str, float], kl: float, may_jump: bool) -> None:
         broken = [name for name, loss in losses.items() if not math.isfinite(loss)]
         if broken or not math.isfinite(kl):
             raise Stopped(f"{', '.join(broken) or 'the policy'} is not finite")
-        if kl > STOP_KL:
+        if kl > STOP_KL and not may_jump:
             raise Stopped(f"the policy moved by a KL of {kl:.2f} in one iteration")
 
     def begin_segment(self) -> None:
@@ -201,14 +203,62 @@ class Run:
 
 
 def load_checkpoint(file: Path) -> dict[str, Any]:
-    """A checkpoint's state."""
-    return torch.load(file, map_location="cpu", weights_only=True)
+    """A checkpoint's state.
+
+    Raises:
+        ValueError: There is no such file, or it is not a checkpoint of this version.
+    """
+    if not file.is_file():
+        raise ValueError(f"{file} does not exist; train a controller with python -m fiatlux.train walk --out {file.parent}")
+    try:
+        state = torch.load(file, map_location="cpu", weights_only=True)
+        settings_of(state, {})
+        if not {"ppo", "progress", "learning_rate"} <= state.keys():
+            raise KeyError("ppo")
+    except Exception as error:  # PyTorch's reader fails in a dozen ways on what is not its own.
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise ValueError(f"{file} is not a checkpoint of this version's training: {reason}") from error
+    return state
 
 
 def settings_of(state: Mapping[str, Any], given: Mapping[str, Any]) -> Settings:
     """A checkpoint's settings, but for those that are given."""
     kept = {name: tuple(value) if isinstance(value, list) else value for name, value in state["settings"].items()}
+    for name in FIXED:
+        if given.get(name, kept[name]) != kept[name]:
+            raise ValueError(f"{name} is {given[name]}, but the checkpoint's is {kept[name]}; leave it out or begin a new run")
     return Settings(**{**kept, **given})
+
+
+def device_of(name: str) -> str:
+    """The name of a PyTorch device, if there is one."""
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise ValueError(f"device: PyTorch has no {name!r} here; give cpu, or cuda where there is a GPU") from error
+    return name
+
+
+class _Interrupt:
+    """Ctrl-C: once, to end after the present iteration; twice, at once."""
+
+    def __init__(self) -> None:
+        self.is_set = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def _note(self, number: int, frame: Any) -> None:
+        if self.is_set:
+            raise KeyboardInterrupt
+        self.is_set = True
+        print("\nstops after this iteration, with a checkpoint; once more to stop at once", file=sys.stderr, flush=True)
+
+
+def _duration(seconds: float) -> str:
+    minutes = round(max(seconds, 0.0) / 60)
+    if minutes < 1:
+        return "under 1 min"
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02} min"
 
 
 def _writer(out: Path) -> Any:
@@ -222,13 +272,12 @@ def _writer(out: Path) -> Any:
 def train(
     out: Path, given: Mapping[str, Any], resume: bool, minutes: float | None, device: str | None, threads: int | None
 ) -> int:
-    """Trains until the samples or the minutes are over; 0 if it got there."""
+    """Trains until the samples or the minutes are over; the exit code."""
     began = time.monotonic()
-    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    device = device_of(device or ("cuda" if torch.cuda.is_available() else "cpu"))
     last, best, curve = out / "last.pt", out / "best.pt", out / "curve.csv"
     if resume and not last.exists():
-        print(f"{last} does not exist, so there is nothing to go on with; begin without --resume")
-        return 2
+        raise ValueError(f"{last} does not exist, so there is nothing to go on with; begin without --resume")
     if resume:
         state = load_checkpoint(last)
         run = Run(out, settings_of(state, given), device, threads)
@@ -238,20 +287,30 @@ def train(
         if "widen" in given:
             run.ppo.actor.distribution.log_std_param.data += math.log(run.settings.widen)
     elif last.exists():
-        print(f"{last} exists; go on with --resume or name another --out")
-        return 2
+        raise ValueError(f"{last} exists; go on with --resume or name another --out")
     else:
-        out.mkdir(parents=True, exist_ok=True)
         run = Run(out, Settings(**given), device, threads)
+        out.mkdir(parents=True, exist_ok=True)
     settings = run.settings
+    if run.samples >= settings.samples:
+        print(f"the run has its {run.samples} samples already; give more --samples to go on")
+        return 0
     writer = _writer(out)
+    interrupt = _Interrupt()
     print(f"{settings} on {device}, {run.worlds.env.num_threads} threads, set up in {time.monotonic() - began:.1f} s", flush=True)
     while run.samples < settings.samples:
         begin = time.monotonic()
         run.begin_segment()
         made = time.monotonic() - begin
+
+        def goes_on(done: int) -> bool:
+            if sys.stderr.isatty():
+                rate = done * settings.steps * settings.worlds / (time.monotonic() - begin)
+                print(f"\r  segment {run.segment + 1}: iteration {done} of {settings.segment}, {rate:.0f} steps/s ", end="", file=sys.stderr)
+            return not interrupt.is_set
+
         try:
-            row = run.run_segment()
+            row = run.run_segment(goes_on)
         except Stopped as error:
             print(f"stopped: {error}", flush=True)
             remedy = "go on from the last checkpoint with --resume and a smaller --desired-kl"
@@ -259,7 +318,9 @@ def train(
                 remedy = "no checkpoint has been written yet: begin anew with more --worlds or larger networks"
             print(remedy, flush=True)
             return 1
-        if run.segment % settings.evaluate == 0:
+        if sys.stderr.isatty():
+            print("\r\033[K", end="", file=sys.stderr)
+        if run.segment % settings.evaluate == 0 and not interrupt.is_set:
             row |= {f"test/{name}": value for name, value in score(run.ppo.actor, device, threads, settings.without).items()}
             if row["test/score"] > run.best:
                 run.best = row["test/score"]
@@ -268,15 +329,19 @@ def train(
         _record(curve, writer, row)
         rate = row["samples"] / (60 * row["minutes"])
         elapsed = time.monotonic() - began
-        left = (settings.samples - run.samples) / rate
-        left = left if minutes is None else min(left, 60 * minutes - elapsed)
+        left = f"{_duration((settings.samples - run.samples) / rate)} to {settings.samples / 1e6:.0f} M samples"
+        if minutes is not None:
+            left = f"at most {_duration(60 * minutes - elapsed)}"
         tested = " ".join(f"{name[5:]} {value:.3f}" for name, value in row.items() if name.startswith("test/"))
         print(
             f"{row['samples'] / 1e6:7.2f} M  {row['steps_per_s']:7.0f}/s (worlds {made:.1f} s, rollout {row['rollout_share']:.2f})  "
             f"difficulty {row['difficulty']:.2f}  reward {row['reward']:6.3f}  falls {row['falls_per_1000_steps']:6.2f}  "
-            f"kl {row['kl']:.4f}  lr {row['learning_rate']:.1e}  std {row['deviation']:.3f}  left {left:5.0f} s  {tested}",
+            f"kl {row['kl']:.4f}  lr {row['learning_rate']:.1e}  std {row['deviation']:.3f}  left {left}  {tested}",
             flush=True,
         )
+        if interrupt.is_set:
+            print(f"stopped; {last} is written, and --resume goes on from there", flush=True)
+            return 3
         # The next segment must fit.
         if minutes is not None and elapsed + (time.monotonic() - begin) > 60 * minutes:
             break

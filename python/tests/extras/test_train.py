@@ -1,12 +1,22 @@
 """What the training of controllers stands on."""
 
+import csv
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import fiatlux
 import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
 from fiatlux.train.settings import Settings
-from fiatlux.train.walk import models
+from fiatlux.train.walk import load_checkpoint, models
 from fiatlux.train.worlds import Worlds
 
 
@@ -28,3 +38,79 @@ def test_pairs_of_units_need_even_layers():
     with pytest.raises(ValueError, match="even"):
         models(worlds, Settings(hidden=(63, 32)))
     worlds.env.close()
+
+
+SMALL = ["--worlds", "64", "--segment", "2", "--steps", "8", "--hidden", "32", "32", "--critic", "32", "32", "--evaluate", "50"]
+
+
+def run(*arguments):
+    done = subprocess.run([sys.executable, "-m", "fiatlux.train", *map(str, arguments)], capture_output=True, text=True)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_run_goes_on_is_tested_and_exported(tmp_path):
+    out = tmp_path / "run"
+    assert run("walk", "--out", out, *SMALL, "--samples", 1024)[0] == 0
+    assert run("walk", "--out", out, "--resume", "--samples", 3000)[0] == 0
+    with (out / "curve.csv").open() as file:
+        assert [int(row["samples"]) for row in csv.DictReader(file)] == [1024, 2048, 3072]
+    code, said, _ = run("evaluate", out / "last.pt", "--episodes", 2, "--tests", "upright")
+    assert code == 0 and re.search(r"^upright +0\.0000 +-", said, re.MULTILINE)
+    file = tmp_path / "mine.safetensors"
+    assert run("export", out / "last.pt", file)[0] == 0
+    assert file.stat().st_mode & 0o777 == 0o666 & ~os.umask(os.umask(0o022))
+    assert len(fiatlux.WholeBody(file).joint_names) == 29
+    assert run("export", out / "last.pt", file)[0] == 2
+    assert run("export", out / "last.pt", file, "--force")[0] == 0
+    code, _, error = run("walk", "--out", out, "--resume", "--hidden", 64, 64)
+    assert code == 2 and error.startswith("error: hidden is (64, 64)")
+
+
+def test_ctrl_c_ends_a_segment_early_with_a_checkpoint(tmp_path):
+    arguments = ["walk", "--out", tmp_path / "run", *SMALL, "--segment", "100000"]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "fiatlux.train", *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert "Settings" in child.stdout.readline()
+    time.sleep(2.0)
+    child.send_signal(signal.SIGINT)
+    said, _ = child.communicate(timeout=60)
+    assert child.returncode == 3 and "--resume goes on" in said
+    progress = load_checkpoint(tmp_path / "run/last.pt")["progress"]
+    assert progress["segment"] == 1 and progress["samples"] % 512 == 0
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["--samples", "0"], "samples is 0; give 1 or more"),
+        (["--start-difficulty", "3"], "start_difficulty is 3.0; give 0 to 1"),
+        (["--reward", "speed=1"], "there is no term 'speed'"),
+        (["--reward", "alive"], "give NAME=WEIGHT"),
+        (["--without", "hist"], "without: hist is not known"),
+        (["--device", "abacus"], "PyTorch has no 'abacus'"),
+        (["--resume"], "nothing to go on with"),
+    ],
+)
+def test_wrong_settings_are_refused_before_anything_is_written(tmp_path, arguments, says):
+    code, _, error = run("walk", "--out", tmp_path / "run", *arguments)
+    assert code == 2 and says in error and "Traceback" not in error
+    assert not (tmp_path / "run").exists()
+
+
+def test_other_files_are_not_checkpoints(tmp_path):
+    junk = tmp_path / "junk.pt"
+    junk.write_bytes(b"(lp0\nno checkpoint")
+    for arguments in (["evaluate", junk], ["export", junk, tmp_path / "x.safetensors"], ["evaluate", tmp_path / "none.pt"]):
+        code, _, error = run(*arguments)
+        assert code == 2 and error.startswith("error: ") and "Traceback" not in error
+
+
+def test_the_page_s_example_of_rsl_rl_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (pathlib.Path(__file__).resolve().parents[3] / "docs/python/vector.md").read_text()
+    (block,) = re.findall(r"^```python train\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    for usual, small in (("WalkingVectorEnv(1024,", "WalkingVectorEnv(16,"), ("learn(1000)", "learn(2)")):
+        assert usual in block
+        block = block.replace(usual, small)
+    exec(compile(block, "vector.md", "exec"), {"fiatlux": fiatlux})
