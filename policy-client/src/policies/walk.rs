@@ -29,6 +29,8 @@ const ROOM_M: f64 = 0.65;
 const LEAVES: u64 = 250;
 /// Half extents of the ladder on the floor, x and y of its own frame, m: to the middle of its rails.
 const LADDER_HALF: [f64; 2] = [0.29, 0.48];
+/// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere.
+const AT_RAILS: f64 = 0.42;
 /// How fast it steps away, m/s.
 const LEAVES_M_S: f64 = 0.3;
 /// Distance to the goal at which the robot begins to turn towards the target, m.
@@ -81,6 +83,8 @@ struct Trip {
     path: Vec<Point>,
     planned: Option<u64>,
     has_room: bool,
+    /// Walls are in the way of the ladder's rails: any side will do.
+    any_side: bool,
     has_arrived: bool,
     velocity: [f64; 3],
 }
@@ -111,10 +115,12 @@ impl Policy for Walk {
             let reason = format!("it walks in S05, S07 and S09, but this is {task}; use another policy");
             return Err(PolicyError::Unfit { policy: "walk", reason });
         };
-        privileged(first)?;
+        let seen = privileged(first)?;
         let body = WholeBody::own("walk", Arc::clone(&self.network), info, first)?;
         let outlines = info.footprints.iter().filter(|print| print.bottom < 1.3 && print.top > 0.05);
-        let map = Map::new(outlines.map(|print| (print.name.clone(), path::corners(&print.outline))));
+        let outlines = outlines.map(|print| (print.name.clone(), path::corners(&print.outline)));
+        // The ladder has no footprint, because it can be moved.
+        let map = Map::new(outlines.chain([("ladder".into(), ladder(seen)?)]));
         self.trip = Some(Trip {
             body,
             goal,
@@ -122,6 +128,7 @@ impl Policy for Walk {
             path: Vec::new(),
             planned: None,
             has_room: false,
+            any_side: false,
             has_arrived: false,
             velocity: [0.0; 3],
         });
@@ -155,23 +162,17 @@ impl Trip {
     fn command(&mut self, step: u64, seen: &Privileged) -> Result<fiatlux_wbc::Command, PolicyError> {
         let mut command = fiatlux_wbc::Command::default();
         let (here, heading) = planar(seen.robot.as_ref())?;
-        let thing = match self.goal {
+        let (thing, turned) = match self.goal {
             Goal::Crate => planar(seen.crate_.as_ref())?,
             Goal::FreshBulb => planar(seen.fresh_bulb.as_ref())?,
             Goal::Ladder => planar(seen.ladder.as_ref())?,
         };
-        let thing = thing.0;
-        // The ladder has no footprint, because it can be moved. It is an obstacle unless it is the goal.
-        let passes_ladder = self.goal != Goal::Ladder;
-        if passes_ladder {
-            self.map.put("ladder", ladder(seen)?);
-        }
         let stop = self.goal.stop_m();
-        let crate_only = self.goal == Goal::Crate;
-        let map = &self.map;
-        let apart = |at: Point| match crate_only {
-            true => map.distance_to("crate", at).unwrap_or_else(|| distance(at, thing)),
-            false => distance(at, thing),
+        let (map, goal, any_side) = (&self.map, self.goal, self.any_side);
+        let apart = |at: Point| match goal {
+            Goal::Crate => map.distance_to("crate", at).unwrap_or_else(|| distance(at, thing)),
+            Goal::Ladder if !any_side && libm::cos(turn(turned, thing, at)).abs() > AT_RAILS => f64::INFINITY,
+            Goal::FreshBulb | Goal::Ladder => distance(at, thing),
         };
         let faces = turn(heading, here, thing);
         let is_near = apart(here) < stop + if self.has_arrived { SLACK_M } else { 0.0 };
@@ -183,7 +184,7 @@ impl Trip {
             command.velocity[2] = (1.5 * faces).clamp(-0.5, 0.5);
             return Ok(command);
         }
-        let leaves = passes_ladder && !self.has_room && step <= LEAVES;
+        let leaves = self.goal != Goal::Ladder && !self.has_room && step <= LEAVES;
         let way_out = if leaves { map.way_out(here, ROOM_M) } else { None };
         self.has_room = way_out.is_none();
         if let Some(angle) = way_out {
@@ -193,6 +194,7 @@ impl Trip {
         }
         if self.planned.is_none_or(|planned| step >= planned + REPLAN) {
             self.path = map.path(here, |at| apart(at) < stop - 0.02);
+            self.any_side |= self.path.is_empty();
             self.planned = Some(step);
         }
         let ahead = self.path.iter().copied().find(|point| distance(here, *point) > AHEAD_M);
