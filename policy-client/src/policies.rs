@@ -73,7 +73,9 @@ pub fn by_name(name: &str) -> Result<Box<dyn Policy>, PolicyError> {
         "stand" => Ok(Box::new(Stand::default())),
         "walk" => Ok(Box::new(Walk::new("")?)),
         "wbc" => Ok(Box::new(Wbc::new("")?)),
-        other if other.len() > "walk:".len() && other.starts_with("walk:") => Ok(Box::new(Walk::new(&other["walk:".len()..])?)),
+        other if other.len() > "walk:".len() && other.starts_with("walk:") => {
+            Ok(Box::new(Walk::new(&other["walk:".len()..])?))
+        }
         other if other.starts_with("wbc:") => Ok(Box::new(Wbc::new(&other["wbc:".len()..])?)),
         "vla" => {
             let reason = "it needs a model server; give --dialect and --model".into();

@@ -17,11 +17,13 @@ use fiatlux_link::ProgressLine;
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
 const DATA_LOSS: u8 = 3;
+/// An episode was simulated again, or should have been, and is not verified.
+const UNVERIFIED: u8 = 4;
 
 /// Grades recorded episodes: turns bags into scores, tables and a report; compares runs; serves the leaderboard.
 ///
-/// Exit codes: 0 success; 1 failed, or an episode differs; 2 wrong usage; 3 done, but some bags could not be scored, or
-/// the results.json of a folder says otherwise than its bags.
+/// Exit codes: 0 success; 1 failed; 2 wrong usage; 3 done, but some bags could not be scored, or the results.json of
+/// a folder says otherwise than its bags; 4 an episode is not verified.
 /// Results go to stdout, everything else to stderr.
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
@@ -166,7 +168,11 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
         [folder] if args.set.is_empty() && !args.published_counting => {
             let place = |file: &Path| std::path::absolute(file).ok();
             let is_written = args.out.as_ref().is_some_and(|out| place(out) == place(&folder.join("results.json")));
-            if is_written { None } else { false_claim(folder, &results) }
+            let claim = if is_written { None } else { false_claim(folder, &results) };
+            if claim.is_none() && !is_written && folder.join("results.json").exists() {
+                eprintln!("scorer: {}/results.json says the same as its bags", folder.display());
+            }
+            claim
         }
         _ => None,
     };

@@ -105,6 +105,16 @@ fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
 /// Reads the only line of the file.
 fn read_token(path: &Path) -> Result<String> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the token in {}", path.display()))?;
+    #[cfg(unix)]
+    {
+        let mode = std::os::unix::fs::PermissionsExt::mode(&std::fs::metadata(path)?.permissions()) & 0o7777;
+        if mode & 0o077 != 0 {
+            eprintln!(
+                "scorer: {0} has mode {mode:04o}, so others can read the token in it; run `chmod 600 {0}`",
+                path.display()
+            );
+        }
+    }
     let token = text.trim();
     anyhow::ensure!(
         token.starts_with("fiatlux_") && !token.contains(char::is_whitespace),

@@ -16,14 +16,14 @@ use fiatlux_grading::{find_bags, verify};
 use fiatlux_link::{LinkArgs, ProgressLine, Role};
 use fiatlux_policy::{Access, AccessArgs, find_server};
 
-use crate::{FAILED, print};
+use crate::{UNVERIFIED, print};
 
 /// Simulate recorded episodes again on a server, and compare bit for bit
 ///
 /// Needs a server: start one with `sim-server`. Checks each bag as grade does, opens a session with the conditions in its
 /// header, sends its actions again, and compares header, rows and result of the second run with those in the bag. Prints the
 /// first difference with both values, and which server signed the bag. Exit code 0: all are equal to the last bit and, with
-/// --signers, signed by a trusted server; 1: one differs, is not signed, was never finished, or could not be simulated.
+/// --signers, signed by a trusted server; 4: one differs, is not signed, was never finished, or could not be simulated; 1: there is no server or no bag.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   sim-server &
@@ -119,7 +119,7 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
     if !waiting.is_empty() {
         eprintln!("scorer: {} of {all} bags were not simulated again", waiting.len());
     }
-    Ok(if good == all { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    Ok(if good == all { ExitCode::SUCCESS } else { ExitCode::from(UNVERIFIED) })
 }
 
 impl Work<'_> {

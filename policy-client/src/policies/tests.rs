@@ -83,7 +83,9 @@ fn an_unknown_name_is_answered_with_the_known_ones() {
 /// Other weights under the same file name are another policy; a checkpoint is told from an exported file.
 #[test]
 fn the_name_says_which_weights_and_which_command() {
-    let name = |text: &str| by_name(text).map(|policy| policy.name()).map_err(|error| format!("{:#}", anyhow::Error::new(error)));
+    let name = |text: &str| {
+        by_name(text).map(|policy| policy.name()).map_err(|error| format!("{:#}", anyhow::Error::new(error)))
+    };
     assert_eq!(name("wbc").as_deref(), Ok("wbc"));
     assert_eq!(name("walk").as_deref(), Ok("walk"));
     assert_eq!(name("wbc:vx=0.4,wz=0.2").as_deref(), Ok("wbc:vx=0.4,wz=0.2"));

@@ -118,7 +118,7 @@ fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {
             score(Some(task.score_mean), task.score_std),
         );
     }
-    out.push_str("\nHow they ended\n");
+    out.push_str("\nHow they ended, by the published judge\n");
     for task in tasks {
         let mut ends: Vec<_> = task.ends.iter().collect();
         ends.sort_by_key(|(cause, count)| (std::cmp::Reverse(**count), (*cause).clone()));
