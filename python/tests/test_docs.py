@@ -1,6 +1,6 @@
 """Runs the examples in README and pages: the ```python blocks of a page in order, in one namespace.
 
-Blocks that need a server, or an extra, name it: `extras/` has the same calls.
+Blocks that need a server, or an extra, name it in a comment: `extras/` has the same calls.
 """
 
 import pathlib
@@ -16,7 +16,7 @@ PAGES = [ROOT / "python/README.md", *sorted((ROOT / "docs/python").glob("*.md"))
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_examples_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"^```python(?: (\w+))?\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"(?:^<!-- needs: (\w+) -->\n)?^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
     names = {"__name__": page.stem}
     for needs, block in blocks:
         code = compile(block, str(page), "exec")

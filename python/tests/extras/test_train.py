@@ -109,7 +109,7 @@ def test_other_files_are_not_checkpoints(tmp_path):
 def test_the_page_s_example_of_rsl_rl_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (pathlib.Path(__file__).resolve().parents[3] / "docs/python/vector.md").read_text()
-    (block,) = re.findall(r"^```python train\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    (block,) = re.findall(r"^<!-- needs: train -->\n```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     for usual, small in (("WalkingVectorEnv(1024,", "WalkingVectorEnv(16,"), ("learn(1000)", "learn(2)")):
         assert usual in block
         block = block.replace(usual, small)
