@@ -28,9 +28,7 @@ fn model_server(name: &str, args: &VlaArgs, is_real_time: bool) -> Result<Option
 /// Sorts an error of a policy: a wrong flag is a usage error, anything else a failure.
 fn usage(error: PolicyError) -> Failure {
     match error {
-        PolicyError::Unknown { .. } | PolicyError::Unfit { .. } => {
-            Failure::Usage(format!("{:#}", anyhow::Error::new(error)))
-        }
+        PolicyError::Unknown { .. } | PolicyError::Unfit { .. } => Failure::Usage(error.to_string()),
         other => other.into(),
     }
 }

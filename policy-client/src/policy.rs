@@ -7,8 +7,8 @@ use thiserror::Error;
 /// Turns observations into commands. Each term of an observation is either empty or of the right length; use
 /// [`Policy::reset`] to refuse a session that lacks a term.
 pub trait Policy: Send {
-    /// Name of the policy for the record, with its arguments and with a digest of each file that it reads: what acts otherwise
-    /// has another name.
+    /// Name of the policy for the record. An evaluation goes on with episodes of the same name, so a name has the arguments that
+    /// decide what the policy does, and a digest of its weights if they come from a file.
     fn name(&self) -> String;
 
     /// Sensors that the policy needs; if empty, it gets proprioception, contact forces and the last action. A session

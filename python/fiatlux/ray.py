@@ -48,7 +48,8 @@ def evaluate(
     jobs = [(task, seed) for task in tasks for seed in seeds]
     remote = _episode.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
-    running = {remote.remote(shared, task, seed, observation, max_steps, settings_for(policy, settings)): (task, seed) for task, seed in jobs}
+    chosen = settings_for(policy, settings)
+    running = {remote.remote(shared, task, seed, observation, max_steps, chosen): (task, seed) for task, seed in jobs}
     done: dict[tuple[str, int], dict[str, Any]] = {}
     for job, summary in _as_they_end(running):
         done[job] = summary
@@ -75,7 +76,8 @@ def rollouts(
     """
     remote = _rollout.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
-    running = [remote.remote(shared, task, seed, max_steps, settings_for(policy, settings)) for seed in seeds]
+    chosen = settings_for(policy, settings)
+    running = [remote.remote(shared, task, seed, max_steps, chosen) for seed in seeds]
     for reference in running:
         yield ray.get(reference)
 

@@ -1,10 +1,12 @@
 //! `scorer submit`: sends the folder of a run to a leaderboard.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::Args;
+use fiatlux_access::check_private;
 use fiatlux_leaderboard::{Manifest, State, Submit, SubmitProgress, Submitted, Upload};
 use fiatlux_link::ProgressLine;
 
@@ -104,17 +106,12 @@ fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
 
 /// Reads the only line of the file.
 fn read_token(path: &Path) -> Result<String> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the token in {}", path.display()))?;
-    #[cfg(unix)]
-    {
-        let mode = std::os::unix::fs::PermissionsExt::mode(&std::fs::metadata(path)?.permissions()) & 0o7777;
-        if mode & 0o077 != 0 {
-            eprintln!(
-                "scorer: {0} has mode {mode:04o}, so others can read the token in it; run `chmod 600 {0}`",
-                path.display()
-            );
-        }
+    let unreadable = || format!("cannot read the token in {}", path.display());
+    let file = File::open(path).with_context(unreadable)?;
+    if let Err(exposed) = check_private(&file, path) {
+        eprintln!("scorer: {exposed}");
     }
+    let text = std::io::read_to_string(file).with_context(unreadable)?;
     let token = text.trim();
     anyhow::ensure!(
         token.starts_with("fiatlux_") && !token.contains(char::is_whitespace),

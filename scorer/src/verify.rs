@@ -23,7 +23,8 @@ use crate::{UNVERIFIED, print};
 /// Needs a server: start one with `sim-server`. Checks each bag as grade does, opens a session with the conditions in its
 /// header, sends its actions again, and compares header, rows and result of the second run with those in the bag. Prints the
 /// first difference with both values, and which server signed the bag. Exit code 0: all are equal to the last bit and, with
-/// --signers, signed by a trusted server; 4: one differs, is not signed, was never finished, or could not be simulated; 1: there is no server or no bag.
+/// --signers, signed by a trusted server; 4: one differs, is not signed, was never finished, or could not be simulated; 1:
+/// there is no server or no bag.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   sim-server &

@@ -35,11 +35,17 @@ pub fn read_public(path: &Path) -> Result<String, AccessError> {
 
 /// Reads a file that only its owner may read.
 pub fn read_secret(path: &Path) -> Result<String, AccessError> {
-    read(path, |file| {
-        let source = |source| AccessError::Read { path: path.to_owned(), source };
-        let mode = file.metadata().map_err(source)?.permissions().mode() & 0o7777;
-        if mode & 0o077 == 0 { Ok(()) } else { Err(AccessError::Exposed { path: path.to_owned(), mode }) }
-    })
+    read(path, |file| check_private(file, path))
+}
+
+/// Checks that only its owner may read an open file; `path` is for the message.
+///
+/// # Errors
+/// [`AccessError::Exposed`], or its mode cannot be read.
+pub fn check_private(file: &File, path: &Path) -> Result<(), AccessError> {
+    let source = |source| AccessError::Read { path: path.to_owned(), source };
+    let mode = file.metadata().map_err(source)?.permissions().mode() & 0o7777;
+    if mode & 0o077 == 0 { Ok(()) } else { Err(AccessError::Exposed { path: path.to_owned(), mode }) }
 }
 
 fn read(path: &Path, check: impl FnOnce(&File) -> Result<(), AccessError>) -> Result<String, AccessError> {

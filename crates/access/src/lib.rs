@@ -36,7 +36,7 @@ mod tokens;
 
 pub use channel::{Channel, Label, MAC_BYTES, Refused, SEAL_BYTES};
 pub use error::{AccessError, FormatError};
-pub use file::write_new;
+pub use file::{check_private, write_new};
 pub use handshake::{
     Greeting, HandshakeError, PROOF_BYTES, Reply, Secrets, Side, Verified, check_hello, hash, is_proof, proof,
     registration, run_identity, welcome,

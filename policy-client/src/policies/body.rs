@@ -79,28 +79,28 @@ fn vector(term: &[f32]) -> [f64; 3] {
     [0, 1, 2].map(|axis| term.get(axis).map_or(f64::NAN, |&value| f64::from(value)))
 }
 
-/// Our controller with the weights of a file, or with those of this version if its name is empty, and its name for the record.
+/// Our controller with the weights of `file`, or with those of this version if that is empty, and its name for the record.
+/// `text` are the policy's arguments, which begin with the file.
 ///
 /// # Errors
 /// A file that cannot be read, or that does not fit.
-pub(super) fn network(kind: &str, file: &str, words: &str) -> Result<(String, Arc<Network>), PolicyError> {
-    let path = Path::new(file);
-    let network = if file.is_empty() { Network::shipped()? } else { Network::read(path)? };
-    let name = match (file, words) {
+pub(super) fn network(kind: &str, file: &str, text: &str) -> Result<(String, Arc<Network>), PolicyError> {
+    let network = if file.is_empty() { Network::shipped()? } else { Network::read(Path::new(file))? };
+    let name = match (file, text) {
         ("", "") => kind.into(),
-        ("", words) => format!("{kind}:{words}"),
-        _ => label(kind, path, &[network.digest()], words),
+        ("", text) => format!("{kind}:{text}"),
+        (_, text) => label(kind, text, &[network.digest()]),
     };
     Ok((name, Arc::new(network)))
 }
 
-/// A controller's name for the record: `KIND:FILE@DIGEST,WORDS`, with the last part of the file's path and eight digits of each
-/// file's SHA-256.
-pub(super) fn label(kind: &str, path: &Path, digests: &[&str], words: &str) -> String {
-    let file = path.file_name().unwrap_or_default().display();
+/// Name for the record of a controller whose arguments are `FILE[,WORDS]`: `KIND:FILE@DIGESTS[,WORDS]`, with the last part of
+/// the path, and with the first eight digits of the SHA-256 of each network.
+pub(super) fn label(kind: &str, text: &str, digests: &[&str]) -> String {
+    let path = text.split(',').next().unwrap_or_default();
+    let (file, words) = (Path::new(path).file_name().unwrap_or_default().display(), &text[path.len()..]);
     let digests = digests.iter().map(|digest| &digest[..8]).collect::<Vec<_>>().join("+");
-    let comma = if words.is_empty() { "" } else { "," };
-    format!("{kind}:{file}@{digests}{comma}{words}")
+    format!("{kind}:{file}@{digests}{words}")
 }
 
 /// Parses words such as `vx=0.4,wz=0.2` into names and values, each with its whole word. Empty words are skipped.

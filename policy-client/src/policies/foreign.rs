@@ -182,10 +182,9 @@ impl Gear {
     /// [`PolicyError::Words`], or networks that cannot be loaded.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
         let mut command = GearFiles::UPRIGHT;
-        let (folder, words) = text.split_once(',').unwrap_or((text, ""));
         let files = GearFiles::open_with(text, GEAR_FIELDS, |name, value| body::set(&mut command, name, value))?;
         let [stands, walks] = &files.networks;
-        let name = body::label("gear", Path::new(folder), &[stands.digest(), walks.digest()], words);
+        let name = body::label("gear", text, &[stands.digest(), walks.digest()]);
         Ok(Self { name, files, command, body: None })
     }
 }
@@ -223,8 +222,7 @@ impl Sonic {
             tokens = Box::new(RecordedTokens::read(Path::new(value))?);
             Ok(Some(()))
         })?;
-        let (folder, words) = text.split_once(',').unwrap_or((text, ""));
-        let name = body::label("sonic", Path::new(folder), &[files.decoder.digest()], words);
+        let name = body::label("sonic", text, &[files.decoder.digest()]);
         Ok(Self { name, files, tokens, body: None })
     }
 }

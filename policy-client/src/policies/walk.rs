@@ -95,7 +95,7 @@ impl Walk {
     /// # Errors
     /// A file that cannot be read or does not fit.
     pub fn new(file: &str) -> Result<Self, PolicyError> {
-        let (name, network) = body::network("walk", file, "")?;
+        let (name, network) = body::network("walk", file, file)?;
         Ok(Self { name, network, trip: None })
     }
 }

@@ -28,7 +28,7 @@ impl Wbc {
         let (first, rest) = text.split_once(',').unwrap_or((text, ""));
         let has_file = !first.is_empty() && !first.contains('=');
         let (file, words) = if has_file { (first, rest) } else { ("", text) };
-        let (name, network) = body::network("wbc", file, words)?;
+        let (name, network) = body::network("wbc", file, text)?;
         let command = parse(words)?;
         Controller::new(Arc::clone(&network)).check(&command)?;
         Ok(Self { name, network, command, body: None })

@@ -18,7 +18,7 @@ EXAMPLES = """examples:
 
 exit codes: 0 done, 1 the training broke down, 2 wrong arguments or files, 3 stopped by Ctrl-C; --resume goes on"""
 
-WALK = """On two cores, 100 M samples take half a day; smaller networks walk after one to two hours:
+WALK = """On two cores, 100 M samples take half a day. Smaller networks and segments show something within minutes:
 --worlds 512 --segment 10 --hidden 256 128 64 --critic 256 128 64
 
 Ctrl-C ends the run after the iteration it is in, with a checkpoint; once more ends it at once, and the last checkpoint stands."""

@@ -206,7 +206,7 @@ def load_checkpoint(file: Path) -> dict[str, Any]:
     """A checkpoint's state.
 
     Raises:
-        ValueError: There is no such file, or it is not a checkpoint of this version.
+        ValueError: The file does not exist, or is not a checkpoint of this version.
     """
     if not file.is_file():
         raise ValueError(f"{file} does not exist; train a controller with python -m fiatlux.train walk --out {file.parent}")
