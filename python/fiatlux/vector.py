@@ -1,7 +1,7 @@
 """Steps many worlds in one call, for training."""
 
 import os
-from typing import TYPE_CHECKING, Any, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Mapping, Sequence
 
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError
@@ -195,7 +195,7 @@ class VectorEnv(_Batch):
 
 
 class WalkingVectorEnv(_Batch):
-    """Many worlds of walking by velocity command, on a floor. Arguments not listed here are as in :class:`VectorEnv`.
+    """Many worlds of walking by velocity command. Arguments not listed here are as in :class:`VectorEnv`.
 
     Fields of the observation whose names begin with ``privileged.`` are for a critic.
 
@@ -210,6 +210,8 @@ class WalkingVectorEnv(_Batch):
         load_kg: Largest load in a hand, kg.
         hand_force_n: Largest force that pulls at a hand along each of the world's axes, N.
         reward_weights: Weights of the reward's terms, a second, where they are not to be the usual ones.
+        scene: ``floor``, or ``room`` for a task's whole scene with ladder, bulbs and furniture. There the robot walks outside
+            the walls, since 20 s are longer than the room; it can have its fingers (``robot="g1_inspire"``).
 
     :attr:`reward_weights` has the weight of each term.
     """
@@ -232,6 +234,7 @@ class WalkingVectorEnv(_Batch):
         hand_force_n: float = 20.0,
         reward_weights: Mapping[str, float] | None = None,
         noise: bool = True,
+        scene: Literal["floor", "room"] = "floor",
         robot: str = "g1_bare",
         gains: str = "fiatlux",
         ranges: Mapping[str, Any] | None = None,
@@ -241,6 +244,7 @@ class WalkingVectorEnv(_Batch):
         final_obs: bool = True,
     ) -> None:
         settings = {
+            "scene": scene,
             "robot": robot,
             "gains": gains,
             "frames": frames,

@@ -11,6 +11,7 @@ use fiatlux_batch::{
 use fiatlux_rules::Row;
 use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -19,6 +20,8 @@ use crate::{build, failed, guarded, not_contiguous, refused};
 
 /// Time between two checks for Ctrl-C during a step.
 const SIGNALS: Duration = Duration::from_millis(50);
+/// The task and seed of the room in which a robot walks that does not walk on a mere floor; a seed for training.
+const WALKING_ROOM: (fiatlux_rules::Task, u64) = (fiatlux_rules::Task::S07, 1000);
 
 /// Many worlds that step together.
 #[pyclass(module = "fiatlux._native")]
@@ -52,6 +55,7 @@ impl Common<'_> {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct WalkingSettings {
+    scene: String,
     robot: String,
     gains: String,
     frames: usize,
@@ -133,12 +137,17 @@ impl Batch {
         WalkingOptions::usual_reward_weights().collect()
     }
 
-    /// Worlds of walking by velocity command, on a floor.
+    /// Worlds of walking by velocity command, on a floor, or outside the walls of a room that is simulated as well.
     #[staticmethod]
     fn walking(py: Python<'_>, settings: WalkingSettings, common: Common<'_>) -> PyResult<Self> {
         let (robot, gains) = settings::robot(&settings.robot, &settings.gains)?;
         let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
-        let scene = Scene::build(&SceneConfig::default(), robot, SceneSpec::floor(gains));
+        let spec = match settings.scene.as_str() {
+            "floor" => SceneSpec::floor(gains),
+            "room" => EpisodeSpec::new(WALKING_ROOM.0, WALKING_ROOM.1, 0).scene(gains),
+            name => return Err(PyValueError::new_err(format!("scene is '{name}'; known ones are floor, room"))),
+        };
+        let scene = Scene::build(&SceneConfig::default(), robot, spec);
         let mut bank = Bank::standing(Arc::new(scene.map_err(|error| refused(&error))?));
         if let Some(ranges) = build::ranges(common.ranges.as_ref())? {
             bank = bank.varied(&ranges, common.variations, common.seed);

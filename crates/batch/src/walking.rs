@@ -31,6 +31,8 @@ const FALL: (f64, f64) = (0.40, std::f64::consts::FRAC_PI_3);
 const START_NOISE: (f64, f64, f64) = (0.08, 0.06, 0.3);
 /// Time constant of the slow velocity, by which tracking is also judged, s: the instantaneous one sways with each step.
 const SLOW_S: f64 = 0.3;
+/// How far from the room's middle the robot walks, where there is a room, m: inside, 20 s at 1 m/s would end at a wall.
+const OUTSIDE_M: f64 = 50.0;
 
 /// What only a critic should see, without noise: name, count.
 const PRIVILEGED: [(&str, usize); 11] = [
@@ -249,6 +251,9 @@ impl Task for Walking {
         let yaw = random.uniform(-std::f64::consts::PI, std::f64::consts::PI);
         let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         row.robot.pose.rotation = rotation;
+        if scene.spec.parts.room {
+            row.robot.pose.translation.x = OUTSIDE_M;
+        }
         row.robot.pose.translation.z = scene.robot.height_on_soles(&row.joint_position, &rotation)?;
         row.robot.linear_velocity.x = random.uniform(-velocity, velocity);
         row.robot.linear_velocity.y = random.uniform(-velocity, velocity);

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .settings import Settings
+from .settings import SCENES, Settings
 
 EXAMPLES = """examples:
   python -m fiatlux.train walk --out runs/walk --minutes 30
@@ -74,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("checkpoint", type=Path)
     evaluate.add_argument("--episodes", type=_whole, default=1000, help="episodes of 20 s of each test (default: 1000)")
     evaluate.add_argument("--tests", nargs="+", help="names of tests (default: all)")
+    evaluate.add_argument("--scene", choices=list(SCENES), default="floor", help="where the robot walks (default: floor)")
     evaluate.add_argument("--threads", type=_whole, help="number of threads for the worlds (default: one for each core)")
     evaluate.add_argument("--device", default="cpu", help="PyTorch device of the network (default: cpu)")
     evaluate.add_argument("--json", action="store_true", help="print JSON instead of the table")
@@ -97,7 +98,8 @@ def _run(arguments: argparse.Namespace) -> int:
         from .evaluation import main as evaluate
 
         return evaluate(
-            arguments.checkpoint, arguments.episodes, arguments.tests, arguments.threads, arguments.device, arguments.json
+            arguments.checkpoint, arguments.episodes, arguments.tests, arguments.threads, arguments.device, arguments.scene,
+            arguments.json,
         )
     if arguments.command == "export":
         from .export import export

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from .settings import worlds_of
+from .settings import SCENES, worlds_of
 from .worlds import Worlds
 
 SECOND = 50
@@ -122,7 +122,8 @@ def score(actor: Any, device: str, threads: int | None, without: tuple[str, ...]
 
 
 def main(
-    checkpoint: Path, episodes: int, tests: list[str] | None, threads: int | None, device: str, as_json: bool = False
+    checkpoint: Path, episodes: int, tests: list[str] | None, threads: int | None, device: str, scene: str = "floor",
+    as_json: bool = False,
 ) -> int:
     """Prints a table of a checkpoint's tests, a line as each ends; or, at the end, an object with one for each test."""
     from .walk import device_of, load_checkpoint, models, settings_of
@@ -138,7 +139,8 @@ def main(
     actor.to(device)
     table: dict[str, dict[str, float | None]] = {}
     for name in tests or TESTS:
-        found = measure(actor, device, threads, episodes, 1000, 12345, TESTS[name], settings.without)
+        worlds = {**TESTS[name], **SCENES[scene]}
+        found = measure(actor, device, threads, episodes, 1000, 12345, worlds, settings.without)
         if not table and not as_json:
             print(f"{'test':10}" + "".join(f"{key:>12}" for key in found))
         table[name] = {key: value if math.isfinite(value) else None for key, value in found.items()}

@@ -9,6 +9,8 @@ from .. import _native
 
 PARTS = ("history", "clock", "symmetry")
 """What a policy can be trained without."""
+SCENES = {"floor": {"robot": "g1_bare"}, "room": {"scene": "room", "robot": "g1_inspire"}}
+"""Where robots walk: arguments of :class:`fiatlux.WalkingVectorEnv`."""
 
 
 def _of(default: Any, text: str, least: float | None = None, most: float = math.inf) -> Any:
@@ -42,6 +44,7 @@ class Settings:
     tracks: float = _of(0.62, "part of the most that velocity can pay from which on the difficulty grows", 0, 1)
     most_difficult: float = _of(1.0, "where the difficulty stops growing", 0, 1)
     pushes: float = _of(0.5, "size of pushes at difficulty 0, m/s an axis; 1.0 at difficulty 1", 0)
+    scene: str = _of("floor", "floor, or room: the whole scene of a task, and a robot with its fingers; half as fast")
     without: tuple[str, ...] = _of((), "what the policy has to do without: history (earlier frames), clock (the rhythm of the feet, and what it pays), symmetry (of the networks); to see what each is worth")
     reward: tuple[str, ...] = _of((), "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT; the command terms lists them")
     start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it", 0, 1)
@@ -58,6 +61,8 @@ class Settings:
                 if not least <= number <= most:
                     bounds = f"{least:g} or more" if most == math.inf else f"{least:g} to {most:g}"
                     raise ValueError(f"{field.name} is {number}; give {bounds}")
+        if self.scene not in SCENES:
+            raise ValueError(f"scene is {self.scene!r}; give {' or '.join(SCENES)}")
         unknown = set(self.without) - set(PARTS)
         if unknown:
             raise ValueError(f"without: {', '.join(sorted(unknown))} is not known; give some of {', '.join(PARTS)}")

@@ -20,7 +20,7 @@ from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 
 from .evaluation import score
-from .settings import Settings, weights_of, worlds_of
+from .settings import SCENES, Settings, weights_of, worlds_of
 from .symmetry import MOVED, Mirror, SymmetricModel
 from .worlds import Worlds
 
@@ -89,7 +89,7 @@ class Run:
     def _worlds(self) -> Worlds:
         seed = _number(self.settings.seed, self.segment)
         torch.manual_seed(seed)
-        given = worlds_of(self.difficulty, self.settings.pushes)
+        given = worlds_of(self.difficulty, self.settings.pushes) | SCENES[self.settings.scene]
         given["reward_weights"] = weights_of(self.settings.reward)
         return Worlds(
             self.settings.worlds, self.device, self.settings.without, num_threads=self.threads, seed=seed, **given
