@@ -167,19 +167,22 @@ fn main() {
     if on("minute") {
         for seed in 0..count {
             let mut play = Play::new(&scene, &network, seed, exact);
-            let mut places = Vec::new();
+            let (mut places, mut feet) = (Vec::new(), Vec::new());
             for _ in 0..64 * SECOND {
                 match play.step(&upright) {
                     Some(at) => places.push(at[0]),
                     None => break,
                 }
+                feet.push([0, 1].map(|foot| play.world.world_from_link(robot.feet()[foot]).translation.vector));
             }
             let mean = |p: &[Vector3<f64>]| p.iter().sum::<Vector3<f64>>() / p.len() as f64;
             let n = places.len();
             let way = mean(&places[2 * SECOND..4 * SECOND]) - mean(&places[n - 2 * SECOND..]);
+            let [left, right] = [0, 1].map(|foot| (feet[4 * SECOND][foot] - feet[n - 1][foot]).xy().norm());
             println!(
-                "minute: {} s, drift {:.1} mm, last 2 s rms {:.2} mm, stood {:.3}, unloaded {:.4}",
+                "minute: {} s, drift of the feet {:.1} mm, of the pelvis {:.1} mm, last 2 s rms {:.2} mm, stood {:.3}, unloaded {:.4}",
                 n / SECOND,
+                1e3 * left.max(right),
                 1e3 * way.xy().norm(),
                 rms_mm(&places[n - 2 * SECOND..]),
                 play.stood as f64 / play.steps as f64,

@@ -17,8 +17,8 @@ use crate::{BODY, CONTROL_DT, Command, Joint, LEGS, MOVED, Sensed, WbcError};
 
 /// How far the capture point may be from the middle between the soles, fore and aft and sideways, m: while the robot comes to
 /// rest, and afterwards. The sole is 0.101 m long either way.
-const CALM: [f64; 2] = [0.045, 0.045];
-const HELD: [f64; 2] = [0.06, 0.06];
+const CALM: [f64; 2] = [0.035, 0.035];
+const HELD: [f64; 2] = [0.055, 0.055];
 /// Control steps of calm before it takes over.
 const CALM_STEPS: u32 = 30;
 /// Share of the difference by which the average of the joints' angles follows in each control step.
@@ -164,9 +164,11 @@ impl Stance {
         middle.z -= sole_thickness;
         let level_from_middle = Isometry3::new(middle, Vector3::z() * yaw);
         let middle_from_level = level_from_middle.inverse();
-        // The soles are flat on the floor, whatever the joints' noise says.
+        let flat_height = feet.map(|foot| (middle_from_level * foot).translation.z).iter().sum::<f64>() / 2.0;
+        // The soles are flat on one floor, whatever the joints' noise says, and whatever edges the network stood on.
         let flat = |side: usize| {
             let mut pose = middle_from_level * feet[side];
+            pose.translation.z = flat_height;
             pose.rotation = UnitQuaternion::from_euler_angles(0.0, 0.0, heading(&pose.rotation));
             pose
         };

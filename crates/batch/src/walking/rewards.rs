@@ -47,7 +47,7 @@ pub(super) const TERMS: [TermOf; 30] = [
     ("joint_range", -5.0, joint_range),
     ("slip", -0.25, slip),
     ("feet_apart", -5.0, feet_apart),
-    ("foot_tilt", -0.5, foot_tilt),
+    ("foot_tilt", -8.0, foot_tilt),
     ("impact", -0.1, impact),
     ("stands_still", -0.3, stands_still),
     ("stands_calm", -1.0, stands_calm),
@@ -195,10 +195,11 @@ fn feet_apart(view: &View<'_>) -> f64 {
     (APART[0] - apart).max(apart - APART[1]).max(0.0)
 }
 
-/// Squared sines of the soles' tilts.
+/// Squared sines of the tilts of soles that bear a load. With a small weight the robot stands on the edges of its feet.
 fn foot_tilt(view: &View<'_>) -> f64 {
     let lean = |link: usize| view.world.world_from_link(link).rotation.inverse_transform_vector(&Vector3::z());
-    view.walking.feet.iter().map(|link| lean(*link).xy().norm_squared()).sum()
+    let standing = (0..2).filter(|&foot| is_loaded(view, foot));
+    standing.map(|foot| lean(view.walking.feet[foot]).xy().norm_squared()).sum()
 }
 
 /// Load of each foot above 500 N, by 100 N.
