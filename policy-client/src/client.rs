@@ -70,7 +70,10 @@ pub struct Client {
     keys: SessionKeys,
     info: SessionInfo,
     mailbox: Arc<Mailbox>,
+    /// Sends actions for which the server waits.
     actions: Publisher<'static>,
+    /// Sends actions that are ahead of it, several in a packet.
+    actions_ahead: Publisher<'static>,
     sealing: Sealing,
     /// Opens the session's records; `None` unless the session is a replay.
     rows: Option<RowsKey>,
@@ -151,10 +154,13 @@ impl Client {
             subscribe(link, keys.notice(), "notice", &sealing, &mailbox, Input::Notice)?,
             watch(link, keys.live(), &mailbox)?,
         ];
-        let actions = link.declare_publisher(keys.action()).encoding(encoding("Action"));
-        // The server waits for these messages: no batching, and priority over everything else on the link.
-        let actions = actions.express(true).priority(Priority::RealTime).congestion_control(CongestionControl::Block);
-        let actions = actions.wait().map_err(ClientError::zenoh)?;
+        let publisher = |waits: bool| {
+            let actions = link.declare_publisher(keys.action()).encoding(encoding("Action")).express(waits);
+            // Priority over everything else on the link.
+            let actions = actions.priority(Priority::RealTime).congestion_control(CongestionControl::Block);
+            actions.wait().map_err(ClientError::zenoh)
+        };
+        let (actions, actions_ahead) = (publisher(true)?, publisher(false)?);
         let client = Self {
             link: link.clone(),
             sealing,
@@ -164,6 +170,7 @@ impl Client {
             info,
             mailbox,
             actions,
+            actions_ahead,
             origin: Instant::now(),
             round_trips: RoundTrips::default(),
             notices: None,
@@ -240,7 +247,8 @@ impl Client {
                     Output::Observation(observation) => present = Some(observation),
                     Output::Action(bytes) => {
                         let (attachment, _) = self.sealing.seal("action", &bytes);
-                        self.actions.put(bytes).attachment(attachment).wait().map_err(ClientError::zenoh)?;
+                        let publisher = if self.state.is_ahead() { &self.actions_ahead } else { &self.actions };
+                        publisher.put(bytes).attachment(attachment).wait().map_err(ClientError::zenoh)?;
                     }
                     Output::Reset(bytes) => {
                         self.post(&self.keys.reset(), "reset", bytes, RESET_TIMEOUT, Input::Reset)?;

@@ -160,6 +160,11 @@ impl Actor {
         (count > 0).then_some(Input::Dropped(count))
     }
 
+    /// Whether a message of the client waits.
+    pub fn has_from_client(&self) -> bool {
+        lock(&self.inbox).waiting[Side::Client as usize] > 0
+    }
+
     /// Whether the worker may leave it, because nothing has arrived meanwhile.
     pub fn park(&self) -> bool {
         let mut inbox = lock(&self.inbox);
@@ -188,6 +193,11 @@ pub(super) struct Wire {
 }
 
 impl Wire {
+    /// Whether anybody follows the records as they are made. Who does not may still ask for those that are kept.
+    pub fn has_follower(&self) -> bool {
+        self.truth.matching_status().wait().is_ok_and(|status| status.matching())
+    }
+
     /// Every message may be dropped on the way and is then requested again: a peer that does not read costs the server
     /// nothing more. Records leave the process only sealed. Recorders ignore a session that `is_replay`.
     pub fn declare(zenoh: &Zenoh, keys: &SessionKeys, is_sealed: bool, is_replay: bool) -> zenoh::Result<Self> {

@@ -38,6 +38,9 @@ use fiatlux_sensing::Sensors;
 /// Largest number of inputs that a worker handles before other sessions get their turn, and the longest time for them.
 const TURN: usize = 256;
 const TURN_TIME: Duration = Duration::from_millis(20);
+/// Most observations in a row that are not sent because the client has already sent the action that follows: half of what
+/// a client may send ahead.
+const MOST_SKIPPED: u32 = 8;
 /// Largest number of replies that wait to be sent, and their size in bytes.
 const MAX_ANSWERS: usize = 1024;
 const MAX_ANSWER_BYTES: usize = 64 << 20;
@@ -141,6 +144,9 @@ impl Shared {
         let mut done = wire.is_none();
         let mut parked = false;
         let begun = Instant::now();
+        // The last observation, if it is not sent, and how many before it were not sent either.
+        let mut skipped: Option<Bytes> = None;
+        let mut in_a_row = 0;
         if actor.is_unclaimed(self.now()) {
             session.handle(Input::Terminate("nobody has claimed it"), self.now());
             while let Some(output) = session.poll() {
@@ -152,6 +158,9 @@ impl Shared {
                 break;
             }
             let Some(input) = actor.take() else {
+                if let Some(observation) = skipped.take() {
+                    self.emit(actor, wire.as_ref(), Output::Observation(observation));
+                }
                 if let Some(at) = actor.wake_at(&session, self.now())
                     && actor.wakes_earlier(at)
                 {
@@ -166,8 +175,19 @@ impl Shared {
             };
             session.handle(input, self.now());
             while let Some(output) = session.poll() {
+                match output {
+                    Output::Observation(observation) if in_a_row < MOST_SKIPPED && actor.has_from_client() => {
+                        (skipped, in_a_row) = (Some(observation), in_a_row + 1);
+                        continue;
+                    }
+                    Output::Observation(_) => (skipped, in_a_row) = (None, 0),
+                    _ => {}
+                }
                 done |= self.emit(actor, wire.as_ref(), output);
             }
+        }
+        if let Some(observation) = skipped {
+            self.emit(actor, wire.as_ref(), Output::Observation(observation));
         }
         drop((session, wire));
         if done {
@@ -191,7 +211,9 @@ impl Shared {
             Output::Notice(bytes) => put(|wire| &wire.notice, Some("notice"), bytes),
             Output::StepRecord(bytes) => {
                 actor.next_seq.store(record_seq(&bytes).saturating_add(1), Ordering::Relaxed);
-                put(|wire| &wire.truth, None, sealed(actor, bytes));
+                if wire.is_some_and(Wire::has_follower) {
+                    put(|wire| &wire.truth, None, sealed(actor, bytes));
+                }
             }
             Output::Reply(Asker::Recorder(query), message, replies) => {
                 let replies = replies.into_iter().map(|record| sealed(actor, record)).collect();
