@@ -84,7 +84,7 @@ pub enum PolicyError {
     #[error("the balance controller cannot go on")]
     Balance(#[from] fiatlux_wbc::BalanceError),
     /// The whole-body controller refuses its input.
-    #[error("the whole-body controller cannot go on")]
+    #[error(transparent)]
     Wbc(#[from] fiatlux_wbc::WbcError),
     /// The model server refuses, does not fit the mapping, or is lost.
     #[error("policy vla cannot go on")]

@@ -114,7 +114,7 @@ def test_ctrl_c_ends_an_evaluation(tmp_path):
 
 
 def test_an_absent_server_is_named():
-    with pytest.raises(ConnectionError, match="endpoint: .*127.0.0.1:9"):
+    with pytest.raises(ConnectionError, match="endpoint: .*127.0.0.1:9.*Pass another endpoint"):
         fiatlux.Client("tcp/127.0.0.1:9")
     with pytest.raises(ValueError, match="endpoint: .*is not an endpoint"):
         fiatlux.Client("127.0.0.1:9")
