@@ -57,7 +57,7 @@ class Channel:
             self.taken = {old for old in self.taken if old + 64 > number} | {number}
         return True
 
-def open_session(session, server, task, known):
+def open_session(session, endpoint, server, task, known):
     private = X25519PrivateKey.generate()
     request = session_pb2.OpenRequest(task=task, policy="python", protocol=session_pb2.Version(major=3, minor=4))
     request.hello.key = private.public_key().public_bytes_raw()
@@ -83,13 +83,14 @@ def open_session(session, server, task, known):
         if not name:
             sys.exit(f"refused: {said.message}")
         return said, Channel(private.exchange(X25519PublicKey.from_public_bytes(welcome.key)), transcript)
-    sys.exit("the server does not answer")
+    key = " with that key" if known else ""
+    sys.exit(f"no server named '{server}' answers at {endpoint}{key}; `policy-client list` shows names")
 
 def main(endpoint, server, task, known=None):
     config = zenoh.Config.from_json5(f'{{mode: "client", connect: {{endpoints: ["{endpoint}"]}}}}')
     known = known and base64.b64decode(known.removeprefix("ed25519:"))
     with zenoh.open(config) as session:
-        info, channel = open_session(session, server, task, known)
+        info, channel = open_session(session, endpoint, server, task, known)
         keys = f"fiatlux/v3/{server}/s/{info.session}"
         heard = queue.Queue()
         session.liveliness().declare_token(f"{keys}/client")

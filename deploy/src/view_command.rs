@@ -81,6 +81,9 @@ fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()
     }
     let part = part_of(out);
     let written = || {
+        if let Some(folder) = out.parent() {
+            fs::create_dir_all(folder)?;
+        }
         let mut file = fs::File::create_new(&part)?;
         file.write_all(standalone(&replay).as_bytes())?;
         fs::rename(&part, out)

@@ -83,14 +83,12 @@ fn a_bag_becomes_a_file_of_its_own() {
     }
     check(&view(&[text(&bag), "--out", text(&out)]), 1, &["exists already", "--force"]);
     check(&view(&[text(&bag), "--out", text(&out), "--force"]), 0, &[]);
-    check(
-        &view(&[text(&bag), "--out", text(&folder.join("none/replay.html"))]),
-        1,
-        &["cannot write", "check its folder"],
-    );
+    check(&view(&[text(&bag), "--out", text(&folder.join("new/replay.html"))]), 0, &[]);
+    assert_eq!(fs::read_to_string(folder.join("new/replay.html")).unwrap(), page);
+    check(&view(&[text(&bag), "--out", text(&out.join("replay.html"))]), 1, &["cannot write", "check its folder"]);
     let mut names: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
-    assert_eq!(names, ["S05.mcap", "replay.html"]);
+    assert_eq!(names, ["S05.mcap", "new", "replay.html"]);
 }
 
 #[test]

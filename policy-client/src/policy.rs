@@ -83,8 +83,8 @@ pub enum PolicyError {
     /// The balance controller refuses its input.
     #[error("the balance controller cannot go on")]
     Balance(#[from] fiatlux_wbc::BalanceError),
-    /// The whole-body controller refuses its input.
-    #[error("the whole-body controller cannot go on")]
+    /// The whole-body controller refuses its file or its input; its message stands alone.
+    #[error(transparent)]
     Wbc(#[from] fiatlux_wbc::WbcError),
     /// The model server refuses, does not fit the mapping, or is lost.
     #[error("policy vla cannot go on")]

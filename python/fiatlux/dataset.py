@@ -76,7 +76,7 @@ def export_lerobot(
     try:
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
     except ImportError as error:
-        raise ImportError("export_lerobot needs lerobot; install fiatlux[lerobot]") from error
+        raise ImportError("export_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)") from error
     if fps <= 0 or ROWS_PER_SECOND % fps != 0:
         raise ValueError(f"fps is {fps}; give 50 divided by a whole number, such as 50, 25 or 10")
     unknown = [name for name in state if name not in _SENSED]

@@ -114,7 +114,10 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._episode.digest
 
     def summary(self) -> dict[str, Any]:
-        """Summary of the episode so far, with the names of ``results.json``."""
+        """Summary of the episode so far: the fields of ``results.json`` that follow from its rows.
+
+        Plain names are of the published judge, those with ``strict_`` of the strict one, ``None`` if the protocol is published.
+        """
         self._check_begun()
         return self._episode.summary()
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
 
 from . import _native
-from .bag import Bag
 from .client import run_of
 from .env import Env
 from .policy import Player, PolicyLike, settings_for
@@ -19,30 +18,41 @@ from .tasks import SUBTASKS
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+SCORES = ("seeds", "score", "score_strict", "subtasks", "missing", "overall", "extra_tasks")
+"""Fields of ``results.json`` that are scores."""
+
 
 @dataclass(frozen=True)
 class Evaluation:
     """The result of a policy in the benchmark."""
 
     scores: dict[str, Any]
-    """The benchmark's scores, with the names of ``results.json``."""
+    """The benchmark's scores: the fields of ``results.json`` from ``seeds`` to ``extra_tasks``, with the same values. Plain names
+    are of the published judge, those with ``strict`` of the strict one, which rankings use."""
     episodes: list[dict[str, Any]]
-    """Each episode as judged by the judge that ended it, with the names of ``results.json``; ``state_digest`` is the digest of
-    its rows. A recorded one has its ``bag``, a path relative to the folder."""
+    """Each episode, with the fields and values of ``results.json``. Only a recorded one has ``bag``, a path relative to the
+    folder, ``failure``, ``notes`` and ``signed_by``."""
     lost: tuple[str, ...] = ()
     """Episodes of a recorded evaluation that are missing, with the reason."""
 
     def table(self) -> str:
         """The scores as a text table."""
-        header = f"{'task':<30} {'score':>6} {'success':>8} {'progress':>9} {'broken':>7} {'dropped':>8} {'steps':>7}"
-        lines = [header, "-" * len(header)]
-        for row in self.scores["subtasks"]:
-            name = f"{row['id']} {row['name']}"
-            rates = f"{row['score_mean']:>6.3f} {row['success_rate']:>8.2f} {row['gate_progress']:>9.3f}"
-            lines.append(f"{name:<30} {rates} {row['broken_rate']:>7.2f} {row['dropped_rate']:>8.2f} {row['mean_steps']:>7.0f}")
-        mean, std = self.scores["score"]["mean"], self.scores["score"]["std"]
-        if mean is not None:
-            lines.append(f"benchmark score {mean:.4f}" + ("" if std is None else f" +- {std:.4f} over seeds"))
+        judges = [("published", "score", "score_mean", "success_rate", "gate_progress")]
+        if self.scores["score_strict"] is not None:
+            judges.insert(0, ("strict", "score_strict", "strict_score_mean", "strict_success_rate", "strict_progress"))
+        lines = [" " * 30 + "".join(f" {' ' + judge + ' ':-^26}" for judge, *_ in judges)]
+        header = f"{'task':<30}" + f" {'score':>7} {'success':>8} {'progress':>9}" * len(judges)
+        lines.append(header + f" {'broken':>7} {'dropped':>8} {'steps':>7}")
+        lines.append("-" * len(lines[-1]))
+        for row in (*self.scores["subtasks"], *self.scores["extra_tasks"]):
+            line = f"{row['id'] + ' ' + row['name']:<30}"
+            for _, _, score, success, progress in judges:
+                line += f" {row[score]:>7.3f} {row[success]:>8.2f} {row[progress]:>9.3f}"
+            lines.append(line + f" {row['broken_rate']:>7.2f} {row['dropped_rate']:>8.2f} {row['mean_steps']:>7.0f}")
+        for judge, score, *_ in judges:
+            mean, std = self.scores[score]["mean"], self.scores[score]["std"]
+            if mean is not None:
+                lines.append(f"score S, {judge}: {mean:.4f}" + ("" if std is None else f" +- {std:.4f} over seeds"))
         if self.scores["missing"]:
             lines.append("missing: " + ", ".join(self.scores["missing"]))
         return "\n".join(lines)
@@ -141,27 +151,5 @@ def _recorded(
     if not players and not lost:
         message = f"{out} had all episodes already, so none was played; name another folder for a changed policy"
         warnings.warn(message, stacklevel=3)
-    episodes = [_summary(row, Bag(out / row["bag"])) for row in json.loads(text)["episodes"] if row["bag"]]
-    return Evaluation(_native.benchmark(episodes), episodes, tuple(lost))
-
-
-def _summary(row: Mapping[str, Any], bag: Bag) -> dict[str, Any]:
-    """A graded episode as judged by the judge that ended it, in the form of :meth:`fiatlux.Env.summary`."""
-    result = bag.result or {}
-    verdict = result[bag.header["episode_protocol"]]
-    return {
-        "task": row["task"],
-        "seed": row["seed"],
-        "episode": row["episode"],
-        "success": verdict["success"],
-        "clean": verdict["success"] and not verdict["broken"] and not verdict["dropped"],
-        "broken": verdict["broken"],
-        "dropped": verdict["dropped"],
-        "gate_progress": verdict["gate_progress"],
-        "peak_hand_force_n": verdict["peak_hand_force_n"],
-        "control_effort": verdict["control_effort"],
-        "steps": verdict["steps"],
-        "end": verdict["cause"],
-        "state_digest": row["state_digest"],
-        "bag": row["bag"],
-    }
+    results = json.loads(text)
+    return Evaluation({name: results[name] for name in SCORES}, results["episodes"], tuple(lost))

@@ -53,7 +53,7 @@ class Model:
             from lerobot.configs.policies import PreTrainedConfig
             from lerobot.policies.factory import get_policy_class, make_pre_post_processors
         except ImportError as error:
-            raise ImportError("serve_lerobot needs lerobot; install fiatlux[lerobot]") from error
+            raise ImportError("serve_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)") from error
         self._torch = torch
         config = PreTrainedConfig.from_pretrained(folder)
         config.device = "cpu"

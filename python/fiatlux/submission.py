@@ -40,8 +40,8 @@ def submit(
     bytes in total. Returns the submission as the leaderboard reports it: ``id``, ``state``, ``reason``, ``badge`` and more; with
     ``wait``, once it is verified or refused.
 
-    Raises :class:`SubmissionError` if the leaderboard refuses a request or does not answer, and ``ValueError`` if the folder has
-    no bags, or bags of several runs.
+    Raises :class:`SubmissionError` if the leaderboard refuses a request or does not answer, and ``ValueError`` if the folder
+    does not exist, has no bags, or has bags of several runs.
     """
     files = _files(Path(folder))
     if policy is None:
@@ -68,7 +68,9 @@ def submit(
 
 def _files(folder: Path) -> dict[str, Path]:
     """The files by the names under which they are submitted."""
-    bags = sorted(folder.rglob("*.mcap")) if folder.is_dir() else [folder]
+    if not folder.exists():
+        raise ValueError(f"there is no folder {folder}; name the folder of a run, or of *.mcap files")
+    bags = sorted(folder.rglob("*.mcap")) if folder.is_dir() else [folder] if folder.suffix == ".mcap" else []
     journals = sorted(folder.rglob("*.run.jsonl")) if folder.is_dir() else []
     runs = {journal.parent for journal in journals}
     if len(runs) > 1:

@@ -1,5 +1,7 @@
 """The whole-body controller, for policies that move only arms and hands themselves."""
 
+import itertools
+import warnings
 from os import PathLike, fspath
 from typing import Any, Iterable, Mapping
 
@@ -19,7 +21,8 @@ class WholeBody:
     """Walks, stands and bends on command, whatever the arms do: the controller of the policy ``wbc``.
 
     It needs the standard observation in the form ``"dict"``, and an episode with the benchmark's gains. What it returns are
-    joint targets in rad, so a policy that uses it says so with ``action_form``::
+    joint targets in rad, so a policy that uses it says so with ``action_form``. Targets that come back as actions are refused,
+    which only the sensor ``last_action`` shows: without it there is a warning::
 
         class Wave:
             action_form = "joint_target"
@@ -49,19 +52,30 @@ class WholeBody:
         """Names of the joints of legs, waist and arms, in the order of actions."""
         self.q0: NDArray[np.float64] = np.array([joint[1] for joint in joints])
         """Their angles in the standing posture, rad."""
-        self._last: NDArray[np.float64] | None = None
+        self._last: dict[str, NDArray[np.float64]] = {}
+        """What each method returned last, of the joints of legs, waist and arms; NaN for those it does not move."""
+        self._has_warned = False
 
     def reset(self) -> None:
         """Resets the controller for another episode."""
         self._native.restart()
-        self._last = None
+        self._last.clear()
 
     def targets(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
-        """The last targets of all joints, rad; at first those that the episode starts with."""
+        """The last targets of all joints, rad; at first those that the episode starts with.
+
+        Raises:
+            ValueError: The observation lacks ``last_action``, or the last targets were played as actions.
+        """
+        if "last_action" not in observation:
+            raise ValueError("observation: 'last_action' is missing; use the form 'dict' and the sensor 'last_action'")
+        self._refuse_actions(observation)
         last = np.asarray(observation["last_action"], np.float64)
         q0 = np.zeros(last.shape)
         q0[: len(self.q0)] = self.q0
-        return q0 + 0.5 * last
+        targets = q0 + 0.5 * last
+        self._note("targets", slice(0, len(self.q0)), targets[: len(self.q0)])
+        return targets
 
     def hold_arms(self, observation: Mapping[str, Any], angles: ArrayLike) -> NDArray[np.float64]:
         """Returns targets with which the arms come to these angles; call it once for each observation.
@@ -70,17 +84,21 @@ class WholeBody:
         does not know what the hands hold.
 
         Args:
-            observation: Fields by name; only those of proprioception are read.
+            observation: Fields by name; only those of proprioception and ``last_action`` are read.
             angles: Of the joints of both arms, in joint order, rad, shape (14,).
 
         Raises:
-            ValueError: An angle is not finite, their number is not 14, or the observation lacks a field or is not finite.
+            ValueError: An angle is not finite, their number is not 14, the observation lacks a field or is not finite, or the
+                last targets were played as actions.
         """
         wanted = np.asarray(angles, np.float64)
         if wanted.shape != (ARMS,):
             raise ValueError(f"angles: shape {wanted.shape} instead of ({ARMS},); give the angles of both arms")
         gravity, position = _read(observation, ("projected_gravity", "joint_position"))
-        return np.array(self._native.hold_arms(gravity, position, wanted.tolist()))
+        self._refuse_actions(observation)
+        targets = np.array(self._native.hold_arms(gravity, position, wanted.tolist()))
+        self._note("hold_arms", slice(LEGS_AND_WAIST, LEGS_AND_WAIST + ARMS), targets)
+        return targets
 
     def __call__(
         self,
@@ -97,7 +115,7 @@ class WholeBody:
         """Returns the targets of the 15 joints of legs and waist, rad; call it once for each observation.
 
         Args:
-            observation: Fields by name; only those of proprioception are read.
+            observation: Fields by name; only those of proprioception and ``last_action`` are read.
             vx, vy, wz: Velocity of the pelvis forwards and to the left, m/s, and about the vertical, rad/s.
             height: Height of the pelvis above the floor, m.
             roll, pitch, yaw: Angles of the torso, rad, relative to upright axes that point where the pelvis points.
@@ -111,19 +129,38 @@ class WholeBody:
         turning, gravity, moving, base_height, position, velocity = _read(observation, _FIELDS)
         (above,) = base_height
         self._refuse_actions(observation)
-        self._last = np.array(self._native.step(turning, gravity, moving, above, position, velocity, command))
-        return self._last.copy()
+        targets = np.array(self._native.step(turning, gravity, moving, above, position, velocity, command))
+        self._note("legs and waist", slice(0, LEGS_AND_WAIST), targets)
+        return targets
+
+    def _note(self, method: str, place: slice, targets: NDArray[np.float64]) -> None:
+        """Keeps what a method returned, for the check of the next step."""
+        noted = np.full(len(self.q0), np.nan)
+        noted[place] = targets
+        self._last[method] = noted
 
     def _refuse_actions(self, observation: Mapping[str, Any]) -> None:
         """Refuses an episode in which the last targets came back as actions, which are half as large and relative to ``q0``."""
-        if self._last is None or "last_action" not in observation:
+        if not self._last:
             return
-        played = np.asarray(observation["last_action"], np.float64)[:LEGS_AND_WAIST]
-        if np.abs(played - np.clip(self._last, -1.0, 1.0)).max() < 1e-4:
-            raise ValueError(
-                "the joint targets of the last step were played as actions; evaluate with action_form='joint_target', or give "
-                "the policy an attribute action_form = 'joint_target'"
-            )
+        if "last_action" not in observation:
+            if not self._has_warned:
+                self._has_warned = True
+                message = (
+                    "WholeBody cannot tell whether its joint targets are played as actions, for the observation has no "
+                    "last_action; add the sensor 'last_action'"
+                )
+                warnings.warn(message, stacklevel=3)
+            return
+        played = np.asarray(observation["last_action"], np.float64)[: len(self.q0)]
+        # The policy may have replaced a part of what a method returned. A target of 0 tells nothing, nor does one that is clipped.
+        for noted, part in itertools.product(self._last.values(), (slice(0, LEGS_AND_WAIST), slice(LEGS_AND_WAIST, None))):
+            tells = (0.01 < np.abs(noted[part])) & (np.abs(noted[part]) < 1.0)
+            if tells.sum() > 1 and np.abs(played[part] - noted[part])[tells].max() < 1e-4:
+                raise ValueError(
+                    "WholeBody: the joint targets of the last step were played as actions; evaluate with "
+                    "action_form='joint_target', or give the policy an attribute action_form = 'joint_target'"
+                )
 
 
 _FIELDS = (

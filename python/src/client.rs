@@ -51,7 +51,11 @@ impl Client {
         let role = if endpoints.len() > 1 { Role::Server } else { Role::Client };
         let args = LinkArgs { connect: endpoints, config, ..LinkArgs::default() };
         let link = watch(py, move |_, _| args.open(role), |_, ()| Ok(()))?;
-        let link = link.map_err(|error| PyConnectionError::new_err(format!("endpoint: {}", in_full(&error))))?;
+        let link = link.map_err(|error| {
+            // The messages name the programs' flag.
+            let reason = in_full(&error).replace("Name another with -e tcp/HOST:PORT", "Pass another endpoint");
+            PyConnectionError::new_err(format!("endpoint: {reason}"))
+        })?;
         Ok(Self { link, access })
     }
 

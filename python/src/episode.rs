@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
 use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
+use fiatlux_rules::Protocol;
 use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
 use fiatlux_sim::{MjcfOptions, OptionSet, to_mjcf};
 use fiatlux_world::{Episode as Play, EpisodeSpec, PHYSICS_DT, Randomization, Scene, SceneConfig};
@@ -28,6 +29,8 @@ pub(crate) struct Episode {
     sensors: Sensors,
     spec: Spec,
     form: ActionForm,
+    /// Steps in which all criteria of the published gate held, up to the published end.
+    steps_in_gate: u64,
     visuals: Option<Arc<Visuals>>,
     renderer: Option<Renderer>,
 }
@@ -62,7 +65,7 @@ impl Episode {
         let begun = py.detach(|| guarded(begin))?;
         let (play, suite, visuals, spec) = begun.map_err(|error| refused(&*error))?;
         py.check_signals()?;
-        Ok(Self { play, suite, sensors, spec, form, visuals, renderer: None })
+        Ok(Self { play, suite, sensors, spec, form, steps_in_gate: 0, visuals, renderer: None })
     }
 
     #[getter]
@@ -93,6 +96,7 @@ impl Episode {
     /// Takes a control step; returns reward, terminated, truncated.
     fn step(&mut self, py: Python<'_>, action: PyReadonlyArrayDyn<'_, f64>) -> PyResult<(f64, bool, bool)> {
         let action = action.as_slice().map_err(|_| not_contiguous("action"))?;
+        let counts = self.play.judges().of(Protocol::Published).verdict().end.is_none();
         let Self { play, form, .. } = self;
         let step = || match form {
             ActionForm::Action => play.step(action).map(|_| ()),
@@ -102,6 +106,8 @@ impl Episode {
             }
         };
         py.detach(|| guarded(step))?.map_err(|error| refused(&error))?;
+        let holds = self.play.judges().of(Protocol::Published).verdict().criteria.all();
+        self.steps_in_gate += u64::from(counts && holds);
         let end = self.play.end();
         Ok((self.play.reward(), end.is_some_and(|end| end.is_terminated()), end.is_some_and(|end| end.is_truncated())))
     }
@@ -119,9 +125,13 @@ impl Episode {
         self.play.digest().hex()
     }
 
-    /// Summary of the episode so far, with the names of `results.json`.
+    /// Summary of the episode so far: the fields of `results.json` that follow from its rows.
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (summary, spec) = (self.play.summary(), self.play.spec());
+        let (judges, spec) = (self.play.judges(), self.play.spec());
+        let summary = judges.of(Protocol::Published).summary();
+        let strict = (judges.protocol() == Protocol::Strict).then(|| judges.of(Protocol::Strict).summary());
+        // What the published judge would not have ended has the end of the judge in force, as a bag does.
+        let end = summary.end.or(self.play.end());
         let dict = PyDict::new(py);
         dict.set_item("task", spec.task.short_id())?;
         dict.set_item("seed", spec.seed)?;
@@ -134,7 +144,15 @@ impl Episode {
         dict.set_item("peak_hand_force_n", summary.peak_hand_force_n)?;
         dict.set_item("control_effort", summary.control_effort)?;
         dict.set_item("steps", summary.steps)?;
-        dict.set_item("end", summary.end.map(|end| end.cause().name()))?;
+        dict.set_item("end", end.map(|end| end.cause().name()))?;
+        let causes = end.map_or_else(Vec::new, |end| end.causes.iter().map(|cause| cause.name()).collect());
+        dict.set_item("causes", causes)?;
+        dict.set_item("strict_success", strict.map(|strict| strict.success))?;
+        dict.set_item("strict_clean", strict.map(|strict| strict.clean()))?;
+        dict.set_item("strict_progress", strict.map(|strict| strict.gate_progress))?;
+        dict.set_item("strict_end", strict.and_then(|strict| strict.end).map(|end| end.cause().name()))?;
+        dict.set_item("strict_steps", strict.map(|strict| strict.steps))?;
+        dict.set_item("steps_in_gate", self.steps_in_gate)?;
         dict.set_item("state_digest", self.digest())?;
         Ok(dict)
     }

@@ -1,7 +1,19 @@
-"""Tests the benchmark in this process."""
+"""Tests the benchmark in this process.
+
+`FIATLUX_TEST_RUN` names the folder of `fiatlux evaluate --policy zero --tasks S05 --seeds 0`.
+"""
+
+import json
+import os
+import pathlib
 
 import fiatlux
 import numpy as np
+import pytest
+
+RUN = os.environ.get("FIATLUX_TEST_RUN")
+RECORDED = {"bag", "failure", "notes", "signed_by"}
+"""Fields of an episode of `results.json` that do not follow from its rows."""
 
 
 class Zero:
@@ -26,3 +38,31 @@ def test_a_policy_is_scored():
     assert "S05 Carry Bulb to Disposal" in evaluation.table()
     again = fiatlux.evaluate(policy, ["S05"], [1])
     assert again.episodes[0] == seen[1]
+
+
+@pytest.mark.skipif(RUN is None, reason="FIATLUX_TEST_RUN is not set")
+def test_scores_and_episodes_are_those_of_the_programs():
+    theirs = json.loads((pathlib.Path(RUN) / "results.json").read_text())
+    ours = fiatlux.evaluate(Zero, ["S05"], [0])
+    (episode,), (recorded,) = ours.episodes, theirs["episodes"]
+    assert episode == {name: value for name, value in recorded.items() if name not in RECORDED}
+    assert ours.scores == {name: theirs[name] for name in fiatlux.evaluation.SCORES}
+    # The published judge does not count the blow that breaks the bulb for the strict one.
+    (row,) = ours.scores["subtasks"]
+    assert not episode["broken"] and f"{row['broken_rate']:.2f} {row['dropped_rate']:>8.2f}" in ours.table()
+
+
+def test_a_recorded_evaluation_has_what_its_results_say(tmp_path):
+    evaluation = fiatlux.evaluate(Zero, ["S05"], [0, 1], out=tmp_path)
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert evaluation.episodes == results["episodes"]
+    assert evaluation.scores == {name: results[name] for name in fiatlux.evaluation.SCORES}
+    table = evaluation.table()
+    assert "score S, strict" in table and "score S, published" in table
+
+
+def test_published_episodes_have_no_strict_scores(tmp_path):
+    for settings in ({}, {"out": tmp_path}):
+        evaluation = fiatlux.evaluate(Zero, ["S05"], [0], protocol="published", **settings)
+        assert evaluation.episodes[0]["strict_success"] is None and evaluation.scores["score_strict"] is None
+        assert "strict" not in evaluation.table()

@@ -44,6 +44,12 @@ def test_a_submission_arrives_once(tmp_path: pathlib.Path) -> None:
 def test_a_folder_without_bags_is_refused(tmp_path: pathlib.Path) -> None:
     with pytest.raises(ValueError, match="no bag"):
         fiatlux.submit(tmp_path, "http://127.0.0.1:1", "fiatlux_0_0")
+    with pytest.raises(ValueError, match="there is no folder .*nix; name the folder of a run"):
+        fiatlux.submit(tmp_path / "nix", "http://127.0.0.1:1", "fiatlux_0_0")
+    notes = tmp_path / "notes.txt"
+    notes.write_text("not a bag")
+    with pytest.raises(ValueError, match="there is no bag in .*notes.txt"):
+        fiatlux.submit(notes, "http://127.0.0.1:1", "fiatlux_0_0")
     with pytest.raises(ValueError, match="not the address"):
         (tmp_path / "a.mcap").write_bytes(b"")
         fiatlux.submit(tmp_path, "127.0.0.1:1", "fiatlux_0_0", policy="zero")

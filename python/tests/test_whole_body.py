@@ -104,3 +104,40 @@ def test_targets_played_as_actions_are_refused_and_a_policy_can_say_what_it_give
     assert said.episodes[0]["state_digest"] == given.episodes[0]["state_digest"]
     with pytest.raises(ValueError, match="the policy's own is 'joint_target'"):
         fiatlux.evaluate(WalksByTargets, ["S07"], [1000], max_steps=50, action_form="action")
+
+
+class Reaches:
+    """Moves its arms by joint targets, without saying so, and leaves the legs to another controller."""
+
+    def reset(self, info):
+        self.body = fiatlux.WholeBody()
+
+    def __call__(self, observation):
+        targets = np.zeros(53)
+        targets[15:29] = self.body.hold_arms(observation, self.body.q0[15:])
+        return targets
+
+
+class Keeps(Reaches):
+    """Keeps the targets of the start."""
+
+    def __call__(self, observation):
+        return self.body.targets(observation)
+
+
+@pytest.mark.parametrize("policy", [Reaches, Keeps])
+def test_targets_of_any_part_that_are_played_as_actions_are_refused(policy):
+    with pytest.raises(ValueError, match="WholeBody: .*action_form='joint_target'"):
+        fiatlux.evaluate(policy, ["S07"], [1000], max_steps=50)
+    fiatlux.evaluate(policy, ["S07"], [1000], max_steps=50, action_form="joint_target")
+
+
+def test_without_the_last_action_there_is_a_warning():
+    class Blind(Reaches):
+        def __call__(self, observation):
+            return np.concatenate((self.body(observation), np.zeros(38)))
+
+    with pytest.warns(UserWarning, match="add the sensor 'last_action'"):
+        fiatlux.evaluate(Blind, ["S07"], [1000], max_steps=5, sensors=["proprioception"])
+    with pytest.raises(ValueError, match="'last_action' is missing"):
+        fiatlux.evaluate(Keeps, ["S07"], [1000], max_steps=5, sensors=["proprioception"])

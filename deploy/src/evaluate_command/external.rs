@@ -76,12 +76,16 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
 fn greet(args: &EvaluateArgs, endpoint: &str) {
     let reachable = endpoint.replace("0.0.0.0", "ADDRESS-OF-THIS-MACHINE").replace("[::]", "ADDRESS-OF-THIS-MACHINE");
     let line = format!("policy-client evaluate --policy NAME -e {reachable} --server {}\n", args.name);
+    let call = format!("fiatlux.Client(\"{reachable}\").evaluate(YourPolicy, server=\"{}\")", args.name);
     if args.json {
         eprint!("{line}");
     } else {
         fiatlux_link::print(line);
     }
-    eprintln!("waiting for a run; start it with the command above and the name of your policy");
+    eprintln!("or in Python: {call}");
+    eprintln!(
+        "waiting for a run; start it with the command above and the name of your policy, or with the call in Python"
+    );
 }
 
 fn look(line: &ProgressLine, progress: &ExternalProgress) -> String {

@@ -44,8 +44,8 @@ A policy of your own, in Rust: `fiatlux_policy::Client::evaluate`.
 Exit codes: 0 all played, 1 failed, 2 usage, 3 some episodes were not played or count as failures, or stopped by Ctrl-C;
 130 where Ctrl-C is pressed twice.")]
 pub struct EvaluateArgs {
-    /// Name of the policy: zero, random, hold, stand, walk, vla with --dialect and --model, or replay:BAG for the one episode of
-    /// a bag
+    /// Name of the policy, see `policy-client list --policies`; vla takes --dialect and --model, and replay:BAG plays the one
+    /// episode of its bag
     #[arg(short, long, value_name = "NAME")]
     policy: String,
     /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb [default: all]

@@ -34,7 +34,8 @@ pub struct InspectArgs {
     /// Task: S01 to S12, replace, climb
     #[arg(short, long)]
     task: String,
-    /// Policy that drives: zero, random, hold, stand, or replay:BAG, which takes seed, episode and session from its bag
+    /// Policy that drives, one of `policy-client list --policies` except vla; replay:BAG takes seed, episode and session
+    /// from its bag
     #[arg(short, long, value_name = "NAME", default_value = "stand")]
     policy: String,
     /// Simulated time to play, s

@@ -15,7 +15,7 @@ const KEY_BYTES: usize = 16;
 const MAX_FILE: u64 = 1 << 20;
 
 /// The comment at the top of the file.
-const HEAD: &str = "# A run of `policy-client evaluate`. The same command with this file continues it.\n\
+const HEAD: &str = "# A registered run. The call or command that made it continues it with this file.\n\
                     # Keep it secret: whoever has the key can continue the run too.\n";
 
 /// A run's name, its secret key, and what it plays.

@@ -12,14 +12,19 @@ from .settings import SCENES, Settings
 EXAMPLES = """examples:
   python -m fiatlux.train walk --out runs/walk --minutes 30
   python -m fiatlux.train walk --out runs/walk --resume
-  python -m fiatlux.train evaluate runs/walk/best.pt --episodes 100
-  python -m fiatlux.train export runs/walk/best.pt mine.safetensors
+  python -m fiatlux.train evaluate runs/walk/last.pt --episodes 100
+  python -m fiatlux.train export runs/walk/last.pt mine.safetensors
   fiatlux evaluate --policy wbc:mine.safetensors,vx=0.4 --tasks S07
 
 exit codes: 0 done, 1 the training broke down, 2 wrong arguments or files, 3 stopped by Ctrl-C; --resume goes on"""
 
 WALK = """On two cores, 100 M samples take half a day. Smaller networks and segments show something within minutes:
 --worlds 512 --segment 10 --hidden 256 128 64 --critic 256 128 64
+
+log: samples in millions; steps/s; seconds to begin the worlds anew; share of time spent simulating; difficulty; reward a second;
+falls in 1,000 steps of a world; mean size of an update (kl); learning rate; mean standard deviation of an action; time left. After
+a test, also: share of worlds without a fall; errors of velocity (m/s), turning (rad/s), height (m) and torso (rad); the score by
+which best.pt is chosen.
 
 Ctrl-C ends the run after the iteration it is in, with a checkpoint; once more ends it at once, and the last checkpoint stands."""
 
@@ -60,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     walk = add(commands, "walk", "train the whole-body controller by PPO", WALK)
     walk.add_argument("--out", type=Path, required=True, help="folder for checkpoints, learning curve and TensorBoard events")
     walk.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
-    walk.add_argument("--minutes", type=_positive, help="begin no segment that would end later than this; at least one is trained")
+    walk.add_argument("--minutes", type=_positive, help="begin no segment that would end after this many minutes; the first always is")
     walk.add_argument("--device", help="PyTorch device of the networks (default: the GPU if there is one, otherwise the CPU)")
     walk.add_argument("--threads", type=_whole, help="number of threads for the worlds (default: one for each core)")
     for field in dataclasses.fields(Settings):

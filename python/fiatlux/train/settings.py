@@ -34,7 +34,7 @@ class Settings:
     critic: tuple[int, ...] = _of((512, 256, 128), "sizes of the critic's hidden layers", 2)
     epochs: int = _of(5, "passes over an iteration's samples", 1)
     batches: int = _of(4, "minibatches of a pass", 1)
-    desired_kl: float = _of(0.012, "step of the policy that the learning rate is fitted to", 1e-6)
+    desired_kl: float = _of(0.012, "step of the policy that the learning rate is adjusted for", 1e-6)
     entropy: float = _of(0.003, "weight of the entropy at first; it falls to a sixth over the second half of the curriculum's time", 0)
     least_std: float = _of(0.12, "least standard deviation of an action at first; it falls likewise to 0.05", 0.01, 1)
     calm_from: int = _of(25_000_000, "samples from which entropy and least deviation fall", 0)

@@ -208,6 +208,12 @@ def load_checkpoint(file: Path) -> dict[str, Any]:
     Raises:
         ValueError: The file does not exist, or is not a checkpoint of this version.
     """
+    last = file.with_name("last.pt")
+    if not file.is_file() and file.name == "best.pt" and last.is_file():
+        segments = settings_of(load_checkpoint(last), {}).evaluate
+        raise ValueError(
+            f"{file} does not exist: the first test comes after {segments} segments; name last.pt, or go on with --resume"
+        )
     if not file.is_file():
         raise ValueError(f"{file} does not exist; train a controller with python -m fiatlux.train walk --out {file.parent}")
     try:
@@ -257,8 +263,19 @@ class _Interrupt:
 def _duration(seconds: float) -> str:
     minutes = round(max(seconds, 0.0) / 60)
     if minutes < 1:
-        return "under 1 min"
+        return "less than 1 min"
     return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02} min"
+
+
+def _given(settings: Settings) -> str:
+    """The settings that differ from the defaults, as flags."""
+    differ = [
+        (field.name.replace("_", "-"), value)
+        for field in dataclasses.fields(settings)
+        if (value := getattr(settings, field.name)) != field.default
+    ]
+    flags = [f"--{name} {' '.join(map(str, value if isinstance(value, tuple) else (value,)))}" for name, value in differ]
+    return " ".join(flags) + ", others by default" if flags else "all by default"
 
 
 def _writer(out: Path) -> Any:
@@ -297,7 +314,11 @@ def train(
         return 0
     writer = _writer(out)
     interrupt = _Interrupt()
-    print(f"{settings} on {device}, {run.worlds.env.num_threads} threads, set up in {time.monotonic() - began:.1f} s", flush=True)
+    setting_up = time.monotonic() - began
+    print(f"settings: {_given(settings)}; device {device}, {run.worlds.env.num_threads} threads; set up in {setting_up:.1f} s")
+    steps = settings.segment * settings.steps * settings.worlds
+    print(f"a line follows after each segment of {steps:,} steps; walk --help explains it", flush=True)
+    stopped = None
     while run.samples < settings.samples:
         begin = time.monotonic()
         run.begin_segment()
@@ -329,23 +350,26 @@ def train(
         _record(curve, writer, row)
         rate = row["samples"] / (60 * row["minutes"])
         elapsed = time.monotonic() - began
-        left = f"{_duration((settings.samples - run.samples) / rate)} to {settings.samples / 1e6:.0f} M samples"
+        left = f"{_duration((settings.samples - run.samples) / rate)} left to {settings.samples / 1e6:g} M samples"
         if minutes is not None:
-            left = f"at most {_duration(60 * minutes - elapsed)}"
+            left = f"{_duration(60 * minutes - elapsed)} left"
         tested = " ".join(f"{name[5:]} {value:.3f}" for name, value in row.items() if name.startswith("test/"))
         print(
             f"{row['samples'] / 1e6:7.2f} M  {row['steps_per_s']:7.0f}/s (worlds {made:.1f} s, rollout {row['rollout_share']:.2f})  "
             f"difficulty {row['difficulty']:.2f}  reward {row['reward']:6.3f}  falls {row['falls_per_1000_steps']:6.2f}  "
-            f"kl {row['kl']:.4f}  lr {row['learning_rate']:.1e}  std {row['deviation']:.3f}  left {left}  {tested}",
+            f"kl {row['kl']:.4f}  lr {row['learning_rate']:.1e}  std {row['deviation']:.3f}  {left}  {tested}",
             flush=True,
         )
         if interrupt.is_set:
             print(f"stopped; {last} is written, and --resume goes on from there", flush=True)
             return 3
-        # The next segment must fit.
-        if minutes is not None and elapsed + (time.monotonic() - begin) > 60 * minutes:
+        ends = elapsed + (time.monotonic() - begin)
+        if minutes is not None and ends > 60 * minutes and run.samples < settings.samples:
+            stopped = f"the next segment would end after {ends / 60:.1f} min; {last} has {run.samples / 1e6:.2f} M samples"
             break
-    print(" ".join(f"{name[7:]} {value:.3f}" for name, value in row.items() if name.startswith("reward/")), flush=True)
+    print("reward a second, by term: " + " ".join(f"{name[7:]} {value:.3f}" for name, value in row.items() if name.startswith("reward/")), flush=True)
+    if stopped is not None:
+        print(f"stopped: {stopped}; go on with --resume", flush=True)
     return 0
 
 

@@ -66,12 +66,23 @@ def test_a_run_goes_on_is_tested_and_exported(tmp_path):
     assert code == 2 and error.startswith("error: hidden is (64, 64)")
 
 
+def test_a_run_that_is_out_of_time_says_how_to_go_on(tmp_path):
+    out = tmp_path / "run"
+    code, said, _ = run("walk", "--out", out, *SMALL, "--minutes", 0.001)
+    assert code == 0 and "less than 1 min left" in said
+    last = said.splitlines()[-1]
+    assert re.fullmatch(r"stopped: the next segment would end after \d+\.\d min; .*last\.pt has 0\.00 M samples; go on with --resume", last)
+    code, _, error = run("evaluate", out / "best.pt")
+    assert code == 2 and error.strip().endswith("first test comes after 50 segments; name last.pt, or go on with --resume")
+
+
 def test_ctrl_c_ends_a_segment_early_with_a_checkpoint(tmp_path):
     arguments = ["walk", "--out", tmp_path / "run", *SMALL, "--segment", "100000"]
     child = subprocess.Popen(
         [sys.executable, "-m", "fiatlux.train", *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
-    assert "Settings" in child.stdout.readline()
+    assert "settings: --worlds 64" in child.stdout.readline()
+    assert "after each segment of 51,200,000 steps" in child.stdout.readline()
     time.sleep(2.0)
     child.send_signal(signal.SIGINT)
     said, _ = child.communicate(timeout=60)
