@@ -219,7 +219,18 @@ impl Worker {
         let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default() };
         let listed = Listed::new(&self.shared, keys.truth_row(), inlet.clone());
         debug!(%key, "recording a session");
-        Some(Followed { keys, inlet, state, bags, rows, is_gone: false, is_heard: false, is_refused: false, since: now, _listed: listed })
+        Some(Followed {
+            keys,
+            inlet,
+            state,
+            bags,
+            rows,
+            is_gone: false,
+            is_heard: false,
+            is_refused: false,
+            since: now,
+            _listed: listed,
+        })
     }
 
     /// Gives a session an input and carries out what it asks for; returns whether it continues.
