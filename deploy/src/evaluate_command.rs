@@ -11,7 +11,7 @@ use fiatlux::evaluate::{EvaluateOptions, Outcome, Progress, evaluate};
 use fiatlux_grading::{report, tables};
 use fiatlux_link::ProgressLine;
 use fiatlux_policy::{SeedList, SessionArgs, TaskList, policies};
-use fiatlux_rules::CONTROL_DT;
+use fiatlux_rules::{CONTROL_DT, Task};
 
 /// Shown below the options.
 pub const EXAMPLES: &str = "Examples:
@@ -31,7 +31,7 @@ pub struct EvaluateArgs {
     policy: Option<String>,
     /// Serve a policy that connects from elsewhere: start a server that records, print the command for its client, wait
     /// for the run, and grade it at the end.
-    #[arg(long, conflicts_with_all = ["policy", "tasks", "seeds"])]
+    #[arg(long, conflicts_with = "policy")]
     external: bool,
     /// With --external: name of the server.
     #[arg(long, requires = "external", default_value = "evaluate", value_parser = external::name)]
@@ -40,12 +40,14 @@ pub struct EvaluateArgs {
     #[arg(short, long, requires = "external", value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:0",
           value_parser = fiatlux_link::parse_endpoint)]
     listen: String,
-    /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb.
-    #[arg(long, default_value = "all")]
-    tasks: TaskList,
-    /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7.
-    #[arg(long, default_value = "0..3", allow_hyphen_values = true)]
-    seeds: SeedList,
+    /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb (not with --external: the client
+    /// chooses) [default: all].
+    #[arg(long)]
+    tasks: Option<TaskList>,
+    /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 (not with --external: the
+    /// client chooses) [default: 0..3].
+    #[arg(long, allow_hyphen_values = true)]
+    seeds: Option<SeedList>,
     /// Output folder [default: results/POLICY; with --external results/NAME].
     #[arg(long)]
     out: Option<PathBuf>,
@@ -81,8 +83,8 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     let mut session = args.session.clone();
     let options = EvaluateOptions {
         policy: policy.clone(),
-        tasks: args.tasks.0.clone(),
-        seeds: args.seeds.0.clone(),
+        tasks: args.tasks.as_ref().map_or_else(|| Task::SUBTASKS.to_vec(), |tasks| tasks.0.clone()),
+        seeds: args.seeds.as_ref().map_or_else(|| (0..=3).collect(), |seeds| seeds.0.clone()),
         out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(folder)),
         workers: workers(args),
         weights: session.split_weights(),

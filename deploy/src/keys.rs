@@ -161,7 +161,7 @@ fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<Made, KeysE
                 write_new(&note(name, true, purpose), &text, 0o600)?;
             }
             write_new(&note("ca.pem", false, "anybody: the authority's certificate"), &authority.pem(), 0o644)?;
-            let purpose = "nobody who is online: signs certificates for any part; move it away, or delete it";
+            let purpose = "keep offline: signs certificates for any role; move it off this machine, or delete it";
             write_new(&note("ca_key.pem", true, purpose), &authority.key_pem(), 0o600)?;
             valid_until = Some(authority.valid_until());
         }

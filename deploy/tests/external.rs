@@ -156,7 +156,10 @@ fn wrong_usage_exits_with_2_and_says_what_is_right() {
     let cases: [(&[&str], &str); 7] = [
         (&[], "--policy <POLICY>"),
         (&["--external", "--policy", "zero"], "cannot be used with"),
-        (&["--external", "--tasks", "S01"], "cannot be used with"),
+        (
+            &["--external", "--tasks", "S01"],
+            "the client names tasks and seeds: give --tasks and --seeds to policy-client",
+        ),
         (&["--external", "--gains", "sonic"], "give these flags to policy-client evaluate"),
         (&["--external", "--name", "a/b"], "use 1 to 64 letters, digits, - or _"),
         (&["--external", "--listen", "127.0.0.1:7447"], "write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"),

@@ -76,7 +76,8 @@ fn a_run_prints_its_result_and_the_servers_are_listed() {
     let _server = FakeServer::new(&link, "lab", 0);
     let (code, stdout, stderr) = run(&["run", "--policy", "zero", "--task", "S01", "-e", &endpoint]);
     assert_eq!(code, 0, "{stderr}");
-    assert!(stdout.contains("S01 seed 0 episode 0: time-out after 200 steps, no success"), "{stdout}");
+    let said = "S01 seed 0 episode 0: ended by time-out after 200 steps (4.00 s simulated, ";
+    assert!(stdout.contains(said) && stdout.contains(" s of wall time); not passed\n"), "{stdout}");
     for mode in ["peer", "client"] {
         let args = ["run", "-p", "zero", "-t", "S01", "-n", "2", "--json", "-e", &endpoint, "--mode", mode];
         let (code, stdout, stderr) = run(&args);

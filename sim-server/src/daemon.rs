@@ -100,6 +100,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     // Set up before the server can be found, so that an early interrupt is not lost.
     let stop = fiatlux_link::stop_on_signal()?;
     let mut link = args.link;
+    link.asks_tokens = args.tokens.is_some();
     for endpoint in &mut link.listen {
         let free = fiatlux_link::choose_port(endpoint);
         *endpoint = free.with_context(|| format!("no free port for {endpoint}; is its host one of this machine's?"))?;

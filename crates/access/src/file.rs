@@ -30,12 +30,15 @@ pub fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), AccessError> 
 
 /// Reads a file that others may read too.
 pub fn read_public(path: &Path) -> Result<String, AccessError> {
-    read(path, |_| Ok(()))
+    text_of(&open(path)?, path)
 }
 
-/// Reads a file that only its owner may read.
-pub fn read_secret(path: &Path) -> Result<String, AccessError> {
-    read(path, |file| check_private(file, path))
+/// Reads a file that only its owner may read. A file of another kind is refused as such, whatever its mode.
+pub fn read_secret<T>(path: &Path, parse: impl FnOnce(&str) -> Result<T, AccessError>) -> Result<T, AccessError> {
+    let file = open(path)?;
+    let secret = parse(&text_of(&file, path)?)?;
+    check_private(&file, path)?;
+    Ok(secret)
 }
 
 /// Checks that only its owner may read an open file; `path` is for the message.
@@ -48,10 +51,12 @@ pub fn check_private(file: &File, path: &Path) -> Result<(), AccessError> {
     if mode & 0o077 == 0 { Ok(()) } else { Err(AccessError::Exposed { path: path.to_owned(), mode }) }
 }
 
-fn read(path: &Path, check: impl FnOnce(&File) -> Result<(), AccessError>) -> Result<String, AccessError> {
+fn open(path: &Path) -> Result<File, AccessError> {
+    File::open(path).map_err(|source| AccessError::Read { path: path.to_owned(), source })
+}
+
+fn text_of(file: &File, path: &Path) -> Result<String, AccessError> {
     let error = |source| AccessError::Read { path: path.to_owned(), source };
-    let file = File::open(path).map_err(error)?;
-    check(&file)?;
     let mut text = String::new();
     file.take(MAX_FILE + 1).read_to_string(&mut text).map_err(error)?;
     if text.len() as u64 > MAX_FILE {

@@ -42,12 +42,13 @@ impl Identity {
     /// # Errors
     /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
-        let text = read_secret(path)?;
-        let (line, text) = file::only_line(path, &text, "identity", SECRET_REMEDY)?;
-        let seed =
-            file::decode(text, SECRET_PREFIX, "identity", SECRET_REMEDY).map_err(|error| error.at(path, line))?;
-        let refused = || FormatError::new("identity", "it gives no key pair", SECRET_REMEDY).at(path, line);
-        Self::from_seed(seed).ok_or_else(refused)
+        read_secret(path, |text| {
+            let (line, text) = file::only_line(path, text, "identity", SECRET_REMEDY)?;
+            let seed =
+                file::decode(text, SECRET_PREFIX, "identity", SECRET_REMEDY).map_err(|error| error.at(path, line))?;
+            let refused = || FormatError::new("identity", "it gives no key pair", SECRET_REMEDY).at(path, line);
+            Self::from_seed(seed).ok_or_else(refused)
+        })
     }
 
     /// Writes the key pair into a new file with mode 0600.

@@ -27,9 +27,10 @@ impl RecorderKey {
     /// # Errors
     /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
-        let text = read_secret(path)?;
-        let (line, text) = file::only_line(path, &text, "recorder key", REMEDY)?;
-        file::decode(text, PREFIX, "recorder key", REMEDY).map(Self).map_err(|error| error.at(path, line))
+        read_secret(path, |text| {
+            let (line, text) = file::only_line(path, text, "recorder key", REMEDY)?;
+            file::decode(text, PREFIX, "recorder key", REMEDY).map(Self).map_err(|error| error.at(path, line))
+        })
     }
 
     /// Writes the key into a new file with mode 0600.

@@ -17,7 +17,8 @@ pub const SECRET_BYTES: usize = 32;
 /// Largest number of sessions that a token can allow at once.
 pub const MAX_LIMIT: u32 = 65_536;
 
-const TOKEN_REMEDY: &str = "a token is one line, ID:SECRET, the secret of 64 hexadecimal digits";
+const TOKEN_REMEDY: &str =
+    "a token is one line, ID:SECRET, an ID of letters, digits, - or _ and a secret of 64 hexadecimal digits";
 const GRANT_REMEDY: &str = "each line is ID SECRET LIMIT, the secret of 64 hexadecimal digits; # begins a comment";
 const LIMIT_REMEDY: &str = "LIMIT is how many sessions it may have open at once, 1 to 65536";
 const ID_REMEDY: &str = "an ID has 1 to 64 letters, digits, - or _";
@@ -44,9 +45,10 @@ impl Token {
     /// # Errors
     /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
-        let text = read_secret(path)?;
-        let (line, text) = only_line(path, &text, "token", TOKEN_REMEDY)?;
-        text.parse().map_err(|error: FormatError| error.at(path, line))
+        read_secret(path, |text| {
+            let (line, text) = only_line(path, text, "token", TOKEN_REMEDY)?;
+            text.parse().map_err(|error: FormatError| error.at(path, line))
+        })
     }
 
     /// Writes the token into a new file with mode 0600.
@@ -80,7 +82,9 @@ impl FromStr for Token {
     fn from_str(text: &str) -> Result<Self, FormatError> {
         let parts = text.trim().split_once(':');
         let (id, secret) = parts.ok_or_else(|| FormatError::new("token", "it has no colon", TOKEN_REMEDY))?;
-        Ok(Self { id: id_of(id)?, secret: secret_of(secret)? })
+        // A file of another kind has something else there: say what a token is, not only what an id is.
+        let id = id_of(id).map_err(|_| FormatError::new("token", "it does not begin with an ID", TOKEN_REMEDY))?;
+        Ok(Self { id, secret: secret_of(secret)? })
     }
 }
 
@@ -129,16 +133,18 @@ impl Tokens {
     /// # Errors
     /// [`AccessError`]: the file cannot be read, others can read it too, a line is wrong, or two have the same id.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
-        let mut grants = BTreeMap::new();
-        for (number, line) in lines(&read_secret(path)?) {
-            let grant = grant(line).map_err(|error| error.at(path, number))?;
-            let id = grant.id().to_owned();
-            if grants.insert(id.clone(), grant).is_some() {
-                let problem = format!("'{id}' is in an earlier line too");
-                return Err(FormatError::new("ID", problem, "give each client an id of its own").at(path, number));
+        read_secret(path, |text| {
+            let mut grants = BTreeMap::new();
+            for (number, line) in lines(text) {
+                let grant = grant(line).map_err(|error| error.at(path, number))?;
+                let id = grant.id().to_owned();
+                if grants.insert(id.clone(), grant).is_some() {
+                    let problem = format!("'{id}' is in an earlier line too");
+                    return Err(FormatError::new("ID", problem, "give each client an id of its own").at(path, number));
+                }
             }
-        }
-        Ok(Self(grants))
+            Ok(Self(grants))
+        })
     }
 
     /// Writes the list into a new file with mode 0600.

@@ -129,6 +129,16 @@ fn a_secret_that_others_can_read_is_refused() {
     }
 }
 
+/// Guards that whoever names the wrong file is not told to hide a public one.
+#[test]
+fn a_file_of_another_kind_is_refused_as_such_whatever_its_mode() {
+    let folder = Folder::new();
+    let path = folder.secret("known_servers", &KnownServers::line("lab", &Identity::generate().unwrap().public()));
+    fs::set_permissions(&path, Permissions::from_mode(0o644)).unwrap();
+    let message = Token::read(&path).unwrap_err().to_string();
+    assert!(message.contains("a token is one line, ID:SECRET") && !message.contains("mode"), "{message}");
+}
+
 #[test]
 fn a_wrong_line_is_named_without_its_secret() {
     let folder = Folder::new();
@@ -153,7 +163,7 @@ fn a_wrong_line_is_named_without_its_secret() {
         (known, format!("a {wrong}"), ":1: public key: it has 3 bytes, not 32"),
         (known, format!("a {key} b"), ":1: line: it has a third word"),
         (token, "lab".into(), ":1: token: it has no colon"),
-        (token, format!("l b:{hex}"), ":1: ID: "),
+        (token, format!("l b:{hex}"), ":1: token: it does not begin with an ID; a token is one line, ID:SECRET"),
         (token, "lab:12".into(), ":1: SECRET: it is not 64 hexadecimal digits"),
         (token, format!("lab:{}é", &hex[2..]), ":1: SECRET: it is not 64 hexadecimal digits"),
         (tokens, format!("a {hex} 1\nb {hex}"), ":2: line: it has 2 words, not 3"),

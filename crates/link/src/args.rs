@@ -30,6 +30,9 @@ pub struct LinkArgs {
     /// Turn multicast scouting off if a config file turns it on; without a config file it is off
     #[arg(long)]
     pub no_multicast_scouting: bool,
+    /// Whether the program opens sessions for holders of tokens alone, for the warning about an open listener. Not a flag.
+    #[arg(skip)]
+    pub asks_tokens: bool,
 }
 
 /// Checks an endpoint such as `tcp/HOST:PORT`, for the value of a flag: a wrong one is a usage error.
@@ -60,7 +63,7 @@ impl LinkArgs {
     pub fn open(&self, role: Role) -> Result<Session, LinkError> {
         let config = config::layered(self, role)?;
         for endpoint in exposure::exposed(&config) {
-            tracing::warn!("{}", exposure::warning(&endpoint));
+            tracing::warn!("{}", exposure::warning(&endpoint, self.asks_tokens));
         }
         let plan = config::Plan::of(&config);
         zenoh::open(config).wait().map_err(|source| plan.explain(&source.to_string()))

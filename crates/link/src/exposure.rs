@@ -21,12 +21,21 @@ pub fn exposed(config: &Config) -> Vec<String> {
     endpoints(&get(config, LISTEN)).into_iter().filter(is_open).collect()
 }
 
-/// A warning about such an endpoint, with the remedy.
-pub fn warning(endpoint: &str) -> String {
+/// A warning about such an endpoint, with the remedy. `asks_tokens`: only holders of a token can open sessions.
+pub fn warning(endpoint: &str, asks_tokens: bool) -> String {
+    let lack = if config::is_encrypted(endpoint) { "client certificates" } else { "encryption" };
+    let risk = match asks_tokens {
+        true => format!(
+            "without {lack}: others on the network can read observations and pose as the server to clients without \
+             --known-servers; sessions need a token"
+        ),
+        false => "without access control: anyone who reaches it can read what others sense, pose as the server and, unless it \
+                  has --tokens, open sessions"
+            .into(),
+    };
     format!(
-        "listening on {endpoint} without access control: anyone who reaches it can read what others sense, pose as the \
-         server and, unless it has --tokens, open sessions. `fiatlux keys --out DIR` makes certificates and configs to start with (-c DIR/server.json5); or \
-         listen on tcp/127.0.0.1:PORT, for this machine alone"
+        "listening on {endpoint} {risk}. `fiatlux keys --out DIR` makes certificates and configs to start with (-c \
+         DIR/server.json5); or listen on tcp/127.0.0.1:PORT, for this machine alone"
     )
 }
 
@@ -93,6 +102,12 @@ mod tests {
         assert_eq!(of("transport: {auth: {usrpwd: {user: 'a', password: 'b'}}}").len(), 2, "it asks for none");
         assert!(of("transport: {auth: {usrpwd: {dictionary_file: 'users'}}}").is_empty());
         assert!(of("access_control: {enabled: true, rules: [], subjects: [], policies: []}").is_empty());
-        assert!(warning("tcp/0.0.0.0:1").contains("fiatlux keys --out DIR"));
+        assert!(
+            [true, false].iter().all(|tokens| warning("tcp/0.0.0.0:1", *tokens).contains("fiatlux keys --out DIR"))
+        );
+        assert!(
+            warning("tcp/0.0.0.0:1", true).contains("without encryption")
+                && !warning("quic/a:1", true).contains("encryption")
+        );
     }
 }

@@ -102,8 +102,8 @@ pub enum StartError {
     },
     /// The staged hand does not hold the bulb properly.
     #[error(
-        "{task} seed {seed} episode {episode}: the hand presses its bulb with {force_n} N, not between {least_n} and \
-         {most_n} N; check start.carry, hand friction and gains"
+        "{task} seed {seed} episode {episode}: the hand presses its bulb with {force_n:.2} N, not between {least_n} and \
+         {most_n} N; check start.carry, hand friction and gains, or --set fragility_n"
     )]
     Hold {
         /// The task that was to start.

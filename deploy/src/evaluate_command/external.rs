@@ -19,17 +19,18 @@ pub(super) fn name(text: &str) -> Result<String, String> {
 
 /// Serves one run, and writes and prints its outcome.
 pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
+    if args.tasks.is_some() || args.seeds.is_some() {
+        return Ok(refuse("the client names tasks and seeds: give --tasks and --seeds to policy-client evaluate"));
+    }
     let mut session = args.session.clone();
     let weights = session.split_weights();
     let mut asked = OpenRequest::default();
     session.apply(&mut asked);
     asked.weights.clear();
     if asked != OpenRequest::default() {
-        eprintln!(
-            "error: the client chooses the options of its sessions: give these flags to policy-client evaluate\n\n\
-             For more information, try '--help'."
-        );
-        return Ok(ExitCode::from(2));
+        return Ok(refuse(
+            "the client chooses the options of its sessions: give these flags to policy-client evaluate",
+        ));
     }
     let options = ExternalOptions {
         name: args.name.clone(),
@@ -70,6 +71,12 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
         eprintln!("stopped before the end; {again}");
     }
     finish(args, &options.out, &outcome?, &again)
+}
+
+/// Prints what is wrong with the flags, as clap does.
+fn refuse(why: &str) -> ExitCode {
+    eprintln!("error: {why}\n\nFor more information, try '--help'.");
+    ExitCode::from(2)
 }
 
 /// Prints the command for the client.

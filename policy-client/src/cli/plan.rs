@@ -56,7 +56,8 @@ pub struct RunArgs {
     /// Step at 50 Hz by the wall clock, whether or not an action has arrived; otherwise the server waits
     #[arg(long)]
     pub real_time: bool,
-    /// Wait for a recorder: the episode goes no further than the recorder has written
+    /// Guarantee a whole recording: the episode waits for the recorder. Without it a running recorder also writes the
+    /// episode, but may miss rows
     #[arg(long)]
     pub recorded: bool,
     /// Print results as JSON

@@ -16,6 +16,8 @@ pub struct Episode {
 pub struct Report {
     head: Value,
     episodes: Vec<Value>,
+    /// Simulated time of a step, s.
+    control_dt: f64,
     /// Digest of the recorded episode that is being replayed.
     digest: Option<String>,
     equal: bool,
@@ -28,7 +30,7 @@ impl Report {
             "policy": policy, "task": task, "seed": info.seed, "server": info.server, "session": info.session,
             "mode": info.mode().as_str_name(), "gains": info.gains,
         });
-        Self { head, episodes: Vec::new(), digest, equal: true }
+        Self { head, episodes: Vec::new(), control_dt: info.control_dt, digest, equal: true }
     }
 
     /// Whether every replayed episode equals its recording.
@@ -43,12 +45,14 @@ impl Report {
         self.equal &= equal.unwrap_or(true);
         if !as_json {
             print(format!(
-                "{} seed {} episode {index}: {} after {} steps, {} ({wall_s:.1} s)\n    digest {}\n",
+                "{} seed {} episode {index}: ended by {} after {} steps ({:.2} s simulated, {wall_s:.1} s of wall time); {}\n    \
+                 digest {}\n",
                 self.head["task"].as_str().unwrap_or_default(),
                 self.head["seed"],
                 end.cause,
                 end.steps,
-                if end.success { "success" } else { "no success" },
+                end.steps as f64 * self.control_dt,
+                if end.success { "passed" } else { "not passed" },
                 end.digest
             ));
             match (equal, &self.digest) {

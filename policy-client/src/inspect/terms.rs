@@ -80,7 +80,8 @@ macro_rules! sensor {
     };
 }
 
-/// All sensors, in the order in which sessions list them.
+/// The sensors that are shown by default, in the order in which sessions list them: all but chest_camera, which
+/// `--sensors` can name.
 #[rustfmt::skip] // One line for each term reads like a table.
 pub static SENSORS: [Sensor; 10] = [
     sensor!("proprioception", Some(0.0), large: false, proprioception, |_| {

@@ -17,7 +17,8 @@ use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsF
 /// Prints a line for each bag that ends, and for each session with records that are in no bag. Exit codes: 0 all bags
 /// whole, 1 failed, 2 usage, 3 some bags are cut or records lost.
 #[derive(Debug, Parser)]
-#[command(version, after_help = EXAMPLES)]
+// Either flag may also stand in the settings file, so clap itself would show neither as required.
+#[command(version, override_usage = "recorder --out <DIR> --recorder-key <FILE> [OPTIONS]", after_help = EXAMPLES)]
 struct Cli {
     /// Folder of the bags
     #[arg(long, value_name = "DIR")]

@@ -105,6 +105,8 @@ struct Followed {
     is_gone: bool,
     /// A record of the session has arrived.
     is_heard: bool,
+    /// It was reported that its records cannot be read.
+    is_refused: bool,
     since: Duration,
     _listed: Listed,
 }
@@ -170,6 +172,14 @@ impl Worker {
                     Some(rows) => rows.open(&bytes.to_bytes()),
                 };
                 let Some(record) = record else {
+                    // Before any record could be read, the server more likely has another key than a stranger writes in its name.
+                    if !session.is_heard && !std::mem::replace(&mut session.is_refused, true) {
+                        let server = SessionKeys::of(&key).map_or(&*key, |(_, server, _)| server);
+                        warn!(
+                            "cannot read the records of server {server}: its --recorder-key differs from this recorder's; \
+                             give both the same file"
+                        );
+                    }
                     return debug!(%key, "dropping a record that is not the server's");
                 };
                 session.is_heard = true;
@@ -209,7 +219,18 @@ impl Worker {
         let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default() };
         let listed = Listed::new(&self.shared, keys.truth_row(), inlet.clone());
         debug!(%key, "recording a session");
-        Some(Followed { keys, inlet, state, bags, rows, is_gone: false, is_heard: false, since: now, _listed: listed })
+        Some(Followed {
+            keys,
+            inlet,
+            state,
+            bags,
+            rows,
+            is_gone: false,
+            is_heard: false,
+            is_refused: false,
+            since: now,
+            _listed: listed,
+        })
     }
 
     /// Gives a session an input and carries out what it asks for; returns whether it continues.

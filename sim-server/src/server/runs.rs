@@ -13,7 +13,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use fiatlux_access::{Identity, sign_journal};
 use fiatlux_bag::run::{
-    Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, Prefix, Registration, State, clip, journal_of,
+    Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, Planned, Prefix, Registration, State, clip,
+    journal_of,
 };
 use fiatlux_link::in_full;
 use fiatlux_proto::keys::is_name;
@@ -287,6 +288,16 @@ impl Run {
             finished: ledger.is_finished(),
             link: String::new(),
         })
+    }
+
+    /// An episode for the log, such as `S05 seed 0 of run walk-71948c02`.
+    fn label(&self, index: u32) -> String {
+        let state = lock(&self.state);
+        let Registration { run, episodes, .. } = state.ledger().registration();
+        match episodes.get(index as usize) {
+            Some(Planned { task, seed }) => format!("{task} seed {seed} of run {run}"),
+            None => format!("episode {index} of run {run}"),
+        }
     }
 
     /// The session in which to play an episode, if it may be played.

@@ -42,7 +42,7 @@ fn the_page_of_tasks_is_the_rulebook() {
         assert!(section.contains(&format!("*{instruction}.*")), "{task}: its instruction");
         let weight = if task.weight() > 0.0 { format!(" Weight {}.", task.weight()) } else { String::new() };
         assert!(section.contains(&format!(".*{weight}\n")), "{task}: its weight");
-        let start = ["none", "one", "two", "three", "four"][spec.start_count as usize];
+        let start = ["neither", "one", "two", "three", "four"][spec.start_count as usize];
         assert!(section.contains(&format!("At the start {start} of them hold")), "{task}: what holds at its start");
         for protocol in Protocol::ALL {
             let entry = if protocol == Protocol::Published { "- Gate:" } else { "- Strict:" };

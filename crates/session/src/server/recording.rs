@@ -102,7 +102,8 @@ impl<H: Host, R> ServerSession<H, R> {
         self.recording.lost = true;
         self.note("lost", "recorder", why.into());
         let message = format!("{why}: the episode goes on, but its recording is cut");
-        self.notify(NoticeCode::Lost, 1, "recorded", message, "start a recorder for this server", now);
+        let remedy = "start a recorder for this server, with the same --recorder-key";
+        self.notify(NoticeCode::Lost, 1, "recorded", message, remedy, now);
     }
 
     /// Handles the input that waited for room.

@@ -41,9 +41,13 @@ pub fn tell(outcome: &RunOutcome, run_file: &Path) {
     }
     let file = run_file.display();
     if outcome.finished {
-        eprintln!("run {} is over; name another file than {file} with --run-file for another run", outcome.run);
+        eprintln!(
+            "run {0} is finished. Grade it on the server's machine: scorer grade DIR/{0}, with the DIR of its --record. For \
+             another run, name another --run-file than {file}",
+            outcome.run
+        );
     } else {
-        eprintln!("run {} is not over: the same command continues it with the key in {file}", outcome.run);
+        eprintln!("run {} is not finished: the same command continues it with the key in {file}", outcome.run);
     }
 }
 

@@ -151,7 +151,16 @@ impl Attempt {
         }
         let event = event(self, &progress);
         drop(progress);
-        tracing::info!(?event, "an attempt at an episode of a run has ended");
+        let which = self.run.label(self.episode);
+        match &event {
+            Event::Played { cause, steps, .. } => tracing::info!("played {which}: {cause} after {steps} steps"),
+            Event::Abandoned { cause, steps, .. } => {
+                tracing::info!("attempt {} at {which} was cut off after {steps} steps: {cause}", self.number);
+            }
+            Event::Failed { cause, .. } => tracing::info!("attempt {} at {which} has failed: {cause}", self.number),
+            // No attempt ends by these.
+            Event::Opened { .. } | Event::Restarted { .. } | Event::Finished { .. } | Event::Sealed { .. } => {}
+        }
         self.run.end(self.episode, event);
     }
 }
