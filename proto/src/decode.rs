@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn a_message_reads_back() {
-        let action = Action { episode: 1, step: 7, action: vec![0.5; 53], joint_target: vec![], chunk: None };
+        let action = Action { episode: 1, step: 7, action: vec![0.5; 53], ..Action::default() };
         assert_eq!(decode::<Action>(&action.encode_to_vec(), 1000), Ok(action));
         assert_eq!(decode::<CloseRequest>(&[], 0), Ok(CloseRequest {}));
     }

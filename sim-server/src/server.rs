@@ -22,6 +22,7 @@ mod runs;
 mod scenes;
 mod shared;
 mod shell;
+mod whole_body;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

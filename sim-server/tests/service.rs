@@ -107,9 +107,7 @@ impl Client {
     }
 
     fn act(&self, episode: u64, step: u64) {
-        self.send(
-            Action { episode, step, action: action(step).to_vec(), joint_target: vec![], chunk: None }.encode_to_vec(),
-        );
+        self.send(Action { episode, step, action: action(step).to_vec(), ..Action::default() }.encode_to_vec());
     }
 
     fn next(&self) -> Observation {
@@ -440,7 +438,7 @@ fn a_client_of_an_older_version_is_told_to_update() {
     let bytes = described.result().unwrap_err().payload().to_bytes();
     assert_eq!(Refusal::decode(&*bytes).unwrap(), refused);
     assert_eq!((refused.code(), refused.field.as_str()), (refusal::Code::Version, "protocol"));
-    assert!(refused.message.contains("speaks protocol 3.5") && refused.message.contains("update the client"));
+    assert!(refused.message.contains("speaks protocol 3.6") && refused.message.contains("update the client"));
 }
 
 /// A query that names no server gets one reply from each, and none of them opens a session.

@@ -1,16 +1,30 @@
 //! A policy's command to the robot, and its check, which both ends of a session share.
 
 use fiatlux_proto::limits::{MAX_CHUNK_KEYS, MAX_CHUNK_NUMBERS, MAX_CHUNK_PROBLEM};
-use fiatlux_proto::v3::{Action, Chunk, Joint, SessionInfo};
+use fiatlux_proto::v3::{Action, Chunk, Joint, SessionInfo, WholeBodyCommand};
 use thiserror::Error;
 
-/// A command for one step: a number for each joint, in the order of `SessionInfo.joints`.
+/// Fields of a whole-body command, in the order of `SessionInfo.whole_body_range`.
+const WHOLE_BODY: [&str; 7] = [
+    "whole_body.vx",
+    "whole_body.vy",
+    "whole_body.wz",
+    "whole_body.height",
+    "whole_body.roll",
+    "whole_body.pitch",
+    "whole_body.yaw",
+];
+
+/// A command for one step. Lists have a number for each joint, in the order of `SessionInfo.joints`.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Command {
     /// In action units: joint target = q0 + action_scale * action.
     Action(Vec<f64>),
     /// Joint targets as angles, rad.
     JointTarget(Vec<f64>),
+    /// Legs and waist follow the server's whole-body controller. The list has the angles at which arms and hands shall rest,
+    /// rad; those of legs and waist are ignored. If it is empty, arms and hands keep their targets.
+    WholeBody(WholeBodyCommand, Vec<f64>),
 }
 
 /// Why a command is refused.
@@ -60,6 +74,24 @@ pub enum CommandError {
         /// Largest number that the session accepts.
         high: f64,
     },
+    /// An action has a list in action units besides its whole-body command.
+    #[error("both action and whole_body are filled")]
+    Mixed,
+    /// The session takes no whole-body commands.
+    #[error("the session has no whole-body controller: it needs the G1's body, the gains 'fiatlux' and proprioception")]
+    NoController,
+    /// A number of a whole-body command is out of its range.
+    #[error("{field} is {value}; it must be from {low} to {high}")]
+    WholeBody {
+        /// Name of the number, such as `whole_body.vx`.
+        field: &'static str,
+        /// The number that was commanded.
+        value: f64,
+        /// Smallest number that the session accepts.
+        low: f64,
+        /// Largest number that the session accepts.
+        high: f64,
+    },
     /// The description of the model's chunk is not valid.
     #[error("chunk {problem}")]
     Chunk {
@@ -73,6 +105,8 @@ impl CommandError {
     pub fn field(&self) -> &'static str {
         match self {
             Self::Form { .. } => "action",
+            Self::Mixed | Self::NoController => "whole_body",
+            Self::WholeBody { field, .. } => field,
             Self::Chunk { .. } => "chunk",
             Self::Length { field, .. } | Self::NotFinite { field, .. } | Self::Range { field, .. } => field,
         }
@@ -83,8 +117,11 @@ impl CommandError {
         match self {
             Self::Range { field: "action", .. } => "clip the action, whose usual range is [-1, 1]",
             Self::Range { .. } => "clip joint targets to the limits of the joints",
+            Self::Mixed => "send joint targets with whole_body, or none",
+            Self::NoController => "send actions or joint targets",
+            Self::WholeBody { .. } => "command something within SessionInfo.whole_body_range",
             Self::Chunk { .. } => "send the chunk as PROTOCOL.md describes it, or none",
-            _ => "fill one of action and joint_target with a finite number for each joint",
+            _ => "fill one of action and joint_target with a finite number for each joint, or whole_body",
         }
     }
 }
@@ -95,10 +132,12 @@ impl Command {
     /// # Errors
     /// [`CommandError`]: the form, the length, or a number that is not finite or out of range.
     pub fn of(action: &Action, info: &SessionInfo) -> Result<Self, CommandError> {
-        let command = match (action.action.is_empty(), action.joint_target.is_empty()) {
-            (false, true) => Self::Action(action.action.clone()),
-            (true, false) => Self::JointTarget(action.joint_target.clone()),
-            (neither, _) => return Err(CommandError::Form { both: !neither }),
+        let command = match (action.whole_body, action.action.is_empty(), action.joint_target.is_empty()) {
+            (Some(command), true, _) => Self::WholeBody(command, action.joint_target.clone()),
+            (Some(_), false, _) => return Err(CommandError::Mixed),
+            (None, false, true) => Self::Action(action.action.clone()),
+            (None, true, false) => Self::JointTarget(action.joint_target.clone()),
+            (None, neither, _) => return Err(CommandError::Form { both: !neither }),
         };
         command.check(info)?;
         action.chunk.as_ref().map_or(Ok(()), check_chunk)?;
@@ -113,6 +152,13 @@ impl Command {
         let (field, numbers) = match self {
             Self::Action(numbers) => ("action", numbers),
             Self::JointTarget(numbers) => ("joint_target", numbers),
+            Self::WholeBody(command, numbers) => {
+                check_whole_body(command, info)?;
+                if numbers.is_empty() {
+                    return Ok(());
+                }
+                ("joint_target", numbers)
+            }
         };
         let joints = &info.joints;
         if numbers.len() != joints.len() {
@@ -123,7 +169,7 @@ impl Command {
         for (joint, (&value, Joint { name, q0, .. })) in numbers.iter().zip(joints).enumerate() {
             let (middle, unit) = match self {
                 Self::Action(_) => (0.0, 1.0),
-                Self::JointTarget(_) => (*q0, info.action_scale),
+                Self::JointTarget(_) | Self::WholeBody(..) => (*q0, info.action_scale),
             };
             let is_within = ((value - middle) / unit).abs() <= limit;
             if !value.is_finite() || (!is_within && limit == f64::MAX) {
@@ -139,12 +185,29 @@ impl Command {
 
     /// The message that carries the command.
     pub fn into_action(self, episode: u64, step: u64) -> Action {
-        let (action, joint_target) = match self {
-            Self::Action(numbers) => (numbers, Vec::new()),
-            Self::JointTarget(numbers) => (Vec::new(), numbers),
+        let (action, joint_target, whole_body) = match self {
+            Self::Action(numbers) => (numbers, Vec::new(), None),
+            Self::JointTarget(numbers) => (Vec::new(), numbers, None),
+            Self::WholeBody(command, numbers) => (Vec::new(), numbers, Some(command)),
         };
-        Action { episode, step, action, joint_target, chunk: None }
+        Action { episode, step, action, joint_target, chunk: None, whole_body }
     }
+}
+
+/// Checks a whole-body command against the ranges that the session announces; NaN is within none.
+fn check_whole_body(command: &WholeBodyCommand, info: &SessionInfo) -> Result<(), CommandError> {
+    let (ranges, rest) = info.whole_body_range.as_chunks::<2>();
+    if ranges.len() != WHOLE_BODY.len() || !rest.is_empty() {
+        return Err(CommandError::NoController);
+    }
+    let WholeBodyCommand { vx, vy, wz, height, roll, pitch, yaw } = *command;
+    for ((field, value), [low, high]) in WHOLE_BODY.into_iter().zip([vx, vy, wz, height, roll, pitch, yaw]).zip(ranges)
+    {
+        if !(low..=high).contains(&&value) {
+            return Err(CommandError::WholeBody { field, value, low: *low, high: *high });
+        }
+    }
+    Ok(())
 }
 
 /// Checks the bounds of a model's chunk.

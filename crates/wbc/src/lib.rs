@@ -14,6 +14,7 @@ mod controller;
 mod error;
 mod frame;
 mod network;
+mod senses;
 mod standing;
 
 pub use arms::Arms;
@@ -27,6 +28,7 @@ pub use frame::{
     ARMS, BODY, FRAME, FRAME_LENGTH, History, LEGS, MOVED, Sensed, first_unsound, mirrored_action, mirrored_frame,
 };
 pub use network::Network;
+pub use senses::{SensedTerms, Senses};
 
 /// Length of a control step, s.
 pub const CONTROL_DT: f64 = fiatlux_rules::CONTROL_DT;

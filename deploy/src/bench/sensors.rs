@@ -137,6 +137,10 @@ impl Stage {
         let action = match command {
             PolicyCommand::Action(numbers) => numbers,
             PolicyCommand::JointTarget(numbers) => self.episode.action_for(&numbers),
+            PolicyCommand::WholeBody(..) => {
+                let problem = "its policy commands a controller, which only sessions have".into();
+                return Err(BenchError::Start { case: POLICY, problem });
+            }
         };
         self.episode.step(&action).map(|_| ()).map_err(scene)
     }

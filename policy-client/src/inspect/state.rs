@@ -155,7 +155,7 @@ impl State {
         self.acted_s = Some(now_s);
         let (numbers, scale) = match command {
             Command::Action(numbers) => (numbers, Some(self.info.action_scale)),
-            Command::JointTarget(numbers) => (numbers, None),
+            Command::JointTarget(numbers) | Command::WholeBody(_, numbers) => (numbers, None),
         };
         let mut beyond = false;
         for ((number, joint), count) in numbers.iter().zip(&self.info.joints).zip(&mut self.out_of_limits.joints) {

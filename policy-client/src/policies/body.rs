@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Observation, SessionInfo};
-use fiatlux_wbc::{ARMS, Command, Joint, MOVED, Network, Sensed};
+use fiatlux_wbc::{Command, Joint, Network, Sensed, SensedTerms};
 
 use crate::PolicyError;
 
@@ -39,15 +39,12 @@ pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observati
 pub(super) struct Senses {
     /// Name of the policy, for its errors.
     pub policy: &'static str,
-    /// Joint positions relative to the standing posture, rad.
-    position: Vec<f64>,
-    velocity: Vec<f64>,
+    terms: fiatlux_wbc::Senses,
 }
 
 impl Senses {
     pub fn new(policy: &'static str) -> Self {
-        let room = || Vec::with_capacity(MOVED + ARMS);
-        Self { policy, position: room(), velocity: room() }
+        Self { policy, terms: fiatlux_wbc::Senses::default() }
     }
 
     /// Sensor data of legs, waist and arms. The controller refuses terms that are too short.
@@ -57,26 +54,15 @@ impl Senses {
     pub fn read(&mut self, observation: &Observation) -> Result<Sensed<'_>, PolicyError> {
         let body = observation.proprioception.as_ref();
         let body = body.ok_or(PolicyError::Sensor { policy: self.policy, sensor: "proprioception" })?;
-        let copy = |to: &mut Vec<f64>, from: &[f32]| {
-            to.clear();
-            to.extend(from.iter().take(MOVED + ARMS).map(|number| f64::from(*number)));
-        };
-        copy(&mut self.position, &body.joint_position);
-        copy(&mut self.velocity, &body.joint_velocity);
-        Ok(Sensed {
-            base_angular_velocity: vector(&body.base_angular_velocity),
-            projected_gravity: vector(&body.projected_gravity),
-            base_linear_velocity: vector(&body.base_linear_velocity),
-            base_height: f64::from(body.base_height),
-            joint_position: &self.position,
-            joint_velocity: &self.velocity,
-        })
+        Ok(self.terms.read(&SensedTerms {
+            base_angular_velocity: &body.base_angular_velocity,
+            projected_gravity: &body.projected_gravity,
+            base_linear_velocity: &body.base_linear_velocity,
+            base_height: body.base_height,
+            joint_position: &body.joint_position,
+            joint_velocity: &body.joint_velocity,
+        }))
     }
-}
-
-/// A vector; NaN if the term is too short, so that the controller refuses it by its name.
-fn vector(term: &[f32]) -> [f64; 3] {
-    [0, 1, 2].map(|axis| term.get(axis).map_or(f64::NAN, |&value| f64::from(value)))
 }
 
 /// Our controller with the weights of `file`, or with those of this version if that is empty, and its name for the record.

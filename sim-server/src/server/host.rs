@@ -12,7 +12,7 @@ use fiatlux_features::ResNet18;
 use fiatlux_link::in_full;
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, SessionInfo, StepRecord};
+use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, SessionInfo, StepRecord, WholeBodyCommand};
 use fiatlux_render::Lighting;
 use fiatlux_sensing::{NoiseSeed, SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_session::{Command, Host};
@@ -23,6 +23,7 @@ use super::plan::{Plan, SensorPlan};
 use super::record::{self, Record, Seen};
 use super::runs::Attempt;
 use super::scenes::Built;
+use super::whole_body::{self, WholeBody};
 
 /// Episodes of one plan, in one scene.
 #[derive(Debug)]
@@ -51,6 +52,9 @@ struct Run {
     outside_box: bool,
     /// Actions on their way to the robot, next one first.
     delayed: VecDeque<Vec<f64>>,
+    /// The controller while the client commands it, and the joint targets that came of the last command, rad.
+    whole_body: Option<WholeBody>,
+    followed: Option<Vec<f64>>,
 }
 
 impl Simulation {
@@ -83,7 +87,12 @@ impl Simulation {
 
     /// What a client learns about the session, apart from its timeouts.
     pub fn info(&self) -> SessionInfo {
-        info::session(&self.server, &self.id, &self.plan, self.labels(), &self.built.scene)
+        let scene = &self.built.scene;
+        let senses = self.plan.sensors.sensed().contains(Sensor::Proprioception);
+        SessionInfo {
+            whole_body_range: if senses { whole_body::ranges(scene) } else { Vec::new() },
+            ..info::session(&self.server, &self.id, &self.plan, self.labels(), scene)
+        }
     }
 
     fn labels(&self) -> info::Labels<'_> {
@@ -110,7 +119,8 @@ impl Host for Simulation {
             .map_err(|error| sensors_fail(&error))?;
         // Until the first action arrives, the staged posture holds.
         let delayed = VecDeque::from(vec![episode.row().action.clone(); self.plan.action_delay]);
-        let run = Run { episode, record: None, observation, outside_box: false, delayed };
+        let (whole_body, followed) = (None, None);
+        let run = Run { episode, record: None, observation, outside_box: false, delayed, whole_body, followed };
         Ok(&self.run.insert(run).observation)
     }
 
@@ -119,7 +129,16 @@ impl Host for Simulation {
         let action = match command {
             Command::Action(action) => Cow::Borrowed(action),
             Command::JointTarget(target) => Cow::Owned(run.episode.action_for(target)),
+            Command::WholeBody(command, named) => {
+                let target = run.follow(&mut self.suite, command, named)?;
+                let action = run.episode.action_for(&target);
+                run.followed = Some(target);
+                Cow::Owned(action)
+            }
         };
+        if !matches!(command, Command::WholeBody(..)) {
+            run.whole_body = None;
+        }
         // Flags of the action that arrived and is recorded; the row has the one that takes effect.
         run.outside_box = action.iter().any(|number| number.abs() > 1.0);
         let acting = if self.plan.action_delay == 0 {
@@ -148,7 +167,10 @@ impl Host for Simulation {
         let seen = recorded(suite, &run.episode, &plan.sensors, large, &run.observation);
         let seen = seen.map_err(|error| sensors_fail(&error))?;
         if let Some((record, action)) = run.record.as_mut().zip(action) {
-            let action = ActionRecord { outside_box: run.outside_box, ..action };
+            let mut action = ActionRecord { outside_box: run.outside_box, ..action };
+            if let (Some(target), Some(received)) = (run.followed.take(), &mut action.action) {
+                received.joint_target = target;
+            }
             return Ok(record.row(&run.episode, &action, seen));
         }
         let labels = info::Labels { weights: &self.weights, meshes: self.built.meshes() };
@@ -169,6 +191,29 @@ impl Host for Simulation {
         if let Some(signer) = &self.signer {
             sign_result(signer, result);
         }
+    }
+}
+
+impl Run {
+    /// Joint targets that follow a whole-body command, rad. The controller sees what a client would, with the same noise.
+    fn follow(
+        &mut self,
+        suite: &mut SensorSuite,
+        command: &WholeBodyCommand,
+        named: &[f64],
+    ) -> Result<Vec<f64>, Refusal> {
+        const SENSES: Sensors = Sensors::of(&[Sensor::Proprioception]);
+        let refused = |error: &dyn std::error::Error| Refusal::new(Code::Value, "whole_body", in_full(error));
+        let seen = suite.observe(&View::of(&self.episode), SENSES).map_err(|error| refused(&error))?;
+        let seen = seen.proprioception.unwrap_or_default();
+        let body = match &mut self.whole_body {
+            Some(body) => body,
+            none => {
+                let action = &self.episode.row().action;
+                none.insert(WholeBody::take_over(self.episode.scene(), action).map_err(|error| refused(&error))?)
+            }
+        };
+        body.step(&seen, command, named).map_err(|error| refused(&error))
     }
 }
 

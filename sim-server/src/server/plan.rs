@@ -327,12 +327,12 @@ mod tests {
         let list = |name: &str| vec![name.to_owned()];
         let flat = || named(&["flat"]);
         let cases = [
-            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.5"),
+            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.6"),
             (
                 OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
                 Code::Version,
                 "protocol",
-                "the client speaks 2.3, but this server speaks 3.5",
+                "the client speaks 2.3, but this server speaks 3.6",
             ),
             (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
             (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),

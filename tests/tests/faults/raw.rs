@@ -154,7 +154,7 @@ impl Raw {
 
 /// An action that the server accepts: zeros for all joints.
 pub fn action(episode: u64, step: u64) -> Action {
-    Action { episode, step, action: vec![0.0; JOINTS], joint_target: Vec::new(), chunk: None }
+    Action { episode, step, action: vec![0.0; JOINTS], ..Action::default() }
 }
 
 /// Bytes without a pattern, always the same ones.

@@ -18,7 +18,7 @@ pub enum SessionFailure {
     /// The policy's command is not valid; it was not sent.
     #[error("the policy commands {field} {problem} in step {step}; correct the policy")]
     Command {
-        /// Which of the two lists: `action` or `joint_target`.
+        /// The field of the action with the error, such as `joint_target`.
         field: &'static str,
         /// What is wrong with the command.
         problem: String,
@@ -88,6 +88,9 @@ impl SessionFailure {
         let problem = match error {
             CommandError::Form { .. } => "without a number".into(),
             CommandError::Length { found, expected, .. } => format!("of {found} numbers, not {expected},"),
+            CommandError::Mixed => "with an action in action units".into(),
+            CommandError::NoController => "in a session without a controller".into(),
+            CommandError::WholeBody { value, low, high, .. } => format!("{value}, not from {low} to {high},"),
             CommandError::Chunk { problem } => format!("whose chunk {problem}"),
             CommandError::NotFinite { value, joint, .. } => format!("{value} for joint {joint}"),
             CommandError::Range { value, joint, low, high, .. } => {

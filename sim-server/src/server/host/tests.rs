@@ -83,7 +83,7 @@ impl Harness {
     }
 
     fn act(&mut self, episode: u64, step: u64) -> Vec<Sent> {
-        self.send(&Action { episode, step, action: vec![0.0; JOINTS], joint_target: vec![], chunk: None })
+        self.send(&Action { episode, step, action: vec![0.0; JOINTS], ..Action::default() })
     }
 
     fn send(&mut self, action: &Action) -> Vec<Sent> {

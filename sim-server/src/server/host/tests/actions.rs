@@ -36,7 +36,7 @@ fn wrong_actions_are_refused_and_recorded() {
     let mut harness = harness(OpenRequest::default());
     assert_eq!(harness.act(0, 0), [notice_of(Step)], "no episode yet");
     harness.reset(3);
-    let good = Action { episode: 3, step: 0, action: vec![0.0; JOINTS], joint_target: vec![], chunk: None };
+    let good = Action { episode: 3, step: 0, action: vec![0.0; JOINTS], ..Action::default() };
     let nan = |mut numbers: Vec<f64>| {
         numbers[5] = f64::NAN;
         numbers
@@ -114,6 +114,71 @@ fn joint_targets_are_recorded_in_action_units() {
     for joint in 0..JOINTS {
         assert_eq!(row.action[joint], (target[joint] - q0[joint]) / 0.5, "{joint}");
     }
+}
+
+/// Legs and waist follow the controller; the bag has the joint targets that came of it, which alone repeat the rows.
+#[test]
+fn whole_body_commands_walk_and_are_recorded_as_joint_targets() {
+    let mut harness = harness(OpenRequest::default());
+    harness.reset(0);
+    let row = |harness: &Harness| harness.session.host().run.as_ref().unwrap().episode.row().clone();
+    let first = row(&harness).robot.pose;
+    let walk = WholeBodyCommand { vx: 0.5, height: 0.75, ..WholeBodyCommand::default() };
+    let mut named = harness.session.host().built.scene.robot.q0().to_vec();
+    // Of legs and waist: ignored.
+    named[..15].fill(9.0);
+    let mut targets = Vec::new();
+    for step in 0..120 {
+        // The arms are named later; until then they keep the staged posture.
+        let joint_target = if step < 40 { Vec::new() } else { named.clone() };
+        harness.send(&Action { step, joint_target, whole_body: Some(walk), ..Action::default() });
+        let received = ActionRecord::decode(&*harness.record().action).unwrap().action.unwrap();
+        assert_eq!(received.whole_body, Some(walk));
+        targets.push(received.joint_target);
+    }
+    let last = row(&harness).robot.pose;
+    let way = first.rotation.inverse_transform_vector(&(last.translation.vector - first.translation.vector));
+    assert!(way.x > 0.5 && way.y.abs() < 0.3 && last.translation.z > 0.7, "{way}");
+    let digest = |harness: &Harness| harness.session.host().run.as_ref().unwrap().episode.digest().hex();
+    let played = digest(&harness);
+    harness.reset(0);
+    for (step, joint_target) in (0..).zip(targets) {
+        harness.send(&Action { step, joint_target, ..Action::default() });
+    }
+    assert_eq!(digest(&harness), played);
+}
+
+#[test]
+fn whole_body_commands_are_refused_by_field() {
+    let stand = WholeBodyCommand { height: 0.75, ..WholeBodyCommand::default() };
+    let good = Action { whole_body: Some(stand), ..Action::default() };
+    let command = |command| Action { whole_body: Some(command), ..Action::default() };
+    let cases = [
+        (Action { action: vec![0.0; JOINTS], ..good.clone() }, "whole_body"),
+        (Action { joint_target: vec![0.0; 3], ..good.clone() }, "joint_target"),
+        (Action { joint_target: vec![f64::NAN; JOINTS], ..good.clone() }, "joint_target"),
+        (command(WholeBodyCommand { vx: 1.1, ..stand }), "whole_body.vx"),
+        (command(WholeBodyCommand { wz: f64::NAN, ..stand }), "whole_body.wz"),
+        (command(WholeBodyCommand { pitch: f64::INFINITY, ..stand }), "whole_body.pitch"),
+        (command(WholeBodyCommand::default()), "whole_body.height"),
+    ];
+    let harness_of = |request: OpenRequest, cases: &[(Action, &str)]| {
+        let mut harness = harness(request);
+        harness.reset(0);
+        for (action, field) in cases {
+            harness.now += Duration::from_secs(1);
+            assert_eq!(harness.send(action), [notice_of(notice::Code::Value)], "{field}");
+            let notice = harness.notice();
+            assert_eq!(notice.field, *field, "{}", notice.message);
+            assert!(!notice.remedy.is_empty());
+        }
+        harness
+    };
+    assert_eq!(harness_of(OpenRequest::default(), &cases).send(&good), [observation(1), record(1)]);
+    // Other gains, and a session without what the controller senses.
+    let none = [(good, "whole_body")];
+    harness_of(OpenRequest { gains: "sonic".into(), ..OpenRequest::default() }, &none);
+    harness_of(OpenRequest { sensors: vec!["last_action".into()], ..OpenRequest::default() }, &none);
 }
 
 /// A delay of 40 ms is the actions of two steps before, and the staged posture until they come; none is what it always was.

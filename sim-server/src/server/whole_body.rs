@@ -1,0 +1,98 @@
+//! The whole-body controller of a session, for clients that command it in place of legs and waist.
+
+use std::sync::{Arc, LazyLock};
+
+use fiatlux_proto::v3::{Proprioception, WholeBodyCommand};
+use fiatlux_wbc::{ARMS, Arms, BODY, Command, Controller, Joint, MOVED, Network, SensedTerms, Senses, WbcError};
+use fiatlux_world::{ACTION_SCALE, Scene};
+
+/// The shipped network, read when the first session opens.
+static NETWORK: LazyLock<Result<Arc<Network>, WbcError>> = LazyLock::new(|| Network::shipped().map(Arc::new));
+
+/// Least and greatest of each number of a command, in the order of `SessionInfo.whole_body_range`; nothing where the controller
+/// was not trained for the scene's robot and drives.
+pub(super) fn ranges(scene: &Scene) -> Vec<f64> {
+    let fits = |network: &&Arc<Network>| network.contract().fits_joints(&joints(scene)).is_ok();
+    let Some(network) = NETWORK.as_ref().ok().filter(fits) else { return Vec::new() };
+    let [vx, vy, wz, walking, standing, roll, pitch, yaw] = network.contract().command;
+    // The controller itself keeps a robot that walks within the narrower one.
+    let height = [walking[0].min(standing[0]), walking[1].max(standing[1])];
+    [vx, vy, wz, height, roll, pitch, yaw].concat()
+}
+
+fn joints(scene: &Scene) -> Vec<Joint> {
+    let joints = scene.robot.joints().iter().zip(scene.robot.q0()).zip(&scene.spec.gains.0);
+    let joint = |((joint, q0), gains): ((&fiatlux_robot::Joint, &f64), &fiatlux_robot::JointGains)| Joint {
+        name: joint.name.clone(),
+        q0: *q0,
+        stiffness: gains.stiffness,
+        damping: gains.damping,
+        effort_limit: gains.effort_limit,
+    };
+    joints.map(joint).collect()
+}
+
+/// The controller while it is commanded.
+#[derive(Debug)]
+pub(super) struct WholeBody {
+    controller: Controller,
+    arms: Arms,
+    senses: Senses,
+    /// Of all joints, rad. Those of arms and hands are as they are wanted.
+    targets: Vec<f64>,
+    /// Whether the client has named targets: angles at which the arms shall rest. Earlier ones are played as they are.
+    is_named: bool,
+}
+
+impl WholeBody {
+    /// Takes over from an action, in action units.
+    ///
+    /// # Errors
+    /// [`WbcError`]: the controller does not fit the scene.
+    pub fn take_over(scene: &Scene, action: &[f64]) -> Result<Self, WbcError> {
+        let (network, joints) = (NETWORK.as_ref().map_err(|error| WbcError::Arms(error.to_string()))?, joints(scene));
+        network.contract().fits_joints(&joints)?;
+        let targets = scene.robot.q0().iter().zip(action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
+        Ok(Self {
+            controller: Controller::new(Arc::clone(network)),
+            arms: Arms::new(&joints)?,
+            senses: Senses::default(),
+            targets,
+            is_named: false,
+        })
+    }
+
+    /// Targets of all joints that follow a command, rad. `named` has targets of all joints, or none.
+    ///
+    /// # Errors
+    /// [`WbcError`]: what is sensed is not finite.
+    pub fn step(
+        &mut self,
+        seen: &Proprioception,
+        command: &WholeBodyCommand,
+        named: &[f64],
+    ) -> Result<Vec<f64>, WbcError> {
+        let sensed = self.senses.read(&SensedTerms {
+            base_angular_velocity: &seen.base_angular_velocity,
+            projected_gravity: &seen.projected_gravity,
+            base_linear_velocity: &seen.base_linear_velocity,
+            base_height: seen.base_height,
+            joint_position: &seen.joint_position,
+            joint_velocity: &seen.joint_velocity,
+        });
+        if named.len() == self.targets.len() {
+            self.targets[MOVED..].copy_from_slice(&named[MOVED..]);
+            self.is_named = true;
+        }
+        let WholeBodyCommand { vx, vy, wz, height, roll, pitch, yaw } = *command;
+        let command = Command { velocity: [vx, vy, wz], height, torso: [roll, pitch, yaw] };
+        self.controller.step(&sensed, &command, &mut self.targets)?;
+        let mut targets = self.targets.clone();
+        if self.is_named {
+            let mut angles = [0.0; ARMS];
+            angles.copy_from_slice(&targets[MOVED..BODY]);
+            targets[MOVED..BODY].copy_from_slice(&self.arms.targets(&sensed, &angles)?);
+        }
+        Ok(targets)
+    }
+}
