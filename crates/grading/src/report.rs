@@ -16,7 +16,7 @@ use episodes::Place;
 use markup::{escape, percent};
 
 use crate::tables::{conditions_line, count, missing, run_line, seed_count};
-use crate::{RateRow, Results, Score};
+use crate::{Fault, RateRow, Results, Score};
 
 pub use markup::cause_class;
 pub use site::{Site, SiteReport, episode_figure, site, task_cards};
@@ -129,7 +129,10 @@ fn warnings(out: &mut String, results: &Results) {
     if !lines.is_empty() {
         warn("Missing subtasks.", &format!("{}.", lines.join(". ")));
     }
-    if results.has_data_loss() {
+    if let Some(lost) = results.lost_journal() {
+        warn("Journal missing.", &format!("{lost}."));
+    }
+    if results.excluded.iter().any(|bag| bag.reason != Fault::Duplicate) {
         let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));
         warn("Data loss.", &text);
     }
