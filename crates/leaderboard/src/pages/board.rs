@@ -119,6 +119,7 @@ pub(super) async fn about() -> Response {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Badge;
     use crate::standings::Standing;
     use crate::standings::tables;
     use crate::standings::tests::{entry, results};
@@ -127,7 +128,7 @@ mod tests {
     fn shown(policies: &[(&str, usize)]) -> String {
         let rows = policies.iter().zip(1..).map(|((name, passed), id)| {
             let results = results(*passed);
-            (entry(id, name, &results), Standing::of(&results).expect("a place"))
+            (entry(id, name, &results), Standing::of(&results, Badge::Replayed).expect("a place"))
         });
         let board = Board { tables: tables(rows.collect()), ..Board::default() };
         let table = &board.tables[0];
@@ -166,7 +167,8 @@ mod tests {
     #[test]
     fn divisions_have_one_address_each() {
         let results = results(1);
-        let table = &tables(vec![(entry(1, "a", &results), Standing::of(&results).expect("a place"))])[0];
+        let table =
+            &tables(vec![(entry(1, "a", &results), Standing::of(&results, Badge::Replayed).expect("a place"))])[0];
         assert_eq!(show::slug(table.version, &table.division), "4-lockstep-standard-inspire");
         assert_eq!(show::division(&table.division), "Lockstep, standard observations, Inspire hands");
     }

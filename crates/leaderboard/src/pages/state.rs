@@ -141,7 +141,7 @@ impl Pages {
         for entry in &entries {
             if let Slot::Vacant(slot) = kept.standings.entry(entry.id) {
                 let Some(results) = self.service.store.results(entry.id).await? else { continue };
-                slot.insert(Standing::of(&results));
+                slot.insert(Standing::of(&results, entry.badge));
             }
             match kept.standings.get(&entry.id) {
                 Some(Ok(standing)) => ranked.push((entry.clone(), standing.clone())),
