@@ -15,7 +15,7 @@ use std::path::Path;
 use episodes::Place;
 use markup::{escape, percent};
 
-use crate::tables::{conditions_line, count, missing, run_line, seed_count};
+use crate::tables::{conditions_line, count, coverage, missing, run_line, seed_count};
 use crate::{Fault, RateRow, Results, Score};
 
 pub use markup::cause_class;
@@ -125,8 +125,9 @@ fn warnings(out: &mut String, results: &Results) {
         let text = format!("{}.", results.conditions.deviations.join("; "));
         warn("Not ranked: this run is not played as the benchmark has it.", &text);
     }
-    let lines = missing(results);
-    if !lines.is_empty() {
+    let covers = coverage(results).map(|covers| format!("S is {covers}"));
+    let lines: Vec<String> = covers.into_iter().chain(missing(results)).collect();
+    if !results.subtasks.is_empty() && !lines.is_empty() {
         warn("Missing subtasks.", &format!("{}.", lines.join(". ")));
     }
     if let Some(lost) = results.lost_journal() {
