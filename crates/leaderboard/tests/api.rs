@@ -127,6 +127,8 @@ fn bags_of_another_account_are_refused() {
     let reason =
         format!("these episodes were already submitted as {first} by owner; the first submission keeps its place");
     assert_eq!((&entry["state"], &entry["reason"]), (&json!("refused"), &json!(reason)));
+    let (status, page) = board.ask("GET", &format!("/runs/{copied}"), None, b"");
+    assert!(status == 404 && page.contains("This submission was refused") && !page.contains(&first), "{page}");
     let again = board.submit(&owner, &json!({ "policy": "zero", "note": "again" }), &files);
     assert_eq!(board.decided(&again, &owner)["state"], "graded");
     // A submission that is gone no longer keeps a place.

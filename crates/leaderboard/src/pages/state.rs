@@ -82,7 +82,11 @@ impl Pages {
     pub async fn open(&self, id: &str) -> Result<Entry, Problem> {
         let id: SubmissionId = id.parse().map_err(|_| Problem::Nothing)?;
         let entry = self.service.store.entry(id).await?.ok_or(Problem::Nothing)?;
-        if matches!(entry.state, State::Graded | State::Verified) { Ok(entry) } else { Err(Problem::Nothing) }
+        match entry.state {
+            State::Graded | State::Verified => Ok(entry),
+            State::Refused => Err(Problem::Refused),
+            State::Uploading | State::Received => Err(Problem::Nothing),
+        }
     }
 
     /// A submission that anybody may see, and its results.
