@@ -102,6 +102,25 @@ fn a_missing_journal_shows_in_the_exit_code() {
     assert_eq!((&json["without_journal"], json["episodes"].as_array().map(Vec::len)), (&json!(["first"]), Some(1)));
 }
 
+/// Guards the words for a `results.json` of fewer episodes than its folder has, and the score of a part of the subtasks.
+#[test]
+fn a_part_of_the_benchmark_says_so() {
+    let folder = Folder::new("commands-part");
+    let write = |seed| common::write(&folder.0.join(format!("{seed}.mcap")), Task::S01, seed, Story::Succeeds(30));
+    write(3);
+    let (path, claim) = (folder.0.to_str().unwrap(), folder.0.join("results.json"));
+    let (code, _, _) = scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]);
+    assert_eq!(code, 0);
+    write(4);
+    let (code, text, err) = scorer(&["grade", path]);
+    assert!(code == 3 && err.contains("number of episodes is 2 by the bags, 1 in the file; it has a part"), "{err}");
+    let headline = text.lines().find(|line| line.starts_with("Score S")).unwrap();
+    assert!(headline.contains("over 1 of 12 subtasks: not comparable"), "{text}");
+    // The remedy that the message names.
+    assert_eq!(scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]).0, 0);
+    assert_eq!(scorer(&["grade", path]).0, 0);
+}
+
 #[test]
 fn administration_asks_for_its_folder() {
     let (code, _, err) = scorer(&["admin", "accounts"]);
