@@ -63,7 +63,7 @@ fn headline(out: &mut String, results: &Results) {
         let Some(mean) = score.mean else { return };
         let spread = match score.std {
             Some(std) => format!("+- {std:.4} over the seeds"),
-            None => "of a single seed".into(),
+            None => "a single seed".into(),
         };
         let line = format!("{name:<22}{mean:>8.4}   {covers}{spread} ({})", by_seed(score));
         let _ = writeln!(out, "{}", wrapped(&line, "                                 "));
