@@ -8,6 +8,7 @@ mod losses;
 mod play;
 mod progress;
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -87,6 +88,8 @@ pub struct Outcome {
     pub results: Results,
     /// Number of episodes that were already in the folder.
     pub resumed: usize,
+    /// Number of bags in the folder that are of other tasks or seeds; the results leave them out.
+    pub others: usize,
     /// Episodes that were not played or not recorded whole, each with the reason.
     pub lost: Vec<String>,
     /// Whether it was stopped before the end.
@@ -190,7 +193,19 @@ pub fn evaluate(
         let job = jobs.iter().find(|job| bag.bag.ends_with(&job.bag_name()));
         format!("{}: {}", bag.bag, job.and_then(|job| played.reason(*job)).unwrap_or(&bag.detail))
     }));
-    Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
+    let others = others(&jobs, &bags)?;
+    Ok(Outcome { results, resumed, others, lost, stopped: stop.load(Ordering::Relaxed) })
+}
+
+/// Number of bags in the folder that belong to none of the jobs.
+fn others(jobs: &[Job], bags: &Path) -> Result<usize, EvaluateError> {
+    let entries = std::fs::read_dir(bags).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let names = entries.map_err(|error| folder(bags, error))?.into_iter().map(|entry| entry.file_name());
+    let is_other = |name: &OsString| {
+        Path::new(name).extension().is_some_and(|ending| ending == "mcap")
+            && jobs.iter().all(|job| *name != *job.bag_name())
+    };
+    Ok(names.filter(is_other).count())
 }
 
 /// Grades the bags of some jobs, with names relative to the output folder.

@@ -121,6 +121,13 @@ fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> 
         eprintln!("{} episodes were already in {folder} and were not run again", outcome.resumed);
     }
     eprintln!("bags, results.json and report.html are in {folder}");
+    if outcome.others > 0 {
+        let (others, s) = (outcome.others, if outcome.others == 1 { "" } else { "s" });
+        eprintln!(
+            "{folder} also has {others} episode{s} of other tasks or seeds, which are not in this results.json; use another \
+             folder for them (--out), or grade all of them: scorer grade {folder} --json --out {folder}/results.json"
+        );
+    }
     if outcome.stopped {
         eprintln!("stopped before the end; {goes_on}");
     }

@@ -18,7 +18,7 @@ use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{
     CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
-    SessionInfo, look_reply, notice::Code, open_reply,
+    SessionInfo, look_reply, open_reply,
 };
 use fiatlux_proto::{Bytes, Message as _, ObservationLayout, PROTOCOL, decode, encoding, is_compatible};
 use fiatlux_session::client::{Answer, Input, Output};
@@ -356,13 +356,9 @@ impl Client {
     fn tell_of(&self, input: &Input) {
         if let Input::Notice(bytes) = input
             && let Ok(notice) = decode::<Notice>(bytes, MAX_SERVER_MESSAGE)
+            && !self.state.is_left_over(&notice)
         {
-            // Actions that were sent ahead, or twice, may arrive when their episode is over, or out of order. The session
-            // sends again what is missing.
-            let is_left_over = self.state.is_ahead() && notice.code() == Code::Step;
-            if !is_left_over {
-                self.tell(notice);
-            }
+            self.tell(notice);
         }
     }
 

@@ -22,8 +22,8 @@ const UNVERIFIED: u8 = 4;
 
 /// Grades recorded episodes: turns bags into scores, tables and a report; compares runs; serves the leaderboard.
 ///
-/// Exit codes: 0 success; 1 failed; 2 wrong usage; 3 done, but some bags could not be scored, or the results.json of
-/// a folder says otherwise than its bags; 4 an episode is not verified.
+/// Exit codes: 0 success; 1 failed; 2 wrong usage; 3 done, but some bags could not be scored, the journal of their run is
+/// missing, or the results.json of a folder says otherwise than its bags; 4 an episode is not verified.
 /// Results go to stdout, everything else to stderr.
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
@@ -52,7 +52,8 @@ enum Command {
 ///
 /// The folder of a run, with its journals (*.run.jsonl), is graded as a run: every registered episode counts, and one that
 /// was not played to its end is a failure. S is over all twelve subtasks. A played episode whose bag is missing or altered
-/// is a failure too, and the exit code is 3.
+/// is a failure too, and the exit code is 3. Bags of a run without its journal are graded as loose bags; the exit code is
+/// 3, since episodes may have been left out.
 ///
 /// If one folder is graded and has a results.json, it is compared with the bags: if it says otherwise, a line on stderr says
 /// where, and the exit code is 3.
@@ -176,7 +177,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
         }
         _ => None,
     };
-    claim.iter().for_each(|claim| eprintln!("scorer: {claim}"));
+    results.lost_journal().iter().chain(&claim).for_each(|said| eprintln!("scorer: {said}"));
     if let Some(file) = &args.html {
         // The report finds replays only if the names of bags are relative to its own folder.
         let is_base = args.out.as_deref().is_none_or(|out| folder(out) == folder(file));

@@ -1,6 +1,6 @@
 //! `scorer verify`: plays bags again, on one server or many.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
@@ -25,6 +25,8 @@ use crate::{UNVERIFIED, print};
 /// first difference with both values, and which server signed the bag. Exit code 0: all are equal to the last bit and, with
 /// --signers, signed by a trusted server; 4: one differs, is not signed, was never finished, or could not be simulated; 1:
 /// there is no server or no bag.
+///
+/// `verify` checks single bags. Use `grade` as well: it finds missing, repeated and unregistered ones.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   sim-server &
@@ -64,6 +66,8 @@ struct Queue {
     in_work: usize,
     ended: usize,
     good: usize,
+    /// Bags by the digests of their header and rows.
+    episodes: BTreeMap<(String, String), Vec<PathBuf>>,
 }
 
 /// What all workers share.
@@ -113,7 +117,11 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
             threads.into_iter().map(|thread| thread.join().unwrap_or_else(|_| Err(anyhow!("a thread panicked"))));
         ends.collect::<Vec<Result<()>>>().into_iter().collect::<Result<()>>()
     })?;
-    let Queue { waiting, good, .. } = work.queue.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let Queue { waiting, good, episodes, .. } = work.queue.into_inner().unwrap_or_else(PoisonError::into_inner);
+    for copies in episodes.into_values().filter(|bags| bags.len() > 1) {
+        let names: Vec<_> = copies.iter().map(|bag| bag.display().to_string()).collect();
+        print(&format!("{} bags are the same episode: {}\n", names.len(), names.join(", ")))?;
+    }
     if all > 1 {
         print(&format!("{good} of {all} bags are verified\n"))?;
     }
@@ -164,6 +172,8 @@ impl Work<'_> {
                     tries = 0;
                     queue.ended += 1;
                     queue.good += usize::from(verified.is_equal() && is_trusted);
+                    let episode = (verified.header_digest.clone(), verified.recorded.digest.clone());
+                    queue.episodes.entry(episode).or_default().push(bag);
                     drop(queue);
                     let written = self.line.write_over(|| print(&format!("{verified}{said}\n")));
                     written.inspect_err(|_| self.queue().waiting.clear())?;
@@ -194,7 +204,7 @@ impl Work<'_> {
 /// Says who signed the bag, and whether that is enough: without a list of trusted keys, it always is.
 fn signature(signer: Option<&PublicKey>, signers: Option<&KnownServers>) -> (String, bool) {
     match (signer, signers) {
-        (None, None) => ("not signed".into(), true),
+        (None, None) => ("not signed (its server had no --identity)".into(), true),
         (None, Some(_)) => ("fails: not signed, and --signers asks for a signature".into(), false),
         (Some(key), None) => (format!("signed by {key}; use --signers FILE to say whom you trust"), true),
         (Some(key), Some(signers)) => match signers.name_of(key) {

@@ -86,6 +86,41 @@ fn a_claim_is_compared_with_the_bags() {
     assert!(scorer(&["grade", path]).2.contains("cannot be compared"));
 }
 
+/// Guards against bad episodes that are left out together with the journal that lists them.
+#[test]
+fn a_missing_journal_shows_in_the_exit_code() {
+    let folder = Folder::new("commands-journal");
+    let ticket = fiatlux_proto::v3::RunTicket { run: "first".into(), attempt: 1, ..Default::default() };
+    let header = fiatlux_proto::v3::EpisodeHeader { run: Some(ticket), ..header(Task::S01, 3) };
+    let rows = rows(Task::S01, 3, Story::Succeeds(30));
+    begin(&folder.0.join("a.mcap"), &header, &rows).finish(&result(&header, &rows)).unwrap();
+    let (code, json, err) = scorer(&["grade", folder.0.to_str().unwrap(), "--json"]);
+    let says =
+        "these bags belong to the run first, whose journal is missing: nobody can tell which episodes were left out";
+    assert_eq!((code, err), (3, format!("scorer: {says}\n")));
+    let json: Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json["without_journal"], json["episodes"].as_array().map(Vec::len)), (&json!(["first"]), Some(1)));
+}
+
+/// Guards the words for a `results.json` of fewer episodes than its folder has, and the score of a part of the subtasks.
+#[test]
+fn a_part_of_the_benchmark_says_so() {
+    let folder = Folder::new("commands-part");
+    let write = |seed| common::write(&folder.0.join(format!("{seed}.mcap")), Task::S01, seed, Story::Succeeds(30));
+    write(3);
+    let (path, claim) = (folder.0.to_str().unwrap(), folder.0.join("results.json"));
+    let (code, _, _) = scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]);
+    assert_eq!(code, 0);
+    write(4);
+    let (code, text, err) = scorer(&["grade", path]);
+    assert!(code == 3 && err.contains("number of episodes is 2 by the bags, 1 in the file; it has a part"), "{err}");
+    let headline = text.lines().find(|line| line.starts_with("Score S")).unwrap();
+    assert!(headline.contains("over 1 of 12 subtasks: not comparable"), "{text}");
+    // The remedy that the message names.
+    assert_eq!(scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]).0, 0);
+    assert_eq!(scorer(&["grade", path]).0, 0);
+}
+
 #[test]
 fn administration_asks_for_its_folder() {
     let (code, _, err) = scorer(&["admin", "accounts"]);

@@ -69,7 +69,10 @@ pub enum BagError {
         found: Version,
     },
     /// Bytes of the file are wrong.
-    #[error("{path} is damaged at byte {offset}: {reason}; copy it again or record the episode again")]
+    #[error(
+        "{path} was changed after it was recorded, or damaged on the way, at byte {offset}: {reason}; ask for the file \
+         again, or record the episode again"
+    )]
     Damaged {
         /// Path of the damaged bag.
         path: PathBuf,

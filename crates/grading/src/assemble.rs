@@ -130,6 +130,11 @@ fn roll_up(
         Some((run, _)) => run.seeds(),
         None => entries.iter().map(|entry| entry.header.seed).collect(),
     };
+    let ticket = |entry: &Entry| Some(entry.header.run.as_ref()?.run.clone());
+    let without_journal: BTreeSet<String> = match run {
+        Some(_) => BTreeSet::new(),
+        None => entries.iter().filter_map(ticket).filter(|run| !run.is_empty()).collect(),
+    };
     let registered = run.is_some().then_some(&seeds);
     let benchmark = Benchmark::of(&episodes);
     let (subtasks, extra_tasks): (Vec<_>, Vec<_>) = benchmark
@@ -158,6 +163,7 @@ fn roll_up(
         episodes: rows(entries, &failures, strict.is_some()),
         seeds: seeds.into_iter().collect(),
         run: None,
+        without_journal: without_journal.into_iter().collect(),
     };
     drop(failures);
     Ok(Results { run: run.map(|(run, failures)| run.result(failures, options.folder())), ..results })

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::flaw::first_difference;
-use crate::{Fault, Results};
+use crate::{EpisodeRow, Fault, Results};
 
 /// Where the `results.json` in this folder says otherwise than `results`, which its bags gave, in a sentence; `None` where it
 /// agrees, or there is none.
@@ -32,7 +32,25 @@ pub fn false_claim(folder: &Path, results: &Results) -> Option<String> {
     let results: Results = serde_json::from_str(&results.to_json().ok()?).ok()?;
     let difference = first_difference(&comparable(&results, &results), &comparable(&claim, &results))?;
     let (field, bags, claimed) = (difference.field, difference.found, difference.recorded);
-    Some(format!("{name} says otherwise than the bags: {field} is {bags} by the bags, {claimed} in the file"))
+    let hint = if is_part(&claim, &results) {
+        format!(
+            "; it has a part of the episodes, as after a second evaluation with other tasks or seeds: to make it anew, run \
+             scorer grade {} --json --out {name}",
+            folder.display()
+        )
+    } else {
+        String::new()
+    };
+    Some(format!("{name} says otherwise than the bags: {field} is {bags} by the bags, {claimed} in the file{hint}"))
+}
+
+/// Whether a file has some of the episodes of the bags, and no others.
+fn is_part(claim: &Results, results: &Results) -> bool {
+    let is_same = |a: &EpisodeRow, b: &EpisodeRow| {
+        (&a.task, a.seed, a.episode, &a.state_digest) == (&b.task, b.seed, b.episode, &b.state_digest)
+    };
+    let is_there = |row: &EpisodeRow| results.episodes.iter().any(|other| is_same(row, other));
+    claim.episodes.len() < results.episodes.len() && claim.episodes.iter().all(is_there)
 }
 
 /// Leaves out what depends on where and by which version the bags were graded.

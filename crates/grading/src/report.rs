@@ -15,8 +15,8 @@ use std::path::Path;
 use episodes::Place;
 use markup::{escape, percent};
 
-use crate::tables::{conditions_line, count, missing, run_line, seed_count};
-use crate::{RateRow, Results, Score};
+use crate::tables::{conditions_line, count, coverage, missing, run_line, seed_count};
+use crate::{Fault, RateRow, Results, Score};
 
 pub use markup::cause_class;
 pub use site::{Site, SiteReport, episode_figure, site, task_cards};
@@ -125,11 +125,15 @@ fn warnings(out: &mut String, results: &Results) {
         let text = format!("{}.", results.conditions.deviations.join("; "));
         warn("Not ranked: this run is not played as the benchmark has it.", &text);
     }
-    let lines = missing(results);
-    if !lines.is_empty() {
+    let covers = coverage(results).map(|covers| format!("S is {covers}"));
+    let lines: Vec<String> = covers.into_iter().chain(missing(results)).collect();
+    if !results.subtasks.is_empty() && !lines.is_empty() {
         warn("Missing subtasks.", &format!("{}.", lines.join(". ")));
     }
-    if results.has_data_loss() {
+    if let Some(lost) = results.lost_journal() {
+        warn("Journal missing.", &format!("{lost}."));
+    }
+    if results.excluded.iter().any(|bag| bag.reason != Fault::Duplicate) {
         let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));
         warn("Data loss.", &text);
     }

@@ -42,13 +42,26 @@ pub struct Results {
     /// The run that was graded; `null` for loose bags.
     #[serde(default)]
     pub run: Option<RunResult>,
+    /// Runs that loose bags belong to, sorted. Without the journals nobody can tell which of their episodes were left out.
+    #[serde(default)]
+    pub without_journal: Vec<String>,
 }
 
 impl Results {
-    /// Whether bags that would have counted were left out. Further copies of a scored bag and the failures of a run do
-    /// not matter.
+    /// Whether bags that would have counted were left out, or may have been. Further copies of a scored bag and the failures
+    /// of a run do not matter.
     pub fn has_data_loss(&self) -> bool {
-        self.excluded.iter().any(|bag| bag.reason != Fault::Duplicate)
+        self.excluded.iter().any(|bag| bag.reason != Fault::Duplicate) || !self.without_journal.is_empty()
+    }
+
+    /// Says that bags of a run lack its journal, in a sentence; `None` where they do not.
+    pub fn lost_journal(&self) -> Option<String> {
+        let (runs, whose) = match self.without_journal.as_slice() {
+            [] => return None,
+            [run] => (format!("the run {run}"), "journal is missing"),
+            runs => (format!("the runs {}", runs.join(", ")), "journals are missing"),
+        };
+        Some(format!("these bags belong to {runs}, whose {whose}: nobody can tell which episodes were left out"))
     }
 
     /// The text of `results.json`: indented, with a newline at the end.

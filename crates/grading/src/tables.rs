@@ -59,6 +59,13 @@ pub(crate) fn run_line(run: &RunResult) -> String {
     format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
 }
 
+/// How many subtasks S is over, such as `over 1 of 12 subtasks: not comparable`; `None` where it is over all of them, as in
+/// a run.
+pub(crate) fn coverage(results: &Results) -> Option<String> {
+    let (played, all) = (results.subtasks.len(), fiatlux_rules::Task::SUBTASKS.len());
+    (results.run.is_none() && played < all).then(|| format!("over {played} of {all} subtasks: not comparable"))
+}
+
 /// Subtasks without a scored episode, and those without one under some of the seeds, in lines. S leaves them out; in a run they
 /// score 0. Nothing where no subtask was scored: then there is no S.
 pub(crate) fn missing(results: &Results) -> Vec<String> {
@@ -76,9 +83,7 @@ pub(crate) fn missing(results: &Results) -> Vec<String> {
     let list = |tasks: &[&String]| tasks.iter().map(|task| task.as_str()).collect::<Vec<_>>().join(", ");
     let mut lines = Vec::new();
     if !never.is_empty() {
-        let all = fiatlux_rules::Task::SUBTASKS.len();
-        let played = all - never.len();
-        lines.push(format!("S is over {played} of the {all} subtasks. Without a scored episode: {}", list(&never)));
+        lines.push(format!("Without a scored episode: {}", list(&never)));
     }
     for task in partly {
         lines.push(format!(

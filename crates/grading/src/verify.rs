@@ -82,6 +82,8 @@ pub struct Verification {
     pub episode: String,
     /// How the recorded episode ended, confirmed by its rows.
     pub recorded: EpisodeEnd,
+    /// Digest of the recorded header. Bags with the same one and the same digest of rows are copies of an episode.
+    pub header_digest: String,
     /// Key of the server that signed the result; `None` where the bag is not signed.
     pub signer: Option<PublicKey>,
     /// How the second run ended; `None` where the bag has no action for its last steps.
@@ -369,6 +371,7 @@ impl SecondRun<'_> {
         let EpisodeHeader { task, seed, episode, policy, episode_protocol, .. } = bag.header();
         Ok(Verification {
             episode: format!("{task} seed {seed}, episode {episode}, policy {policy}, {episode_protocol} protocol"),
+            header_digest: result.header_digest.clone(),
             recorded,
             signer: None,
             simulated,

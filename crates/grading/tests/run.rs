@@ -185,6 +185,28 @@ fn a_success_and_an_abort_are_half() {
     assert!(loose.run.is_none() && loose.has_data_loss() && loose.subtasks[0].success_rate == 1.0);
 }
 
+/// Without its journal nothing shows what a run left out. Bags that were recorded in no run need none.
+#[test]
+fn a_run_without_its_journal_says_so() {
+    let folder = Folder::new("no-journal");
+    let mut run = Run::new(&folder, "lab", &[planned(Task::S03, 0), planned(Task::S03, 1)]);
+    run.whole(0, WINS);
+    run.whole(1, FALLS);
+    run.finish();
+    assert_eq!(graded(&folder).lost_journal(), None);
+    fs::remove_file(folder.0.join("first/lab.run.jsonl")).expect("removed");
+    fs::remove_file(folder.0.join("first/lab-e1.mcap")).expect("removed");
+    let results = graded(&folder);
+    let said =
+        "these bags belong to the run first, whose journal is missing: nobody can tell which episodes were left out";
+    assert_eq!(results.lost_journal().as_deref(), Some(said));
+    assert!(results.has_data_loss() && results.excluded.is_empty() && results.episodes.len() == 1);
+    assert!(report::html(&results).contains(said));
+    fs::remove_file(folder.0.join("first/lab-e0.mcap")).expect("removed");
+    common::write(&folder.0.join("first/loose.mcap"), Task::S03, 0, WINS);
+    assert!(!graded(&folder).has_data_loss());
+}
+
 #[test]
 fn bags_that_the_journal_names_must_be_there_and_be_those() {
     let folder = Folder::new("named");

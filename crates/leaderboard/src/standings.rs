@@ -7,9 +7,9 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use fiatlux_grading::{CompareError, RateRow, Results, TaskResult, compare_results};
-use fiatlux_rules::Task;
+use fiatlux_rules::{SeedOwner, Task};
 
-use crate::{Division, Entry, SubmissionId};
+use crate::{Badge, Division, Entry, SubmissionId};
 
 /// What a table shows of a submission's results.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,8 +67,8 @@ pub(crate) struct Cell {
 pub(crate) struct Obstacle(pub String);
 
 impl Standing {
-    /// The row of a submission, or why its results have no place in a table.
-    pub fn of(results: &Results) -> Result<Self, Obstacle> {
+    /// The row of a submission with this badge, or why its results have no place in a table.
+    pub fn of(results: &Results, badge: Badge) -> Result<Self, Obstacle> {
         let found = |task: Task| results.subtasks.iter().find(|found| found.id == task.short_id());
         let lacking: Vec<_> = Task::SUBTASKS.into_iter().filter(|task| found(*task).is_none()).collect();
         if !lacking.is_empty() {
@@ -78,7 +78,15 @@ impl Standing {
         if Division::of(results).is_none() {
             return Err(Obstacle(Division::obstacle(results)));
         }
+        if !results.without_journal.is_empty() {
+            return Err(Obstacle("its journal is missing: episodes may have been left out".into()));
+        }
         same_rooms(results)?;
+        // The seeds that servers draw are far above these, and nobody could train in their rooms.
+        if badge != Badge::Hosted && results.seeds.iter().any(|seed| SeedOwner::of(*seed) == SeedOwner::Training) {
+            let first = SeedOwner::Training.seeds();
+            return Err(Obstacle(format!("seeds from {} on are for training", first.start())));
+        }
         let overall = &results.overall;
         let strict = overall.strict_clean_success.as_ref().zip(results.score_strict.as_ref());
         let (Some((strict_clean, strict_score)), Some(published)) = (strict, results.score.mean) else {
@@ -228,7 +236,7 @@ pub(crate) mod tests {
     use time::OffsetDateTime;
 
     use super::*;
-    use crate::{Badge, Manifest, State};
+    use crate::{Manifest, State};
 
     /// Results of all subtasks in seeds 64 and 65, each a strict success in the first `passed` subtasks.
     pub fn results(passed: usize) -> Results {
@@ -301,7 +309,7 @@ pub(crate) mod tests {
     }
 
     fn placed(id: u64, results: &Results) -> (Entry, Standing) {
-        (entry(id, &format!("p{id}"), results), Standing::of(results).expect("a place"))
+        (entry(id, &format!("p{id}"), results), Standing::of(results, Badge::Replayed).expect("a place"))
     }
 
     fn order(table: &Table) -> Vec<(usize, u64)> {
@@ -344,13 +352,40 @@ pub(crate) mod tests {
         let refused = |change: &dyn Fn(&mut Results)| {
             let mut changed = results(4);
             change(&mut changed);
-            Standing::of(&changed).expect_err("no place").0
+            Standing::of(&changed, Badge::Replayed).expect_err("no place").0
         };
         assert!(refused(&|r| r.subtasks.truncate(11)).contains("S12"));
         let without = |r: &mut Results| r.episodes.retain(|row| (row.task.as_str(), row.seed) != ("S09", 65));
         assert!(refused(&without).contains("S01 and S09 were not played in the same rooms"));
         assert!(refused(&|r| r.conditions.deviations.push("actions are delayed by 20 ms".into())).contains("delayed"));
         assert!(refused(&|r| r.conditions.protocol = "published".into()).contains("strict"));
+    }
+
+    /// Whoever leaves a run's journal out may also have left bad episodes out.
+    #[test]
+    fn bags_of_a_run_need_its_journal() {
+        let mut loose = results(4);
+        loose.without_journal = vec!["first".into()];
+        let refused = Standing::of(&loose, Badge::Replayed).expect_err("no place");
+        assert_eq!(refused.0, "its journal is missing: episodes may have been left out");
+    }
+
+    /// A policy may have trained in the rooms from seed 1000 on, except in those that a trusted server drew.
+    #[test]
+    fn rooms_for_training_have_no_place() {
+        let with_seed = |seed: u64, badge| {
+            let mut changed = results(4);
+            changed.seeds = vec![64, seed];
+            changed.episodes.iter_mut().filter(|row| row.seed == 65).for_each(|row| row.seed = seed);
+            Standing::of(&changed, badge).map(drop).map_err(|obstacle| obstacle.0)
+        };
+        assert_eq!(with_seed(999, Badge::SelfReported), Ok(()));
+        for badge in [Badge::SelfReported, Badge::Replayed] {
+            for seed in [1000, 1 << 32] {
+                assert_eq!(with_seed(seed, badge), Err("seeds from 1000 on are for training".into()));
+            }
+        }
+        assert_eq!(with_seed(1 << 32, Badge::Hosted), Ok(()));
     }
 
     /// Guards the test: in 10 of 24 pairs only one succeeds, so p = 2 / 2^10. Different conditions are not compared.

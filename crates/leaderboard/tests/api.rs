@@ -111,6 +111,36 @@ fn a_changed_bag_is_refused_with_its_name() {
     assert!(reason.contains("'best' in the manifest and 'zero' in the bags"), "{reason}");
 }
 
+/// Guards that nobody ranks with the episodes of another account; their owner may submit them again.
+#[test]
+fn bags_of_another_account_are_refused() {
+    let board = Board::start("copied", ServiceOptions::default());
+    let [owner, other] = ["owner", "other"].map(|account| board.token(account));
+    let files = [bag(&board.folder.0, 3), bag(&board.folder.0, 4)];
+    let first = board.submit(&owner, &manifest(), &files);
+    assert_eq!(board.decided(&first, &owner)["state"], "graded");
+    // One bag under another name, next to a bag of one's own.
+    let copy = board.folder.0.join("mine.mcap");
+    std::fs::copy(&files[1], &copy).unwrap();
+    let copied = board.submit(&other, &manifest(), &[bag(&board.folder.0, 5), copy.clone()]);
+    let entry = board.decided(&copied, &other);
+    let reason =
+        format!("these episodes were already submitted as {first} by owner; the first submission keeps its place");
+    assert_eq!((&entry["state"], &entry["reason"]), (&json!("refused"), &json!(reason)));
+    let (status, page) = board.ask("GET", &format!("/runs/{copied}"), None, b"");
+    assert!(status == 404 && page.contains("This submission was refused") && !page.contains(&first), "{page}");
+    let again = board.submit(&owner, &json!({ "policy": "zero", "note": "again" }), &files);
+    assert_eq!(board.decided(&again, &owner)["state"], "graded");
+    // A submission that is gone no longer keeps a place.
+    board.runtime.block_on(async {
+        for id in [&first, &again] {
+            board.store.remove_submission(id.parse().unwrap()).await.unwrap();
+        }
+    });
+    let later = board.submit(&other, &manifest(), &[copy]);
+    assert_eq!(board.decided(&later, &other)["state"], "graded");
+}
+
 /// Guards that halves of bags that a killed service left are removed, and nothing else.
 #[test]
 fn halves_of_bags_are_removed() {

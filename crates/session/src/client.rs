@@ -218,6 +218,13 @@ impl ClientSession {
         matches!(&self.phase, Phase::Waiting { actions, .. } if actions.len() > 1)
     }
 
+    /// Whether a notice speaks of an action that was sent ahead, or twice, and needs nobody's attention: its episode is over,
+    /// or the session sends again what is missing.
+    pub fn is_left_over(&self, notice: &Notice) -> bool {
+        let is_playing = matches!(self.phase, Phase::Waiting { .. } | Phase::Acting { .. });
+        notice.code() == Code::Step && (self.is_ahead() || !is_playing || notice.episode != self.episode)
+    }
+
     /// Returns the answer to a look if its parts are those that the session announced.
     ///
     /// # Errors

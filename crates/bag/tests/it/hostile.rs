@@ -197,6 +197,7 @@ fn only_another_writer_may_leave_checksums_out() {
     let path = rewritten("no_sums", "fiatlux!", |_| ());
     let error = Bag::open(&path).expect("a bag").check().expect_err("no checksums").to_string();
     assert!(error.contains("the checksum of its data section is 00000000"), "{error}");
+    assert!(error.contains("was changed after it was recorded, or damaged on the way, at byte 0: "), "{error}");
 }
 
 /// What a bag has twice must be the same twice, and what it has once must be there once.

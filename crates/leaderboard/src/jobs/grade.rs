@@ -35,6 +35,13 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
     };
     drop(folder);
     let outcome = graded.and_then(|results| outcome(results, &entry.manifest, &files, &service.options.signers));
+    // Submissions are graded in the order in which they were received: a graded one was there first.
+    let outcome = match store.first_with_files_of(id).await? {
+        Some((first, account)) => Err(format!(
+            "these episodes were already submitted as {first} by {account}; the first submission keeps its place"
+        )),
+        None => outcome,
+    };
     match outcome {
         Err(reason) => {
             tracing::info!(submission = %id, reason, "refused");

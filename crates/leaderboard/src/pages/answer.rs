@@ -19,6 +19,8 @@ const POLICY: &str = "default-src 'none'; style-src 'self'; img-src 'self'; form
 pub(super) enum Problem {
     /// No such address, run or episode.
     Nothing,
+    /// The submission was refused; only its submitter may read why.
+    Refused,
     /// The address asks for something impossible; the text says what to do.
     Asked(String),
     /// The bag cannot be shown, for this reason.
@@ -50,6 +52,11 @@ impl IntoResponse for Problem {
                 StatusCode::NOT_FOUND,
                 "Not found",
                 "There is no page, run or episode at this address. Runs appear once they are graded.",
+            ),
+            Self::Refused => (
+                StatusCode::NOT_FOUND,
+                "Refused",
+                "This submission was refused. Its submitter sees the reason with scorer submit --wait.",
             ),
             Self::Asked(text) => (StatusCode::BAD_REQUEST, "Bad request", text.as_str()),
             Self::Unshowable(text) => (StatusCode::UNPROCESSABLE_ENTITY, "This bag cannot be shown", text.as_str()),

@@ -29,7 +29,9 @@ struct Choice {
 /// A row, with the result of the test against the next one.
 struct Row<'a> {
     place: &'a Place,
-    /// Result of the test as text; empty in the last row.
+    /// What the test says in a few words; empty where there is none.
+    verdict: &'static str,
+    /// Its numbers, or why there is none, as text; empty in the last row.
     test: String,
     /// Whether the test finds a significant difference.
     differs: bool,
@@ -98,13 +100,19 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
 
 fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
     let place = &table.places[index];
-    let Some(next) = table.places.get(index + 1) else { return Row { place, test: String::new(), differs: false } };
-    let (test, differs) = match board.neighbours.get(&(place.entry.id, next.entry.id)) {
-        Some(Neighbours::Tested { pairs, p }) => (format!("p = {}, {pairs} pairs", show::p_value(p)), *p < SIGNIFICANT),
-        Some(Neighbours::Untested(reason)) => (format!("not tested: {reason}"), false),
-        None => (String::new(), false),
+    let Some(next) = table.places.get(index + 1) else {
+        return Row { place, verdict: "", test: String::new(), differs: false };
     };
-    Row { place, test, differs }
+    let (verdict, test, differs) = match board.neighbours.get(&(place.entry.id, next.entry.id)) {
+        Some(Neighbours::Tested { pairs, p }) => {
+            let differs = *p < SIGNIFICANT;
+            let verdict = if differs { "ahead" } else { "no significant difference" };
+            (verdict, format!("(p = {}, {pairs} pairs)", show::p_value(p)), differs)
+        }
+        Some(Neighbours::Untested(reason)) => ("not tested", format!("({reason})"), false),
+        None => ("", String::new(), false),
+    };
+    Row { place, verdict, test, differs }
 }
 
 #[derive(Template)]
@@ -119,6 +127,7 @@ pub(super) async fn about() -> Response {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Badge;
     use crate::standings::Standing;
     use crate::standings::tables;
     use crate::standings::tests::{entry, results};
@@ -127,7 +136,7 @@ mod tests {
     fn shown(policies: &[(&str, usize)]) -> String {
         let rows = policies.iter().zip(1..).map(|((name, passed), id)| {
             let results = results(*passed);
-            (entry(id, name, &results), Standing::of(&results).expect("a place"))
+            (entry(id, name, &results), Standing::of(&results, Badge::Replayed).expect("a place"))
         });
         let board = Board { tables: tables(rows.collect()), ..Board::default() };
         let table = &board.tables[0];
@@ -166,7 +175,8 @@ mod tests {
     #[test]
     fn divisions_have_one_address_each() {
         let results = results(1);
-        let table = &tables(vec![(entry(1, "a", &results), Standing::of(&results).expect("a place"))])[0];
+        let table =
+            &tables(vec![(entry(1, "a", &results), Standing::of(&results, Badge::Replayed).expect("a place"))])[0];
         assert_eq!(show::slug(table.version, &table.division), "4-lockstep-standard-inspire");
         assert_eq!(show::division(&table.division), "Lockstep, standard observations, Inspire hands");
     }

@@ -24,9 +24,13 @@ pub(super) fn interval([low, high]: &[f64; 2]) -> String {
     format!("[{:.1}, {:.1}]", 100.0 * low, 100.0 * high)
 }
 
-/// A p-value with four decimals, or one digit and an exponent below 0.0001.
+/// A p-value with four decimals, one digit and an exponent below 0.0001, or 1.
 pub(super) fn p_value(p: &f64) -> String {
-    if *p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.4}") }
+    match *p {
+        p if p < 1e-4 => format!("{p:.0e}"),
+        p if p >= 0.99995 => "1".into(),
+        p => format!("{p:.4}"),
+    }
 }
 
 /// Number of a colour, 0 to 10; 0 only for a share of 0, and 10 only for a share of 1.
@@ -149,6 +153,11 @@ mod tests {
     #[test]
     fn only_nothing_and_all_have_the_end_colours() {
         assert_eq!([0.0, 0.001, 0.5, 0.999, 1.0, f64::NAN].map(|share| heat(&share)), [0, 1, 5, 9, 10, 0]);
+    }
+
+    #[test]
+    fn p_values_are_short() {
+        assert_eq!([0.00002, 0.0433, 1.0].map(|p| p_value(&p)), ["2e-5", "0.0433", "1"]);
     }
 
     #[test]

@@ -82,7 +82,11 @@ impl Pages {
     pub async fn open(&self, id: &str) -> Result<Entry, Problem> {
         let id: SubmissionId = id.parse().map_err(|_| Problem::Nothing)?;
         let entry = self.service.store.entry(id).await?.ok_or(Problem::Nothing)?;
-        if matches!(entry.state, State::Graded | State::Verified) { Ok(entry) } else { Err(Problem::Nothing) }
+        match entry.state {
+            State::Graded | State::Verified => Ok(entry),
+            State::Refused => Err(Problem::Refused),
+            State::Uploading | State::Received => Err(Problem::Nothing),
+        }
     }
 
     /// A submission that anybody may see, and its results.
@@ -141,7 +145,7 @@ impl Pages {
         for entry in &entries {
             if let Slot::Vacant(slot) = kept.standings.entry(entry.id) {
                 let Some(results) = self.service.store.results(entry.id).await? else { continue };
-                slot.insert(Standing::of(&results));
+                slot.insert(Standing::of(&results, entry.badge));
             }
             match kept.standings.get(&entry.id) {
                 Some(Ok(standing)) => ranked.push((entry.clone(), standing.clone())),

@@ -5,7 +5,7 @@ use sqlx::{Row as _, Sqlite, Transaction};
 
 use super::accounts::audit;
 use super::{Account, Digest, Store, moment, now_ms};
-use crate::submission::{FileSpec, word_of, word_to};
+use crate::submission::{BAG, FileSpec, word_of, word_to};
 use crate::{Badge, Division, Entry, Manifest, State, StoreError, SubmissionId};
 
 /// Most submissions of an account that may wait for files at once.
@@ -220,6 +220,27 @@ impl Store {
             })
         };
         rows.iter().map(row_of).collect::<Result<_, _>>().map_err(failed)
+    }
+
+    /// The first graded submission of another account that has a bag of this one, and its account. Bags are compared byte
+    /// by byte: two runs of a deterministic policy have the same rows, but not the same session in their headers.
+    pub(crate) async fn first_with_files_of(
+        &self,
+        id: SubmissionId,
+    ) -> Result<Option<(SubmissionId, String)>, StoreError> {
+        let failed = |error| StoreError::database(ASK)(error);
+        let row = sqlx::query(
+            "SELECT s.id, s.account FROM files f JOIN files o ON o.sha256 = f.sha256 \
+             JOIN submissions s ON s.id = o.submission JOIN submissions own ON own.id = f.submission \
+             WHERE f.submission = $1 AND f.name LIKE $2 AND s.account <> own.account \
+             AND s.state IN ('graded', 'verified') ORDER BY s.received, s.id LIMIT 1",
+        )
+        .bind(id.to_string())
+        .bind(format!("%{BAG}"))
+        .fetch_optional(&self.pool)
+        .await
+        .map_err(failed)?;
+        row.map(|row| Ok((id_of(&row, "id")?, row.try_get("account").map_err(failed)?))).transpose()
     }
 
     /// One file of a submission.

@@ -146,6 +146,22 @@ fn an_action_that_is_refused_again_and_again_ends_the_run_with_the_servers_words
     assert!(message.contains("step 4") && message.contains("NaN (field 'action'); send numbers"), "{message}");
 }
 
+/// Guards which notices a user reads: actions that arrive when their episode is over are nobody's fault.
+#[test]
+fn actions_left_over_from_an_episode_are_no_news() {
+    let mut session = waiting(false);
+    let notice = |code: Code, episode| Notice { code: code.into(), episode, step: 1, ..Notice::default() };
+    assert!(!session.is_left_over(&notice(Code::Step, 3)), "the only action of this step is refused");
+    assert!(session.is_left_over(&notice(Code::Step, 2)), "of an earlier episode");
+    let end = Observation { end: Some(EpisodeEnd::default()), ..observation(3, 1) };
+    assert!(matches!(publish(&mut session, &end, 0.1)[..], [.., Output::Done(_)]));
+    assert!(session.is_left_over(&notice(Code::Step, 3)));
+    assert!(!session.is_left_over(&notice(Code::Lost, 3)) && !session.is_left_over(&notice(Code::Value, 3)));
+    // The next episode is being staged.
+    give(&mut session, Input::Start(4), 0.2);
+    assert!(session.is_left_over(&notice(Code::Step, 3)));
+}
+
 /// Guards how many actions are sent ahead: as many as may wait in a session, and none in real time.
 #[test]
 fn actions_are_sent_ahead_up_to_a_bound() {
