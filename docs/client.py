@@ -83,8 +83,7 @@ def open_session(session, endpoint, server, task, known):
         if not name:
             sys.exit(f"refused: {said.message}")
         return said, Channel(private.exchange(X25519PublicKey.from_public_bytes(welcome.key)), transcript)
-    key = " with that key" if known else ""
-    sys.exit(f"no server named '{server}' answers at {endpoint}{key}; `policy-client list` shows names")
+    sys.exit(f"no server '{server}'{' with that key' if known else ''} answers at {endpoint}; `policy-client list` shows names")
 
 def main(endpoint, server, task, known=None):
     config = zenoh.Config.from_json5(f'{{mode: "client", connect: {{endpoints: ["{endpoint}"]}}}}')

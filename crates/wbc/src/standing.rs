@@ -51,8 +51,9 @@ pub(crate) struct Standing {
     robot: Arc<Robot>,
     gains: Gains,
     balance: Balance,
-    /// Height of the soles' centres above the floor that they stand on, m.
+    /// Height of the soles' centres above the floor that they stand on, and of the feet's links where soles are flat on it, m.
     sole_thickness: f64,
+    foot_height: f64,
     /// Angles of all joints, averaged, rad; `None` before the first observation.
     average: Option<Vec<f64>>,
     /// Control steps for which the robot has been calm.
@@ -88,13 +89,26 @@ impl Standing {
         let own = robot.gains(GainSet::default());
         let gains = Gains(joints.iter().zip(&own.0).map(gain).collect());
         let q0: Vec<f64> = joints.iter().map(|joint| joint.q0).collect();
+        let level = Isometry3::translation(0.0, 0.0, robot.standing_height());
+        let poses = robot.forward_kinematics(&q0, &level).map_err(crate::BalanceError::from)?;
+        let foot_height = poses[robot.feet()[0]].translation.z;
         let robot = Arc::new(robot);
         let mut balance = Balance::new(Arc::clone(&robot), gains.clone(), &q0)?;
         let zeros = vec![0.0; q0.len()];
         let upright = balance.observe(&Sensed::upright(&zeros, &[]))?;
         let sole_thickness = robot.standing_height() + upright.soles[0].z;
         balance.restart();
-        Ok(Self { robot, gains, balance, sole_thickness, average: None, calm: 0, stance: None, posture: q0 })
+        Ok(Self {
+            robot,
+            gains,
+            balance,
+            sole_thickness,
+            foot_height,
+            average: None,
+            calm: 0,
+            stance: None,
+            posture: q0,
+        })
     }
 
     /// Gives the robot back to the network.
@@ -122,7 +136,7 @@ impl Standing {
             self.calm = if is_within(CALM) { self.calm + 1 } else { 0 };
             if self.calm >= CALM_STEPS {
                 self.posture.copy_from_slice(average);
-                self.stance = Some(Stance::of(&self.robot, average, &pendulum, self.sole_thickness)?);
+                self.stance = Some(Stance::of(&self.robot, average, &pendulum, self.sole_thickness, self.foot_height)?);
             }
         } else if !is_within(HELD) {
             (self.calm, self.stance) = (0, None);
@@ -154,7 +168,13 @@ fn heading(rotation: &UnitQuaternion<f64>) -> f64 {
 
 impl Stance {
     /// Of a robot that stands with these angles of its joints, rad.
-    fn of(robot: &Robot, q: &[f64], pendulum: &Pendulum, sole_thickness: f64) -> Result<Self, WbcError> {
+    fn of(
+        robot: &Robot,
+        q: &[f64],
+        pendulum: &Pendulum,
+        sole_thickness: f64,
+        foot_height: f64,
+    ) -> Result<Self, WbcError> {
         let level_from_pelvis = Isometry3::from_parts(Translation3::identity(), pendulum.level_from_pelvis);
         let poses = robot.forward_kinematics(q, &level_from_pelvis).map_err(crate::BalanceError::from)?;
         let feet = [robot.feet()[0], robot.feet()[1]].map(|foot| poses[foot]);
@@ -164,11 +184,10 @@ impl Stance {
         middle.z -= sole_thickness;
         let level_from_middle = Isometry3::new(middle, Vector3::z() * yaw);
         let middle_from_level = level_from_middle.inverse();
-        let flat_height = feet.map(|foot| (middle_from_level * foot).translation.z).iter().sum::<f64>() / 2.0;
         // The soles are flat on one floor, whatever the joints' noise says, and whatever edges the network stood on.
         let flat = |side: usize| {
             let mut pose = middle_from_level * feet[side];
-            pose.translation.z = flat_height;
+            pose.translation.z = foot_height;
             pose.rotation = UnitQuaternion::from_euler_angles(0.0, 0.0, heading(&pose.rotation));
             pose
         };

@@ -200,7 +200,7 @@ fn foreign_targets(words: &str, robot: &Robot, gains: GainSet) -> Result<Vec<f64
     policy.reset(&info, &first).map_err(said)?;
     match policy.act(&first).map_err(said)? {
         Command::JointTarget(targets) => Ok(targets),
-        Command::Action(_) => Err("actions".into()),
+        other => Err(format!("{other:?}")),
     }
 }
 
