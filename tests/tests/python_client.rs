@@ -57,5 +57,5 @@ fn a_client_from_the_page_alone() {
     let other = fiatlux_access::Identity::generate().unwrap().public().to_string();
     let refused = output(&mut client(&other));
     let said = String::from_utf8(refused.stderr).unwrap();
-    assert!(!refused.status.success() && said.contains("no server named 'test' answers"), "{said}");
+    assert!(!refused.status.success() && said.contains("no server 'test' with that key answers"), "{said}");
 }
