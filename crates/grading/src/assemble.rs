@@ -9,8 +9,8 @@ use crate::conditions::compared;
 use crate::episode::Graded;
 use crate::flaw::Flaw;
 use crate::results::{
-    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, Score, SeedRow, TaskResult,
-    Versions,
+    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, Score, Scores, SeedRow,
+    TaskResult, Versions,
 };
 use crate::run::{Run, failed};
 use crate::{Conditions, GradeOptions, ScoreError, Series};
@@ -135,28 +135,24 @@ fn roll_up(
         Some(_) => BTreeSet::new(),
         None => entries.iter().filter_map(ticket).filter(|run| !run.is_empty()).collect(),
     };
-    let registered = run.is_some().then_some(&seeds);
-    let benchmark = Benchmark::of(&episodes);
-    let (subtasks, extra_tasks): (Vec<_>, Vec<_>) = benchmark
-        .subtasks
-        .iter()
-        .map(|score| {
-            let strict = strict.as_deref().and_then(|episodes| SubtaskScore::of(score.task, episodes));
-            let played = SubtaskScore::of(score.task, &with_rows);
-            let ends = ends(score.task, &entries, &failures);
-            (Task::SUBTASKS.contains(&score.task), task_result(score, strict.as_ref(), played.as_ref(), ends))
-        })
-        .partition(|(is_subtask, _)| *is_subtask);
+    let played = Played {
+        episodes: &episodes,
+        strict: strict.as_deref(),
+        with_rows: &with_rows,
+        registered: run.is_some().then_some(&seeds),
+    };
+    let Scores { score, score_strict, subtasks, missing, overall, extra_tasks } =
+        played.scores(|task| ends(task, &entries, &failures));
     let policy = entries.first().map(|entry| entry.header.policy.as_str());
     let policy = policy.or(run.as_ref().map(|(run, _)| run.policy())).unwrap_or_default().to_owned();
     let results = Results {
         policy,
-        score: score(&episodes, registered),
-        score_strict: strict.as_deref().map(|strict| score(strict, registered)),
-        subtasks: subtasks.into_iter().map(|(_, result)| result).collect(),
-        missing: benchmark.missing.iter().map(Task::to_string).collect(),
-        overall: overall(&episodes, strict.as_deref()),
-        extra_tasks: extra_tasks.into_iter().map(|(_, result)| result).collect(),
+        score,
+        score_strict,
+        subtasks,
+        missing,
+        overall,
+        extra_tasks,
         excluded,
         conditions,
         versions: versions(&entries),
@@ -167,6 +163,47 @@ fn roll_up(
     };
     drop(failures);
     Ok(Results { run: run.map(|(run, failures)| run.result(failures, options.folder())), ..results })
+}
+
+impl Scores {
+    /// Scores of loose episodes by the published judge and, where there are verdicts of it, by the strict one. `ends` counts a
+    /// task's episodes by the cause of their end.
+    pub fn of(episodes: &[Episode], strict: Option<&[Episode]>, ends: impl Fn(Task) -> BTreeMap<String, u64>) -> Self {
+        Played { episodes, strict, with_rows: episodes, registered: None }.scores(ends)
+    }
+}
+
+/// Episodes that count.
+struct Played<'a> {
+    /// By the published judge.
+    episodes: &'a [Episode],
+    strict: Option<&'a [Episode]>,
+    /// Those that have rows: a failure without rows has no length and no effort.
+    with_rows: &'a [Episode],
+    /// Seeds of a run.
+    registered: Option<&'a BTreeSet<u64>>,
+}
+
+impl Played<'_> {
+    fn scores(&self, ends: impl Fn(Task) -> BTreeMap<String, u64>) -> Scores {
+        let benchmark = Benchmark::of(self.episodes);
+        let of = |score: &SubtaskScore| {
+            let strict = self.strict.and_then(|episodes| SubtaskScore::of(score.task, episodes));
+            let with_rows = SubtaskScore::of(score.task, self.with_rows);
+            (score.task, task_result(score, strict.as_ref(), with_rows.as_ref(), ends(score.task)))
+        };
+        let (subtasks, extra_tasks): (Vec<_>, Vec<_>) =
+            benchmark.subtasks.iter().map(of).partition(|(task, _)| Task::SUBTASKS.contains(task));
+        let results = |tasks: Vec<(Task, TaskResult)>| tasks.into_iter().map(|(_, result)| result).collect();
+        Scores {
+            score: score(self.episodes, self.registered),
+            score_strict: self.strict.map(|strict| score(strict, self.registered)),
+            subtasks: results(subtasks),
+            missing: benchmark.missing.iter().map(Task::to_string).collect(),
+            overall: overall(self.episodes, self.strict),
+            extra_tasks: results(extra_tasks),
+        }
+    }
 }
 
 /// Rows of all episodes, sorted by task, seed and index.
@@ -304,11 +341,10 @@ fn ends(task: Task, entries: &[Entry], failures: &[(Task, &RunFailure)]) -> BTre
     ends
 }
 
-/// `played` are the episodes that have rows: a failure without rows has no length and no effort.
 fn task_result(
     score: &SubtaskScore,
     strict: Option<&SubtaskScore>,
-    played: Option<&SubtaskScore>,
+    with_rows: Option<&SubtaskScore>,
     ends: BTreeMap<String, u64>,
 ) -> TaskResult {
     let value = |rate: Rate| rate.value().unwrap_or_default();
@@ -325,8 +361,8 @@ fn task_result(
         broken_rate: value(score.broken),
         dropped_rate: value(score.dropped),
         peak_hand_force_n: score.peak_hand_force_n,
-        control_effort: played.map_or(0.0, |played| played.control_effort),
-        mean_steps: played.map_or(0.0, |played| played.mean_steps),
+        control_effort: with_rows.map_or(0.0, |with_rows| with_rows.control_effort),
+        mean_steps: with_rows.map_or(0.0, |with_rows| with_rows.mean_steps),
         episodes: score.success.trials,
         episode_score: score.episode_score,
         success_interval: interval(score.success),

@@ -55,8 +55,8 @@ pub use find::find_bags;
 pub use flaw::{Difference, Flaw};
 pub use grade::{GradeOptions, Progress, grade};
 pub use results::{
-    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, SeedRow,
-    TaskResult, Versions,
+    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, Scores,
+    SeedRow, TaskResult, Versions,
 };
 pub use series::{Held, MAX_BUCKETS, Series};
 pub use verify::{Verification, VerifyError, verify};

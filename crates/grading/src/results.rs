@@ -127,6 +127,23 @@ pub struct RunFailure {
     pub attempts: u32,
 }
 
+/// The scores of episodes: what [`Results`] say of them together.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Scores {
+    /// The benchmark score S, by the published gates.
+    pub score: Score,
+    /// The same by the strict gates; `null` without strict verdicts.
+    pub score_strict: Option<Score>,
+    /// The subtasks that ran, in order.
+    pub subtasks: Vec<TaskResult>,
+    /// Subtasks that did not run under at least one of the seeds.
+    pub missing: Vec<String>,
+    /// Totals over all subtask episodes.
+    pub overall: Overall,
+    /// Results of `replace` and `climb`, which have no part in S.
+    pub extra_tasks: Vec<TaskResult>,
+}
+
 /// The benchmark score over the layout seeds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Score {

@@ -10,7 +10,7 @@ pub use text::text;
 
 use crate::{Conditions, Results, RunResult};
 
-/// Layout seeds in short form: `0-3`, `0, 2, 7`.
+/// Layout seeds in short form: `0..3`, `0, 2, 7`.
 pub fn seeds(seeds: &[u64]) -> String {
     let mut parts: Vec<(u64, u64)> = Vec::new();
     for &seed in seeds {
@@ -22,12 +22,12 @@ pub fn seeds(seeds: &[u64]) -> String {
     let part = |(first, last): (u64, u64)| match last - first {
         0 => first.to_string(),
         1 => format!("{first}, {last}"),
-        _ => format!("{first}-{last}"),
+        _ => format!("{first}..{last}"),
     };
     parts.into_iter().map(part).collect::<Vec<_>>().join(", ")
 }
 
-/// Number and list of the layout seeds, such as `4 layout seeds (0-3)`.
+/// Number and list of the layout seeds, such as `4 layout seeds (0..3)`.
 pub(crate) fn seed_count(results: &Results) -> String {
     let list = seeds(&results.seeds);
     match results.seeds.len() {
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn seeds_in_few_characters() {
-        for (list, expected) in [(&[0, 1, 2, 3][..], "0-3"), (&[0, 1, 5], "0, 1, 5"), (&[7], "7"), (&[], "")] {
+        for (list, expected) in [(&[0, 1, 2, 3][..], "0..3"), (&[0, 1, 5], "0, 1, 5"), (&[7], "7"), (&[], "")] {
             assert_eq!(seeds(list), expected);
         }
     }

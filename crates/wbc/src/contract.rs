@@ -1,6 +1,6 @@
 //! What a controller was made for.
 
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_robot::{GainSet, Gains, JointGains, Robot};
 use serde::{Deserialize, Serialize};
 
 use crate::{ACTION_CLAMP, ARMS, CONTROL_DT, FRAME, FRAME_LENGTH, MOVED, SCALES, WbcError};
@@ -54,6 +54,20 @@ pub struct Joint {
     pub effort_limit: f64,
 }
 
+impl Joint {
+    /// The joints of a robot with these drives, in the public joint order.
+    pub fn all<'a>(robot: &'a Robot, gains: &'a Gains) -> impl Iterator<Item = Self> + 'a {
+        let joints = robot.joints().iter().zip(robot.q0()).zip(&gains.0);
+        joints.map(|((joint, q0), drive): (_, &JointGains)| Self {
+            name: joint.name.clone(),
+            q0: *q0,
+            stiffness: drive.stiffness,
+            damping: drive.damping,
+            effort_limit: drive.effort_limit,
+        })
+    }
+}
+
 /// How a controller was trained.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Training {
@@ -83,7 +97,7 @@ impl Contract {
             format: FORMAT.into(),
             engine: engine(),
             robots: robots.iter().map(|robot| (robot.name().into(), robot.digest().into())).collect(),
-            joints: joints_of(&robots[0]),
+            joints: Joint::all(&robots[0], &robots[0].gains(GainSet::default())).take(MOVED + ARMS).collect(),
             scale: SCALES,
             action_clamp: ACTION_CLAMP,
             control_dt: CONTROL_DT,
@@ -180,20 +194,6 @@ impl Contract {
         }
         Ok(())
     }
-}
-
-/// Legs, waist and arms of a robot with the benchmark's gains.
-fn joints_of(robot: &Robot) -> Vec<Joint> {
-    let gains = robot.gains(GainSet::default());
-    let joints = robot.joints().iter().zip(robot.q0()).zip(&gains.0).take(MOVED + ARMS);
-    let joint = |((joint, q0), gains): ((&fiatlux_robot::Joint, &f64), &fiatlux_robot::JointGains)| Joint {
-        name: joint.name.clone(),
-        q0: *q0,
-        stiffness: gains.stiffness,
-        damping: gains.damping,
-        effort_limit: gains.effort_limit,
-    };
-    joints.map(joint).collect()
 }
 
 /// This version's engine: the benchmark's version pins robot, scene and physics.

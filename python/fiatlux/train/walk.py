@@ -314,6 +314,7 @@ def train(
         return 0
     writer = _writer(out)
     interrupt = _Interrupt()
+    resumed_at = run.samples
     setting_up = time.monotonic() - began
     print(f"settings: {_given(settings)}; device {device}, {run.worlds.env.num_threads} threads; set up in {setting_up:.1f} s")
     steps = settings.segment * settings.steps * settings.worlds
@@ -348,8 +349,9 @@ def train(
                 run.save(best)
         run.save(last)
         _record(curve, writer, row)
-        rate = row["samples"] / (60 * row["minutes"])
         elapsed = time.monotonic() - began
+        # Of this call: an earlier piece of the run may have had another machine.
+        rate = (run.samples - resumed_at) / elapsed
         left = f"{_duration((settings.samples - run.samples) / rate)} left to {settings.samples / 1e6:g} M samples"
         if minutes is not None:
             left = f"{_duration(60 * minutes - elapsed)} left"

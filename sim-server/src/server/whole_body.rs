@@ -21,15 +21,7 @@ pub(super) fn ranges(scene: &Scene) -> Vec<f64> {
 }
 
 fn joints(scene: &Scene) -> Vec<Joint> {
-    let joints = scene.robot.joints().iter().zip(scene.robot.q0()).zip(&scene.spec.gains.0);
-    let joint = |((joint, q0), gains): ((&fiatlux_robot::Joint, &f64), &fiatlux_robot::JointGains)| Joint {
-        name: joint.name.clone(),
-        q0: *q0,
-        stiffness: gains.stiffness,
-        damping: gains.damping,
-        effort_limit: gains.effort_limit,
-    };
-    joints.map(joint).collect()
+    Joint::all(&scene.robot, &scene.spec.gains).collect()
 }
 
 /// The controller while it is commanded.

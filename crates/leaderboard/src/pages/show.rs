@@ -120,7 +120,7 @@ pub(super) fn seconds(steps: &u64) -> String {
     format!("{:.2}\u{202f}s", *steps as f64 * fiatlux_rules::CONTROL_DT)
 }
 
-/// A list of seeds as in the tables of results, such as `64-75`.
+/// A list of seeds as in the tables of results, such as `64..75`.
 pub(super) fn seeds(seeds: &[u64]) -> String {
     fiatlux_grading::tables::seeds(seeds)
 }
