@@ -89,7 +89,7 @@ impl Observer {
     }
 }
 
-/// Name and half-width of the noise of each term, in the term's unit, as published.
+/// Name and half-width of the uniform noise of each term, in the term's unit; these are the published ones.
 pub(crate) const NOISE: [(&str, f64); 6] = [
     ("base_angular_velocity", 0.2),
     ("projected_gravity", 0.05),

@@ -30,7 +30,7 @@ const LEAVES: u64 = 250;
 /// Half extents of the ladder on the floor, x and y of its own frame, m: to the middle of its rails.
 const LADDER_HALF: [f64; 2] = [0.29, 0.48];
 /// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere.
-const AT_RAILS: f64 = 0.42;
+const AT_RAILS: f64 = 0.25;
 /// How fast it steps away, m/s.
 const LEAVES_M_S: f64 = 0.3;
 /// Distance to the goal at which the robot begins to turn towards the target, m.
