@@ -3,94 +3,20 @@
 //!     cargo run --release -p fiatlux-wbc --example stand -- [--exact] [--robots N]
 #![allow(clippy::unwrap_used)]
 
+mod play;
+
 use std::sync::Arc;
 
 use fiatlux_dynamics::Wrench;
-use fiatlux_robot::{GainSet, Robot};
-use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{ARMS, BODY, Command, Controller, MOVED, NOMINAL_HEIGHT, Network, Sensed};
-use fiatlux_world::{AppliedWrench, ControlInput, Push, Random, Scene, SceneConfig, SceneSpec, Stream, Target, World};
-use nalgebra::{UnitQuaternion, Vector3};
+use fiatlux_wbc::{ARMS, BODY, Command, MOVED, NOMINAL_HEIGHT, Network};
+use fiatlux_world::{AppliedWrench, Push, Random, Target};
+use nalgebra::Vector3;
+
+use play::{Play, floor};
 
 const SECOND: usize = 50;
 const FASTEST: f64 = 2.0 / SECOND as f64;
 const REACH: [f64; 7] = [0.5, 0.3, 0.4, 0.5, 0.4, 0.3, 0.3];
-
-struct Play {
-    world: World,
-    observer: Observer,
-    seen: Proprioception,
-    controller: Controller,
-    targets: Vec<f64>,
-    wrenches: Vec<AppliedWrench>,
-    push: Option<Push>,
-    random: Random,
-    stood: usize,
-    steps: usize,
-    unloaded: usize,
-}
-
-impl Play {
-    fn new(scene: &Arc<Scene>, network: &Arc<Network>, seed: u64, exact: bool) -> Self {
-        let mut world = World::new(scene.clone());
-        let mut row = world.row().clone();
-        let q0 = scene.robot.q0();
-        row.joint_position.copy_from_slice(q0);
-        row.robot.pose.translation.z = scene.robot.height_on_soles(q0, &UnitQuaternion::identity()).unwrap();
-        world.reset_to(&row).unwrap();
-        Self {
-            world,
-            observer: Observer::new(q0.to_vec(), (!exact).then_some(NoiseSeed { seed, episode: 0 })),
-            seen: Proprioception::zeros(q0.len()),
-            controller: Controller::new(network.clone()),
-            targets: q0.to_vec(),
-            wrenches: Vec::new(),
-            push: None,
-            random: Random::of_term(Stream::Noise, "example", seed, 1),
-            stood: 0,
-            steps: 0,
-            unloaded: 0,
-        }
-    }
-
-    /// Pelvis and hand, m, or none where it has fallen.
-    fn step(&mut self, command: &Command) -> Option<[Vector3<f64>; 2]> {
-        self.observer.observe(self.world.row(), &mut self.seen);
-        let sensed = Sensed {
-            base_angular_velocity: self.seen.base_angular_velocity,
-            projected_gravity: self.seen.projected_gravity,
-            base_linear_velocity: self.seen.base_linear_velocity,
-            base_height: self.seen.base_height,
-            joint_position: &self.seen.joint_position,
-            joint_velocity: &self.seen.joint_velocity,
-        };
-        self.controller.step(&sensed, command, &mut self.targets[..MOVED]).unwrap();
-        self.stood += usize::from(self.controller.is_standing());
-        self.steps += 1;
-        let action = vec![0.0; self.targets.len()];
-        let input = ControlInput {
-            action: &action,
-            joint_target: &self.targets,
-            wrenches: &self.wrenches,
-            push: self.push.take(),
-        };
-        let row = self.world.step_with(&input).unwrap();
-        self.unloaded += usize::from(row.floor_load.iter().take(2).any(|load| *load < 1.0));
-        let z = row.robot.pose.translation.z;
-        let places = [row.robot.pose.translation.vector, Vector3::zeros()];
-        let palm = self.world.world_from_link(self.world.scene().robot.palms()[1]).translation.vector;
-        (z > 0.4).then_some([places[0], palm])
-    }
-
-    fn torso(&self) -> [f64; 3] {
-        let row = self.world.row();
-        let link = self.world.scene().robot.link_index("torso_link").unwrap();
-        let ahead = row.robot.pose.rotation * Vector3::x();
-        let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), ahead.y.atan2(ahead.x));
-        let (roll, pitch, yaw) = (heading.inverse() * self.world.world_from_link(link).rotation).euler_angles();
-        [roll, pitch, yaw]
-    }
-}
 
 fn rms_mm(places: &[Vector3<f64>]) -> f64 {
     let mean = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
@@ -103,11 +29,8 @@ fn main() {
     let count = args.iter().position(|arg| arg == "--robots").map_or(4, |at| args[at + 1].parse().unwrap());
     let only = args.iter().position(|arg| arg == "--only").map(|at| args[at + 1].clone());
     let on = |name: &str| only.as_deref().is_none_or(|only| only == name);
-    let robot = Arc::new(Robot::by_name("g1_bare").unwrap());
-    let scene = Arc::new(
-        Scene::build(&SceneConfig::default(), robot.clone(), SceneSpec::floor(robot.gains(GainSet::default())))
-            .unwrap(),
-    );
+    let scene = floor();
+    let robot = &scene.robot;
     let network = Arc::new(Network::shipped().unwrap());
     let upright = Command::default();
 
