@@ -90,23 +90,25 @@ fn main() {
     if on("minute") {
         for seed in 0..count {
             let mut play = Play::new(&scene, &network, seed, exact);
+            // The minute begins when the controller has taken over from the network.
+            let mut before = 0;
+            while !play.controller.is_standing() && before < 20 * SECOND && play.step(&upright).is_some() {
+                before += 1;
+            }
+            (play.stood, play.steps, play.unloaded) = (0, 0, 0);
             let (mut places, mut feet) = (Vec::new(), Vec::new());
-            for _ in 0..64 * SECOND {
-                match play.step(&upright) {
-                    Some(at) => places.push(at[0]),
-                    None => break,
-                }
+            for _ in 0..60 * SECOND {
+                let Some(at) = play.step(&upright) else { break };
+                places.push(at[0]);
                 feet.push([0, 1].map(|foot| play.world.world_from_link(robot.feet()[foot]).translation.vector));
             }
-            let mean = |p: &[Vector3<f64>]| p.iter().sum::<Vector3<f64>>() / p.len() as f64;
             let n = places.len();
-            let way = mean(&places[2 * SECOND..4 * SECOND]) - mean(&places[n - 2 * SECOND..]);
-            let [left, right] = [0, 1].map(|foot| (feet[4 * SECOND][foot] - feet[n - 1][foot]).xy().norm());
+            let [left, right] = [0, 1].map(|foot| (feet[0][foot] - feet[n - 1][foot]).xy().norm());
             println!(
-                "minute: {} s, drift of the feet {:.1} mm, of the pelvis {:.1} mm, last 2 s rms {:.2} mm, stood {:.3}, unloaded {:.4}",
+                "minute: {} s, after {:.1} s, drift of the feet {:.1} mm, last 2 s rms {:.2} mm, stood {:.3}, unloaded {:.4}",
                 n / SECOND,
+                before as f64 / SECOND as f64,
                 1e3 * left.max(right),
-                1e3 * way.xy().norm(),
                 rms_mm(&places[n - 2 * SECOND..]),
                 play.stood as f64 / play.steps as f64,
                 play.unloaded as f64 / play.steps as f64

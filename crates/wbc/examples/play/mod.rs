@@ -77,10 +77,9 @@ impl Play {
         };
         let row = self.world.step_with(&input).unwrap();
         self.unloaded += usize::from(row.floor_load.iter().take(2).any(|load| *load < 1.0));
-        let z = row.robot.pose.translation.z;
-        let places = [row.robot.pose.translation.vector, Vector3::zeros()];
+        let pelvis = row.robot.pose.translation.vector;
         let palm = self.world.world_from_link(self.world.scene().robot.palms()[1]).translation.vector;
-        (z > 0.4).then_some([places[0], palm])
+        (pelvis.z > 0.4).then_some([pelvis, palm])
     }
 
     pub fn torso(&self) -> [f64; 3] {
