@@ -21,7 +21,9 @@ FASTEST = 2.0 / STEPS_PER_S
 REACH = np.array([0.5, 0.3, 0.4, 0.5, 0.4, 0.3, 0.3] * 2)
 """Half-widths of the poses that are drawn, rad, joint by joint from the shoulder."""
 HELD_M = 0.5
+"""Height above which the bulb counts as held, m: a dropped one lies on the floor."""
 SETTLES = 8 * STEPS_PER_S
+"""Control steps of standing first, in which the controller takes over from its network."""
 
 
 def main():

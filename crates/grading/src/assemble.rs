@@ -173,7 +173,7 @@ impl Scores {
     }
 }
 
-/// Episodes that count.
+/// Episodes from which scores are made, by both judges.
 struct Played<'a> {
     /// By the published judge.
     episodes: &'a [Episode],

@@ -35,20 +35,22 @@ struct Clip {
     push: Option<[f64; 2]>,
 }
 
+const STANDING: Clip =
+    Clip { name: "standing", before: 250, every: 4, velocity: |_| [0.0; 3], load_kg: 0.0, push: None };
+
 const CLIPS: [Clip; 6] = [
-    Clip { name: "standing", before: 250, every: 4, velocity: |_| [0.0; 3], load_kg: 0.0, push: None },
-    Clip { name: "walking", before: 150, every: 4, velocity: |_| [0.8, 0.0, 0.0], load_kg: 0.0, push: None },
-    Clip { name: "turning", before: 150, every: 6, velocity: |_| [0.0, 0.0, 0.8], load_kg: 0.0, push: None },
+    STANDING,
+    Clip { name: "walking", before: 150, velocity: |_| [0.8, 0.0, 0.0], ..STANDING },
+    Clip { name: "turning", before: 150, every: 6, velocity: |_| [0.0, 0.0, 0.8], ..STANDING },
     Clip {
         name: "stopping",
         before: 190,
         every: 5,
         velocity: |step| if step < 200 { [0.6, 0.0, 0.0] } else { [0.0; 3] },
-        load_kg: 0.0,
-        push: None,
+        ..STANDING
     },
-    Clip { name: "carrying", before: 150, every: 5, velocity: |_| [0.5, 0.0, 0.3], load_kg: 1.0, push: None },
-    Clip { name: "push", before: 150, every: 4, velocity: |_| [0.0; 3], load_kg: 0.0, push: Some([0.3, 1.0]) },
+    Clip { name: "carrying", before: 150, every: 5, velocity: |_| [0.5, 0.0, 0.3], load_kg: 1.0, ..STANDING },
+    Clip { name: "push", before: 150, push: Some([0.3, 1.0]), ..STANDING },
 ];
 
 fn main() {

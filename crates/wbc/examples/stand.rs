@@ -91,10 +91,8 @@ fn main() {
         for seed in 0..count {
             let mut play = Play::new(&scene, &network, seed, exact);
             // The minute begins when the controller has taken over from the network.
-            let mut before = 0;
-            while !play.controller.is_standing() && before < 20 * SECOND && play.step(&upright).is_some() {
-                before += 1;
-            }
+            while !play.controller.is_standing() && play.steps < 20 * SECOND && play.step(&upright).is_some() {}
+            let before = play.steps;
             (play.stood, play.steps, play.unloaded) = (0, 0, 0);
             let (mut places, mut feet) = (Vec::new(), Vec::new());
             for _ in 0..60 * SECOND {
