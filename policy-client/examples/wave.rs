@@ -3,8 +3,9 @@
 use std::error::Error;
 use std::sync::atomic::AtomicBool;
 
+use fiatlux_client::{Client, Command, Policy, PolicyError};
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_policy::{Client, Command, Policy, PolicyError, policies::Stand};
+use fiatlux_policies::Stand;
 use fiatlux_proto::v3::{Observation, OpenRequest, SessionInfo};
 
 #[derive(Default)]
@@ -35,7 +36,7 @@ impl Policy for Wave {
 fn main() -> Result<(), Box<dyn Error>> {
     let link = LinkArgs::default().open(Role::Client)?;
     let request = OpenRequest { task: "S01".into(), policy: "wave".into(), ..OpenRequest::default() };
-    let mut client = Client::open(&link, None, request)?;
+    let mut client = Client::open(&link.carrier(), None, request)?;
     let end = client.run_episode(0, &mut Wave::default(), &mut |_| (), &AtomicBool::new(false))?;
     println!("{} after {} steps", end.cause, end.steps);
     Ok(client.close()?)

@@ -8,12 +8,12 @@ pub mod probe;
 mod report;
 pub mod run;
 
-use fiatlux_policy::policies::{VlaArgs, VlaSource};
-use fiatlux_policy::{Policy, PolicyError, policies};
+use fiatlux_client::{Policy, PolicyError};
+use fiatlux_policies::{VlaArgs, VlaSource};
 
 /// Makes the policy that a flag names.
 fn policy(name: &str) -> Result<Box<dyn Policy>, Failure> {
-    policies::by_name(name).map_err(usage)
+    fiatlux_policies::by_name(name).map_err(usage)
 }
 
 /// Opens the model server of the policy `vla`, and checks its contract before anything moves.

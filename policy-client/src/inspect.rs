@@ -21,8 +21,9 @@ use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::mpsc;
 
-use fiatlux_link::{print, stop_on_signal};
-use fiatlux_policy::{Access, Client, ClientError, Policy};
+use fiatlux_carrier::Carrier;
+use fiatlux_cli::{print, stop_on_signal};
+use fiatlux_client::{Access, Client, ClientError, Policy};
 use fiatlux_proto::v3::{OpenRequest, Sensor};
 use thiserror::Error;
 
@@ -70,7 +71,7 @@ pub fn default_sensors() -> impl Iterator<Item = Sensor> {
 }
 
 /// Runs the episode, prints what was seen, and writes the files.
-pub fn inspect(inspection: Inspection, link: &zenoh::Session) -> Result<(), InspectError> {
+pub fn inspect(inspection: Inspection, link: &Carrier) -> Result<(), InspectError> {
     let Inspection { policy, request, episode, server, access, seconds, folder, joints, json } = inspection;
     let stop = stop_on_signal()?;
     let mut client = Client::open_with(link, server.as_deref(), request, &access)?;

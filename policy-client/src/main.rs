@@ -48,8 +48,8 @@ enum Subcommand {
 }
 
 fn main() -> ExitCode {
-    let cli: Cli = fiatlux_link::parse();
-    fiatlux_link::init_quiet_log();
+    let cli: Cli = fiatlux_cli::parse();
+    fiatlux_cli::init_quiet_log();
     let done = match cli.command {
         Subcommand::Run(args) => match run::run(&args) {
             Ok(Played::Cut) => return ExitCode::from(3),
@@ -83,6 +83,6 @@ mod tests {
 
     #[test]
     fn whole_numbers_name_their_range() {
-        fiatlux_link::check_whole_numbers::<Cli>().unwrap();
+        fiatlux_cli::check_whole_numbers::<Cli>().unwrap();
     }
 }

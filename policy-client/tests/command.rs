@@ -1,5 +1,6 @@
 //! The command as a user meets it: its output, its exit codes.
 
+#[path = "../../crates/client/tests/fake/mod.rs"]
 mod fake;
 
 use std::path::PathBuf;

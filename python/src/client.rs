@@ -7,11 +7,13 @@ use std::time::Duration;
 
 use fiatlux_access::PublicKey;
 use fiatlux_batch::{ActionForm, Field};
-use fiatlux_link::{LinkArgs, Role, in_full};
-use fiatlux_policy::{
-    Access, AccessArgs, Client as Link, Command, EpisodeFate, Policy, PolicyError, RunFile, RunOptions, RunOutcome,
+use fiatlux_carrier::Carrier;
+use fiatlux_cli::in_full;
+use fiatlux_client::{
+    Access, AccessArgs, Client as Session, Command, EpisodeFate, Policy, PolicyError, RunFile, RunOptions, RunOutcome,
     RunProgress,
 };
+use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyConnectionError, PyValueError};
@@ -25,7 +27,7 @@ use crate::{build, failed, not_contiguous, refused};
 /// A link to one server or several.
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Client {
-    link: zenoh::Session,
+    link: Carrier,
     access: Access,
 }
 
@@ -56,7 +58,7 @@ impl Client {
             let reason = in_full(&error).replace("Name another with -e tcp/HOST:PORT", "Pass another endpoint");
             PyConnectionError::new_err(format!("endpoint: {reason}"))
         })?;
-        Ok(Self { link, access })
+        Ok(Self { link: link.carrier(), access })
     }
 
     /// Plays an episode in a session of its own; returns how it ended, with the fields of `EpisodeEnd`.
@@ -86,7 +88,7 @@ impl Client {
             py,
             move |stop, _| {
                 let mut policy = Player::new(player, name, form, Failure { stop: Arc::clone(stop), ..noted });
-                let mut client = Link::open_with(&link, server.as_deref(), request, &access)?;
+                let mut client = Session::open_with(&link, server.as_deref(), request, &access)?;
                 let end = client.run_episode(episode, &mut policy, &mut |_| (), stop);
                 // A server would wait for a client that does not close its session.
                 let _ = client.close();
@@ -179,19 +181,19 @@ impl Run {
 
 /// Plays a run, with a Python player for each episode.
 pub(crate) fn play(
-    link: &zenoh::Session,
+    link: &Carrier,
     options: &RunOptions,
     make_player: Py<PyAny>,
     form: ActionForm,
     failure: &Failure,
     progress: &mut dyn FnMut(&RunProgress),
-) -> Result<RunOutcome, fiatlux_policy::RunError> {
+) -> Result<RunOutcome, fiatlux_client::RunError> {
     let name = options.file.spec.policy.clone();
     let make_policy = || {
         let player = Python::attach(|py| make_player.call0(py)).map_err(|error| failure.note(error))?;
         Ok(Box::new(Player::new(player, name.clone(), form, failure.clone())) as Box<dyn Policy>)
     };
-    Link::evaluate(link, options, make_policy, progress, &failure.stop)
+    Session::evaluate(link, options, make_policy, progress, &failure.stop)
 }
 
 pub(crate) fn tell(py: Python<'_>, progress: Option<&Py<PyAny>>, step: &RunProgress) -> PyResult<()> {

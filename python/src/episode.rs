@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
+use fiatlux_mjcf::{MjcfOptions, OptionSet, to_mjcf};
 use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
 use fiatlux_rules::Protocol;
 use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
-use fiatlux_sim::{MjcfOptions, OptionSet, to_mjcf};
 use fiatlux_world::{Episode as Play, EpisodeSpec, PHYSICS_DT, Randomization, Scene, SceneConfig};
 use nalgebra::Vector3;
 use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 
-use fiatlux::evaluate::{EvaluateError, ExternalOptions, ExternalProgress, Outcome, evaluate_external};
 use fiatlux_batch::ActionForm;
+use fiatlux_cli::in_full;
+use fiatlux_client::{RunOptions, RunProgress};
 use fiatlux_grading::report;
-use fiatlux_link::{LinkArgs, Role, in_full};
-use fiatlux_policy::{RunOptions, RunProgress};
+use fiatlux_runs::{EvaluateError, ExternalOptions, ExternalProgress, Outcome, evaluate_external};
 use pyo3::prelude::*;
 
 use crate::FiatluxError;
@@ -37,7 +37,6 @@ pub(crate) fn evaluate_into(
     let options = run.options(&settings)?;
     let hosting = ExternalOptions {
         name: SERVER.into(),
-        listen: "tcp/127.0.0.1:0".into(),
         out: out.clone(),
         workers: std::thread::available_parallelism().map_or(1, usize::from),
         weights,
@@ -65,7 +64,7 @@ fn write(out: &Path, name: &str, text: &str) -> PyResult<()> {
     std::fs::write(out.join(name), text).map_err(Into::into)
 }
 
-/// Serves the run on a local port, and plays it there.
+/// Serves the run in this process, and plays it.
 fn host(
     hosting: &ExternalOptions,
     options: &RunOptions,
@@ -74,24 +73,24 @@ fn host(
     failure: &Failure,
     progress: &mut dyn FnMut(&RunProgress),
 ) -> Result<Outcome, String> {
-    let (sender, endpoints) = mpsc::channel();
+    let (sender, waiting) = mpsc::channel();
+    let carrier = fiatlux_carrier::memory();
     let over = AtomicBool::new(false);
     let (played, served) = std::thread::scope(|scope| {
         let server = scope.spawn(|| {
             // Moved in here: if the server cannot start, dropping it ends the wait below.
             let sender = sender;
-            evaluate_external(hosting, &over, &mut |progress| {
-                if let ExternalProgress::Waiting { endpoint } = progress {
-                    let _ = sender.send(endpoint.clone());
+            evaluate_external(carrier.clone(), hosting, &over, &mut |progress| {
+                if matches!(progress, ExternalProgress::Waiting) {
+                    let _ = sender.send(());
                 }
             })
         });
         // A run that is already finished starts no server.
-        let played = endpoints.recv().ok().map(|endpoint| {
-            let link = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }.open(Role::Client);
-            let link = link.map_err(|error| in_full(&error))?;
-            play(&link, options, make_player, form, failure, progress).map_err(|error| in_full(&error))
-        });
+        let played = waiting
+            .recv()
+            .ok()
+            .map(|()| play(&carrier, options, make_player, form, failure, progress).map_err(|error| in_full(&error)));
         let is_whole = matches!(&played, Some(Ok(outcome)) if outcome.finished);
         over.store(!is_whole, Ordering::Relaxed);
         (played, server.join())

@@ -12,7 +12,7 @@ mod settings;
 mod watch;
 mod wbc;
 
-use fiatlux_link::in_full;
+use fiatlux_cli::in_full;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;

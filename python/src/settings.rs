@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use fiatlux_batch::{ActionForm, RulebookOptions};
+use fiatlux_client::SessionArgs;
 use fiatlux_features::{ResNet18, Weights};
-use fiatlux_policy::SessionArgs;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_rules::{Protocol, Task, Variant};
@@ -91,7 +91,7 @@ impl Settings {
         let weights = match &self.weights {
             Some(path) => {
                 let read = Weights::from_safetensors(path);
-                read.map_err(|error| PyValueError::new_err(format!("weights: {}", fiatlux_link::in_full(&error))))?
+                read.map_err(|error| PyValueError::new_err(format!("weights: {}", fiatlux_cli::in_full(&error))))?
             }
             None => Weights::seeded(WEIGHTS_SEED),
         };

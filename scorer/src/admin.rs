@@ -7,8 +7,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Subcommand};
+use fiatlux_cli::whole;
 use fiatlux_leaderboard::{MAX_DAYS, Quota, Store, SubmissionId};
-use fiatlux_link::whole;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 

@@ -11,8 +11,8 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
+use fiatlux_cli::ProgressLine;
 use fiatlux_grading::{GradeOptions, Results, ScoreError, compare, false_claim, grade, report, tables};
-use fiatlux_link::ProgressLine;
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
@@ -90,7 +90,7 @@ struct GradeArgs {
     published_counting: bool,
     /// Threads [default: one for each core]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
-          value_parser = fiatlux_link::whole::<usize>(0..=1024))]
+          value_parser = fiatlux_cli::whole::<usize>(0..=1024))]
     workers: usize,
 }
 
@@ -126,9 +126,9 @@ struct CompareArgs {
 }
 
 fn main() -> ExitCode {
-    let command = fiatlux_link::parse::<Cli>().command;
+    let command = fiatlux_cli::parse::<Cli>().command;
     if !matches!(command, Command::Serve(_)) {
-        fiatlux_link::init_quiet_log();
+        fiatlux_cli::init_quiet_log();
     }
     let done = match command {
         Command::Grade(args) => run_grade(&args),
@@ -233,6 +233,6 @@ mod tests {
 
     #[test]
     fn whole_numbers_name_their_range() {
-        fiatlux_link::check_whole_numbers::<Cli>().unwrap();
+        fiatlux_cli::check_whole_numbers::<Cli>().unwrap();
     }
 }

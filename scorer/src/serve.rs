@@ -11,9 +11,10 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fiatlux_access::KnownServers;
+use fiatlux_cli::whole;
+use fiatlux_client::AccessArgs;
 use fiatlux_leaderboard::{Jobs, Limits, Service, ServiceOptions, Store, Verifier};
-use fiatlux_link::{LinkArgs, whole};
-use fiatlux_policy::AccessArgs;
+use fiatlux_link::LinkArgs;
 
 /// How often it checks whether to stop.
 const LOOK: Duration = Duration::from_millis(50);
@@ -70,9 +71,9 @@ pub struct ServeArgs {
 
 /// Serves until a signal asks it to stop.
 pub fn run(args: &ServeArgs) -> Result<ExitCode> {
-    fiatlux_link::init_log();
+    fiatlux_cli::init_log();
     // Before it can be reached, so that an early interrupt is not lost.
-    let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start threads")?;
     let served = runtime.block_on(serve(args, stop));
     // An unfinished grading is repeated after the next start.

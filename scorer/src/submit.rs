@@ -7,8 +7,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Args;
 use fiatlux_access::check_private;
+use fiatlux_cli::ProgressLine;
 use fiatlux_leaderboard::{Manifest, State, Submit, SubmitProgress, Submitted, Upload};
-use fiatlux_link::ProgressLine;
 
 use crate::FAILED;
 
@@ -55,7 +55,7 @@ pub struct SubmitArgs {
 
 /// Sends the submission, and with `--wait` waits for the verdict.
 pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
-    let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let token = read_token(&args.token)?;
     let mut upload = Upload::find(&args.folder)?;
     let Manifest { policy, version, link, .. } = upload.manifest;

@@ -12,9 +12,12 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use fiatlux_access::{KnownServers, PublicKey};
 use fiatlux_bag::BagFiles;
-use fiatlux_grading::{find_bags, verify};
-use fiatlux_link::{LinkArgs, ProgressLine, Role};
-use fiatlux_policy::{Access, AccessArgs, find_server};
+use fiatlux_carrier::Carrier;
+use fiatlux_cli::ProgressLine;
+use fiatlux_client::{Access, AccessArgs, find_server};
+use fiatlux_grading::find_bags;
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_verify::verify;
 
 use crate::{UNVERIFIED, print};
 
@@ -41,7 +44,7 @@ pub struct VerifyArgs {
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     server: Vec<String>,
     /// Bags at a time on each server; a server uses one core for each
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = fiatlux_link::whole::<usize>(1..=1024))]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = fiatlux_cli::whole::<usize>(1..=1024))]
     parallel: usize,
     /// File with the keys of servers that you trust, one line NAME ed25519:BASE64 each; a bag that none of them signed
     /// fails
@@ -75,14 +78,14 @@ struct Work<'a> {
     queue: Mutex<Queue>,
     all: usize,
     line: ProgressLine,
-    link: &'a zenoh::Session,
+    link: &'a Carrier,
     access: &'a Access,
     signers: Option<&'a KnownServers>,
     stop: &'a AtomicBool,
 }
 
 pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
-    let stop = fiatlux_link::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let access = args.access.read()?;
     let signers = args.signers.as_deref().map(KnownServers::read).transpose()?;
     let BagFiles { bags, unfinished, .. } = find_bags(&args.paths)?;
@@ -93,7 +96,7 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
     if bags.is_empty() {
         bail!("there is no bag to verify");
     }
-    let link = args.link.open(Role::Client).context("cannot connect to a server")?;
+    let link = args.link.open(Role::Client).context("cannot connect to a server")?.carrier();
     // Once, and not for each bag: a server that is not there is waited for.
     let servers = match args.server.as_slice() {
         [] => vec![find_server(&link, None)?],

@@ -8,10 +8,10 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::Args;
 use fiatlux_access::{Identity, RecorderKey, Tokens};
-use fiatlux_link::{LinkArgs, Role, whole};
-use fiatlux_sim::{RecordsTo, Server, ServerOptions};
+use fiatlux_cli::whole;
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_server::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::SceneConfig;
-use zenoh::Wait;
 
 /// How long recorders have after an interrupt.
 const SHUTDOWN: Duration = Duration::from_secs(12);
@@ -70,7 +70,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 
 /// Serves until it is told to stop; returns whether recorders then have every record.
 pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
-    fiatlux_link::init_log();
+    fiatlux_cli::init_log();
     let scene = match &args.scene {
         None => SceneConfig::default(),
         Some(path) => {
@@ -98,20 +98,20 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     options.workers = args.workers.unwrap_or(options.workers);
 
     // Set up before the server can be found, so that an early interrupt is not lost.
-    let stop = fiatlux_link::stop_on_signal()?;
+    let stop = fiatlux_cli::stop_on_signal()?;
     let mut link = args.link;
     link.asks_tokens = args.tokens.is_some();
     for endpoint in &mut link.listen {
         let free = fiatlux_link::choose_port(endpoint);
         *endpoint = free.with_context(|| format!("no free port for {endpoint}; is its host one of this machine's?"))?;
     }
-    let zenoh = link.open(Role::Server)?;
-    let server = Server::start(zenoh.clone(), options)?;
+    let session = link.open(Role::Server)?;
+    let server = Server::start(session.carrier(), options)?;
     let mut stdout = std::io::stdout();
     writeln!(stdout, "{} as {}", link.place(Role::Server)?, server.name())?;
     stdout.flush()?;
 
-    fiatlux_link::wait_for(&stop);
+    fiatlux_cli::wait_for(&stop);
     tracing::info!("interrupted: ending {} sessions", server.open_sessions());
     let is_whole = server.shutdown(SHUTDOWN);
     if !is_whole {
@@ -120,6 +120,6 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
             SHUTDOWN.as_secs()
         );
     }
-    zenoh.close().wait().map_err(|error| anyhow::anyhow!("cannot close the Zenoh session: {error}"))?;
+    session.close()?;
     Ok(is_whole)
 }

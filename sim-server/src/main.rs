@@ -7,9 +7,9 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
+use fiatlux_mjcf::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
 use fiatlux_robot::HandKind;
 use fiatlux_rules::Task;
-use fiatlux_sim::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
 
 /// Simulates the errand's scenes for policies.
 ///
@@ -48,7 +48,7 @@ struct Export {
     #[arg(long, required_unless_present = "robot_only")]
     task: Option<Task>,
     /// Layout seed of the room.
-    #[arg(long, default_value_t = 0, value_parser = fiatlux_link::whole::<u64>(0..))]
+    #[arg(long, default_value_t = 0, value_parser = fiatlux_cli::whole::<u64>(0..))]
     seed: u64,
     /// Instead of a task: the robot in its standing posture, without room and props.
     #[arg(long, conflicts_with_all = ["task", "seed"])]
@@ -88,7 +88,7 @@ fn timestep(text: &str) -> Result<f64, String> {
 const LOSS: u8 = 3;
 
 fn main() -> ExitCode {
-    let cli: Cli = fiatlux_link::parse_with_settings();
+    let cli: Cli = fiatlux_cli::parse_with_settings();
     let done = match &cli.command {
         Some(Command::Export(export)) => run_export(export).map(|()| true),
         None => daemon::run(cli.daemon),
@@ -132,12 +132,12 @@ mod tests {
     #[test]
     fn the_example_settings_show_every_flag() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/settings/sim-server.toml");
-        fiatlux_link::check_example::<Cli>(path.as_ref()).unwrap();
+        fiatlux_cli::check_example::<Cli>(path.as_ref()).unwrap();
         Cli::command().debug_assert();
     }
 
     #[test]
     fn whole_numbers_name_their_range() {
-        fiatlux_link::check_whole_numbers::<Cli>().unwrap();
+        fiatlux_cli::check_whole_numbers::<Cli>().unwrap();
     }
 }

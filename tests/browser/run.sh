@@ -24,7 +24,7 @@ npm ci --prefix "$work" --no-audit --no-fund --silent
 
 programs="${CARGO_TARGET_DIR:-$root/target}/debug"
 if [ -z "${FIATLUX:-}" ] || [ -z "${SCORER:-}" ]; then
-    (cd "$root" && cargo build --locked --quiet -p fiatlux -p fiatlux-scorer --bin fiatlux --bin scorer)
+    (cd "$root" && cargo build --locked --quiet -p fiatlux -p scorer --bin fiatlux --bin scorer)
 fi
 fiatlux="${FIATLUX:-$programs/fiatlux}"
 scorer="${SCORER:-$programs/scorer}"

@@ -2,14 +2,28 @@
 
 use std::path::Path;
 
+use fiatlux_access::PublicKey;
 use fiatlux_bag::{Bag, BagError, Completeness};
-use fiatlux_link::in_full;
+use fiatlux_cli::in_full;
 use fiatlux_wire::{layout_of, read_row};
 
 use crate::GradeOptions;
 use crate::assemble::Content;
 use crate::episode::Grader;
 use crate::results::Fault;
+
+/// Grades a bag by the published thresholds; returns the key of the server that signed it, if any.
+///
+/// # Errors
+/// Why the bag would not be scored: it cannot be read, is cut, or contradicts itself.
+pub fn check_bag(path: &Path) -> Result<Option<PublicKey>, String> {
+    let content = read(path, &GradeOptions::default()).map_err(|(_, reason)| reason)?;
+    let flaw = content.graded.flaw.as_ref();
+    match content.damage.map(|(_, why)| why).or_else(|| flaw.map(ToString::to_string)) {
+        Some(reason) => Err(reason),
+        None => Ok(content.graded.signer),
+    }
+}
 
 /// Grades a bag up to its end, or to the first thing that cannot be read.
 pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Fault, String)> {

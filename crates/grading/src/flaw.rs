@@ -122,7 +122,7 @@ impl Sums {
 }
 
 /// The first field in which two messages differ, under its name in the protocol.
-pub(crate) fn first_difference<M: Serialize + PartialEq>(found: &M, recorded: &M) -> Option<Difference> {
+pub fn first_difference<M: Serialize + PartialEq>(found: &M, recorded: &M) -> Option<Difference> {
     if found == recorded {
         return None;
     }

@@ -6,8 +6,8 @@
 //! scored. The folder of a run is graded as the run: each of its episodes counts, as its journals say.
 //!
 //! [`tables`] and [`report`] write results down. The same bags give the same bytes in all of them. [`compare()`] tests
-//! two results against each other. [`verify()`] runs an episode again on a server. This crate never links the
-//! simulator.
+//! two results against each other. This crate knows neither a network nor the simulator; `fiatlux_verify` runs an
+//! episode again on a server.
 //!
 //! ```
 //! use fiatlux_grading::{GradeOptions, grade, tables};
@@ -44,19 +44,18 @@ mod results;
 mod run;
 mod series;
 pub mod tables;
-mod verify;
 
+pub use bag::check_bag;
 pub use claim::false_claim;
 pub use compare::{CompareError, Comparison, Pairs, Side, compare, compare_results};
 pub use conditions::{Conditions, observations_with};
 pub use episode::{Graded, Grader, HeaderError};
 pub use error::ScoreError;
 pub use find::find_bags;
-pub use flaw::{Difference, Flaw};
+pub use flaw::{Difference, Flaw, first_difference};
 pub use grade::{GradeOptions, Progress, grade};
 pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, Scores,
     SeedRow, TaskResult, Versions,
 };
 pub use series::{Held, MAX_BUCKETS, Series};
-pub use verify::{Verification, VerifyError, verify};

@@ -79,7 +79,7 @@ async fn ready(State(service): State<Arc<Service>>) -> Result<&'static str, Prob
     match service.store.ping().await {
         Ok(()) => Ok("ok\n"),
         Err(error) => {
-            tracing::error!(error = fiatlux_link::in_full(&error), "the service is not ready");
+            tracing::error!(error = fiatlux_cli::in_full(&error), "the service is not ready");
             Err(Problem::busy("the database does not answer"))
         }
     }

@@ -11,8 +11,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use fiatlux_link::{LinkArgs, in_full};
-use fiatlux_policy::Access;
+use fiatlux_cli::in_full;
+use fiatlux_client::Access;
+use fiatlux_link::LinkArgs;
 use tokio::task::JoinHandle;
 
 use crate::store::now_ms;

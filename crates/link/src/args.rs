@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use zenoh::{Session, Wait};
+use zenoh::Wait;
 
 use crate::config::{self, Role};
-use crate::{LinkError, exposure};
+use crate::{Link, LinkError, exposure};
 
 /// Where a program finds the others.
 #[derive(Debug, Clone, Default, Args)]
@@ -60,13 +60,13 @@ impl LinkArgs {
     ///
     /// # Errors
     /// [`LinkError`]: a wrong config or endpoint, or nothing answers.
-    pub fn open(&self, role: Role) -> Result<Session, LinkError> {
+    pub fn open(&self, role: Role) -> Result<Link, LinkError> {
         let config = config::layered(self, role)?;
         for endpoint in exposure::exposed(&config) {
             tracing::warn!("{}", exposure::warning(&endpoint, self.asks_tokens));
         }
         let plan = config::Plan::of(&config);
-        zenoh::open(config).wait().map_err(|source| plan.explain(&source.to_string()))
+        zenoh::open(config).wait().map(Link).map_err(|source| plan.explain(&source.to_string()))
     }
 
     /// Where others find a program that opened its session with these options: `listening on ENDPOINT` or `connected to

@@ -97,4 +97,10 @@ pub enum LinkError {
         /// What Zenoh says went wrong.
         reason: String,
     },
+    /// Zenoh cannot close the session.
+    #[error("cannot close the Zenoh session: {reason}")]
+    Close {
+        /// What Zenoh says went wrong.
+        reason: String,
+    },
 }

@@ -3,12 +3,12 @@
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
-use fiatlux_link::{LinkArgs, LinkError, Role, embedded};
+use fiatlux_link::{Link, LinkArgs, LinkError, Role};
 use zenoh::{Session, Wait};
 
 #[test]
 fn two_parts_of_one_process_talk_over_an_embedded_session() {
-    let session = embedded().expect("opens");
+    let session = Link::embedded().expect("opens").session().clone();
     let _alive = session.liveliness().declare_token("a/alive").wait().expect("declares");
     let _answers = answer(&session);
     assert_eq!(ask(&session), 1);
@@ -19,12 +19,19 @@ fn two_parts_of_one_process_talk_over_an_embedded_session() {
 #[test]
 fn a_client_finds_the_server_that_listens() {
     let endpoint = free_endpoint();
-    let server =
-        LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server).expect("listens");
+    let server = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }
+        .open(Role::Server)
+        .expect("listens")
+        .session()
+        .clone();
     let _alive = server.liveliness().declare_token("a/alive").wait().expect("declares");
     let _answers = answer(&server);
     let start = Instant::now();
-    let client = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }.open(Role::Client).expect("connects");
+    let client = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }
+        .open(Role::Client)
+        .expect("connects")
+        .session()
+        .clone();
     assert!(start.elapsed() < Duration::from_secs(2), "opening took {:?}", start.elapsed());
     assert_eq!(ask(&client), 1);
     let tokens = client.liveliness().get("*/alive").wait().expect("asks");
@@ -84,7 +91,7 @@ fn a_listener_with_a_list_of_users_asks_for_them() {
     let wrong = write("wrong.json5", usrpwd("user: 'policy', password: 'guess'".into()));
     let endpoint = free_endpoint();
     let listen = LinkArgs { config: Some(server), listen: vec![endpoint.clone()], ..LinkArgs::default() };
-    let _server = listen.open(Role::Server).expect("listens");
+    let _server = listen.open(Role::Server).expect("listens").session().clone();
     let connect =
         |config| LinkArgs { config, connect: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Client);
     connect(Some(right)).expect("connects");
@@ -98,10 +105,14 @@ fn a_listener_with_a_list_of_users_asks_for_them() {
 fn a_client_comes_back_to_a_server_that_was_restarted() {
     let endpoint = free_endpoint();
     let listen = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() };
-    let first = listen.open(Role::Server).expect("listens");
-    let client = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }.open(Role::Client).expect("connects");
+    let first = listen.open(Role::Server).expect("listens").session().clone();
+    let client = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }
+        .open(Role::Client)
+        .expect("connects")
+        .session()
+        .clone();
     first.close().wait().expect("closes");
-    let second = listen.open(Role::Server).expect("listens");
+    let second = listen.open(Role::Server).expect("listens").session().clone();
     let _answers = answer(&second);
     let until = Instant::now() + Duration::from_secs(20);
     while ask(&client) == 0 {

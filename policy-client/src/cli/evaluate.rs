@@ -7,11 +7,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use fiatlux_link::{LinkArgs, ProgressLine, Role, stop_on_signal};
-use fiatlux_policy::policies::VlaArgs;
-use fiatlux_policy::{
+use fiatlux_cli::{ProgressLine, stop_on_signal};
+use fiatlux_client::{
     AccessArgs, Client, Policy, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs, TaskList,
 };
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_policies::VlaArgs;
 use fiatlux_rules::CONTROL_DT;
 
 use super::{Failure, model_server};
@@ -39,7 +40,7 @@ Examples:
   policy-client evaluate --policy vla --dialect gr00t --model tcp://lab:5555 -e tcp/lab:7447
   policy-client evaluate --policy zero -e tcp/a:7447 -e tcp/b:7447 --server lab --run-file zero.toml
 
-A policy of your own, in Rust: `fiatlux_policy::Client::evaluate`.
+A policy of your own, in Rust: `fiatlux_client::Client::evaluate`.
 
 Exit codes: 0 all played, 1 failed, 2 usage, 3 some episodes were not played or count as failures, or stopped by Ctrl-C;
 130 where Ctrl-C is pressed twice.")]
@@ -55,13 +56,13 @@ pub struct EvaluateArgs {
     #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
     seeds: Option<SeedList>,
     /// Number of seeds to be drawn by the server when the run is registered; it discloses them when the run is over
-    #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = fiatlux_link::whole::<u32>(1..=10_000))]
+    #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = fiatlux_cli::whole::<u32>(1..=10_000))]
     hosted: Option<u32>,
     /// Name of the server, or of a group of servers; not needed if there is only one
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
     /// Episodes to play at once, over all servers [default: as many as the servers accept, at most 8 each]
-    #[arg(long, value_name = "N", value_parser = fiatlux_link::whole::<u16>(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = fiatlux_cli::whole::<u16>(1..=1024))]
     parallel: Option<u16>,
     /// Version of the policy, for the record
     #[arg(long, value_name = "VERSION", default_value = "")]
@@ -76,7 +77,7 @@ pub struct EvaluateArgs {
     #[arg(long)]
     finish: bool,
     /// How long to wait for servers that are gone, do not answer, or do not let anything be played, s
-    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = fiatlux_link::whole::<u32>(1..=86_400))]
+    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = fiatlux_cli::whole::<u32>(1..=86_400))]
     patience: u32,
     /// Print the result as JSON
     #[arg(long)]
@@ -119,10 +120,10 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     let line = ProgressLine::default();
     let make_policy = || match &model {
         Some(source) => Ok(Box::new(source.policy()) as Box<dyn Policy>),
-        None => fiatlux_policy::policies::by_name(&args.policy),
+        None => fiatlux_policies::by_name(&args.policy),
     };
     let mut progress = |progress: &RunProgress| line.show(|| look(&line, progress));
-    let outcome = Client::evaluate(&link, &options, make_policy, &mut progress, &stop);
+    let outcome = Client::evaluate(&link.carrier(), &options, make_policy, &mut progress, &stop);
     line.clear();
     let outcome = outcome?;
     report::print(&outcome, &args.policy, args.json);

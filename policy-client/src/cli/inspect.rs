@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use fiatlux_link::{LinkArgs, Role, in_full};
-use fiatlux_policy::policies::{self, Replay};
-use fiatlux_policy::{AccessArgs, Policy, SessionArgs};
+use fiatlux_cli::in_full;
+use fiatlux_client::{AccessArgs, Policy, SessionArgs};
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_policies::Replay;
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, policy};
@@ -51,10 +52,10 @@ pub struct InspectArgs {
     #[arg(long)]
     joints: bool,
     /// Seed of the layout
-    #[arg(short, long, default_value_t = 0, value_parser = fiatlux_policy::parse_seed, allow_hyphen_values = true)]
+    #[arg(short, long, default_value_t = 0, value_parser = fiatlux_client::parse_seed, allow_hyphen_values = true)]
     seed: u64,
     /// Index of the episode; with the seed it determines start and noise
-    #[arg(long, value_name = "INDEX", default_value_t = 0, value_parser = fiatlux_link::whole::<u64>(0..))]
+    #[arg(long, value_name = "INDEX", default_value_t = 0, value_parser = fiatlux_cli::whole::<u64>(0..))]
     episode: u64,
     /// Name of the server; not needed if there is only one
     #[arg(long, value_name = "NAME")]
@@ -79,7 +80,7 @@ pub fn inspect(args: &InspectArgs) -> Result<bool, Failure> {
     let folder = args.out.clone().unwrap_or_else(|| format!("inspect-{}", args.task).into());
     inspect::check(&folder, args.force).map_err(|error| Failure::Usage(in_full(&error)))?;
     let request = request(args, policy.as_ref(), base);
-    let link = args.link.open(Role::Client)?;
+    let link = args.link.open(Role::Client)?.carrier();
     let (server, access) = (args.server.clone(), args.access.read()?);
     let (seconds, joints, json) = (args.seconds, args.joints, args.json);
     inspect::inspect(Inspection { policy, request, episode, server, access, seconds, folder, joints, json }, &link)?;
@@ -88,7 +89,7 @@ pub fn inspect(args: &InspectArgs) -> Result<bool, Failure> {
 
 /// The policy, its session and its episode; for a bag, those that it was recorded with.
 fn driver(args: &InspectArgs) -> Result<(Box<dyn Policy>, OpenRequest, u64), Failure> {
-    if let Some(path) = policies::replayed_bag(&args.policy) {
+    if let Some(path) = fiatlux_policies::replayed_bag(&args.policy) {
         let replay = Replay::open(path)?;
         let base = replay.request();
         if !base.task.eq_ignore_ascii_case(&args.task) {

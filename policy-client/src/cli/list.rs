@@ -1,8 +1,9 @@
 //! The command `policy-client list`.
 
 use clap::Args;
-use fiatlux_link::{LinkArgs, Role, print};
-use fiatlux_policy::{describe_servers, policies};
+use fiatlux_cli::print;
+use fiatlux_client::describe_servers;
+use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::v3::ServerInfo;
 use serde_json::{Value, json};
 
@@ -27,7 +28,7 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
         list_policies(args.json);
         return Ok(true);
     }
-    let link = args.link.open(Role::Client)?;
+    let link = args.link.open(Role::Client)?.carrier();
     let servers = describe_servers(&link)?;
     if args.json {
         print(format!("{:#}\n", Value::Array(servers.iter().map(as_json).collect())));
@@ -53,10 +54,10 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
 fn list_policies(json: bool) {
     if json {
         let policy = |(name, does): &(&str, &str)| json!({ "policy": name, "does": does });
-        print(format!("{:#}\n", Value::Array(policies::NAMES.iter().map(policy).collect())));
+        print(format!("{:#}\n", Value::Array(fiatlux_policies::NAMES.iter().map(policy).collect())));
         return;
     }
-    for (name, does) in policies::NAMES {
+    for (name, does) in fiatlux_policies::NAMES {
         print(format!("{name:<12}{does}\n"));
     }
 }

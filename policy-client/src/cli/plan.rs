@@ -1,9 +1,9 @@
 //! Turns the flags of `run` into a request; for a replay, the bag fills in the rest.
 
 use clap::Args;
+use fiatlux_client::{AccessArgs, Policy, SessionArgs, parse_seed};
 use fiatlux_link::LinkArgs;
-use fiatlux_policy::policies::{self, Replay, VlaArgs};
-use fiatlux_policy::{AccessArgs, Policy, SessionArgs, parse_seed};
+use fiatlux_policies::{Replay, VlaArgs};
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, model_server, policy};
@@ -45,10 +45,10 @@ pub struct RunArgs {
     #[arg(short, long, value_parser = parse_seed, allow_hyphen_values = true)]
     pub seed: Option<u64>,
     /// Index of the first episode; with the seed it determines start and noise [default: 0]
-    #[arg(long, value_name = "INDEX", value_parser = fiatlux_link::whole::<u64>(0..))]
+    #[arg(long, value_name = "INDEX", value_parser = fiatlux_cli::whole::<u64>(0..))]
     pub episode: Option<u64>,
     /// Number of episodes to play, one after another [default: 1]
-    #[arg(short = 'n', long, value_name = "N", value_parser = fiatlux_link::whole::<u64>(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = fiatlux_cli::whole::<u64>(1..))]
     pub episodes: Option<u64>,
     /// Name of the server; not needed if there is only one
     #[arg(long, value_name = "NAME")]
@@ -86,7 +86,7 @@ pub struct Plan {
 
 /// Turns the flags into a plan.
 pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
-    match policies::replayed_bag(&args.policy) {
+    match fiatlux_policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, Replay::open(path)?),
         None => {
             let name = args.command.as_ref().map(|command| format!("{}:{command}", args.policy));

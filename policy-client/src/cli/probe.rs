@@ -2,8 +2,8 @@
 
 use clap::Args;
 use fiatlux_bridge::{Contract, ModelChunk, Representation, Row};
-use fiatlux_link::print;
-use fiatlux_policy::policies::{Answer, VlaArgs};
+use fiatlux_cli::print;
+use fiatlux_policies::{Answer, VlaArgs};
 
 use super::{Failure, usage};
 

@@ -1,7 +1,7 @@
 //! Prints the episodes of `run`, as text or as JSON.
 
-use fiatlux_link::print;
-use fiatlux_policy::RoundTrips;
+use fiatlux_cli::print;
+use fiatlux_client::RoundTrips;
 use fiatlux_proto::v3::{EpisodeEnd, SessionInfo};
 use serde_json::{Value, json};
 

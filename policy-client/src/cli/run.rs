@@ -3,8 +3,9 @@
 use std::sync::mpsc;
 use std::time::Instant;
 
-use fiatlux_link::{ProgressLine, Role, stop_on_signal};
-use fiatlux_policy::{Client, ClientError};
+use fiatlux_cli::{ProgressLine, stop_on_signal};
+use fiatlux_client::{Client, ClientError};
+use fiatlux_link::Role;
 use fiatlux_proto::v3::Notice;
 use fiatlux_proto::v3::notice::Code;
 
@@ -34,7 +35,7 @@ pub fn run(args: &RunArgs) -> Result<Played, Failure> {
     let mut plan = plan(args)?;
     let stop = stop_on_signal()?;
     let access = args.access.read()?;
-    let link = args.link.open(Role::Client)?;
+    let link = args.link.open(Role::Client)?.carrier();
     let mut client = Client::open_with(&link, args.server.as_deref(), plan.request, &access)?;
     let (sender, notices) = mpsc::channel();
     client.send_notices(sender);

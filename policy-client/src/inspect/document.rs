@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_policy::RoundTrips;
+use fiatlux_client::RoundTrips;
 use serde_json::{Value, json};
 
 use super::state::State;

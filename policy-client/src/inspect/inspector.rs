@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::Instant;
 
-use fiatlux_policy::{Command, Policy, PolicyError};
+use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Notice, Observation, SessionInfo};
 
 use super::screen::{Screen, Terminal};

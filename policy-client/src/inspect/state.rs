@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_policy::{Command, RoundTrips};
+use fiatlux_client::{Command, RoundTrips};
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{EpisodeEnd, Mode, Notice, Observation, ObservationTerm, SessionInfo};
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_policy::Command;
+use fiatlux_client::Command;
 use fiatlux_proto::v3::{
     EpisodeEnd, Joint, Notice, Observation, ObservationTerm, Proprioception, Sensor, SessionInfo, TaskInfo, Verdict,
 };

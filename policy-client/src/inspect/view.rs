@@ -1,6 +1,6 @@
 //! The state as text. Drawing is a function of the state alone.
 
-use fiatlux_policy::RoundTrips;
+use fiatlux_client::RoundTrips;
 
 use super::state::State;
 use super::table;

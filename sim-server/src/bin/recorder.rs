@@ -10,7 +10,7 @@ use clap::Parser;
 use fiatlux_access::RecorderKey;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::v3::EpisodeEnd;
-use fiatlux_sim::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
+use fiatlux_server::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
 
 /// Records the sessions of simulation servers, with one MCAP file for each episode.
 ///
@@ -48,8 +48,8 @@ Examples:
 const CUT: u8 = 3;
 
 fn main() -> ExitCode {
-    let cli: Cli = fiatlux_link::parse_with_settings();
-    fiatlux_link::init_log();
+    let cli: Cli = fiatlux_cli::parse_with_settings();
+    fiatlux_cli::init_log();
     match run(cli) {
         Ok(false) => ExitCode::SUCCESS,
         Ok(true) => ExitCode::from(CUT),
@@ -62,7 +62,7 @@ fn main() -> ExitCode {
 
 /// Records until it is told to stop; returns whether any bag is cut or unfinished.
 fn run(cli: Cli) -> anyhow::Result<bool> {
-    let stop = fiatlux_link::stop_on_signal().context("cannot listen for signals")?;
+    let stop = fiatlux_cli::stop_on_signal().context("cannot listen for signals")?;
     std::fs::create_dir_all(&cli.out).with_context(|| format!("cannot make the folder {}", cli.out.display()))?;
     let key = RecorderKey::read(&cli.recorder_key)?;
     let session = cli.link.open(Role::Client)?;
@@ -70,7 +70,7 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
     let any_cut = Arc::new(AtomicBool::new(false));
     let [seen, missed] = [Arc::clone(&any_cut), Arc::clone(&any_cut)];
     let recorder = Recorder::start(
-        session,
+        session.carrier(),
         RecorderOptions {
             out: cli.out,
             server: cli.server,
@@ -79,15 +79,15 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
             records: RecordsFrom::Servers(key),
             on_bag: Box::new(move |report| {
                 seen.fetch_or(matches!(report.end, BagEnd::Cut(_)), Ordering::Relaxed);
-                fiatlux_link::print(line(&report) + "\n");
+                fiatlux_cli::print(line(&report) + "\n");
             }),
             on_loss: Box::new(move |session, records| {
                 missed.store(true, Ordering::Relaxed);
-                fiatlux_link::print(format!("{session}: lost: {records} records are in no bag\n"));
+                fiatlux_cli::print(format!("{session}: lost: {records} records are in no bag\n"));
             }),
         },
     )?;
-    fiatlux_link::wait_for(&stop);
+    fiatlux_cli::wait_for(&stop);
     let unfinished = recorder.stop();
     for part in &unfinished {
         tracing::warn!("{} is unfinished; a recorder started now with the same --out continues it", part.display());
@@ -115,6 +115,6 @@ mod tests {
     #[test]
     fn the_example_settings_show_every_flag() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/settings/recorder.toml");
-        fiatlux_link::check_example::<Cli>(path.as_ref()).unwrap();
+        fiatlux_cli::check_example::<Cli>(path.as_ref()).unwrap();
     }
 }

@@ -8,8 +8,8 @@
 use std::collections::BTreeMap;
 
 use fiatlux_dynamics::{Dynamics, Input, Model};
+use fiatlux_mjcf::ExportScene;
 use fiatlux_robot::HandKind;
-use fiatlux_sim::ExportScene;
 use fiatlux_world::PHYSICS_DT;
 use nalgebra::Vector3;
 use serde::Deserialize;

@@ -5,8 +5,8 @@ use std::path::Path;
 use fiatlux_dynamics::{
     BodyId, BodySpec, Dynamics, Geometry, Input, Joint, Material, Model, ModelBuilder, ShapeSpec, State,
 };
+use fiatlux_mjcf::ExportScene;
 use fiatlux_robot::{BuildOptions, HandKind, Robot};
-use fiatlux_sim::ExportScene;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;

@@ -82,7 +82,7 @@ impl IntoResponse for Problem {
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         // The caller cannot help it, and must not learn where the store is.
-        tracing::error!(error = fiatlux_link::in_full(&error), "a request failed");
+        tracing::error!(error = fiatlux_cli::in_full(&error), "a request failed");
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "store", "the service cannot reach its store; try again later")
     }
 }

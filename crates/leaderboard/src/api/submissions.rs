@@ -198,7 +198,7 @@ pub(super) async fn finish(
     tracing::info!(submission = %id, account = account.name, "received");
     service.received.notify_one();
     if let Err(error) = service.store.forget_incoming(id).await {
-        tracing::warn!(error = fiatlux_link::in_full(&error), "cannot remove the empty folder of an upload");
+        tracing::warn!(error = fiatlux_cli::in_full(&error), "cannot remove the empty folder of an upload");
     }
     Ok((StatusCode::ACCEPTED, own(&service, id).await?).into_response())
 }

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use fiatlux_access::{KnownServers, PublicKey};
+use fiatlux_cli::in_full;
 use fiatlux_grading::{ExcludedBag, Fault, GradeOptions, Results, grade};
-use fiatlux_link::in_full;
 
 use crate::store::{EpisodePlan, FileRow, now_ms};
 use crate::{Badge, Division, Manifest, Service, StoreError, SubmissionId};

@@ -8,10 +8,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use fiatlux_grading::{Difference, Verification, VerifyError, verify};
-use fiatlux_link::{Role, in_full};
-use fiatlux_policy::{Access, ClientError};
+use fiatlux_cli::in_full;
+use fiatlux_client::{Access, ClientError};
+use fiatlux_grading::Difference;
+use fiatlux_link::Role;
 use fiatlux_rules::{BENCHMARK_VERSION, pins};
+use fiatlux_verify::{Verification, VerifyError, verify};
 use sha2::{Digest as _, Sha256};
 use tokio::runtime::Handle;
 
@@ -167,7 +169,7 @@ impl Worker {
             Ok(link) => link,
             Err(error) => return Outcome::Again(in_full(&error)),
         };
-        let done = verify(&path, &link, server.as_deref(), &self.access, &mut progress, &self.stop);
+        let done = verify(&path, &link.carrier(), server.as_deref(), &self.access, &mut progress, &self.stop);
         let metrics = &self.service.metrics;
         metrics.verifying_ms.fetch_add(start.elapsed().as_millis() as u64, Ordering::Relaxed);
         metrics.verified_steps.fetch_add(steps, Ordering::Relaxed);

@@ -33,7 +33,7 @@ pub(super) enum Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        tracing::error!("cannot make a page: {}", fiatlux_link::in_full(&error));
+        tracing::error!("cannot make a page: {}", fiatlux_cli::in_full(&error));
         Self::Failed
     }
 }
@@ -126,5 +126,5 @@ pub(super) fn unchanging(asked: &HeaderMap, kind: &'static str, text: &'static s
 
 /// The text of a replay's error, with `name` in place of the file's path, which visitors must not see.
 pub(super) fn without_path(error: &dyn Error, path: &std::path::Path, name: &str) -> String {
-    fiatlux_link::in_full(error).replace(&path.display().to_string(), name)
+    fiatlux_cli::in_full(error).replace(&path.display().to_string(), name)
 }

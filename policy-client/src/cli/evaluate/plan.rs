@@ -1,7 +1,7 @@
 //! Turns the flags into the specification of a run.
 
-use fiatlux_policy::Policy;
-use fiatlux_policy::policies::{self, Replay, VlaSource};
+use fiatlux_client::Policy;
+use fiatlux_policies::{Replay, VlaSource};
 use fiatlux_proto::v3::{OpenRequest, RunSpec};
 use fiatlux_rules::Task;
 
@@ -13,7 +13,7 @@ const PUBLISHED_SEEDS: [u64; 4] = [0, 1, 2, 3];
 
 /// The specification to register: policy, tasks, seeds and session.
 pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, Failure> {
-    let mut spec = match policies::replayed_bag(&args.policy) {
+    let mut spec = match fiatlux_policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, &Replay::open(path)?)?,
         None => {
             let policy = match model {

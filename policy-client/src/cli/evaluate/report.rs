@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-use fiatlux_policy::{EpisodeFate, EpisodeOutcome, RunOutcome};
+use fiatlux_client::{EpisodeFate, EpisodeOutcome, RunOutcome};
 use serde_json::{Value, json};
 
 /// The table's row for one task.
@@ -22,7 +22,7 @@ struct Row<'a> {
 /// Prints a table with a row for each task, or JSON with every episode.
 pub fn print(outcome: &RunOutcome, policy: &str, as_json: bool) {
     let text = if as_json { format!("{:#}\n", as_json_value(outcome, policy)) } else { table(outcome, policy) };
-    fiatlux_link::print(text);
+    fiatlux_cli::print(text);
 }
 
 /// Reports on stderr what was not played, and how to continue.

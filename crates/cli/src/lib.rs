@@ -1,0 +1,17 @@
+//! What our programs share on the command line: arguments and settings files, the log, results and progress, and the
+//! signals that end a program.
+mod in_full;
+mod log;
+mod parse;
+mod print;
+mod progress;
+mod settings;
+mod signal;
+
+pub use in_full::in_full;
+pub use log::{init_log, init_quiet_log};
+pub use parse::{check_whole_numbers, parse, whole};
+pub use print::print;
+pub use progress::ProgressLine;
+pub use settings::{check_example, parse_with_settings, parse_with_settings_from};
+pub use signal::{stop_on_signal, wait_for};

@@ -1,0 +1,22 @@
+//! Sessions and runs as a client plays them, on any carrier.
+//!
+//! A [`Policy`] turns observations into commands. [`Client`] opens a session on a server and runs episodes in it;
+//! [`Client::evaluate`] plays a whole run. [`ClientSession`](fiatlux_session::ClientSession) holds the rules of the
+//! exchange and does no I/O. The built-in policies are in `fiatlux_policies`. `policy-client/examples/wave.rs` is a
+//! complete program with its own policy.
+mod client;
+mod lists;
+mod policy;
+mod run;
+mod session_args;
+mod stats;
+
+pub use client::{Access, AccessArgs, Client, ClientError, describe_servers, find_server};
+pub use fiatlux_session::{Command, SessionFailure};
+pub use lists::{SeedList, TaskList, parse_seed, parse_seeds, parse_tasks};
+pub use policy::{Policy, PolicyError};
+pub use run::{
+    EpisodeFate, EpisodeOutcome, Playing, RunError, RunFile, RunFileError, RunOptions, RunOutcome, RunProgress,
+};
+pub use session_args::SessionArgs;
+pub use stats::RoundTrips;

@@ -1,0 +1,354 @@
+//! A model as MJCF, the scene format of MuJoCo 4: for a viewer, and for an independent judge of our dynamics.
+//!
+//! The model is exported as it is; what MuJoCo itself does differently is the softness of its contacts and limits. What
+//! acts on a model from outside is not part of it: the socket's hold on a bulb, a wrench law, stays with the world, so a
+//! seated bulb drops out of a ceiling socket in MuJoCo.
+//! Bodies, joints, actuators and geoms keep their names. MuJoCo orders bodies depth first, so the tuple `bodies` lists
+//! them in the order of [`Model::bodies`], and actuators are in the order of [`Model::drives`].
+
+mod scene;
+#[cfg(test)]
+mod tests;
+
+use std::fmt::Display;
+
+use fiatlux_dynamics::{BodyId, Geometry, Hinge, Joint, Model, ShapeSpec, State};
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+
+pub use scene::{ExportError, ExportScene};
+
+/// Stands for an infinite joint limit if the other one is finite, rad: MJCF has no one-sided ranges.
+const NO_LIMIT: f64 = 1e6;
+
+/// Which of MuJoCo's options for friction and damping to export.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OptionSet {
+    /// The closest to ours: true friction cones, and damping in the drive, so that the effort limit clamps stiffness
+    /// and damping together. That needs the integrator `implicitfast`, because an explicit damper would shake links of
+    /// a few grams apart.
+    #[default]
+    Nearest,
+    /// MuJoCo's defaults: friction pyramids, and passive damping in the joint, which the default integrator treats
+    /// implicitly; the effort limit then clamps only the stiffness.
+    Defaults,
+}
+
+/// Settings of an export besides the model and its state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MjcfOptions {
+    /// Name of the MJCF model.
+    pub name: String,
+    /// Length of a physics step, s.
+    pub timestep: f64,
+    /// Options for friction and damping.
+    pub option_set: OptionSet,
+}
+
+/// Writes a model, with `state` and `targets` as its keyframe `start`.
+///
+/// # Panics
+/// If `state` or `targets` (rad, in the order of [`Model::drives`]) does not have the model's size.
+pub fn to_mjcf(model: &Model, state: &State, targets: &[f64], options: &MjcfOptions) -> String {
+    assert_eq!(state.qpos.len(), model.nq(), "qpos must have the model's size");
+    assert_eq!(state.qvel.len(), model.nv(), "qvel must have the model's size");
+    assert_eq!(targets.len(), model.drives().len(), "there must be one target for each drive");
+    let mut children = vec![Vec::new(); model.bodies().len()];
+    let mut shapes = vec![Vec::new(); model.bodies().len()];
+    for (index, body) in model.bodies().iter().enumerate().skip(1) {
+        children[body.spec.parent.0].push(index);
+    }
+    for shape in model.shapes() {
+        shapes[shape.body.0].push(shape);
+    }
+    let mut writer = Writer { model, options, children, shapes, xml: Xml::default(), depth_first: Vec::new() };
+    writer.document(state, targets);
+    writer.xml.out
+}
+
+struct Writer<'a> {
+    model: &'a Model,
+    options: &'a MjcfOptions,
+    children: Vec<Vec<usize>>,
+    shapes: Vec<Vec<&'a ShapeSpec>>,
+    xml: Xml,
+    /// Bodies in MuJoCo's order.
+    depth_first: Vec<usize>,
+}
+
+impl Writer<'_> {
+    fn document(&mut self, state: &State, targets: &[f64]) {
+        self.xml.open("mujoco", &[("model", &self.options.name)]);
+        self.settings();
+        self.assets();
+        self.xml.open("worldbody", &[]);
+        self.xml.leaf(
+            "light",
+            &[("type", &"directional"), ("pos", &"0 0 4"), ("dir", &"-0.3 0.3 -1"), ("castshadow", &"false")],
+        );
+        self.contents(BodyId::WORLD.0);
+        self.xml.close("worldbody");
+        self.exclusions();
+        self.actuators();
+        self.order();
+        self.keyframe(state, targets);
+        self.xml.close("mujoco");
+    }
+
+    fn settings(&mut self) {
+        let compiler: &[Attribute] = &[
+            ("angle", &"radian"),
+            ("autolimits", &"true"),
+            ("inertiafromgeom", &"false"),
+            ("balanceinertia", &"false"),
+        ];
+        self.xml.leaf("compiler", compiler);
+        let gravity = numbers(self.model.gravity().as_slice());
+        let mut option: Vec<Attribute> = vec![("timestep", &self.options.timestep), ("gravity", &gravity)];
+        if self.options.option_set == OptionSet::Nearest {
+            option.extend([("integrator", &"implicitfast" as &dyn Display), ("cone", &"elliptic")]);
+        }
+        self.xml.leaf("option", &option);
+    }
+
+    fn assets(&mut self) {
+        self.xml.open("asset", &[]);
+        let colours: [Attribute; 2] = [("rgb1", &"0.75 0.82 0.9"), ("rgb2", &"0.35 0.4 0.5")];
+        let sky: [Attribute; 4] = [("type", &"skybox"), ("builtin", &"gradient"), ("width", &256), ("height", &256)];
+        self.xml.leaf("texture", &[&sky[..], &colours].concat());
+        let colours: [Attribute; 2] = [("rgb1", &"0.62 0.62 0.6"), ("rgb2", &"0.52 0.52 0.5")];
+        let checker: [Attribute; 5] =
+            [("name", &"checker"), ("type", &"2d"), ("builtin", &"checker"), ("width", &256), ("height", &256)];
+        self.xml.leaf("texture", &[&checker[..], &colours].concat());
+        let floor: &[Attribute] =
+            &[("name", &"floor"), ("texture", &"checker"), ("texrepeat", &"1 1"), ("texuniform", &"true")];
+        self.xml.leaf("material", floor);
+        for (name, rgba) in MATERIALS {
+            self.xml.leaf("material", &[("name", &name), ("rgba", &rgba)]);
+        }
+        self.xml.close("asset");
+    }
+
+    /// Shapes of a body, then the bodies below it.
+    fn contents(&mut self, index: usize) {
+        for shape in std::mem::take(&mut self.shapes[index]) {
+            self.shape(shape);
+        }
+        for child in std::mem::take(&mut self.children[index]) {
+            self.body(child);
+        }
+    }
+
+    fn body(&mut self, index: usize) {
+        self.depth_first.push(index);
+        let spec = &self.model.bodies()[index].spec;
+        let (pos, quat) = pose(&spec.parent_from_body);
+        self.xml.open("body", &[("name", &spec.name), ("pos", &pos), ("quat", &quat)]);
+        let com = numbers(spec.com.as_slice());
+        let i = &spec.inertia;
+        let off_diagonal = [i[(0, 1)], i[(0, 2)], i[(1, 2)]];
+        let diagonal = numbers(i.diagonal().as_slice());
+        let (field, moments) = if off_diagonal == [0.0; 3] {
+            ("diaginertia", diagonal)
+        } else {
+            ("fullinertia", format!("{diagonal} {}", numbers(&off_diagonal)))
+        };
+        self.xml.leaf("inertial", &[("pos", &com), ("mass", &spec.mass), (field, &moments)]);
+        match &spec.joint {
+            Joint::Free => self.xml.leaf("freejoint", &[("name", &spec.name)]),
+            Joint::Hinge(hinge) => self.hinge(&spec.name, hinge),
+        }
+        self.contents(index);
+        self.xml.close("body");
+    }
+
+    fn hinge(&mut self, name: &str, hinge: &Hinge) {
+        let axis = numbers(hinge.axis.as_slice());
+        let range = numbers(&[hinge.lower.max(-NO_LIMIT), hinge.upper.min(NO_LIMIT)]);
+        let damping = hinge.drive.map_or(0.0, |drive| drive.damping);
+        let mut attributes: Vec<Attribute> = vec![("name", &name), ("type", &"hinge"), ("axis", &axis)];
+        if hinge.lower.is_finite() || hinge.upper.is_finite() {
+            attributes.push(("range", &range));
+        }
+        if hinge.armature > 0.0 {
+            attributes.push(("armature", &hinge.armature));
+        }
+        if self.options.option_set == OptionSet::Defaults && damping > 0.0 {
+            attributes.push(("damping", &damping));
+        }
+        self.xml.leaf("joint", &attributes);
+    }
+
+    fn shape(&mut self, shape: &ShapeSpec) {
+        let (kind, size) = match shape.geometry {
+            // The third number is only the spacing of drawn grid lines.
+            Geometry::HalfSpace => ("plane", "0 0 1".to_owned()),
+            Geometry::Sphere { radius } => ("sphere", numbers(&[radius])),
+            Geometry::Capsule { radius, half_length } => ("capsule", numbers(&[radius, half_length])),
+            Geometry::Cuboid { half_extents } => ("box", numbers(half_extents.as_slice())),
+        };
+        let (pos, quat) = pose(&shape.body_from_shape);
+        let owner = &self.model.bodies()[self.model.bodies()[shape.body.0].root.0].spec.name;
+        let material = material(shape, owner);
+        let mut attributes: Vec<Attribute> =
+            vec![("name", &shape.name), ("type", &kind), ("size", &size), ("pos", &pos), ("quat", &quat)];
+        attributes.extend([("friction", &shape.material.friction as &dyn Display), ("condim", &3)]);
+        if shape.material.priority != 0 {
+            attributes.push(("priority", &shape.material.priority));
+        }
+        attributes.push(("material", &material));
+        self.xml.leaf("geom", &attributes);
+    }
+
+    fn exclusions(&mut self) {
+        if self.model.excluded().is_empty() {
+            return;
+        }
+        self.xml.open("contact", &[]);
+        for &(a, b) in self.model.excluded() {
+            let [a, b] = [a, b].map(|body| &self.model.bodies()[body.0].spec.name);
+            self.xml.leaf("exclude", &[("body1", a), ("body2", b)]);
+        }
+        self.xml.close("contact");
+    }
+
+    fn actuators(&mut self) {
+        if self.model.drives().is_empty() {
+            return;
+        }
+        self.xml.open("actuator", &[]);
+        for &(body, drive) in self.model.drives() {
+            let name = &self.model.bodies()[body.0].spec.name;
+            let range = numbers(&[-drive.effort_limit, drive.effort_limit]);
+            let mut attributes: Vec<Attribute> = vec![("name", name), ("joint", name), ("kp", &drive.stiffness)];
+            if self.options.option_set == OptionSet::Nearest {
+                attributes.push(("kv", &drive.damping));
+            }
+            if drive.effort_limit.is_finite() {
+                attributes.push(("forcerange", &range));
+            }
+            self.xml.leaf("position", &attributes);
+        }
+        self.xml.close("actuator");
+    }
+
+    fn order(&mut self) {
+        self.xml.open("custom", &[]);
+        self.xml.open("tuple", &[("name", &"bodies")]);
+        for body in self.model.bodies() {
+            self.xml.leaf("element", &[("objtype", &"body"), ("objname", &body.spec.name)]);
+        }
+        self.xml.close("tuple");
+        self.xml.close("custom");
+    }
+
+    /// The start state in MuJoCo's order and terms: angular velocity of a free body in its own axes.
+    fn keyframe(&mut self, state: &State, targets: &[f64]) {
+        let (mut qpos, mut qvel) = (Vec::new(), Vec::new());
+        for &index in &self.depth_first {
+            let body = &self.model.bodies()[index];
+            let (q, v) = (&state.qpos[body.qpos_start..], &state.qvel[body.dof_start..]);
+            if body.spec.joint == Joint::Free {
+                qpos.extend(&q[..7]);
+                let world_from_body = UnitQuaternion::from_quaternion(Quaternion::new(q[3], q[4], q[5], q[6]));
+                qvel.extend(&v[..3]);
+                qvel.extend((world_from_body.inverse() * Vector3::new(v[3], v[4], v[5])).iter());
+            } else {
+                qpos.push(q[0]);
+                qvel.push(v[0]);
+            }
+        }
+        let (qpos, qvel, ctrl) = (numbers(&qpos), numbers(&qvel), numbers(targets));
+        let mut attributes: Vec<Attribute> = vec![("name", &"start"), ("qpos", &qpos), ("qvel", &qvel)];
+        if !targets.is_empty() {
+            attributes.push(("ctrl", &ctrl));
+        }
+        self.xml.open("keyframe", &[]);
+        self.xml.leaf("key", &attributes);
+        self.xml.close("keyframe");
+    }
+}
+
+/// Walls are nearly transparent, so that a camera outside can see in.
+const MATERIALS: [(&str, &str); 6] = [
+    ("room", "0.8 0.78 0.74 0.15"),
+    ("robot", "0.55 0.57 0.6 1"),
+    ("aluminium", "0.8 0.83 0.86 1"),
+    ("glass", "1 0.9 0.45 0.8"),
+    ("crate", "0.95 0.75 0.1 1"),
+    ("wood", "0.6 0.42 0.26 1"),
+];
+
+/// Appearance of a shape, from its name or that of its tree's root.
+fn material(shape: &ShapeSpec, root: &str) -> &'static str {
+    let is = |word: &str| shape.name.contains(word) || root.contains(word);
+    match shape.geometry {
+        Geometry::HalfSpace => "floor",
+        _ if is("bulb") => "glass",
+        _ if is("ladder") || is("fixture") => "aluminium",
+        _ if is("crate") => "crate",
+        _ if is("bench") => "wood",
+        _ if shape.body == BodyId::WORLD => "room",
+        _ => "robot",
+    }
+}
+
+/// Numbers that read back to the same bits.
+fn numbers(values: &[f64]) -> String {
+    // Adding 0 turns -0 into 0.
+    values.iter().map(|value| (value + 0.0).to_string()).collect::<Vec<_>>().join(" ")
+}
+
+fn pose(isometry: &Isometry3<f64>) -> (String, String) {
+    let q = isometry.rotation.quaternion();
+    (numbers(isometry.translation.vector.as_slice()), numbers(&[q.w, q.i, q.j, q.k]))
+}
+
+type Attribute<'a> = (&'a str, &'a dyn Display);
+
+/// Writes XML with indented lines.
+#[derive(Default)]
+struct Xml {
+    out: String,
+    depth: usize,
+}
+
+impl Xml {
+    fn open(&mut self, tag: &str, attributes: &[Attribute]) {
+        self.element(tag, attributes, ">");
+        self.depth += 1;
+    }
+
+    fn leaf(&mut self, tag: &str, attributes: &[Attribute]) {
+        self.element(tag, attributes, "/>");
+    }
+
+    fn close(&mut self, tag: &str) {
+        self.depth -= 1;
+        self.out += &format!("{}</{tag}>\n", "  ".repeat(self.depth));
+    }
+
+    fn element(&mut self, tag: &str, attributes: &[Attribute], end: &str) {
+        self.out += &"  ".repeat(self.depth);
+        self.out += &format!("<{tag}");
+        for (name, value) in attributes {
+            self.out += &format!(" {name}=\"{}\"", escape(&value.to_string()));
+        }
+        self.out += end;
+        self.out.push('\n');
+    }
+}
+
+fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out += "&amp;",
+            '<' => out += "&lt;",
+            '>' => out += "&gt;",
+            '"' => out += "&quot;",
+            '\n' | '\r' | '\t' => out += &format!("&#{};", u32::from(c)),
+            _ => out.push(c),
+        }
+    }
+    out
+}

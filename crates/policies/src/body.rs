@@ -1,0 +1,127 @@
+//! Shared by the policies that use a whole-body controller, ours or a foreign one.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use fiatlux_proto::v3::{Observation, SessionInfo};
+use fiatlux_wbc::{Command, Joint, Network, Sensed, SensedTerms};
+
+use fiatlux_client::PolicyError;
+
+/// Joints of a session, in the form in which controllers compare them with their own.
+pub(super) fn joints(info: &SessionInfo) -> Vec<Joint> {
+    let joint = |joint: &fiatlux_proto::v3::Joint| Joint {
+        name: joint.name.clone(),
+        q0: joint.q0,
+        stiffness: joint.stiffness,
+        damping: joint.damping,
+        effort_limit: joint.effort_limit,
+    };
+    info.joints.iter().map(joint).collect()
+}
+
+/// Targets that keep the staged posture, for all joints, rad.
+///
+/// # Errors
+/// The session lacks a term that a controller reads.
+pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observation) -> Result<Vec<f64>, PolicyError> {
+    if first.last_action.is_empty() {
+        return Err(PolicyError::Sensor { policy, sensor: "last_action" });
+    }
+    if first.proprioception.is_none() {
+        return Err(PolicyError::Sensor { policy, sensor: "proprioception" });
+    }
+    let target = |(joint, action): (&fiatlux_proto::v3::Joint, &f32)| joint.q0 + info.action_scale * f64::from(*action);
+    Ok(info.joints.iter().zip(&first.last_action).map(target).collect())
+}
+
+/// Converts observations for controllers.
+pub(super) struct Senses {
+    /// Name of the policy, for its errors.
+    pub policy: &'static str,
+    terms: fiatlux_wbc::Senses,
+}
+
+impl Senses {
+    pub fn new(policy: &'static str) -> Self {
+        Self { policy, terms: fiatlux_wbc::Senses::default() }
+    }
+
+    /// Sensor data of legs, waist and arms. The controller refuses terms that are too short.
+    ///
+    /// # Errors
+    /// The observation has no proprioception.
+    pub fn read(&mut self, observation: &Observation) -> Result<Sensed<'_>, PolicyError> {
+        let body = observation.proprioception.as_ref();
+        let body = body.ok_or(PolicyError::Sensor { policy: self.policy, sensor: "proprioception" })?;
+        Ok(self.terms.read(&SensedTerms {
+            base_angular_velocity: &body.base_angular_velocity,
+            projected_gravity: &body.projected_gravity,
+            base_linear_velocity: &body.base_linear_velocity,
+            base_height: body.base_height,
+            joint_position: &body.joint_position,
+            joint_velocity: &body.joint_velocity,
+        }))
+    }
+}
+
+/// Our controller with the weights of `file`, or with those of this version if that is empty, and its name for the record.
+/// `text` are the policy's arguments, which begin with the file.
+///
+/// # Errors
+/// A file that cannot be read, or that does not fit.
+pub(super) fn network(kind: &str, file: &str, text: &str) -> Result<(String, Arc<Network>), PolicyError> {
+    let network = if file.is_empty() {
+        Network::shipped().map_err(PolicyError::of("walk"))?
+    } else {
+        Network::read(Path::new(file)).map_err(PolicyError::of("walk"))?
+    };
+    let name = match (file, text) {
+        ("", "") => kind.into(),
+        ("", text) => format!("{kind}:{text}"),
+        (_, text) => label(kind, text, &[network.digest()]),
+    };
+    Ok((name, Arc::new(network)))
+}
+
+/// Name for the record of a controller whose arguments are `FILE[,WORDS]`: `KIND:FILE@DIGESTS[,WORDS]`, with the last part of
+/// the path, and with the first eight digits of the SHA-256 of each network.
+pub(super) fn label(kind: &str, text: &str, digests: &[&str]) -> String {
+    let path = text.split(',').next().unwrap_or_default();
+    let (file, words) = (Path::new(path).file_name().unwrap_or_default().display(), &text[path.len()..]);
+    let digests = digests.iter().map(|digest| &digest[..8]).collect::<Vec<_>>().join("+");
+    format!("{kind}:{file}@{digests}{words}")
+}
+
+/// Parses words such as `vx=0.4,wz=0.2` into names and values, each with its whole word. Empty words are skipped.
+///
+/// # Errors
+/// [`PolicyError::Words`]: a word is not NAME=VALUE; `fields` are the known names.
+pub(super) fn words<'a>(
+    text: &'a str,
+    fields: &'static str,
+) -> impl Iterator<Item = Result<(&'a str, &'a str, &'a str), PolicyError>> {
+    text.split(',').filter(|word| !word.trim().is_empty()).map(move |word| {
+        let wrong = || PolicyError::Words { word: word.into(), fields };
+        word.split_once('=').map(|(name, value)| (word, name.trim(), value.trim())).ok_or_else(wrong)
+    })
+}
+
+/// Names of the fields of a command.
+pub(super) const COMMAND: &str = "vx, vy, wz, height, roll, pitch, yaw";
+
+/// Sets a field of a command; `None` if the field is unknown or the value is not a finite number.
+pub(super) fn set(command: &mut Command, name: &str, value: &str) -> Option<()> {
+    let place = match name {
+        "vx" => &mut command.velocity[0],
+        "vy" => &mut command.velocity[1],
+        "wz" => &mut command.velocity[2],
+        "height" => &mut command.height,
+        "roll" => &mut command.torso[0],
+        "pitch" => &mut command.torso[1],
+        "yaw" => &mut command.torso[2],
+        _ => return None,
+    };
+    *place = value.parse().ok().filter(|value: &f64| value.is_finite())?;
+    Some(())
+}

@@ -1,0 +1,243 @@
+//! The policy `walk`: walks to the crate, the fresh bulb or the ladder with the whole-body controller, and stands
+//! there.
+
+mod path;
+
+use std::sync::Arc;
+
+use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
+use fiatlux_wbc::Network;
+
+use self::path::{Map, Point, distance};
+use super::body;
+use super::whole_body::WholeBody;
+use fiatlux_client::{Command, Policy, PolicyError};
+
+/// Control steps between plans.
+const REPLAN: u64 = 25;
+/// How far ahead on its path the robot aims, m.
+const AHEAD_M: f64 = 0.35;
+/// Largest speed along the path, m/s, and about the vertical, rad/s.
+const FASTEST: (f64, f64) = (0.45, 0.7);
+/// Largest change of the velocity, m/s^2 and rad/s^2, so that an object in the hand is not jerked.
+const GAIN: (f64, f64) = (0.6, 1.2);
+/// Control steps for which the robot stands first, while the controller takes over the staged posture.
+const SETTLES: u64 = 25;
+/// Room around the robot before it turns, m, and the control steps after which it turns all the same: its hands reach ahead, and
+/// what they hold would hit what it stands at.
+const ROOM_M: f64 = 0.65;
+const LEAVES: u64 = 250;
+/// Half extents of the ladder on the floor, x and y of its own frame, m: to the middle of its rails.
+const LADDER_HALF: [f64; 2] = [0.29, 0.48];
+/// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere.
+const AT_RAILS: f64 = 0.25;
+/// How fast it steps away, m/s.
+const LEAVES_M_S: f64 = 0.3;
+/// Distance to the goal at which the robot begins to turn towards the target, m.
+const NEAR_M: f64 = 0.4;
+/// Facing error at which it stops within reach, rad, and slack beyond which it moves again, m.
+const FACING: (f64, f64) = (0.15, 0.35);
+const SLACK_M: f64 = 0.025;
+
+/// The target of a task.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Goal {
+    Crate,
+    FreshBulb,
+    Ladder,
+}
+
+impl Goal {
+    fn of(task: &str) -> Option<Self> {
+        match task {
+            "S05" => Some(Self::Crate),
+            "S07" => Some(Self::FreshBulb),
+            "S09" => Some(Self::Ladder),
+            _ => None,
+        }
+    }
+
+    /// Distance at which the pelvis stops, to the crate's footprint or to the target's origin, m. The gates require
+    /// 0.50, 0.63 and 0.85.
+    fn stop_m(self) -> f64 {
+        match self {
+            Self::Crate => 0.42,
+            Self::FreshBulb => 0.57,
+            Self::Ladder => 0.82,
+        }
+    }
+}
+
+/// Walks to a goal and stands there; the arms keep the staged posture.
+pub struct Walk {
+    name: String,
+    network: Arc<Network>,
+    trip: Option<Trip>,
+}
+
+/// State of one episode: the controller, the goal, and the path to it.
+struct Trip {
+    body: WholeBody,
+    goal: Goal,
+    map: Map,
+    path: Vec<Point>,
+    planned: Option<u64>,
+    has_room: bool,
+    /// Walls are in the way of the ladder's rails: any side will do.
+    any_side: bool,
+    has_arrived: bool,
+    velocity: [f64; 3],
+}
+
+impl Walk {
+    /// Uses the controller in a file, or the one that comes with this version if the file's name is empty.
+    ///
+    /// # Errors
+    /// A file that cannot be read or does not fit.
+    pub fn new(file: &str) -> Result<Self, PolicyError> {
+        let (name, network) = body::network("walk", file, file)?;
+        Ok(Self { name, network, trip: None })
+    }
+}
+
+impl Policy for Walk {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn sensors(&self) -> Vec<Sensor> {
+        ["proprioception", "hand_contact", "last_action", "privileged"].map(Sensor::from).into()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
+        let Some(goal) = Goal::of(task) else {
+            let reason = format!("it walks in S05, S07 and S09, but this is {task}; use another policy");
+            return Err(PolicyError::Unfit { policy: "walk", reason });
+        };
+        let seen = privileged(first)?;
+        let body = WholeBody::own("walk", Arc::clone(&self.network), info, first)?;
+        let outlines = info.footprints.iter().filter(|print| print.bottom < 1.3 && print.top > 0.05);
+        let outlines = outlines.map(|print| (print.name.clone(), path::corners(&print.outline)));
+        // The ladder has no footprint, because it can be moved.
+        let map = Map::new(outlines.chain([("ladder".into(), ladder(seen)?)]));
+        self.trip = Some(Trip {
+            body,
+            goal,
+            map,
+            path: Vec::new(),
+            planned: None,
+            has_room: false,
+            any_side: false,
+            has_arrived: false,
+            velocity: [0.0; 3],
+        });
+        Ok(())
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let trip = self.trip.as_mut().ok_or_else(|| PolicyError::not_reset("walk"))?;
+        let wanted = trip.command(observation.step, privileged(observation)?)?;
+        let command = trip.gently(wanted, observation.step);
+        trip.body.step(observation, &command)
+    }
+
+    fn source(&mut self) -> Option<Chunk> {
+        self.trip.as_ref()?.body.record()
+    }
+}
+
+impl Trip {
+    /// Limits the change of the velocity, except for a stop.
+    fn gently(&mut self, wanted: fiatlux_wbc::Command, step: u64) -> fiatlux_wbc::Command {
+        let rates = [GAIN.0, GAIN.0, GAIN.1].map(|rate| rate * fiatlux_wbc::CONTROL_DT);
+        let goes = wanted.walks() && step >= SETTLES;
+        for (axis, rate) in rates.into_iter().enumerate() {
+            let change = (wanted.velocity[axis] - self.velocity[axis]).clamp(-rate, rate);
+            self.velocity[axis] = if goes { self.velocity[axis] + change } else { 0.0 };
+        }
+        fiatlux_wbc::Command { velocity: self.velocity, ..wanted }
+    }
+
+    fn command(&mut self, step: u64, seen: &Privileged) -> Result<fiatlux_wbc::Command, PolicyError> {
+        let mut command = fiatlux_wbc::Command::default();
+        let (here, heading) = planar(seen.robot.as_ref())?;
+        let (thing, turned) = match self.goal {
+            Goal::Crate => planar(seen.crate_.as_ref())?,
+            Goal::FreshBulb => planar(seen.fresh_bulb.as_ref())?,
+            Goal::Ladder => planar(seen.ladder.as_ref())?,
+        };
+        let stop = self.goal.stop_m();
+        let (map, goal, any_side) = (&self.map, self.goal, self.any_side);
+        let apart = |at: Point| match goal {
+            Goal::Crate => map.distance_to("crate", at).unwrap_or_else(|| distance(at, thing)),
+            Goal::Ladder if !any_side && libm::cos(turn(turned, thing, at)).abs() > AT_RAILS => f64::INFINITY,
+            Goal::FreshBulb | Goal::Ladder => distance(at, thing),
+        };
+        let faces = turn(heading, here, thing);
+        let is_near = apart(here) < stop + if self.has_arrived { SLACK_M } else { 0.0 };
+        self.has_arrived = is_near && faces.abs() < if self.has_arrived { FACING.1 } else { FACING.0 };
+        if self.has_arrived {
+            return Ok(command);
+        }
+        if is_near {
+            command.velocity[2] = (1.5 * faces).clamp(-0.5, 0.5);
+            return Ok(command);
+        }
+        let leaves = self.goal != Goal::Ladder && !self.has_room && step <= LEAVES;
+        let way_out = if leaves { map.way_out(here, ROOM_M) } else { None };
+        self.has_room = way_out.is_none();
+        if let Some(angle) = way_out {
+            let [ahead, left] = [libm::cos(angle - heading), libm::sin(angle - heading)];
+            command.velocity = [LEAVES_M_S * ahead, LEAVES_M_S * left, 0.0];
+            return Ok(command);
+        }
+        if self.planned.is_none_or(|planned| step >= planned + REPLAN) {
+            self.path = map.path(here, |at| apart(at) < stop - 0.02);
+            self.any_side |= self.path.is_empty();
+            self.planned = Some(step);
+        }
+        let ahead = self.path.iter().copied().find(|point| distance(here, *point) > AHEAD_M);
+        let ahead = ahead.or(self.path.last().copied()).unwrap_or(thing);
+        let left = self.path.last().map_or(0.0, |last| distance(here, *last));
+        let way = turn(heading, here, ahead);
+        let look = if left < NEAR_M { faces } else { way };
+        let speed = (0.1 + 0.8 * left).min(FASTEST.0) * if look.abs() > 0.6 { 0.25 } else { 1.0 };
+        command.velocity = [
+            (speed * libm::cos(way)).max(-0.3),
+            (speed * libm::sin(way)).clamp(-0.3, 0.3),
+            (1.5 * look).clamp(-FASTEST.1, FASTEST.1),
+        ];
+        Ok(command)
+    }
+}
+
+fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {
+    observation.privileged.as_ref().ok_or(PolicyError::Sensor { policy: "walk", sensor: "privileged" })
+}
+
+/// Angle between the robot's heading and a point, rad.
+fn turn(heading: f64, here: Point, there: Point) -> f64 {
+    let angle = libm::atan2(there[1] - here[1], there[0] - here[0]) - heading;
+    libm::atan2(libm::sin(angle), libm::cos(angle))
+}
+
+/// Corners of the ladder's footprint, counter-clockwise.
+fn ladder(seen: &Privileged) -> Result<Vec<Point>, PolicyError> {
+    let ([x, y], turned) = planar(seen.ladder.as_ref())?;
+    let (sin, cos) = (libm::sin(turned), libm::cos(turned));
+    let [a, b] = LADDER_HALF;
+    let corners = [[-a, -b], [a, -b], [a, b], [-a, b]];
+    Ok(corners.map(|[along, across]| [x + cos * along - sin * across, y + sin * along + cos * across]).into())
+}
+
+/// Position and heading of a pose on the floor.
+fn planar(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
+    let missing = || PolicyError::Unfit { policy: "walk", reason: "the privileged observation lacks a pose".into() };
+    let pose = pose.ok_or_else(missing)?;
+    let (&[x, y, _], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else {
+        return Err(missing());
+    };
+    let heading = libm::atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k));
+    Ok(([x, y], heading))
+}

@@ -1,0 +1,64 @@
+//! The policy `wbc`: the whole-body controller, or another that was trained here, with a fixed command.
+
+use std::sync::Arc;
+
+use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
+use fiatlux_wbc::{Controller, Network};
+
+use super::body::{self, COMMAND};
+use super::whole_body::WholeBody;
+use fiatlux_client::{Command, Policy, PolicyError};
+
+/// Follows one command; the arms keep the staged posture.
+pub struct Wbc {
+    name: String,
+    network: Arc<Network>,
+    command: fiatlux_wbc::Command,
+    body: Option<WholeBody>,
+}
+
+impl Wbc {
+    /// Parses a command such as `vx=0.4,wz=0.2,height=0.7`; fields left out are those of standing upright. A first word without
+    /// `=` is the file of other weights: `FILE,vx=0.4`.
+    ///
+    /// # Errors
+    /// [`PolicyError::Words`]: an unknown field, or a value that is not a number; [`PolicyError::Wbc`]: out of range, or a file
+    /// that cannot be read or does not fit.
+    pub fn new(text: &str) -> Result<Self, PolicyError> {
+        let (first, rest) = text.split_once(',').unwrap_or((text, ""));
+        let has_file = !first.is_empty() && !first.contains('=');
+        let (file, words) = if has_file { (first, rest) } else { ("", text) };
+        let (name, network) = body::network("wbc", file, text)?;
+        let command = parse(words)?;
+        Controller::new(Arc::clone(&network)).check(&command).map_err(PolicyError::of("wbc"))?;
+        Ok(Self { name, network, command, body: None })
+    }
+}
+
+fn parse(text: &str) -> Result<fiatlux_wbc::Command, PolicyError> {
+    let mut command = fiatlux_wbc::Command::default();
+    for word in body::words(text, COMMAND) {
+        let (word, name, value) = word?;
+        let wrong = || PolicyError::Words { word: word.into(), fields: COMMAND };
+        body::set(&mut command, name, value).ok_or_else(wrong)?;
+    }
+    Ok(command)
+}
+
+impl Policy for Wbc {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        self.body = Some(WholeBody::own("wbc", Arc::clone(&self.network), info, first)?);
+        Ok(())
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        self.body.as_mut().ok_or_else(|| PolicyError::not_reset("wbc"))?.step(observation, &self.command)
+    }
+    fn source(&mut self) -> Option<Chunk> {
+        self.body.as_ref()?.record()
+    }
+}

@@ -1,0 +1,146 @@
+//! A body that policies build on: a whole-body controller, ours or a foreign one, moves legs and waist.
+
+use std::sync::Arc;
+
+use fiatlux_foreign::Gear;
+use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
+use fiatlux_wbc::{ARMS, Arms, BODY, CONTROL_DT, Controller, MOVED, Network};
+
+use super::body::{self, Senses};
+use super::foreign::GearFiles;
+use fiatlux_client::{Command, PolicyError};
+
+/// A command's parts in the record, as KEY:NUMBERS, in the order of [`fiatlux_wbc::Command::numbers`].
+const RECORDED: [&str; 3] = ["navigate:3", "height:1", "torso:3"];
+
+/// Legs and waist follow a whole-body controller; arms and hands keep their targets.
+///
+/// ```no_run
+/// use std::sync::Arc;
+///
+/// use fiatlux_policies::WholeBody;
+/// use fiatlux_client::{Command, PolicyError};
+/// use fiatlux_proto::v3::{Observation, SessionInfo};
+/// use fiatlux_wbc::Network;
+///
+/// fn start(info: &SessionInfo, first: &Observation) -> Result<WholeBody, PolicyError> {
+///     Ok(WholeBody::own("mine", Arc::new(Network::shipped()?), info, first)?.holding_arms(info)?)
+/// }
+///
+/// fn act(body: &mut WholeBody, observation: &Observation) -> Result<Command, PolicyError> {
+///     body.targets[16] = 0.5; // left shoulder roll, rad
+///     body.step(observation, &fiatlux_wbc::Command { velocity: [0.3, 0.0, 0.0], ..Default::default() })
+/// }
+/// ```
+pub struct WholeBody {
+    controller: Moves,
+    senses: Senses,
+    arms: Option<Arms>,
+    /// Targets of all joints, rad, in the session's joint order. The policy sets those of arms and hands; a step writes those
+    /// of legs and waist.
+    pub targets: Vec<f64>,
+    /// Number of the last command, from 0, and the command.
+    commanded: Option<(u64, fiatlux_wbc::Command)>,
+}
+
+enum Moves {
+    Own(Box<Controller>),
+    Gear(Box<Gear>),
+}
+
+impl WholeBody {
+    /// Starts an episode with our controller; arms and hands keep the staged posture.
+    ///
+    /// # Errors
+    /// The session lacks a term, or its robot is not the controller's.
+    pub fn own(
+        policy: &'static str,
+        network: Arc<Network>,
+        info: &SessionInfo,
+        first: &Observation,
+    ) -> Result<Self, PolicyError> {
+        let targets = body::staged(policy, info, first)?;
+        network.contract().fits_joints(&body::joints(info)).map_err(PolicyError::of("wbc"))?;
+        if (info.control_dt - CONTROL_DT).abs() > 1e-9 {
+            let reason = format!("its control step is {} s instead of {CONTROL_DT} s", info.control_dt);
+            return Err(PolicyError::Unfit { policy, reason });
+        }
+        Ok(Self::on(policy, Moves::Own(Box::new(Controller::new(network))), targets))
+    }
+
+    /// Starts an episode with GEAR's controller.
+    ///
+    /// # Errors
+    /// As for [`WholeBody::own`], or gains other than the controller's.
+    pub(super) fn gear(
+        policy: &'static str,
+        files: &GearFiles,
+        info: &SessionInfo,
+        first: &Observation,
+    ) -> Result<Self, PolicyError> {
+        let targets = body::staged(policy, info, first)?;
+        Ok(Self::on(policy, Moves::Gear(Box::new(files.controller(policy, info)?)), targets))
+    }
+
+    fn on(policy: &'static str, controller: Moves, targets: Vec<f64>) -> Self {
+        Self { controller, senses: Senses::new(policy), arms: None, targets, commanded: None }
+    }
+
+    /// Makes the targets of the arms the angles at which they rest: each step adds what their weight takes from them. The
+    /// drives of the arms are soft, and sag otherwise.
+    ///
+    /// # Errors
+    /// The session's robot does not have the joints of a G1.
+    pub fn holding_arms(self, info: &SessionInfo) -> Result<Self, PolicyError> {
+        Ok(Self { arms: Some(Arms::new(&body::joints(info)).map_err(PolicyError::of("wbc"))?), ..self })
+    }
+
+    /// The command for standing upright.
+    pub fn upright(&self) -> fiatlux_wbc::Command {
+        match self.controller {
+            Moves::Own(_) => fiatlux_wbc::Command::default(),
+            Moves::Gear(_) => GearFiles::UPRIGHT,
+        }
+    }
+
+    /// Answers an observation with the next command.
+    ///
+    /// # Errors
+    /// The observation lacks a term or is not finite, a network fails, or [`WholeBody::targets`] became too short.
+    pub fn step(&mut self, observation: &Observation, command: &fiatlux_wbc::Command) -> Result<Command, PolicyError> {
+        if self.targets.len() < BODY {
+            let reason = format!("it has {} targets; legs, waist and arms need {BODY}", self.targets.len());
+            return Err(PolicyError::Unfit { policy: self.senses.policy, reason });
+        }
+        let sensed = self.senses.read(observation)?;
+        match &mut self.controller {
+            Moves::Own(controller) => {
+                controller.step(&sensed, command, &mut self.targets).map_err(PolicyError::of("wbc"))?
+            }
+            Moves::Gear(controller) => {
+                controller.step(&sensed, command, &mut self.targets).map_err(PolicyError::of("wbc"))?
+            }
+        }
+        self.commanded = Some((self.commanded.map_or(0, |(count, _)| count + 1), *command));
+        let mut targets = self.targets.clone();
+        if let Some(arms) = &mut self.arms {
+            let mut angles = [0.0; ARMS];
+            angles.copy_from_slice(&targets[MOVED..BODY]);
+            targets[MOVED..BODY].copy_from_slice(&arms.targets(&sensed, &angles).map_err(PolicyError::of("wbc"))?);
+        }
+        Ok(Command::JointTarget(targets))
+    }
+
+    /// The last command for the record, as a chunk of one row.
+    pub fn record(&self) -> Option<Chunk> {
+        let (index, command) = self.commanded?;
+        let numbers = command.numbers().map(|number| number as f32);
+        Some(Chunk {
+            index,
+            values: numbers.into(),
+            width: numbers.len() as u32,
+            keys: RECORDED.map(String::from).into(),
+            ..Chunk::default()
+        })
+    }
+}

@@ -1,0 +1,26 @@
+//! The policy `zero`.
+
+use fiatlux_proto::v3::{Observation, SessionInfo};
+
+use fiatlux_client::{Command, Policy, PolicyError};
+
+/// All actions 0: every joint moves to its angle in the standing posture.
+#[derive(Debug, Default)]
+pub struct Zero {
+    joints: usize,
+}
+
+impl Policy for Zero {
+    fn name(&self) -> String {
+        "zero".into()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, _first: &Observation) -> Result<(), PolicyError> {
+        self.joints = info.joints.len();
+        Ok(())
+    }
+
+    fn act(&mut self, _observation: &Observation) -> Result<Command, PolicyError> {
+        Ok(Command::Action(vec![0.0; self.joints]))
+    }
+}

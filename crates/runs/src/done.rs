@@ -1,0 +1,94 @@
+//! Finds the episodes of an evaluation that are already in its folder.
+
+use std::path::Path;
+
+use fiatlux_bag::{Bag, BagError, Completeness, part_of};
+use fiatlux_client::Policy;
+use fiatlux_proto::ABORTED;
+use fiatlux_proto::v3::{EpisodeHeader, OpenRequest};
+use fiatlux_render::RobotMeshes;
+use fiatlux_robot::{HandKind, Robot};
+use fiatlux_wire::hands_named;
+use fiatlux_world::SceneConfig;
+
+use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
+
+/// Jobs without a bag that can be scored. Bags that are cut, damaged, aborted, or of another version or model are
+/// removed, so that their episodes are played again. Two builds of one version count as the same.
+///
+/// # Errors
+/// A bag belongs to another policy, session or protocol version, or was made with other meshes, and is not overwritten;
+/// or meshes cannot be used.
+pub(super) fn not_done(
+    jobs: &[Job],
+    bags: &Path,
+    options: &EvaluateOptions,
+    policy: &dyn Policy,
+) -> Result<Vec<Job>, EvaluateError> {
+    let robots = HandKind::ALL.map(Robot::with_hands).into_iter().collect::<Result<Vec<_>, _>>()?;
+    // The robots differ in joints, not in links, so one robot's meshes serve all.
+    let robot = &robots[0];
+    let scene = SceneConfig::default().digest();
+    let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, robot)).transpose()?;
+    let meshes = meshes.as_ref().map_or("", RobotMeshes::label);
+    let remove = |path: &Path| std::fs::remove_file(path).map_err(|error| folder(path, error));
+    let mut kept = Vec::new();
+    for &job in jobs {
+        let path = bags.join(job.bag_name());
+        let part = part_of(&path);
+        if part.exists() {
+            remove(&part)?;
+        }
+        match Bag::open(&path) {
+            Ok(bag) => {
+                let wanted = options.request(job, policy);
+                check_same(bag.header(), &path, &wanted, meshes)?;
+                let hands = hands_named(&wanted.hands)?;
+                let model = robots.iter().find(|robot| robot.hand() == hands).map_or("", Robot::digest);
+                if is_current(&bag, model, &scene) { kept.push(job) } else { remove(&path)? }
+            }
+            Err(error @ BagError::Version { .. }) => {
+                return Err(folder(&path, format!("{error}; name another folder with --out")));
+            }
+            Err(_) if path.exists() => remove(&path)?,
+            Err(_) => {}
+        }
+    }
+    if !kept.is_empty() {
+        // The rows show whether a bag was changed.
+        let excluded = grade_bags(&kept, bags, options)?.excluded;
+        let is_excluded = |job: &Job| excluded.iter().any(|bag| bag.bag.ends_with(&job.bag_name()));
+        for job in kept.extract_if(.., |job| is_excluded(job)) {
+            remove(&bags.join(job.bag_name()))?;
+        }
+    }
+    Ok(jobs.iter().filter(|job| !kept.contains(job)).copied().collect())
+}
+
+/// Refuses a bag whose session is not the requested one.
+fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest, meshes: &str) -> Result<(), EvaluateError> {
+    let Some(found) = &header.request else {
+        return Err(folder(path, "its header has no request; name another folder with --out"));
+    };
+    if found == wanted && header.meshes == meshes {
+        return Ok(());
+    }
+    let what = if found == wanted {
+        "an episode with other meshes of the robot".into()
+    } else if found.policy == wanted.policy {
+        "an episode of another session: other sensors, gains, thresholds or the like".into()
+    } else {
+        format!("an episode with policy '{}', not '{}'", found.policy, wanted.policy)
+    };
+    Err(folder(path, format!("it holds {what}; name another folder with --out")))
+}
+
+/// Whether a bag is whole, was played to its end, and comes from the world that this build simulates.
+fn is_current(bag: &Bag, model: &str, scene: &str) -> bool {
+    let header = bag.header();
+    // A scorer refuses a bag whose result does not name its header.
+    let bound = bag.result().filter(|result| !result.header_digest.is_empty());
+    let ended = bound.and_then(|result| result.end.as_ref()).is_some_and(|end| end.cause != ABORTED);
+    let same_world = header.model_digest == model && header.scene_digest == scene;
+    ended && same_world && header.version == env!("CARGO_PKG_VERSION") && *bag.completeness() == Completeness::Whole
+}

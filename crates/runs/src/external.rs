@@ -1,0 +1,210 @@
+//! Serves a policy that connects from elsewhere: a server that records its run here, and then grades it.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use fiatlux_bag::run::{Ledger, State, journal_of};
+use fiatlux_carrier::Carrier;
+use fiatlux_grading::{GradeOptions, Results, grade};
+use fiatlux_rules::Task;
+use fiatlux_server::{Server, ServerOptions};
+
+use super::lock::Lock;
+use super::{EvaluateError, Outcome, folder};
+
+/// Time between two reads of the ledger.
+const PERIOD: Duration = Duration::from_millis(250);
+/// Longest time for bags to close when the server stops.
+const CLOSING_TIME: Duration = Duration::from_secs(15);
+/// Time for answering the client's last query before the server stops.
+const FAREWELL: Duration = Duration::from_millis(500);
+
+/// How to wait for a run from elsewhere.
+#[derive(Debug, Clone)]
+pub struct ExternalOptions {
+    /// Name of the server.
+    pub name: String,
+    /// Folder for bags, results and report. It holds one run; an unfinished one is resumed.
+    pub out: PathBuf,
+    /// Threads that step episodes.
+    pub workers: usize,
+    /// Folder of weights that a session may name.
+    pub weights: Option<PathBuf>,
+    /// Folder of meshes that replace the built-in shapes of the robot.
+    pub meshes: Option<PathBuf>,
+}
+
+/// Progress of a run from elsewhere.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ExternalProgress {
+    /// The server can be reached, and no run is registered yet.
+    Waiting,
+    /// A run is under way.
+    Playing {
+        /// Name of the run.
+        run: String,
+        /// Name of its policy.
+        policy: String,
+        /// Number of episodes in the run.
+        episodes: usize,
+        /// Number of episodes that are played or failed.
+        done: usize,
+        /// Number of those that succeeded.
+        successes: usize,
+        /// Task and seed of each open episode.
+        open: Vec<(String, u64)>,
+        /// Control steps of the episodes that were played since this call began.
+        steps: u64,
+        /// Largest number of steps still to come, if every episode goes on to its horizon.
+        steps_left: u64,
+    },
+}
+
+/// Serves one run on a carrier, and grades it when it is over. Setting `stop` ends it early: whatever is played by then is graded,
+/// and a later call with the same options continues.
+///
+/// # Errors
+/// [`EvaluateError`]; the run can still be continued.
+pub fn evaluate_external(
+    carrier: Carrier,
+    options: &ExternalOptions,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(&ExternalProgress),
+) -> Result<Outcome, EvaluateError> {
+    let runs = options.out.join("runs");
+    std::fs::create_dir_all(&runs).map_err(|error| folder(&runs, error))?;
+    let _lock = Lock::take(&options.out)?;
+    if let Some(journal) = find_run(&runs, &options.name)? {
+        let ledger = read(&journal)?;
+        if ledger.is_finished() {
+            return outcome(options, &journal, &ledger, false);
+        }
+    }
+    let server = ServerOptions {
+        name: options.name.clone(),
+        workers: options.workers,
+        weights: options.weights.clone(),
+        meshes: options.meshes.clone(),
+        record: Some(runs.clone()),
+        ..ServerOptions::default()
+    };
+    let server = Server::start(carrier, server)?;
+    progress(&ExternalProgress::Waiting);
+    let watched = watch(options, &runs, stop, progress);
+    if !server.shutdown(CLOSING_TIME) {
+        tracing::warn!("not everything was recorded within {} s", CLOSING_TIME.as_secs());
+    }
+    match watched? {
+        // Without the server, open episodes are decided or can be begun again.
+        Some(journal) => outcome(options, &journal, &read(&journal)?, stop.load(Ordering::Relaxed)),
+        None => Err(EvaluateError::Nothing { lost: "no run was registered".into() }),
+    }
+}
+
+/// Watches the run until it is over or `stop` is set; returns its journal, if there is one.
+fn watch(
+    options: &ExternalOptions,
+    runs: &Path,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(&ExternalProgress),
+) -> Result<Option<PathBuf>, EvaluateError> {
+    let mut journal = None;
+    // Steps that were played before this call.
+    let mut steps_before = None;
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(PERIOD);
+        if journal.is_none() {
+            journal = find_run(runs, &options.name)?;
+        }
+        let Some(journal) = &journal else {
+            progress(&ExternalProgress::Waiting);
+            continue;
+        };
+        let ledger = read(journal)?;
+        let before = *steps_before.get_or_insert_with(|| steps(&ledger));
+        progress(&look(&ledger, before));
+        if ledger.is_finished() {
+            std::thread::sleep(FAREWELL);
+            break;
+        }
+    }
+    Ok(journal)
+}
+
+/// Journal of the first unfinished run in a folder, or else of the first run.
+fn find_run(runs: &Path, server: &str) -> Result<Option<PathBuf>, EvaluateError> {
+    let entries = std::fs::read_dir(runs).map_err(|error| folder(runs, error))?;
+    let mut journals: Vec<PathBuf> = entries.flatten().map(|entry| journal_of(&entry.path(), server)).collect();
+    journals.retain(|journal| journal.is_file());
+    journals.sort();
+    let is_over = |journal: &&PathBuf| Ledger::read(journal).is_ok_and(|ledger| ledger.is_finished());
+    Ok(journals.iter().find(|journal| !is_over(journal)).or(journals.first()).cloned())
+}
+
+fn read(journal: &Path) -> Result<Ledger, EvaluateError> {
+    Ok(Ledger::read(journal)?)
+}
+
+fn steps(ledger: &Ledger) -> u64 {
+    let steps = |state: &State| if let State::Played(played) = state { played.steps } else { 0 };
+    ledger.episodes().iter().map(|episode| steps(&episode.state)).sum()
+}
+
+fn look(ledger: &Ledger, steps_before: u64) -> ExternalProgress {
+    let registration = ledger.registration();
+    let (mut done, mut successes, mut open, mut steps_left) = (0, 0, Vec::new(), 0);
+    for (episode, planned) in ledger.episodes().iter().zip(&registration.episodes) {
+        let horizon = planned.task.parse::<Task>().map_or(0, |task| task.horizon_steps());
+        match &episode.state {
+            State::Played(played) => {
+                done += 1;
+                successes += usize::from(played.success);
+            }
+            State::Failed { .. } => done += 1,
+            State::Open { .. } => {
+                open.push((planned.task.clone(), planned.seed));
+                steps_left += horizon;
+            }
+            State::Waiting => steps_left += horizon,
+        }
+    }
+    ExternalProgress::Playing {
+        run: registration.run.clone(),
+        policy: registration.spec.policy.clone(),
+        episodes: ledger.episodes().len(),
+        done,
+        successes,
+        open,
+        steps: steps(ledger).saturating_sub(steps_before),
+        steps_left,
+    }
+}
+
+/// Grades the run: what was registered and not played counts as a failure.
+fn outcome(
+    options: &ExternalOptions,
+    journal: &Path,
+    ledger: &Ledger,
+    stopped: bool,
+) -> Result<Outcome, EvaluateError> {
+    let bags = journal.parent().unwrap_or(Path::new(""));
+    let mut any_played = false;
+    let mut lost = Vec::new();
+    for (episode, planned) in ledger.episodes().iter().zip(&ledger.registration().episodes) {
+        match &episode.state {
+            State::Played(_) => any_played = true,
+            State::Failed { cause } => lost.push(format!("{} seed {}: {cause}", planned.task, planned.seed)),
+            State::Waiting | State::Open { .. } => {}
+        }
+    }
+    if !any_played {
+        let lost = if lost.is_empty() { "no episode was played to its end".into() } else { lost.join("\n  ") };
+        return Err(EvaluateError::Nothing { lost });
+    }
+    let grading =
+        GradeOptions { workers: options.workers, relative_to: options.out.clone(), ..GradeOptions::default() };
+    let results: Results = grade(&[bags.to_path_buf()], &grading, &|_| {})?;
+    lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
+    Ok(Outcome { results, resumed: 0, others: 0, lost, stopped: stopped && !ledger.is_finished() })
+}

@@ -1,0 +1,14 @@
+//! The simulation server and the recorder, on any carrier.
+//!
+//! - [`Server`] takes sessions and steps them on worker threads; with [`RecordsTo`] it says where records go.
+//! - [`Recorder`] follows the sessions of servers and writes a bag for each episode.
+//!
+//! The rules of a session are in `fiatlux_session`, what is simulated in `fiatlux_world`; this crate joins the two and carries
+//! their messages.
+#[cfg(test)]
+mod rebuild_tests;
+mod recorder;
+mod server;
+
+pub use recorder::{BagEnd, BagReport, Naming, OnLoss, Recorder, RecorderError, RecorderOptions, RecordsFrom};
+pub use server::{RecordError, RecordsTo, Server, ServerError, ServerOptions, joints};

@@ -1,0 +1,207 @@
+//! Records sessions into bags, an episode each.
+//!
+//! The carrier's callbacks put records into the queue of a worker thread, which alone holds its sessions' state
+//! (`fiatlux_session::RecorderSession`) and writes their bags; a session stays with one worker. A row takes some 70 us
+//! (poses, compression, file), so one worker keeps up with 14,000 rows/s: more than four cores simulate. There is a
+//! worker for each four cores.
+mod bags;
+mod worker;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::mpsc::{self, Sender};
+use std::sync::{Arc, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Instant;
+
+use fiatlux_access::RecorderKey;
+use fiatlux_carrier::{Carrier, CarrierError, Declaration, Reach};
+use fiatlux_proto::keys::{any_session, any_truth_row, is_name};
+use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
+use fiatlux_robot::{HandKind, Robot, RobotError};
+use thiserror::Error;
+
+use fiatlux_wire::Frames;
+use worker::{Inlets, Worker, WorkerEvent};
+
+/// Number of cores that one worker can serve.
+const CORES_PER_WORKER: usize = 4;
+/// Largest number of sessions to follow that have sent no record: anybody on the network can announce one.
+const MAX_UNHEARD: usize = 1024;
+
+/// How to name bags below their folder. If a name is taken, a number is added.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Naming {
+    /// A folder for each session: `SERVER/SESSION/TASK-sSEED-eEPISODE.mcap`.
+    #[default]
+    BySession,
+    /// All in one folder: `TASK-sSEED-eEPISODE.mcap`.
+    Flat,
+    /// Episodes of a run as `RUN/SERVER-TASK-sSEED-aATTEMPT.mcap`, others as by session.
+    ByRun,
+}
+
+/// Whose records to write.
+#[derive(Debug, Clone)]
+pub enum RecordsFrom {
+    /// Records from this process, on its own carrier: no other program can add a row.
+    ThisProcess,
+    /// Records from servers that have this key. What others send on the same keys is dropped.
+    Servers(RecorderKey),
+}
+
+/// Called with the key of a session and the number of its records that are in no bag.
+pub type OnLoss = Box<dyn Fn(&str, u64) + Send + Sync>;
+
+/// What to record, and where.
+pub struct RecorderOptions {
+    /// Folder of the bags.
+    pub out: PathBuf,
+    /// Only this server's sessions; `None` for all.
+    pub server: Option<String>,
+    /// Name of the recorder, which servers log.
+    pub name: String,
+    /// How to name the bags.
+    pub naming: Naming,
+    /// Whose records to write.
+    pub records: RecordsFrom,
+    /// Called with each bag that ends, by the thread that wrote it, so it must not block.
+    pub on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
+    /// Called when records are lost, under the same conditions as `on_bag`.
+    pub on_loss: OnLoss,
+}
+
+/// How a bag ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BagEnd {
+    /// The bag has its whole episode, with this result.
+    Whole(Box<EpisodeResult>),
+    /// The bag has only a part, for this reason.
+    Cut(String),
+}
+
+/// A bag that has ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BagReport {
+    /// The file: `NAME.mcap`, or `NAME.mcap.part` where it could not be finished.
+    pub path: PathBuf,
+    /// The header of the episode in it.
+    pub header: EpisodeHeader,
+    /// Whether it is whole, or why not.
+    pub end: BagEnd,
+}
+
+/// Why a recorder cannot start.
+#[derive(Debug, Error)]
+pub enum RecorderError {
+    /// The text cannot be a server's name.
+    #[error("'{0}' is not a server's name; use 1 to 64 letters, digits, - or _")]
+    Name(String),
+    /// The robot, whose poses are recorded, cannot be loaded.
+    #[error("cannot load the robot")]
+    Robot(#[from] RobotError),
+    /// The system refused to start a thread.
+    #[error("cannot start a thread; free some memory")]
+    Thread(#[source] std::io::Error),
+    /// The carrier refused to watch for sessions.
+    #[error("cannot watch for sessions; connect again")]
+    Carrier(#[from] CarrierError),
+}
+
+/// What all workers share.
+struct Shared {
+    out: PathBuf,
+    name: String,
+    naming: Naming,
+    reach: Reach,
+    /// Unseals records; `None` if they come from this process.
+    key: Option<RecorderKey>,
+    /// Frames of the robot with each kind of hands.
+    frames: BTreeMap<HandKind, Frames>,
+    on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
+    on_loss: OnLoss,
+    inlets: Inlets,
+}
+
+/// A running recorder. When dropped, it first writes everything that it has received, as [`Recorder::stop`] does.
+pub struct Recorder {
+    /// Subscriptions to the sessions' tokens and to their records.
+    subscriptions: Vec<Declaration>,
+    workers: Vec<(Sender<WorkerEvent>, JoinHandle<Vec<PathBuf>>)>,
+}
+
+impl Recorder {
+    /// Follows all sessions, including those that are already open. Continues an unfinished bag if its session still
+    /// exists.
+    ///
+    /// # Errors
+    /// [`RecorderError`].
+    pub fn start(carrier: Carrier, options: RecorderOptions) -> Result<Self, RecorderError> {
+        let RecorderOptions { out, server, name, naming, records, on_bag, on_loss } = options;
+        let (reach, key) = match records {
+            RecordsFrom::ThisProcess => (Reach::ThisProcess, None),
+            RecordsFrom::Servers(key) => (Reach::Everywhere, Some(key)),
+        };
+        if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
+            return Err(RecorderError::Name(server.clone()));
+        }
+        let frames_of = |hand| Ok((hand, Frames::new(&Robot::with_hands(hand)?)));
+        let frames = HandKind::ALL.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
+        let inlets = Inlets::default();
+        let shared = Arc::new(Shared { out, name, naming, reach, key, frames, on_bag, on_loss, inlets });
+        let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
+        let mut recorder = Self { subscriptions: Vec::new(), workers: Vec::new() };
+        let workers = cores.div_ceil(CORES_PER_WORKER);
+        for number in 0..workers {
+            let (queue, inbox) = mpsc::channel();
+            let (carrier, shared) = (carrier.clone(), Arc::clone(&shared));
+            let (start, max_unheard) = (Instant::now(), MAX_UNHEARD.div_ceil(workers));
+            let worker = Worker { carrier, shared, inbox, queue: queue.clone(), start, max_unheard };
+            let thread = thread::Builder::new().name(format!("recorder-{number}")).spawn(move || worker.run());
+            recorder.workers.push((queue, thread.map_err(RecorderError::Thread)?));
+        }
+        let queues: Vec<_> = recorder.workers.iter().map(|(queue, _)| queue.clone()).collect();
+        let records = carrier.subscribe(&any_truth_row(server.as_deref()), shared.reach, move |message| {
+            let inlets = shared.inlets.read().unwrap_or_else(PoisonError::into_inner);
+            if let Some(inlet) = inlets.get(&message.key) {
+                inlet.push(message.payload);
+            }
+        })?;
+        let tokens = carrier.watch_tokens(&any_session(server.as_deref()), move |key, is_there| {
+            let key: Arc<str> = key.into();
+            // A session always goes to the same worker.
+            let place = key.bytes().fold(0_usize, |sum, byte| sum.wrapping_mul(31).wrapping_add(byte.into()));
+            let event = if is_there { WorkerEvent::Live(key) } else { WorkerEvent::Gone(key) };
+            // The worker may be gone.
+            let _ = queues[place % queues.len()].send(event);
+        })?;
+        recorder.subscriptions = vec![records, tokens];
+        Ok(recorder)
+    }
+
+    /// Writes what has arrived, and ends. Returns the files of unfinished bags (`NAME.mcap.part`), sorted; a recorder
+    /// that starts while their sessions are open continues them.
+    pub fn stop(mut self) -> Vec<PathBuf> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Vec<PathBuf> {
+        self.subscriptions.clear();
+        for (queue, _) in &self.workers {
+            let _ = queue.send(WorkerEvent::Stop);
+        }
+        let left = self.workers.drain(..).flat_map(|(_, thread)| thread.join().unwrap_or_default());
+        let mut left: Vec<PathBuf> = left.collect();
+        left.sort();
+        left
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+#[cfg(test)]
+mod tests;

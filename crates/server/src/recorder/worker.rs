@@ -1,0 +1,297 @@
+//! A thread that follows some of the sessions and writes their bags; the carrier's callbacks only put events into its queue.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::{Duration, Instant};
+
+use fiatlux_access::RowsKey;
+use fiatlux_carrier::{Carrier, Message, Publisher, Quality, Question};
+use fiatlux_proto::Bytes;
+use fiatlux_proto::keys::SessionKeys;
+use fiatlux_session::recorder::{Input, MAX_WAITING, Output};
+use fiatlux_session::{Machine, RecorderSession};
+use tracing::{debug, info, warn};
+
+use super::Shared;
+use super::bags::Bags;
+
+/// Time between two checks of all sessions.
+const TICK: Duration = Duration::from_millis(50);
+
+/// Longest wait for an answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Events for a worker; sessions are identified by the key of their token.
+pub(super) enum WorkerEvent {
+    /// The token of a session has appeared.
+    Live(Arc<str>),
+    /// The token of a session is gone.
+    Gone(Arc<str>),
+    /// A record, published or requested.
+    StepRecord(Arc<str>, Bytes),
+    /// The answer to a session's request is complete.
+    Answered(Arc<str>),
+    /// End, after what is in the queue.
+    Stop,
+}
+
+/// Puts a session's records into the queue. Records over the limit are dropped and requested again.
+#[derive(Clone)]
+pub(super) struct Inlet {
+    key: Arc<str>,
+    queue: Sender<WorkerEvent>,
+    queued: Arc<AtomicUsize>,
+}
+
+impl Inlet {
+    pub fn push(&self, record: Bytes) {
+        if self.queued.fetch_add(1, Ordering::Relaxed) >= MAX_WAITING {
+            self.queued.fetch_sub(1, Ordering::Relaxed);
+            return;
+        }
+        // The worker may be gone.
+        let _ = self.queue.send(WorkerEvent::StepRecord(Arc::clone(&self.key), record));
+    }
+}
+
+/// The inlets of all followed sessions, by the key of their records.
+///
+/// A single subscription serves them all: each further one costs more, and anybody can announce sessions.
+pub(super) type Inlets = RwLock<BTreeMap<String, Inlet>>;
+
+/// A session's place among the inlets.
+struct Listed {
+    shared: Arc<Shared>,
+    key: String,
+}
+
+impl Listed {
+    fn new(shared: &Arc<Shared>, key: String, inlet: Inlet) -> Self {
+        shared.inlets.write().unwrap_or_else(PoisonError::into_inner).insert(key.clone(), inlet);
+        Self { shared: Arc::clone(shared), key }
+    }
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        self.shared.inlets.write().unwrap_or_else(PoisonError::into_inner).remove(&self.key);
+    }
+}
+
+/// Tells the worker that the carrier has dropped the callback of a request: no answer follows.
+struct AnswerEnd(Inlet);
+
+impl Drop for AnswerEnd {
+    fn drop(&mut self) {
+        let _ = self.0.queue.send(WorkerEvent::Answered(Arc::clone(&self.0.key)));
+    }
+}
+
+/// A session that is followed.
+struct Followed {
+    keys: SessionKeys,
+    inlet: Inlet,
+    state: RecorderSession,
+    bags: Bags,
+    /// The key that unseals its records.
+    rows: Option<RowsKey>,
+    acks: Publisher,
+    /// The token was withdrawn, not necessarily by the server.
+    is_gone: bool,
+    /// A record of the session has arrived.
+    is_heard: bool,
+    /// It was reported that its records cannot be read.
+    is_refused: bool,
+    since: Duration,
+    _listed: Listed,
+}
+
+/// State of a worker's thread.
+pub(super) struct Worker {
+    pub carrier: Carrier,
+    pub shared: Arc<Shared>,
+    pub inbox: Receiver<WorkerEvent>,
+    pub queue: Sender<WorkerEvent>,
+    pub start: Instant,
+    /// Largest number of sessions to follow that have sent no record.
+    pub max_unheard: usize,
+}
+
+impl Worker {
+    /// Follows sessions until it is told to stop; returns the files of unfinished bags.
+    pub fn run(self) -> Vec<PathBuf> {
+        let mut sessions: BTreeMap<Arc<str>, Followed> = BTreeMap::new();
+        let mut tick_at = Duration::ZERO;
+        loop {
+            let event = self.inbox.recv_timeout(TICK);
+            let now = self.start.elapsed();
+            match event {
+                Ok(WorkerEvent::Stop) | Err(RecvTimeoutError::Disconnected) => break,
+                Ok(event) => self.handle(&mut sessions, event, now),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            if now >= tick_at {
+                tick_at = now + TICK;
+                let is_due = |session: &Followed| session.state.wake_at().is_some_and(|at| now >= at);
+                sessions.retain(|_, session| !is_due(session) || self.advance(session, Input::Tick, now));
+            }
+        }
+        sessions.into_values().filter_map(|session| session.bags.leave()).collect()
+    }
+
+    fn handle(&self, sessions: &mut BTreeMap<Arc<str>, Followed>, event: WorkerEvent, now: Duration) {
+        let (key, input) = match event {
+            WorkerEvent::Live(key) => {
+                if !sessions.contains_key(&key) {
+                    make_room(sessions, self.max_unheard);
+                    if let Some(session) = self.follow(&key, now) {
+                        sessions.insert(Arc::clone(&key), session);
+                    }
+                }
+                if let Some(session) = sessions.get_mut(&key) {
+                    session.is_gone = false;
+                }
+                (key, Input::ServerSeen)
+            }
+            WorkerEvent::Gone(key) => {
+                if let Some(session) = sessions.get_mut(&key) {
+                    session.is_gone = true;
+                }
+                (key, Input::ServerGone)
+            }
+            WorkerEvent::StepRecord(key, bytes) => {
+                let Some(session) = sessions.get_mut(&key) else { return };
+                session.inlet.queued.fetch_sub(1, Ordering::Relaxed);
+                let record = match &session.rows {
+                    None => Some(bytes),
+                    Some(rows) => rows.open(&bytes).map(Bytes::from),
+                };
+                let Some(record) = record else {
+                    // Before any record could be read, the server more likely has another key than a stranger writes in its name.
+                    if !session.is_heard && !std::mem::replace(&mut session.is_refused, true) {
+                        let server = SessionKeys::of(&key).map_or(&*key, |(_, server, _)| server);
+                        warn!(
+                            "cannot read the records of server {server}: its --recorder-key differs from this recorder's; \
+                             give both the same file"
+                        );
+                    }
+                    return debug!(%key, "dropping a record that is not the server's");
+                };
+                session.is_heard = true;
+                if session.is_gone {
+                    // Whoever withdrew the token: the server is gone once it has been silent for that long.
+                    session.state.handle(Input::ServerSeen, now);
+                    session.state.handle(Input::ServerGone, now);
+                }
+                (key, Input::StepRecord(record))
+            }
+            WorkerEvent::Answered(key) => (key, Input::Answered),
+            WorkerEvent::Stop => return,
+        };
+        if let Some(session) = sessions.get_mut(&key)
+            && !self.advance(session, input, now)
+        {
+            sessions.remove(&key);
+        }
+    }
+
+    fn follow(&self, key: &Arc<str>, now: Duration) -> Option<Followed> {
+        let (keys, server, session) = SessionKeys::of(key)?;
+        let mut bags = Bags::new(&self.shared, server, session);
+        let name = &self.shared.name;
+        let state = match bags.resume(server, session) {
+            Some((header, next_step)) => {
+                info!(%key, next_step, "continuing an unfinished bag");
+                let mut state = RecorderSession::resume(name, header, next_step, now);
+                state.handle(Input::OnDisk(bags.next_step_on_disk()), now);
+                state
+            }
+            None if bags.are_begun(server, session) => RecorderSession::again(name, now),
+            None => RecorderSession::new(name, now),
+        };
+        let sealed_by = self.shared.key.as_ref().map(|key| RowsKey::of_recorder(key, server, session)).transpose();
+        let rows = sealed_by.map_err(|error| warn!(%key, %error, "cannot record a session")).ok()?;
+        let acks = self.carrier.publisher(&keys.truth_ack(), "StepRecordAck", Quality::default(), self.shared.reach);
+        let acks = acks.map_err(|error| warn!(%key, %error, "cannot acknowledge the records of a session")).ok()?;
+        let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default() };
+        let listed = Listed::new(&self.shared, keys.truth_row(), inlet.clone());
+        debug!(%key, "recording a session");
+        Some(Followed {
+            keys,
+            inlet,
+            state,
+            bags,
+            rows,
+            acks,
+            is_gone: false,
+            is_heard: false,
+            is_refused: false,
+            since: now,
+            _listed: listed,
+        })
+    }
+
+    /// Gives a session an input and carries out what it asks for; returns whether it continues.
+    fn advance(&self, session: &mut Followed, input: Input, now: Duration) -> bool {
+        session.state.handle(input, now);
+        while let Some(output) = session.state.poll() {
+            match output {
+                Output::Request(request) => self.ask(session, request),
+                Output::Ack(ack) => self.acknowledge(session, ack),
+                Output::Lost(records) => (self.shared.on_loss)(&session.inlet.key, records),
+                Output::Done => return false,
+                Output::Write(write) => {
+                    let written = session.bags.write(write);
+                    let next_step = session.bags.next_step_on_disk();
+                    session.state.handle(if written { Input::OnDisk(next_step) } else { Input::WriteFailed }, now);
+                }
+            }
+        }
+        true
+    }
+
+    fn ask(&self, session: &Followed, request: Bytes) {
+        let end = AnswerEnd(session.inlet.clone());
+        let proof = session.rows.as_ref().map(|rows| rows.prove("rows", &request).to_vec());
+        let question = Question {
+            key: session.keys.truth_rows(),
+            message: "StepRecordRequest".into(),
+            payload: request,
+            attachment: proof.unwrap_or_default(),
+            timeout: ANSWER_TIMEOUT,
+            is_urgent: false,
+            reach: self.shared.reach,
+        };
+        let take = move |reply| {
+            if let Ok(Message { payload, .. }) = reply {
+                end.0.push(payload);
+            }
+        };
+        if let Err(error) = self.carrier.ask(question, take) {
+            warn!(key = %session.inlet.key, %error, "cannot ask for records");
+        }
+    }
+
+    fn acknowledge(&self, session: &Followed, ack: Bytes) {
+        let proof = session.rows.as_ref().map(|rows| rows.prove("ack", &ack).to_vec()).unwrap_or_default();
+        if let Err(error) = session.acks.put(ack, proof) {
+            warn!(key = %session.inlet.key, %error, "cannot acknowledge records");
+        }
+    }
+}
+
+/// If too many sessions have sent nothing, stops following the oldest of them.
+fn make_room(sessions: &mut BTreeMap<Arc<str>, Followed>, max_unheard: usize) {
+    let unheard = || sessions.iter().filter(|(_, session)| !session.is_heard);
+    if unheard().count() < max_unheard {
+        return;
+    }
+    let oldest = unheard().min_by_key(|(_, session)| session.since).map(|(key, _)| Arc::clone(key));
+    if let Some(key) = oldest {
+        debug!(%key, "too many sessions are announced; no longer following this one, which has sent no record");
+        sessions.remove(&key);
+    }
+}

@@ -1,0 +1,416 @@
+//! Checks a client's request to open a session, field by field.
+
+mod sensors;
+
+use fiatlux_cli::in_full;
+use fiatlux_features::SIDE_STEP;
+#[cfg(test)]
+use fiatlux_proto::decode;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{Mode, OpenRequest, Refusal, RunTicket, Version};
+use fiatlux_proto::{PROTOCOL, is_compatible, limits};
+use fiatlux_render::HEAD_PIXELS;
+use fiatlux_robot::{GainSet, HandKind};
+use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
+
+use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
+
+use fiatlux_sensing::{Sensors, Setup};
+use fiatlux_wire as wire;
+pub(super) use sensors::SensorPlan;
+
+/// Default side of the camera's image, pixels.
+const IMAGE_SIDE: u32 = HEAD_PIXELS as u32;
+
+/// Longest delay of actions that a session may request, ms.
+const MAX_ACTION_DELAY_MS: u32 = 100;
+
+/// A session as it was requested.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Plan {
+    /// The request as it arrived.
+    pub request: OpenRequest,
+    pub task: Task,
+    pub seed: u64,
+    pub real_time: bool,
+    pub sensors: SensorPlan,
+    /// Width and height of the camera's image, pixels.
+    pub image_size: [usize; 2],
+    pub gains: GainSet,
+    pub hands: HandKind,
+    pub randomize: Randomization,
+    pub scale: PropScale,
+    pub recorded: bool,
+    pub protocol: Protocol,
+    pub end_on: Option<Causes>,
+    pub thresholds: Thresholds,
+    pub reward: Variant,
+    /// Control steps from an action's arrival to the step in which it acts.
+    pub action_delay: usize,
+    /// The run whose episode it plays; `None` if a client opened the session by itself.
+    pub ticket: Option<RunTicket>,
+}
+
+impl Plan {
+    pub fn mode(&self) -> Mode {
+        if self.real_time { Mode::RealTime } else { Mode::Lockstep }
+    }
+
+    /// Whether the client must not learn the room from the session's description.
+    pub fn is_hosted(&self) -> bool {
+        self.ticket.as_ref().is_some_and(|ticket| ticket.hosted)
+    }
+
+    /// A refusal of a scene or a start. The obstacle may reveal the room, so for a hosted room only the log has it.
+    pub fn does_not_start(&self, field: &str, error: &dyn std::error::Error) -> Refusal {
+        if self.is_hosted() {
+            tracing::warn!(error = in_full(error), "an episode with a hosted seed does not start");
+            let message = "the episode does not start in its room, which is secret; open the run's next one";
+            return Refusal::new(Code::Start, "", message);
+        }
+        Refusal::new(Code::Start, field, in_full(error))
+    }
+
+    /// The properties that the shapes of its terms depend on.
+    pub fn setup(&self, scene: &Scene) -> Setup {
+        Setup { protocol: self.protocol, image_size: self.image_size, ..Setup::new(scene, self.task) }
+    }
+
+    /// An episode of the session.
+    pub fn episode(&self, index: u64) -> EpisodeSpec {
+        EpisodeSpec {
+            randomize: self.randomize,
+            scale: self.scale,
+            thresholds: self.thresholds.clone(),
+            protocol: self.protocol,
+            end_on: self.end_on,
+            variant: self.reward,
+            ..EpisodeSpec::new(self.task, self.seed, index)
+        }
+    }
+
+    pub fn reward_name(&self) -> &'static str {
+        reward_name(self.reward)
+    }
+}
+
+/// Decodes and checks a request.
+#[cfg(test)]
+pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
+    let request: OpenRequest = decode(bytes, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))?;
+    check(&request)
+}
+
+pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
+    check_version(request.protocol.as_ref())?;
+    let unknown = |field: &str, error: String| Refusal::new(Code::Unknown, field, error);
+    let real_time = match Mode::try_from(request.mode) {
+        Ok(Mode::Unspecified | Mode::Lockstep) => false,
+        Ok(Mode::RealTime) => true,
+        Err(_) => {
+            let message = format!("mode {} does not exist; use MODE_LOCKSTEP or MODE_REAL_TIME", request.mode);
+            return Err(unknown("mode", message));
+        }
+    };
+    let randomize = wire::randomization(&request.randomization.unwrap_or_default());
+    let task = request.task.parse::<Task>().map_err(|error| unknown("task", error.to_string()))?;
+    let sensors = sensors::read(request, task)?;
+    check_weights(request, &sensors)?;
+    Ok(Plan {
+        request: request.clone(),
+        task,
+        seed: request.seed,
+        real_time,
+        image_size: image_size(request, &sensors)?,
+        sensors,
+        gains: gains(&request.gains)?,
+        hands: hands(&request.hands)?,
+        randomize,
+        scale: prop_scale(request, &randomize)?,
+        recorded: request.recorded,
+        protocol: protocol(&request.episode_protocol)?,
+        end_on: end_on(&request.end_on)?,
+        thresholds: thresholds(request)?,
+        reward: reward(&request.reward)?,
+        action_delay: action_delay(request.action_delay_ms)?,
+        ticket: None,
+    })
+}
+
+/// Refuses a client of another major version.
+pub(super) fn check_version(version: Option<&Version>) -> Result<(), Refusal> {
+    let Some(version) = version else {
+        let message = format!("the request names no version; this server speaks {PROTOCOL}; name that one");
+        return Err(Refusal::new(Code::Version, "protocol", message));
+    };
+    if !is_compatible(version) {
+        let message = format!(
+            "the client speaks {version}, but this server speaks {PROTOCOL}; use a client of major version {}",
+            PROTOCOL.major
+        );
+        return Err(Refusal::new(Code::Version, "protocol", message));
+    }
+    Ok(())
+}
+
+fn prop_scale(request: &OpenRequest, randomize: &Randomization) -> Result<PropScale, Refusal> {
+    let wrong = |message: String| Err(Refusal::new(Code::Value, "prop_scale", message));
+    let scale = wire::prop_scale(&request.prop_scale.unwrap_or_default());
+    if randomize.prop_scale && scale != PropScale::default() {
+        return wrong("sizes are both given and random; choose one of the two".into());
+    }
+    scale.check().map(|()| scale).or_else(|error| wrong(error.to_string()))
+}
+
+fn reward_name(reward: Variant) -> &'static str {
+    match reward {
+        Variant::Benchmark => "benchmark",
+        Variant::Training => "training",
+    }
+}
+
+fn reward(name: &str) -> Result<Variant, Refusal> {
+    let known = [Variant::Benchmark, Variant::Training];
+    let found = known.into_iter().find(|reward| name == reward_name(*reward) || name.is_empty());
+    found.ok_or_else(|| {
+        let message = format!("'{name}' is not a known reward; use one of {}", known.map(reward_name).join(", "));
+        Refusal::new(Code::Unknown, "reward", message)
+    })
+}
+
+/// Converts a delay in ms to control steps.
+fn action_delay(ms: u32) -> Result<usize, Refusal> {
+    let step_ms = (CONTROL_DT * 1e3).round() as u32;
+    if ms > MAX_ACTION_DELAY_MS || !ms.is_multiple_of(step_ms) {
+        let message = format!(
+            "a delay of {ms} ms; it must be a multiple of {step_ms} ms, the length of a control step, and at most \
+             {MAX_ACTION_DELAY_MS} ms"
+        );
+        return Err(Refusal::new(Code::Value, "action_delay_ms", message));
+    }
+    Ok((ms / step_ms) as usize)
+}
+
+fn image_size(request: &OpenRequest, sensors: &SensorPlan) -> Result<[usize; 2], Refusal> {
+    let [least, most] = limits::IMAGE_SIDES;
+    let with_features = sensors.all().meets(Sensors::WITH_FEATURES);
+    let side = |field: &str, side: u32| {
+        let side = if side == 0 { IMAGE_SIDE } else { side };
+        if !(least..=most).contains(&side) {
+            let message = format!("{field} is {side} pixels; it must be from {least} to {most}");
+            return Err(Refusal::new(Code::Value, field, message));
+        }
+        if with_features && !(side as usize).is_multiple_of(SIDE_STEP) {
+            let message = format!("{field} is {side} pixels; features need a multiple of {SIDE_STEP}");
+            return Err(Refusal::new(Code::Value, field, message));
+        }
+        Ok(side as usize)
+    };
+    Ok([side("image_width", request.image_width)?, side("image_height", request.image_height)?])
+}
+
+fn check_weights(request: &OpenRequest, sensors: &SensorPlan) -> Result<(), Refusal> {
+    if !request.weights.is_empty() && !sensors.all().meets(Sensors::WITH_FEATURES) {
+        let message = "weights are named, but no sensor needs them; ask for features or flat, or leave them out";
+        return Err(Refusal::new(Code::Value, "weights", message));
+    }
+    Ok(())
+}
+
+fn gains(name: &str) -> Result<GainSet, Refusal> {
+    if name.is_empty() {
+        return Ok(GainSet::default());
+    }
+    let unknown = |_| {
+        let known = GainSet::ALL.map(GainSet::name).join(", ");
+        let message = format!("'{name}' is not a known set of gains; use one of {known}");
+        Refusal::new(Code::Unknown, "gains", message)
+    };
+    name.parse().map_err(unknown)
+}
+
+fn hands(name: &str) -> Result<HandKind, Refusal> {
+    let unknown = |_| {
+        let names = HandKind::ALL.map(|hand| hand.to_string());
+        let what = if name.eq_ignore_ascii_case("dex3") { "are not supported yet" } else { "do not exist" };
+        Refusal::new(Code::Unknown, "hands", format!("hands '{name}' {what}; use one of {}", names.join(", ")))
+    };
+    wire::hands_named(name).map_err(unknown)
+}
+
+fn protocol(name: &str) -> Result<Protocol, Refusal> {
+    if name.is_empty() {
+        return Ok(Protocol::default());
+    }
+    name.parse().map_err(|error| {
+        let error: fiatlux_rules::UnknownProtocol = error;
+        Refusal::new(Code::Unknown, "episode_protocol", error.to_string())
+    })
+}
+
+fn end_on(names: &[String]) -> Result<Option<Causes>, Refusal> {
+    if names.is_empty() {
+        return Ok(None);
+    }
+    let parsed: Result<Causes, _> = names.iter().map(|name| name.parse::<Cause>()).collect();
+    parsed.map(Some).map_err(|error| Refusal::new(Code::Unknown, "end_on", error.to_string()))
+}
+
+fn thresholds(request: &OpenRequest) -> Result<Thresholds, Refusal> {
+    let mut thresholds = Thresholds::default();
+    for (key, value) in &request.thresholds {
+        thresholds.set(&format!("{key}={value}")).map_err(|error| {
+            let code = match error {
+                fiatlux_rules::ThresholdError::Key { .. } => Code::Unknown,
+                _ => Code::Value,
+            };
+            Refusal::new(code, "thresholds", error.to_string())
+        })?;
+    }
+    Ok(thresholds)
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_proto::Message;
+    use fiatlux_proto::v3;
+
+    use super::*;
+    use fiatlux_sensing::Sensor;
+
+    fn named(names: &[&str]) -> Vec<v3::Sensor> {
+        names.iter().map(|name| v3::Sensor { name: (*name).into(), ..v3::Sensor::default() }).collect()
+    }
+
+    fn request() -> OpenRequest {
+        OpenRequest { protocol: Some(PROTOCOL), task: "S05".into(), ..OpenRequest::default() }
+    }
+
+    #[test]
+    fn what_is_left_out_has_its_default() {
+        let plan = read(&request().encode_to_vec()).expect("valid");
+        assert_eq!((plan.task, plan.real_time, plan.gains), (Task::S05, false, GainSet::Fiatlux));
+        assert_eq!(plan.sensors.all(), Sensors::of_body(Task::S05));
+        assert_eq!((plan.image_size, plan.reward), ([256, 256], Variant::Benchmark));
+        assert_eq!((plan.end_on, plan.thresholds), (None, Thresholds::default()));
+        assert_eq!((plan.protocol, plan.action_delay), (Protocol::Strict, 0));
+    }
+
+    #[test]
+    fn what_is_asked_for_is_taken() {
+        let asked = OpenRequest {
+            sensors: named(&["last_action", "camera"]),
+            image_width: 480,
+            image_height: 270,
+            reward: "training".into(),
+            episode_protocol: "published".into(),
+            gains: "sonic".into(),
+            hands: "inspire".into(),
+            end_on: vec!["fall".into(), "time-out".into()],
+            thresholds: [("fragility_n".into(), 30.0), ("grip_bodies".into(), 3.0)].into(),
+            mode: Mode::RealTime.into(),
+            action_delay_ms: 60,
+            ..request()
+        };
+        let plan = read(&asked.encode_to_vec()).expect("valid");
+        assert_eq!(plan.sensors.all(), Sensors::of(&[Sensor::Camera, Sensor::LastAction]));
+        assert_eq!((plan.image_size, plan.reward), ([480, 270], Variant::Training));
+        assert_eq!((plan.gains, plan.real_time, plan.protocol), (GainSet::Sonic, true, Protocol::Published));
+        assert_eq!(plan.action_delay, 3);
+        assert_eq!(plan.end_on, Some(Causes::of(&[Cause::Fall, Cause::TimeOut])));
+        assert_eq!((plan.thresholds.fragility_n, plan.thresholds.grip_bodies), (30.0, 3));
+    }
+
+    /// Each refusal names the field and the remedy.
+    #[test]
+    fn refusals() {
+        let list = |name: &str| vec![name.to_owned()];
+        let flat = || named(&["flat"]);
+        let cases = [
+            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.6"),
+            (
+                OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
+                Code::Version,
+                "protocol",
+                "the client speaks 2.3, but this server speaks 3.6",
+            ),
+            (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
+            (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),
+            (OpenRequest { sensors: named(&["smell"]), ..request() }, Code::Unknown, "sensors", "does not exist"),
+            (OpenRequest { image_width: 15, ..request() }, Code::Value, "image_width", "from 16 to 640"),
+            (OpenRequest { image_height: 641, ..request() }, Code::Value, "image_height", "from 16 to 640"),
+            (
+                OpenRequest { sensors: flat(), image_height: 250, ..request() },
+                Code::Value,
+                "image_height",
+                "multiple of 32",
+            ),
+            (OpenRequest { weights: "a".into(), ..request() }, Code::Value, "weights", "ask for features or flat"),
+            (
+                OpenRequest {
+                    prop_scale: Some(v3::PropScale { ladder_z: 1.3, ..v3::PropScale::default() }),
+                    ..request()
+                },
+                Code::Value,
+                "prop_scale",
+                "ladder_z is 1.3",
+            ),
+            (
+                OpenRequest {
+                    prop_scale: Some(v3::PropScale { socket: f64::NAN, ..v3::PropScale::default() }),
+                    ..request()
+                },
+                Code::Value,
+                "prop_scale",
+                "socket",
+            ),
+            (
+                OpenRequest {
+                    prop_scale: Some(v3::PropScale { socket: 1.1, ..v3::PropScale::default() }),
+                    randomization: Some(v3::Randomization { prop_scale: true, ..v3::Randomization::default() }),
+                    ..request()
+                },
+                Code::Value,
+                "prop_scale",
+                "choose one of the two",
+            ),
+            (OpenRequest { action_delay_ms: 30, ..request() }, Code::Value, "action_delay_ms", "a multiple of 20 ms"),
+            (OpenRequest { action_delay_ms: 120, ..request() }, Code::Value, "action_delay_ms", "at most 100 ms"),
+            (OpenRequest { reward: "more".into(), ..request() }, Code::Unknown, "reward", "benchmark, training"),
+            (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
+            (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),
+            (OpenRequest { hands: "claw".into(), ..request() }, Code::Unknown, "hands", "use one of inspire, bare"),
+            (
+                OpenRequest { episode_protocol: "lenient".into(), ..request() },
+                Code::Unknown,
+                "episode_protocol",
+                "known ones are published, strict",
+            ),
+            (OpenRequest { end_on: list("falls"), ..request() }, Code::Unknown, "end_on", "known ones are success"),
+            (
+                OpenRequest { thresholds: [("fragility".into(), 1.0)].into(), ..request() },
+                Code::Unknown,
+                "thresholds",
+                "known ones are",
+            ),
+            (
+                OpenRequest { thresholds: [("fragility_n".into(), f64::NAN)].into(), ..request() },
+                Code::Value,
+                "thresholds",
+                "finite",
+            ),
+            (
+                OpenRequest { thresholds: [("grip_bodies".into(), 1.5)].into(), ..request() },
+                Code::Value,
+                "thresholds",
+                "whole number",
+            ),
+        ];
+        for (request, code, field, message) in cases {
+            let refusal = read(&request.encode_to_vec()).expect_err(message);
+            assert_eq!((refusal.code(), refusal.field.as_str()), (code, field), "{refusal:?}");
+            assert!(refusal.message.contains(message), "{refusal:?}");
+        }
+        assert_eq!(read(&[0xff; 9]).expect_err("garbage").code(), Code::Malformed);
+    }
+}

@@ -1,0 +1,474 @@
+//! Runs: each is registered once, each of its episodes is played once, and ledgers on disk keep track
+//! (`fiatlux_bag::run`).
+
+mod attempt;
+mod register;
+mod siblings;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::{self, File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use fiatlux_access::{Identity, sign_journal};
+use fiatlux_bag::run::{
+    Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, Planned, Prefix, Registration, State, clip,
+    journal_of,
+};
+use fiatlux_cli::in_full;
+use fiatlux_proto::keys::is_name;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::run_episode::State as StateMessage;
+use fiatlux_proto::v3::{Refusal, RunEpisode, RunInfo, RunSpec, RunTicket};
+use thiserror::Error;
+
+use super::info::VERSION;
+use super::lock;
+use super::plan::{self, Plan};
+pub(super) use attempt::Attempt;
+use siblings::Siblings;
+
+/// Largest number of runs on a server.
+const MAX_RUNS: usize = 1000;
+
+/// Largest number of episodes over all runs.
+const MAX_EPISODES_OF_ALL: usize = 200_000;
+
+/// Longest cause that a client gets, characters: a reply contains many.
+const MAX_CAUSE: usize = 100;
+
+/// Number of attempts to lock the folder at the start, and the time between them.
+const LOCK_TRIES: u32 = 5;
+const LOCK_AGAIN: Duration = Duration::from_millis(50);
+
+/// Why a server cannot record.
+#[derive(Debug, Error)]
+pub enum RecordError {
+    /// Another server of the same name would write the same journals.
+    #[error(
+        "another server named '{server}' records into {folder}; stop it, or give this one another --name or --record"
+    )]
+    Taken {
+        /// Name that both servers have.
+        server: String,
+        /// The folder that both record into.
+        folder: PathBuf,
+    },
+    /// The folder or its lock cannot be used.
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the free space")]
+    Io {
+        /// What was attempted: a verb for the message, such as `open`.
+        action: &'static str,
+        /// Path of the file or folder.
+        path: PathBuf,
+        /// The operating system's error.
+        #[source]
+        source: std::io::Error,
+    },
+}
+
+/// The runs of a server.
+pub(super) struct Runs {
+    folder: PathBuf,
+    server: String,
+    runs: Mutex<BTreeMap<String, Arc<Run>>>,
+}
+
+/// One run. Its lock is held while a line is written to disk.
+pub(super) struct Run {
+    state: Mutex<RunState>,
+}
+
+struct RunState {
+    writer: LedgerWriter,
+    /// Events that could not be written yet.
+    pending: VecDeque<Event>,
+    /// Attempts at the open episodes, by the episode's index.
+    open: BTreeMap<u32, Arc<Attempt>>,
+}
+
+/// An episode that is about to begin.
+pub(super) struct Seat {
+    run: Arc<Run>,
+    episode: u32,
+    /// Rows of earlier attempts that it must repeat.
+    prefix: Option<Prefix>,
+}
+
+impl Runs {
+    /// Loads the runs of the server of that name from a folder, which is created if necessary. The file is a lock that
+    /// keeps other servers out.
+    pub fn open(folder: &Path, server: &str) -> Result<(Self, File), RecordError> {
+        let failed = |action, path: &Path| {
+            let path = path.to_owned();
+            move |source| RecordError::Io { action, path, source }
+        };
+        fs::create_dir_all(folder).map_err(failed("make the folder", folder))?;
+        let path = lock_of(folder, server);
+        let file = File::options().create(true).append(true).open(&path).map_err(failed("open", &path))?;
+        let mut tries = LOCK_TRIES;
+        loop {
+            tries -= 1;
+            match file.try_lock() {
+                Ok(()) => break,
+                // Another server may be checking at this moment whether this one is alive.
+                Err(TryLockError::WouldBlock) if tries > 0 => std::thread::sleep(LOCK_AGAIN),
+                Err(TryLockError::WouldBlock) => {
+                    return Err(RecordError::Taken { server: server.into(), folder: folder.into() });
+                }
+                Err(TryLockError::Error(error)) => return Err(failed("lock", &path)(error)),
+            }
+        }
+        let mut runs = BTreeMap::new();
+        for entry in fs::read_dir(folder).map_err(failed("read the folder", folder))? {
+            let entry = entry.map_err(failed("read the folder", folder))?;
+            let Some(name) = entry.file_name().to_str().filter(|name| is_name(name)).map(str::to_owned) else {
+                continue;
+            };
+            let journal = journal_of(&entry.path(), server);
+            if !journal.is_file() {
+                continue;
+            }
+            match Run::take_up(&journal, server, &name) {
+                Ok(run) => {
+                    runs.insert(name, Arc::new(run));
+                }
+                // The other runs continue; this one cannot be registered again while its journal exists.
+                Err(error) => tracing::error!(run = name, error = in_full(&error), "cannot resume a run"),
+            }
+        }
+        tracing::info!(folder = %folder.display(), runs = runs.len(), "recording sessions to this folder");
+        Ok((Self { folder: folder.into(), server: server.into(), runs: Mutex::new(runs) }, file))
+    }
+
+    /// The run of that name and key; `None` if there is no such run.
+    fn get(&self, name: &str, key_sha256: &str) -> Result<Option<Arc<Run>>, Refusal> {
+        let Some(run) = lock(&self.runs).get(name).cloned() else { return Ok(None) };
+        if !register::is_same(&lock(&run.state).writer.ledger().registration().key_sha256, key_sha256) {
+            let message = format!(
+                "the key is not the one of run '{name}'; use the key that it was registered with, or give the new run \
+                 another name"
+            );
+            return Err(Refusal::new(Code::Value, "key", message));
+        }
+        Ok(Some(run))
+    }
+
+    /// The run of that name and key; a refusal if there is none.
+    pub fn find(&self, name: &str, key: &str) -> Result<Arc<Run>, Refusal> {
+        self.get(name, &register::key_digest(key))?.ok_or_else(|| {
+            let message = format!("run '{name}' does not exist on this server; register it");
+            Refusal::new(Code::Unknown, "run", message)
+        })
+    }
+
+    /// Registers a run, or finds it.
+    pub fn register(&self, name: &str, key: &str, spec: RunSpec) -> Result<Arc<Run>, Refusal> {
+        if !is_name(name) {
+            let message = format!("'{name:.80}' cannot be a run's name; use 1 to 64 letters, digits, - or _");
+            return Err(Refusal::new(Code::Value, "run", message));
+        }
+        let key_sha256 = register::key_digest(key);
+        if let Some(run) = self.get(name, &key_sha256)? {
+            register::check_same(name, &lock(&run.state).writer.ledger().registration().spec, &spec)?;
+            return Ok(run);
+        }
+        let folder = self.folder.join(name);
+        let drawn = Siblings::read(&folder, &self.server)?.episodes(name, &key_sha256, &spec)?;
+        let episodes = drawn.map_or_else(|| register::episodes(&spec), Ok)?;
+        let known = lock(&self.runs).values().cloned().collect::<Vec<_>>();
+        let all: usize = known.iter().map(|run| lock(&run.state).writer.ledger().episodes().len()).sum();
+        if known.len() >= MAX_RUNS || all + episodes.len() > MAX_EPISODES_OF_ALL {
+            let message = format!(
+                "the server has {} runs with {all} episodes and accepts {MAX_RUNS} with {MAX_EPISODES_OF_ALL}; move finished \
+                 ones out of its folder and start it again",
+                known.len()
+            );
+            return Err(Refusal::new(Code::Busy, "", message));
+        }
+        let registration = Registration {
+            protocol: fiatlux_proto::PROTOCOL,
+            version: VERSION.into(),
+            server: self.server.clone(),
+            run: name.into(),
+            key_sha256,
+            spec,
+            episodes,
+            unix_ms: unix_ms(),
+        };
+        let writer = LedgerWriter::create(&folder, registration).map_err(|error| match error {
+            LedgerError::Event { reason, .. } => Refusal::new(Code::Value, "register", reason),
+            error => not_written(&error),
+        })?;
+        let count = writer.ledger().episodes().len();
+        tracing::info!(run = name, episodes = count, "registered a run");
+        let run = Arc::new(Run::new(writer));
+        lock(&self.runs).insert(name.into(), Arc::clone(&run));
+        Ok(run)
+    }
+
+    /// The attempt that a bag belongs to; `None` if it has already ended.
+    pub fn attempt_of(&self, ticket: &RunTicket, session: &str) -> Option<Arc<Attempt>> {
+        let run = lock(&self.runs).get(&ticket.run).cloned()?;
+        let attempt = lock(&run.state).open.get(&ticket.episode).cloned()?;
+        (attempt.session() == session).then_some(attempt)
+    }
+}
+
+impl Run {
+    fn new(writer: LedgerWriter) -> Self {
+        Self { state: Mutex::new(RunState { writer, pending: VecDeque::new(), open: BTreeMap::new() }) }
+    }
+
+    fn take_up(journal: &Path, server: &str, name: &str) -> Result<Self, LedgerError> {
+        let mut writer = LedgerWriter::open(journal)?;
+        let Registration { server: of_server, run, .. } = writer.ledger().registration();
+        if of_server != server || run != name {
+            let reason = format!("it belongs to run '{run}' on server '{of_server}', and is in the wrong folder");
+            return Err(LedgerError::Line { path: journal.into(), line: 1, reason });
+        }
+        if writer.ledger().open().next().is_some() {
+            writer.append(Event::Restarted { unix_ms: unix_ms() })?;
+        }
+        Ok(Self::new(writer))
+    }
+
+    /// The state of the run, for its client. Hosted seeds are included once it is finished.
+    ///
+    /// # Errors
+    /// An event cannot be written to disk; the client must not hear of it then.
+    pub fn info(&self) -> Result<RunInfo, Refusal> {
+        let mut state = lock(&self.state);
+        state.flush()?;
+        let ledger = state.ledger();
+        let is_waiting = ledger.episodes().iter().any(|episode| episode.state == State::Waiting);
+        let asks_siblings = is_waiting || ledger.is_hosted() && ledger.is_finished();
+        let siblings = if asks_siblings { state.siblings().ok() } else { None };
+        // On another server with the same seeds the run may continue.
+        let is_over = || ledger.is_finished() && siblings.as_ref().is_some_and(Siblings::are_finished);
+        let hides_seeds = ledger.is_hosted() && !is_over();
+        let planned = &ledger.registration().episodes;
+        let episodes = planned.iter().zip(ledger.episodes()).enumerate().map(|(index, (planned, episode))| {
+            let mut message = RunEpisode {
+                task: planned.task.clone(),
+                seed: if hides_seeds { 0 } else { planned.seed },
+                attempts: episode.attempts,
+                ..RunEpisode::default()
+            };
+            let own = (ledger.registration().server.as_str(), &episode.state);
+            let elsewhere = || siblings.as_ref()?.decided(index, planned);
+            let (server, state) = match own.1 {
+                State::Waiting => elsewhere().unwrap_or(own),
+                _ => own,
+            };
+            match state {
+                State::Waiting => message.cause = episode.abandoned.chars().take(MAX_CAUSE).collect(),
+                State::Open { .. } => message.state = StateMessage::Open.into(),
+                State::Played(played) => {
+                    message.state = StateMessage::Played.into();
+                    message.cause.clone_from(&played.cause);
+                    message.digest.clone_from(&played.digest);
+                    message.success = played.success;
+                    message.server = server.into();
+                }
+                State::Failed { cause } => {
+                    message.state = StateMessage::Failed.into();
+                    message.cause.clone_from(cause);
+                    message.server = server.into();
+                }
+            }
+            message
+        });
+        let Registration { run, spec, .. } = ledger.registration();
+        Ok(RunInfo {
+            run: run.clone(),
+            spec: Some(spec.clone()),
+            episodes: episodes.collect(),
+            finished: ledger.is_finished(),
+            link: String::new(),
+        })
+    }
+
+    /// An episode for the log, such as `S05 seed 0 of run walk-71948c02`.
+    fn label(&self, index: u32) -> String {
+        let state = lock(&self.state);
+        let Registration { run, episodes, .. } = state.ledger().registration();
+        match episodes.get(index as usize) {
+            Some(Planned { task, seed }) => format!("{task} seed {seed} of run {run}"),
+            None => format!("episode {index} of run {run}"),
+        }
+    }
+
+    /// The session in which to play an episode, if it may be played.
+    pub fn plan(self: &Arc<Self>, index: u32) -> Result<(Plan, Seat), Refusal> {
+        let mut state = lock(&self.state);
+        state.flush()?;
+        let ledger = state.writer.ledger();
+        let Registration { run, version, spec, episodes, .. } = ledger.registration();
+        let wrong = |code, message: String| Err(Refusal::new(code, "open", message));
+        if version != VERSION {
+            let message = format!(
+                "the run was registered with version {version} of the server, but this is {VERSION}; start that one, or finish \
+                 the run"
+            );
+            return wrong(Code::Version, message);
+        }
+        if ledger.is_finished() {
+            return wrong(Code::Closed, "the run is finished; register another one".into());
+        }
+        let found = episodes.get(index as usize).zip(ledger.episodes().get(index as usize));
+        let Some((planned, episode)) = found else {
+            return wrong(
+                Code::Value,
+                format!("episode {index} does not exist; the run has {}, from 0 on", episodes.len()),
+            );
+        };
+        match &episode.state {
+            State::Open { session } => {
+                let message =
+                    format!("episode {index} is open in session {session}; close that one, or wait until it is");
+                return wrong(Code::Busy, message);
+            }
+            State::Played(_) => return wrong(Code::Value, format!("episode {index} was played; open another one")),
+            State::Failed { cause } => {
+                return wrong(Code::Value, format!("episode {index} has failed ({cause}); open another one"));
+            }
+            State::Waiting if episode.attempts >= MAX_ATTEMPTS => {
+                return wrong(Code::Value, format!("episode {index} was begun {MAX_ATTEMPTS} times; open another one"));
+            }
+            State::Waiting => {}
+        }
+        let others = state.siblings()?.prefix_of(index as usize, planned)?;
+        let own = episode.prefix.clone();
+        let prefix = own.into_iter().chain(others).max_by_key(|prefix| prefix.steps);
+        let mut plan = plan::check(&register::request(spec, &planned.task, planned.seed))?;
+        plan.ticket = Some(RunTicket {
+            run: run.clone(),
+            episode: index,
+            attempt: episode.attempts + 1,
+            hosted: ledger.is_hosted(),
+            policy_version: spec.policy_version.clone(),
+            policy_link: spec.policy_link.clone(),
+        });
+        Ok((plan, Seat { run: Arc::clone(self), episode: index, prefix }))
+    }
+
+    /// Ends it: what was not decided has failed.
+    /// Its journal is signed then, where the server has an identity that outlives it.
+    pub fn finish(&self, signer: Option<&Identity>) -> Result<(), Refusal> {
+        let mut state = lock(&self.state);
+        state.flush()?;
+        if state.writer.ledger().is_finished() {
+            // Whose server died in between.
+            return state.seal(signer);
+        }
+        let open: Vec<u32> = state.writer.ledger().open().map(|(index, _)| index).collect();
+        if let Some(first) = open.first() {
+            let message = format!(
+                "{} episodes are open or their bags are being written, the first is {first}; close their sessions, and ask \
+                 again in a moment",
+                open.len()
+            );
+            return Err(Refusal::new(Code::Busy, "finish", message));
+        }
+        state.writer.append(Event::Finished { unix_ms: unix_ms() }).map_err(|error| not_written(&error))?;
+        tracing::info!(run = state.writer.ledger().registration().run, "a run is finished");
+        state.seal(signer)
+    }
+
+    /// Notes the end of an attempt.
+    fn end(&self, episode: u32, event: Event) {
+        let mut state = lock(&self.state);
+        state.open.remove(&episode);
+        state.pending.push_back(event);
+        // The client learns of it when it asks for the state.
+        let _ = state.flush();
+    }
+}
+
+impl RunState {
+    /// Writes pending events. What does not fit on a full disk stays pending, and its episode open, until there is
+    /// room.
+    fn flush(&mut self) -> Result<(), Refusal> {
+        while let Some(event) = self.pending.pop_front() {
+            let Err(error) = self.writer.append(event.clone()) else { continue };
+            if !matches!(error, LedgerError::Event { .. }) {
+                self.pending.push_front(event);
+                return Err(not_written(&error));
+            }
+            tracing::error!(error = in_full(&error), ?event, "cannot write an event of a run");
+        }
+        Ok(())
+    }
+
+    fn seal(&mut self, signer: Option<&Identity>) -> Result<(), Refusal> {
+        let Some(signer) = signer else { return Ok(()) };
+        let sealed = self.writer.seal(|link| (signer.public().to_string(), sign_journal(signer, link)));
+        sealed.map_err(|error| not_written(&error))
+    }
+
+    fn ledger(&self) -> &Ledger {
+        self.writer.ledger()
+    }
+
+    fn siblings(&self) -> Result<Siblings, Refusal> {
+        let folder = self.writer.path().parent().unwrap_or_else(|| Path::new(""));
+        Siblings::read(folder, &self.ledger().registration().server)
+    }
+}
+
+impl Seat {
+    /// Begins an episode in a session; the line is on disk when this returns.
+    pub fn begin(&self, session: &str, ticket: &RunTicket) -> Result<Arc<Attempt>, Refusal> {
+        let Self { run, episode, prefix } = self;
+        let number = ticket.attempt;
+        let mut state = lock(&run.state);
+        let opened = Event::Opened { episode: *episode, attempt: number, session: session.into(), unix_ms: unix_ms() };
+        state.writer.append(opened).map_err(|error| not_written(&error))?;
+        // If two servers are asked at once, the one whose line comes later sees the other's.
+        let index = *episode as usize;
+        let planned = state.ledger().registration().episodes.get(index).cloned();
+        let free = planned.map_or(Ok(None), |planned| state.siblings()?.prefix_of(index, &planned));
+        if let Err(refusal) = free {
+            state.pending.push_back(Event::Abandoned {
+                episode: *episode,
+                attempt: number,
+                session: session.into(),
+                steps: 0,
+                digest: String::new(),
+                marks: Marks::default(),
+                cause: clip(&refusal.message),
+            });
+            state.flush()?;
+            return Err(refusal);
+        }
+        let attempt = Arc::new(Attempt::new(Arc::clone(run), *episode, number, session, prefix.clone()));
+        state.open.insert(*episode, Arc::clone(&attempt));
+        Ok(attempt)
+    }
+}
+
+/// The lock that a server holds while it records into the folder.
+fn lock_of(folder: &Path, server: &str) -> PathBuf {
+    folder.join(format!("{server}.lock"))
+}
+
+/// The log says why. The client stops, because nothing could be played that would count.
+fn not_written(error: &LedgerError) -> Refusal {
+    tracing::error!(error = in_full(error), "cannot write the ledger of a run");
+    let message = match error {
+        LedgerError::Exists { .. } => {
+            "the server's folder has a run of that name that it could not resume; see its log, or give the run another name"
+        }
+        _ => {
+            "the server cannot write the run's journal; free some space on its disk, see its log, and continue the run"
+        }
+    };
+    Refusal::new(Code::Busy, "journal", message)
+}
+
+fn unix_ms() -> u64 {
+    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since_epoch.as_millis()).unwrap_or(u64::MAX)
+}

@@ -1,0 +1,416 @@
+//! A server on a carrier.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, RwLock};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use fiatlux_access::{AccessError, Identity, RecorderKey, Tokens};
+use fiatlux_carrier::{Carrier, CarrierError, Declaration};
+use fiatlux_proto::keys::{self, ServerKeys};
+use fiatlux_render::{MeshError, RobotMeshes};
+use fiatlux_robot::{HandKind, RobotError};
+use fiatlux_session::server::{Input, Timeouts};
+use fiatlux_world::{SceneConfig, SceneError};
+use thiserror::Error;
+
+use super::actor::{Actor, Side};
+use super::info;
+use super::links::Links;
+use super::lock;
+use super::networks::Networks;
+use super::opens::Opens;
+use super::places::Places;
+use super::pool::{Job, Queue, Timer};
+use super::runs::{RecordError, Runs};
+use super::scenes::{Robots, Scenes};
+use super::shared::Shared;
+use crate::recorder::{Naming, Recorder, RecorderError, RecorderOptions, RecordsFrom};
+
+/// Number of threads that answer: a reply to a client that does not read blocks its thread for seconds, until Zenoh
+/// gives up.
+const ANSWERING_THREADS: usize = 8;
+/// How long a server that starts looks for another one of its name.
+const LOOK_FOR_OTHERS: Duration = Duration::from_millis(500);
+
+/// Recipients of the records of a server that does not record itself.
+#[derive(Debug, Clone, Default)]
+pub enum RecordsTo {
+    /// Nobody: sessions cannot ask to be recorded. What uses the server's own carrier in this process may still follow.
+    #[default]
+    Nobody,
+    /// A recorder on the server's own carrier in this process, which records do not leave.
+    ThisProcess,
+    /// Recorders that have this key, with which records are sealed.
+    Recorders(RecorderKey),
+}
+
+/// Settings of a server.
+#[derive(Debug, Clone)]
+pub struct ServerOptions {
+    /// Name of the server, which is part of all its keys.
+    pub name: String,
+    /// Threads that step sessions, at least one.
+    pub workers: usize,
+    /// Sessions that can be open at once.
+    pub capacity: usize,
+    /// How long a session waits for a client that is gone.
+    pub grace: Duration,
+    /// How long a session waits for an action.
+    pub action_timeout: Duration,
+    /// A client repeats its action after this time without an observation.
+    pub resend: Duration,
+    /// How long a session waits for a recorder that makes no progress.
+    pub recorder_timeout: Duration,
+    /// The numbers of the scene.
+    pub scene: SceneConfig,
+    /// Folder of the weights that sessions may name for the camera's features.
+    pub weights: Option<PathBuf>,
+    /// Folder of meshes that replace the built-in shapes of the robot; it is read once, at the start.
+    pub meshes: Option<PathBuf>,
+    /// Folder into which the server itself records all sessions, and in which it keeps its runs.
+    pub record: Option<PathBuf>,
+    /// Recipients of records if the server does not record itself.
+    pub records_to: RecordsTo,
+    /// Identity by which clients recognise the server; drawn at the start if `None`.
+    pub identity: Option<Arc<Identity>>,
+    /// Who may open sessions, and how many; `None` if everybody may.
+    pub tokens: Option<Tokens>,
+}
+
+impl Default for ServerOptions {
+    fn default() -> Self {
+        let Timeouts { grace, action, resend, recorder } = Timeouts::default();
+        Self {
+            name: "local".into(),
+            workers: std::thread::available_parallelism().map_or(1, usize::from),
+            capacity: 64,
+            grace,
+            action_timeout: action,
+            resend,
+            recorder_timeout: recorder,
+            scene: SceneConfig::default(),
+            weights: None,
+            meshes: None,
+            record: None,
+            records_to: RecordsTo::default(),
+            identity: None,
+            tokens: None,
+        }
+    }
+}
+
+/// Why a server does not start.
+#[derive(Debug, Error)]
+pub enum ServerError {
+    /// The name cannot be part of a key.
+    #[error("'{0}' cannot be a server's name; use 1 to 64 letters, digits, - or _")]
+    Name(String),
+    /// A server of that name already exists.
+    #[error("another server is named '{0}'; stop it, or give this one another --name")]
+    Taken(String),
+    /// A number of the options is 0.
+    #[error("{what} must be above 0")]
+    Zero {
+        /// Which number is 0, for the message.
+        what: &'static str,
+    },
+    /// The robot's file cannot be loaded.
+    #[error("cannot load the robot")]
+    Robot(#[from] RobotError),
+    /// The scene config makes no scene.
+    #[error("cannot use the scene config")]
+    Scene(#[from] SceneError),
+    /// The folder of meshes cannot be used.
+    #[error("cannot use the meshes of the robot")]
+    Meshes(#[from] MeshError),
+    /// The folder of recordings cannot be used.
+    #[error("cannot record")]
+    Record(#[from] RecordError),
+    /// The system cannot draw a key.
+    #[error("cannot draw the server's identity")]
+    Identity(#[from] AccessError),
+    /// The server's own recorder cannot start.
+    #[error("cannot start the recorder")]
+    Recorder(#[from] RecorderError),
+    /// The carrier refused a key.
+    #[error("{key} is refused: {source}; is the link still open?")]
+    Carrier {
+        /// The key that was refused.
+        key: String,
+        /// The carrier's message, which says why.
+        source: CarrierError,
+    },
+    /// The system cannot start a thread.
+    #[error("cannot start a thread; use fewer --workers")]
+    Thread(#[source] std::io::Error),
+}
+
+/// A server that runs until it is shut down or dropped.
+pub struct Server {
+    pub(super) shared: Arc<Shared>,
+    threads: Vec<JoinHandle<()>>,
+    /// Everything that receives messages; dropped first.
+    pub(super) endpoints: Vec<Declaration>,
+    /// The server's token, and the one that clients of older versions look for.
+    alive: Vec<Declaration>,
+    /// The server's own recorder; dropped first, so that the rest learns what was recorded.
+    recorder: Option<Recorder>,
+    /// Keeps other servers of this name from recording into this folder.
+    _lock: Option<File>,
+}
+
+impl Server {
+    /// Starts a server on a carrier, which still belongs to the caller.
+    ///
+    /// # Errors
+    /// [`ServerError`]: a name that is invalid or taken, an invalid scene config, a folder of meshes that cannot be
+    /// used, or a refusal by the carrier or the system.
+    pub fn start(carrier: Carrier, options: ServerOptions) -> Result<Self, ServerError> {
+        if !keys::is_name(&options.name) {
+            return Err(ServerError::Name(options.name));
+        }
+        for (what, number) in [("the number of workers", options.workers), ("the capacity", options.capacity)] {
+            if number == 0 {
+                return Err(ServerError::Zero { what });
+            }
+        }
+        options.scene.check()?;
+        let robots = Robots::load()?;
+        let robot = robots.get(HandKind::default());
+        let meshes = options.meshes.map(|folder| RobotMeshes::open(folder, robot)).transpose()?.map(Arc::new);
+        let server_keys = ServerKeys::new(&options.name);
+        if is_taken(&carrier, &server_keys.alive())? {
+            return Err(ServerError::Taken(options.name));
+        }
+        let recorded = options.record.as_ref().map(|folder| Runs::open(folder, &options.name)).transpose()?;
+        let (runs, lock) = recorded.unzip();
+        let signer = options.identity.clone();
+        let identity = options.identity.map_or_else(|| Identity::generate().map(Arc::new), Ok)?;
+        tracing::info!(server = options.name, key = %identity.public(), "clients know this server by its key");
+        let has_recorder = runs.is_some() || !matches!(options.records_to, RecordsTo::Nobody);
+        let recorder_key = match options.records_to {
+            RecordsTo::Recorders(key) if runs.is_none() => Some(key),
+            _ => None,
+        };
+        // Milliseconds since 1970, which no earlier server of this name can have used.
+        let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let shared = Arc::new(Shared {
+            info: info::server(&options.name, options.capacity, robot, &options.scene),
+            name: options.name,
+            keys: server_keys,
+            carrier,
+            timeouts: Timeouts {
+                grace: options.grace,
+                action: options.action_timeout,
+                resend: options.resend,
+                recorder: options.recorder_timeout,
+            },
+            capacity: options.capacity,
+            scenes: Scenes::new(options.scene, robots, meshes),
+            networks: Networks::new(options.weights),
+            queue: Queue::default(),
+            answers: Queue::default(),
+            timer: Timer::default(),
+            runs,
+            run_requests: Queue::default(),
+            sessions: RwLock::new(BTreeMap::new()),
+            former: Mutex::new(VecDeque::new()),
+            places: Places::new(options.capacity),
+            identity,
+            signer,
+            tokens: options.tokens,
+            recorder_key,
+            has_recorder,
+            opens: Opens::default(),
+            links: Links::default(),
+            refused: AtomicU64::new(0),
+            closing: AtomicBool::new(false),
+            id_prefix: format!("{:x}", since_epoch.as_millis()),
+            next_id: AtomicU64::new(1),
+            start: Instant::now(),
+        });
+        let (threads, endpoints, alive) = (Vec::new(), Vec::new(), Vec::new());
+        let mut server = Self { shared, threads, endpoints, alive, recorder: None, _lock: lock };
+        server.start_threads(options.workers).map_err(ServerError::Thread)?;
+        if let Some(out) = options.record {
+            server.record(out)?;
+        }
+        server.listen()?;
+        for key in [server.shared.keys.alive(), ServerKeys::legacy(&server.shared.name).alive()] {
+            let token = server.shared.carrier.token(&key);
+            server.alive.push(token.map_err(refused(key))?);
+        }
+        Ok(server)
+    }
+
+    /// Name under which clients find the server.
+    pub fn name(&self) -> &str {
+        &self.shared.name
+    }
+
+    /// Number of sessions that are open now.
+    pub fn open_sessions(&self) -> usize {
+        self.shared.places.count()
+    }
+
+    /// Number of messages since the start that did not come from a session's client, or came a second time.
+    pub fn refused_messages(&self) -> u64 {
+        self.shared.refused.load(Ordering::Relaxed)
+    }
+
+    /// Aborts all sessions, then waits for recorders, for at most `deadline`. Returns whether they have every record.
+    pub fn shutdown(mut self, deadline: Duration) -> bool {
+        self.shared.closing.store(true, Ordering::Relaxed);
+        self.alive.clear();
+        let until = Instant::now() + deadline;
+        for actor in self.shared.all() {
+            self.shared.send(&actor, Side::Server, Input::Terminate("the server shuts down"));
+        }
+        let settled = |actor: &Arc<Actor>| lock(&actor.session).is_settled();
+        loop {
+            let whole = self.shared.all().iter().all(settled);
+            if whole || Instant::now() >= until {
+                for actor in self.shared.all().iter().filter(|actor| !settled(actor)) {
+                    let session = lock(&actor.session).info().session.clone();
+                    tracing::error!(session, "a recorder has not taken all records of a session");
+                }
+                return whole;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    fn start_threads(&mut self, workers: usize) -> std::io::Result<()> {
+        for worker in 0..workers {
+            let shared = Arc::clone(&self.shared);
+            let thread = std::thread::Builder::new().name(format!("session-{worker}"));
+            self.threads.push(thread.spawn(move || shared.work())?);
+        }
+        for number in 0..ANSWERING_THREADS {
+            let shared = Arc::clone(&self.shared);
+            let answers = std::thread::Builder::new().name(format!("answers-{number}"));
+            self.threads.push(answers.spawn(move || shared.send_answers())?);
+        }
+        let shared = Arc::clone(&self.shared);
+        let runs = std::thread::Builder::new().name("runs".into());
+        self.threads.push(runs.spawn(move || shared.serve_runs())?);
+        let shared = Arc::clone(&self.shared);
+        let wake = move || {
+            let wake = |actor: Arc<Actor>| {
+                if actor.tick() {
+                    shared.queue.push(Job::Run(actor));
+                }
+            };
+            shared.timer.run(|| shared.now(), wake);
+        };
+        self.threads.push(std::thread::Builder::new().name("timer".into()).spawn(wake)?);
+        Ok(())
+    }
+
+    /// Starts the server's own recorder.
+    fn record(&mut self, out: PathBuf) -> Result<(), ServerError> {
+        let shared = Arc::clone(&self.shared);
+        let options = RecorderOptions {
+            out,
+            server: Some(self.shared.name.clone()),
+            name: self.shared.name.clone(),
+            naming: Naming::ByRun,
+            records: RecordsFrom::ThisProcess,
+            on_bag: Box::new(move |report| shared.take_bag(&report)),
+            on_loss: Box::new(|session, records| {
+                tracing::error!(session, records, "records of a session are in no bag");
+            }),
+        };
+        self.recorder = Some(Recorder::start(self.shared.carrier.clone(), options)?);
+        Ok(())
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.recorder = None;
+        self.alive.clear();
+        self.endpoints.clear();
+        self.shared.queue.stop();
+        self.shared.answers.stop();
+        self.shared.run_requests.stop();
+        self.shared.timer.stop();
+        for thread in self.threads.drain(..) {
+            // Workers catch failures of sessions, so there is nothing left to report.
+            let _ = thread.join();
+        }
+        for actor in self.shared.all() {
+            drop(lock(&actor.wire).take());
+        }
+    }
+}
+
+/// Whether another server holds the token.
+fn is_taken(carrier: &Carrier, alive: &str) -> Result<bool, ServerError> {
+    let tokens = carrier.tokens(alive, LOOK_FOR_OTHERS).map_err(refused(alive.into()))?;
+    Ok(!tokens.is_empty())
+}
+
+/// The error of a key that the carrier refuses.
+pub(super) fn refused(key: String) -> impl FnOnce(CarrierError) -> ServerError {
+    |source| ServerError::Carrier { key, source }
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_access::{Channel, Greeting, Label, Reply, Side as End};
+    use fiatlux_carrier::Question;
+    use fiatlux_proto::v3::{OpenReply, OpenRequest, ResetReply, open_reply, reset_reply};
+    use fiatlux_proto::{Message, PROTOCOL};
+
+    use super::*;
+    use crate::server::host::tests::PANICS;
+
+    /// A panic closes the session that caused it; the worker continues with the others.
+    #[test]
+    #[allow(clippy::unwrap_used)]
+    fn a_panic_stays_in_its_session() {
+        let carrier = fiatlux_carrier::memory();
+        let options = ServerOptions { name: "panics".into(), workers: 1, capacity: 2, ..ServerOptions::default() };
+        let server = Server::start(carrier.clone(), options).unwrap();
+        let ask = |key, payload: Vec<u8>, attachment| {
+            let (payload, timeout) = (payload.into(), Duration::from_secs(10));
+            carrier.ask_all(Question { key, payload, attachment, timeout, ..Question::default() }).unwrap()
+        };
+        let mut channels = Vec::new();
+        // Each client is a separate peer, because half of the places are reserved for peers that have none.
+        let policy_peer = |policy: &str| if policy == PANICS { "a" } else { "b" };
+        for policy in [PANICS, "sound"] {
+            let (task, policy): (_, String) = ("S07".into(), policy.into());
+            let greeting = Greeting::new(policy_peer(&policy), None).unwrap();
+            let hello = Some(greeting.hello());
+            let request = OpenRequest { protocol: Some(PROTOCOL), task, policy, hello, ..OpenRequest::default() };
+            let request = request.encode_to_vec();
+            let reply = ask(server.shared.keys.open(), request.clone(), Vec::new()).next().unwrap().unwrap();
+            let reply = OpenReply::decode(reply.payload).unwrap();
+            let Some(open_reply::Reply::Session(info)) = reply.reply else { panic!("{reply:?}") };
+            let content = info.encode_to_vec();
+            let said = Reply { request: &request, server: "panics", id: &info.session, content: &content };
+            let verified = greeting.verify(said, &reply.welcome.unwrap(), None).unwrap();
+            channels.push(Channel::new(&greeting.agree(&verified).unwrap(), End::Client).unwrap());
+        }
+        let mut channels = channels.into_iter();
+        let mut seal = || channels.next().unwrap().seal(Label::Message("reset"), b"").to_vec();
+        let [faulty, other] = <[_; 2]>::try_from(server.shared.all()).unwrap_or_else(|_| panic!("two sessions"));
+        let key = server.shared.keys.session(&faulty.id).reset();
+        let _unanswered = ask(key, Vec::new(), seal());
+        let until = Instant::now() + Duration::from_secs(10);
+        while server.shared.find(&faulty.id).is_some() && Instant::now() < until {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert_eq!((server.shared.all().len(), server.open_sessions()), (1, 1));
+        let key = server.shared.keys.session(&other.id).reset();
+        let reply = ask(key, Vec::new(), seal()).next().unwrap().unwrap();
+        let reply = ResetReply::decode(reply.payload).unwrap();
+        assert!(matches!(reply.reply, Some(reset_reply::Reply::Observation(_))));
+    }
+}

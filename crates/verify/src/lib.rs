@@ -1,0 +1,414 @@
+//! Runs a recorded episode again on a server, and compares.
+
+mod records;
+mod rows;
+
+use std::fmt;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use fiatlux_access::PublicKey;
+use fiatlux_bag::{Bag, BagError, Messages};
+use fiatlux_carrier::{Carrier, CarrierError};
+use fiatlux_client::{Access, Client, ClientError, PolicyError};
+use fiatlux_policies::Replay;
+use fiatlux_proto::keys::ServerKeys;
+use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+use fiatlux_proto::v3::refusal::Code;
+use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Mode, OpenRequest, State, StepRecord};
+use fiatlux_proto::{Message, decode};
+use thiserror::Error;
+use tracing::warn;
+
+use fiatlux_grading::{Difference, check_bag, first_difference};
+use records::Records;
+use rows::first_row_difference;
+
+/// Why an episode could not be verified. A difference is not an error: it is a [`Verification`].
+#[derive(Debug, Error)]
+pub enum VerifyError {
+    /// The bag is cut, aborted or changed, so no second run is needed.
+    #[error("the bag cannot be verified: {reason}")]
+    Bag {
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The bag changed while it was being read.
+    #[error("the bag cannot be read again")]
+    Reread(#[from] BagError),
+    /// The bag's actions cannot be decoded.
+    #[error("the bag's actions cannot be read")]
+    Actions(#[from] PolicyError),
+    /// The server refuses the session, or the connection is lost.
+    #[error("the episode could not be run again")]
+    Client(#[from] ClientError),
+    /// The carrier cannot subscribe to the records of the session.
+    #[error("cannot follow the records of the second run")]
+    Follow(#[source] CarrierError),
+    /// The second run cannot be compared row by row.
+    #[error("record {next_seq} of the second run is lost, so it cannot be compared; run verify again")]
+    Lost {
+        /// Number of the first missing record.
+        next_seq: u64,
+    },
+}
+
+impl VerifyError {
+    /// Whether the server has no room for a session now; it may have some soon.
+    pub fn is_busy(&self) -> bool {
+        matches!(self, Self::Client(ClientError::Refused { code: Code::Busy, .. }))
+    }
+
+    /// Whether it is not the bag's fault: the server is away, or takes no session now. Another server may verify the bag, or
+    /// this one later.
+    pub fn is_of_server(&self) -> bool {
+        match self {
+            Self::Bag { .. } | Self::Reread(_) | Self::Actions(_) | Self::Lost { .. } => false,
+            Self::Follow(_) => true,
+            Self::Client(ClientError::Policy(_) | ClientError::Episode(_)) => false,
+            // The same conditions would be refused again.
+            Self::Client(ClientError::Refused { code, .. }) => {
+                !matches!(code, Code::Malformed | Code::Unknown | Code::Value | Code::Start)
+            }
+            Self::Client(_) => true,
+        }
+    }
+}
+
+/// Outcome of a second run, compared with a bag.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verification {
+    /// Which episode it is, in words: task, seed, index, policy and protocol.
+    pub episode: String,
+    /// How the recorded episode ended, confirmed by its rows.
+    pub recorded: EpisodeEnd,
+    /// Digest of the recorded header. Bags with the same one and the same digest of rows are copies of an episode.
+    pub header_digest: String,
+    /// Key of the server that signed the result; `None` where the bag is not signed.
+    pub signer: Option<PublicKey>,
+    /// How the second run ended; `None` where the bag has no action for its last steps.
+    pub simulated: Option<EpisodeEnd>,
+    /// The first field of the header that differs, which means another model, scene, room or rulebook.
+    pub header: Option<Difference>,
+    /// Step of the first row that differs, and the first number in it that does.
+    pub row: Option<(u64, Difference)>,
+    /// The first field of the result that differs.
+    pub result: Option<Difference>,
+}
+
+impl Verification {
+    /// Whether all numbers of all rows are equal to the last bit, and so are the verdict and every field of the header
+    /// that a second run can reproduce.
+    pub fn is_equal(&self) -> bool {
+        let is_same = |simulated: &EpisodeEnd| *simulated == self.recorded;
+        let no_difference = self.header.is_none() && self.row.is_none() && self.result.is_none();
+        no_difference && self.simulated.as_ref().is_some_and(is_same)
+    }
+}
+
+impl fmt::Display for Verification {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_equal() {
+            return writeln!(f, "equal: {}: {}", self.episode, in_words(&self.recorded));
+        }
+        let simulated = self.simulated.as_ref().map_or("did not end: the bag has no more actions".into(), in_words);
+        writeln!(
+            f,
+            "different: {}\n  recorded   {}\n  simulated  {simulated}",
+            self.episode,
+            in_words(&self.recorded)
+        )?;
+        let row = self.row.as_ref().map(|(step, difference)| (format!("row {step}"), difference));
+        let header = self.header.as_ref().map(|difference| ("header".to_owned(), difference));
+        let result = self.result.as_ref().map(|difference| ("result".to_owned(), difference));
+        for (what, Difference { field, found, recorded }) in [header, row, result].into_iter().flatten() {
+            writeln!(f, "  {what}: {field} is {recorded} in the bag, {found} in the second run")?;
+        }
+        let remedy = "compare the server's version and model digest with the bag's header";
+        writeln!(f, "The same build gives the same bytes: {remedy}.")
+    }
+}
+
+fn in_words(end: &EpisodeEnd) -> String {
+    let EpisodeEnd { digest, steps, cause, gate_progress, .. } = end;
+    let succeeds = end.success && cause != "success";
+    let flags = [("success", succeeds), ("broken", end.broken), ("dropped", end.dropped)];
+    let flags: String = flags.into_iter().filter(|(_, is)| *is).map(|(what, _)| format!(", {what}")).collect();
+    format!("{steps} steps, {cause}, progress {gate_progress:.2}{flags}, digest {digest}")
+}
+
+/// Compares the records of the second run with the bag.
+struct Comparison<'a> {
+    header: &'a EpisodeHeader,
+    result: &'a EpisodeResult,
+    states: Messages<'a, State>,
+    header_difference: Option<Difference>,
+    row_difference: Option<(u64, Difference)>,
+    result_difference: Option<Difference>,
+    has_header: bool,
+    has_result: bool,
+    records: u64,
+    rows: Rows,
+}
+
+impl<'a> Comparison<'a> {
+    fn new(bag: &'a Bag, result: &'a EpisodeResult, rows: Rows) -> Self {
+        Self {
+            rows,
+            header: bag.header(),
+            result,
+            states: bag.states(),
+            header_difference: None,
+            row_difference: None,
+            result_difference: None,
+            has_header: false,
+            has_result: false,
+            records: 0,
+        }
+    }
+
+    fn take(&mut self, record: StepRecord) -> Result<(), BagError> {
+        self.records += 1;
+        if let Some(mut header) = record.header {
+            self.has_header = true;
+            // `digest_context` follows from other fields, which say more.
+            let digest_context = std::mem::replace(&mut header.digest_context, self.header.digest_context.clone());
+            self.header_difference = first_difference(&comparable(header, self.header), self.header)
+                .or_else(|| first_difference(&EpisodeHeader { digest_context, ..self.header.clone() }, self.header));
+        }
+        if self.rows == Rows::All && self.row_difference.is_none() && !record.state.is_empty() {
+            self.row_difference = self.row(record.step, &record.state)?.map(|difference| (record.step, difference));
+        }
+        if let Some(result) = record.result {
+            self.has_result = true;
+            // The second run cannot reproduce these: the header's digest, steps missed in real time, and the server's
+            // signature.
+            let EpisodeResult { header_digest, missed_steps, signature, .. } = self.result.clone();
+            let result = EpisodeResult { header_digest, missed_steps, signature, ..result };
+            self.result_difference = first_difference(&result, self.result);
+        }
+        Ok(())
+    }
+
+    fn row(&mut self, step: u64, simulated: &[u8]) -> Result<Option<Difference>, BagError> {
+        let Some(recorded) = self.states.next().transpose()? else {
+            return Ok(Some(Difference { field: "the row".into(), found: "there".into(), recorded: "missing".into() }));
+        };
+        if recorded.encode_to_vec() == simulated {
+            return Ok(None);
+        }
+        let unreadable = |error: fiatlux_proto::DecodeError| {
+            warn!(step, %error, "a row of the second run cannot be read; the server may have another version");
+            Difference { field: "the row".into(), found: "unreadable".into(), recorded: "a row".into() }
+        };
+        Ok(match decode::<State>(simulated, MAX_SERVER_MESSAGE) {
+            Ok(simulated) => first_row_difference(&simulated, &recorded, self.header),
+            Err(error) => Some(unreadable(error)),
+        })
+    }
+
+    /// Whether header and result of the second run have arrived.
+    fn is_complete(&self) -> bool {
+        self.has_header && self.has_result
+    }
+}
+
+/// A header of the second run, with recorded values in place of those that may differ: names of this run, and what
+/// changes no row. The bag's `header_digest` protects those.
+fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHeader {
+    let randomization = recorded.randomization.map(|recorded| {
+        let simulated = simulated.randomization.unwrap_or_default();
+        fiatlux_proto::v3::Randomization { exact_sensors: recorded.exact_sensors, ..simulated }
+    });
+    EpisodeHeader {
+        protocol: recorded.protocol,
+        version: recorded.version.clone(),
+        server: recorded.server.clone(),
+        session: recorded.session.clone(),
+        policy: recorded.policy.clone(),
+        mode: recorded.mode,
+        sensors: recorded.sensors.clone(),
+        image_width: recorded.image_width,
+        image_height: recorded.image_height,
+        weights: recorded.weights.clone(),
+        meshes: recorded.meshes.clone(),
+        request: recorded.request.clone(),
+        run: recorded.run.clone(),
+        randomization,
+        ..simulated
+    }
+}
+
+/// Opens a session under a bag's conditions, sends its actions again and compares header, rows and result with the
+/// bag's. The bag must first pass the checks of [`grade`](fiatlux_grading::grade).
+/// `link` reaches the server; `server` is its name, which may be left out where there is only one.
+/// `progress` receives the steps done and the steps in all; setting `stop` ends the run.
+///
+/// # Errors
+/// [`VerifyError`]: a bag that is cut, aborted or changed; no server, or one that refuses; lost records.
+pub fn verify(
+    path: &Path,
+    link: &Carrier,
+    server: Option<&str>,
+    access: &Access,
+    progress: &mut dyn FnMut(u64, u64),
+    stop: &AtomicBool,
+) -> Result<Verification, VerifyError> {
+    let wrong = |reason: String| VerifyError::Bag { reason };
+    // What it says of itself is graded while it is played: one core here, one at the server.
+    std::thread::scope(|scope| {
+        let grading = scope.spawn(|| check_bag(path));
+        let played = play_again(path, link, server, access, &wrong, progress, stop);
+        let signer = grading.join().map_err(|_| wrong("a grading thread ended early".into()))?.map_err(wrong)?;
+        Ok(Verification { signer, ..played? })
+    })
+}
+
+/// A second run, compared with the bag's rows; who signed them is not asked.
+fn play_again(
+    path: &Path,
+    link: &Carrier,
+    server: Option<&str>,
+    access: &Access,
+    wrong: &dyn Fn(String) -> VerifyError,
+    progress: &mut dyn FnMut(u64, u64),
+    stop: &AtomicBool,
+) -> Result<Verification, VerifyError> {
+    let bag = Bag::open(path)?;
+    let ended = bag.result().and_then(|result| Some((result, result.end.clone()?)));
+    let (result, recorded) = ended.ok_or_else(|| wrong("the recording has no result".into()))?;
+    check_mode(&bag, wrong)?;
+    let mut run_again = |rows| {
+        let recorded = recorded.clone();
+        SecondRun { path, bag: &bag, result, recorded, link, server, access, rows }.play(progress, stop)
+    };
+    // The digest covers all rows, so rows are compared one by one only where it differs or where the first or last
+    // record can no longer be fetched.
+    match run_again(Rows::FirstAndLast) {
+        Ok(whole) if whole.simulated.as_ref().is_some_and(|end| end.digest == whole.recorded.digest) => Ok(whole),
+        Ok(_) | Err(VerifyError::Lost { .. }) => run_again(Rows::All),
+        Err(error) => Err(error),
+    }
+}
+
+/// Which records of a second run to fetch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rows {
+    /// The two that carry the header and the result.
+    FirstAndLast,
+    All,
+}
+
+/// A recorded episode that is being played again.
+struct SecondRun<'a> {
+    path: &'a Path,
+    bag: &'a Bag,
+    result: &'a EpisodeResult,
+    recorded: EpisodeEnd,
+    link: &'a Carrier,
+    server: Option<&'a str>,
+    access: &'a Access,
+    rows: Rows,
+}
+
+impl SecondRun<'_> {
+    fn play(self, progress: &mut dyn FnMut(u64, u64), stop: &AtomicBool) -> Result<Verification, VerifyError> {
+        let Self { path, bag, result, recorded, link, server, access, rows } = self;
+        let mut replay = Replay::open(path)?;
+        // Sensors change no row, and some take long.
+        let request = OpenRequest { sensors: vec!["last_action".into()], weights: String::new(), ..replay.request() };
+        // Only this client needs the records.
+        let request = OpenRequest { replay: true, recorded: false, ..request };
+        let mut client = Client::open_with(link, server, request, access)?;
+        let keys = ServerKeys::new(&client.info().server).session(&client.info().session);
+        let key = client.take_rows_key().ok_or(VerifyError::Lost { next_seq: 0 })?;
+        let mut records = Records::of(link, keys, key, rows == Rows::All).map_err(VerifyError::Follow)?;
+        let mut comparison = Comparison::new(bag, result, rows);
+        let mut reread = Ok(());
+        let mut on_step = |step| {
+            if rows == Rows::FirstAndLast && step == 0 {
+                // The server keeps it for a while.
+                reread = records.get(0).map_or(Ok(()), |record| comparison.take(record));
+            }
+            while let (Ok(()), Some(record)) = (&reread, records.next()) {
+                reread = comparison.take(record);
+            }
+            progress(step, recorded.steps);
+        };
+        let run = client.run_episode(bag.header().episode, &mut replay, &mut on_step, stop);
+        reread?;
+        let simulated = match run {
+            Ok(end) => Some(end),
+            // The second run did not end where the recorded one did.
+            Err(ClientError::Policy(PolicyError::Ended { .. })) => None,
+            Err(error) => return Err(error.into()),
+        };
+        let steps = simulated.as_ref().map_or(recorded.steps, |end| end.steps);
+        match rows {
+            Rows::FirstAndLast => {
+                let last = records.get(steps).ok_or(VerifyError::Lost { next_seq: steps })?;
+                comparison.take(last)?;
+            }
+            Rows::All => {
+                while comparison.records <= steps {
+                    let record = records.wait().ok_or(VerifyError::Lost { next_seq: comparison.records })?;
+                    comparison.take(record)?;
+                }
+            }
+        }
+        if simulated.is_some() && !comparison.is_complete() {
+            return Err(VerifyError::Lost { next_seq: comparison.records });
+        }
+        if let Err(error) = client.close() {
+            // The comparison is complete; the server ends the session by itself.
+            warn!("the session could not be closed: {error}");
+        }
+        let EpisodeHeader { task, seed, episode, policy, episode_protocol, .. } = bag.header();
+        Ok(Verification {
+            episode: format!("{task} seed {seed}, episode {episode}, policy {policy}, {episode_protocol} protocol"),
+            header_digest: result.header_digest.clone(),
+            recorded,
+            signer: None,
+            simulated,
+            header: comparison.header_difference,
+            row: comparison.row_difference,
+            result: comparison.result_difference,
+        })
+    }
+}
+
+/// Only in real time can an action be held or late.
+fn check_mode(bag: &Bag, wrong: &dyn Fn(String) -> VerifyError) -> Result<(), VerifyError> {
+    if bag.header().mode() == Mode::RealTime {
+        return Ok(());
+    }
+    for (step, action) in (1..).zip(bag.actions()) {
+        let action: fiatlux_proto::v3::ActionRecord = action?;
+        if action.held || action.lateness_s != 0.0 {
+            let step: u64 = step;
+            return Err(wrong(format!("its header says lockstep, but the action of step {step} is one of real time")));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_proto::v3::RunTicket;
+
+    use super::*;
+
+    /// A second run belongs to no registered run; a delay is requested again.
+    #[test]
+    fn the_header_of_an_episode_of_a_run_is_no_difference() {
+        let request = OpenRequest { action_delay_ms: 40, policy: "zero".into(), ..OpenRequest::default() };
+        let ticket = RunTicket { run: "first".into(), episode: 3, attempt: 2, hosted: true, ..RunTicket::default() };
+        let recorded = EpisodeHeader { seed: 1 << 40, request: Some(request), ..EpisodeHeader::default() };
+        let recorded = EpisodeHeader { run: Some(ticket), ..recorded };
+        let simulated = EpisodeHeader { run: None, session: "other".into(), ..recorded.clone() };
+        assert_eq!(first_difference(&comparable(simulated.clone(), &recorded), &recorded), None);
+        let other = EpisodeHeader { seed: 1, ..simulated };
+        let difference = first_difference(&comparable(other, &recorded), &recorded);
+        assert_eq!(difference.map(|difference| difference.field), Some("seed".into()));
+    }
+}

@@ -1,0 +1,155 @@
+//! The command `fiatlux evaluate`.
+
+mod external;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Args;
+use fiatlux_cli::ProgressLine;
+use fiatlux_client::{SeedList, SessionArgs, TaskList};
+use fiatlux_grading::{report, tables};
+use fiatlux_rules::{CONTROL_DT, Task};
+use fiatlux_runs::{EvaluateOptions, Outcome, Progress, evaluate};
+
+/// Shown below the options.
+pub const EXAMPLES: &str = "Examples:
+  fiatlux evaluate --policy zero                          the twelve subtasks in rooms 0 to 3
+  fiatlux evaluate --policy stand --tasks S05,S06 --seeds 0..9
+  fiatlux evaluate --policy hold --tasks climb --seeds 0 --json
+  fiatlux evaluate --external --name lab --listen tcp/0.0.0.0:7447 --out results/mine
+                                                          the same for a policy on another machine
+
+Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with episodes that are missing.";
+
+/// Options of the command.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Policy: zero, random, hold, stand, wbc, walk or another of those that `policy-client list --policies` lists.
+    #[arg(long, value_parser = policy, required_unless_present = "external")]
+    policy: Option<String>,
+    /// Serve a policy that connects from elsewhere: start a server that records, print the command for its client, wait
+    /// for the run, and grade it at the end.
+    #[arg(long, conflicts_with = "policy")]
+    external: bool,
+    /// With --external: name of the server.
+    #[arg(long, requires = "external", default_value = "evaluate", value_parser = external::name)]
+    name: String,
+    /// With --external: endpoint to listen on; port 0 picks a free one. Other machines can reach tcp/0.0.0.0:PORT.
+    #[arg(short, long, requires = "external", value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:0",
+          value_parser = crate::network::parse_endpoint)]
+    listen: String,
+    /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb (not with --external: the client
+    /// chooses) [default: all].
+    #[arg(long)]
+    tasks: Option<TaskList>,
+    /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 (not with --external: the
+    /// client chooses) [default: 0..3].
+    #[arg(long, allow_hyphen_values = true)]
+    seeds: Option<SeedList>,
+    /// Output folder [default: results/POLICY; with --external results/NAME].
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Number of episodes at once; with --external, number of threads that step them [default: one for each core].
+    #[arg(long, value_parser = fiatlux_cli::whole::<u16>(1..=256))]
+    workers: Option<u16>,
+    /// Print results.json instead of the table.
+    #[arg(long)]
+    json: bool,
+    /// Folder of meshes of the robot's links in metres, LINK.stl or LINK.obj, such as those of Unitree's description:
+    /// pictures show them instead of the built-in shapes. Runs whose policies see such pictures are not ranked.
+    #[arg(long, value_name = "DIR")]
+    meshes: Option<PathBuf>,
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
+fn policy(name: &str) -> Result<String, String> {
+    if name.starts_with("replay:") {
+        return Err(
+            "a bag holds one episode; replay it with policy-client run, or compare it with scorer verify".into()
+        );
+    }
+    fiatlux_policies::by_name(name).map(|_| name.into()).map_err(|error| format!("{:#}", anyhow::Error::new(error)))
+}
+
+/// Runs the command: evaluates a policy, or waits for one that connects from elsewhere.
+pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
+    fiatlux_cli::init_quiet_log();
+    let Some(policy) = &args.policy else { return external::run(args) };
+    // The name of a policy may be a path.
+    let folder = policy.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
+    let mut session = args.session.clone();
+    let options = EvaluateOptions {
+        policy: policy.clone(),
+        tasks: args.tasks.as_ref().map_or_else(|| Task::SUBTASKS.to_vec(), |tasks| tasks.0.clone()),
+        seeds: args.seeds.as_ref().map_or_else(|| (0..=3).collect(), |seeds| seeds.0.clone()),
+        out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(folder)),
+        workers: workers(args),
+        weights: session.split_weights(),
+        meshes: args.meshes.clone(),
+        session,
+    };
+    let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let line = ProgressLine::default();
+    let outcome = evaluate(&options, &stop, &mut |progress| line.show(|| look(&line, progress)));
+    line.clear();
+    let outcome = outcome?;
+    finish(args, &options.out, &outcome, "the same command goes on from here")
+}
+
+/// Number of threads, or of episodes at once.
+fn workers(args: &EvaluateArgs) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    args.workers.map_or_else(cores, usize::from)
+}
+
+/// Writes and prints the outcome of an evaluation, and says how to continue if it was stopped.
+fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> anyhow::Result<ExitCode> {
+    write_results(out, outcome)?;
+    if args.json {
+        fiatlux_cli::print(outcome.results.to_json()?);
+    } else {
+        fiatlux_cli::print(tables::text(&outcome.results));
+    }
+    for lost in &outcome.lost {
+        eprintln!("lost: {lost}");
+    }
+    let folder = out.display();
+    if outcome.resumed > 0 {
+        eprintln!("{} episodes were already in {folder} and were not run again", outcome.resumed);
+    }
+    eprintln!("bags, results.json and report.html are in {folder}");
+    if outcome.others > 0 {
+        let (others, s) = (outcome.others, if outcome.others == 1 { "" } else { "s" });
+        eprintln!(
+            "{folder} also has {others} episode{s} of other tasks or seeds, which are not in this results.json; use another \
+             folder for them (--out), or grade all of them: scorer grade {folder} --json --out {folder}/results.json"
+        );
+    }
+    if outcome.stopped {
+        eprintln!("stopped before the end; {goes_on}");
+    }
+    let whole = outcome.lost.is_empty() && !outcome.stopped;
+    Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(3) })
+}
+
+fn look(line: &ProgressLine, progress: &Progress) -> String {
+    let Progress { episodes, finished, steps, steps_left, playing } = progress;
+    let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
+    let mut text = format!("{finished}/{episodes} episodes, {rate:.0} steps/s, at most {left} left");
+    for (task, seed, step) in playing {
+        text += &format!("  {task}/{seed} at {:.0} s", *step as f64 * CONTROL_DT);
+    }
+    text
+}
+
+fn write_results(out: &Path, outcome: &Outcome) -> anyhow::Result<()> {
+    let page = report::html_in(&outcome.results, out);
+    for (name, text) in [("results.json", outcome.results.to_json()?), ("report.html", page)] {
+        let path = out.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,317 @@
+//! Whole runs by the library's client, on servers in this process: what is lost on the way changes nothing of what is played.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Duration;
+
+use fiatlux_bag::run::{Ledger, State, journal_of, journals};
+use fiatlux_bag::{Bag, Completeness};
+use fiatlux_client::{
+    Client, Command, EpisodeFate, Policy, PolicyError, RunError, RunFile, RunOptions, RunOutcome, RunProgress,
+};
+use fiatlux_link::{LinkArgs, Role};
+use fiatlux_policies::Zero;
+use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
+use fiatlux_server::{Server, ServerOptions};
+use zenoh::{Session, Wait};
+
+const EPISODES: usize = 12;
+
+/// A policy of these tests: `Zero`, slowed down so that there is a half-way.
+struct Slow {
+    zero: Zero,
+    wait: Duration,
+}
+
+impl Policy for Slow {
+    fn name(&self) -> String {
+        "slow".into()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        self.zero.reset(info, first)
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        std::thread::sleep(self.wait);
+        self.zero.act(observation)
+    }
+}
+
+fn slow(wait_ms: u64) -> impl Fn() -> Result<Box<dyn Policy>, PolicyError> + Sync {
+    move || Ok(Box::new(Slow { zero: Zero::default(), wait: Duration::from_millis(wait_ms) }))
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("runs").join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Short episodes: a robot that leans has fallen.
+fn spec() -> RunSpec {
+    let thresholds = [("fall_tilt_rad".to_string(), 0.05)].into();
+    RunSpec {
+        policy: "slow".into(),
+        tasks: ["S01", "S05", "S08"].map(Into::into).to_vec(),
+        seeds: vec![0, 1, 2, 3],
+        session: Some(OpenRequest { thresholds, ..OpenRequest::default() }),
+        ..RunSpec::default()
+    }
+}
+
+fn server(zenoh: &Session, name: &str, folder: &Path) -> Server {
+    let grace = Duration::from_millis(500);
+    let record = Some(folder.join("bags"));
+    let options = ServerOptions { name: name.into(), workers: 2, grace, record, ..ServerOptions::default() };
+    Server::start(fiatlux_link::carrier(&zenoh), options).unwrap()
+}
+
+fn options(folder: &Path, server: &str) -> RunOptions {
+    let file = RunFile::open(&folder.join("RUN.toml"), &spec()).unwrap();
+    let patience = Duration::from_secs(20);
+    RunOptions { server: Some(server.into()), parallel: Some(4), patience, ..RunOptions::new(file) }
+}
+
+fn play(
+    link: &Session,
+    options: &RunOptions,
+    wait_ms: u64,
+    progress: &mut dyn FnMut(&RunProgress),
+    stop: &AtomicBool,
+) -> RunOutcome {
+    Client::evaluate(&fiatlux_link::carrier(&link), options, slow(wait_ms), progress, stop).unwrap()
+}
+
+fn digests(outcome: &RunOutcome) -> Vec<(String, u64, String)> {
+    let of = |episode: &fiatlux_client::EpisodeOutcome| {
+        assert_eq!(episode.fate, EpisodeFate::Played, "{episode:?}");
+        (episode.task.clone(), episode.seed.unwrap(), episode.digest.clone())
+    };
+    outcome.episodes.iter().map(of).collect()
+}
+
+/// Digests of the run where nothing happens to it.
+fn undisturbed() -> Vec<(String, u64, String)> {
+    static DIGESTS: Mutex<Vec<(String, u64, String)>> = Mutex::new(Vec::new());
+    let mut digests_of = DIGESTS.lock().unwrap();
+    if digests_of.is_empty() {
+        let (folder, link) = (folder("undisturbed"), fiatlux_link::Link::embedded().unwrap().session().clone());
+        let server = server(&link, "lab", &folder);
+        let options = options(&folder, "lab");
+        let outcome = play(&link, &options, 0, &mut |_| (), &AtomicBool::new(false));
+        assert!(outcome.is_whole() && outcome.finished && !outcome.stopped, "{outcome:?}");
+        assert!(outcome.episodes.iter().all(|episode| episode.attempts == 1 && !episode.digest.is_empty()));
+        assert_eq!((outcome.episodes.len(), &outcome.servers[..]), (EPISODES, &["lab".to_string()][..]));
+        assert_eq!(play(&link, &options, 0, &mut |_| (), &AtomicBool::new(false)), outcome, "it is over");
+        server.shutdown(Duration::from_secs(10));
+        check_bags(&folder, &outcome);
+        *digests_of = digests(&outcome);
+    }
+    digests_of.clone()
+}
+
+/// Every episode that the outcome calls played has a whole bag with its digest, in the ledger of its server.
+fn check_bags(folder: &Path, outcome: &RunOutcome) {
+    let run = folder.join("bags").join(&outcome.run);
+    for (index, episode) in outcome.episodes.iter().enumerate() {
+        let Some(server) = &episode.server else { continue };
+        let ledger = Ledger::read(journal_of(&run, server)).unwrap();
+        let State::Played(played) = &ledger.episodes()[index].state else { panic!("{:?}", ledger.episodes()[index]) };
+        let bag = Bag::open(run.join(&played.bag)).unwrap();
+        let end = bag.result().unwrap().end.clone().unwrap();
+        assert_eq!((bag.completeness(), &end.digest), (&Completeness::Whole, &episode.digest));
+    }
+}
+
+#[test]
+fn every_episode_is_played_once() {
+    assert_eq!(undisturbed().len(), EPISODES);
+}
+
+/// Two servers of a group, each reached over TCP; one of them is lost half-way, with what it plays.
+#[test]
+fn a_run_survives_the_loss_of_a_server() {
+    let folder = folder("loss");
+    let endpoints = [0, 1].map(|_| fiatlux_link::choose_port("tcp/127.0.0.1:0").unwrap());
+    let listen = |endpoint: &String| {
+        LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server).unwrap().session().clone()
+    };
+    let links = endpoints.each_ref().map(listen);
+    let _first = server(&links[0], "lab-1", &folder);
+    let mut second = Some((server(&links[1], "lab-2", &folder), links[1].clone()));
+    let link =
+        LinkArgs { connect: endpoints.to_vec(), ..LinkArgs::default() }.open(Role::Client).unwrap().session().clone();
+    let (mut seen, mut lost) = (Vec::new(), Vec::new());
+    let mut progress = |progress: &RunProgress| {
+        let on_second = |server: &&str| *server == "lab-2";
+        let there = progress.playing.iter().map(|episode| episode.server.as_str()).filter(on_second).count();
+        seen.extend(progress.servers.iter().cloned());
+        if progress.done >= 2
+            && there > 0
+            && let Some((server, link)) = second.take()
+        {
+            lost = progress.playing.clone();
+            // As where its process is killed: the way to it goes first.
+            link.close().wait().unwrap();
+            drop(server);
+        }
+    };
+    let outcome = play(&link, &options(&folder, "lab"), 40, &mut progress, &AtomicBool::new(false));
+    assert!(!lost.is_empty(), "the second server has played nothing: {seen:?}");
+    assert!(outcome.is_whole() && outcome.finished, "{outcome:?}");
+    assert_eq!(outcome.servers, ["lab-1", "lab-2"]);
+    assert_eq!(digests(&outcome), undisturbed());
+    check_bags(&folder, &outcome);
+    assert_eq!(journals(&folder.join("bags").join(&outcome.run)).unwrap().len(), 2);
+}
+
+/// The server dies and comes back with the same folder; the client waits for it.
+#[test]
+fn a_run_goes_on_when_its_server_is_back() {
+    let (folder, link) = (folder("restart"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let mut first = Some(server(&link, "lab", &folder));
+    let mut again = None;
+    let mut progress = |progress: &RunProgress| {
+        if progress.done >= 2 && progress.playing.len() > 1 && first.is_some() {
+            drop(first.take());
+            again = Some(server(&link, "lab", &folder));
+        }
+    };
+    let outcome = play(&link, &options(&folder, "lab"), 40, &mut progress, &AtomicBool::new(false));
+    assert!(again.is_some() && outcome.is_whole() && outcome.finished, "{outcome:?}");
+    assert!(outcome.episodes.iter().any(|episode| episode.attempts > 1), "some were begun again");
+    assert_eq!(digests(&outcome), undisturbed());
+    check_bags(&folder, &outcome);
+}
+
+/// Ctrl-C, and the same command once more.
+#[test]
+fn a_stopped_run_is_resumed_by_its_key() {
+    let (folder, link) = (folder("stop"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let _server = server(&link, "lab", &folder);
+    let stop = AtomicBool::new(false);
+    let mut progress = |progress: &RunProgress| stop.store(progress.done >= 2, Ordering::Relaxed);
+    let outcome = play(&link, &options(&folder, "lab"), 40, &mut progress, &stop);
+    let played = outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Played).count();
+    assert!(outcome.stopped && !outcome.finished && (2..EPISODES).contains(&played), "{outcome:?}");
+    let outcome = play(&link, &options(&folder, "lab"), 0, &mut |_| (), &AtomicBool::new(false));
+    assert!(!outcome.stopped && outcome.finished);
+    assert_eq!(digests(&outcome), undisturbed());
+
+    // Another key is refused, and so is another policy under the same file.
+    let mut stranger = options(&folder, "lab");
+    stranger.file.key = "f".repeat(32);
+    let error =
+        Client::evaluate(&fiatlux_link::carrier(&link), &stranger, slow(0), &mut |_| (), &AtomicBool::new(false))
+            .unwrap_err();
+    assert!(
+        matches!(&error, RunError::Client(error) if error.to_string().contains("the key is not the one")),
+        "{error}"
+    );
+    let other = RunSpec { policy: "other".into(), ..spec() };
+    assert!(RunFile::open(&folder.join("RUN.toml"), &other).is_err());
+}
+
+/// A server that comes when the run is under way takes its part.
+#[test]
+fn a_server_that_appears_later_joins() {
+    let (folder, link) = (folder("later"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let _first = server(&link, "lab-1", &folder);
+    let mut second = None;
+    let mut progress = |progress: &RunProgress| {
+        if progress.done >= 1 && second.is_none() {
+            second = Some(server(&link, "lab-2", &folder));
+        }
+    };
+    let options = RunOptions { parallel: Some(2), ..options(&folder, "lab") };
+    let outcome = play(&link, &options, 20, &mut progress, &AtomicBool::new(false));
+    assert!(outcome.episodes.iter().any(|episode| episode.server.as_deref() == Some("lab-2")), "{outcome:?}");
+    assert_eq!(digests(&outcome), undisturbed());
+}
+
+/// A policy that fails in one episode loses that one alone; the run is ended without it only where that is asked for.
+#[test]
+fn what_a_policy_cannot_play_is_lost() {
+    struct Faulty(Zero, usize);
+    impl Policy for Faulty {
+        fn name(&self) -> String {
+            "slow".into()
+        }
+        fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+            self.0.reset(info, first)
+        }
+        fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+            if self.1 == 1 { Ok(Command::Action(vec![f64::NAN; 53])) } else { self.0.act(observation) }
+        }
+    }
+    let (folder, link) = (folder("faulty"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let _server = server(&link, "lab", &folder);
+    let made = AtomicUsize::new(0);
+    let make = || {
+        // The first one is made to see whether that works.
+        let number = made.fetch_add(1, Ordering::Relaxed);
+        Ok(Box::new(Faulty(Zero::default(), number)) as Box<dyn Policy>)
+    };
+    let mut options = options(&folder, "lab");
+    let outcome =
+        Client::evaluate(&fiatlux_link::carrier(&link), &options, make, &mut |_| (), &AtomicBool::new(false)).unwrap();
+    let lost: Vec<_> = outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Lost).collect();
+    assert!(lost.len() == 1 && lost[0].cause.contains("NaN") && !outcome.finished, "{lost:?}");
+
+    options.give_up_lost = true;
+    made.store(0, Ordering::Relaxed);
+    let outcome =
+        Client::evaluate(&fiatlux_link::carrier(&link), &options, make, &mut |_| (), &AtomicBool::new(false)).unwrap();
+    let failed = outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Failed).count();
+    assert!(outcome.finished && failed == 1, "{outcome:?}");
+}
+
+/// A policy that fits no session of the run is an error of the whole, not of one episode after the other.
+#[test]
+fn a_policy_that_does_not_fit_ends_the_call() {
+    struct Unfit;
+    impl Policy for Unfit {
+        fn name(&self) -> String {
+            "slow".into()
+        }
+        fn reset(&mut self, _: &SessionInfo, _: &Observation) -> Result<(), PolicyError> {
+            Err(PolicyError::Sensor { policy: "slow", sensor: "camera" })
+        }
+        fn act(&mut self, _: &Observation) -> Result<Command, PolicyError> {
+            Ok(Command::Action(Vec::new()))
+        }
+    }
+    let (folder, link) = (folder("unfit"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let _server = server(&link, "lab", &folder);
+    let make = || Ok(Box::new(Unfit) as Box<dyn Policy>);
+    let error = Client::evaluate(
+        &fiatlux_link::carrier(&link),
+        &options(&folder, "lab"),
+        make,
+        &mut |_| (),
+        &AtomicBool::new(false),
+    );
+    assert!(matches!(error, Err(RunError::Policy(PolicyError::Sensor { sensor: "camera", .. }))), "{error:?}");
+    let outcome = play(&link, &options(&folder, "lab"), 0, &mut |_| (), &AtomicBool::new(false));
+    assert_eq!(digests(&outcome), undisturbed(), "nothing is lost by it");
+}
+
+/// The seeds are the server's secret until the end.
+#[test]
+fn hosted_seeds_are_told_at_the_end() {
+    let (folder, link) = (folder("hosted"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let _servers = [server(&link, "lab", &folder), server(&link, "lab-2", &folder.join("2"))];
+    let spec = RunSpec { seeds: Vec::new(), hosted_seeds: 1, ..spec() };
+    let file = RunFile::open(&folder.join("RUN.toml"), &spec).unwrap();
+    let options = RunOptions { server: Some("lab".into()), ..RunOptions::new(file) };
+    let mut told = false;
+    let mut progress = |progress: &RunProgress| told |= progress.playing.iter().any(|episode| episode.seed.is_some());
+    let outcome = play(&link, &options, 2, &mut progress, &AtomicBool::new(false));
+    assert!(outcome.is_whole() && outcome.finished && outcome.servers == ["lab"], "{outcome:?}");
+    assert!(outcome.episodes.iter().all(|episode| episode.seed.is_some_and(|seed| seed > 1000)), "{outcome:?}");
+}
