@@ -1,6 +1,6 @@
 """A Python client (eclipse-zenoh) at a router with access control: what a policy may do works, the rest is without effect.
 
-`tests/tests/access.rs` runs it. By hand, next to the programs of one installation, with `fiatlux`, `sim-server` in PATH:
+`tests/tests/it/access.rs` runs it. By hand, next to the programs of one installation, with `fiatlux`, `sim-server` in PATH:
 
     python3 -m venv venv && venv/bin/pip install eclipse-zenoh==1.10.2
     fiatlux keys --out keys --name lab

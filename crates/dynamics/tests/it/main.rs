@@ -5,3 +5,4 @@ mod closed_forms;
 mod contact_points;
 mod dense;
 mod refused;
+mod variation;

@@ -1,0 +1,146 @@
+//! The leaderboard as a process, with servers that verify.
+
+mod forged;
+mod kills;
+mod lab;
+mod restored;
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use fiatlux_access::Identity;
+use fiatlux_tests::forge::JournalParts;
+use fiatlux_tests::programs::endpoint;
+use lab::{Board, played_run};
+use serde_json::Value;
+
+/// Guards what a badge stands for: a run is *replayed* once all its bags were simulated again, *hosted* where also its seeds
+/// were drawn and its bags signed by a server of ours, and by nobody else.
+#[test]
+fn runs_get_the_badges_that_they_earn() {
+    let lab = lab::Lab::start("board-badges");
+    let public = played_run(&lab, "public", &["--seeds", "0"]);
+    let hosted = played_run(&lab, "hosted", &["--hosted", "1"]);
+    let known = lab.known_servers();
+    let board = Board::start(&lab, &["--signers", &known.display().to_string()]);
+    let (code, first) = board.submit(&public, &[]);
+    assert_eq!(
+        (code, first["state"].as_str(), first["badge"].as_str()),
+        (0, Some("verified"), Some("replayed")),
+        "{first}"
+    );
+    assert_eq!((&first["episodes_verified"], &first["episodes_to_verify"]), (&12.into(), &12.into()));
+    let (code, second) = board.submit(&hosted, &[]);
+    assert_eq!((code, second["badge"].as_str()), (0, Some("hosted")), "{second}");
+    let listed = board.get("/api/v1/submissions");
+    let divisions: Vec<&Value> =
+        listed["submissions"].as_array().unwrap().iter().map(|entry| &entry["division"]).collect();
+    let division = serde_json::json!({ "time": "lockstep", "observations": "standard", "hands": "inspire" });
+    assert_eq!(divisions, [&division, &division], "{listed}");
+
+    // Bags whose journal is left out are loose ones: replayed at most.
+    let loose = lab.copy(&hosted, "loose", |name| name.ends_with(".mcap"));
+    let (_, third) = board.submit(&loose, &[]);
+    assert_eq!(third["badge"], "replayed", "{third}");
+    // One bag less is a run whose bag is lost.
+    let lost = lab.copy(&hosted, "lost", |name| !name.contains("-S05-"));
+    let (code, fourth) = board.submit(&lost, &[]);
+    assert_eq!((code, fourth["state"].as_str()), (1, Some("refused")));
+    assert!(fourth["reason"].as_str().unwrap().contains("its bag is missing"), "{fourth}");
+    // A journal that was written anew: its chain breaks.
+    let forged = lab.copy(&public, "forged", |_| true);
+    let journal = std::fs::read_dir(&forged).unwrap().map(|entry| entry.unwrap().path());
+    let journal: PathBuf = journal.into_iter().find(|path| path.to_string_lossy().ends_with(".run.jsonl")).unwrap();
+    let text = std::fs::read_to_string(&journal).unwrap();
+    std::fs::write(&journal, text.replacen("\"hosted_seeds\":0", "\"hosted_seeds\":1", 1)).unwrap();
+    let (code, fifth) = board.submit(&forged, &[]);
+    assert_eq!((code, fifth["state"].as_str()), (1, Some("refused")), "{fifth}");
+}
+
+/// Guards that signed bags with another journal than the server's are not hosted: one that ends early, lacks an episode, or is
+/// signed by somebody else. Otherwise whoever has the bags could leave out what went badly.
+#[test]
+fn a_hosted_run_is_hosted_as_a_whole() {
+    let lab = lab::Lab::start("board-whole");
+    let hosted = played_run(&lab, "hosted", &["--hosted", "1"]);
+    let known = lab.known_servers();
+    let board = Board::start(&lab, &["--signers", &known.display().to_string()]);
+    let journal = fiatlux_bag::run::journals(&hosted).unwrap().remove(0);
+    let honest = JournalParts::of(&journal);
+    let stranger = Identity::generate().unwrap();
+    let last = honest.registration.episodes.len() as u32 - 1;
+    type Change = fn(&mut JournalParts, u32);
+    let forge = |name: &str, change: Change, signer: Option<&Identity>| {
+        let folder = lab.copy(&hosted, name, |file| file.ends_with(".mcap"));
+        let mut parts = honest.clone();
+        change(&mut parts, last);
+        let written = parts.write(&folder, signer);
+        (folder, written)
+    };
+    let forged: [(&str, Change, Option<&Identity>); 5] = [
+        ("unsigned", |_, _| {}, None),
+        ("cut", |parts, last| parts.drop_events_of(last), None),
+        ("shortened", |parts, _| parts.drop_last_episode(), None),
+        ("signed-cut", |parts, last| parts.drop_events_of(last), Some(&stranger)),
+        ("signed-shortened", |parts, _| parts.drop_last_episode(), Some(&stranger)),
+    ];
+    for (name, change, signer) in forged {
+        let (folder, _) = forge(name, change, signer);
+        let (code, entry) = board.submit(&folder, &["--note", name]);
+        assert_eq!((code, entry["badge"].as_str()), (0, Some("replayed")), "{name}: {entry}");
+    }
+    // The server's own signature under other lines.
+    let seal = std::fs::read_to_string(&journal).unwrap().lines().last().unwrap().to_owned();
+    assert!(seal.contains("\"event\":\"sealed\""), "{seal}");
+    let (folder, written) = forge("copied", |parts, _| parts.drop_last_episode(), None);
+    let text = std::fs::read_to_string(&written).unwrap();
+    std::fs::write(&written, format!("{text}{seal}\n")).unwrap();
+    let (code, entry) = board.submit(&folder, &[]);
+    assert_eq!((code, entry["state"].as_str()), (1, Some("refused")), "{entry}");
+    // As the server left it.
+    let (code, entry) = board.submit(&hosted, &[]);
+    assert_eq!((code, entry["badge"].as_str()), (0, Some("hosted")), "{entry}");
+}
+
+/// Guards that a service without trusted keys calls nothing hosted, and that episodes wait while no server verifies.
+#[test]
+fn nothing_is_hosted_by_its_own_word() {
+    let lab = lab::Lab::start("board-word");
+    let hosted = played_run(&lab, "hosted", &["--hosted", "1"]);
+    let mut board = Board::start_with(&lab, &[], &[]);
+    let (code, accepted) = board.submit_without_waiting(&hosted);
+    assert_eq!(code, 0);
+    let id = accepted["id"].as_str().unwrap();
+    lab::wait_for_state(&board, id, "graded");
+    let entry = board.get(&format!("/api/v1/submissions/{id}"));
+    assert_eq!((&entry["badge"], &entry["episodes_verified"]), (&"self_reported".into(), &0.into()), "{entry}");
+    board.restart(&[&endpoint(lab.port())]);
+    lab::wait_for_state(&board, id, "verified");
+    assert_eq!(board.get(&format!("/api/v1/submissions/{id}"))["badge"], "replayed");
+}
+
+/// Guards that the Python module sends what the service takes.
+#[test]
+fn python_submits_too() {
+    let Ok(python) = std::env::var("FIATLUX_PYTHON") else {
+        eprintln!("skipped: FIATLUX_PYTHON names no interpreter");
+        return;
+    };
+    let lab = lab::Lab::start("board-python");
+    let run = played_run(&lab, "public", &["--seeds", "0"]);
+    let board = Board::start(&lab, &[]);
+    let module = concat!(env!("CARGO_MANIFEST_DIR"), "/../python/fiatlux/submission.py");
+    let script = "import importlib.util, json, sys; s = importlib.util.spec_from_file_location('submission', sys.argv[1]); \
+                  m = importlib.util.module_from_spec(s); s.loader.exec_module(m); \
+                  print(json.dumps(m.submit(sys.argv[2], sys.argv[3], sys.argv[4], policy='random', wait=True)))";
+    let token = std::fs::read_to_string(board.token()).unwrap();
+    let done = Command::new(python)
+        .args(["-c", script, module])
+        .arg(&run)
+        .args([board.url().as_str(), token.trim()])
+        .output()
+        .unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let sent: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!((&sent["state"], &sent["badge"]), (&"verified".into(), &"replayed".into()), "{sent}");
+}

@@ -1,0 +1,59 @@
+//! The benchmark is what its pins say: robots, scene, rules and sensors have the digests of `fiatlux_rules::pins`.
+
+use std::fmt::Write;
+
+use fiatlux_robot::{HandKind, Robot};
+use fiatlux_rules::{BENCHMARK_VERSION, Protocol, RobotLayout, Task, pins};
+use fiatlux_sensing::{Sensor, Setup};
+use fiatlux_world::SceneConfig;
+use sha2::{Digest, Sha256};
+
+/// SHA-256 over the terms of all sensors, for each robot in a task of the room and in `climb`, hexadecimal.
+fn sensors_digest() -> String {
+    let mut text = String::new();
+    for hands in HandKind::ALL {
+        let robot = Robot::with_hands(hands).unwrap();
+        let layout = RobotLayout { joints: robot.joints().len(), hand_bodies_per_side: robot.hand_links().len() / 2 };
+        for task in [Task::S01, Task::Climb] {
+            writeln!(text, "{hands} {task:?}").unwrap();
+            for sensor in Sensor::ALL {
+                writeln!(text, "{} {:?} {:?}", sensor.name(), sensor.cost(), sensor.camera()).unwrap();
+                for term in sensor.terms(&Setup { task, protocol: Protocol::Strict, layout, image_size: [256; 2] }) {
+                    let (name, field, unit) = (term.name, term.field, term.unit);
+                    write!(text, "{name} {field} {} {:?} {unit} ", term.offset, term.shape).unwrap();
+                    writeln!(text, "{:?} {:?} {:?}", term.range, term.scale, term.noise).unwrap();
+                }
+            }
+        }
+    }
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Guards that a new sensor does not make runs with it *other* by being forgotten.
+#[test]
+fn every_sensor_is_standard_or_privileged() {
+    for sensor in Sensor::ALL {
+        assert_ne!(fiatlux_grading::observations_with(sensor.name()), "other", "{}", sensor.name());
+    }
+}
+
+#[test]
+fn the_benchmark_is_the_pinned_one() {
+    let scene = SceneConfig::default().digest();
+    let mut found = vec![
+        ("SCENE".to_owned(), scene, pins::SCENE),
+        ("RULES".to_owned(), pins::rules_digest(), pins::RULES),
+        ("SENSORS".to_owned(), sensors_digest(), pins::SENSORS),
+    ];
+    for hands in HandKind::ALL {
+        let pinned = pins::model(&hands.to_string()).unwrap_or_default();
+        found.push((format!("MODELS, {hands}"), Robot::with_hands(hands).unwrap().digest().to_owned(), pinned));
+    }
+    let changed: Vec<_> = found.iter().filter(|(_, found, pinned)| found != pinned).collect();
+    assert!(
+        changed.is_empty(),
+        "the benchmark is no longer that of version {BENCHMARK_VERSION}, and scores of it would not compare with those \
+         before. If that is meant, raise BENCHMARK_VERSION in crates/rules/src/lib.rs, once a release, and then set in \
+         crates/rules/src/pins.rs (constant, digest found, digest pinned): {changed:#?}"
+    );
+}

@@ -1,0 +1,139 @@
+//! Runs every command of the README and of the pages that go on from it, and compares their program with its example.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use fiatlux_tests::programs::{Running, Scratch, free_port, program};
+
+/// Pages in the order in which a reader takes them: commands use what earlier ones made.
+const PAGES: [&str; 7] = [
+    "README.md",
+    "docs/index.md",
+    "docs/machines.md",
+    "docs/observations.md",
+    "docs/policies.md",
+    "docs/bags.md",
+    "docs/performance.md",
+];
+
+/// The fenced blocks of a text in a language, in order.
+fn blocks(text: &str, language: &str) -> Vec<String> {
+    let opening = format!("\n```{language}\n");
+    text.split(&opening).skip(1).map(|rest| rest.split("\n```").next().unwrap().to_owned()).collect()
+}
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().into()
+}
+
+fn pages() -> String {
+    PAGES.map(|page| std::fs::read_to_string(repository().join(page)).unwrap()).concat()
+}
+
+#[test]
+fn the_policy_is_the_example() {
+    let example = std::fs::read_to_string(repository().join("policy-client/examples/wave.rs")).unwrap();
+    let [shown] = &blocks(&pages(), "rust")[..] else { panic!("one program") };
+    assert!(example.contains(shown), "the policy of docs/policies.md is not that of policy-client/examples/wave.rs");
+}
+
+/// A folder in which the commands find what they name: programs of the profile under test below
+/// `target/release`, and a `cargo` that runs them.
+fn stage(scratch: &Scratch) -> PathBuf {
+    let programs = program("fiatlux").parent().unwrap().to_owned();
+    let folder = scratch.path();
+    std::fs::create_dir_all(folder.join("target")).unwrap();
+    std::os::unix::fs::symlink(&programs, folder.join("target/release")).unwrap();
+    let bin = folder.join("bin");
+    std::fs::create_dir_all(&bin).unwrap();
+    let shim = "#!/bin/sh\n\
+        case \"$*\" in\n\
+        'run --release -p fiatlux-policy --example wave') exec target/release/examples/wave ;;\n\
+        'run --release -- evaluate --policy zero') exec target/release/fiatlux evaluate --policy zero --seeds 0 ;;\n\
+        'run --release -- bench service') exec target/release/fiatlux bench service --seconds 0.5 --sessions 3 ;;\n\
+        'run --release -- bench sensors') exec target/release/fiatlux bench sensors --seconds 0.5 ;;\n\
+        'run --release -- render '*.mp4*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 --to 4 ;;\n\
+        'run --release -- render '*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 ;;\n\
+        'run --release -- bench violence') exec target/release/fiatlux bench violence --runs 2 --starts 4 ;;\n\
+        'run --release -- bench world') exec target/release/fiatlux bench world --seconds 0.5 ;;\n\
+        'run --release -- '*) shift 3; exec target/release/fiatlux \"$@\" ;;\n\
+        'build --release --workspace --bins') ;;\n\
+        *) echo \"unexpected: cargo $*\" >&2; exit 2 ;;\n\
+        esac\n";
+    std::fs::write(bin.join("cargo"), shim).unwrap();
+    assert!(Command::new("chmod").arg("+x").arg(bin.join("cargo")).status().unwrap().success());
+    bin
+}
+
+/// Commands run in the order of the pages. Servers and recorders go on until the end; the second pair of machines is this
+/// one, at another port, where each new server takes the place of the one before. `cargo test --workspace` is what runs this.
+#[test]
+fn every_command_works() {
+    let scratch = Scratch::new("readme");
+    let bin = stage(&scratch);
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
+    let (mut background, mut lab, mut external) = (Vec::new(), None, None);
+    let mut lab_port = free_port();
+    for line in blocks(&pages(), "sh").iter().flat_map(|block| block.lines()) {
+        let listens_to_all = line.contains("0.0.0.0");
+        if listens_to_all {
+            drop(lab.take());
+            lab_port = free_port();
+        }
+        let line = match listens_to_all || line.contains("192.168.1.7") {
+            true => {
+                let line = line.replace("0.0.0.0", "127.0.0.1").replace("192.168.1.7", "127.0.0.1");
+                line.replace(":7447", &format!(":{lab_port}"))
+            }
+            false => line.to_owned(),
+        };
+        if line.contains("fiatlux keys --out keys") && scratch.path().join("keys").exists() {
+            std::fs::rename(scratch.path().join("keys"), scratch.path().join("moved-keys")).unwrap();
+        }
+        // One episode of the run is enough here.
+        let line = if line.contains("policy-client evaluate") { line + " --tasks S07 --seeds 0" } else { line };
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if line.contains("evaluate --external") {
+            let out = scratch.path().join("results/lab").display().to_string();
+            let args: Vec<&str> = words[1..].iter().copied().chain(["--out", &out]).collect();
+            let mut running = Running::start("fiatlux", &args, &scratch);
+            running.wait_for("policy-client evaluate");
+            external = Some(running);
+            continue;
+        }
+        let daemon = ["sim-server", "recorder"].into_iter().find(|name| words[0] == format!("target/release/{name}"));
+        match daemon {
+            _ if line == "cargo test --workspace" => {}
+            Some(name) if words.get(1) != Some(&"export") => {
+                let is_path = |word: &str| word == "bags" || word == "lab-runs" || word.starts_with("keys/");
+                let place = |word: &&str| match is_path(word) {
+                    true => scratch.path().join(word).display().to_string(),
+                    false => (*word).to_owned(),
+                };
+                let args: Vec<String> = words[1..].iter().map(place).collect();
+                let args: Vec<&str> = args.iter().map(String::as_str).collect();
+                let mut running = Running::start(name, &args, &scratch);
+                if name == "sim-server" {
+                    running.wait_for("listening on");
+                }
+                match listens_to_all {
+                    true => lab = Some(running),
+                    false => background.push(running),
+                }
+            }
+            _ => {
+                println!("{line}");
+                let mut shell = Command::new("bash");
+                shell.args(["-c", &line]).env("PATH", &path).current_dir(scratch.path()).stdin(Stdio::null());
+                let done = shell.output().unwrap();
+                let [out, log] = [&done.stdout, &done.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+                assert!(done.status.success(), "{line}: {}\n{out}\n{log}", done.status);
+                assert!(!out.is_empty() || log.is_empty() || line.contains("export"), "{line} says nothing: {log}");
+            }
+        }
+    }
+    assert!(scratch.path().join("results/zero/report.html").exists());
+    let (status, _) = external.unwrap().finish(std::time::Duration::from_secs(60));
+    assert!(status.success(), "{status}");
+    assert!(scratch.path().join("results/lab/results.json").exists());
+}
