@@ -4,10 +4,10 @@
 mod closed_form;
 
 use nalgebra::Matrix3;
-use rapier3d_f64::parry::math::{Mat3, Pose, Rotation, Vector};
-use rapier3d_f64::parry::query::ContactManifold;
-use rapier3d_f64::parry::query::details::{contact_manifold_cuboid_cuboid, contact_support_map_support_map};
-use rapier3d_f64::parry::shape::Cuboid;
+use parry3d_f64::math::{Mat3, Pose, Rotation, Vector};
+use parry3d_f64::query::ContactManifold;
+use parry3d_f64::query::details::{contact_manifold_cuboid_cuboid, contact_support_map_support_map};
+use parry3d_f64::shape::Cuboid;
 
 use crate::contact::Contact;
 use crate::error::{ModelError, check_array};

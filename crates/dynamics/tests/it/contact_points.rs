@@ -2,7 +2,6 @@
 
 use fiatlux_dynamics::*;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
-use rapier3d_f64::parry;
 
 /// A small linear congruential generator: the cases are the same on every machine.
 struct Random(u64);
@@ -61,22 +60,22 @@ fn two_shapes(a: Geometry, b: Geometry) -> Model {
     builder.build().unwrap()
 }
 
-fn parry_shape(geometry: Geometry) -> Box<dyn parry::shape::Shape> {
+fn parry_shape(geometry: Geometry) -> Box<dyn parry3d_f64::shape::Shape> {
     match geometry {
-        Geometry::Sphere { radius } => Box::new(parry::shape::Ball::new(radius)),
-        Geometry::Capsule { radius, half_length } => Box::new(parry::shape::Capsule::new_z(half_length, radius)),
+        Geometry::Sphere { radius } => Box::new(parry3d_f64::shape::Ball::new(radius)),
+        Geometry::Capsule { radius, half_length } => Box::new(parry3d_f64::shape::Capsule::new_z(half_length, radius)),
         Geometry::Cuboid { half_extents: h } => {
-            Box::new(parry::shape::Cuboid::new(parry::math::Vector::new(h.x, h.y, h.z)))
+            Box::new(parry3d_f64::shape::Cuboid::new(parry3d_f64::math::Vector::new(h.x, h.y, h.z)))
         }
-        Geometry::HalfSpace => Box::new(parry::shape::HalfSpace::new(parry::math::Vector::Z)),
+        Geometry::HalfSpace => Box::new(parry3d_f64::shape::HalfSpace::new(parry3d_f64::math::Vector::Z)),
     }
 }
 
-fn parry_pose(pose: &Isometry3<f64>) -> parry::math::Pose {
+fn parry_pose(pose: &Isometry3<f64>) -> parry3d_f64::math::Pose {
     let (p, q) = (pose.translation.vector, pose.rotation);
-    parry::math::Pose {
-        rotation: parry::math::Rotation::from_xyzw(q.i, q.j, q.k, q.w),
-        translation: parry::math::Vector::new(p.x, p.y, p.z),
+    parry3d_f64::math::Pose {
+        rotation: parry3d_f64::math::Rotation::from_xyzw(q.i, q.j, q.k, q.w),
+        translation: parry3d_f64::math::Vector::new(p.x, p.y, p.z),
     }
 }
 
@@ -95,7 +94,7 @@ fn the_deepest_point_agrees_with_a_general_convex_query() {
             state.set_pose(&model, BodyId(2), &pose_b);
             let found = model.contacts_at(&state.qpos, margin).unwrap();
             let ours = found.iter().map(|c| c.distance).min_by(f64::total_cmp);
-            let theirs = parry::query::contact(
+            let theirs = parry3d_f64::query::contact(
                 &parry_pose(&pose_a),
                 &*parry_shape(a),
                 &parry_pose(&pose_b),

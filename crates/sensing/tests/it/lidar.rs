@@ -10,9 +10,9 @@ use fiatlux_rules::{Row, Task};
 use fiatlux_sensing::{LIDAR_COLUMNS, LIDAR_RAYS, LIDAR_ROWS, Lidar, Sensor, Sensors, Sight};
 use fiatlux_world::{Random, Scene, ShapeOwner, Stream};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use rapier3d_f64::parry::math::{Pose, Rotation, Vector};
-use rapier3d_f64::parry::query::Ray;
-use rapier3d_f64::parry::shape::SharedShape;
+use parry3d_f64::math::{Pose, Rotation, Vector};
+use parry3d_f64::query::Ray;
+use parry3d_f64::shape::SharedShape;
 
 const RANGE: f64 = 10.0;
 

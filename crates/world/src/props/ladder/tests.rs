@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
-use rapier3d_f64::parry::mass_properties::MassProperties;
-use rapier3d_f64::parry::shape::{Capsule, Cuboid, Shape};
+use parry3d_f64::mass_properties::MassProperties;
+use parry3d_f64::shape::{Capsule, Cuboid, Shape};
 
 use super::*;
 use crate::SceneConfig;
@@ -54,7 +54,7 @@ fn moments_agree_with_parry() {
         let reference: MassProperties = match part.geometry {
             Geometry::Capsule { radius, half_length } => Capsule::new_z(half_length, radius).mass_properties(1.0),
             Geometry::Cuboid { half_extents: h } => {
-                Cuboid::new(rapier3d_f64::math::Vector::new(h.x, h.y, h.z)).mass_properties(1.0)
+                Cuboid::new(parry3d_f64::math::Vector::new(h.x, h.y, h.z)).mass_properties(1.0)
             }
             _ => unreachable!("the ladder has capsules and boxes"),
         };
