@@ -1,6 +1,6 @@
 """MuJoCo under the violence of `bench violence`: energy in flight, random starts, and how far both engines lie apart.
 
-    cargo run --release -- bench violence --starts 1000 --export target/violence
+    cargo run --release -p fiatlux-bench -- violence --starts 1000 --export target/violence
     python3 tests/oracle/violence.py flight target/violence
     python3 tests/oracle/violence.py starts target/violence
     python3 tests/oracle/violence.py errors target/violence

@@ -1,5 +1,5 @@
 //! What authentication costs a session: `cargo bench -p fiatlux-access [-- STEP_US]`, where `STEP_US` is the time of a step
-//! without it (`fiatlux bench service`), 250 us by default.
+//! without it (`fiatlux-bench service`), 250 us by default.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark measures time")]
 

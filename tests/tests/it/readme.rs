@@ -50,12 +50,12 @@ fn stage(scratch: &Scratch) -> PathBuf {
         case \"$*\" in\n\
         'run --release -p fiatlux-policy --example wave') exec target/release/examples/wave ;;\n\
         'run --release -- evaluate --policy zero') exec target/release/fiatlux evaluate --policy zero --seeds 0 ;;\n\
-        'run --release -- bench service') exec target/release/fiatlux bench service --seconds 0.5 --sessions 3 ;;\n\
-        'run --release -- bench sensors') exec target/release/fiatlux bench sensors --seconds 0.5 ;;\n\
+        'run --release -p fiatlux-bench -- service') exec target/release/fiatlux-bench service --seconds 0.5 --sessions 3 ;;\n\
+        'run --release -p fiatlux-bench -- sensors') exec target/release/fiatlux-bench sensors --seconds 0.5 ;;\n\
         'run --release -- render '*.mp4*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 --to 4 ;;\n\
         'run --release -- render '*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 ;;\n\
-        'run --release -- bench violence') exec target/release/fiatlux bench violence --runs 2 --starts 4 ;;\n\
-        'run --release -- bench world') exec target/release/fiatlux bench world --seconds 0.5 ;;\n\
+        'run --release -p fiatlux-bench -- violence') exec target/release/fiatlux-bench violence --runs 2 --starts 4 ;;\n\
+        'run --release -p fiatlux-bench -- world') exec target/release/fiatlux-bench world --seconds 0.5 ;;\n\
         'run --release -- '*) shift 3; exec target/release/fiatlux \"$@\" ;;\n\
         'build --release --workspace --bins') ;;\n\
         *) echo \"unexpected: cargo $*\" >&2; exit 2 ;;\n\
