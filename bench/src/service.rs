@@ -134,13 +134,14 @@ impl Service {
                 link.map_err(text)?.carrier()
             }
         };
+        let key = fiatlux_access::RecorderKey::generate().map_err(text)?;
         let folder = std::env::temp_dir().join(format!("fiatlux-bench-{}", std::process::id()));
         let options = RecorderOptions {
             out: folder.clone(),
             server: Some(SERVER.into()),
             name: SERVER.into(),
             naming: Naming::BySession,
-            records: RecordsFrom::ThisProcess,
+            records: RecordsFrom::ThisProcess(key.clone()),
             on_bag: Box::new(|_| ()),
             on_loss: Box::new(|_, _| ()),
         };
@@ -148,7 +149,7 @@ impl Service {
         let options = ServerOptions {
             name: SERVER.into(),
             capacity: 1024,
-            records_to: RecordsTo::ThisProcess,
+            records_to: RecordsTo::ThisProcess(key),
             ..ServerOptions::default()
         };
         let server = Server::start(link.clone(), options).map_err(text)?;

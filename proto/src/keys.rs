@@ -25,9 +25,9 @@ pub fn any_legacy_alive() -> String {
     format!("{LEGACY_ROOT}/*/alive")
 }
 
-/// Liveliness tokens of all sessions of all servers, or of one.
-pub fn any_session(server: Option<&str>) -> String {
-    format!("{ROOT}/{}/s/*/live", server.unwrap_or("*"))
+/// Liveliness tokens for recorders, of all sessions of all servers, or of one.
+pub fn any_truth_live(server: Option<&str>) -> String {
+    ServerKeys::new(server.unwrap_or("*")).session("*").truth_live("*")
 }
 
 /// Records of all sessions of all servers, or of one.
@@ -99,6 +99,11 @@ impl SessionKeys {
         fits.then(|| (ServerKeys::new(server).session(session), server, session))
     }
 
+    /// What all its keys begin with.
+    pub fn root(&self) -> &str {
+        &self.root
+    }
+
     /// Liveliness token of the server: the session is open, or its truths are not all recorded yet.
     pub fn live(&self) -> String {
         format!("{}/live", self.root)
@@ -142,6 +147,12 @@ impl SessionKeys {
     /// Publication [`crate::v3::StepRecord`], one for each row.
     pub fn truth_row(&self) -> String {
         format!("{}/truth/row", self.root)
+    }
+
+    /// Liveliness token of the server for its recorders, like [`Self::live`]. The proof shows that it comes from a server with
+    /// the recorders' key.
+    pub fn truth_live(&self, proof: &str) -> String {
+        format!("{}/truth/live/{proof}", self.root)
     }
 
     /// Queryable: [`crate::v3::StepRecordRequest`] to one [`crate::v3::StepRecord`] a reply, as far as the server has them.

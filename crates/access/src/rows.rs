@@ -63,6 +63,17 @@ impl RowsKey {
         Some(record)
     }
 
+    /// Proves to a recorder that a session is one of a server with its key: the end of the session's token.
+    pub fn token(&self) -> String {
+        self.prove("live", b"").iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// Whether a token is of a server with this key.
+    #[must_use]
+    pub fn is_token(&self, proof: &str) -> bool {
+        bool::from(self.token().as_bytes().ct_eq(proof.as_bytes()))
+    }
+
     /// The attachment of a recorder's message; `label` is the end of the Zenoh key it is sent on.
     pub fn prove(&self, label: &str, payload: &[u8]) -> [u8; MAC_BYTES] {
         let mut context = hmac::Context::with_key(&self.proves);
@@ -125,6 +136,7 @@ mod tests {
         let proof = key.prove("ack", b"9");
         assert!(key.is_proved("ack", b"9", &proof));
         assert!(!key.is_proved("rows", b"9", &proof) && !key.is_proved("ack", b"8", &proof));
+        assert!(key.is_token(&key.token()) && !key.is_token("") && !key.is_token(&key.token()[1..]));
         assert!(!key.is_proved("ack", b"9", &[]) && !key.is_proved("ack", b"9", &proof[..15]));
     }
 }

@@ -116,6 +116,9 @@ pub enum EvaluateError {
     /// The folder of meshes cannot be used.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] fiatlux_render::MeshError),
+    /// The system cannot draw a key.
+    #[error("cannot draw a key for the recorder")]
+    Key(#[from] fiatlux_access::AccessError),
     /// The server did not start.
     #[error("cannot start the server")]
     Server(#[from] ServerError),

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
+use fiatlux_access::RecorderKey;
 use fiatlux_carrier::Carrier;
 use fiatlux_client::{Client, ClientError};
 use fiatlux_server::{
@@ -28,6 +29,7 @@ pub(super) fn play(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Played, EvaluateError> {
     let link = fiatlux_carrier::memory();
+    let key = RecorderKey::generate()?;
     let (unwritten, reports) = mpsc::channel();
     let recorder = Recorder::start(
         link.clone(),
@@ -35,7 +37,7 @@ pub(super) fn play(
             out: bags.into(),
             server: Some(SERVER.into()),
             naming: Naming::Flat,
-            records: RecordsFrom::ThisProcess,
+            records: RecordsFrom::ThisProcess(key.clone()),
             // The bags themselves show which of them are whole.
             on_bag: Box::new(move |report| note_cut(&report, &unwritten)),
             // An episode without a bag is reported at the end.
@@ -43,7 +45,7 @@ pub(super) fn play(
             name: SERVER.into(),
         },
     )?;
-    let server = ServerOptions { records_to: RecordsTo::ThisProcess, ..server };
+    let server = ServerOptions { records_to: RecordsTo::ThisProcess(key), ..server };
     let server = Server::start(link.clone(), server)?;
     let board = Board::new(jobs, options.workers);
     std::thread::scope(|scope| {

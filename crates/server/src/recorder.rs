@@ -10,13 +10,13 @@ mod worker;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Sender};
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use fiatlux_access::RecorderKey;
+use fiatlux_access::{RecorderKey, RowsKey};
 use fiatlux_carrier::{Carrier, CarrierError, Declaration, Reach};
-use fiatlux_proto::keys::{any_session, any_truth_row, is_name};
+use fiatlux_proto::keys::{SessionKeys, any_truth_live, any_truth_row, is_name};
 use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
 use fiatlux_robot::{HandKind, Robot, RobotError};
 use thiserror::Error;
@@ -26,8 +26,8 @@ use worker::{Inlets, Worker, WorkerEvent};
 
 /// Number of cores that one worker can serve.
 const CORES_PER_WORKER: usize = 4;
-/// Largest number of sessions to follow that have sent no record: anybody on the network can announce one.
-const MAX_UNHEARD: usize = 1024;
+/// Time between two lines in the log about sessions of unknown servers.
+const TELLING_PERIOD: Duration = Duration::from_secs(60);
 
 /// How to name bags below their folder. If a name is taken, a number is added.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -44,8 +44,9 @@ pub enum Naming {
 /// Whose records to write.
 #[derive(Debug, Clone)]
 pub enum RecordsFrom {
-    /// Records from this process, on its own carrier: no other program can add a row.
-    ThisProcess,
+    /// Records from this process, on its own carrier: no other program can add a row. The server proves with this key which
+    /// sessions are its own.
+    ThisProcess(RecorderKey),
     /// Records from servers that have this key. What others send on the same keys is dropped.
     Servers(RecorderKey),
 }
@@ -114,13 +115,39 @@ struct Shared {
     name: String,
     naming: Naming,
     reach: Reach,
-    /// Unseals records; `None` if they come from this process.
-    key: Option<RecorderKey>,
+    /// Proves whose a session is, and unseals its records.
+    key: RecorderKey,
+    /// Whether records are sealed, because they come from other processes.
+    is_sealed: bool,
+    /// When the log last told of sessions of unknown servers.
+    told_at: Mutex<Option<Instant>>,
     /// Frames of the robot with each kind of hands.
     frames: BTreeMap<HandKind, Frames>,
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
     on_loss: OnLoss,
     inlets: Inlets,
+}
+
+impl Shared {
+    /// The session that a token announces, by what its keys begin with. Anybody on the network can declare tokens: nothing
+    /// is done for a session that no server with the recorder's key has announced.
+    fn session_of(&self, token: &str) -> Option<Arc<str>> {
+        let (keys, server, session) = SessionKeys::of(token)?;
+        let (_, proof) = token.rsplit_once('/')?;
+        if RowsKey::of_recorder(&self.key, server, session).is_ok_and(|rows| rows.is_token(proof)) {
+            return Some(keys.root().into());
+        }
+        let mut told_at = self.told_at.lock().unwrap_or_else(PoisonError::into_inner);
+        if told_at.is_none_or(|at| at.elapsed() >= TELLING_PERIOD) {
+            *told_at = Some(Instant::now());
+            let server = server.escape_debug();
+            tracing::warn!(
+                "ignoring sessions announced as server {server}'s: they come from a stranger, or the server's \
+                 --recorder-key differs from this recorder's; give both the same file"
+            );
+        }
+        None
+    }
 }
 
 /// A running recorder. When dropped, it first writes everything that it has received, as [`Recorder::stop`] does.
@@ -138,37 +165,39 @@ impl Recorder {
     /// [`RecorderError`].
     pub fn start(carrier: Carrier, options: RecorderOptions) -> Result<Self, RecorderError> {
         let RecorderOptions { out, server, name, naming, records, on_bag, on_loss } = options;
-        let (reach, key) = match records {
-            RecordsFrom::ThisProcess => (Reach::ThisProcess, None),
-            RecordsFrom::Servers(key) => (Reach::Everywhere, Some(key)),
+        let (reach, is_sealed, key) = match records {
+            RecordsFrom::ThisProcess(key) => (Reach::ThisProcess, false, key),
+            RecordsFrom::Servers(key) => (Reach::Everywhere, true, key),
         };
         if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
             return Err(RecorderError::Name(server.clone()));
         }
         let frames_of = |hand| Ok((hand, Frames::new(&Robot::with_hands(hand)?)));
         let frames = HandKind::ALL.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
-        let inlets = Inlets::default();
-        let shared = Arc::new(Shared { out, name, naming, reach, key, frames, on_bag, on_loss, inlets });
+        let (inlets, told_at) = (Inlets::default(), Mutex::default());
+        let shared =
+            Arc::new(Shared { out, name, naming, reach, key, is_sealed, told_at, frames, on_bag, on_loss, inlets });
         let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
         let mut recorder = Self { subscriptions: Vec::new(), workers: Vec::new() };
         let workers = cores.div_ceil(CORES_PER_WORKER);
         for number in 0..workers {
             let (queue, inbox) = mpsc::channel();
             let (carrier, shared) = (carrier.clone(), Arc::clone(&shared));
-            let (start, max_unheard) = (Instant::now(), MAX_UNHEARD.div_ceil(workers));
-            let worker = Worker { carrier, shared, inbox, queue: queue.clone(), start, max_unheard };
+            let worker = Worker { carrier, shared, inbox, queue: queue.clone(), start: Instant::now() };
             let thread = thread::Builder::new().name(format!("recorder-{number}")).spawn(move || worker.run());
             recorder.workers.push((queue, thread.map_err(RecorderError::Thread)?));
         }
         let queues: Vec<_> = recorder.workers.iter().map(|(queue, _)| queue.clone()).collect();
+        let known = Arc::clone(&shared);
         let records = carrier.subscribe(&any_truth_row(server.as_deref()), shared.reach, move |message| {
-            let inlets = shared.inlets.read().unwrap_or_else(PoisonError::into_inner);
-            if let Some(inlet) = inlets.get(&message.key) {
-                inlet.push(message.payload);
+            let Some((keys, ..)) = SessionKeys::of(&message.key) else { return };
+            let inlets = known.inlets.read().unwrap_or_else(PoisonError::into_inner);
+            if let Some(inlet) = inlets.get(keys.root()) {
+                inlet.push(&message.payload);
             }
         })?;
-        let tokens = carrier.watch_tokens(&any_session(server.as_deref()), move |key, is_there| {
-            let key: Arc<str> = key.into();
+        let tokens = carrier.watch_tokens(&any_truth_live(server.as_deref()), move |key, is_there| {
+            let Some(key) = shared.session_of(key) else { return };
             // A session always goes to the same worker.
             let place = key.bytes().fold(0_usize, |sum, byte| sum.wrapping_mul(31).wrapping_add(byte.into()));
             let event = if is_there { WorkerEvent::Live(key) } else { WorkerEvent::Gone(key) };

@@ -70,6 +70,7 @@ fn keys() -> Vec<(String, Kind)> {
         (session.notice(), Kind::Put(&[Server], CLIENTS)),
         asked(session.close()),
         (session.live(), Kind::Token(&[Server], &[Server, Recorder])),
+        (session.truth_live("*"), Kind::Token(&[Server], &[Recorder])),
         (session.truth_row(), Kind::Put(&[Server], &[Recorder])),
         (session.truth_rows(), Kind::Query(&[Recorder], &[Server])),
         (session.truth_ack(), Kind::Put(&[Recorder], &[Server])),

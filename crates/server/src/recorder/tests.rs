@@ -48,7 +48,7 @@ impl FakeSession {
             *acked = ack.next_seq.max(*acked);
         });
         let publisher = carrier.publisher(&keys.truth_row(), "StepRecord", Quality::default(), Reach::Everywhere);
-        let token = carrier.token(&keys.live()).expect("a token");
+        let token = carrier.token(&keys.truth_live(&token(session))).expect("a token");
         Self {
             rows: publisher.expect("a publisher"),
             kept,
@@ -98,6 +98,16 @@ fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<StepRecord> {
     (0..rows).map(truth).collect()
 }
 
+/// The key that server and recorder share.
+fn key() -> RecorderKey {
+    static KEY: std::sync::OnceLock<RecorderKey> = std::sync::OnceLock::new();
+    KEY.get_or_init(|| RecorderKey::generate().expect("a key")).clone()
+}
+
+fn token(session: &str) -> String {
+    RowsKey::of_recorder(&key(), "lab", session).expect("a key").token()
+}
+
 fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/tmp/recorder").join(name);
     let _ = std::fs::remove_dir_all(&folder);
@@ -111,7 +121,7 @@ fn record(carrier: &Carrier, out: &Path) -> (Recorder, mpsc::Receiver<BagReport>
         server: Some("lab".into()),
         name: "test".into(),
         naming: Naming::BySession,
-        records: RecordsFrom::ThisProcess,
+        records: RecordsFrom::ThisProcess(key()),
         on_bag: Box::new(move |report| drop(sender.send(report))),
         on_loss: Box::new(|_, _| ()),
     };

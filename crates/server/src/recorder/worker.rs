@@ -24,7 +24,7 @@ const TICK: Duration = Duration::from_millis(50);
 /// Longest wait for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Events for a worker; sessions are identified by the key of their token.
+/// Events for a worker; sessions are identified by what their keys begin with.
 pub(super) enum WorkerEvent {
     /// The token of a session has appeared.
     Live(Arc<str>),
@@ -44,10 +44,20 @@ pub(super) struct Inlet {
     key: Arc<str>,
     queue: Sender<WorkerEvent>,
     queued: Arc<AtomicUsize>,
+    /// Unseals the session's records; `None` if they come from this process.
+    seal: Option<Arc<RowsKey>>,
 }
 
 impl Inlet {
-    pub fn push(&self, record: Bytes) {
+    /// Takes a record in. What others send on the server's keys costs its own unsealing, and no place in the queue.
+    pub fn push(&self, record: &Bytes) {
+        let record = match &self.seal {
+            None => record.clone(),
+            Some(rows) => match rows.open(record) {
+                Some(record) => record.into(),
+                None => return debug!(key = %self.key, "dropping a record that is not the server's"),
+            },
+        };
         if self.queued.fetch_add(1, Ordering::Relaxed) >= MAX_WAITING {
             self.queued.fetch_sub(1, Ordering::Relaxed);
             return;
@@ -57,7 +67,7 @@ impl Inlet {
     }
 }
 
-/// The inlets of all followed sessions, by the key of their records.
+/// The inlets of all followed sessions, by what their keys begin with.
 ///
 /// A single subscription serves them all: each further one costs more, and anybody can announce sessions.
 pub(super) type Inlets = RwLock<BTreeMap<String, Inlet>>;
@@ -96,16 +106,9 @@ struct Followed {
     inlet: Inlet,
     state: RecorderSession,
     bags: Bags,
-    /// The key that unseals its records.
-    rows: Option<RowsKey>,
     acks: Publisher,
     /// The token was withdrawn, not necessarily by the server.
     is_gone: bool,
-    /// A record of the session has arrived.
-    is_heard: bool,
-    /// It was reported that its records cannot be read.
-    is_refused: bool,
-    since: Duration,
     _listed: Listed,
 }
 
@@ -116,8 +119,6 @@ pub(super) struct Worker {
     pub inbox: Receiver<WorkerEvent>,
     pub queue: Sender<WorkerEvent>,
     pub start: Instant,
-    /// Largest number of sessions to follow that have sent no record.
-    pub max_unheard: usize,
 }
 
 impl Worker {
@@ -145,11 +146,10 @@ impl Worker {
     fn handle(&self, sessions: &mut BTreeMap<Arc<str>, Followed>, event: WorkerEvent, now: Duration) {
         let (key, input) = match event {
             WorkerEvent::Live(key) => {
-                if !sessions.contains_key(&key) {
-                    make_room(sessions, self.max_unheard);
-                    if let Some(session) = self.follow(&key, now) {
-                        sessions.insert(Arc::clone(&key), session);
-                    }
+                if !sessions.contains_key(&key)
+                    && let Some(session) = self.follow(&key, now)
+                {
+                    sessions.insert(Arc::clone(&key), session);
                 }
                 if let Some(session) = sessions.get_mut(&key) {
                     session.is_gone = false;
@@ -162,25 +162,9 @@ impl Worker {
                 }
                 (key, Input::ServerGone)
             }
-            WorkerEvent::StepRecord(key, bytes) => {
+            WorkerEvent::StepRecord(key, record) => {
                 let Some(session) = sessions.get_mut(&key) else { return };
                 session.inlet.queued.fetch_sub(1, Ordering::Relaxed);
-                let record = match &session.rows {
-                    None => Some(bytes),
-                    Some(rows) => rows.open(&bytes).map(Bytes::from),
-                };
-                let Some(record) = record else {
-                    // Before any record could be read, the server more likely has another key than a stranger writes in its name.
-                    if !session.is_heard && !std::mem::replace(&mut session.is_refused, true) {
-                        let server = SessionKeys::of(&key).map_or(&*key, |(_, server, _)| server);
-                        warn!(
-                            "cannot read the records of server {server}: its --recorder-key differs from this recorder's; \
-                             give both the same file"
-                        );
-                    }
-                    return debug!(%key, "dropping a record that is not the server's");
-                };
-                session.is_heard = true;
                 if session.is_gone {
                     // Whoever withdrew the token: the server is gone once it has been silent for that long.
                     session.state.handle(Input::ServerSeen, now);
@@ -212,26 +196,15 @@ impl Worker {
             None if bags.are_begun(server, session) => RecorderSession::again(name, now),
             None => RecorderSession::new(name, now),
         };
-        let sealed_by = self.shared.key.as_ref().map(|key| RowsKey::of_recorder(key, server, session)).transpose();
-        let rows = sealed_by.map_err(|error| warn!(%key, %error, "cannot record a session")).ok()?;
+        let rows = RowsKey::of_recorder(&self.shared.key, server, session);
+        let rows = Arc::new(rows.map_err(|error| warn!(%key, %error, "cannot record a session")).ok()?);
+        let seal = self.shared.is_sealed.then_some(rows);
         let acks = self.carrier.publisher(&keys.truth_ack(), "StepRecordAck", Quality::default(), self.shared.reach);
         let acks = acks.map_err(|error| warn!(%key, %error, "cannot acknowledge the records of a session")).ok()?;
-        let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default() };
-        let listed = Listed::new(&self.shared, keys.truth_row(), inlet.clone());
+        let inlet = Inlet { key: Arc::clone(key), queue: self.queue.clone(), queued: Arc::default(), seal };
+        let listed = Listed::new(&self.shared, keys.root().into(), inlet.clone());
         debug!(%key, "recording a session");
-        Some(Followed {
-            keys,
-            inlet,
-            state,
-            bags,
-            rows,
-            acks,
-            is_gone: false,
-            is_heard: false,
-            is_refused: false,
-            since: now,
-            _listed: listed,
-        })
+        Some(Followed { keys, inlet, state, bags, acks, is_gone: false, _listed: listed })
     }
 
     /// Gives a session an input and carries out what it asks for; returns whether it continues.
@@ -255,7 +228,7 @@ impl Worker {
 
     fn ask(&self, session: &Followed, request: Bytes) {
         let end = AnswerEnd(session.inlet.clone());
-        let proof = session.rows.as_ref().map(|rows| rows.prove("rows", &request).to_vec());
+        let proof = session.inlet.seal.as_ref().map(|rows| rows.prove("rows", &request).to_vec());
         let question = Question {
             key: session.keys.truth_rows(),
             message: "StepRecordRequest".into(),
@@ -267,7 +240,7 @@ impl Worker {
         };
         let take = move |reply| {
             if let Ok(Message { payload, .. }) = reply {
-                end.0.push(payload);
+                end.0.push(&payload);
             }
         };
         if let Err(error) = self.carrier.ask(question, take) {
@@ -276,22 +249,9 @@ impl Worker {
     }
 
     fn acknowledge(&self, session: &Followed, ack: Bytes) {
-        let proof = session.rows.as_ref().map(|rows| rows.prove("ack", &ack).to_vec()).unwrap_or_default();
+        let proof = session.inlet.seal.as_ref().map(|rows| rows.prove("ack", &ack).to_vec()).unwrap_or_default();
         if let Err(error) = session.acks.put(ack, proof) {
             warn!(key = %session.inlet.key, %error, "cannot acknowledge records");
         }
-    }
-}
-
-/// If too many sessions have sent nothing, stops following the oldest of them.
-fn make_room(sessions: &mut BTreeMap<Arc<str>, Followed>, max_unheard: usize) {
-    let unheard = || sessions.iter().filter(|(_, session)| !session.is_heard);
-    if unheard().count() < max_unheard {
-        return;
-    }
-    let oldest = unheard().min_by_key(|(_, session)| session.since).map(|(key, _)| Arc::clone(key));
-    if let Some(key) = oldest {
-        debug!(%key, "too many sessions are announced; no longer following this one, which has sent no record");
-        sessions.remove(&key);
     }
 }

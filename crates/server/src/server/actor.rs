@@ -183,7 +183,7 @@ pub(super) struct Wire {
     pub observation: Publisher,
     pub notice: Publisher,
     pub truth: Publisher,
-    _live: Option<Declaration>,
+    _tokens: Vec<Declaration>,
 }
 
 impl Wire {
@@ -193,12 +193,12 @@ impl Wire {
     }
 
     /// Every message may be dropped on the way and is then requested again: a peer that does not read costs the server
-    /// nothing more. Records leave the process only sealed. Recorders ignore a session that `is_replay`.
+    /// nothing more. Records leave the process only sealed.
     pub fn declare(
         carrier: &Carrier,
         keys: &SessionKeys,
         is_sealed: bool,
-        is_replay: bool,
+        tokens: &[String],
     ) -> Result<Self, CarrierError> {
         let records_to = if is_sealed { Reach::Everywhere } else { Reach::ThisProcess };
         let to_client = Quality { priority: Priority::Interactive, express: true, blocking: false };
@@ -206,7 +206,7 @@ impl Wire {
             observation: carrier.publisher(&keys.observation(), "Observation", to_client, Reach::Everywhere)?,
             notice: carrier.publisher(&keys.notice(), "Notice", to_client, Reach::Everywhere)?,
             truth: carrier.publisher(&keys.truth_row(), "StepRecord", Quality::default(), records_to)?,
-            _live: (!is_replay).then(|| carrier.token(&keys.live())).transpose()?,
+            _tokens: tokens.iter().map(|key| carrier.token(key)).collect::<Result<_, _>>()?,
         })
     }
 }

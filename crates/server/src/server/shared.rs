@@ -73,10 +73,10 @@ pub(super) struct Shared {
     pub signer: Option<Arc<Identity>>,
     /// Who may open sessions; `None` if everybody may.
     pub tokens: Option<Tokens>,
-    /// Key shared with recorders in other processes.
+    /// Key shared with recorders in other processes, with which records are sealed.
     pub recorder_key: Option<RecorderKey>,
-    /// Whether there is a recorder, so that sessions may ask to be recorded.
-    pub has_recorder: bool,
+    /// Key by which recorders know the tokens of its sessions; `None` without a recorder.
+    pub token_key: Option<RecorderKey>,
     /// Requests that start something.
     pub opens: Opens,
     pub links: Links,
@@ -345,7 +345,7 @@ impl Shared {
             plan.recorded = false;
         } else if self.runs.is_some() {
             plan.recorded = true;
-        } else if plan.recorded && !self.has_recorder {
+        } else if plan.recorded && self.token_key.is_none() {
             let message = "this server has no recorder; start it with --record DIR, or with --recorder-key FILE and a \
                            recorder that has the same key, or leave `recorded` out";
             return Err(Refusal::new(Code::Value, "recorded", message));
@@ -393,7 +393,14 @@ impl Shared {
         let network = network.transpose()?;
         let is_replay = plan.request.replay;
         let is_sealed = is_replay || self.recorder_key.is_some();
-        let wire = Wire::declare(&self.carrier, &keys, is_sealed, is_replay)
+        // A replay has no token, so no recorder follows it.
+        let mut tokens = if is_replay { Vec::new() } else { vec![keys.live()] };
+        if let Some(key) = self.token_key.as_ref().filter(|_| !is_replay) {
+            let rows = RowsKey::of_recorder(key, &self.name, id);
+            let rows = rows.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
+            tokens.push(keys.truth_live(&rows.token()));
+        }
+        let wire = Wire::declare(&self.carrier, &keys, is_sealed, &tokens)
             .map_err(|error| Refusal::new(Code::Busy, "", format!("the session's keys are refused: {error}")))?;
         let (task, seed, policy) = (plan.task, plan.seed, plan.request.policy.clone());
         let now = self.now();

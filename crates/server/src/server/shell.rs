@@ -42,8 +42,9 @@ pub enum RecordsTo {
     /// Nobody: sessions cannot ask to be recorded. What uses the server's own carrier in this process may still follow.
     #[default]
     Nobody,
-    /// A recorder on the server's own carrier in this process, which records do not leave.
-    ThisProcess,
+    /// A recorder on the server's own carrier in this process, which records do not leave. It knows the server's sessions
+    /// by this key.
+    ThisProcess(RecorderKey),
     /// Recorders that have this key, with which records are sealed.
     Recorders(RecorderKey),
 }
@@ -191,10 +192,11 @@ impl Server {
         let signer = options.identity.clone();
         let identity = options.identity.map_or_else(|| Identity::generate().map(Arc::new), Ok)?;
         tracing::info!(server = options.name, key = %identity.public(), "clients know this server by its key");
-        let has_recorder = runs.is_some() || !matches!(options.records_to, RecordsTo::Nobody);
-        let recorder_key = match options.records_to {
-            RecordsTo::Recorders(key) if runs.is_none() => Some(key),
-            _ => None,
+        let (token_key, recorder_key) = match options.records_to {
+            _ if runs.is_some() => (Some(RecorderKey::generate()?), None),
+            RecordsTo::Nobody => (None, None),
+            RecordsTo::ThisProcess(key) => (Some(key), None),
+            RecordsTo::Recorders(key) => (Some(key.clone()), Some(key)),
         };
         // Milliseconds since 1970, which no earlier server of this name can have used.
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -224,7 +226,7 @@ impl Server {
             signer,
             tokens: options.tokens,
             recorder_key,
-            has_recorder,
+            token_key,
             opens: Opens::default(),
             links: Links::default(),
             refused: AtomicU64::new(0),
@@ -236,8 +238,10 @@ impl Server {
         let (threads, endpoints, alive) = (Vec::new(), Vec::new(), Vec::new());
         let mut server = Self { shared, threads, endpoints, alive, recorder: None, _lock: lock };
         server.start_threads(options.workers).map_err(ServerError::Thread)?;
-        if let Some(out) = options.record {
-            server.record(out)?;
+        if let Some(out) = options.record
+            && let Some(key) = server.shared.token_key.clone()
+        {
+            server.record(out, key)?;
         }
         server.listen()?;
         for key in [server.shared.keys.alive(), ServerKeys::legacy(&server.shared.name).alive()] {
@@ -312,14 +316,14 @@ impl Server {
     }
 
     /// Starts the server's own recorder.
-    fn record(&mut self, out: PathBuf) -> Result<(), ServerError> {
+    fn record(&mut self, out: PathBuf, key: RecorderKey) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let options = RecorderOptions {
             out,
             server: Some(self.shared.name.clone()),
             name: self.shared.name.clone(),
             naming: Naming::ByRun,
-            records: RecordsFrom::ThisProcess,
+            records: RecordsFrom::ThisProcess(key),
             on_bag: Box::new(move |report| shared.take_bag(&report)),
             on_loss: Box::new(|session, records| {
                 tracing::error!(session, records, "records of a session are in no bag");
