@@ -15,6 +15,11 @@ use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_world::{PHYSICS_DT, Random, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, Stream};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
+/// Whether long checks run at full length: with `FIATLUX_SLOW_TESTS` set.
+pub fn at_full_length() -> bool {
+    std::env::var_os("FIATLUX_SLOW_TESTS").is_some()
+}
+
 /// The robot, read once per call.
 pub fn robot() -> Arc<Robot> {
     Arc::new(Robot::g1_inspire().unwrap())

@@ -19,32 +19,35 @@ pub use service::{
 /// How long a program may take to say or do something that a test waits for.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Path of one of our programs, built in the profile of the running test; the examples are in the folder next to it.
+/// Path of one of our programs; the examples are in the folder next to it. They are built in the profile of the running test,
+/// unless `FIATLUX_PROGRAMS` names the folder of programs that are built already.
 ///
 /// # Panics
-/// Where it does not build.
+/// Where they do not build.
 pub fn program(name: &str) -> PathBuf {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
-    let folder = FOLDER.get_or_init(|| {
-        let test = std::env::current_exe().expect("a test has a path");
-        let folder = test.parent().and_then(Path::parent).expect("tests are built below the profile's folder");
-        let mut cargo = Command::new(env!("CARGO"));
-        // All packages, as the tests are built: for some of them alone others' features differ, and Zenoh is built once more.
-        cargo.args(["build", "--quiet", "--locked", "--workspace", "--bins", "--examples", "--target-dir"]);
-        cargo.arg(folder.parent().expect("target"));
-        if folder.ends_with("release") {
-            cargo.arg("--release");
+    FOLDER.get_or_init(|| std::env::var_os("FIATLUX_PROGRAMS").map_or_else(build, PathBuf::from)).join(name)
+}
+
+/// Builds all programs and examples; returns their folder.
+fn build() -> PathBuf {
+    let test = std::env::current_exe().expect("a test has a path");
+    let folder = test.parent().and_then(Path::parent).expect("tests are built below the profile's folder");
+    let mut cargo = Command::new(env!("CARGO"));
+    // All packages, as the tests are built: for some of them alone others' features differ, and Zenoh is built once more.
+    cargo.args(["build", "--quiet", "--locked", "--workspace", "--bins", "--examples", "--target-dir"]);
+    cargo.arg(folder.parent().expect("target"));
+    if folder.ends_with("release") {
+        cargo.arg("--release");
+    }
+    // Cargo tells a test of its package. The build script of ring takes that for a change, and all above it is built anew.
+    for (name, _) in std::env::vars_os() {
+        if ["CARGO_PKG_", "CARGO_MANIFEST_"].iter().any(|start| name.to_string_lossy().starts_with(start)) {
+            cargo.env_remove(name);
         }
-        // Cargo tells a test of its package. The build script of ring takes that for a change, and all above it is built anew.
-        for (name, _) in std::env::vars_os() {
-            if ["CARGO_PKG_", "CARGO_MANIFEST_"].iter().any(|start| name.to_string_lossy().starts_with(start)) {
-                cargo.env_remove(name);
-            }
-        }
-        assert!(cargo.status().expect("cargo runs").success(), "the programs do not build");
-        folder.into()
-    });
-    folder.join(name)
+    }
+    assert!(cargo.status().expect("cargo runs").success(), "the programs do not build");
+    folder.into()
 }
 
 /// A port that is free now.

@@ -256,7 +256,7 @@ fn range(name: &str, default: Range<u64>) -> Range<u64> {
 /// `FIATLUX_STAND_GAINS` another set of gains.
 #[test]
 fn it_stands_in_every_task_of_the_table() {
-    let (steps, rooms) = if option_env!("FIATLUX_SLOW_TESTS").is_some() { (FULL, 4) } else { (20 * SECOND, 1) };
+    let (steps, rooms) = if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { (FULL, 4) } else { (20 * SECOND, 1) };
     let (seeds, episodes) = (range("FIATLUX_STAND_SEEDS", 0..rooms), range("FIATLUX_STAND_EPISODES", 0..1));
     let gains = std::env::var("FIATLUX_STAND_GAINS").map_or(GainSet::Fiatlux, |name| name.parse().unwrap());
     let mut jobs = Vec::new();

@@ -6,13 +6,12 @@ use std::sync::mpsc;
 
 use fiatlux_robot::GainSet;
 use fiatlux_rules::Row;
-use fiatlux_tests::{robot, scene};
+use fiatlux_tests::{at_full_length, robot, scene};
 use fiatlux_world::{ACTION_SCALE, Random, SceneKind, Stream, World};
 
 /// The G1 with Inspire hands.
 const JOINTS: usize = 53;
 
-const STEPS: u64 = if option_env!("FIATLUX_SLOW_TESTS").is_some() { 6000 } else { 1500 };
 /// Tells a copy of this test binary to print its digest and stop.
 const CHILD: &str = "FIATLUX_DIGEST_CHILD";
 
@@ -50,7 +49,8 @@ fn run(world: &mut World, until: u64, keep: u64) -> (String, Option<Row>) {
 #[test]
 fn two_processes_and_two_worlds_give_the_same_digest() {
     let mut first = world();
-    let (alone, _) = run(&mut first, STEPS, 0);
+    let steps = if at_full_length() { 6000 } else { 1500 };
+    let (alone, _) = run(&mut first, steps, 0);
     if std::env::var_os(CHILD).is_some() {
         println!("digest {alone}");
         return;
@@ -58,7 +58,7 @@ fn two_processes_and_two_worlds_give_the_same_digest() {
     let (send, receive) = mpsc::channel();
     for mut world in [world(), world()] {
         let send = send.clone();
-        std::thread::spawn(move || send.send(run(&mut world, STEPS, 0).0).unwrap());
+        std::thread::spawn(move || send.send(run(&mut world, steps, 0).0).unwrap());
     }
     assert_eq!([alone.as_str(); 2], [receive.recv().unwrap(), receive.recv().unwrap()]);
 

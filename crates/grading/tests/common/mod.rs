@@ -14,6 +14,11 @@ use fiatlux_rules::{
 use fiatlux_wire::{geometry_message, header_digest, judgement_message, read_identity, reward_of, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
+/// How many random changes a test makes: a tenth of them, and all with `FIATLUX_ALL_MUTATIONS` set.
+pub fn mutations(all: usize) -> usize {
+    if std::env::var_os("FIATLUX_ALL_MUTATIONS").is_some() { all } else { all / 10 }
+}
+
 /// What happens in an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Story {

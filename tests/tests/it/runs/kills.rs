@@ -4,19 +4,21 @@
 use std::thread::sleep;
 use std::time::Duration;
 
+use fiatlux_tests::at_full_length;
 use fiatlux_tests::programs::{PATIENCE, Service, alone, grade, wait_until};
 
 use super::lab::{Asked, BENCHMARK, Lab};
 
 /// Kills of each program.
-const KILLS: usize = if option_env!("FIATLUX_SLOW_TESTS").is_some() { 20 } else { 4 };
+fn kills_of_each() -> usize {
+    if at_full_length() { 20 } else { 4 }
+}
 
 /// The everyday form has half of the benchmark.
-const ASKED: Asked = if option_env!("FIATLUX_SLOW_TESTS").is_some() {
-    BENCHMARK
-} else {
-    Asked { tasks: "all", seeds: "0..1", episodes: 24, parallel: "4" }
-};
+fn asked() -> Asked {
+    let half = Asked { tasks: "all", seeds: "0..1", episodes: 24, parallel: "4" };
+    if at_full_length() { BENCHMARK } else { half }
+}
 
 /// SplitMix64: the same moments in every run of the test, as far as a machine keeps time.
 struct Dice(u64);
@@ -40,16 +42,16 @@ fn kill_in_runs(
     seed: u64,
     mut kill: impl FnMut(&mut Lab, &mut fiatlux_tests::programs::Running, &mut Dice),
 ) {
-    let mut dice = Dice(seed);
-    let mut kills = 0;
-    while kills < KILLS {
-        let mut lab = Lab::start(name, 2, ASKED);
+    let (mut dice, asked) = (Dice(seed), asked());
+    let (mut kills, all) = (0, kills_of_each());
+    while kills < all {
+        let mut lab = Lab::start(name, 2, asked);
         let mut client = lab.client();
         dice.wait_ms(200, 1500);
-        while kills < KILLS && client.is_running() {
+        while kills < all && client.is_running() {
             kill(&mut lab, &mut client, &mut dice);
             kills += 1;
-            println!("{name}: kill {kills} with {} of {} played", lab.played(), ASKED.episodes);
+            println!("{name}: kill {kills} with {} of {} played", lab.played(), asked.episodes);
             dice.wait_ms(50, 1500);
         }
         lab.assert_whole(&mut client);
@@ -80,13 +82,13 @@ fn clients_die() {
 fn recorders_die() {
     let asked = ["--policy", "random", "--task", "S01", "--seed", "5", "--episodes", "30"];
     let expected = alone(&asked);
-    let (mut dice, mut kills) = (Dice(3), 0);
-    while kills < KILLS {
+    let (mut dice, mut kills, all) = (Dice(3), 0, kills_of_each());
+    while kills < all {
         let service = Service::start("recorder-kills", &[]);
         let mut recorder = service.record();
         let mut client = service.client(&[&asked[..], &["--recorded"]].concat());
         dice.wait_ms(200, 1000);
-        while kills < KILLS && client.is_running() {
+        while kills < all && client.is_running() {
             recorder.kill();
             recorder = service.record();
             kills += 1;

@@ -1,13 +1,10 @@
 //! A server and a client of raw messages in one process: what the protocol promises, over a real Zenoh session.
-#![allow(clippy::unwrap_used, missing_docs)]
-
-mod common;
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-use common::{Keys, ask_sealed, channel_of, open_session, rows_key, subscribe, subscribe_sealed};
+use crate::common::{Keys, ask_sealed, channel_of, open_session, rows_key, subscribe, subscribe_sealed};
 use fiatlux_access::{Label, RecorderKey, RowsKey};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
@@ -127,7 +124,7 @@ impl Client {
         let Some(rows) = &self.rows else { return query(&self.zenoh, self.keys.truth_rows(), &request) };
         let request = request.encode_to_vec();
         let proof = rows.prove("rows", &request).to_vec();
-        let sealed = common::replies(&self.zenoh, &self.keys.truth_rows(), request, proof);
+        let sealed = crate::common::replies(&self.zenoh, &self.keys.truth_rows(), request, proof);
         let open = |sealed: Vec<u8>| StepRecord::decode(&*rows.open(&sealed).unwrap()).unwrap();
         sealed.into_iter().map(|reply| open(reply.unwrap().0)).collect()
     }

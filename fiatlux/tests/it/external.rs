@@ -1,5 +1,4 @@
 //! `fiatlux evaluate --external` as a user meets it: one line for the client, results at the end, exit codes.
-#![allow(clippy::unwrap_used, missing_docs)]
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};

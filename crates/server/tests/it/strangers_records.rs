@@ -1,8 +1,5 @@
 //! Peers of the same network that want to read what a policy must not know, or to have something else recorded: they read
 //! nothing, and bags hold what the server has said.
-#![allow(clippy::unwrap_used, missing_docs)]
-
-mod common;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -10,8 +7,8 @@ use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use common::victim::{Heard, LONG, Victim, network, options, overhear, request};
-use common::{ask_run, replies};
+use crate::common::victim::{Heard, LONG, Victim, network, options, overhear, request};
+use crate::common::{ask_run, replies};
 use fiatlux_access::{RecorderKey, RowsKey};
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_proto::Message;
@@ -219,7 +216,8 @@ fn a_replay_is_its_openers() {
     let (server, link, stranger) = network(ServerOptions { records_to, ..options() });
     let out = folder("replay");
     let (_recorder, bags) = recorder(&stranger, out.clone(), &key);
-    let (info, secrets) = common::open_session(&link, "test", &OpenRequest { replay: true, ..request() }).unwrap();
+    let (info, secrets) =
+        crate::common::open_session(&link, "test", &OpenRequest { replay: true, ..request() }).unwrap();
     let rows = RowsKey::of_opener(&secrets).unwrap();
     let victim = Victim::enter(&link, &info, &secrets);
     let _live = stranger.liveliness().declare_token(victim.keys.live()).wait().unwrap();

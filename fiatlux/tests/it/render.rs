@@ -1,7 +1,4 @@
 //! Clips of made-up episodes: through the program where its words and exit codes matter, through the library elsewhere.
-#![allow(clippy::unwrap_used, missing_docs)]
-
-mod common;
 
 use std::fs;
 use std::num::NonZeroUsize;
@@ -10,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output as Done};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use common::{bag, begin, check, folder, header, rows, text, write};
+use crate::common::{bag, begin, check, folder, header, rows, text, write};
 use fiatlux::render::{Clip, Output, Picture, RenderError, RenderOptions, Span, View};
 use fiatlux_proto::v3::EpisodeHeader;
 

@@ -1,5 +1,4 @@
 //! What clients of raw messages share: they say hello and seal as the protocol has it, and nothing else for their caller.
-#![allow(dead_code)]
 
 pub mod victim;
 

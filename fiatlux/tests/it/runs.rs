@@ -1,5 +1,4 @@
 //! Whole runs by the library's client, on servers in this process: what is lost on the way changes nothing of what is played.
-#![allow(clippy::unwrap_used, missing_docs)]
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,14 +1,11 @@
 //! Peers of the same network that say and answer whatever they like, next to a session that is not theirs: it goes on
 //! as if nobody were there.
-#![allow(clippy::unwrap_used, missing_docs)]
-
-mod common;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use common::victim::{LONG, Victim, action, network, options, overhear, request};
-use common::{open_session, replies};
+use crate::common::victim::{LONG, Victim, action, network, options, overhear, request};
+use crate::common::{open_session, replies};
 use fiatlux_access::{Grant, Greeting, Identity, Token, Tokens, proof};
 use fiatlux_proto::Message;
 use fiatlux_proto::keys::ServerKeys;
@@ -77,7 +74,7 @@ fn a_query_that_somebody_else_sends_first_is_answered() {
     let _forged = forged
         .callback(move |query| {
             let payload = query.payload().map(|bytes| bytes.to_bytes().into_owned()).unwrap_or_default();
-            let attachment = common::bytes_of(query.attachment());
+            let attachment = crate::common::bytes_of(query.attachment());
             let relay = relay.clone();
             std::thread::spawn(move || {
                 let key = query.key_expr().clone();

@@ -1,14 +1,11 @@
 //! Runs on a server, by a client of raw messages: what counts, what may be tried again, and what nobody is told.
-#![allow(clippy::unwrap_used, missing_docs)]
-
-mod common;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
-use common::{Keys, ask_run, ask_run_as, ask_sealed, channel_of, open_session, subscribe, subscribe_sealed};
+use crate::common::{Keys, ask_run, ask_run_as, ask_sealed, channel_of, open_session, subscribe, subscribe_sealed};
 use fiatlux_access::{Label, run_identity};
 use fiatlux_bag::run::{Ledger, LedgerError, Prefix, State, journal_of};
 use fiatlux_bag::{Bag, Completeness};

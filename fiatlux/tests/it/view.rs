@@ -1,7 +1,4 @@
 //! `fiatlux view` through the program.
-#![allow(clippy::unwrap_used, missing_docs)]
-
-mod common;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -9,7 +6,7 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
-use common::{bag, begin, check, folder, header, rows, text};
+use crate::common::{bag, begin, check, folder, header, rows, text};
 
 fn command(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_fiatlux"));

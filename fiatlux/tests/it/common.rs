@@ -1,5 +1,4 @@
 //! Made-up episodes.
-#![allow(dead_code)]
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,0 +1,103 @@
+"""Tests of the checks in this folder: each one fails on what it is there to find. `.ci/run` runs them."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+import features
+import licences
+
+RULES = {
+    "licenses": {"allow": ["MIT", "Apache-2.0", "Apache-2.0 WITH LLVM-exception"]},
+    "bans": {"deny": [{"crate": "openssl-sys", "reason": "use rustls"}], "wildcards": "deny"},
+    "sources": {"unknown-registry": "deny", "unknown-git": "deny"},
+}
+
+
+def package(**fields):
+    package = {"name": "a", "version": "1.0.0", "license": "MIT", "source": licences.REGISTRY, "dependencies": []}
+    return {**package, **fields}
+
+
+class Licences(unittest.TestCase):
+    def test_expressions(self):
+        for expression, expected in [
+            ("MIT", True),
+            ("GPL-3.0", False),
+            ("GPL-3.0 OR MIT", True),
+            ("GPL-3.0 AND MIT", False),
+            ("GPL-3.0/MIT", True),
+            ("(MIT OR GPL-3.0) AND Apache-2.0", True),
+            ("MIT OR GPL-3.0 AND GPL-2.0", True),
+            ("(MIT OR GPL-3.0) AND GPL-2.0", False),
+            ("Apache-2.0 WITH LLVM-exception", True),
+            ("MIT WITH LLVM-exception", False),
+            ("GPL-3.0 WITH LLVM-exception OR MIT", True),
+        ]:
+            with self.subTest(expression):
+                self.assertEqual(licences.is_allowed(expression, RULES["licenses"]["allow"]), expected)
+        for expression in ["", "MIT OR", "(MIT", "MIT)", "AND MIT", "MIT MIT"]:
+            with self.subTest(expression), self.assertRaises(ValueError):
+                licences.is_allowed(expression, RULES["licenses"]["allow"])
+
+    def test_each_rule_finds_what_breaks_it(self):
+        self.assertEqual(list(licences.faults(RULES, [package()])), [])
+        for broken, fault in [
+            (package(license="GPL-3.0"), "licence GPL-3.0 is not allowed"),
+            (package(license=None), "licence None is not an SPDX expression"),
+            (package(name="openssl-sys"), "banned: use rustls"),
+            (package(source="git+https://example.com/a"), "source git+https://example.com/a is not crates.io"),
+            (package(source=None, dependencies=[{"name": "b", "req": "*"}]), 'b = "*" accepts every version'),
+        ]:
+            with self.subTest(fault):
+                [found] = licences.faults(RULES, [package(name="good"), broken])
+                self.assertIn(fault, found)
+
+    def test_an_exception_is_for_one_crate(self):
+        rules = {**RULES, "licenses": {**RULES["licenses"], "exceptions": [{"crate": "a", "allow": ["MPL-2.0"]}]}}
+        packages = [package(license="MPL-2.0"), package(license="MPL-2.0", name="b")]
+        self.assertEqual(list(licences.faults(rules, packages)), ["b 1.0.0: licence MPL-2.0 is not allowed"])
+
+    def test_a_rule_that_is_not_applied_is_refused(self):
+        self.assertEqual(list(licences.unapplied(RULES)), [])
+        unknown = {**RULES, "licenses": {**RULES["licenses"], "clarify": []}}
+        self.assertIn("licenses.clarify", next(licences.unapplied(unknown)))
+        weaker = {**RULES, "sources": {**RULES["sources"], "unknown-git": "allow"}}
+        self.assertIn("sources.unknown-git", next(licences.unapplied(weaker)))
+
+
+class Features(unittest.TestCase):
+    def test_a_crate_with_other_features_is_named(self):
+        key = ("registry#syn@3.0.0", ("syn", "lib", "build"), "{}")
+        full, bare = {key: {frozenset(["fold", "visit"])}}, {key: {frozenset(["visit"])}}
+        self.assertEqual(features.differences(full, full), ([], 1))
+        self.assertEqual(features.differences(bare, full), (["registry#syn@3.0.0: without ['fold'], with []"], 1))
+        self.assertEqual(features.differences({}, full), ([], 0))
+
+
+class Run(unittest.TestCase):
+    def run_without(self, **environment):
+        script = Path(__file__).parent / "run"
+        return subprocess.run([script], capture_output=True, text=True, env={**os.environ, **environment})
+
+    def test_an_unknown_name_is_refused(self):
+        done = self.run_without(FIATLUX_CI_WITHOUT="node chrome")
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("'chrome' is unknown", done.stderr)
+
+    def test_a_missing_tool_fails_before_anything_runs(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for tool in ("bash", "dirname", "id"):
+                os.symlink(shutil.which(tool), f"{folder}/{tool}")
+            done = self.run_without(PATH=folder, FIATLUX_CI_WITHOUT="node chromium")
+        self.assertEqual((done.returncode, done.stdout), (1, ""))
+        self.assertIn("python is missing", done.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
