@@ -183,7 +183,7 @@ fn stand_answers_with_targets_of_all_joints() {
 }
 
 /// Small networks written by Python.
-const NETWORKS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/foreign/tests/fixtures");
+const NETWORKS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../foreign/tests/fixtures");
 
 /// A foreign controller's command in its first step: targets of all joints.
 fn foreign_targets(words: &str, robot: &Robot, gains: GainSet) -> Result<Vec<f64>, String> {
