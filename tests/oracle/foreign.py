@@ -1,4 +1,4 @@
-"""What Python makes of the controllers of others: random networks of the right shape, and the targets that they give.
+"""What Python makes of the controllers of others: random networks built as the published ones, and the targets they give.
 
     FIATLUX_PYTHON tests/oracle/foreign.py FOLDER [--small] [--seed N]
 
@@ -27,9 +27,10 @@ import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
 STEPS = 240
+# Widths of the published networks, and small ones: GEAR's estimator and actor, SONIC's decoder.
 SIZES = {
-    False: {"gear": [516, 512, 256, 128, 15], "sonic": [994, 2048, 2048, 1024, 1024, 512, 29]},
-    True: {"gear": [516, 4, 15], "sonic": [994, 4, 29]},
+    False: ([516, 256, 256, 35], [121, 512, 256, 256, 15], [994, 2048, 2048, 1024, 1024, 512, 512, 29]),
+    True: ([516, 4, 35], [121, 4, 15], [994, 4, 29]),
 }
 
 # Standing posture of the session's robot: positions are relative to it.
@@ -160,35 +161,76 @@ def run(network, observation):
     return network.run(None, {network.get_inputs()[0].name: observation[None]})[0][0]
 
 
-def write_network(path, sizes, random, batch, as_gemm):
-    """A multilayer perceptron with ELU, as PyTorch exports it: with Gemm, or with MatMul and Add."""
-    nodes, tensors, at = [], [], "obs"
-    for layer, (inputs, outputs) in enumerate(zip(sizes, sizes[1:])):
-        weight = (random.standard_normal((outputs, inputs)) / np.sqrt(inputs)).astype(np.float32)
-        bias = (0.1 * random.standard_normal(outputs)).astype(np.float32)
-        is_last = layer == len(sizes) - 2
-        to = "actions" if is_last else f"sum{layer}"
-        tensors.append(numpy_helper.from_array(weight if as_gemm else np.ascontiguousarray(weight.T), f"w{layer}"))
-        tensors.append(numpy_helper.from_array(bias, f"b{layer}"))
-        if as_gemm:
-            nodes.append(helper.make_node("Gemm", [at, f"w{layer}", f"b{layer}"], [to], transB=1))
-        else:
-            nodes.append(helper.make_node("MatMul", [at, f"w{layer}"], [f"product{layer}"]))
-            nodes.append(helper.make_node("Add", [f"product{layer}", f"b{layer}"], [to]))
-        if not is_last:
-            nodes.append(helper.make_node("Elu", [to], [f"hidden{layer}"]))
-            at = f"hidden{layer}"
-    put = [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [batch, sizes[0]])]
-    got = [helper.make_tensor_value_info("actions", TensorProto.FLOAT, [batch, sizes[-1]])]
-    model = helper.make_model(
-        helper.make_graph(nodes, "policy", put, got, tensors), opset_imports=[helper.make_opsetid("", 17)], ir_version=8
-    )
-    onnx.checker.check_model(model)
-    onnx.save(model, path)
+class Network:
+    """An ONNX file under construction."""
+
+    def __init__(self, random):
+        self.random, self.nodes, self.tensors = random, [], []
+
+    def node(self, operator, inputs, **attributes):
+        """Adds a node; an input that is a list becomes a tensor."""
+        inputs = [name if isinstance(name, str) else self.tensor(np.array(name, np.int64)) for name in inputs]
+        made = f"{operator}{len(self.nodes)}"
+        self.nodes.append(helper.make_node(operator, inputs, [made], **attributes))
+        return made
+
+    def tensor(self, numbers):
+        name = f"tensor{len(self.tensors)}"
+        self.tensors.append(numpy_helper.from_array(np.ascontiguousarray(numbers), name))
+        return name
+
+    def layers(self, at, sizes, activation, as_gemm):
+        """Dense layers as PyTorch exports them: with Gemm, or with MatMul and Add."""
+        for layer, (inputs, outputs) in enumerate(zip(sizes, sizes[1:])):
+            if layer:
+                at = activation(at)
+            weight = (self.random.standard_normal((outputs, inputs)) / np.sqrt(inputs)).astype(np.float32)
+            bias = self.tensor((0.1 * self.random.standard_normal(outputs)).astype(np.float32))
+            if as_gemm:
+                at = self.node("Gemm", [at, self.tensor(weight), bias], transB=1)
+            else:
+                at = self.node("Add", [bias, self.node("MatMul", [at, self.tensor(weight.T)])])
+        return at
+
+    def elu(self, at):
+        return self.node("Elu", [at])
+
+    def silu(self, at):
+        return self.node("Mul", [at, self.node("Sigmoid", [at])])
+
+    def save(self, path, inputs, at, outputs, batch, opset):
+        self.nodes.append(helper.make_node("Identity", [at], ["actions"]))
+        ports = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [batch, width])
+                 for name, width in [("obs", inputs), ("actions", outputs)]]
+        graph = helper.make_graph(self.nodes, "policy", ports[:1], ports[1:], self.tensors)
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
+        onnx.checker.check_model(model)
+        onnx.save(model, path)
 
 
-def write_safetensors(path, tensors):
-    header, data = {}, b""
+def write_gear(path, estimator, actor, random, batch, as_gemm):
+    """An estimator makes a velocity and a code of unit length from the history; the actor gets them and the last frame."""
+    net = Network(random)
+    estimate = net.layers("obs", estimator, net.elu, as_gemm)
+    velocity, code = (net.node("Slice", [estimate, [first], [last], [1]]) for first, last in [(0, 3), (3, 2**63 - 1)])
+    length = net.node("Clip", [net.node("ReduceL2", [code], axes=[-1], keepdims=1), net.tensor(np.float32(1e-12))])
+    code = net.node("Div", [code, net.node("Expand", [length, net.node("Shape", [code])])])
+    frame = net.node("Slice", ["obs", [-86], [2**63 - 1], [1]])
+    action = net.layers(net.node("Concat", [frame, velocity, code], axis=1), actor, net.elu, as_gemm)
+    net.save(path, estimator[0], action, actor[-1], batch, 17)
+
+
+def write_sonic(path, sizes, random):
+    """Token and proprioception pass the decoder as a sequence of one."""
+    net = Network(random)
+    parts = [net.node("Slice", ["obs", [first], [last], [-1], [1]]) for first, last in [(0, 64), (-930, 2**63 - 1)]]
+    sequence = net.node("Concat", [net.node("Unsqueeze", [part, [1]]) for part in parts], axis=-1)
+    action = net.node("Slice", [net.layers(sequence, sizes, net.silu, as_gemm=False), [0], [29], [2], [1]])
+    net.save(path, sizes[0], net.node("Squeeze", [action, [1]]), sizes[-1], 1, 13)
+
+
+def write_safetensors(path, tensors, metadata=None):
+    header, data = {"__metadata__": metadata} if metadata else {}, b""
     for name, numbers in tensors.items():
         begin = len(data)
         data += numbers.astype("<f4").tobytes()
@@ -229,12 +271,12 @@ def main():
     arguments = parser.parse_args()
     if arguments.play:
         return play(arguments.folder, arguments.play)
-    folder, sizes = arguments.folder, SIZES[arguments.small]
+    folder, (estimator, actor, decoder) = arguments.folder, SIZES[arguments.small]
     folder.mkdir(parents=True, exist_ok=True)
     random = np.random.default_rng(arguments.seed)
-    write_network(folder / "Balance.onnx", sizes["gear"], random, 1, as_gemm=True)
-    write_network(folder / "Walk.onnx", sizes["gear"], random, "batch", as_gemm=False)
-    write_network(folder / "model_decoder.onnx", sizes["sonic"], random, "batch", as_gemm=True)
+    write_gear(folder / "Balance.onnx", estimator, actor, random, 1, as_gemm=True)
+    write_gear(folder / "Walk.onnx", estimator, actor, random, "batch", as_gemm=False)
+    write_sonic(folder / "model_decoder.onnx", decoder, random)
     players = {f"gear.{reading}": Gear(folder, reading) for reading in Gear.READINGS}
     players["sonic"] = Sonic(folder)
     targets = {name: np.array([player.step(seen) for seen in sequence()]) for name, player in players.items()}

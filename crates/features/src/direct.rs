@@ -1,9 +1,9 @@
 //! Convolutions as one matrix product over the window: the first layer, those of stride 2 and those of 1 x 1.
 
 use fearless_simd::Simd;
+use fiatlux_nets::{Finish, Gathered, Panels, Target, multiply};
 
 use crate::folded::Folded;
-use crate::gemm::{Finish, Gathered, Panels, Target, multiply};
 use crate::plane::Plane;
 
 /// Output pixels that are multiplied before the next: their windows stay in the cache for all output channels.

@@ -28,7 +28,6 @@
 mod direct;
 mod error;
 mod folded;
-mod gemm;
 mod layers;
 mod network;
 mod plane;

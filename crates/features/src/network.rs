@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use fearless_simd::{Level, dispatch};
+use fiatlux_nets::Finish;
 
 use crate::direct::Direct;
 use crate::folded::Folded;
-use crate::gemm::Finish;
 use crate::layers::{Block, Network, STAGES};
 use crate::plane::Plane;
 use crate::tiles::{F2, F4};

@@ -5,9 +5,9 @@ use std::marker::PhantomData;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
+use fiatlux_nets::{Finish, Gathered, Panels, Target, multiply};
 
 use crate::folded::Folded;
-use crate::gemm::{Finish, Gathered, Panels, Target, multiply};
 use crate::plane::Plane;
 use crate::tiles::Tile;
 

@@ -55,7 +55,7 @@ pub enum ForeignError {
         line: usize,
     },
     /// The bytes are not a network that can be run.
-    #[error("cannot load {} as an ONNX network: {problem}; export it again, in one file, with operators up to set 18", path.display())]
+    #[error("cannot load {} as an ONNX network: {problem}; export it again, in one file and in f32, with operators that docs/controllers.md lists", path.display())]
     Onnx {
         /// Path of the file.
         path: PathBuf,

@@ -102,12 +102,11 @@ impl Gear {
     /// Starts an episode. The session's joint positions are relative to `q0`, rad.
     ///
     /// # Errors
-    /// `q0` has fewer than 29 joints, or a network cannot be prepared.
+    /// `q0` has fewer than 29 joints.
     pub fn new([stand, walk]: &[Model; 2], reading: Reading, q0: &[f64]) -> Result<Self, ForeignError> {
-        let run = |problem| ForeignError::Run { controller: NAME, problem };
         Ok(Self {
-            stand: stand.runner().map_err(run)?,
-            walk: walk.runner().map_err(run)?,
+            stand: stand.runner(),
+            walk: walk.runner(),
             reading,
             offset: sensed::offset(NAME, q0, default_angle)?,
             observation: [0.0; FRAMES * FRAME],

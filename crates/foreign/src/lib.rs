@@ -13,6 +13,7 @@ mod files;
 mod gear;
 mod history;
 mod model;
+mod onnx;
 mod plant;
 mod sensed;
 mod sonic;

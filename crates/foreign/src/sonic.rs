@@ -47,12 +47,12 @@ impl Sonic {
     /// are relative to `q0`, rad.
     ///
     /// # Errors
-    /// `q0` has fewer than 29 joints, or a network cannot be prepared.
+    /// `q0` has fewer than 29 joints.
     pub fn new(decoder: &Model, q0: &[f64]) -> Result<Self, ForeignError> {
         let mut observation = [0.0; INPUTS];
         observation[GRAVITY..].iter_mut().skip(2).step_by(3).for_each(|down| *down = -1.0);
         Ok(Self {
-            decoder: decoder.runner().map_err(|problem| ForeignError::Run { controller: NAME, problem })?,
+            decoder: decoder.runner(),
             offset: sensed::offset(NAME, q0, default_angle)?,
             observation,
             action: [0.0; BODY],

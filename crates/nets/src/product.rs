@@ -1,26 +1,26 @@
-//! The matrix product under every convolution: rows gathered from an image times packed weights.
+//! The matrix product: rows gathered from a layer's input times packed weights.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 
-/// Columns of a panel of weights; every layer's number of output channels is a multiple of it.
-pub(crate) const LANES: usize = 16;
+/// Columns of a panel of weights.
+pub const LANES: usize = 16;
 
 /// Rows that one pass of the inner loop sums: 6 rows of 16 columns fill 12 of AVX2's 16 registers.
 const ROWS: usize = 6;
 
 /// The right-hand matrix, `depth` x `columns`, as panels of [`LANES`] columns so that the inner loop reads it in order.
 #[derive(Debug, Clone)]
-pub(crate) struct Panels {
-    data: Vec<[f32; LANES]>,
-    depth: usize,
+pub struct Panels {
+    pub(crate) data: Vec<[f32; LANES]>,
+    pub(crate) depth: usize,
 }
 
 impl Panels {
-    /// Packs the matrix whose entry in row `k` and column `n` is `entry(k, n)`.
+    /// Packs the matrix whose entry in row `k` and column `n` is `entry(k, n)`. Zeros fill the last panel.
     pub fn new(depth: usize, columns: usize, entry: impl Fn(usize, usize) -> f32) -> Self {
-        debug_assert_eq!(columns % LANES, 0);
-        let rows = (0..columns / LANES).flat_map(|panel| (0..depth).map(move |k| (panel, k)));
+        let entry = |k, column| if column < columns { entry(k, column) } else { 0.0 };
+        let rows = (0..columns.div_ceil(LANES)).flat_map(|panel| (0..depth).map(move |k| (panel, k)));
         let data = rows.map(|(panel, k)| std::array::from_fn(|lane| entry(k, panel * LANES + lane))).collect();
         Self { data, depth }
     }
@@ -28,17 +28,21 @@ impl Panels {
 
 /// The left-hand matrix. Row `i` is made of pieces of `run` numbers, one for each tap, at `rows[i] + tap` in `data`:
 /// with the taps of a convolution's window this is im2col without the copy.
-#[derive(Clone, Copy)]
-pub(crate) struct Gathered<'a> {
+#[derive(Debug, Clone, Copy)]
+pub struct Gathered<'a> {
+    /// The numbers.
     pub data: &'a [f32],
+    /// Index in `data` of the start of each row.
     pub rows: &'a [usize],
+    /// Where each piece of a row begins, relative to the row's start.
     pub taps: &'a [usize],
+    /// Length of a piece.
     pub run: usize,
 }
 
 /// What becomes of a sum that is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Finish {
+pub enum Finish {
     /// It is written as it is.
     Keep,
     /// Negative values become zero.
@@ -63,22 +67,20 @@ impl Finish {
 }
 
 /// Where a product goes: its row `i` to `data[rows[i]..]`.
-pub(crate) struct Target<'a> {
+#[derive(Debug)]
+pub struct Target<'a> {
+    /// The numbers that are written.
     pub data: &'a mut [f32],
+    /// Index in `data` of the start of each row.
     pub rows: &'a [usize],
+    /// What becomes of each sum.
     pub finish: Finish,
 }
 
-/// `left * right + bias`, where a bias of `None` is zero. Each number is summed in the order of the depth, whatever the
-/// number of rows.
+/// `left * right + bias`, where a bias of `None` is zero and the number of columns is a multiple of [`LANES`]. Each number
+/// is summed in the order of the depth, whatever the number of rows.
 #[inline(always)]
-pub(crate) fn multiply<S: Simd>(
-    simd: S,
-    left: Gathered<'_>,
-    right: &Panels,
-    bias: Option<&[f32]>,
-    target: &mut Target<'_>,
-) {
+pub fn multiply<S: Simd>(simd: S, left: Gathered<'_>, right: &Panels, bias: Option<&[f32]>, target: &mut Target<'_>) {
     for (index, panel) in right.data.chunks_exact(right.depth).enumerate() {
         let column = index * LANES;
         let start = match bias {
@@ -105,25 +107,45 @@ fn blocks<S: Simd, const N: usize>(
     column: usize,
 ) -> usize {
     while row + N <= left.rows.len() {
-        let mut sums = [start; N];
+        let mut sums = [[start]; N];
         for (&tap, panel) in left.taps.iter().zip(panel.chunks_exact(left.run)) {
-            // Cut to one length here, in plain sight of the compiler, they need no check of bounds within.
-            let panel = &panel[..left.run];
-            let mut pieces = [[].as_slice(); N];
-            for n in 0..N {
-                pieces[n] = &left.data[left.rows[row + n] + tap..][..left.run];
-            }
-            for k in 0..left.run {
-                let weights = f32x16::from_slice(simd, &panel[k]);
-                for n in 0..N {
-                    sums[n] = f32x16::splat(simd, pieces[n][k]).mul_add(weights, sums[n]);
-                }
-            }
+            let pieces = std::array::from_fn(|n| &left.data[left.rows[row + n] + tap..][..left.run]);
+            add::<S, N, 1, true>(simd, pieces, [panel], &mut sums);
         }
         for n in 0..N {
-            target.finish.write(simd, sums[n], &mut target.data[target.rows[row + n] + column..][..LANES]);
+            target.finish.write(simd, sums[n][0], &mut target.data[target.rows[row + n] + column..][..LANES]);
         }
         row += N;
     }
     row
+}
+
+/// Adds the products of `N` rows with `P` panels, all of one depth, to their sums; rounded once for each product and sum
+/// where the CPU can, or (not `FUSED`) twice on every CPU.
+#[inline(always)]
+pub(crate) fn add<S: Simd, const N: usize, const P: usize, const FUSED: bool>(
+    simd: S,
+    rows: [&[f32]; N],
+    panels: [&[[f32; LANES]]; P],
+    sums: &mut [[f32x16<S>; P]; N],
+) {
+    // Cut to one length here, in plain sight of the compiler, they need no check of bounds within.
+    let depth = panels[0].len();
+    let mut cut = [[].as_slice(); N];
+    for n in 0..N {
+        cut[n] = &rows[n][..depth];
+    }
+    let mut blocks = [[].as_slice(); P];
+    for p in 0..P {
+        blocks[p] = &panels[p][..depth];
+    }
+    for k in 0..depth {
+        for p in 0..P {
+            let weights = f32x16::from_slice(simd, &blocks[p][k]);
+            for n in 0..N {
+                let number = f32x16::splat(simd, cut[n][k]);
+                sums[n][p] = if FUSED { number.mul_add(weights, sums[n][p]) } else { sums[n][p] + number * weights };
+            }
+        }
+    }
 }
