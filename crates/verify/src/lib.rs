@@ -16,7 +16,7 @@ use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Mode, OpenRequest, State, StepRecord};
-use fiatlux_proto::{Message, decode};
+use fiatlux_proto::{Message, decode, plain};
 use thiserror::Error;
 use tracing::warn;
 
@@ -109,13 +109,13 @@ impl Verification {
 impl fmt::Display for Verification {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_equal() {
-            return writeln!(f, "equal: {}: {}", self.episode, in_words(&self.recorded));
+            return writeln!(f, "equal: {}: {}", plain(&self.episode), in_words(&self.recorded));
         }
         let simulated = self.simulated.as_ref().map_or("did not end: the bag has no more actions".into(), in_words);
         writeln!(
             f,
             "different: {}\n  recorded   {}\n  simulated  {simulated}",
-            self.episode,
+            plain(&self.episode),
             in_words(&self.recorded)
         )?;
         let row = self.row.as_ref().map(|(step, difference)| (format!("row {step}"), difference));
@@ -134,6 +134,7 @@ fn in_words(end: &EpisodeEnd) -> String {
     let succeeds = end.success && cause != "success";
     let flags = [("success", succeeds), ("broken", end.broken), ("dropped", end.dropped)];
     let flags: String = flags.into_iter().filter(|(_, is)| *is).map(|(what, _)| format!(", {what}")).collect();
+    let (cause, digest) = (plain(cause), plain(digest));
     format!("{steps} steps, {cause}, progress {gate_progress:.2}{flags}, digest {digest}")
 }
 
