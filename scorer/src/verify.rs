@@ -138,8 +138,8 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
 }
 
 /// The link, and the servers on it. Found once, and not for each bag: a server that is not there is waited for.
-fn connect(args: &VerifyArgs) -> Result<(zenoh::Session, Vec<String>)> {
-    let link = args.link.open(Role::Client).context("cannot connect to a server")?;
+fn connect(args: &VerifyArgs) -> Result<(Carrier, Vec<String>)> {
+    let link = args.link.open(Role::Client).context("cannot connect to a server")?.carrier();
     let servers = match args.server.as_slice() {
         [] => vec![find_server(&link, None)?],
         named => named.iter().map(|name| find_server(&link, Some(name))).collect::<Result<_, _>>()?,

@@ -4,7 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use crate::common::{Board, PATIENCE, bag, manifest, read, wish};
+use crate::common::{Board, PATIENCE, bag, bags, manifest, read, wish};
 use fiatlux_leaderboard::{Limits, Pace, ServiceOptions};
 use serde_json::{Value, json};
 
@@ -276,7 +276,7 @@ fn with_large_bag(name: &str, pace: Pace) -> (Board, String) {
     let board = Board::start(name, ServiceOptions { pace, ..ServiceOptions::default() });
     let token = board.token("lab");
     let path = board.folder.0.join("S01-s3-e0.mcap");
-    common::bags::write(&path, fiatlux_rules::Task::S01, 3, common::bags::Story::Succeeds(3000));
+    bags::write(&path, fiatlux_rules::Task::S01, 3, bags::Story::Succeeds(3000));
     assert!(path.metadata().unwrap().len() > 4 << 20);
     let id = board.submit(&token, &manifest(), &[path]);
     assert_eq!(board.decided(&id, &token)["state"], "graded");
