@@ -399,6 +399,25 @@ mod tests {
 
     use super::*;
 
+    /// Guards against a name in a bag that writes its own verdict.
+    #[test]
+    fn a_name_cannot_write_a_line() {
+        let end = EpisodeEnd { cause: "fall\u{1b}[2K".into(), ..EpisodeEnd::default() };
+        let verification = Verification {
+            episode: "S05 seed 1, episode 0, policy a\nequal: b".into(),
+            recorded: end.clone(),
+            header_digest: String::new(),
+            signer: None,
+            simulated: Some(end),
+            header: None,
+            row: Some((3, Difference { field: "x".into(), found: "1".into(), recorded: "2".into() })),
+            result: None,
+        };
+        let text = verification.to_string();
+        assert!(!text.contains("\nequal") && !text.contains('\u{1b}'), "{text}");
+        assert!(text.starts_with(r"different: S05 seed 1, episode 0, policy a\u000aequal: b"), "{text}");
+    }
+
     /// A second run belongs to no registered run; a delay is requested again.
     #[test]
     fn the_header_of_an_episode_of_a_run_is_no_difference() {
