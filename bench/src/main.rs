@@ -146,7 +146,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            fiatlux_cli::report(format!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }
@@ -166,8 +166,7 @@ fn bench_batch(args: &BatchArgs) -> anyhow::Result<()> {
     let threads = args.threads.map_or_else(cores, usize::from).min(args.worlds.into());
     let options = BatchOptions { worlds: args.worlds.into(), threads, seconds: args.seconds };
     if args.share {
-        println!("{}", batch::run_share(&options)?);
-        return Ok(());
+        return Ok(fiatlux_cli::print(format!("{}\n", batch::run_share(&options)?))?);
     }
     show(&batch::run(&options)?, args.json)
 }
@@ -195,12 +194,8 @@ fn bench_world(args: WorldArgs) -> anyhow::Result<()> {
 }
 
 fn show(report: &(impl Serialize + Display), as_json: bool) -> anyhow::Result<()> {
-    if as_json {
-        println!("{}", serde_json::to_string_pretty(report)?);
-    } else {
-        print!("{report}");
-    }
-    Ok(())
+    let text = if as_json { serde_json::to_string_pretty(report)? + "\n" } else { report.to_string() };
+    Ok(fiatlux_cli::print(text)?)
 }
 
 #[cfg(test)]

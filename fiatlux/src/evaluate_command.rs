@@ -109,12 +109,12 @@ fn workers(args: &EvaluateArgs) -> usize {
 fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> anyhow::Result<ExitCode> {
     write_results(out, outcome)?;
     if args.json {
-        fiatlux_cli::print(outcome.results.to_json()?);
+        fiatlux_cli::print(outcome.results.to_json()?)?;
     } else {
-        fiatlux_cli::print(tables::text(&outcome.results));
+        fiatlux_cli::print(tables::text(&outcome.results))?;
     }
     for lost in &outcome.lost {
-        eprintln!("lost: {lost}");
+        fiatlux_cli::report(format!("lost: {lost}"));
     }
     let folder = out.display();
     if outcome.resumed > 0 {

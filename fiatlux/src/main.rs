@@ -60,7 +60,7 @@ fn main() -> ExitCode {
     match done {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            fiatlux_cli::report(format!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }

@@ -30,7 +30,7 @@ mod over_zenoh {
             *endpoint = free(endpoint)?;
         }
         let session = link.open(Role::Server)?;
-        fiatlux_cli::print(format!("{} as a router\n", link.place(Role::Server)?));
+        fiatlux_cli::print(format!("{} as a router\n", link.place(Role::Server)?))?;
         fiatlux_cli::wait_for(&stop);
         Ok(session.close()?)
     }

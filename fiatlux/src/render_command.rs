@@ -170,7 +170,7 @@ pub fn run(args: &RenderArgs) -> anyhow::Result<ExitCode> {
     });
     line.clear();
     let outcome = outcome?;
-    Ok(tell(&clip, &outcome, begun.elapsed().as_secs_f64()))
+    Ok(tell(&clip, &outcome, begun.elapsed().as_secs_f64())?)
 }
 
 /// What is left to check once each option is right by itself.
@@ -257,17 +257,17 @@ fn workers(args: &RenderArgs) -> Option<NonZeroUsize> {
 }
 
 /// Says what came of it.
-fn tell(clip: &Clip, outcome: &Outcome, seconds: f64) -> ExitCode {
+fn tell(clip: &Clip, outcome: &Outcome, seconds: f64) -> std::io::Result<ExitCode> {
     let (frames, all) = (outcome.frames, clip.frames());
     for lost in &outcome.lost {
-        eprintln!("lost: {lost}");
+        fiatlux_cli::report(format!("lost: {lost}"));
     }
     if outcome.stopped {
         eprintln!("stopped: the clip has {frames} of {all} frames");
     }
     let noun = if frames == 1 { "frame" } else { "frames" };
     eprintln!("{frames} {noun} in {seconds:.1} s, {:.1} frames/s", frames as f64 / seconds.max(1e-3));
-    fiatlux_cli::print(format!("{}\n", clip.path().display()));
+    fiatlux_cli::print(format!("{}\n", clip.path().display()))?;
     let whole = outcome.lost.is_empty() && !outcome.stopped;
-    if whole { ExitCode::SUCCESS } else { ExitCode::from(3) }
+    Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(3) })
 }

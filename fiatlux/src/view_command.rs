@@ -62,7 +62,7 @@ fn serve(bags: Bags, args: &ViewArgs) -> anyhow::Result<()> {
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let viewer = Viewer::bind(bags, args.port)?;
     let address = format!("http://{}/", viewer.address());
-    fiatlux_cli::print(format!("{address}\n"));
+    fiatlux_cli::print(format!("{address}\n"))?;
     let opened = !args.no_open && open_browser(&address);
     eprintln!("{}; Ctrl-C ends it", if opened { "opened in the browser" } else { "open this address in a browser" });
     Ok(viewer.serve(&stop)?)
@@ -94,7 +94,7 @@ fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()
         let _ = fs::remove_file(&part);
     }
     written.with_context(|| format!("cannot write {}; check its folder and the space that is left", out.display()))?;
-    fiatlux_cli::print(format!("{}\n", out.display()));
+    fiatlux_cli::print(format!("{}\n", out.display()))?;
     Ok(())
 }
 

@@ -22,7 +22,7 @@ use std::path::PathBuf;
 use std::sync::mpsc;
 
 use fiatlux_carrier::Carrier;
-use fiatlux_cli::{print, stop_on_signal};
+use fiatlux_cli::{print, print_styled, stop_on_signal};
 use fiatlux_client::{Access, Client, ClientError, Policy};
 use fiatlux_proto::v3::{OpenRequest, Sensor};
 use thiserror::Error;
@@ -56,7 +56,9 @@ pub enum InspectError {
     #[error("stopped before the first observation; the session is closed")]
     Stopped,
     #[error("cannot listen for signals")]
-    Signals(#[from] std::io::Error),
+    Signals(#[source] std::io::Error),
+    #[error(transparent)]
+    Print(#[from] std::io::Error),
     #[error(transparent)]
     Files(#[from] FilesError),
 }
@@ -73,7 +75,7 @@ pub fn default_sensors() -> impl Iterator<Item = Sensor> {
 /// Runs the episode, prints what was seen, and writes the files.
 pub fn inspect(inspection: Inspection, link: &Carrier) -> Result<(), InspectError> {
     let Inspection { policy, request, episode, server, access, seconds, folder, joints, json } = inspection;
-    let stop = stop_on_signal()?;
+    let stop = stop_on_signal().map_err(InspectError::Signals)?;
     let mut client = Client::open_with(link, server.as_deref(), request, &access)?;
     let (sender, notices) = mpsc::channel();
     client.send_notices(sender);
@@ -98,10 +100,10 @@ pub fn inspect(inspection: Inspection, link: &Carrier) -> Result<(), InspectErro
     }
     let files = files::write(&folder, &state);
     if json {
-        print(format!("{:#}\n", document::report(&state, &files?)));
+        print(format!("{:#}\n", document::report(&state, &files?)))?;
     } else {
         let style = Style { width: screen::width(), color: color && std::io::stdout().is_terminal() };
-        print(view::draw(&state, Part::Summary { joints }, style));
+        print_styled(view::draw(&state, Part::Summary { joints }, style))?;
         // A robot on the floor shows little.
         if state.end.as_ref().is_some_and(|end| end.causes.iter().any(|cause| cause == "fall"))
             && state.policy != "stand"
@@ -110,7 +112,7 @@ pub fn inspect(inspection: Inspection, link: &Carrier) -> Result<(), InspectErro
                 "the robot fell; with --policy stand it stays upright, and --end-on time-out continues after a fall"
             );
         }
-        print(files?.values().fold("\n".to_owned(), |text, path| text + path + "\n"));
+        print(files?.values().fold("\n".to_owned(), |text, path| text + path + "\n"))?;
     }
     failure.map_or(Ok(()), |error| Err(error.into()))
 }

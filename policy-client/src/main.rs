@@ -70,7 +70,7 @@ fn exit(done: Result<bool, Failure>, short: ExitCode) -> ExitCode {
         Ok(false) => short,
         Err(Failure::Usage(message)) => Cli::command().error(clap::error::ErrorKind::ValueValidation, message).exit(),
         Err(Failure::Failed(error)) => {
-            eprintln!("error: {error:#}");
+            fiatlux_cli::report(format!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }

@@ -206,3 +206,14 @@ fn bag(digest: &str) -> PathBuf {
     bag.finish(&EpisodeResult { end: Some(end), ..EpisodeResult::default() }).expect("finishes");
     path
 }
+
+/// Guards against results that are lost without a word, as on a full disk.
+#[test]
+fn results_that_cannot_be_written_are_a_failure() {
+    for args in [&["list", "--policies"][..], &["list", "--policies", "--json"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").expect("a full disk");
+        let output = policy_client(args).stdout(full).output().expect("runs");
+        let err = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(1) && err.contains("cannot be written to stdout: No space"), "{err}");
+    }
+}

@@ -24,12 +24,14 @@ pub mod limits;
 mod observation;
 mod refusal;
 mod sensor;
+mod text;
 mod version;
 
 pub use decode::{DecodeError, decode, decode_onto};
 pub use observation::{ObservationLayout, TermError, is_of_images};
 pub use prost::Message;
 pub use prost::bytes::Bytes;
+pub use text::{is_unseen, plain, plain_lines};
 pub use version::{PROTOCOL, is_compatible};
 
 /// The messages of the service.

@@ -19,6 +19,7 @@ def admin(folder: pathlib.Path, *args: str) -> str:
 @pytest.mark.skipif(not (SCORER and RUN), reason="needs the program scorer and a recorded episode")
 def test_a_submission_arrives_once(tmp_path: pathlib.Path) -> None:
     folder = tmp_path / "board"
+    admin(folder, "init")
     admin(folder, "account", "lab")
     token = admin(folder, "token", "lab")
     command = [SCORER, "serve", "--folder", folder, "--http", "127.0.0.1:0"]

@@ -9,6 +9,7 @@ use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Subcommand};
 use fiatlux_cli::whole;
 use fiatlux_leaderboard::{MAX_DAYS, Quota, Store, SubmissionId};
+use fiatlux_proto::plain;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -30,6 +31,8 @@ pub struct AdminArgs {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Make the folder of a new leaderboard, as `scorer serve` does when it first starts
+    Init,
     /// Create an account that may submit
     Account {
         /// Name of the account: letters, digits, - and _
@@ -52,7 +55,7 @@ enum Command {
         /// Name of the account that the token is for
         account: String,
         /// Number of days for which the token is valid
-        #[arg(long, value_name = "N", default_value_t = 365, value_parser = whole::<u32>(0..=MAX_DAYS))]
+        #[arg(long, value_name = "N", default_value_t = 365, value_parser = whole::<u32>(1..=MAX_DAYS))]
         days: u32,
     },
     /// Revoke a token at once and for good
@@ -108,14 +111,19 @@ pub fn run(args: &AdminArgs) -> Result<ExitCode> {
         crate::Cli::command().error(ErrorKind::MissingRequiredArgument, what).exit();
     };
     let said = runtime.block_on(done(args, folder))?;
-    crate::print(&said)?;
+    fiatlux_cli::print(&said)?;
     Ok(ExitCode::SUCCESS)
 }
 
 async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
-    let store = Store::open(folder).await?;
+    // Only one command makes a leaderboard: a wrong name would make another one.
+    let store = match &args.command {
+        Command::Init => Store::open(folder).await?,
+        _ => Store::open_existing(folder).await?,
+    };
     let mut said = String::new();
     match &args.command {
+        Command::Init => writeln!(said, "{} is the folder of a leaderboard", folder.display())?,
         Command::Account { name, limits } => {
             let usual = Quota::default();
             let quota = Quota {
@@ -151,7 +159,7 @@ async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
                 let (state, badge) = (format!("{:?}", entry.state), format!("{:?}", entry.badge));
                 let (done, whole) = entry.progress;
                 let reason = if entry.reason.is_empty() { String::new() } else { format!(": {}", entry.reason) };
-                writeln!(said, "{id} {account} {policy} {state} {badge} {done}/{whole}{reason}")?;
+                writeln!(said, "{id} {account} {} {state} {badge} {done}/{whole}{}", plain(policy), plain(&reason))?;
             }
         }
         Command::Refuse { id, reason } => {
@@ -165,7 +173,7 @@ async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
         Command::Log { last } => {
             for row in store.list_audit(*last).await? {
                 let (seq, at, who) = (row.seq, when(row.at_ms), &row.who);
-                writeln!(said, "{seq} {at} {who}: {} {} {}", row.action, row.subject, row.detail)?;
+                writeln!(said, "{seq} {at} {who}: {} {} {}", row.action, plain(&row.subject), plain(&row.detail))?;
             }
         }
         Command::Backup { to } => {

@@ -5,14 +5,14 @@ mod serve;
 mod submit;
 mod verify;
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
-use fiatlux_cli::ProgressLine;
+use fiatlux_cli::{ProgressLine, print, report as tell};
 use fiatlux_grading::{GradeOptions, Results, ScoreError, compare, false_claim, grade, report, tables};
+use fiatlux_proto::plain;
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
@@ -89,9 +89,8 @@ struct GradeArgs {
     #[arg(long)]
     published_counting: bool,
     /// Threads [default: one for each core]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
-          value_parser = fiatlux_cli::whole::<usize>(0..=1024))]
-    workers: usize,
+    #[arg(long, value_name = "N", value_parser = fiatlux_cli::whole::<usize>(1..=1024))]
+    workers: Option<usize>,
 }
 
 /// Compare two runs episode by episode
@@ -139,7 +138,7 @@ fn main() -> ExitCode {
         Command::Admin(args) => admin::run(&args),
     };
     done.unwrap_or_else(|error| {
-        eprintln!("scorer: {error:#}");
+        tell(format!("scorer: {}", plain(&format!("{error:#}"))));
         let is_usage = matches!(error.downcast_ref(), Some(ScoreError::Threshold(_)));
         ExitCode::from(if is_usage { USAGE } else { FAILED })
     })
@@ -150,7 +149,8 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     let options = GradeOptions {
         set: args.set.clone(),
         published_counting: args.published_counting,
-        workers: args.workers,
+        workers: args.workers.unwrap_or(0),
+        time_limit: None,
         relative_to: args.out.as_deref().or(args.html.as_deref()).map(folder).unwrap_or_default(),
     };
     // The folders must exist: the names of bags are relative to them.
@@ -171,13 +171,13 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
             let is_written = args.out.as_ref().is_some_and(|out| place(out) == place(&folder.join("results.json")));
             let claim = if is_written { None } else { false_claim(folder, &results) };
             if claim.is_none() && !is_written && folder.join("results.json").exists() {
-                eprintln!("scorer: {}/results.json says the same as its bags", folder.display());
+                tell(format!("scorer: {}/results.json says the same as its bags", folder.display()));
             }
             claim
         }
         _ => None,
     };
-    results.lost_journal().iter().chain(&claim).for_each(|said| eprintln!("scorer: {said}"));
+    results.lost_journal().iter().chain(&claim).for_each(|said| tell(format!("scorer: {said}")));
     if let Some(file) = &args.html {
         // The report finds replays only if the names of bags are relative to its own folder.
         let is_base = args.out.as_deref().is_none_or(|out| folder(out) == folder(file));
@@ -216,14 +216,6 @@ fn make(folder: &Path) -> Result<()> {
 
 fn write(file: &Path, text: &str) -> Result<()> {
     std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
-}
-
-/// Writes to stdout. It is not a failure if the reader has closed the pipe, as `head` does.
-fn print(text: &str) -> Result<()> {
-    match std::io::stdout().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("cannot write to stdout"),
-        _ => Ok(()),
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! `scorer serve`: runs the leaderboard.
 
-use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -49,8 +48,11 @@ pub struct ServeArgs {
     #[arg(long, value_name = "FILE")]
     signers: Option<PathBuf>,
     /// Threads that grade [default: one for each core]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = whole::<usize>(0..=1024))]
-    workers: usize,
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=1024))]
+    workers: Option<usize>,
+    /// Address of /metrics, for Prometheus; the address of the pages does not have it [default: nowhere]
+    #[arg(long, value_name = "HOST:PORT")]
+    metrics: Option<SocketAddr>,
     /// Connections that may be open at the same time; further ones wait
     #[arg(long, value_name = "N", default_value_t = 512, value_parser = whole::<usize>(1..=65_536))]
     connections: usize,
@@ -93,20 +95,26 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
     let options = ServiceOptions {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },
         signers: args.signers.as_deref().map(KnownServers::read).transpose()?.unwrap_or_default(),
-        grade_workers: args.workers,
+        grade_workers: args.workers.unwrap_or(0),
         ..ServiceOptions::default()
     };
     let service = Arc::new(Service::new(store, options));
-    let listener = tokio::net::TcpListener::bind(args.http).await;
-    let listener = listener.with_context(|| format!("cannot listen on {}; choose another with --http", args.http))?;
+    let listen = |flag, address| {
+        let refused = move || format!("cannot listen on {address}; choose another address with --{flag}");
+        fiatlux_leaderboard::listen(address).with_context(refused)
+    };
+    let listener = listen("http", args.http)?;
+    if let Some(address) = args.metrics {
+        let listener = listen("metrics", address)?;
+        tracing::info!("metrics are on http://{}/metrics", listener.local_addr()?);
+        tokio::spawn(fiatlux_leaderboard::serve_metrics(Arc::clone(&service), listener));
+    }
     let verifiers = verifiers(args);
     if verifiers.is_empty() {
         tracing::warn!("there is no server to verify on: name one with -e; until then episodes wait");
     }
     let jobs = Jobs::start(&service, verifiers, args.access.read()?, args.parallel).context("cannot start threads")?;
-    let mut stdout = std::io::stdout();
-    writeln!(stdout, "serving http://{}/", listener.local_addr()?)?;
-    stdout.flush()?;
+    fiatlux_cli::print(format!("serving http://{}/\n", listener.local_addr()?))?;
     let served = fiatlux_leaderboard::serve(service, listener, args.connections, stopped(&stop)).await;
     tracing::info!("interrupted: stopping verifications; unfinished ones are repeated after the next start");
     tokio::task::spawn_blocking(|| jobs.stop()).await.context("the background jobs panicked")?;

@@ -9,6 +9,7 @@ use clap::Args;
 use fiatlux_access::check_private;
 use fiatlux_cli::ProgressLine;
 use fiatlux_leaderboard::{Manifest, State, Submit, SubmitProgress, Submitted, Upload};
+use fiatlux_proto::plain;
 
 use crate::FAILED;
 
@@ -83,7 +84,7 @@ pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
     let done = sent.and_then(|sent| if args.wait { client.wait(&sent.id) } else { Ok(sent) });
     line.clear();
     let submitted = done?;
-    crate::print(&said(&submitted, args)?)?;
+    fiatlux_cli::print(said(&submitted, args)?)?;
     Ok(if submitted.state == State::Refused { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
 }
 
@@ -98,7 +99,7 @@ fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
         return Ok(serde_json::to_string_pretty(&json)? + "\n");
     }
     Ok(match state {
-        State::Refused => format!("{id} refused: {reason}\n"),
+        State::Refused => format!("{id} refused: {}\n", plain(reason)),
         State::Verified => format!("{id} verified, {episodes_verified} of {episodes_to_verify} replayed: {place}\n"),
         _ => format!("{id} accepted: {place}\n"),
     })
@@ -109,7 +110,7 @@ fn read_token(path: &Path) -> Result<String> {
     let unreadable = || format!("cannot read the token in {}", path.display());
     let file = File::open(path).with_context(unreadable)?;
     if let Err(exposed) = check_private(&file, path) {
-        eprintln!("scorer: {exposed}");
+        fiatlux_cli::report(format!("scorer: {exposed}"));
     }
     let text = std::io::read_to_string(file).with_context(unreadable)?;
     let token = text.trim();

@@ -13,13 +13,14 @@ use clap::Args;
 use fiatlux_access::{KnownServers, PublicKey};
 use fiatlux_bag::BagFiles;
 use fiatlux_carrier::Carrier;
-use fiatlux_cli::ProgressLine;
+use fiatlux_cli::{INTERRUPTED, ProgressLine, print, report as tell};
 use fiatlux_client::{Access, AccessArgs, find_server};
 use fiatlux_grading::find_bags;
 use fiatlux_link::{LinkArgs, Role};
+use fiatlux_proto::plain;
 use fiatlux_verify::verify;
 
-use crate::{UNVERIFIED, print};
+use crate::UNVERIFIED;
 
 /// Simulate recorded episodes again on a server, and compare bit for bit
 ///
@@ -27,7 +28,7 @@ use crate::{UNVERIFIED, print};
 /// header, sends its actions again, and compares header, rows and result of the second run with those in the bag. Prints the
 /// first difference with both values, and which server signed the bag. Exit code 0: all are equal to the last bit and, with
 /// --signers, signed by a trusted server; 4: one differs, is not signed, was never finished, or could not be simulated; 1:
-/// there is no server or no bag.
+/// there is no server or no bag; 130: interrupted before all were simulated.
 ///
 /// `verify` checks single bags. Use `grade` as well: it finds missing, repeated and unregistered ones.
 #[derive(Debug, Args)]
@@ -90,17 +91,16 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
     let signers = args.signers.as_deref().map(KnownServers::read).transpose()?;
     let BagFiles { bags, unfinished, .. } = find_bags(&args.paths)?;
     for part in &unfinished {
-        eprintln!("scorer: {}: its recording was never finished, so it cannot be verified", part.display());
+        let part = part.display().to_string();
+        tell(format!("scorer: {}: its recording was never finished, so it cannot be verified", plain(&part)));
     }
     let all = bags.len() + unfinished.len();
     if bags.is_empty() {
         bail!("there is no bag to verify");
     }
-    let link = args.link.open(Role::Client).context("cannot connect to a server")?.carrier();
-    // Once, and not for each bag: a server that is not there is waited for.
-    let servers = match args.server.as_slice() {
-        [] => vec![find_server(&link, None)?],
-        named => named.iter().map(|name| find_server(&link, Some(name))).collect::<Result<_, _>>()?,
+    let (link, servers) = match connect(args) {
+        Err(_) if stop.load(Relaxed) => return Ok(interrupted(all, all)),
+        connected => connected?,
     };
     let workers = args.parallel.min(bags.len());
     let work = Work {
@@ -123,15 +123,34 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
     let Queue { waiting, good, episodes, .. } = work.queue.into_inner().unwrap_or_else(PoisonError::into_inner);
     for copies in episodes.into_values().filter(|bags| bags.len() > 1) {
         let names: Vec<_> = copies.iter().map(|bag| bag.display().to_string()).collect();
-        print(&format!("{} bags are the same episode: {}\n", names.len(), names.join(", ")))?;
+        print(format!("{} bags are the same episode: {}\n", names.len(), plain(&names.join(", "))))?;
     }
     if all > 1 {
-        print(&format!("{good} of {all} bags are verified\n"))?;
+        print(format!("{good} of {all} bags are verified\n"))?;
+    }
+    if stop.load(Relaxed) && !waiting.is_empty() {
+        return Ok(interrupted(waiting.len(), all));
     }
     if !waiting.is_empty() {
-        eprintln!("scorer: {} of {all} bags were not simulated again", waiting.len());
+        tell(format!("scorer: {} of {all} bags were not simulated again", waiting.len()));
     }
     Ok(if good == all { ExitCode::SUCCESS } else { ExitCode::from(UNVERIFIED) })
+}
+
+/// The link, and the servers on it. Found once, and not for each bag: a server that is not there is waited for.
+fn connect(args: &VerifyArgs) -> Result<(Carrier, Vec<String>)> {
+    let link = args.link.open(Role::Client).context("cannot connect to a server")?.carrier();
+    let servers = match args.server.as_slice() {
+        [] => vec![find_server(&link, None)?],
+        named => named.iter().map(|name| find_server(&link, Some(name))).collect::<Result<_, _>>()?,
+    };
+    Ok((link, servers))
+}
+
+/// Says that it was the user who ended it, and no fault of a server or a bag.
+fn interrupted(left: usize, all: usize) -> ExitCode {
+    tell(format!("scorer: interrupted: {left} of {all} bags were not simulated again"));
+    ExitCode::from(INTERRUPTED)
 }
 
 impl Work<'_> {
@@ -153,6 +172,11 @@ impl Work<'_> {
             drop(queue);
             std::thread::sleep(LOOK);
         }
+    }
+
+    /// Writes a line to stderr, in which names of files and a server's words may stand.
+    fn complain(&self, what: &str) {
+        self.line.write_over(|| tell(format!("scorer: {}", plain(what))));
     }
 
     /// Verifies bags on a server until none is left, or the server takes no more.
@@ -178,16 +202,19 @@ impl Work<'_> {
                     let episode = (verified.header_digest.clone(), verified.recorded.digest.clone());
                     queue.episodes.entry(episode).or_default().push(bag);
                     drop(queue);
-                    let written = self.line.write_over(|| print(&format!("{verified}{said}\n")));
+                    let written = self.line.write_over(|| print(format!("{verified}{said}\n")));
                     written.inspect_err(|_| self.queue().waiting.clear())?;
                 }
                 Err(error) if self.stop.load(Relaxed) || error.is_of_server() => {
                     queue.waiting.push_front(bag);
                     drop(queue);
+                    if self.stop.load(Relaxed) {
+                        return Ok(());
+                    }
                     tries += 1;
-                    if self.stop.load(Relaxed) || !error.is_busy() || tries >= TRIES {
+                    if !error.is_busy() || tries >= TRIES {
                         let error = anyhow::Error::from(error);
-                        self.line.write_over(|| eprintln!("scorer: server {server}: {error:#}; it gets no more bags"));
+                        self.complain(&format!("server {server}: {error:#}; it gets no more bags"));
                         return Ok(());
                     }
                     std::thread::sleep(PAUSE);
@@ -196,7 +223,7 @@ impl Work<'_> {
                     queue.ended += 1;
                     drop(queue);
                     let error = anyhow::Error::from(error);
-                    self.line.write_over(|| eprintln!("scorer: {}: {error:#}", bag.display()));
+                    self.complain(&format!("{}: {error:#}", bag.display()));
                 }
             }
         }

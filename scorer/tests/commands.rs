@@ -4,7 +4,7 @@
 #[path = "../../crates/grading/tests/common/mod.rs"]
 mod common;
 
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use common::{Folder, Story, begin, header, result, rows};
 use fiatlux_grading::RESULTS_VERSION;
@@ -125,6 +125,58 @@ fn a_part_of_the_benchmark_says_so() {
 fn administration_asks_for_its_folder() {
     let (code, _, err) = scorer(&["admin", "accounts"]);
     assert!(code == 2 && err.contains("--folder"), "{code}: {err}");
+}
+
+/// Guards against a mistyped folder, which would become another leaderboard without a word.
+#[test]
+fn administration_makes_no_leaderboard_by_accident() {
+    let folder = Folder::new("commands-admin");
+    let board = folder.0.join("board");
+    let admin = |args: &[&str]| scorer(&[&["admin", "--folder", board.to_str().unwrap()], args].concat());
+    let (code, _, err) = admin(&["account", "lab"]);
+    assert!(code == 1 && err.contains("has no leaderboard; name the folder of `scorer serve`"), "{code}: {err}");
+    assert!(!board.exists());
+    assert_eq!(admin(&["init"]).0, 0);
+    assert_eq!(admin(&["account", "lab"]).0, 0);
+    let (code, _, err) = admin(&["token", "lab", "--days", "0"]);
+    assert!(code == 2 && err.contains("give a whole number from 1 to 3650"), "{code}: {err}");
+}
+
+/// Guards against results that are lost without a word, and against thread counts that mean something else.
+#[test]
+fn a_full_disk_and_odd_numbers_are_named() {
+    let folder = Folder::new("commands-full");
+    common::write(&folder.0.join("a.mcap"), Task::S01, 3, Story::Succeeds(30));
+    let path = folder.0.to_str().unwrap();
+    for args in [&["grade", path][..], &["grade", path, "--json"], &["grade", path, "--csv"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let output = Command::new(env!("CARGO_BIN_EXE_scorer")).args(args).stdout(full).output().unwrap();
+        let err = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(1) && err.contains("cannot be written to stdout: No space"), "{err}");
+    }
+    for command in [&["grade", path][..], &["serve", "--folder", path]] {
+        let (code, _, err) = scorer(&[command, &["--workers", "0"]].concat());
+        assert!(code == 2 && err.contains("give a whole number from 1 to 1024"), "{code}: {err}");
+    }
+}
+
+/// Guards against an interrupt that looks like a fault of the server or, by its exit code, like a forged bag.
+#[test]
+fn an_interrupted_verification_says_so() {
+    let folder = Folder::new("commands-interrupt");
+    common::write(&folder.0.join("a.mcap"), Task::S01, 3, Story::Succeeds(30));
+    // Nobody listens there, so it waits.
+    let args = ["verify", folder.0.to_str().unwrap(), "-e", "tcp/127.0.0.1:9"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_scorer"));
+    let child = command.args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let err = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(
+        (output.status.code(), err.as_str()),
+        (Some(130), "scorer: interrupted: 1 of 1 bags were not simulated again\n")
+    );
 }
 
 /// A folder with the `results.json` of one policy, an episode of S01 for each seed.

@@ -97,7 +97,7 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(LOSS),
         Err(error) => {
-            eprintln!("error: {error:#}");
+            fiatlux_cli::report(format!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }
@@ -116,8 +116,7 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
     };
     let text = to_mjcf(&scene.model, &scene.state, &scene.targets, &options);
     if export.output.as_os_str() == "-" {
-        print!("{text}");
-        return Ok(());
+        return Ok(fiatlux_cli::print(text)?);
     }
     std::fs::write(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
 }

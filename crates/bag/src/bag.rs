@@ -6,10 +6,11 @@ use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, Event, Obser
 use fiatlux_proto::{Message, foxglove, is_compatible};
 use prost::Name;
 
-use crate::scan::{Channels, ChunkAt, Scan, Sums, scan};
+use crate::channels::Channels;
+use crate::scan::{ChunkAt, Scan, Sums, scan};
 use crate::stream::{ChunkReader, Messages};
 use crate::writer::STEP_NS;
-use crate::{BagError, metadata, topic};
+use crate::{BagError, Patience, metadata, topic};
 
 /// Whether a bag holds all of its episode.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,6 +38,7 @@ pub struct Bag {
     pub(crate) sums: Sums,
     /// A field of the header that this version does not know.
     pub(crate) unknown_field: Option<String>,
+    patience: Option<Patience>,
 }
 
 impl Bag {
@@ -44,7 +46,8 @@ impl Bag {
     /// bytes are as they were written, by [`Bag::check`].
     ///
     /// # Errors
-    /// No such file, no bag, a header that is not there or of another major version, a first chunk that is damaged.
+    /// No such file, no bag, a header that is not there or of another major version, a first chunk that is damaged, more to
+    /// unpack than a file of this size can hold, or messages on a topic that the header does not promise.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, BagError> {
         let path = path.as_ref();
         let mut found = scan(path)?;
@@ -64,10 +67,17 @@ impl Bag {
         let unknown_field = metadata::unknown_field::<EpisodeHeader>(fields);
         let result = found.result.as_ref().map(metadata::message_of).transpose();
         let result = result.map_err(|reason| wrong("result", reason))?;
-        learn_channels(path, &mut found)?;
+        learn_channels(path, &header, &mut found)?;
         let completeness = completeness(&found, result.is_some());
         let Scan { channels, chunks, sums, .. } = found;
-        Ok(Self { path: path.into(), header, result, completeness, channels, chunks, sums, unknown_field })
+        let path = path.into();
+        Ok(Self { path, header, result, completeness, channels, chunks, sums, unknown_field, patience: None })
+    }
+
+    /// Reads no longer than this.
+    #[must_use]
+    pub fn with_patience(self, patience: Option<Patience>) -> Self {
+        Self { patience, ..self }
     }
 
     /// Path that the bag was opened at.
@@ -136,11 +146,16 @@ impl Bag {
     }
 
     fn messages<M: Message + Name + Default>(&self, topic: &'static str) -> Messages<'_, M> {
-        Messages::new(&self.path, &self.chunks, &self.channels, topic)
+        Messages::new(self, topic)
     }
 
     pub(crate) fn chunks(&self) -> &[ChunkAt] {
         &self.chunks
+    }
+
+    /// A reader of its chunks, before the first one.
+    pub(crate) fn reader(&self) -> Result<ChunkReader, BagError> {
+        ChunkReader::open(&self.path, self.channels.clone(), self.patience.clone())
     }
 
     pub(crate) fn channels(&self) -> &Channels {
@@ -149,15 +164,17 @@ impl Bag {
 }
 
 /// Reads the first chunk for its channels; of a file that is cut also the last, whose indexes may be lost.
-fn learn_channels(path: &Path, found: &mut Scan) -> Result<(), BagError> {
-    let mut reader = ChunkReader::open(path, Channels::new())?;
+fn learn_channels(path: &Path, header: &EpisodeHeader, found: &mut Scan) -> Result<(), BagError> {
+    let mut reader = ChunkReader::open(path, Channels::of(header), None)?;
     if let Some(first) = found.chunks.first() {
         reader.start(first)?;
         reader.find(|_| Ok(None::<()>))?;
     }
     // A chunk's own channels are under its checksum; the summary's are not.
-    for (id, topic) in std::mem::take(&mut found.channels) {
-        reader.channels.entry(id).or_insert(topic);
+    reader.channels.extend(std::mem::take(&mut found.channels));
+    let indexed = found.chunks.iter().filter_map(|chunk| chunk.channels.as_ref()).flatten();
+    if let Some(why) = indexed.copied().find_map(|id| reader.channels.refusal(id)) {
+        return Err(BagError::not_a_bag(path, why));
     }
     if let Some(last) = found.chunks.last_mut()
         && last.channels.is_none()

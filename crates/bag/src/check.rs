@@ -9,7 +9,7 @@ use fiatlux_proto::v3::EpisodeResult;
 use fiatlux_proto::{PROTOCOL, decode};
 
 use crate::scan::{ChunkAt, Sums};
-use crate::stream::{ChunkReader, Seen};
+use crate::stream::Seen;
 use crate::{Bag, BagError, Completeness, topic};
 
 /// Bytes that are read at once.
@@ -99,7 +99,7 @@ impl Bag {
 
     /// Messages on `/result` in chunks that were not seen to their end.
     fn unseen_results(&self, seen: &Seen) -> Result<Vec<(u64, Vec<u8>)>, BagError> {
-        let mut reader = ChunkReader::open(self.path(), self.channels().clone())?;
+        let mut reader = self.reader()?;
         for chunk in self.chunks().iter().filter(|chunk| !seen.chunks.contains_key(&chunk.offset)) {
             if chunk.may_have(topic::RESULT, self.channels()) {
                 reader.start(chunk)?;

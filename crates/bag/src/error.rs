@@ -68,6 +68,12 @@ pub enum BagError {
         /// Version of the bag.
         found: Version,
     },
+    /// The reader's [`Patience`](crate::Patience) is over.
+    #[error("{path} takes longer to read than its reader allows: it has far more in it than an episode")]
+    Slow {
+        /// Path of the bag, for the message.
+        path: PathBuf,
+    },
     /// Bytes of the file are wrong.
     #[error(
         "{path} was changed after it was recorded, or damaged on the way, at byte {offset}: {reason}; ask for the file \

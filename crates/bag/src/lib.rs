@@ -30,10 +30,12 @@
 //! # Ok::<(), BagError>(())
 //! ```
 mod bag;
+mod channels;
 mod check;
 mod error;
 mod find;
 mod metadata;
+mod patience;
 mod resume;
 pub mod run;
 mod scan;
@@ -44,6 +46,7 @@ mod writer;
 pub use bag::{Bag, Completeness};
 pub use error::BagError;
 pub use find::{BagFiles, FindError};
+pub use patience::Patience;
 pub use resume::Resumed;
 pub use stream::{Messages, Seen};
 pub use writer::{BagWriter, ROWS_PER_CHUNK, part_of};

@@ -5,7 +5,6 @@ use std::path::Path;
 
 use fiatlux_proto::v3::EpisodeHeader;
 
-use crate::stream::ChunkReader;
 use crate::{Bag, BagError, BagWriter, part_of, topic};
 
 /// A bag taken up again.
@@ -49,7 +48,7 @@ impl BagWriter {
 
 /// Copies messages in the file's order: the other topics of a row come before its state.
 fn copy_rows(bag: &Bag, writer: &mut BagWriter) -> Result<(), BagError> {
-    let mut reader = ChunkReader::open(bag.path(), bag.channels().clone())?;
+    let mut reader = bag.reader()?;
     for chunk in bag.chunks() {
         reader.start(chunk)?;
         reader.find(|found| {

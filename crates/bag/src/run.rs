@@ -48,7 +48,7 @@ use serde::{Deserialize, Serialize};
 
 pub use error::LedgerError;
 pub(crate) use journal::is_journal;
-pub use journal::{journal_of, journals};
+pub use journal::{is_torn, journal_of, journals};
 pub use ledger::{Episode, Ledger, Played, Prefix, Seal, State};
 pub use marks::Marks;
 pub use writer::LedgerWriter;

@@ -8,6 +8,9 @@ use std::path::Path;
 use mcap::MAGIC;
 use mcap::records::op;
 
+use fiatlux_proto::plain;
+
+use crate::channels::Channels;
 use crate::writer::LIBRARY;
 use crate::{BagError, metadata};
 
@@ -18,7 +21,7 @@ const MAX_RECORD: u64 = 1 << 20;
 const MAX_CHUNKS: usize = 1 << 16;
 
 /// Most channels of a file.
-const MAX_CHANNELS: usize = 256;
+pub(crate) const MAX_CHANNELS: usize = 256;
 
 /// Operation code and length.
 const HEAD: u64 = 9;
@@ -35,8 +38,14 @@ const FOOTER: u64 = 8 + 8 + 4;
 /// Largest chunk that is unpacked, bytes.
 pub(crate) const MAX_CHUNK: u64 = 32 << 20;
 
-/// Topic of each channel, by its id.
-pub(crate) type Channels = BTreeMap<u16, String>;
+/// What all chunks of a file may unpack to, bytes: this much, ...
+const FREE_UNPACKED: u64 = 32 << 20;
+
+/// ... and for each byte of the file this many more (a recorder's bags have 3 to 5, their smallest chunks 11), ...
+const MAX_RATIO: u64 = 32;
+
+/// ... but never more than this. An errand of 72,000 rows with all sensors takes about 6 GiB.
+const MAX_UNPACKED: u64 = 16 << 30;
 
 /// A whole chunk record.
 #[derive(Debug, Clone)]
@@ -53,7 +62,7 @@ pub(crate) struct ChunkAt {
 impl ChunkAt {
     /// Whether messages of a topic may stand in it, for all that is known.
     pub fn may_have(&self, topic: &str, channels: &Channels) -> bool {
-        let is_other = |id: &u16| channels.get(id).is_some_and(|known| known != topic);
+        let is_other = |id: &u16| channels.topic(*id).is_some_and(|known| known != topic);
         self.channels.as_ref().is_none_or(|ids| !ids.iter().all(is_other))
     }
 }
@@ -81,8 +90,10 @@ pub(crate) struct Scan {
     pub channels: Channels,
     /// Where and why the scan ended before the file's proper end.
     pub broken: Option<(u64, String)>,
-    /// It ended at a second header, result or note of a cut: other readers may take that one.
-    is_double: bool,
+    /// Why a record was not taken, where it is not that it cannot be read.
+    why: Option<String>,
+    /// Sum over the chunks, as they say, bytes.
+    unpacked: u64,
 }
 
 /// Reads a file's records up to its end or to the first that is not whole.
@@ -128,7 +139,7 @@ pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
         let body = read(&mut reader, wanted).map_err(BagError::io("read", path))?;
         let known = scan.record(opcode, at, HEAD + length, &body);
         if known.is_none() {
-            let what = if scan.is_double { "repeats an earlier one" } else { "cannot be read" };
+            let what = scan.why.take().unwrap_or_else(|| "cannot be read".into());
             scan.broken = Some((at, format!("the record at byte {at} {what}")));
             break;
         }
@@ -144,6 +155,14 @@ pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
             }
             break;
         }
+    }
+    let most = size.saturating_mul(MAX_RATIO).saturating_add(FREE_UNPACKED).min(MAX_UNPACKED);
+    if scan.unpacked > most {
+        let unpacked = scan.unpacked;
+        return Err(BagError::not_a_bag(
+            path,
+            format!("its {size} bytes unpack to {unpacked}; a file of this size may unpack to {most}"),
+        ));
     }
     if let (Some(_), Some(last)) = (&scan.broken, scan.chunks.last_mut()) {
         // Some of its indexes may be lost.
@@ -164,16 +183,30 @@ impl Scan {
             op::DATA_END => self.sums.data = Some((offset, u32::from_le_bytes(take(&mut body)?))),
             op::FOOTER => {
                 let (start, _offsets) = (take_u64(&mut body)?, take_u64(&mut body)?);
+                let is_after_data = self.sums.data.is_some_and(|(end, _)| (end + HEAD..=offset).contains(&start));
+                if start != 0 && !is_after_data {
+                    return self
+                        .refuse(format!("is a footer that puts the summary at byte {start}, where none can be"));
+                }
                 self.sums.summary = Some((start, offset + HEAD + FOOTER - 4, u32::from_le_bytes(take(&mut body)?)));
             }
             op::CHUNK => {
                 let (_start_time, end_time) = (take_u64(&mut body)?, take_u64(&mut body)?);
                 let (unpacked, _crc) = (take_u64(&mut body)?, take::<4>(&mut body)?);
                 let (compression, packed) = (take_text(&mut body)?, take_u64(&mut body)?);
+                if compression != "zstd" {
+                    let how = if compression.is_empty() {
+                        "not at all".into()
+                    } else {
+                        format!("by '{}'", plain(&compression))
+                    };
+                    return self.refuse(format!("is a chunk that is compressed {how}; a recorder compresses by zstd"));
+                }
                 let fits = packed.checked_add(CHUNK_HEAD + HEAD) == Some(length) && packed.max(unpacked) <= MAX_CHUNK;
-                if compression != "zstd" || !fits || self.chunks.len() >= MAX_CHUNKS {
+                if !fits || self.chunks.len() >= MAX_CHUNKS {
                     return None;
                 }
+                self.unpacked += unpacked;
                 self.chunks.push(ChunkAt { offset, length, end_time, channels: Some(Vec::new()) });
             }
             op::MESSAGE_INDEX => {
@@ -196,13 +229,13 @@ impl Scan {
                     metadata::CUT => &mut self.cut,
                     _ => return Some(()),
                 };
-                self.is_double = record.is_some();
-                if self.is_double {
-                    return None;
+                if record.is_some() {
+                    // Other readers may take that one.
+                    return self.refuse("repeats an earlier one");
                 }
                 *record = Some(take_map(&mut body)?);
             }
-            op::CHANNEL => add_channel(&mut self.channels, body)?,
+            op::CHANNEL => self.channels.add(body)?,
             // No checksum covers what stands between chunks: a damaged index or a chunk that no longer looks like one would
             // hide messages. The summary says the same once more.
             op::CHUNK_INDEX => {
@@ -230,17 +263,12 @@ impl Scan {
         }
         Some(())
     }
-}
 
-/// Adds what a channel record says; `None` where it cannot be read or there are too many.
-pub(crate) fn add_channel(channels: &mut Channels, mut record: &[u8]) -> Option<()> {
-    let (id, _schema) = (take_u16(&mut record)?, take_u16(&mut record)?);
-    let topic = take_text(&mut record)?;
-    if channels.len() < MAX_CHANNELS {
-        channels.entry(id).or_insert(topic);
-        return Some(());
+    /// Ends the scan at this record.
+    fn refuse(&mut self, why: impl Into<String>) -> Option<()> {
+        self.why = Some(why.into());
+        None
     }
-    channels.contains_key(&id).then_some(())
 }
 
 fn read(reader: &mut impl Read, length: u64) -> std::io::Result<Vec<u8>> {
@@ -271,7 +299,7 @@ fn take_bytes<'a>(bytes: &mut &'a [u8]) -> Option<&'a [u8]> {
     Some(taken)
 }
 
-fn take_text(bytes: &mut &[u8]) -> Option<String> {
+pub(crate) fn take_text(bytes: &mut &[u8]) -> Option<String> {
     String::from_utf8(take_bytes(bytes)?.to_vec()).ok()
 }
 

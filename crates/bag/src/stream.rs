@@ -14,9 +14,10 @@ use mcap::records::op;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Name;
 
-use crate::scan::{Channels, ChunkAt, MAX_CHUNK, add_channel, take_u16, take_u64};
+use crate::channels::Channels;
+use crate::scan::{ChunkAt, MAX_CHUNK, take_u16, take_u64};
 use crate::writer::STEP_NS;
-use crate::{BagError, topic};
+use crate::{Bag, BagError, Patience, topic};
 
 /// A message in a chunk.
 pub(crate) struct Found<'a> {
@@ -49,6 +50,7 @@ pub(crate) struct ChunkReader {
     hasher: Hasher,
     pub seen: Seen,
     pub channels: Channels,
+    patience: Option<Patience>,
 }
 
 fn new_reader() -> LinearReader {
@@ -59,11 +61,10 @@ fn new_reader() -> LinearReader {
 }
 
 impl ChunkReader {
-    pub fn open(path: &Path, channels: Channels) -> Result<Self, BagError> {
+    pub fn open(path: &Path, channels: Channels, patience: Option<Patience>) -> Result<Self, BagError> {
         let file = File::open(path).map_err(BagError::io("open", path))?;
-        let reader = new_reader();
-        let (hasher, seen) = (Hasher::new(), Seen::default());
-        Ok(Self { path: path.into(), file, reader, at_end: true, offset: 0, remaining: 0, hasher, seen, channels })
+        let (path, reader, hasher, seen) = (path.into(), new_reader(), Hasher::new(), Seen::default());
+        Ok(Self { path, file, reader, at_end: true, offset: 0, remaining: 0, hasher, seen, channels, patience })
     }
 
     /// Goes to a chunk.
@@ -82,9 +83,13 @@ impl ChunkReader {
         &mut self,
         mut look: impl FnMut(Found<'_>) -> Result<Option<T>, BagError>,
     ) -> Result<Option<T>, BagError> {
-        let Self { path, file, reader, at_end, offset, remaining, hasher, seen, channels } = self;
+        let Self { path, file, reader, at_end, offset, remaining, hasher, seen, channels, patience } = self;
         let damaged = |reason: &str| BagError::damaged(path, *offset, reason);
         loop {
+            if patience.as_ref().is_some_and(|patience| !patience.goes_on()) {
+                *at_end = false;
+                return Err(BagError::Slow { path: path.clone() });
+            }
             match reader.next_event() {
                 None => return Ok(None),
                 Some(Err(error)) => {
@@ -110,7 +115,10 @@ impl ChunkReader {
                 }
                 Some(Ok(LinearReadEvent::Record { opcode: op::MESSAGE, data })) => {
                     let (channel, step, bytes) = message(data).ok_or_else(|| damaged("a message without a head"))?;
-                    let topic = channels.get(&channel).ok_or_else(|| damaged("a message without a channel"))?;
+                    let topic = channels.topic(channel).ok_or_else(|| damaged("a message without a channel"))?;
+                    if let Some(why) = channels.refusal(channel) {
+                        return Err(damaged(&why));
+                    }
                     // Two are one too many already.
                     if topic == topic::RESULT && seen.results.len() < 2 {
                         seen.results.push((*offset, bytes.to_vec()));
@@ -120,7 +128,7 @@ impl ChunkReader {
                     }
                 }
                 Some(Ok(LinearReadEvent::Record { opcode: op::CHANNEL, data })) => {
-                    add_channel(channels, data).ok_or_else(|| damaged("a channel that cannot be read"))?;
+                    channels.add(data).ok_or_else(|| damaged("a channel that cannot be read"))?;
                 }
                 Some(Ok(LinearReadEvent::Record { .. })) => {}
             }
@@ -152,8 +160,9 @@ pub struct Messages<'a, M> {
 }
 
 impl<'a, M: Message + Name + Default> Messages<'a, M> {
-    pub(crate) fn new(path: &'a Path, chunks: &'a [ChunkAt], channels: &Channels, topic: &'static str) -> Self {
-        let (reader, error) = match ChunkReader::open(path, channels.clone()) {
+    pub(crate) fn new(bag: &'a Bag, topic: &'static str) -> Self {
+        let (path, chunks) = (bag.path(), bag.chunks());
+        let (reader, error) = match bag.reader() {
             Ok(reader) => (Some(reader), None),
             Err(error) => (None, Some(error)),
         };

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use tokio::signal::unix::{SignalKind, signal};
 
-/// Exit code of a program that is interrupted twice, as in shells.
-const INTERRUPTED: i32 = 130;
+/// Exit code of a program that an interrupt ended before its work was done, as in shells.
+pub const INTERRUPTED: u8 = 130;
 
 /// A flag that Ctrl-C or SIGTERM sets, so that the program can end cleanly. A second signal ends it at once.
 ///
@@ -29,7 +29,7 @@ pub fn stop_on_signal() -> std::io::Result<Arc<AtomicBool>> {
                     _ = terminate.recv() => {}
                 }
                 if times > 1 {
-                    std::process::exit(INTERRUPTED);
+                    std::process::exit(INTERRUPTED.into());
                 }
                 flag.store(true, Ordering::Relaxed);
             }

@@ -20,7 +20,7 @@ use fiatlux_proto::v3::{
     CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
     SessionInfo, look_reply, open_reply,
 };
-use fiatlux_proto::{Bytes, Message as _, ObservationLayout, PROTOCOL, decode, is_compatible};
+use fiatlux_proto::{Bytes, Message as _, ObservationLayout, PROTOCOL, decode, is_compatible, plain};
 use fiatlux_session::client::{Answer, Input, Output};
 use fiatlux_session::{ClientSession, Machine, SessionFailure};
 
@@ -371,7 +371,11 @@ impl Client {
             Some(to) => drop(to.send(notice)),
             None => {
                 let Notice { episode, step, message, remedy, .. } = notice;
-                tracing::warn!("notice of the server, episode {episode} step {step}: {message}; {remedy}");
+                tracing::warn!(
+                    "notice of the server, episode {episode} step {step}: {}; {}",
+                    plain(&message),
+                    plain(&remedy)
+                );
             }
         }
     }

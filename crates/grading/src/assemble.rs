@@ -223,9 +223,12 @@ fn fault(damage: Option<(Fault, String)>, graded: &Graded) -> Option<(Fault, Str
     let reason = match flaw {
         Flaw::Aborted => Fault::Aborted,
         Flaw::Unended | Flaw::Gap(_) => Fault::Cut,
-        Flaw::Header { .. } | Flaw::Identity { .. } | Flaw::Signature | Flaw::Altered { .. } | Flaw::Result(_) => {
-            Fault::Altered
-        }
+        Flaw::Header { .. }
+        | Flaw::Identity { .. }
+        | Flaw::Request(_)
+        | Flaw::Signature
+        | Flaw::Altered { .. }
+        | Flaw::Result(_) => Fault::Altered,
         Flaw::Unbound | Flaw::Row { .. } | Flaw::NotFinite => Fault::Unreadable,
     };
     Some((reason, flaw.to_string()))

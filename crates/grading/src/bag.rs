@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use fiatlux_access::PublicKey;
-use fiatlux_bag::{Bag, BagError, Completeness};
+use fiatlux_bag::{Bag, BagError, Completeness, Patience};
 use fiatlux_cli::in_full;
 use fiatlux_wire::{layout_of, read_row};
 
@@ -26,7 +26,11 @@ pub fn check_bag(path: &Path) -> Result<Option<PublicKey>, String> {
 }
 
 /// Grades a bag up to its end, or to the first thing that cannot be read.
-pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Fault, String)> {
+pub(crate) fn read(
+    path: &Path,
+    options: &GradeOptions,
+    patience: Option<Patience>,
+) -> Result<Content, (Fault, String)> {
     // The message must not depend on the folder from which the bag was graded.
     let folder = path.parent().map(|folder| folder.join("").display().to_string()).filter(|folder| !folder.is_empty());
     let in_full = |error: &dyn std::error::Error| match &folder {
@@ -35,6 +39,7 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
     };
     let unreadable = |error: &dyn std::error::Error| (Fault::Unreadable, in_full(error));
     let bag = Bag::open(path).map_err(|error| unreadable(&error))?;
+    let bag = bag.with_patience(patience);
     let header = bag.header();
     if header.request.as_ref().is_some_and(|request| request.replay) {
         return Err((
@@ -45,7 +50,10 @@ pub(crate) fn read(path: &Path, options: &GradeOptions) -> Result<Content, (Faul
     let mut grader =
         Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
     let layout = layout_of(header).map_err(|error| unreadable(&error))?;
-    let damaged = |error: &BagError| (Fault::Altered, in_full(error));
+    let damaged = |error: &BagError| match error {
+        BagError::Slow { .. } => unreadable(error),
+        _ => (Fault::Altered, in_full(error)),
+    };
     let mut damage = match bag.completeness() {
         Completeness::Whole => None,
         Completeness::Cut { reason, .. } => Some((Fault::Cut, reason.clone())),

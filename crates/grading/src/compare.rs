@@ -214,10 +214,10 @@ impl Comparison {
     pub fn to_text(&self) -> String {
         let mut out = String::new();
         // Writing to a string cannot fail.
-        let _ = writeln!(out, "A: {} ({})", self.a.policy, self.a.file.display());
-        let _ = writeln!(out, "B: {} ({})", self.b.policy, self.b.file.display());
+        let _ = writeln!(out, "A: {} ({})", plain(&self.a.policy), self.a.file.display());
+        let _ = writeln!(out, "B: {} ({})", plain(&self.b.policy), self.b.file.display());
         if !self.different_conditions.is_empty() {
-            let _ = writeln!(out, "DIFFERENT CONDITIONS: {}", self.different_conditions.join(", "));
+            let _ = writeln!(out, "DIFFERENT CONDITIONS: {}", plain(&self.different_conditions.join(", ")));
         }
         if self.has_unpaired() {
             let _ = writeln!(out, "Without a partner: {} of A, {} of B", self.a.unpaired, self.b.unpaired);
@@ -237,7 +237,7 @@ impl Comparison {
             let _ = writeln!(
                 out,
                 "{:<8}{:>6}  {:>6}{:>6}{:>8}{:>8}{:>9}   {:>8.3}{:>8.3}{:>9}{:>+9.3}",
-                row.task,
+                plain(&row.task),
                 row.pairs,
                 row.successes_a,
                 row.successes_b,

@@ -7,7 +7,8 @@ use fiatlux_wire::{WireError, end_message, header_digest, judgement_message, rea
 use thiserror::Error;
 
 use crate::Series;
-use crate::flaw::{Flaw, Sums, first_difference};
+use crate::flaw::{Difference, Flaw, Sums, first_difference};
+use crate::request::contradiction;
 use crate::series::Recorder;
 
 /// Why an episode cannot be graded from its header.
@@ -76,6 +77,8 @@ pub struct Grader {
     digest: RowDigest,
     /// Where the header contradicts itself.
     header_flaw: Option<Flaw>,
+    /// Where its request does.
+    contradiction: Option<Difference>,
     header_digest: String,
     is_lockstep: bool,
     sums: Sums,
@@ -117,6 +120,7 @@ impl Grader {
             judges,
             digest,
             header_flaw,
+            contradiction: contradiction(header),
             header_digest: header_digest(header),
             is_lockstep: header.mode() == v3::Mode::Lockstep,
             sums: Sums::default(),
@@ -228,6 +232,9 @@ impl Grader {
         }
         if !result.header_digest.eq_ignore_ascii_case(&self.header_digest) {
             return Some(Flaw::Header { header: self.header_digest.clone(), result: result.header_digest.clone() });
+        }
+        if let Some(difference) = &self.contradiction {
+            return Some(Flaw::Request(difference.clone()));
         }
         if signer == Signer::Mismatch {
             return Some(Flaw::Signature);

@@ -78,6 +78,19 @@ pub enum ScoreError {
         /// The first part of the registration that differs.
         field: &'static str,
     },
+    /// Two journals of one server in one folder.
+    #[error(
+        "{} and {} are both journals of server {server}; keep the one that the server left, and move the other away",
+        first.display(), second.display()
+    )]
+    Copies {
+        /// Path of one journal.
+        first: PathBuf,
+        /// Path of the other.
+        second: PathBuf,
+        /// Name of the server.
+        server: String,
+    },
     /// The run has tasks that this version does not know.
     #[error("{} has a task of another version; grade the run with the scorer of that version", path.display())]
     Task {

@@ -1,5 +1,6 @@
 //! Why an episode is not scored.
 
+use fiatlux_proto::plain;
 use fiatlux_rules::Row;
 use serde::Serialize;
 use serde_json::Value;
@@ -32,6 +33,8 @@ pub enum Flaw {
         /// The `digest_context` that the header claims.
         said: String,
     },
+    /// The request in the header asks for another episode than the rest of the header describes.
+    Request(Difference),
     /// The signature does not belong to the result.
     Signature,
     /// The rows are not those of the result.
@@ -88,6 +91,10 @@ impl std::fmt::Display for Flaw {
                      it says {said}"
                 )
             }
+            Flaw::Request(Difference { field, found, recorded }) => write!(
+                f,
+                "the bag's header contradicts itself: {field} is {found} by the request in it, and {recorded} in the header"
+            ),
             Flaw::Signature => f.write_str(
                 "its signature does not fit its result: one of the two was changed, or the signature is of another bag",
             ),
@@ -154,7 +161,7 @@ fn differing(path: &str, found: &Value, recorded: &Value) -> Option<Difference> 
 fn shown(value: &Value) -> String {
     let text = match value {
         Value::Null => "nothing".to_owned(),
-        Value::String(text) if !text.is_empty() => text.clone(),
+        Value::String(text) if !text.is_empty() => plain(text).into_owned(),
         other => other.to_string(),
     };
     if text.chars().count() <= MAX_SHOWN { text } else { text.chars().take(MAX_SHOWN).collect::<String>() + "..." }

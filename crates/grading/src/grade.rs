@@ -1,9 +1,11 @@
 //! Grades bags, several at a time.
 
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, OnceLock};
+use std::time::{Duration, Instant};
 
+use fiatlux_bag::Patience;
 use fiatlux_rules::Thresholds;
 
 use crate::assemble::{Judged, assemble, assemble_run};
@@ -21,8 +23,17 @@ pub struct GradeOptions {
     pub published_counting: bool,
     /// Number of threads; 0 means one for each core.
     pub workers: usize,
+    /// Longest time to read one bag; `None` means no limit. Of a bag that takes longer only the beginning counts, so it is
+    /// excluded.
+    pub time_limit: Option<Duration>,
     /// The folder of the results, to which names of bags are relative; empty means the current one.
     pub relative_to: PathBuf,
+}
+
+/// Patience that ends so long after reading began.
+pub fn patience(limit: Duration) -> Patience {
+    let end = OnceLock::new();
+    Patience::new(move || Instant::now() < *end.get_or_init(|| Instant::now() + limit))
 }
 
 impl GradeOptions {
@@ -113,7 +124,7 @@ fn each_bag(
     let work = || {
         let mut contents = Vec::new();
         while let Some(&i) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
-            contents.push((i, bag::read(&bags[i], options)));
+            contents.push((i, bag::read(&bags[i], options, options.time_limit.map(patience))));
             if let Ok(mut done) = done.lock() {
                 done.bags_done += 1;
                 done.bytes_done += sizes[i];

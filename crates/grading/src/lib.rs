@@ -40,6 +40,7 @@ mod find;
 mod flaw;
 mod grade;
 pub mod report;
+mod request;
 mod results;
 mod run;
 mod series;
@@ -53,7 +54,7 @@ pub use episode::{Graded, Grader, HeaderError};
 pub use error::ScoreError;
 pub use find::find_bags;
 pub use flaw::{Difference, Flaw, first_difference};
-pub use grade::{GradeOptions, Progress, grade};
+pub use grade::{GradeOptions, Progress, grade, patience};
 pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, Scores,
     SeedRow, TaskResult, Versions,

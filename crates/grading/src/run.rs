@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use fiatlux_access::{PublicKey, Signer, journal_signer};
-use fiatlux_bag::run::{ABANDONED, Episode, Ledger, NOT_RUN, Played, Registration, State, journals};
+use fiatlux_bag::run::{
+    ABANDONED, Episode, Ledger, NOT_RUN, Played, Registration, State, is_torn, journal_of, journals,
+};
 use fiatlux_proto::v3::{EpisodeHeader, RunTicket};
 use fiatlux_rules::{Summary, Task};
 
@@ -65,7 +67,7 @@ impl Run {
                 return Err(ScoreError::Journals { first: paths[0].clone(), second: path.clone(), field });
             }
         }
-        let mut notes = Vec::new();
+        let mut notes = journal_notes(&paths, &ledgers)?;
         let signers = signers(&paths, &ledgers, &mut notes)?;
         let mut episodes = Vec::with_capacity(first.episodes.len());
         for (index, planned) in first.episodes.iter().enumerate() {
@@ -189,6 +191,28 @@ impl Run {
             notes: self.notes.clone(),
         }
     }
+}
+
+/// What is odd about the journals as files. Two of one server are refused: which one is true, only their owner can say.
+fn journal_notes(paths: &[PathBuf], ledgers: &[Ledger]) -> Result<Vec<String>, ScoreError> {
+    let (mut notes, mut of_server) = (Vec::new(), BTreeMap::new());
+    for (path, ledger) in paths.iter().zip(ledgers) {
+        let server = &ledger.registration().server;
+        if let Some(first) = of_server.insert(server, path) {
+            let (first, second, server) = (first.clone(), path.clone(), server.clone());
+            return Err(ScoreError::Copies { first, second, server });
+        }
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if is_torn(path)? {
+            notes.push(format!(
+                "{name} ends in half a line, which does not count: its server died there, or it was cut"
+            ));
+        }
+        if *path != journal_of(path.parent().unwrap_or(Path::new("")), server) {
+            notes.push(format!("{name} is the journal of server {server} under another name"));
+        }
+    }
+    Ok(notes)
 }
 
 /// Who signed the journals, where all are signed. That one of a hosted run is not is worth a note.

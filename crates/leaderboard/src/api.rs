@@ -9,12 +9,12 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{Request, State};
-use axum::http::{Method, StatusCode, header};
+use axum::http::{Method, StatusCode};
 use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::{get, post, put};
 
-use crate::{Service, metrics};
+use crate::Service;
 pub(crate) use answer::Problem;
 use answer::json_text;
 
@@ -36,7 +36,6 @@ pub(crate) fn router(service: Arc<Service>) -> Router {
         .route("/api/{*other}", axum::routing::any(nothing))
         .route("/health", get(health))
         .route("/ready", get(ready))
-        .route("/metrics", get(measures))
         .method_not_allowed_fallback(not_so)
         .layer(from_fn(bounded))
         .with_state(service)
@@ -83,9 +82,4 @@ async fn ready(State(service): State<Arc<Service>>) -> Result<&'static str, Prob
             Err(Problem::busy("the database does not answer"))
         }
     }
-}
-
-async fn measures(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
-    let text = metrics::text(&service).await?;
-    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
 }

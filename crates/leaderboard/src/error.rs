@@ -19,6 +19,15 @@ pub enum StoreError {
         #[source]
         source: io::Error,
     },
+    /// The folder is not that of a service.
+    #[error(
+        "{} has no leaderboard; name the folder of `scorer serve`, or make a new leaderboard with `scorer admin init`",
+        folder.display()
+    )]
+    Nothing {
+        /// The folder that was named.
+        folder: PathBuf,
+    },
     /// A statement failed in the database.
     #[error("the database cannot {action}; check the free disk space, and that nothing else writes to the folder")]
     Database {

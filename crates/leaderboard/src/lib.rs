@@ -15,18 +15,20 @@ mod client;
 mod error;
 mod jobs;
 mod metrics;
+mod paced;
 mod pages;
 mod serve;
 mod service;
 mod standings;
 mod store;
 mod submission;
+mod visitors;
 
 pub use accounts::{AccountError, MAX_DAYS, Quota};
 pub use client::{Submit, SubmitError, SubmitProgress, Submitted, Upload};
 pub use error::StoreError;
 pub use jobs::{Jobs, Verifier};
-pub use serve::serve;
+pub use serve::{listen, serve, serve_metrics};
 pub use service::{Pace, Service, ServiceOptions, router};
 pub use store::{Account, AuditRow, Store, TokenRow};
 pub use submission::{

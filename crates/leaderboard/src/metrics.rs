@@ -5,10 +5,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::Instant;
 
+use axum::Router;
 use axum::extract::{MatchedPath, Request, State};
+use axum::http::header;
 use axum::middleware::Next;
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
+use axum::routing::get;
 
+use crate::api::Problem;
 use crate::{Service, StoreError};
 
 /// Upper bounds of the buckets of request times, ms.
@@ -26,6 +30,8 @@ pub(crate) struct Metrics {
     open: AtomicI64,
     /// Connections that are open now.
     pub connections: AtomicI64,
+    /// Connections and requests that were refused because their address has too many.
+    pub refused: AtomicU64,
     /// Bytes of files received.
     pub uploaded_bytes: AtomicU64,
     /// Submissions that were graded, including refused ones.
@@ -81,8 +87,18 @@ pub(crate) async fn measure(State(service): State<Arc<Service>>, request: Reques
     answer
 }
 
+/// The only page of the address for metrics.
+pub(crate) fn router(service: Arc<Service>) -> Router {
+    Router::new().route("/metrics", get(page)).with_state(service)
+}
+
+async fn page(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
+    let text = text(&service).await?;
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
+}
+
 /// All counters, as Prometheus reads them.
-pub(crate) async fn text(service: &Service) -> Result<String, StoreError> {
+async fn text(service: &Service) -> Result<String, StoreError> {
     let metrics = &service.metrics;
     let mut out = String::new();
     let head = |out: &mut String, name: &str, kind: &str, help: &str| {
@@ -111,6 +127,7 @@ pub(crate) async fn text(service: &Service) -> Result<String, StoreError> {
         let _ = writeln!(out, "fiatlux_{name} {}", count.load(Ordering::Relaxed));
     }
     for (name, help, count) in [
+        ("refused_total", "Connections and requests of addresses that have too many.", &metrics.refused),
         ("uploaded_bytes_total", "Bytes of files received.", &metrics.uploaded_bytes),
         ("graded_total", "Submissions that were graded or refused.", &metrics.graded),
         ("verified_total", "Episodes whose verification has a verdict.", &metrics.verified),

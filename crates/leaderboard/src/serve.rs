@@ -1,20 +1,26 @@
 //! The HTTP server, with limits on connections, headers and waiting times.
 
 use std::io;
+use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service as _, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
 
-use crate::Service;
+use crate::paced::Paced;
+use crate::visitors::{Visit, Visitors};
+use crate::{Pace, Service};
 
 /// Longest head of a request, bytes, and the most that is buffered of what a client sends ahead.
 const MAX_HEAD: usize = 32 << 10;
@@ -29,6 +35,33 @@ const DRAIN: Duration = Duration::from_secs(10);
 /// Wait after the system has refused a connection, for example because file handles ran out.
 const PAUSE: Duration = Duration::from_millis(50);
 
+/// What the system buffers of an answer that its client does not take, bytes. A fixed size makes progress of a slow client
+/// visible, and bounds what all of them take together.
+pub(crate) const SEND_BUFFER: u32 = 128 << 10;
+/// Connections that wait to be accepted.
+const BACKLOG: u32 = 1024;
+
+/// Listens on an address, for [`serve`]; port 0 picks a free one.
+///
+/// # Errors
+/// The system refuses, for example because the port is taken.
+pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
+    socket.set_reuseaddr(true)?;
+    // Its connections inherit the size.
+    socket.set_send_buffer_size(SEND_BUFFER)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)
+}
+
+/// Answers requests for `/metrics`, and for nothing else, until it is dropped.
+///
+/// # Errors
+/// The listener fails.
+pub async fn serve_metrics(service: Arc<Service>, listener: TcpListener) -> io::Result<()> {
+    axum::serve(listener, crate::metrics::router(service)).await
+}
+
 /// Answers requests until `stop` completes; then takes no new ones, and gives open ones ten seconds to end.
 ///
 /// # Errors
@@ -40,6 +73,7 @@ pub async fn serve(
     stop: impl Future<Output = ()>,
 ) -> io::Result<()> {
     let router = crate::router(Arc::clone(&service));
+    let visitors = Visitors::new(Arc::clone(&service), most_connections);
     let places = Arc::new(Semaphore::new(most_connections));
     let (ending, ended) = watch::channel(false);
     let mut connections = JoinSet::new();
@@ -57,11 +91,13 @@ pub async fn serve(
         };
         while connections.try_join_next().is_some() {}
         match accepted {
-            Ok((stream, _)) => {
+            Ok((stream, peer)) => {
+                // Closed at once, if its address has its share.
+                let Some(visit) = visitors.connect(peer.ip()) else { continue };
                 let (service, router, ended) = (Arc::clone(&service), router.clone(), ended.clone());
                 connections.spawn(async move {
                     service.metrics.connections.fetch_add(1, Ordering::Relaxed);
-                    answer(stream, router, ended).await;
+                    answer(stream, visit, router, service.options.pace, ended).await;
                     service.metrics.connections.fetch_sub(1, Ordering::Relaxed);
                     drop(place);
                 });
@@ -81,9 +117,13 @@ pub async fn serve(
     Ok(())
 }
 
-async fn answer(stream: TcpStream, router: Router, mut ended: watch::Receiver<bool>) {
+async fn answer(stream: TcpStream, visit: Arc<Visit>, router: Router, pace: Pace, mut ended: watch::Receiver<bool>) {
     // Small responses should not wait for each other; if this cannot be set, they do.
     drop(stream.set_nodelay(true));
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(Arc::clone(&visit));
+        TowerToHyperService::new(router.clone()).call(request)
+    });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_TIME)
@@ -91,7 +131,7 @@ async fn answer(stream: TcpStream, router: Router, mut ended: watch::Receiver<bo
         // Some clients close their side once they have sent a request.
         .half_close(true)
         .max_buf_size(MAX_HEAD)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+        .serve_connection(TokioIo::new(Paced::new(stream, pace)), service);
     let mut connection = pin!(connection);
     let late = tokio::time::sleep(CONNECTION_TIME);
     let done = tokio::select! {

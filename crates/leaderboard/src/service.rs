@@ -5,27 +5,27 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
-use axum::middleware::from_fn_with_state;
+use axum::middleware::{from_fn, from_fn_with_state};
 use fiatlux_access::KnownServers;
 use tokio::sync::{Notify, Semaphore};
 
 use crate::metrics::Metrics;
 use crate::submission::Limits;
-use crate::{Store, SubmissionId, api, metrics, pages};
+use crate::{Store, SubmissionId, api, metrics, pages, visitors};
 
 /// Most uploads whose content is compared with its digest at once: half of the cores are left to those who read pages.
 const MOST_SEALERS: usize = 4;
 /// Uploads whose bytes are written at once.
 const WRITERS: usize = 2;
 
-/// How slow an upload may be.
+/// How slow a client may be, with its upload and with what it takes of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
-    /// Longest time without a byte; after it the upload is cut.
+    /// Longest time without a byte; after it the connection is cut.
     pub silence: Duration,
     /// Grace period before the lowest rate is enforced.
     pub start: Duration,
-    /// Lowest average rate since the upload began, bytes/s.
+    /// Lowest average rate, bytes/s.
     pub least_rate: u64,
 }
 
@@ -37,16 +37,31 @@ impl Default for Pace {
 }
 
 /// Settings of a service.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct ServiceOptions {
     /// How large a submission may be.
     pub limits: Limits,
-    /// How slow an upload may be; slower ones are cut and can be resumed.
+    /// How slow a client may be; slower ones are cut, and their uploads can be resumed.
     pub pace: Pace,
+    /// Longest pause before the answer to a wrong token, of an address that has sent several.
+    pub token_pause: Duration,
     /// Keys of the operator's own servers, whose signatures make a run *hosted*.
     pub signers: KnownServers,
     /// Threads that grade; 0 means one for each core.
     pub grade_workers: usize,
+}
+
+impl Default for ServiceOptions {
+    /// The defaults of [`Limits`] and [`Pace`], 4 s, nobody's keys, all cores.
+    fn default() -> Self {
+        Self {
+            limits: Limits::default(),
+            pace: Pace::default(),
+            token_pause: Duration::from_secs(4),
+            signers: KnownServers::default(),
+            grade_workers: 0,
+        }
+    }
 }
 
 /// The state that handlers and jobs share.
@@ -98,8 +113,8 @@ impl Drop for Claim {
     }
 }
 
-/// Routes of the whole service: `/api/...`, `/health`, `/ready`, `/metrics` and the pages.
+/// Routes of the whole service: `/api/...`, `/health`, `/ready` and the pages.
 pub fn router(service: Arc<Service>) -> Router {
     let measured = from_fn_with_state(Arc::clone(&service), metrics::measure);
-    api::router(Arc::clone(&service)).merge(pages::router(service)).layer(measured)
+    api::router(Arc::clone(&service)).merge(pages::router(service)).layer(from_fn(visitors::admit)).layer(measured)
 }

@@ -72,6 +72,17 @@ impl Store {
         Ok(Self { folder: folder.into(), pool, writer, blobs, results: Arc::default() })
     }
 
+    /// Opens the folder of a service, and makes none.
+    ///
+    /// # Errors
+    /// As for [`Store::open`]; [`StoreError::Nothing`]: the folder has no database.
+    pub async fn open_existing(folder: &Path) -> Result<Self, StoreError> {
+        if !folder.join(DATABASE).is_file() {
+            return Err(StoreError::Nothing { folder: folder.into() });
+        }
+        Self::open(folder).await
+    }
+
     /// Locks the folder for the one service that may run on it; `None` if another one runs. Keep the file while serving.
     ///
     /// # Errors

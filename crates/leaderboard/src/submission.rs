@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use fiatlux_grading::{Conditions, Results};
+use fiatlux_proto::is_unseen;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -124,13 +125,6 @@ impl Manifest {
         }
         Ok(())
     }
-}
-
-/// Characters that change how the text around them is shown: controls, and those of Unicode that change its direction or have
-/// no width.
-fn is_unseen(c: char) -> bool {
-    c.is_control()
-        || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
 fn is_link(text: &str) -> bool {

@@ -7,6 +7,9 @@ use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, Mode, Observation, OpenReq
 
 use fiatlux_client::{Command, Policy, PolicyError};
 
+/// Most actions that are read. An errand has 72,000.
+const MAX_ACTIONS: usize = 1 << 20;
+
 /// Sends the actions of a recorded episode again, exactly as they were received.
 #[derive(Debug)]
 pub struct Replay {
@@ -23,7 +26,7 @@ impl Replay {
     pub fn open(path: &Path) -> Result<Self, PolicyError> {
         let bag = Bag::open(path).map_err(PolicyError::of("replay"))?;
         let mut commands = Vec::new();
-        for message in bag.actions() {
+        for message in bag.actions().take(MAX_ACTIONS) {
             let action = message.map_err(PolicyError::of("replay"))?.action.unwrap_or_default();
             let targets = action.action.is_empty() && !action.joint_target.is_empty();
             let command =

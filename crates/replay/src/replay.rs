@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use fiatlux_bag::{Bag, Completeness};
+use fiatlux_bag::{Bag, BagError, Completeness, Patience};
 use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_render::Lighting;
 use fiatlux_rules::{CONTROL_DT, Task};
@@ -108,15 +108,15 @@ impl Replay {
     /// # Errors
     /// [`ReplayError`]: the bag cannot be opened, its header gives no scene, or none of its rows can be drawn.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, ReplayError> {
-        Self::open_with(path.as_ref(), MOST_KEPT)
+        Self::open_with(path.as_ref(), MOST_KEPT, None)
     }
 
-    /// As [`Replay::open`], with the poses of at most `most_kept` rows.
+    /// As [`Replay::open`], with the poses of at most `most_kept` rows, as long as `patience` lasts.
     ///
     /// # Errors
-    /// As for [`Replay::open`].
-    pub fn open_with(path: &Path, most_kept: usize) -> Result<Self, ReplayError> {
-        let bag = Bag::open(path)?;
+    /// As for [`Replay::open`]; [`BagError::Slow`] where the patience is over before all is read.
+    pub fn open_with(path: &Path, most_kept: usize, patience: Option<Patience>) -> Result<Self, ReplayError> {
+        let bag = Bag::open(path)?.with_patience(patience.clone());
         let header = bag.header();
         let scene = robot_of(header).and_then(|robot| scene_of(header, Arc::new(robot)));
         let scene = scene.map_err(|source| ReplayError::Header { bag: path.into(), source })?;
@@ -141,6 +141,9 @@ impl Replay {
             ));
         }
         let events = happenings(&bag, &mut notes);
+        if patience.is_some_and(|patience| !patience.goes_on()) {
+            return Err(BagError::Slow { path: path.into() }.into());
+        }
         let document = Document {
             version: REPLAY_VERSION,
             episode: EpisodeInfo::new(header, path),

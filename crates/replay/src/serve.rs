@@ -85,6 +85,6 @@ impl Shelf {
 
     /// The replay of the bag at an index; `None` if there is no such bag.
     pub fn show(&self, index: usize) -> Option<Result<Shown, ReplayError>> {
-        self.bags.file(index).map(|path| self.desk.show(path, None))
+        self.bags.file(index).map(|path| self.desk.show(path, None, None))
     }
 }

@@ -7,6 +7,9 @@ use std::time::SystemTime;
 
 use axum::body::Bytes;
 
+use fiatlux_bag::Patience;
+
+use crate::track::MOST_KEPT as MOST_ROWS;
 use crate::{Replay, ReplayError};
 
 /// Default number of replays to keep in memory, of at most 50 MB each.
@@ -52,11 +55,11 @@ impl Desk {
     }
 
     /// The replay of a bag, shown under `name` if its file has another name here. Only one is read at a time, to limit
-    /// the memory.
+    /// the memory, and no longer than its `patience`.
     ///
     /// # Errors
     /// As for [`Replay::open`].
-    pub fn show(&self, path: &Path, name: Option<&str>) -> Result<Shown, ReplayError> {
+    pub fn show(&self, path: &Path, name: Option<&str>, patience: Option<Patience>) -> Result<Shown, ReplayError> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let metadata =
             fs::metadata(path).map_err(|source| ReplayError::Io { action: "read", path: path.into(), source })?;
@@ -64,7 +67,7 @@ impl Desk {
         let found = match kept.iter().position(|(known, _)| *known == edition) {
             Some(at) => kept.remove(at).1,
             None => {
-                let replay = Replay::open(path)?;
+                let replay = Replay::open_with(path, MOST_ROWS, patience)?;
                 Shown::from(match name {
                     Some(name) => replay.called(name),
                     None => replay,

@@ -1,14 +1,13 @@
 //! Makes text from a bag fit to show.
 
+use fiatlux_proto::is_unseen;
+
 /// Longest text to show, characters.
 const MOST: usize = 300;
 
 /// Shortens a text from a bag, and removes control characters and marks that change its direction.
 pub(crate) fn short(text: &str) -> String {
-    let is_hidden = |c: char| {
-        c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
-    };
-    let shown = |c: char| if is_hidden(c) { '\u{fffd}' } else { c };
+    let shown = |c: char| if is_unseen(c) { '\u{fffd}' } else { c };
     let mut out: String = text.chars().take(MOST).map(shown).collect();
     if text.chars().nth(MOST).is_some() {
         out.push('\u{2026}');

@@ -16,7 +16,7 @@ use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Mode, OpenRequest, State, StepRecord};
-use fiatlux_proto::{Message, decode};
+use fiatlux_proto::{Message, decode, plain};
 use thiserror::Error;
 use tracing::warn;
 
@@ -109,13 +109,13 @@ impl Verification {
 impl fmt::Display for Verification {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_equal() {
-            return writeln!(f, "equal: {}: {}", self.episode, in_words(&self.recorded));
+            return writeln!(f, "equal: {}: {}", plain(&self.episode), in_words(&self.recorded));
         }
         let simulated = self.simulated.as_ref().map_or("did not end: the bag has no more actions".into(), in_words);
         writeln!(
             f,
             "different: {}\n  recorded   {}\n  simulated  {simulated}",
-            self.episode,
+            plain(&self.episode),
             in_words(&self.recorded)
         )?;
         let row = self.row.as_ref().map(|(step, difference)| (format!("row {step}"), difference));
@@ -134,6 +134,7 @@ fn in_words(end: &EpisodeEnd) -> String {
     let succeeds = end.success && cause != "success";
     let flags = [("success", succeeds), ("broken", end.broken), ("dropped", end.dropped)];
     let flags: String = flags.into_iter().filter(|(_, is)| *is).map(|(what, _)| format!(", {what}")).collect();
+    let (cause, digest) = (plain(cause), plain(digest));
     format!("{steps} steps, {cause}, progress {gate_progress:.2}{flags}, digest {digest}")
 }
 
@@ -397,6 +398,25 @@ mod tests {
     use fiatlux_proto::v3::RunTicket;
 
     use super::*;
+
+    /// Guards against a name in a bag that writes its own verdict.
+    #[test]
+    fn a_name_cannot_write_a_line() {
+        let end = EpisodeEnd { cause: "fall\u{1b}[2K".into(), ..EpisodeEnd::default() };
+        let verification = Verification {
+            episode: "S05 seed 1, episode 0, policy a\nequal: b".into(),
+            recorded: end.clone(),
+            header_digest: String::new(),
+            signer: None,
+            simulated: Some(end),
+            header: None,
+            row: Some((3, Difference { field: "x".into(), found: "1".into(), recorded: "2".into() })),
+            result: None,
+        };
+        let text = verification.to_string();
+        assert!(!text.contains("\nequal") && !text.contains('\u{1b}'), "{text}");
+        assert!(text.starts_with(r"different: S05 seed 1, episode 0, policy a\u000aequal: b"), "{text}");
+    }
 
     /// A second run belongs to no registered run; a delay is requested again.
     #[test]

@@ -45,8 +45,10 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     let mut is_greeted = false;
     let outcome = evaluate_external(carrier, &options, &stop, &mut |progress| match progress {
         ExternalProgress::Waiting => {
-            if !std::mem::replace(&mut is_greeted, true) {
-                greet(args, &endpoint);
+            if !std::mem::replace(&mut is_greeted, true)
+                && let Err(error) = greet(args, &endpoint)
+            {
+                tracing::warn!("{error}");
             }
         }
         playing => {
@@ -78,19 +80,20 @@ fn refuse(why: &str) -> ExitCode {
 }
 
 /// Prints the command for the client.
-fn greet(args: &EvaluateArgs, endpoint: &str) {
+fn greet(args: &EvaluateArgs, endpoint: &str) -> std::io::Result<()> {
     let reachable = endpoint.replace("0.0.0.0", "ADDRESS-OF-THIS-MACHINE").replace("[::]", "ADDRESS-OF-THIS-MACHINE");
     let line = format!("policy-client evaluate --policy NAME -e {reachable} --server {}\n", args.name);
     let call = format!("fiatlux.Client(\"{reachable}\").evaluate(YourPolicy, server=\"{}\")", args.name);
     if args.json {
         eprint!("{line}");
     } else {
-        fiatlux_cli::print(line);
+        fiatlux_cli::print(line)?;
     }
     eprintln!("or in Python: {call}");
     eprintln!(
         "waiting for a run; start it with the command above and the name of your policy, or with the call in Python"
     );
+    Ok(())
 }
 
 fn look(line: &ProgressLine, progress: &ExternalProgress) -> String {

@@ -126,8 +126,9 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     let outcome = Client::evaluate(&link.carrier(), &options, make_policy, &mut progress, &stop);
     line.clear();
     let outcome = outcome?;
-    report::print(&outcome, &args.policy, args.json);
+    let printed = report::print(&outcome, &args.policy, args.json);
     report::tell(&outcome, &args.run_file);
+    printed?;
     Ok(outcome.is_whole() && outcome.finished)
 }
 

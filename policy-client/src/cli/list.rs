@@ -4,6 +4,7 @@ use clap::Args;
 use fiatlux_cli::print;
 use fiatlux_client::describe_servers;
 use fiatlux_link::{LinkArgs, Role};
+use fiatlux_proto::plain;
 use fiatlux_proto::v3::ServerInfo;
 use serde_json::{Value, json};
 
@@ -25,41 +26,36 @@ pub struct ListArgs {
 /// Prints the servers, or the policies; returns false if there is none.
 pub fn list(args: &ListArgs) -> Result<bool, Failure> {
     if args.policies {
-        list_policies(args.json);
+        list_policies(args.json)?;
         return Ok(true);
     }
     let link = args.link.open(Role::Client)?.carrier();
     let servers = describe_servers(&link)?;
     if args.json {
-        print(format!("{:#}\n", Value::Array(servers.iter().map(as_json).collect())));
+        print(format!("{:#}\n", Value::Array(servers.iter().map(as_json).collect())))?;
     } else if servers.is_empty() {
         eprintln!("no server answers; start `sim-server`, or give its address with -e tcp/HOST:PORT");
     }
     for server in servers.iter().filter(|_| !args.json) {
         let tasks: Vec<&str> = server.tasks.iter().map(|task| task.task.as_str()).collect();
+        let (tasks, sensors, gains) = (tasks.join(" "), server.sensors.join(" "), server.gains.join(" "));
+        let [name, version, tasks, sensors, gains] =
+            [&server.server, &server.version, &tasks, &sensors, &gains].map(|text| plain(text));
         print(format!(
-            "{}  version {}  {} of {} sessions open\n    tasks    {}\n    sensors  {}\n    gains    {}\n",
-            server.server,
-            server.version,
-            server.open_sessions,
-            server.capacity,
-            tasks.join(" "),
-            server.sensors.join(" "),
-            server.gains.join(" ")
-        ));
+            "{name}  version {version}  {} of {} sessions open\n    tasks    {tasks}\n    sensors  {sensors}\n    \
+             gains    {gains}\n",
+            server.open_sessions, server.capacity
+        ))?;
     }
     Ok(!servers.is_empty())
 }
 
-fn list_policies(json: bool) {
+fn list_policies(json: bool) -> std::io::Result<()> {
     if json {
         let policy = |(name, does): &(&str, &str)| json!({ "policy": name, "does": does });
-        print(format!("{:#}\n", Value::Array(fiatlux_policies::NAMES.iter().map(policy).collect())));
-        return;
+        return print(format!("{:#}\n", Value::Array(fiatlux_policies::NAMES.iter().map(policy).collect())));
     }
-    for (name, does) in fiatlux_policies::NAMES {
-        print(format!("{name:<12}{does}\n"));
-    }
+    policies::NAMES.iter().try_for_each(|(name, does)| print(format!("{name:<12}{does}\n")))
 }
 
 fn as_json(server: &ServerInfo) -> Value {

@@ -1,9 +1,12 @@
 //! The command `policy-client probe`.
 
+use std::io;
+
 use clap::Args;
 use fiatlux_bridge::{Contract, ModelChunk, Representation, Row};
 use fiatlux_cli::print;
 use fiatlux_policies::{Answer, VlaArgs};
+use fiatlux_proto::plain;
 
 use super::{Failure, usage};
 
@@ -24,82 +27,90 @@ pub struct ProbeArgs {
 pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
     let source = args.vla.source(false).map_err(usage)?;
     let probed = source.probe().map_err(anyhow::Error::from)?;
-    print(format!("mapping   {}\n", source.mapping().label()));
-    print_contract(&probed.contract);
+    line(&format!("mapping   {}", source.mapping().label()))?;
+    print_contract(&probed.contract)?;
     if let Err(error) = &probed.fit {
-        print(format!("contract  does not fit: {error}\n"));
+        line(&format!("contract  does not fit: {error}"))?;
     }
     for (key, shape) in &probed.sent {
-        print(format!("sent      {key} {shape:?}\n"));
+        line(&format!("sent      {key} {shape:?}"))?;
     }
     let Answer { chunk, latency, rows } = probed.answer.map_err(anyhow::Error::from)?;
-    print_chunk(&chunk);
+    print_chunk(&chunk)?;
     let server = chunk.server_s.map_or_else(String::new, |time| format!(", {:.1} ms of it in the server", 1e3 * time));
-    print(format!("latency   {:.1} ms{server}\n", 1e3 * latency.as_secs_f64()));
+    line(&format!("latency   {:.1} ms{server}", 1e3 * latency.as_secs_f64()))?;
     match &rows {
-        Ok(rows) => print_row(rows.first()),
-        Err(error) => print(format!("answer    does not fit: {error}\n")),
+        Ok(rows) => print_row(rows.first())?,
+        Err(error) => line(&format!("answer    does not fit: {error}"))?,
     }
     if let Some((key, width)) = source.undecoded() {
-        print(format!(
+        line(&format!(
             "decoder   missing: '{key}' has motion tokens of {width} numbers, which the policy vla plays only with \
-             --controller sonic:DIR\n"
-        ));
+             --controller sonic:DIR"
+        ))?;
     }
     Ok(probed.fit.is_ok() && rows.is_ok())
 }
 
-fn print_contract(contract: &Contract) {
+/// Prints a line, in which the server's own words may stand.
+fn line(text: &str) -> io::Result<()> {
+    print(format!("{}\n", plain(text)))
+}
+
+fn print_contract(contract: &Contract) -> io::Result<()> {
     if *contract == Contract::default() {
-        return print("contract  the server does not describe itself\n");
+        return line("contract  the server does not describe itself");
     }
     for camera in contract.cameras.iter().flatten() {
         let delta = camera.delta.as_ref().map_or_else(String::new, |delta| format!(", frames {delta:?}"));
-        print(format!("contract  camera '{}'{delta}\n", camera.key));
+        line(&format!("contract  camera '{}'{delta}", camera.key))?;
     }
     if let Some(count) = contract.camera_count {
-        print(format!("contract  {count} cameras\n"));
+        line(&format!("contract  {count} cameras"))?;
     }
     if let Some([width, height]) = contract.image_size {
-        print(format!("contract  pictures of {width}x{height} pixels\n"));
+        line(&format!("contract  pictures of {width}x{height} pixels"))?;
     }
     for (key, _) in contract.states.iter().flatten() {
-        print(format!("contract  state '{key}'\n"));
+        line(&format!("contract  state '{key}'"))?;
     }
     for action in contract.actions.iter().flatten() {
         let name = action.representation.map_or("", Representation::name);
-        print(format!("contract  action '{}' {name}\n", action.key));
+        line(&format!("contract  action '{}' {name}", action.key))?;
     }
     if let Some(keys) = &contract.language {
-        print(format!("contract  language '{}'\n", keys.join("', '")));
+        line(&format!("contract  language '{}'", keys.join("', '")))?;
     }
     if let Some(rows) = contract.horizon {
-        print(format!("contract  {rows} rows a chunk\n"));
+        line(&format!("contract  {rows} rows a chunk"))?;
     }
     if let Some(space) = &contract.action_space {
-        print(format!("contract  action space {space}\n"));
+        line(&format!("contract  action space {space}"))?;
     }
+    Ok(())
 }
 
-fn print_chunk(chunk: &ModelChunk) {
+fn print_chunk(chunk: &ModelChunk) -> io::Result<()> {
     for (key, width, numbers) in &chunk.parts {
         let (least, most) = numbers
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), number| (least.min(*number), most.max(*number)));
-        print(format!("answer    {key} {} x {width}, from {least:.3} to {most:.3}\n", chunk.rows));
+        line(&format!("answer    {key} {} x {width}, from {least:.3} to {most:.3}", chunk.rows))?;
     }
+    Ok(())
 }
 
-fn print_row(row: Option<&Row>) {
-    let Some(row) = row else { return };
-    print(format!("row 0     {} joint targets\n", row.targets.len()));
+fn print_row(row: Option<&Row>) -> io::Result<()> {
+    let Some(row) = row else { return Ok(()) };
+    line(&format!("row 0     {} joint targets", row.targets.len()))?;
     if let Some([x, y, turn]) = row.velocity {
-        print(format!("row 0     velocity {x:.2} m/s ahead, {y:.2} m/s to the left, {turn:.2} rad/s\n"));
+        line(&format!("row 0     velocity {x:.2} m/s ahead, {y:.2} m/s to the left, {turn:.2} rad/s"))?;
     }
     if let Some(height) = row.height {
-        print(format!("row 0     height {height:.2} m\n"));
+        line(&format!("row 0     height {height:.2} m"))?;
     }
     if let Some([roll, pitch, yaw]) = row.torso {
-        print(format!("row 0     torso roll {roll:.2}, pitch {pitch:.2}, yaw {yaw:.2} rad\n"));
+        line(&format!("row 0     torso roll {roll:.2}, pitch {pitch:.2}, yaw {yaw:.2} rad"))?;
     }
+    Ok(())
 }

@@ -1,7 +1,10 @@
 //! Prints the episodes of `run`, as text or as JSON.
 
+use std::io;
+
 use fiatlux_cli::print;
 use fiatlux_client::RoundTrips;
+use fiatlux_proto::plain;
 use fiatlux_proto::v3::{EpisodeEnd, SessionInfo};
 use serde_json::{Value, json};
 
@@ -39,7 +42,10 @@ impl Report {
     }
 
     /// Adds an episode, and prints it at once unless the output is JSON.
-    pub fn add(&mut self, episode: Episode, as_json: bool) {
+    ///
+    /// # Errors
+    /// Stdout cannot be written to.
+    pub fn add(&mut self, episode: Episode, as_json: bool) -> io::Result<()> {
         let Episode { index, end, wall_s } = episode;
         let equal = self.digest.as_ref().map(|digest| *digest == end.digest);
         self.equal &= equal.unwrap_or(true);
@@ -49,18 +55,18 @@ impl Report {
                  digest {}\n",
                 self.head["task"].as_str().unwrap_or_default(),
                 self.head["seed"],
-                end.cause,
+                plain(&end.cause),
                 end.steps,
                 end.steps as f64 * self.control_dt,
                 if end.success { "passed" } else { "not passed" },
-                end.digest
-            ));
+                plain(&end.digest)
+            ))?;
             match (equal, &self.digest) {
-                (Some(true), _) => print("    digest equal\n"),
+                (Some(true), _) => print("    digest equal\n")?,
                 (Some(false), Some(recorded)) => print(format!(
                     "    digest differs: the bag has {recorded}\n    the rows are not the same: compare the versions, \
                      the model and scene digests and the options with the bag's header\n"
-                )),
+                ))?,
                 _ => {}
             }
         }
@@ -68,18 +74,23 @@ impl Report {
             "episode": index, "cause": end.cause, "causes": end.causes, "steps": end.steps, "success": end.success,
             "digest": end.digest, "wall_s": wall_s, "recorded_digest": self.digest, "digest_equal": equal,
         }));
+        Ok(())
     }
 
     /// Prints the summary at the end.
-    pub fn finish(&self, trips: &RoundTrips, as_json: bool) {
+    ///
+    /// # Errors
+    /// Stdout cannot be written to.
+    pub fn finish(&self, trips: &RoundTrips, as_json: bool) -> io::Result<()> {
         let [p50, p99] = [0.5, 0.99].map(|share| trips.quantile_s(share).map(|seconds| seconds * 1e6));
         if as_json {
             let mut all = self.head.clone();
             all["episodes"] = json!(self.episodes);
             all["round_trip"] = json!({ "count": trips.count(), "p50_us": p50, "p99_us": p99 });
-            print(format!("{all:#}\n"));
+            print(format!("{all:#}\n"))?;
         } else if let (Some(p50), Some(p99)) = (p50, p99) {
             tracing::info!("a step took {p50:.0} us (median), {p99:.0} us (99th percentile)");
         }
+        Ok(())
     }
 }

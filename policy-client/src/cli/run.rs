@@ -6,6 +6,7 @@ use std::time::Instant;
 use fiatlux_cli::{ProgressLine, stop_on_signal};
 use fiatlux_client::{Client, ClientError};
 use fiatlux_link::Role;
+use fiatlux_proto::plain;
 use fiatlux_proto::v3::Notice;
 use fiatlux_proto::v3::notice::Code;
 
@@ -25,9 +26,9 @@ pub enum Played {
 
 /// Logs a notice of the server; returns a line for the summary if it says that a recording is cut.
 fn pass_on(Notice { code, episode, step, field, message, remedy, .. }: Notice) -> Option<String> {
-    tracing::warn!("notice of the server, episode {episode} step {step}: {message}; {remedy}");
+    tracing::warn!("notice of the server, episode {episode} step {step}: {}; {}", plain(&message), plain(&remedy));
     let is_cut = code == i32::from(Code::Lost) && field == "recorded";
-    is_cut.then(|| format!("episode {episode} from step {step} on: {message}"))
+    is_cut.then(|| format!("episode {episode} from step {step} on: {}", plain(&message)))
 }
 
 /// Runs the episodes and prints their outcomes.
@@ -56,21 +57,21 @@ pub fn run(args: &RunArgs) -> Result<Played, Failure> {
         line.clear();
         cut.extend(notices.try_iter().filter_map(pass_on));
         match end {
-            Ok(end) => report.add(Episode { index, end, wall_s: start.elapsed().as_secs_f64() }, args.json),
+            Ok(end) => report.add(Episode { index, end, wall_s: start.elapsed().as_secs_f64() }, args.json)?,
             Err(error) => {
                 failure = Some(error);
                 break;
             }
         }
     }
-    report.finish(client.round_trips(), args.json);
+    report.finish(client.round_trips(), args.json)?;
     // The server notices clients that vanish, so a failure here costs no more than the grace time.
     if let Err(error) = client.close() {
         tracing::debug!("the session was not closed: {error}");
     }
     cut.extend(notices.try_iter().filter_map(pass_on));
     for recording in &cut {
-        eprintln!("recording cut: {recording}");
+        fiatlux_cli::report(format!("recording cut: {recording}"));
     }
     match failure {
         None if !cut.is_empty() && report.is_equal() => Ok(Played::Cut),

@@ -54,7 +54,7 @@ fn main() -> ExitCode {
         Ok(false) => ExitCode::SUCCESS,
         Ok(true) => ExitCode::from(CUT),
         Err(error) => {
-            eprintln!("error: {error:#}");
+            fiatlux_cli::report(format!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }
@@ -79,11 +79,11 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
             records: RecordsFrom::Servers(key),
             on_bag: Box::new(move |report| {
                 seen.fetch_or(matches!(report.end, BagEnd::Cut(_)), Ordering::Relaxed);
-                fiatlux_cli::print(line(&report) + "\n");
+                print(&line(&report));
             }),
             on_loss: Box::new(move |session, records| {
                 missed.store(true, Ordering::Relaxed);
-                fiatlux_cli::print(format!("{session}: lost: {records} records are in no bag\n"));
+                print(&format!("{session}: lost: {records} records are in no bag"));
             }),
         },
     )?;
@@ -93,6 +93,13 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
         tracing::warn!("{} is unfinished; a recorder started now with the same --out continues it", part.display());
     }
     Ok(any_cut.load(Ordering::Relaxed) || !unfinished.is_empty())
+}
+
+/// Prints a line. That it cannot does not end a recording.
+fn print(line: &str) {
+    if let Err(error) = fiatlux_cli::print(format!("{}\n", fiatlux_proto::plain(line))) {
+        tracing::error!("{error}: {line}");
+    }
 }
 
 /// The line for one bag.

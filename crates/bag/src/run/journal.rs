@@ -1,7 +1,7 @@
 //! Lines of a journal, and the chain through them.
 
 use std::fs::{self, File};
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -43,6 +43,21 @@ pub fn journals(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {
     }
     found.sort();
     Ok(found)
+}
+
+/// Whether a journal ends in half a line: its server died while it wrote, or the file was cut.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn is_torn(path: &Path) -> Result<bool, LedgerError> {
+    let failed = || LedgerError::io("read", path);
+    let mut file = File::open(path).map_err(LedgerError::io("open", path))?;
+    if file.metadata().map_err(failed())?.len() == 0 {
+        return Ok(false);
+    }
+    let mut last = [0];
+    file.seek(SeekFrom::End(-1)).and_then(|_| file.read_exact(&mut last)).map_err(failed())?;
+    Ok(last != *b"\n")
 }
 
 /// Whether a file has the name of a journal.

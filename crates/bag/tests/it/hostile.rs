@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::common::{Random, folder, header, push, result, state, write};
-use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, ROWS_PER_CHUNK};
+use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, Patience, ROWS_PER_CHUNK};
+use fiatlux_proto::v3::{EpisodeHeader, Sensor};
 
 const ROWS: u64 = 4 * ROWS_PER_CHUNK + 40;
 
@@ -248,13 +249,12 @@ fn made_up_bytes_never_panic() {
     }
 }
 
-/// A chunk that says it is larger than any that a recorder writes is not unpacked, whatever it unpacks to.
-#[test]
-fn a_bomb_is_refused() {
-    let path = folder("bomb").join("a.mcap");
+/// A file with this header, written by hand: `fill` gets the writer and the channel of a topic.
+fn by_hand(name: &str, header: &EpisodeHeader, topic: &str, fill: impl FnOnce(&mut ByHand, u16)) -> std::path::PathBuf {
+    let path = folder(name).join("a.mcap");
     let options = mcap::WriteOptions::new().chunk_size(None).compression_threads(0);
     let mut writer = options.create(std::fs::File::create(&path).expect("a file")).expect("a writer");
-    let small = BagWriter::create(&path.with_extension("small"), &header()).expect("a bag");
+    let small = BagWriter::create(&path.with_extension("small"), header).expect("a bag");
     let small = std::fs::read(small.finish(&result(1)).expect("a finished bag")).expect("bytes");
     let summary = mcap::Summary::read(&small).expect("a summary").expect("a summary");
     let index = &summary.metadata_indexes[0];
@@ -262,13 +262,96 @@ fn a_bomb_is_refused() {
     let Ok(mcap::records::Record::Metadata(metadata)) = mcap::parse_record(0x0c, record) else { panic!("metadata") };
     writer.write_metadata(&metadata).expect("metadata");
     let schema = writer.add_schema("fiatlux.v3.State", "protobuf", &[]).expect("a schema");
-    let channel = writer.add_channel(schema, "/state", "protobuf", &Default::default()).expect("a channel");
-    let header = mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: 0, publish_time: 0 };
-    writer.write_to_known_channel(&header, &vec![0; 100 << 20]).expect("a bomb");
+    let channel = writer.add_channel(schema, topic, "protobuf", &Default::default()).expect("a channel");
+    fill(&mut writer, channel);
     writer.finish().expect("a finished file");
-    drop(writer);
+    path
+}
+
+type ByHand = mcap::Writer<std::fs::File>;
+
+/// Writes a message of zeros as a chunk of its own.
+fn zeros(writer: &mut ByHand, channel_id: u16, bytes: usize) {
+    let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+    writer.write_to_known_channel(&header, &vec![0; bytes]).expect("a message");
+    writer.flush().expect("a chunk");
+}
+
+/// A chunk that says it is larger than any that a recorder writes is not unpacked, whatever it unpacks to.
+#[test]
+fn a_bomb_is_refused() {
+    let path = by_hand("bomb", &header(), "/state", |writer, channel| zeros(writer, channel, 100 << 20));
     assert!(std::fs::metadata(&path).expect("a file").len() < 1 << 20);
     let bag = Bag::open(&path).expect("the header is fine");
     assert!(matches!(bag.completeness(), Completeness::Cut { .. }));
     assert_eq!(bag.states().count(), 0);
+}
+
+/// Guards against many small bombs, each of which may be unpacked: their sum is bounded before the first one is.
+#[test]
+fn many_small_bombs_are_refused() {
+    let path = by_hand("bombs", &header(), "/observation", |writer, channel| {
+        (0..20).for_each(|_| zeros(writer, channel, 30 << 20));
+    });
+    let error = Bag::open(&path).expect_err("600 MB").to_string();
+    assert!(error.contains("bytes unpack to 629") && error.contains("may unpack to"), "{error}");
+}
+
+/// Guards against topics that no recorder writes, and sensors that the header does not promise: nobody looks at what is there.
+#[test]
+fn topics_that_the_header_does_not_promise_are_refused() {
+    let opened = |name, header: &EpisodeHeader, topic| {
+        let path = by_hand(name, header, topic, |writer, channel| zeros(writer, channel, 8));
+        Bag::open(path).map(drop).map_err(|error| error.to_string())
+    };
+    let error = opened("foreign", &header(), "/zeros\x1b").expect_err("no such topic");
+    assert!(error.contains(r"messages on '/zeros\u001b', a topic that no recorder writes"), "{error}");
+    for topic in ["/camera", "/lidar"] {
+        let sensor = |recorded| Sensor { name: topic[1..].into(), recorded, ..Sensor::default() };
+        let with = |recorded| EpisodeHeader { sensors: vec![sensor(recorded)], ..header() };
+        let error = opened("unpromised", &with(false), topic).expect_err("not recorded");
+        assert!(error.contains(topic) && error.contains("no sensor of its header"), "{error}");
+        opened("promised", &with(true), topic).expect("recorded");
+    }
+}
+
+/// Guards the words for files that are not as a recorder writes them, instead of those for a bad disk.
+#[test]
+fn what_another_program_wrote_is_named() {
+    let folder = folder("named");
+    let bytes = std::fs::read(write(&folder.join("whole.mcap"), 40)).expect("bytes");
+    let reason = |name: &str, bytes: &[u8]| {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).expect("written");
+        let bag = Bag::open(&path).expect("a header");
+        let Completeness::Cut { reason, .. } = bag.completeness() else { panic!("{name} is whole") };
+        reason.clone()
+    };
+    // The name of the compression stands in the head of each chunk.
+    let mut other = bytes.clone();
+    let at = bytes.windows(4).position(|name| name == b"zstd").expect("a chunk");
+    other[at..at + 4].copy_from_slice(b"lz4\x1b");
+    assert!(reason("lz4.mcap", &other).contains(r"compressed by 'lz4\u001b'; a recorder compresses by zstd"));
+    other[at - 4..at].copy_from_slice(&[0; 4]);
+    assert!(reason("plain.mcap", &other).contains("compressed not at all"));
+    // The footer is the last record before the end mark: operation code, length, start of the summary.
+    let start = bytes.len() - 8 - 20;
+    for wrong in [1, u64::MAX, bytes.len() as u64] {
+        let mut other = bytes.clone();
+        other[start..start + 8].copy_from_slice(&wrong.to_le_bytes());
+        let reason = reason("footer.mcap", &other);
+        assert!(reason.contains(&format!("a footer that puts the summary at byte {wrong}")), "{reason}");
+    }
+}
+
+/// Guards that whoever reads strangers' bags can stop in the middle of one.
+#[test]
+fn reading_ends_with_its_patience() {
+    let path = write(&folder("patience").join("a.mcap"), ROWS);
+    let asked = std::sync::atomic::AtomicU32::new(0);
+    let patience = Patience::new(move || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) < 100);
+    let bag = Bag::open(path).expect("a bag").with_patience(Some(patience));
+    let read: Vec<_> = bag.states().collect();
+    assert!(read.len() < 200, "{} rows", read.len());
+    assert!(matches!(read.last(), Some(Err(BagError::Slow { .. }))));
 }

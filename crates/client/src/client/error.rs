@@ -3,7 +3,7 @@
 use fiatlux_carrier::CarrierError;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Refusal, Version};
-use fiatlux_proto::{DecodeError, PROTOCOL};
+use fiatlux_proto::{DecodeError, PROTOCOL, plain};
 use fiatlux_session::SessionFailure;
 use thiserror::Error;
 
@@ -131,6 +131,7 @@ impl ClientError {
     }
 
     pub(crate) fn refused(server: &str, refusal: Refusal) -> Self {
-        Self::Refused { server: server.into(), code: refusal.code(), field: refusal.field, message: refusal.message }
+        let [field, message] = [&refusal.field, &refusal.message].map(|text| plain(text).into_owned());
+        Self::Refused { server: server.into(), code: refusal.code(), field, message }
     }
 }

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use fiatlux_bag::Patience;
+
 use super::episodes::{Place, cards, gate, legend, limit, section};
 use super::figure::figure;
 use super::{STYLE, run_lines, sections, subtasks, summary};
@@ -74,8 +76,8 @@ pub fn task_cards(results: &Results, episodes: &[EpisodeRow], site: &Site<'_>) -
 }
 
 /// The figure of an episode as a self-contained SVG picture, in light and dark: when each criterion held, and the force
-/// on the hands. It is drawn from as many rows of the bag as can be read. `None` where no row can.
-pub fn episode_figure(bag: &Path, results: &Results) -> Option<String> {
+/// on the hands. It is drawn from as many rows of the bag as can be read before the patience is over. `None` where no row can.
+pub fn episode_figure(bag: &Path, results: &Results, patience: Patience) -> Option<String> {
     let options = GradeOptions {
         set: results
             .conditions
@@ -86,7 +88,7 @@ pub fn episode_figure(bag: &Path, results: &Results) -> Option<String> {
         published_counting: results.conditions.published_counting,
         ..GradeOptions::default()
     };
-    let graded = read(bag, &options).ok()?.graded;
+    let graded = read(bag, &options, Some(patience)).ok()?.graded;
     let svg = figure(&graded.series, &graded.end, limit(results));
     Some(svg.replacen('>', &format!("><style>{STYLE}svg {{ font-family: system-ui, sans-serif; }}</style>"), 1))
 }

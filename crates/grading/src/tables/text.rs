@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use fiatlux_proto::plain;
+
 use super::{conditions_line, count, coverage, missing, run_line, seed_count};
 use crate::{Fault, RateRow, Results, Score, SeedRow, TaskResult};
 
@@ -38,7 +40,7 @@ fn headline(out: &mut String, results: &Results) {
         let _ = writeln!(out, "No episode could be scored.");
         return;
     }
-    let _ = writeln!(out, "Policy {}: {episodes}, {}", results.policy, seed_count(results));
+    let _ = writeln!(out, "Policy {}: {episodes}, {}", plain(&results.policy), seed_count(results));
     let _ = writeln!(out, "{}", wrapped(&conditions_line(&results.conditions), "  "));
     if let Some(run) = &results.run {
         for line in std::iter::once(run_line(run)).chain(run.notes.iter().map(|note| format!("Note: {note}"))) {
@@ -151,8 +153,9 @@ fn share(value: Option<f64>, digits: usize) -> String {
     value.map_or("    -".into(), |value| format!("{value:>5.digits$}"))
 }
 
-/// Breaks a text at spaces and indents further lines. Overlong words stay whole.
+/// A line on one or several lines: breaks it at spaces and indents all but the first. Overlong words stay whole.
 fn wrapped(text: &str, indent: &str) -> String {
+    let text = plain(text);
     let mut lines = vec![String::new()];
     let mut used = 0;
     for (i, word) in text.split(' ').enumerate() {

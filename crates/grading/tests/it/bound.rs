@@ -131,6 +131,30 @@ fn a_header_that_was_changed_is_refused() {
     }
 }
 
+/// Guards against a bag whose second run, which its request opens, would be of another episode than its header shows.
+#[test]
+fn a_request_that_contradicts_its_header_is_refused() {
+    let (header, rows, _) = episode();
+    let request = v3::OpenRequest {
+        policy: header.policy.clone(),
+        task: header.task.clone(),
+        seed: header.seed,
+        episode_protocol: header.episode_protocol.clone(),
+        ..v3::OpenRequest::default()
+    };
+    let with = |request| {
+        let header = EpisodeHeader { request: Some(request), image_width: 256, image_height: 256, ..header.clone() };
+        refusal("request", &header, &rows, &result(&header, &rows)).map(|bag| bag.detail)
+    };
+    assert_eq!(with(request.clone()), None);
+    let detail = with(v3::OpenRequest { seed: 99, ..request }).expect("refused");
+    let seed = header.seed;
+    assert_eq!(
+        detail,
+        format!("the bag's header contradicts itself: seed is 99 by the request in it, and {seed} in the header")
+    );
+}
+
 /// An older or a later protocol version does not bypass the check.
 #[test]
 fn a_bag_that_binds_nothing_is_refused() {

@@ -246,6 +246,17 @@ fn names_are_not_markup() {
     assert!(page.contains("&lt;script&gt;alert(&#39;x&#39;)"));
 }
 
+/// Guards against a name that writes lines of its own, or turns those around it.
+#[test]
+fn names_are_not_lines() {
+    let folder = Folder::new("lines");
+    let (mut head, all) = (header(Task::S03, 0), rows(Task::S03, 0, Story::Falls(30)));
+    head.policy = "a\nPolicy best\u{1b}[2K\u{202e}: 12".into();
+    begin(&bag(&folder, "a"), &head, &all).finish(&result(&head, &all)).expect("finished");
+    let text = tables::text(&graded(&folder));
+    assert!(text.starts_with(r"Policy a\u000aPolicy best\u001b[2K\u202e: 12: 1 episode"), "{text}");
+}
+
 /// No line is broken in a terminal of 100 columns.
 #[test]
 fn the_table_fits() {

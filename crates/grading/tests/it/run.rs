@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use crate::common::{Folder, Story, begin, header, result, rows, sealed};
-use fiatlux_bag::run::{Event, LedgerWriter, NOT_REPEATED, Planned, Registration};
+use fiatlux_bag::run::{Event, LedgerWriter, NOT_REPEATED, Planned, Registration, journal_of};
 use fiatlux_grading::{Fault, GradeOptions, Results, ScoreError, grade, report, tables};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest, RunSpec, RunTicket};
@@ -332,4 +332,30 @@ fn runs_are_graded_one_by_one() {
     fs::write(folder.0.join("first/lab.run.jsonl"), journal.replace("\"success\":true", "\"success\":false"))
         .expect("written");
     assert!(matches!(grade_in(&folder), Err(ScoreError::Ledger(_))));
+}
+
+/// Guards against journals that are cut, renamed or there twice, and say nothing of it.
+#[test]
+fn odd_journals_are_named() {
+    let folder = Folder::new("odd-journals");
+    let mut run = Run::new(&folder, "lab", &[planned(Task::S01, 3), planned(Task::S01, 4)]);
+    run.whole(0, WINS);
+    let journal = journal_of(&run.folder, "lab");
+    assert_eq!(graded(&folder).run.expect("a run").notes, [""; 0]);
+    // The line of the second episode is torn.
+    let whole = fs::read(&journal).expect("a journal");
+    run.whole(1, WINS);
+    let more = fs::read(&journal).expect("a journal");
+    fs::write(&journal, &more[..whole.len() + 20]).expect("torn");
+    let notes = graded(&folder).run.expect("a run").notes;
+    assert!(notes.len() == 1 && notes[0].contains("lab.run.jsonl ends in half a line"), "{notes:?}");
+    // A copy under another name would count every attempt twice.
+    fs::write(&journal, &whole).expect("written");
+    let copy = journal_of(&run.folder, "copy");
+    fs::write(&copy, &whole).expect("written");
+    let error = grade_in(&folder).expect_err("two").to_string();
+    assert!(error.contains("are both journals of server lab; keep the one"), "{error}");
+    fs::remove_file(&journal).expect("removed");
+    let notes = graded(&folder).run.expect("a run").notes;
+    assert!(notes.len() == 1 && notes[0].contains("copy.run.jsonl is the journal of server lab"), "{notes:?}");
 }

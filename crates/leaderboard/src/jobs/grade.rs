@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use fiatlux_access::{KnownServers, PublicKey};
 use fiatlux_cli::in_full;
@@ -11,6 +12,8 @@ use fiatlux_grading::{ExcludedBag, Fault, GradeOptions, Results, grade};
 use crate::store::{EpisodePlan, FileRow, now_ms};
 use crate::{Badge, Division, Manifest, Service, StoreError, SubmissionId};
 
+/// Longest time to read one bag. A bag of the largest size takes some seconds.
+const MOST_TIME: Duration = Duration::from_secs(60);
 /// Largest number of bags that a refusal names.
 const MOST_NAMED: usize = 3;
 
@@ -24,6 +27,7 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
     let options = GradeOptions {
         workers: service.options.grade_workers,
         relative_to: folder.0.clone(),
+        time_limit: Some(MOST_TIME),
         ..GradeOptions::default()
     };
     let path = folder.0.clone();

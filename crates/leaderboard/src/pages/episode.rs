@@ -120,9 +120,10 @@ async fn part(
     let bag = pages.service.store.bag(id, key.task.short_id(), key.seed, key.episode).await?.ok_or(Problem::Nothing)?;
     let desk = Arc::clone(&pages.desk);
     let name = format!("{key}.mcap");
-    let shown = pages.heavy.run(move || {
-        let shown = desk.show(&bag, Some(&name));
-        shown.map_err(|error| Problem::Unshowable(without_path(&error, &bag, &name)))
+    let path = bag.clone();
+    let shown = pages.heavy.read(&bag, move |patience| {
+        let shown = desk.show(&path, Some(&name), Some(patience));
+        shown.map_err(|error| Problem::Unshowable(without_path(&error, &path, &name)))
     });
     Ok(for_an_hour(content(kind, part(shown.await??))))
 }

@@ -1,8 +1,13 @@
 //! Work that takes a core for a while, such as reading a bag's rows. Few jobs run at once, and few requests wait for one.
 
-use std::sync::Arc;
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
+use fiatlux_bag::Patience;
+use fiatlux_grading::patience;
 use tokio::sync::Semaphore;
 
 use super::answer::Problem;
@@ -11,12 +16,19 @@ use super::answer::Problem;
 const AT_ONCE: usize = 2;
 /// Number of requests that may run or wait; further ones are refused.
 const WAITING: usize = 96;
+/// Longest time to read a bag. An episode of 120 s takes less than a second.
+const READ_TIME: Duration = Duration::from_secs(10);
+/// Number of bags that are remembered because they took longer.
+const MOST_SLOW: usize = 4096;
 
 /// Runs heavy work on threads of its own, and limits how much.
 #[derive(Debug)]
 pub(super) struct Heavy {
     permits: Arc<Semaphore>,
     asked: Arc<AtomicUsize>,
+    /// Bags that took too long, which are not read again.
+    slow: Mutex<VecDeque<PathBuf>>,
+    read_time: Duration,
 }
 
 /// Counts a request until it is dropped.
@@ -30,7 +42,12 @@ impl Drop for Asked {
 
 impl Default for Heavy {
     fn default() -> Self {
-        Self { permits: Arc::new(Semaphore::new(AT_ONCE)), asked: Arc::default() }
+        Self {
+            permits: Arc::new(Semaphore::new(AT_ONCE)),
+            asked: Arc::default(),
+            slow: Mutex::default(),
+            read_time: READ_TIME,
+        }
     }
 }
 
@@ -53,5 +70,63 @@ impl Heavy {
             made
         });
         done.await.map_err(|_| Problem::Failed)
+    }
+
+    /// As [`Heavy::run`], for work that reads a bag with a patience of [`READ_TIME`]. A bag that takes longer is not read again.
+    ///
+    /// # Errors
+    /// Also [`Problem::Unshowable`] if it took too long, now or before.
+    pub async fn read<T: Send + 'static>(
+        &self,
+        bag: &Path,
+        work: impl FnOnce(Patience) -> T + Send + 'static,
+    ) -> Result<T, Problem> {
+        let read_time = self.read_time;
+        let too_slow = || Problem::Unshowable(format!("It takes longer than {} s to read.", read_time.as_secs()));
+        if self.slow().iter().any(|slow| slow == bag) {
+            return Err(too_slow());
+        }
+        let timed = move || {
+            let patience = patience(read_time);
+            (work(patience.clone()), patience.goes_on())
+        };
+        let (made, in_time) = self.run(timed).await?;
+        if in_time {
+            return Ok(made);
+        }
+        let mut slow = self.slow();
+        if slow.len() >= MOST_SLOW {
+            slow.pop_front();
+        }
+        slow.push_back(bag.into());
+        Err(too_slow())
+    }
+
+    fn slow(&self) -> MutexGuard<'_, VecDeque<PathBuf>> {
+        self.slow.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// Guards against a bag that keeps a core busy each time it is asked for.
+    #[tokio::test]
+    async fn a_bag_that_takes_too_long_is_read_once() {
+        let heavy = Heavy { read_time: Duration::from_millis(50), ..Heavy::default() };
+        let slow = |patience: Patience| {
+            let start = std::time::Instant::now();
+            while patience.goes_on() {
+                assert!(start.elapsed() < Duration::from_secs(10), "it is never over");
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        };
+        let (hostile, good) = (Path::new("hostile"), Path::new("good"));
+        assert!(matches!(heavy.read(hostile, slow).await, Err(Problem::Unshowable(_))));
+        let again = heavy.read(hostile, |_| panic!("it is read again")).await;
+        assert!(matches!(again, Err::<(), _>(Problem::Unshowable(_))));
+        assert_eq!(heavy.read(good, |patience| patience.goes_on()).await.unwrap(), true);
     }
 }

@@ -65,7 +65,10 @@ pub(super) fn badge(badge: &Badge) -> &'static str {
 pub(super) fn badge_text(badge: &Badge) -> &'static str {
     match badge {
         Badge::SelfReported => "The bags are consistent; nobody else has simulated them yet.",
-        Badge::Replayed => "Every bag was simulated again here, and every number was identical to the last bit.",
+        Badge::Replayed => {
+            "Every bag was simulated again here: every number of every row's state, the header's conditions and the result were \
+             identical to the last bit. What the policy saw (observations, pictures) is not compared."
+        }
         Badge::Hosted => {
             "Seeds were drawn after registration, and this site's own servers recorded and signed every bag."
         }

@@ -191,7 +191,9 @@ impl Pages {
         let Some(bag) = self.service.store.bag(id, key.task.short_id(), key.seed, key.episode).await? else {
             return Ok(None);
         };
-        let drawn = self.heavy.run(move || fiatlux_grading::report::episode_figure(&bag, &results)).await?;
+        let path = bag.clone();
+        let draw = move |patience| fiatlux_grading::report::episode_figure(&path, &results, patience);
+        let drawn = self.heavy.read(&bag, draw).await?;
         let Some(figure) = drawn.map(Bytes::from) else { return Ok(None) };
         let mut figures = self.figures();
         if figures.len() >= FIGURES {

@@ -30,7 +30,9 @@ fn a_submission_is_graded_and_listed() {
     let other = board.token("other");
     let (status, theirs) = board.json("POST", "/api/v1/submissions", Some(&other), &wish(&manifest(), &files));
     assert!(status == 201 && theirs["id"] != json!(id), "{theirs}");
-    let (_, text) = board.ask("GET", "/metrics", None, b"");
+    // Strangers have no business with them.
+    assert_eq!(board.ask("GET", "/metrics", None, b"").0, 404);
+    let text = board.metrics();
     assert!(
         text.contains("fiatlux_submissions{state=\"graded\"} 1") && text.contains("fiatlux_graded_total 1"),
         "{text}"

@@ -25,6 +25,7 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 pub struct Board {
     pub folder: Folder,
     pub address: SocketAddr,
+    pub metrics: SocketAddr,
     pub store: Store,
     pub runtime: Runtime,
     jobs: Option<Jobs>,
@@ -46,17 +47,19 @@ impl Board {
     fn over(folder: Folder, store: &Path, options: ServiceOptions) -> Self {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
         let (stop, stopped) = oneshot::channel();
-        let (address, store, jobs) = runtime.block_on(async {
+        let (address, metrics, store, jobs) = runtime.block_on(async {
             let store = Store::open(store).await.unwrap();
             let service = Arc::new(Service::new(store.clone(), options));
             let jobs = Jobs::start(&service, Vec::new(), Default::default(), 1).unwrap();
-            let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
-            let address = listener.local_addr().unwrap();
+            let [listener, metrics] =
+                [0, 0].map(|port| fiatlux_leaderboard::listen(SocketAddr::from(([127, 0, 0, 1], port))).unwrap());
+            let [address, at] = [&listener, &metrics].map(|listener| listener.local_addr().unwrap());
+            tokio::spawn(fiatlux_leaderboard::serve_metrics(Arc::clone(&service), metrics));
             let stop = async { drop(stopped.await) };
             tokio::spawn(async move { fiatlux_leaderboard::serve(service, listener, 64, stop).await });
-            (address, store, jobs)
+            (address, at, store, jobs)
         });
-        Self { folder, address, store, runtime, jobs: Some(jobs), stop: Some(stop) }
+        Self { folder, address, metrics, store, runtime, jobs: Some(jobs), stop: Some(stop) }
     }
 
     /// Creates an account, and returns a token for it.
@@ -69,7 +72,11 @@ impl Board {
 
     /// Sends bytes on a new connection; returns everything that comes back until the service closes it.
     pub fn raw(&self, bytes: &[u8]) -> Vec<u8> {
-        let mut stream = TcpStream::connect(self.address).unwrap();
+        Self::raw_at(self.address, bytes)
+    }
+
+    fn raw_at(address: SocketAddr, bytes: &[u8]) -> Vec<u8> {
+        let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         // The service may hang up before everything is sent.
         drop(stream.write_all(bytes));
@@ -77,6 +84,12 @@ impl Board {
         let mut answer = Vec::new();
         drop(stream.read_to_end(&mut answer));
         answer
+    }
+
+    /// The service's metrics.
+    pub fn metrics(&self) -> String {
+        let answer = Self::raw_at(self.metrics, b"GET /metrics HTTP/1.1\r\nHost: board\r\nConnection: close\r\n\r\n");
+        read(&answer).unwrap().1
     }
 
     /// Sends a request; returns status and body of the answer.

@@ -2,9 +2,9 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use crate::common::{Board, PATIENCE, bag, manifest, read, wish};
+use crate::common::{Board, PATIENCE, bag, bags, manifest, read, wish};
 use fiatlux_leaderboard::{Limits, Pace, ServiceOptions};
 use serde_json::{Value, json};
 
@@ -12,6 +12,7 @@ fn options() -> ServiceOptions {
     ServiceOptions {
         limits: Limits { files: 3, file_bytes: 1 << 20, bytes: 2 << 20 },
         pace: Pace { silence: Duration::from_millis(300), ..Pace::default() },
+        token_pause: Duration::ZERO,
         ..ServiceOptions::default()
     }
 }
@@ -260,4 +261,108 @@ fn an_account_has_limits() {
     let statuses: Vec<u16> = (0..10).map(|k| begin(&format!("c{k}.mcap"), 1).0).collect();
     assert_eq!(statuses[..7], [201; 7]);
     assert_eq!(statuses[7..], [429; 3], "eight wait for files");
+}
+
+/// Begins to download a bag from an address behind a proxy, and reads nothing of it.
+fn reader(board: &Board, bag: &str, address: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(board.address).unwrap();
+    let head = format!("GET {bag} HTTP/1.1\r\nHost: board\r\nX-Forwarded-For: 192.0.2.9, {address}\r\n\r\n");
+    stream.write_all(head.as_bytes()).unwrap();
+    stream
+}
+
+/// A service with a public bag that no system buffers whole, and the address of the bag.
+fn with_large_bag(name: &str, pace: Pace) -> (Board, String) {
+    let board = Board::start(name, ServiceOptions { pace, ..ServiceOptions::default() });
+    let token = board.token("lab");
+    let path = board.folder.0.join("S01-s3-e0.mcap");
+    bags::write(&path, fiatlux_rules::Task::S01, 3, bags::Story::Succeeds(3000));
+    assert!(path.metadata().unwrap().len() > 4 << 20);
+    let id = board.submit(&token, &manifest(), &[path]);
+    assert_eq!(board.decided(&id, &token)["state"], "graded");
+    (board, format!("/runs/{id}/episodes/S01-s3-e0/bag"))
+}
+
+/// Guards that readers who do not read take the places of nobody else, whether they are at one address or at many.
+#[test]
+fn readers_that_do_not_read_keep_nobody_out() {
+    let (board, bag) = with_large_bag("idle-readers", Pace::default());
+    let status = |stream: &mut TcpStream| {
+        let mut head = [0; 12];
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.read_exact(&mut head).unwrap();
+        std::str::from_utf8(&head[9..]).unwrap().parse::<u16>().unwrap()
+    };
+    let quick = |what: &str| {
+        let start = Instant::now();
+        for page in ["/health", "/", "/about", "/api/v1/submissions"] {
+            assert_eq!(board.ask("GET", page, None, b"").0, 200, "{what}: {page}");
+        }
+        assert!(start.elapsed() < Duration::from_secs(5), "{what}: {:?}", start.elapsed());
+    };
+    // The service has 64 places: 8 for an address, 32 for what is large.
+    let mut one: Vec<TcpStream> = (0..20).map(|_| reader(&board, &bag, "198.51.100.1")).collect();
+    let statuses: Vec<u16> = one.iter_mut().map(status).collect();
+    assert_eq!(statuses.iter().filter(|status| **status == 200).count(), 8, "{statuses:?}");
+    assert!(statuses.iter().all(|status| [200, 429].contains(status)), "{statuses:?}");
+    quick("one address");
+    let mut many: Vec<TcpStream> = (0..100).map(|k| reader(&board, &bag, &format!("203.0.113.{k}"))).collect();
+    let statuses: Vec<u16> = many.iter_mut().map(status).collect();
+    assert_eq!(statuses.iter().filter(|status| **status == 200).count(), 24, "{statuses:?}");
+    assert!(statuses.iter().all(|status| [200, 503].contains(status)), "{statuses:?}");
+    quick("many addresses");
+    // Whoever hangs up gives the place back.
+    drop(one);
+    drop(many);
+    let start = Instant::now();
+    while status(&mut reader(&board, &bag, "198.51.100.1")) != 200 {
+        assert!(start.elapsed() < PATIENCE, "the places are still taken");
+    }
+}
+
+/// Guards that a connection whose reader does not read is cut.
+#[test]
+fn a_reader_that_does_not_read_is_cut() {
+    let (board, bag) = with_large_bag("cut-reader", Pace { silence: Duration::from_millis(500), ..Pace::default() });
+    let mut stream = reader(&board, &bag, "198.51.100.1");
+    let start = Instant::now();
+    while board.metrics().contains("connections_open 1\n") {
+        assert!(start.elapsed() < PATIENCE, "it is still open");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let mut rest = Vec::new();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    // The rest is what the system had buffered; then the connection ends, or is reset.
+    drop(stream.read_to_end(&mut rest));
+    assert!(rest.len() < 4 << 20, "{} bytes", rest.len());
+}
+
+/// Guards against guessing: who sends wrong tokens waits for each answer, and nobody else does.
+#[test]
+fn wrong_tokens_are_slowed() {
+    let pause = Duration::from_millis(250);
+    let board = Board::start("guesses", ServiceOptions { token_pause: pause, ..options() });
+    let good = board.token("lab");
+    let ask = |token: &str, address: &str| {
+        let start = Instant::now();
+        let head = format!(
+            "GET /api/v1/account HTTP/1.1\r\nHost: board\r\nConnection: close\r\nX-Forwarded-For: {address}\r\n\
+             Authorization: Bearer {token}\r\n\r\n"
+        );
+        (read(&board.raw(head.as_bytes())).unwrap().0, start.elapsed())
+    };
+    let wrong = format!("fiatlux_{}_{}", "0".repeat(16), "0".repeat(64));
+    let times: Vec<Duration> = (0..12)
+        .map(|_| {
+            let (status, time) = ask(&wrong, "198.51.100.1");
+            assert_eq!(status, 401);
+            time
+        })
+        .collect();
+    assert!(times[4..].iter().all(|time| *time >= pause), "{times:?}");
+    // At the same address, and at another one.
+    let (status, time) = ask(&good, "198.51.100.1");
+    assert!(status == 200 && time < pause, "{status} {time:?}");
+    let (status, time) = ask(&wrong, "198.51.100.2");
+    assert!(status == 401 && time < pause, "{status} {time:?}");
 }

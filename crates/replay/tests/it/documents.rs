@@ -116,7 +116,7 @@ fn conditions_and_forces_are_those_of_the_rows() {
 fn long_episodes_are_thinned_out() {
     let played = play("long", Task::S07, 1);
     let whole = Replay::open(&played.bag).unwrap();
-    let thin = Replay::open_with(&played.bag, 15).unwrap();
+    let thin = Replay::open_with(&played.bag, 15, None).unwrap();
     let (all, kept) = (read_track(whole.track()), read_track(thin.track()));
     let rows = played.rows.len();
     let stride = (0..).map(|power| 1 << power).find(|stride| rows.div_ceil(*stride) <= 15).unwrap();

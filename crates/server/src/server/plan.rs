@@ -8,7 +8,7 @@ use fiatlux_features::SIDE_STEP;
 use fiatlux_proto::decode;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Mode, OpenRequest, Refusal, RunTicket, Version};
-use fiatlux_proto::{PROTOCOL, is_compatible, limits};
+use fiatlux_proto::{PROTOCOL, is_compatible, is_unseen, limits};
 use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, HandKind};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
@@ -24,6 +24,9 @@ const IMAGE_SIDE: u32 = HEAD_PIXELS as u32;
 
 /// Longest delay of actions that a session may request, ms.
 const MAX_ACTION_DELAY_MS: u32 = 100;
+
+/// Longest name or version of a policy, bytes.
+pub(super) const MAX_NAME: usize = 128;
 
 /// A session as it was requested.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,6 +106,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
 
 pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
     check_version(request.protocol.as_ref())?;
+    check_text("policy", &request.policy, 0, MAX_NAME)?;
     let unknown = |field: &str, error: String| Refusal::new(Code::Unknown, field, error);
     let real_time = match Mode::try_from(request.mode) {
         Ok(Mode::Unspecified | Mode::Lockstep) => false,
@@ -135,6 +139,15 @@ pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         action_delay: action_delay(request.action_delay_ms)?,
         ticket: None,
     })
+}
+
+/// Refuses a text that others will read, where it is too short, too long, or could change how their screens show it.
+pub(super) fn check_text(field: &str, text: &str, least: usize, most: usize) -> Result<(), Refusal> {
+    if (least..=most).contains(&text.len()) && !text.contains(is_unseen) {
+        return Ok(());
+    }
+    let message = format!("write {least} to {most} bytes of plain text, in one line and without control characters");
+    Err(Refusal::new(Code::Value, field, message))
 }
 
 /// Refuses a client of another major version.
@@ -334,6 +347,15 @@ mod tests {
                 "protocol",
                 "the client speaks 2.3, but this server speaks 3.6",
             ),
+            (
+                OpenRequest { policy: "a\x1b[2J".into(), ..request() },
+                Code::Value,
+                "policy",
+                "without control characters",
+            ),
+            (OpenRequest { policy: "a\nequal: b".into(), ..request() }, Code::Value, "policy", "in one line"),
+            (OpenRequest { policy: "a\u{202e}b".into(), ..request() }, Code::Value, "policy", "plain text"),
+            (OpenRequest { policy: "a".repeat(129), ..request() }, Code::Value, "policy", "0 to 128 bytes"),
             (OpenRequest { task: "S99".into(), ..request() }, Code::Unknown, "task", "known ones are S01"),
             (OpenRequest { mode: 7, ..request() }, Code::Unknown, "mode", "MODE_LOCKSTEP"),
             (OpenRequest { sensors: named(&["smell"]), ..request() }, Code::Unknown, "sensors", "does not exist"),

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
+use fiatlux_cli::report;
 use fiatlux_client::{EpisodeFate, EpisodeOutcome, RunOutcome};
+use fiatlux_proto::plain;
 use serde_json::{Value, json};
 
 /// The table's row for one task.
@@ -20,15 +22,18 @@ struct Row<'a> {
 }
 
 /// Prints a table with a row for each task, or JSON with every episode.
-pub fn print(outcome: &RunOutcome, policy: &str, as_json: bool) {
+///
+/// # Errors
+/// Stdout cannot be written to.
+pub fn print(outcome: &RunOutcome, policy: &str, as_json: bool) -> std::io::Result<()> {
     let text = if as_json { format!("{:#}\n", as_json_value(outcome, policy)) } else { table(outcome, policy) };
-    fiatlux_cli::print(text);
+    fiatlux_cli::print(text)
 }
 
 /// Reports on stderr what was not played, and how to continue.
 pub fn tell(outcome: &RunOutcome, run_file: &Path) {
     for episode in outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Failed) {
-        eprintln!("failed: {}: {}", name(episode), episode.cause);
+        report(format!("failed: {}: {}", name(episode), plain(&episode.cause)));
     }
     let lost: Vec<_> = outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Lost).collect();
     let left = lost.len();
@@ -37,7 +42,7 @@ pub fn tell(outcome: &RunOutcome, run_file: &Path) {
     } else if outcome.stopped {
         eprintln!("stopped with {left} of {} episodes to play; nothing is lost", outcome.episodes.len());
     } else {
-        lost.iter().for_each(|episode| eprintln!("lost: {}: {}", name(episode), episode.cause));
+        lost.iter().for_each(|episode| report(format!("lost: {}: {}", name(episode), plain(&episode.cause))));
     }
     let file = run_file.display();
     if outcome.finished {
@@ -96,7 +101,7 @@ fn table(outcome: &RunOutcome, policy: &str) -> String {
         let _ = writeln!(text, "{}", line.trim_end());
     };
     for (task, row) in &rows {
-        let causes: Vec<String> = row.causes.iter().map(|(cause, count)| format!("{cause} {count}")).collect();
+        let causes: Vec<String> = row.causes.iter().map(|(cause, count)| format!("{} {count}", plain(cause))).collect();
         line(task, [row.played, row.episodes, row.success, row.failed, row.lost], &causes.join(", "));
     }
     let all = [sum(|r| r.played), sum(|r| r.episodes), sum(|r| r.success), sum(|r| r.failed), sum(|r| r.lost)];

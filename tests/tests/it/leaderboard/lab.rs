@@ -93,7 +93,7 @@ impl<'a> Board<'a> {
     pub fn start_with(lab: &'a Lab, servers: &[&str], args: &[&str]) -> Self {
         let port = free_port();
         let folder = lab.folder().path().join("board").display().to_string();
-        for args in [&["account", "lab", "--submissions-a-day", "100000"][..], &["token", "lab"]] {
+        for args in [&["init"][..], &["account", "lab", "--submissions-a-day", "100000"], &["token", "lab"]] {
             let done =
                 Command::new(program("scorer")).args(["admin", "--folder", &folder]).args(args).output().unwrap();
             assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));

@@ -9,10 +9,8 @@ use fiatlux_proto::v3::{OpenRequest, Refusal, RunSpec};
 use fiatlux_rules::Task;
 use sha2::{Digest, Sha256};
 
-use crate::server::plan;
+use crate::server::plan::{self, MAX_NAME};
 
-/// Longest name or version of a policy, bytes.
-const MAX_NAME: usize = 128;
 /// Longest link of a policy, bytes.
 const MAX_LINK: usize = 512;
 /// The subtasks of the benchmark.
@@ -77,9 +75,7 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
         ("policy_version", &spec.policy_version, 0, MAX_NAME),
         ("policy_link", &spec.policy_link, 0, MAX_LINK),
     ] {
-        if !(least..=most).contains(&text.len()) || text.chars().any(char::is_control) {
-            return Err(wrong(field, format!("it has {least} to {most} bytes, in one line")));
-        }
+        plan::check_text(&format!("register.{field}"), text, least, most)?;
     }
     let session = spec.session.clone().unwrap_or_default();
     for (field, is_set) in [

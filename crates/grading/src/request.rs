@@ -1,0 +1,166 @@
+//! Whether the request in a header fits the rest of it, without a simulation.
+
+use fiatlux_proto::v3::{EpisodeHeader, Mode, OpenRequest, PropScale};
+use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds};
+
+use crate::flaw::{Difference, first_difference};
+
+/// What stands in a header for what a request leaves out.
+const GAINS: &str = "fiatlux";
+const HANDS: &str = "inspire";
+const REWARD: &str = "benchmark";
+const IMAGE_SIDE: u32 = 256;
+
+/// The first field of a header that is not what its request asked for, by the request and in the header; `None` if all are, or
+/// if the header has no request.
+pub(crate) fn contradiction(header: &EpisodeHeader) -> Option<Difference> {
+    let request = header.request.as_ref()?;
+    first_difference(&asked(request, header), header)
+}
+
+/// A header with what its request asks for; the rest is as recorded, as are the delay of actions and the weights, which it has
+/// in the request alone.
+fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
+    let or = |text: &str, default: &str| if text.is_empty() { default.to_owned() } else { text.to_ascii_lowercase() };
+    let side = |side| if side == 0 { IMAGE_SIDE } else { side };
+    // What cannot be read stays as it is: then it differs.
+    let task = request.task.parse().map_or(request.task.clone(), |task: Task| task.short_id().into());
+    let protocol = request.episode_protocol.parse().map_or("", Protocol::name);
+    let randomization = request.randomization.unwrap_or_default();
+    let mut thresholds = Thresholds::default();
+    let are_known = request.thresholds.iter().all(|(key, value)| thresholds.set(&format!("{key}={value}")).is_ok());
+    let thresholds = match are_known {
+        true => thresholds.entries().map(|(key, value)| (key.into(), value)).collect(),
+        false => request.thresholds.clone(),
+    };
+    let mut asked = EpisodeHeader {
+        policy: request.policy.clone(),
+        task,
+        seed: request.seed,
+        mode: if request.mode == 0 { Mode::Lockstep.into() } else { request.mode },
+        gains: or(&request.gains, GAINS),
+        hands: or(&request.hands, HANDS),
+        episode_protocol: or(protocol, Protocol::default().name()),
+        reward: or(&request.reward, REWARD),
+        randomization: Some(randomization),
+        thresholds,
+        image_width: side(request.image_width),
+        image_height: side(request.image_height),
+        end_on_overridden: !request.end_on.is_empty(),
+        ..header.clone()
+    };
+    if !request.end_on.is_empty() {
+        let causes: Result<Causes, _> = request.end_on.iter().map(|name| name.parse::<Cause>()).collect();
+        asked.end_on = causes.map_or(Vec::new(), |causes| causes.iter().map(|cause| cause.name().into()).collect());
+    }
+    if let Some(sample) = asked.domain_sample.as_mut().filter(|_| !randomization.prop_scale) {
+        sample.prop_scale = Some(prop_scale(&request.prop_scale.unwrap_or_default()));
+    }
+    let names = |header: &EpisodeHeader| header.sensors.iter().map(|sensor| sensor.name.clone()).collect::<Vec<_>>();
+    if request.sensors.iter().any(|sensor| !sensor.bag_only) {
+        // Their order and their rates are the server's.
+        asked.sensors.retain(|sensor| request.sensors.iter().any(|asked| asked.name == sensor.name));
+        let known = names(&asked);
+        asked.sensors.extend(request.sensors.iter().filter(|sensor| !known.contains(&sensor.name)).cloned());
+    }
+    asked
+}
+
+/// Sizes, from a request in which 0 stands for 1.
+fn prop_scale(asked: &PropScale) -> PropScale {
+    let factor = |factor: f64| if factor == 0.0 { 1.0 } else { factor };
+    PropScale {
+        ladder_x: factor(asked.ladder_x),
+        ladder_y: factor(asked.ladder_y),
+        ladder_z: factor(asked.ladder_z),
+        socket: factor(asked.socket),
+        fresh_bulb: factor(asked.fresh_bulb),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_proto::v3::{DomainSample, Randomization, Sensor};
+
+    use super::*;
+
+    fn sensor(name: &str, rate_hz: f64) -> Sensor {
+        Sensor { name: name.into(), rate_hz, ..Sensor::default() }
+    }
+
+    /// A header as a server makes it of this request.
+    fn header(request: OpenRequest) -> EpisodeHeader {
+        EpisodeHeader {
+            policy: "stand".into(),
+            task: "S05".into(),
+            seed: 7,
+            mode: Mode::Lockstep.into(),
+            gains: "fiatlux".into(),
+            hands: "inspire".into(),
+            episode_protocol: "strict".into(),
+            reward: "benchmark".into(),
+            randomization: Some(Randomization::default()),
+            thresholds: Thresholds::default().entries().map(|(key, value)| (key.into(), value)).collect(),
+            image_width: 256,
+            image_height: 256,
+            sensors: vec![sensor("last_action", 50.0), sensor("camera", 10.0)],
+            domain_sample: Some(DomainSample {
+                prop_scale: Some(prop_scale(&PropScale::default())),
+                ..DomainSample::default()
+            }),
+            request: Some(request),
+            ..EpisodeHeader::default()
+        }
+    }
+
+    fn request() -> OpenRequest {
+        OpenRequest {
+            policy: "stand".into(),
+            task: "S05".into(),
+            seed: 7,
+            sensors: vec![sensor("camera", 10.0), sensor("last_action", 0.0)],
+            ..OpenRequest::default()
+        }
+    }
+
+    /// Guards against a request that would verify as another episode than its header shows.
+    #[test]
+    fn every_field_of_a_request_is_compared() {
+        assert_eq!(contradiction(&header(request())), None);
+        assert_eq!(contradiction(&header(OpenRequest { sensors: vec![], ..request() })), None, "the server's choice");
+        assert_eq!(contradiction(&EpisodeHeader { request: None, ..header(request()) }), None);
+        let cases = [
+            (OpenRequest { policy: "walk".into(), ..request() }, "policy"),
+            (OpenRequest { task: "S06".into(), ..request() }, "task"),
+            (OpenRequest { task: "no task".into(), ..request() }, "task"),
+            (OpenRequest { seed: 8, ..request() }, "seed"),
+            (OpenRequest { mode: Mode::RealTime.into(), ..request() }, "mode"),
+            (OpenRequest { gains: "sonic".into(), ..request() }, "gains"),
+            (OpenRequest { hands: "bare".into(), ..request() }, "hands"),
+            (OpenRequest { episode_protocol: "published".into(), ..request() }, "episode_protocol"),
+            (OpenRequest { reward: "training".into(), ..request() }, "reward"),
+            (OpenRequest { image_width: 64, ..request() }, "image_width"),
+            (OpenRequest { end_on: vec!["fall".into()], ..request() }, "end_on"),
+            (OpenRequest { thresholds: [("fragility_n".into(), 30.0)].into(), ..request() }, "thresholds"),
+            (OpenRequest { thresholds: [("nothing".into(), 30.0)].into(), ..request() }, "thresholds"),
+            (
+                OpenRequest {
+                    randomization: Some(Randomization { fixed_layout: true, ..Randomization::default() }),
+                    ..request()
+                },
+                "randomization",
+            ),
+            (
+                OpenRequest { prop_scale: Some(PropScale { socket: 1.1, ..PropScale::default() }), ..request() },
+                "domain_sample",
+            ),
+            (OpenRequest { sensors: vec![sensor("camera", 10.0)], ..request() }, "sensors"),
+            (OpenRequest { sensors: vec![sensor("lidar", 10.0)], ..request() }, "sensors"),
+        ];
+        for (request, field) in cases {
+            let difference = contradiction(&header(request.clone()));
+            let found = difference.map(|difference| difference.field).unwrap_or_default();
+            assert!(found.contains(field), "'{found}' instead of {field}: {request:?}");
+        }
+    }
+}
