@@ -16,6 +16,7 @@ mod error;
 mod jobs;
 mod metrics;
 mod pages;
+mod paper;
 mod serve;
 mod service;
 mod standings;

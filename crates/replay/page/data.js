@@ -6,7 +6,8 @@ const HOLE = 3;
 
 const here = () => location.pathname.replace(/\/$/, "");
 
-async function bytesOf(address, name) {
+// A file of the episode at an address.
+export async function bytesOf(address, name, read = () => {}) {
   const block = document.getElementById(`block-${name}`);
   if (block) {
     const text = atob(block.textContent.trim());
@@ -16,14 +17,30 @@ async function bytesOf(address, name) {
   }
   const answer = await fetch(`${address}/${name}`);
   if (!answer.ok) throw new Error(await answer.text());
-  return answer.arrayBuffer();
+  if (!answer.body) return answer.arrayBuffer();
+  const parts = [];
+  for (let reader = answer.body.getReader(); ; ) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    parts.push(value);
+    read(value.length);
+  }
+  return new Blob(parts).arrayBuffer();
 }
 
-// The replay of the episode at an address; that of this page without one.
-export async function load(address = here()) {
+// The replay of the episode at an address; that of this page without one. `loading` hears which share has arrived.
+export async function load(address = here(), loading = () => {}) {
+  loading(0);
   const text = new TextDecoder().decode(await bytesOf(address, "document.json"));
   const doc = JSON.parse(text);
-  const [meshes, track] = await Promise.all([bytesOf(address, "meshes.bin"), bytesOf(address, "track.bin")]);
+  const whole = meshBytes(doc.stage) + trackBytes(doc.track);
+  let arrived = 0;
+  const read = (bytes) => {
+    arrived += bytes;
+    loading(Math.min(arrived / whole, 0.99));
+  };
+  const [meshes, track] = await Promise.all([bytesOf(address, "meshes.bin", read), bytesOf(address, "track.bin", read)]);
+  loading(1);
   return { doc, meshes: readMeshes(doc.stage, meshes), track: new Track(doc.track, track) };
 }
 
@@ -31,9 +48,12 @@ export function isFile() {
   return document.getElementById("block-document.json") !== null;
 }
 
+const meshBytes = ({ vertices, indices }) => 4 * (6 * vertices + indices);
+const trackBytes = ({ rows, kept, width }) => 4 * (HEAD_WORDS + 3 * rows + kept + kept * width);
+
 function readMeshes(stage, buffer) {
   const numbers = 3 * stage.vertices;
-  if (buffer.byteLength !== 4 * (2 * numbers + stage.indices))
+  if (buffer.byteLength !== meshBytes(stage))
     throw new Error("The shapes have another length than announced.");
   return {
     positions: new Float32Array(buffer, 0, numbers),
@@ -47,8 +67,7 @@ class Track {
   constructor(info, buffer) {
     const head = new Uint32Array(buffer, 0, HEAD_WORDS);
     const [, version, rows, kept, width] = head;
-    const length = 4 * (HEAD_WORDS + 3 * rows + kept + kept * width);
-    if (version !== 1 || rows !== info.rows || kept !== info.kept || width !== info.width || buffer.byteLength !== length) {
+    if (version !== 1 || rows !== info.rows || kept !== info.kept || width !== info.width || buffer.byteLength !== trackBytes(info)) {
       throw new Error("The rows do not fit their description.");
     }
     let at = 4 * HEAD_WORDS;

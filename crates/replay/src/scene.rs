@@ -71,6 +71,8 @@ pub struct Mesh {
 pub struct Light {
     /// Strength of the ambient light; 1 is the benchmark's nominal light.
     pub dome: f64,
+    /// Bearing of the ambient light's brighter side, rad from +x towards +y.
+    pub dome_yaw: f64,
     /// Strength of the key light; 1 is the nominal light.
     pub key: f64,
     /// Colour of the key light, linear.
@@ -177,6 +179,7 @@ fn light(lighting: &Lighting) -> Light {
     let direction = lighting.key_direction.try_normalize(1e-9).unwrap_or_else(|| -nalgebra::Vector3::z());
     Light {
         dome: lighting.dome / nominal.dome,
+        dome_yaw: lighting.dome_yaw,
         key: lighting.key / nominal.key,
         key_colour: lighting.key_colour,
         key_direction: direction.into(),

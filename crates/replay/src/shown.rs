@@ -5,9 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
-use axum::body::Bytes;
-
-use crate::{Replay, ReplayError};
+use crate::{Packed, Replay, ReplayError};
 
 /// Default number of replays to keep in memory, of at most 50 MB each.
 const MOST_KEPT: usize = 2;
@@ -16,11 +14,13 @@ const MOST_KEPT: usize = 2;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shown {
     /// The document as JSON, see [`Replay::document_json`].
-    pub document: Bytes,
+    pub document: Packed,
     /// Vertices and indices, see [`Replay::meshes`].
-    pub meshes: Bytes,
+    pub meshes: Packed,
     /// The rows as bytes, see [`Replay::track`].
-    pub track: Bytes,
+    pub track: Packed,
+    /// The joints as bytes, see [`Replay::joints`].
+    pub joints: Packed,
 }
 
 /// The file that a replay was made of, and its state then: a bag may still be growing.
@@ -82,8 +82,11 @@ impl Desk {
 
 impl From<Replay> for Shown {
     fn from(replay: Replay) -> Self {
-        let document = Bytes::from(replay.document_json());
-        let (meshes, track) = replay.into_bytes();
-        Self { document, meshes: meshes.into(), track: track.into() }
+        Self {
+            document: Packed::new(replay.document_json().as_bytes()),
+            meshes: Packed::new(replay.meshes()),
+            track: Packed::new(replay.track()),
+            joints: Packed::new(replay.joints()),
+        }
     }
 }
