@@ -54,16 +54,17 @@ replays() {
 }
 
 leaderboard() {
-    local address
+    local address port
     # Two that are ranked, in the same rooms, and one that is not.
     "$fiatlux" evaluate --policy random --tasks all --seeds 64,65 --out "$work/random" >/dev/null 2>&1
     "$fiatlux" evaluate --policy zero --tasks all --seeds 64,65 --out "$work/zero" >/dev/null 2>&1
     "$fiatlux" evaluate --policy walk --tasks S05 --seeds 64 --out "$work/walk" >/dev/null 2>&1
     "$scorer" admin --folder "$work/board" account browser >/dev/null
     "$scorer" admin --folder "$work/board" token browser >"$work/token"
-    "$sim" -l tcp/127.0.0.1:17447 >"$work/sim.log" 2>&1 &
+    port=$((20000 + RANDOM % 20000))
+    "$sim" -l "tcp/127.0.0.1:$port" >"$work/sim.log" 2>&1 &
     servers+=($!)
-    "$scorer" serve --folder "$work/board" -e tcp/127.0.0.1:17447 --http 127.0.0.1:0 >"$work/board.address" 2>"$work/board.log" &
+    "$scorer" serve --folder "$work/board" -e "tcp/127.0.0.1:$port" --http 127.0.0.1:0 >"$work/board.address" 2>"$work/board.log" &
     servers+=($!)
     address="$(first_line "$work/board.address" | sed 's/^serving //')"
     for run in random zero walk; do

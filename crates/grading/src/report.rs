@@ -157,8 +157,12 @@ fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
     let spread =
         score.std.map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
     let seeds: Vec<_> = score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
-    let shown =
-        if seeds.len() > 12 { format!("{} seeds", seeds.len()) } else { format!("by seed {}", seeds.join(", ")) };
+    // The numbers that a server draws say nothing to a reader.
+    let is_drawn = score.per_seed.iter().any(|seed| seed.seed > 99_999);
+    let shown = match seeds.len() {
+        count if is_drawn || count > 12 => format!("over {count} seeds"),
+        _ => format!("by seed {}", seeds.join(", ")),
+    };
     let _ = writeln!(
         out,
         "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{spread}</div>\

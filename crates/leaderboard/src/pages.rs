@@ -50,6 +50,7 @@ pub(crate) fn router(service: Arc<Service>) -> Router {
         .route("/runs/{id}/episodes/{key}/joints.bin", get(episode::joints))
         .route("/runs/{id}/episodes/{key}/bag", get(episode::bag))
         .route("/runs/{id}/episodes/{key}/figure.svg", get(episode::figure))
+        .route("/shapes/{digest}", get(episode::shapes))
         .route("/compare", get(compare::choose))
         .route("/compare/{a}/{b}", get(compare::runs))
         .route("/compare/{a}/{b}/episodes/{key}", get(compare::episodes))

@@ -168,8 +168,12 @@ impl Aim {
 
     /// One place from which the robot and what its task is about are in the picture in all of these rows.
     pub fn fit_all(&self, spots: &[Spot], focus: Focus) -> [f64; 3] {
-        let points: Vec<_> = spots.iter().flat_map(|spot| points_of(spot, focus)[0].clone()).collect();
-        self.fit(&points)
+        let points = |spot: &Spot| {
+            let [mut near, ladder] = points_of(spot, focus);
+            near.extend(ladder.into_iter().filter(|_| focus == Focus::Ladder));
+            near
+        };
+        self.fit(&spots.iter().flat_map(points).collect::<Vec<_>>())
     }
 
     /// The camera at a place along the axes.
@@ -210,8 +214,8 @@ pub fn smooth(path: &mut [[f64; 3]], time_s: f64) {
 
 /// Share of the circle from one bearing to another, rad in [0, pi].
 pub fn between(bearing: f64, other: f64) -> f64 {
-    let turn = (bearing - other).rem_euclid(std::f64::consts::TAU);
-    turn.min(std::f64::consts::TAU - turn)
+    let turn = (bearing - other).rem_euclid(TAU);
+    turn.min(TAU - turn)
 }
 
 /// Heading of a body about the vertical, rad.

@@ -39,9 +39,9 @@ export async function load(address = here(), loading = () => {}) {
     arrived += bytes;
     loading(Math.min(arrived / whole, 0.99));
   };
-  const [meshes, track] = await Promise.all([bytesOf(address, "meshes.bin", read), bytesOf(address, "track.bin", read)]);
+  const [meshes, track] = await Promise.all([shapesOf(address, doc.stage, read), bytesOf(address, "track.bin", read)]);
   loading(1);
-  return { doc, meshes: readMeshes(doc.stage, meshes), track: new Track(doc.track, track) };
+  return { doc, meshes, track: new Track(doc.track, track) };
 }
 
 export function isFile() {
@@ -51,10 +51,27 @@ export function isFile() {
 const meshBytes = ({ vertices, indices }) => 4 * (6 * vertices + indices);
 const trackBytes = ({ rows, kept, width }) => 4 * (HEAD_WORDS + 3 * rows + kept + kept * width);
 
+// The shapes by their digests, which the browser keeps for other episodes; of this episode alone where the server has forgotten
+// them.
+async function shapesOf(address, stage, read) {
+  if (isFile()) return readMeshes(stage, await bytesOf(address, "meshes.bin"));
+  try {
+    const buffers = await Promise.all(stage.blocks.map(({ digest }) => bytesOf("/shapes", digest, read)));
+    const parts = stage.blocks.map((block, index) => readMeshes(block, buffers[index]));
+    const join = (Kind, name) => {
+      const joined = new Kind(parts.reduce((length, part) => length + part[name].length, 0));
+      parts.reduce((at, part) => (joined.set(part[name], at), at + part[name].length), 0);
+      return joined;
+    };
+    return { positions: join(Float32Array, "positions"), normals: join(Float32Array, "normals"), indices: join(Uint32Array, "indices") };
+  } catch {
+    return readMeshes(stage, await bytesOf(address, "meshes.bin", read));
+  }
+}
+
 function readMeshes(stage, buffer) {
   const numbers = 3 * stage.vertices;
-  if (buffer.byteLength !== meshBytes(stage))
-    throw new Error("The shapes have another length than announced.");
+  if (buffer.byteLength !== meshBytes(stage)) throw new Error("The shapes have another length than announced.");
   return {
     positions: new Float32Array(buffer, 0, numbers),
     normals: new Float32Array(buffer, 4 * numbers, numbers),

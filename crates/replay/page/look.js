@@ -41,7 +41,7 @@ float softShadow(sampler2D map, vec4 place) {
     float r = sqrt((float(i) + 0.5) / 8.0) * 0.06 / shadowSpan;
     float a = 2.3999632 * float(i);
     float depth = unpackRGBAToDepth(texture2D(map, at.xy + spin * vec2(cos(a), sin(a)) * r));
-    if (depth < at.z - 0.0004) { blockers += 1.0; depths += depth; }
+    if (depth < at.z - 0.0006) { blockers += 1.0; depths += depth; }
   }
   if (blockers < 0.5) return 1.0;
   float away = (at.z - depths / blockers) * shadowDepth;
@@ -50,7 +50,7 @@ float softShadow(sampler2D map, vec4 place) {
   for (int i = 0; i < 16; i++) {
     float r = sqrt((float(i) + 0.5) / 16.0) * rim;
     float a = 2.3999632 * float(i);
-    lit += step(at.z - 0.0004, unpackRGBAToDepth(texture2D(map, at.xy + spin * vec2(cos(a), sin(a)) * r)));
+    lit += step(at.z - 0.0006, unpackRGBAToDepth(texture2D(map, at.xy + spin * vec2(cos(a), sin(a)) * r)));
   }
   return lit / 16.0;
 }

@@ -18,7 +18,7 @@ use crate::Packed;
 use crate::page::Page;
 use crate::serve::Shelf;
 use crate::shown::Shown;
-use crate::site::{guarded, page_part, whole_file};
+use crate::site::{for_ever, guarded, page_part, whole_file};
 
 const HTML: &str = "text/html; charset=utf-8";
 const TEXT: &str = "text/plain; charset=utf-8";
@@ -35,6 +35,7 @@ pub(crate) fn router(shelf: Arc<Shelf>, port: u16) -> Router {
         .route("/episode/{index}/track.bin", get(track))
         .route("/episode/{index}/joints.bin", get(joints))
         .route("/episode/{index}/bag", get(bag))
+        .route("/shapes/{digest}", get(shapes))
         .route("/page/{file}", get(page_file))
         .fallback(|| async { problem(StatusCode::NOT_FOUND, "nothing is at this address; start at /") })
         .layer(from_fn_with_state(port, guard))
@@ -50,7 +51,7 @@ async fn guard(State(port): State<u16>, request: Request, next: Next) -> Respons
     } else {
         problem(StatusCode::MISDIRECTED_REQUEST, "this server answers only to 127.0.0.1 and localhost with its port")
     };
-    answer.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    answer.headers_mut().entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     guarded(answer)
 }
 
@@ -83,6 +84,13 @@ async fn meshes(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>)
 
 async fn track(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
     part(state, asked, index, BYTES, |shown| shown.track).await
+}
+
+async fn shapes(State(shelf): State<Arc<Shelf>>, asked: HeaderMap, Path(digest): Path<String>) -> Response {
+    match shelf.desk.block(&digest) {
+        Some(block) => for_ever(block.answer(&asked, BYTES)),
+        None => problem(StatusCode::NOT_FOUND, "no replay with these shapes was opened lately"),
+    }
 }
 
 async fn joints(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {

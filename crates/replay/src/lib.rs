@@ -51,7 +51,7 @@ pub use packed::Packed;
 pub use poster::Poster;
 pub use replay::{Document, EpisodeInfo, REPLAY_VERSION, Replay, TrackInfo, differences};
 pub use rows::{Faults, Rows};
-pub use scene::{Frame, Group, Light, Material, Mesh, Stage};
+pub use scene::{Block, Frame, Group, Light, Material, Mesh, Stage};
 pub use serve::Viewer;
 pub use shown::{Desk, Shown};
 pub use standalone::standalone;

@@ -47,7 +47,7 @@ impl Packed {
 fn takes_gzip(list: &str) -> bool {
     list.split(',').any(|entry| {
         let (name, parameters) = entry.split_once(';').unwrap_or((entry, ""));
-        let is_refused = parameters.trim().strip_prefix("q=").is_some_and(|q| q.parse() == Ok(0.0));
+        let is_refused = parameters.trim().strip_prefix("q=").is_some_and(|q| q.trim().parse::<f64>() == Ok(0.0));
         name.trim().eq_ignore_ascii_case("gzip") && !is_refused
     })
 }

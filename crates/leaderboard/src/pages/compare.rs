@@ -81,6 +81,33 @@ struct Line<'a> {
     b: Sums,
 }
 
+/// Heads of the columns of the subtasks; groups stand above them.
+const HEADS: [&str; 14] = ["Pairs", "A", "B", "only A", "only B", "p", "A", "B", "p", "A \u{2212} B", "A", "B", "A", "B"];
+
+impl Line<'_> {
+    /// The cells of the line, each with a label that says all without a head.
+    fn cells(&self) -> Vec<(&'static str, String)> {
+        let (pairs, a, b) = (self.pairs, &self.a, &self.b);
+        let score = |value: f64| format!("{value:.3}");
+        vec![
+            ("Pairs", pairs.pairs.to_string()),
+            ("Successes, A", pairs.successes_a.to_string()),
+            ("Successes, B", pairs.successes_b.to_string()),
+            ("Only A", pairs.only_a.to_string()),
+            ("Only B", pairs.only_b.to_string()),
+            ("p of successes", show::p_value(&pairs.success_p)),
+            ("Progress, A", score(pairs.progress_a)),
+            ("Progress, B", score(pairs.progress_b)),
+            ("p of progress", show::p_value(&pairs.progress_p)),
+            ("Score, A \u{2212} B", format!("{:+.3}", pairs.score_difference)),
+            ("Published score, A", score(a.published)),
+            ("Published score, B", score(b.published)),
+            ("Mean length, A, s", format!("{:.1}", a.seconds)),
+            ("Mean length, B, s", format!("{:.1}", b.seconds)),
+        ]
+    }
+}
+
 /// Means of one run over the pairs of a line.
 #[derive(Default)]
 struct Sums {

@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use fiatlux_grading::{EpisodeRow, Results};
 use fiatlux_replay::{Packed, Shown};
-use fiatlux_replay::site::{SitePage, one, whole_file};
+use fiatlux_replay::site::{SitePage, for_ever, one, whole_file};
 use tokio::fs::File;
 
 use super::answer::{Problem, content, page, replay_page, without_path};
@@ -120,6 +120,16 @@ pub(super) async fn track(
     path: Path<(String, String)>,
 ) -> Result<Response, Problem> {
     part(state, asked, path, BYTES, |shown| shown.track).await
+}
+
+/// Shapes by their digest, which replays of several episodes share.
+pub(super) async fn shapes(
+    State(pages): State<Arc<Pages>>,
+    asked: HeaderMap,
+    Path(digest): Path<String>,
+) -> Result<Response, Problem> {
+    let block = pages.desk.block(&digest).ok_or(Problem::Nothing)?;
+    Ok(for_ever(block.answer(&asked, BYTES)))
 }
 
 /// Angles, targets and efforts of the joints, as the replay page reads them.

@@ -163,6 +163,16 @@ fn parts_are_sent_packed_to_who_takes_gzip() {
     let serving = Serving::start(Bags::find(&played.bag).unwrap());
     assert_eq!(serving.get("/episode/0/joints.bin").2, replay.joints());
     assert_eq!(replay.joints().len(), 4 * 3 * replay.document().track.joints.len() * replay.document().track.kept);
+    // The robot's shapes have one address in all episodes, and the browser may keep them.
+    for block in &replay.document().stage.blocks {
+        let (status, head, bytes) = serving.get(&format!("/shapes/{}", block.digest));
+        assert_eq!((status, bytes.len()), (200, 4 * (6 * block.vertices + block.indices)));
+        assert!(head.contains("immutable"), "{head}");
+    }
+    let other = Replay::open(&play("other-room", Task::S07, 9).bag).unwrap();
+    let digests = |replay: &Replay| replay.document().stage.blocks.clone().map(|block| block.digest);
+    assert!(digests(&other)[0] == digests(&replay)[0] && digests(&other)[1] != digests(&replay)[1]);
+    assert_eq!(serving.get("/shapes/00").0, 404);
     let request = format!(
         "GET /episode/0/meshes.bin HTTP/1.1\r\nHost: {}\r\nAccept-Encoding: gzip, br\r\nConnection: close\r\n\r\n",
         serving.address
