@@ -226,13 +226,7 @@ pub fn heading(pose: &Isometry3<f64>) -> f64 {
 
 /// The bearing from which most of the robot, its front, and the lamp are seen in these rows: tried out in
 /// small pictures with this vertical field of view (rad) and ratio of width to height.
-pub fn best_bearing(
-    visuals: &Visuals,
-    light: &Lighting,
-    rows: &[Row],
-    focus: Focus,
-    [fov, aspect]: [f64; 2],
-) -> f64 {
+pub fn best_bearing(visuals: &Visuals, light: &Lighting, rows: &[Row], focus: Focus, [fov, aspect]: [f64; 2]) -> f64 {
     let [width, height] = TRIAL;
     let mut renderer = Renderer::new(width, height);
     let mut score = |bearing: f64| {

@@ -19,6 +19,8 @@ export class Bar {
     this.nameLanes();
     this.height = MARKS + this.lanes.length * (LANE + GAP);
     canvas.style.height = `${this.height}px`;
+    // On a telephone the lanes go under the picture when the page is scrolled, and the buttons stay.
+    document.documentElement.style.setProperty("--lanes", `${this.height}px`);
     this.strip = document.createElement("canvas");
     this.dirty = true;
     const at = (event) => {

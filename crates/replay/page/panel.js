@@ -201,7 +201,7 @@ export class Panel {
     if (sides.length > 0) return sides.length === 2 ? "in both hands" : `in the ${sides[0]} hand`;
     const position = [0, 0, 0];
     this.track.poseAt(around, frames.findIndex((frame) => frame.name === name), position, [0, 0, 0, 1]);
-    return `free, ${position[2].toFixed(2)} m above the floor`;
+    return `free, ${Math.max(position[2], 0).toFixed(2)} m above the floor`;
   }
 
   show(step) {

@@ -66,7 +66,14 @@ mod tests {
 
     #[test]
     fn only_who_asks_gets_gzip() {
-        let cases = [("gzip", true), ("br, GZIP;q=0.8", true), ("gzip;q=0", false), ("br", false), ("", false), ("xgzip", false)];
+        let cases = [
+            ("gzip", true),
+            ("br, GZIP;q=0.8", true),
+            ("gzip;q=0", false),
+            ("br", false),
+            ("", false),
+            ("xgzip", false),
+        ];
         for (list, expected) in cases {
             let mut asked = HeaderMap::new();
             asked.insert(header::ACCEPT_ENCODING, HeaderValue::from_static(list));

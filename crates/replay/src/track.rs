@@ -41,7 +41,8 @@ pub struct JointName {
 
 /// The joints of a robot, in the order of rows.
 pub(crate) fn joint_names(robot: &Robot) -> Vec<JointName> {
-    let name = |joint: &fiatlux_robot::Joint| JointName { name: joint.name.clone(), effort_limit: joint.gains.effort_limit };
+    let name =
+        |joint: &fiatlux_robot::Joint| JointName { name: joint.name.clone(), effort_limit: joint.gains.effort_limit };
     robot.joints().iter().map(name).collect()
 }
 

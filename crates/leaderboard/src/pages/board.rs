@@ -66,7 +66,6 @@ impl BoardPage<'_> {
     fn value(&self, cell: &Cell) -> (f64, f64) {
         if self.by_score { (cell.strict, cell.published) } else { (cell.strict_clean, cell.published_clean) }
     }
-
 }
 
 /// The ranking of a division: `?division=` chooses it, `cells=clean` shows clean success rates instead of scores.

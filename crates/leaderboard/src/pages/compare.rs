@@ -82,7 +82,8 @@ struct Line<'a> {
 }
 
 /// Heads of the columns of the subtasks; groups stand above them.
-const HEADS: [&str; 14] = ["Pairs", "A", "B", "only A", "only B", "p", "A", "B", "p", "A \u{2212} B", "A", "B", "A", "B"];
+const HEADS: [&str; 14] =
+    ["Pairs", "A", "B", "only A", "only B", "p", "A", "B", "p", "A \u{2212} B", "A", "B", "A", "B"];
 
 impl Line<'_> {
     /// The cells of the line, each with a label that says all without a head.

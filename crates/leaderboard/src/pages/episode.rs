@@ -7,8 +7,8 @@ use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use fiatlux_grading::{EpisodeRow, Results};
-use fiatlux_replay::{Packed, Shown};
 use fiatlux_replay::site::{SitePage, for_ever, one, whole_file};
+use fiatlux_replay::{Packed, Shown};
 use tokio::fs::File;
 
 use super::answer::{Problem, content, page, replay_page, without_path};
@@ -79,7 +79,8 @@ pub(super) async fn episode(
 ) -> Result<Response, Problem> {
     let found = find(&pages, &id, &key).await?;
     let board = pages.board().await?;
-    let has = |id| board.played.get(&id).is_some_and(|p| p.has(found.key.task.short_id(), found.key.seed, found.key.episode));
+    let has =
+        |id| board.played.get(&id).is_some_and(|p| p.has(found.key.task.short_id(), found.key.seed, found.key.episode));
     let others = board.partners(found.entry.id).into_iter().map(|(entry, _)| entry).filter(|entry| has(entry.id));
     let others = others.take(PARTNERS).collect();
     let replay = one();

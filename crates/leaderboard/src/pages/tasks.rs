@@ -42,8 +42,7 @@ pub(super) fn cards(board: &Board) -> Vec<Card<'_>> {
 }
 
 fn card<'a>(board: &'a Board, table: &'a TaskTable) -> Card<'a> {
-    let bests: Vec<_> =
-        table.best().map(|(division, place)| Best { division: show::brief(division), place }).collect();
+    let bests: Vec<_> = table.best().map(|(division, place)| Best { division: show::brief(division), place }).collect();
     let task = table.task;
     let pictured = bests.iter().find_map(|best| {
         let picture = board.picture(best.place.entry.id, task.short_id())?;

@@ -83,8 +83,7 @@ pub(crate) fn by_task(tried: &[(&Entry, &Tried)]) -> Vec<TaskTable> {
         let mut divisions: BTreeMap<Division, Vec<TaskPlace>> = BTreeMap::new();
         for (entry, tried) in tried.iter().filter(|(_, tried)| Some(tried.version) == latest) {
             let Some((_, cell, rooms)) = tried.cells.iter().find(|(found, ..)| *found == task) else { continue };
-            let place =
-                TaskPlace { rank: None, entry: (*entry).clone(), cell: cell.clone(), rooms: rooms.clone() };
+            let place = TaskPlace { rank: None, entry: (*entry).clone(), cell: cell.clone(), rooms: rooms.clone() };
             divisions.entry(tried.division.clone()).or_default().push(place);
         }
         divisions.values_mut().for_each(|places| rank(places));
@@ -128,9 +127,11 @@ mod tests {
     #[test]
     fn a_subtask_is_ranked_by_what_its_rate_proves() {
         let all = [with(1.0, [0.21, 1.0]), with(0.98, [0.92, 1.0]), with(0.0, [0.0, 0.8]), with(1.0, [0.21, 1.0])];
-        let tried: Vec<_> = all.iter().zip(1..).map(|(results, id)| {
-            (entry(id, "p", results), Tried::of(results, Badge::Replayed).expect("ranked"))
-        }).collect();
+        let tried: Vec<_> = all
+            .iter()
+            .zip(1..)
+            .map(|(results, id)| (entry(id, "p", results), Tried::of(results, Badge::Replayed).expect("ranked")))
+            .collect();
         let pairs: Vec<_> = tried.iter().map(|(entry, tried)| (entry, tried)).collect();
         let tables = by_task(&pairs);
         assert_eq!(tables.len(), 12);

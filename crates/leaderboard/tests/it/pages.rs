@@ -163,7 +163,7 @@ fn a_single_subtask_is_ranked_and_compared_where_rooms_are_shared() {
     };
     let (a, alone) = (send("one", 3), send("two", 5));
     let (_, ranking) = answer(&board, "/tasks/S01");
-    assert!(ranking.contains(&format!("/runs/{a}"")) && ranking.contains(&format!("/runs/{alone}"")), "{ranking}");
+    assert!(ranking.contains(&format!("/runs/{a}\"")) && ranking.contains(&format!("/runs/{alone}\"")), "{ranking}");
     let (_, offers) = answer(&board, &format!("/compare?run={a}"));
     assert!(offers.contains("No other run has played an episode of this one"), "{offers}");
     let (_, run) = answer(&board, &format!("/runs/{a}"));
