@@ -157,7 +157,7 @@ fn a_single_subtask_is_ranked_and_compared_where_rooms_are_shared() {
         let folder = board.folder.0.join(account);
         std::fs::create_dir_all(&folder).unwrap();
         let token = board.token(account);
-        let id = board.submit(&token, &common::manifest(), &[common::bag(&folder, seed)]);
+        let id = board.submit(&token, &crate::common::manifest(), &[crate::common::bag(&folder, seed)]);
         assert_eq!(board.decided(&id, &token)["state"], "graded");
         id
     };
