@@ -58,6 +58,7 @@ async function replay(name, url, settings) {
   check(plots.length === 3 && plots[2].includes("N m of"), `${name}: angle, tracking and effort of a joint`, plots.join("; "));
   await page.screenshot({ path: `${screenshots}/${name}-joints.png`, fullPage: true });
   await page.locator(".joints summary").click();
+  await page.evaluate(() => scrollTo(0, 0));
 
   await seek(page, 0.5);
   const lit = await page.locator(".lamp.on").count();
