@@ -60,7 +60,7 @@ leaderboard() {
     "$fiatlux" evaluate --policy zero --tasks all --seeds 64,65 --out "$work/zero" >/dev/null 2>&1
     "$fiatlux" evaluate --policy walk --tasks S05 --seeds 64 --out "$work/walk" >/dev/null 2>&1
     "$scorer" admin --folder "$work/board" account browser >/dev/null
-    "$scorer" admin --folder "$work/board" token browser >"$work/token"
+    (umask 077 && "$scorer" admin --folder "$work/board" token browser >"$work/token")
     port=$((20000 + RANDOM % 20000))
     "$sim" -l "tcp/127.0.0.1:$port" >"$work/sim.log" 2>&1 &
     servers+=($!)

@@ -148,11 +148,10 @@ fn other_addresses_are_refused() {
     assert_eq!(board.ask("GET", &format!("/runs/{begun}"), None, b"").0, 404);
 }
 
-/// Guards that a run that played one subtask alone is in the ranking of that subtask, and that a comparison is offered only
-/// where two runs share an episode.
+/// Guards that a comparison is offered where two runs share an episode, and only there.
 #[test]
-fn a_single_subtask_is_ranked_and_compared_where_rooms_are_shared() {
-    let board = Board::start("subtask", ServiceOptions::default());
+fn a_comparison_is_offered_where_rooms_are_shared() {
+    let board = Board::start("partners", ServiceOptions::default());
     let send = |account: &str, seed: u64| {
         let folder = board.folder.0.join(account);
         std::fs::create_dir_all(&folder).unwrap();
@@ -161,13 +160,14 @@ fn a_single_subtask_is_ranked_and_compared_where_rooms_are_shared() {
         assert_eq!(board.decided(&id, &token)["state"], "graded");
         id
     };
-    let (a, alone) = (send("one", 3), send("two", 5));
-    let (_, ranking) = answer(&board, "/tasks/S01");
-    assert!(ranking.contains(&format!("/runs/{a}\"")) && ranking.contains(&format!("/runs/{alone}\"")), "{ranking}");
-    let (_, offers) = answer(&board, &format!("/compare?run={a}"));
-    assert!(offers.contains("No other run has played an episode of this one"), "{offers}");
+    let [a, _] = [send("three", 7), send("four", 5)];
+    let offers = |id: &str| answer(&board, &format!("/compare?run={id}")).1;
+    assert!(offers(&a).contains("No other run has played an episode of this one"));
     let (_, run) = answer(&board, &format!("/runs/{a}"));
     assert!(!run.contains("/compare/"), "{run}");
+    let [b, c] = with_two(&board, &common::manifest());
+    assert!(offers(&b).contains(&format!("/compare/{b}/{c}")) && offers(&c).contains(&format!("/compare/{c}/{b}")));
+    assert!(answer(&board, &format!("/runs/{b}/episodes/S05-s3-e0")).1.contains(&format!("/compare/{b}/{c}/episodes")));
     assert!(answer(&board, "/").1.contains("not verified here"), "the paper's rows");
 }
 
