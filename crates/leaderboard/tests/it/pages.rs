@@ -165,7 +165,7 @@ fn a_comparison_is_offered_where_rooms_are_shared() {
     assert!(offers(&a).contains("No other run has played an episode of this one"));
     let (_, run) = answer(&board, &format!("/runs/{a}"));
     assert!(!run.contains("/compare/"), "{run}");
-    let [b, c] = with_two(&board, &common::manifest());
+    let [b, c] = with_two(&board, &crate::common::manifest());
     assert!(offers(&b).contains(&format!("/compare/{b}/{c}")) && offers(&c).contains(&format!("/compare/{c}/{b}")));
     assert!(answer(&board, &format!("/runs/{b}/episodes/S05-s3-e0")).1.contains(&format!("/compare/{b}/{c}/episodes")));
     assert!(answer(&board, "/").1.contains("not verified here"), "the paper's rows");
