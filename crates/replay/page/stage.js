@@ -9,7 +9,7 @@ import { keyOf, lightOf, materialOf, paint, skyOf } from "./look.js";
 const SHADOW_HALF = 3.2;
 const LIGHT_AWAY = 9;
 // What may hide the robot from a camera that follows.
-const OBSTACLES = ["bench", "crate", "ladder", "room"];
+const OBSTACLES = ["bench", "crate", "fixture", "ladder", "room"];
 // Bearings that are tried, from the camera's own, and the most it turns in a frame, rad.
 const TURNS = [0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5, 6].map((step) => (step * Math.PI) / 9);
 const TURN_A_FRAME = 0.03;
@@ -119,29 +119,36 @@ export class Stage {
     this.camera.position.add(moved);
   }
 
-  // Turns about the robot to the nearest bearing from which it is seen, at once or bit by bit.
+  // Turns about the robot to the nearest bearing from which most of it is seen, at once or bit by bit.
   keepInSight(isPlaying) {
     const target = this.controls.target;
     const away = this.camera.position.clone().sub(target);
     const turned = (angle) => away.clone().applyAxisAngle(this.camera.up, angle);
-    const found = TURNS.find((angle) => this.isSeen(target.clone().add(turned(angle))));
-    if (!found) return;
+    let [found, least] = [0, Infinity];
+    for (const angle of TURNS) {
+      const hidden = this.hiddenFrom(target.clone().add(turned(angle)));
+      if (hidden < least) [found, least] = [angle, hidden];
+      if (hidden === 0) break;
+    }
+    if (found === 0) return;
     const angle = isPlaying ? Math.sign(found) * Math.min(Math.abs(found), TURN_A_FRAME) : found;
     this.camera.position.copy(target).add(turned(angle));
     this.camera.lookAt(target);
   }
 
-  // Whether most of the robot is seen from a place: head, chest and pelvis.
-  isSeen(eye) {
-    const pelvis = this.frames[0].position;
+  // How many of pelvis, head and a knee something hides from a place.
+  hiddenFrom(eye) {
     const ray = new THREE.Raycaster();
-    const hidden = [0, 0.3, 0.55].filter((height) => {
-      const to = pelvis.clone().setZ(pelvis.z + height).sub(eye);
+    const head = new THREE.Vector3(0, 0, 0.42);
+    const points = [this.frames[0].position, head.applyQuaternion(this.frames[0].quaternion).add(this.frames[0].position)];
+    const knee = this.frames[this.frameOf.left_knee_link];
+    if (knee) points.push(knee.position);
+    return points.filter((point) => {
+      const to = point.clone().sub(eye);
       ray.set(eye, to.clone().normalize());
       ray.far = to.length();
       return ray.intersectObjects(this.obstacles, false).length > 0;
-    });
-    return hidden.length < 2;
+    }).length;
   }
 
   // Looks from where another picture does: from its robot to its robot, where the camera follows.
