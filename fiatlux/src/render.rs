@@ -4,7 +4,6 @@
 //! [`Clip::render`] reads them again, draws the chosen rows on several threads and hands the frames on in order.
 mod draw;
 mod encoder;
-mod framing;
 mod rows;
 mod sink;
 mod view;
@@ -16,6 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_bag::{Bag, BagError, Completeness};
+use fiatlux_render::framing::Spot;
 use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
 use fiatlux_replay::{Rows, differences};
 use fiatlux_robot::{HandKind, Robot, RobotError};
@@ -25,7 +25,6 @@ use fiatlux_world::Scene;
 use thiserror::Error;
 
 use draw::{Job, Stage, draw};
-use rows::Spot;
 use sink::Sink;
 use view::{Rig, Subject};
 

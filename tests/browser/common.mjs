@@ -8,7 +8,10 @@ import { chromium, devices } from "playwright-core";
 const browserPath = process.env.CHROMIUM ?? "/usr/bin/chromium";
 const axeSource = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const { defaultBrowserType, ...phone } = devices["Pixel 7"];
-export const KINDS = { desktop: { viewport: { width: 1440, height: 900 } }, telephone: phone };
+export const KINDS = {
+  desktop: { viewport: { width: 1280, height: 860 } },
+  telephone: { ...phone, viewport: { width: 390, height: 844 } },
+};
 export const PATIENCE_MS = 60_000;
 
 let failures = 0;
@@ -96,8 +99,16 @@ export async function accessible({ name, page }) {
   if (others.length > 0) console.log(`       ${name}: axe also says ${say(others)}`);
 }
 
-// Whether every pair of things that stand next to each other keeps off the other, and nothing is wider than the page.
-export async function fits({ name, page }) {
+// Whether nothing is wider than the page, and nothing has to be scrolled sideways: not on a telephone, and where `isWhole` says
+// so not on a desktop either. A block of code may be.
+export async function fits({ name, page }, isWhole = false) {
   const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
   check(wide <= 0, `${name}: nothing is wider than the page`, `${wide} pixels`);
+  if (!isWhole && !name.includes("telephone")) return;
+  const cut = await page.evaluate(() =>
+    [...document.querySelectorAll(".scroll")]
+      .filter((region) => region.scrollWidth > region.clientWidth + 1)
+      .map((region) => `${region.getAttribute("aria-label")}: ${region.scrollWidth} in ${region.clientWidth}`),
+  );
+  check(cut.length === 0, `${name}: no table is cut`, cut.join("; "));
 }

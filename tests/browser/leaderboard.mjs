@@ -17,7 +17,7 @@ async function without(settings) {
   const plain = { ...settings, javaScriptEnabled: false };
   const opened = await open("no-script", address, plain, address, false);
   check((await opened.page.locator(".board tbody tr").count()) > 1, "no-script: the table is there");
-  await opened.page.locator(".board .policy").first().click();
+  await opened.page.locator(".board a.policy").first().click();
   await opened.page.locator(".sq").first().click();
   check((await opened.page.locator("noscript").count()) === 1, "no-script: an episode says what is missing");
   check(await opened.page.locator(".below .figure").isVisible(), "no-script: its figure is there");
@@ -30,7 +30,7 @@ async function look(name, page, settings, full = true) {
   const scale = isTall ? "css" : "device";
   await page.page.screenshot({ path: `${screenshots}/${name}.png`, fullPage: full, scale });
   await accessible(page);
-  await fits(page);
+  await fits(page, true);
   await close(page);
 }
 
@@ -72,15 +72,15 @@ async function pictures({ name, page }) {
   check(all > 1 && broken.length === 0, `${name}: all ${all} pictures are shown`, broken.join(" "));
 }
 
-// Until three submissions are graded.
+// Until three submissions are graded, and the success of one is drawn.
 async function graded() {
-  const until = Date.now() + 2 * PATIENCE_MS;
+  const until = Date.now() + 4 * PATIENCE_MS;
   while (Date.now() < until) {
     const shown = await (await fetch(address)).text();
-    if (shown.split('class="policy"').length > 3) return;
+    if (shown.split('class="policy"').length > 3 && shown.includes("still.png")) return;
     await new Promise((done) => setTimeout(done, 500));
   }
-  check(false, "three submissions are graded");
+  check(false, "three submissions are graded, and one is drawn");
   await end();
 }
 
@@ -93,9 +93,17 @@ await everywhere(async (kind, settings) => {
   const rows = board.page.locator(".board tbody tr");
   check((await rows.count()) > 1, `${board.name}: has rows`);
   check((await rows.first().locator(".cell").count()) === 12, `${board.name}: a cell for each subtask`);
-  const runs = await board.page.locator(".board .policy").evaluateAll((links) => links.map((link) => link.getAttribute("href")));
-  await board.page.locator(".board input").nth(0).check();
-  await board.page.locator(".board input").nth(1).check();
+  const ranks = await board.page.locator(".board .rank").allTextContents();
+  const zero = await board.page.locator(".board tr", { has: board.page.locator(".policy", { hasText: "zero" }) }).locator(".rank").allTextContents();
+  check(ranks.length > 2 && zero.every((rank) => rank.trim() === "\u2013"), `${board.name}: no rank at zero`, zero.join(" "));
+  check((await board.page.locator(".paper tr").count()) === 3, `${board.name}: the paper's rows, marked`);
+  const named = await board.page.locator(".task-card h3 a, .open-tasks a").count();
+  check(named === 12, `${board.name}: each subtask has its best, or is said to have none`, `${named}`);
+  const best = board.page.locator(".task-card", { hasText: "S05" });
+  check((await best.locator(".best").textContent()).includes("walk"), `${board.name}: S05 names the policy that succeeds`);
+  const runs = await board.page.locator(".board a.policy").evaluateAll((links) => links.map((link) => link.getAttribute("href")));
+  const offers = await board.page.locator('.board a[href^="/compare?run="]').count();
+  check(offers === runs.length, `${board.name}: runs in the same rooms can be compared`, `${offers}`);
   await board.page.keyboard.press("Tab");
   await look(board.name, board, settings);
 
@@ -104,6 +112,13 @@ await everywhere(async (kind, settings) => {
   check(squares.length >= 12, `${run.name}: a square for each episode`, `${squares.length}`);
   await pictures(run);
   await look(run.name, run, settings);
+
+  const subtask = await at("/tasks/S05", "subtask");
+  const first = await subtask.page.locator(".of-task tr", { hasText: "walk" }).locator(".rank").textContent();
+  check(first === "1", `${subtask.name}: the policy that succeeds is first of its division`, first);
+  const clip = await subtask.page.locator(".clip img").evaluate((image) => image.decode().then(() => [image.naturalWidth, image.currentSrc]));
+  check(clip[0] > 100 && clip[1].endsWith("clip.png"), `${subtask.name}: a clip of the best success`, clip.join(" "));
+  await look(subtask.name, subtask, settings);
 
   const task = await at(`${runs[0]}/tasks/S05`, "task");
   await pictures(task);
@@ -120,7 +135,11 @@ await everywhere(async (kind, settings) => {
   await look(episode.name, episode, settings);
 
   const ids = runs.map((href) => href.split("/").pop());
+  const choose = await at(`/compare?run=${ids[0]}`, "choose");
+  check((await choose.page.locator(".partners a").count()) > 0, `${choose.name}: offers those that share episodes`);
+  await look(choose.name, choose, settings);
   const compare = await at(`/compare?run=${ids[0]}&run=${ids[1]}`, "compare");
+  check((await compare.page.locator(".ends tbody tr").count()) === 13, `${compare.name}: says how episodes ended`);
   const sides = compare.page.locator("a", { hasText: "side by side" });
   check((await sides.count()) > 1, `${compare.name}: episodes of both`);
   const side = await sides.nth((await sides.count()) > 15 ? 14 : 0).getAttribute("href");

@@ -1,8 +1,8 @@
 // Looks at replays with a real browser: a served folder, and a file of its own.
 //
-//   node replay.mjs ADDRESS FILE.html SCREENSHOTS
+//   node replay.mjs ADDRESS FILE.html REPORT.html SCREENSHOTS
 //
-// ADDRESS is that of `fiatlux view DIR --no-open`, where DIR has two bags or more and the first has rows; FILE.html is what
+// REPORT.html is a report; ADDRESS is that of `fiatlux view DIR --no-open`, where DIR has two bags or more and the first has rows; FILE.html is what
 // `fiatlux view BAG --out FILE.html` wrote. Exit code 0 when every check holds.
 
 import { mkdir } from "node:fs/promises";
@@ -25,7 +25,7 @@ import {
   seek,
 } from "./common.mjs";
 
-const [address, file, screenshots] = process.argv.slice(2);
+const [address, file, reportFile, screenshots] = process.argv.slice(2);
 
 async function replay(name, url, settings) {
   const opened = await open(name, url, settings, address);
@@ -38,11 +38,34 @@ async function replay(name, url, settings) {
   check(!shots[0].equals(shots[1]) && !shots[1].equals(shots[2]), `${name}: the picture changes as time moves`);
   check((await picture(page)).equals(shots[2]), `${name}: the picture is still while nothing moves`);
 
+  const names = await page.locator(".lanes li").allTextContents();
+  const lamps = await page.locator(".lamp").count();
+  check(names.length === lamps + 2 && names.every((text) => text.length > 3), `${name}: each lane has its name`, names.join(", "));
+  check((await page.locator("#loading").isHidden()) === true, `${name}: the bar of loading leaves`);
+
+  await page.evaluate(() => {
+    location.hash = "t=1.5";
+  });
+  await page.waitForFunction(() => document.getElementById("clock").textContent.startsWith("1.50 s"));
+  await seek(page, 0.25);
+  await page.locator("#copy").click();
+  const moment = Number.parseFloat(new URL(page.url()).hash.replace("#t=", ""));
+  check(Math.abs(moment - Number.parseFloat(await clock(page))) < 0.011, `${name}: the address has the moment`, page.url());
+
+  await page.locator(".joints summary").click();
+  await page.waitForFunction(() => document.querySelector(".plot-name span").textContent.includes("rad"));
+  const plots = await page.locator(".plot").evaluateAll((list) => list.map((plot) => plot.getAttribute("aria-label")));
+  check(plots.length === 3 && plots[2].includes("N m of"), `${name}: angle, tracking and effort of a joint`, plots.join("; "));
+  await page.screenshot({ path: `${screenshots}/${name}-joints.png`, fullPage: true });
+  await page.locator(".joints summary").click();
+  await page.evaluate(() => scrollTo(0, 0));
+
   await seek(page, 0.5);
   const lit = await page.locator(".lamp.on").count();
   const all = await page.locator(".lamp").count();
   check(all > 0 && lit > 0, `${name}: ${lit} of ${all} conditions are lit in the middle`);
   await page.screenshot({ path: `${screenshots}/${name}.png` });
+  check((await page.locator("dd", { hasText: "in the right hand" }).count()) === 1, `${name}: says which hand has the bulb`);
 
   await page.locator("#forces").click();
   check(!(await picture(page)).equals(shots[1]), `${name}: the picture has fewer arrows without forces`);
@@ -88,9 +111,14 @@ await everywhere(async (kind, settings) => {
   check((await list.page.locator("tbody tr").count()) > 1, `${list.name}: has the episodes`);
   await list.page.screenshot({ path: `${screenshots}/${list.name}.png` });
   await accessible(list);
-  await fits(list);
+  await fits(list, true);
   await close(list);
   await replay(`replay-${kind}`, new URL("episode/0", address).href, settings);
+  const report = await open(`report-${kind}`, pathToFileURL(resolve(reportFile)).href, settings, address, false);
+  await report.page.screenshot({ path: `${screenshots}/${report.name}.png`, fullPage: true, scale: "css" });
+  await accessible(report);
+  await fits(report, true);
+  await close(report);
 });
 await replay("file-desktop-light", pathToFileURL(resolve(file)).href, { ...KINDS.desktop, colorScheme: "light" });
 await end();

@@ -3,9 +3,9 @@
 #
 #   tests/browser/run.sh [SCREENSHOTS]
 #
-# Needs Node 20 or newer with npm, and Debian's chromium (or CHROMIUM=/path/to/it); no graphics card. FIATLUX and SCORER name the
-# programs, which are built otherwise; FIATLUX_BAGS a folder with two bags or more, which are played otherwise. ONLY=replay or
-# ONLY=leaderboard leaves the other one out.
+# Needs Node 20 or newer with npm, and Debian's chromium (or CHROMIUM=/path/to/it); no graphics card. FIATLUX, SCORER and
+# SIM_SERVER name the programs, which are built otherwise; FIATLUX_BAGS a folder with two bags or more, which are played
+# otherwise. ONLY=replay or ONLY=leaderboard leaves the other one out.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
 root="$(cd "$here/../.." && pwd)"
@@ -23,11 +23,12 @@ cp "$here"/package.json "$here"/package-lock.json "$here"/*.mjs "$work/"
 npm ci --prefix "$work" --no-audit --no-fund --silent
 
 programs="${CARGO_TARGET_DIR:-$root/target}/debug"
-if [ -z "${FIATLUX:-}" ] || [ -z "${SCORER:-}" ]; then
-    (cd "$root" && cargo build --locked --quiet -p fiatlux -p scorer --bin fiatlux --bin scorer)
+if [ -z "${FIATLUX:-}" ] || [ -z "${SCORER:-}" ] || [ -z "${SIM_SERVER:-}" ]; then
+    (cd "$root" && cargo build --locked --quiet -p fiatlux -p scorer -p sim-server --bin fiatlux --bin scorer --bin sim-server)
 fi
 fiatlux="${FIATLUX:-$programs/fiatlux}"
 scorer="${SCORER:-$programs/scorer}"
+sim="${SIM_SERVER:-$programs/sim-server}"
 
 # Waits until a file has a line, for half a minute at most.
 first_line() {
@@ -48,18 +49,22 @@ replays() {
     "$fiatlux" view "$first" --out "$work/replay.html" >/dev/null
     "$fiatlux" view "$bags" --no-open >"$work/address" 2>/dev/null &
     servers+=($!)
-    node "$work/replay.mjs" "$(first_line "$work/address")" "$work/replay.html" "$shots"
+    "$scorer" grade "$bags" --html "$work/report.html" >/dev/null
+    node "$work/replay.mjs" "$(first_line "$work/address")" "$work/replay.html" "$work/report.html" "$shots"
 }
 
 leaderboard() {
-    local address
+    local address port
     # Two that are ranked, in the same rooms, and one that is not.
     "$fiatlux" evaluate --policy random --tasks all --seeds 64,65 --out "$work/random" >/dev/null 2>&1
     "$fiatlux" evaluate --policy zero --tasks all --seeds 64,65 --out "$work/zero" >/dev/null 2>&1
     "$fiatlux" evaluate --policy walk --tasks S05 --seeds 64 --out "$work/walk" >/dev/null 2>&1
     "$scorer" admin --folder "$work/board" account browser >/dev/null
-    "$scorer" admin --folder "$work/board" token browser >"$work/token"
-    "$scorer" serve --folder "$work/board" --http 127.0.0.1:0 >"$work/board.address" 2>"$work/board.log" &
+    (umask 077 && "$scorer" admin --folder "$work/board" token browser >"$work/token")
+    port=$((20000 + RANDOM % 20000))
+    "$sim" -l "tcp/127.0.0.1:$port" >"$work/sim.log" 2>&1 &
+    servers+=($!)
+    "$scorer" serve --folder "$work/board" -e "tcp/127.0.0.1:$port" --http 127.0.0.1:0 >"$work/board.address" 2>"$work/board.log" &
     servers+=($!)
     address="$(first_line "$work/board.address" | sed 's/^serving //')"
     for run in random zero walk; do

@@ -13,7 +13,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use episodes::Place;
-use markup::{escape, percent};
+use markup::{escape, share};
 
 use crate::tables::{conditions_line, count, coverage, missing, run_line, seed_count};
 use crate::{Fault, RateRow, Results, Score};
@@ -145,10 +145,10 @@ fn rate_card(out: &mut String, name: &str, rate: &RateRow, episodes: u64, size: 
         out,
         "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{}</div>\
          <div class=\"card-note\">{} of {episodes} episodes<br>95\u{202f}% interval {} to {}</div></div>",
-        percent(value),
+        share(value),
         rate.hits,
-        percent(low),
-        percent(high)
+        share(low),
+        share(high)
     );
 }
 
@@ -157,8 +157,12 @@ fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
     let spread =
         score.std.map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
     let seeds: Vec<_> = score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
-    let shown =
-        if seeds.len() > 12 { format!("{} seeds", seeds.len()) } else { format!("by seed {}", seeds.join(", ")) };
+    // The numbers that a server draws say nothing to a reader.
+    let is_drawn = score.per_seed.iter().any(|seed| seed.seed > 99_999);
+    let shown = match seeds.len() {
+        count if is_drawn || count > 12 => format!("over {count} seeds"),
+        _ => format!("by seed {}", seeds.join(", ")),
+    };
     let _ = writeln!(
         out,
         "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{spread}</div>\
@@ -167,14 +171,14 @@ fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
 }
 
 fn violations_card(out: &mut String, results: &Results) {
-    let share = |rate: &RateRow| percent(rate.rate.unwrap_or_default());
+    let rate = |rate: &RateRow| share(rate.rate.unwrap_or_default());
     let overall = &results.overall;
     let _ = writeln!(
         out,
         "<div class=\"panel\"><div class=\"card-name\">Broken / dropped</div><div class=\"mid\">{} / {}</div>\
          <div class=\"card-note\">{} with a broken bulb<br>{} with a dropped one</div></div>",
-        share(&overall.broken),
-        share(&overall.dropped),
+        rate(&overall.broken),
+        rate(&overall.dropped),
         count(overall.broken.hits as usize, "episode"),
         overall.dropped.hits
     );

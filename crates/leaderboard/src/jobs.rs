@@ -1,9 +1,10 @@
-//! The work on submissions: each is graded, then its episodes are verified, then it gets its badge.
+//! The work on submissions: each is graded, then its episodes are verified, then it gets its badge and its pictures.
 //!
 //! The state of the store ([`crate::store`]) says what there is to do, and each step is one transaction. A service that is
 //! killed in the middle of a step repeats it after the next start, with the same result: grading depends on the bags alone,
 //! and simulating an episode again gives the same bytes.
 
+mod draw;
 mod grade;
 mod verify;
 
@@ -60,9 +61,10 @@ impl Jobs {
     ) -> std::io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let grader = tokio::spawn(grade_all(Arc::clone(service), Arc::clone(&stop)));
+        let drawer = tokio::spawn(draw_all(Arc::clone(service), Arc::clone(&stop)));
         let sweeper = tokio::spawn(sweep(Arc::clone(service)));
         let verifiers = Verifiers::start(service, verifiers, access, parallel, &stop)?;
-        Ok(Self { stop, tasks: vec![grader, sweeper], verifiers })
+        Ok(Self { stop, tasks: vec![grader, drawer, sweeper], verifiers })
     }
 
     /// Stops, and blocks until the running simulations have ended. The next service repeats what was left unfinished.
@@ -94,6 +96,20 @@ async fn grade_next(service: &Arc<Service>) -> Result<bool, StoreError> {
     grade::grade_one(service, id).await?;
     service.metrics.graded.fetch_add(1, Ordering::Relaxed);
     Ok(true)
+}
+
+/// Draws on one thread, after everything else: pages are complete without pictures.
+async fn draw_all(service: Arc<Service>, stop: Arc<AtomicBool>) {
+    while !stop.load(Ordering::Relaxed) {
+        match draw::draw_next(&service, &stop).await {
+            Ok(true) => {}
+            Ok(false) => tokio::time::sleep(LOOK).await,
+            Err(error) => {
+                tracing::error!(error = in_full(&error), "pictures could not be stored; trying again");
+                tokio::time::sleep(PAUSE).await;
+            }
+        }
+    }
 }
 
 async fn sweep(service: Arc<Service>) {

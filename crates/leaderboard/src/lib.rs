@@ -17,6 +17,7 @@ mod jobs;
 mod metrics;
 mod paced;
 mod pages;
+mod paper;
 mod serve;
 mod service;
 mod standings;

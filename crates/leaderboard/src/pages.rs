@@ -12,6 +12,7 @@ mod key;
 mod run;
 mod show;
 mod state;
+mod tasks;
 
 use std::sync::Arc;
 
@@ -37,14 +38,19 @@ pub(crate) fn router(service: Arc<Service>) -> Router {
     Router::new()
         .route("/", get(board::board))
         .route("/about", get(board::about))
+        .route("/tasks/{task}", get(tasks::task))
         .route("/runs/{id}", get(run::run))
         .route("/runs/{id}/tasks/{task}", get(run::task))
+        .route("/runs/{id}/tasks/{task}/still.png", get(tasks::still))
+        .route("/runs/{id}/tasks/{task}/clip.png", get(tasks::clip))
         .route("/runs/{id}/episodes/{key}", get(episode::episode))
         .route("/runs/{id}/episodes/{key}/document.json", get(episode::document))
         .route("/runs/{id}/episodes/{key}/meshes.bin", get(episode::meshes))
         .route("/runs/{id}/episodes/{key}/track.bin", get(episode::track))
+        .route("/runs/{id}/episodes/{key}/joints.bin", get(episode::joints))
         .route("/runs/{id}/episodes/{key}/bag", get(episode::bag))
         .route("/runs/{id}/episodes/{key}/figure.svg", get(episode::figure))
+        .route("/shapes/{digest}", get(episode::shapes))
         .route("/compare", get(compare::choose))
         .route("/compare/{a}/{b}", get(compare::runs))
         .route("/compare/{a}/{b}/episodes/{key}", get(compare::episodes))

@@ -3,6 +3,9 @@
 //! A place in a table requires all twelve subtasks in the same rooms: a success rate over chosen tasks, or over more
 //! episodes of the easy ones, could not be compared with any other.
 
+mod played;
+mod subtasks;
+
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,6 +13,9 @@ use fiatlux_grading::{CompareError, RateRow, Results, TaskResult, compare_result
 use fiatlux_rules::{SeedOwner, Task};
 
 use crate::{Badge, Division, Entry, SubmissionId};
+
+pub(crate) use played::Played;
+pub(crate) use subtasks::{TaskPlace, TaskTable, Tried, by_task};
 
 /// What a table shows of a submission's results.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,8 +30,23 @@ pub(crate) struct Standing {
     pub cells: Vec<Cell>,
     /// Number of episodes, all twelve subtasks together.
     pub episodes: u64,
-    /// Layout seeds that were played, ascending.
+    /// The rooms that were played.
+    pub rooms: Rooms,
+}
+
+/// Rooms of a submission.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Rooms {
+    /// Layout seeds, ascending.
     pub seeds: Vec<u64>,
+    /// Whether a server drew them: then their numbers say nothing to a reader.
+    pub hosted: bool,
+}
+
+impl Rooms {
+    fn of(results: &Results, seeds: Vec<u64>) -> Self {
+        Self { seeds, hosted: results.conditions.seeds == "hosted" }
+    }
 }
 
 /// Clean success over all episodes, and S.
@@ -58,6 +79,8 @@ pub(crate) struct Cell {
     pub published: f64,
     /// Share of clean successes by the strict judge.
     pub strict_clean: f64,
+    /// Wilson 95 % interval of `strict_clean`.
+    pub strict_interval: [f64; 2],
     /// Share of clean successes by the published judge.
     pub published_clean: f64,
 }
@@ -78,15 +101,8 @@ impl Standing {
         if Division::of(results).is_none() {
             return Err(Obstacle(Division::obstacle(results)));
         }
-        if !results.without_journal.is_empty() {
-            return Err(Obstacle("its journal is missing: episodes may have been left out".into()));
-        }
         same_rooms(results)?;
-        // The seeds that servers draw are far above these, and nobody could train in their rooms.
-        if badge != Badge::Hosted && results.seeds.iter().any(|seed| SeedOwner::of(*seed) == SeedOwner::Training) {
-            let first = SeedOwner::Training.seeds();
-            return Err(Obstacle(format!("seeds from {} on are for training", first.start())));
-        }
+        is_fair(results, badge)?;
         let overall = &results.overall;
         let strict = overall.strict_clean_success.as_ref().zip(results.score_strict.as_ref());
         let (Some((strict_clean, strict_score)), Some(published)) = (strict, results.score.mean) else {
@@ -105,9 +121,30 @@ impl Standing {
             published: scores(&overall.clean_success, published, results.score.std),
             cells: Task::SUBTASKS.into_iter().filter_map(|task| Some(Cell::of(task, found(task)?))).collect(),
             episodes: overall.episodes,
-            seeds: results.seeds.clone(),
+            rooms: Rooms::of(results, results.seeds.clone()),
         })
     }
+
+    /// Whether it has no success and no score by the strict judge, and so no rank.
+    fn is_zero(&self) -> bool {
+        self.strict.hits == 0 && self.strict.score <= 0.0
+    }
+}
+
+/// Whether no episode may have been left out, and nobody could train in the rooms.
+fn is_fair(results: &Results, badge: Badge) -> Result<(), Obstacle> {
+    if !results.without_journal.is_empty() {
+        return Err(Obstacle("its journal is missing: episodes may have been left out".into()));
+    }
+    // The seeds that servers draw are far above these, and nobody could train in their rooms.
+    if badge != Badge::Hosted && results.seeds.iter().any(|seed| SeedOwner::of(*seed) == SeedOwner::Training) {
+        let first = SeedOwner::Training.seeds();
+        return Err(Obstacle(match results.conditions.seeds.as_str() {
+            "hosted" => "no server of this site vouches for its hosted rooms".into(),
+            _ => format!("seeds from {} on are for training", first.start()),
+        }));
+    }
+    Ok(())
 }
 
 /// Whether every subtask has the same seeds and indices.
@@ -135,6 +172,7 @@ impl Cell {
             strict: result.strict_score_mean.unwrap_or_default(),
             published: result.score_mean,
             strict_clean: result.strict_clean_success_rate.unwrap_or_default(),
+            strict_interval: result.strict_clean_success_interval.unwrap_or([0.0, 1.0]),
             published_clean: result.clean_success_rate,
         }
     }
@@ -143,8 +181,8 @@ impl Cell {
 /// A place in a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Place {
-    /// 1 for the best; rows with equal scores share a rank.
-    pub rank: usize,
+    /// 1 for the best; rows with equal scores share a rank, and one at zero has none.
+    pub rank: Option<usize>,
     /// The submission that has this place.
     pub entry: Entry,
     /// Its scores, as the table shows them.
@@ -181,8 +219,9 @@ pub(crate) fn tables(ranked: Vec<(Entry, Standing)>) -> Vec<Table> {
         let mut places: Vec<Place> = Vec::with_capacity(rows.len());
         for (entry, standing) in rows {
             let rank = match places.last() {
+                _ if standing.is_zero() => None,
                 Some(last) if is_equal(&last.standing, &standing) => last.rank,
-                _ => places.len() + 1,
+                _ => Some(places.len() + 1),
             };
             places.push(Place { rank, entry, standing });
         }
@@ -313,18 +352,20 @@ pub(crate) mod tests {
     }
 
     fn order(table: &Table) -> Vec<(usize, u64)> {
-        table.places.iter().map(|place| (place.rank, place.entry.id.0)).collect()
+        table.places.iter().map(|place| (place.rank.unwrap_or_default(), place.entry.id.0)).collect()
     }
 
-    /// Guards the order: strict clean success, then strict S; equal rows share a rank, the earlier one above.
+    /// Guards the order: strict clean success, then strict S; equal rows share a rank, the earlier one above. Nobody is first
+    /// with nothing.
     #[test]
     fn the_best_is_first() {
         let mut better_s = results(4);
         better_s.score_strict.as_mut().expect("a score").mean = Some(0.9);
         let rows = vec![placed(1, &results(4)), placed(2, &results(9)), placed(3, &results(4)), placed(4, &better_s)];
-        let tables = tables(rows);
-        assert_eq!(tables.len(), 1);
-        assert_eq!(order(&tables[0]), [(1, 2), (2, 4), (3, 1), (3, 3)]);
+        let tables_of = tables(rows);
+        assert_eq!(tables_of.len(), 1);
+        assert_eq!(order(&tables_of[0]), [(1, 2), (2, 4), (3, 1), (3, 3)]);
+        assert_eq!(order(&tables(vec![placed(1, &results(0)), placed(2, &results(1))])[0]), [(1, 2), (0, 1)]);
     }
 
     /// Divisions and versions are ranked apart from each other.

@@ -2,6 +2,7 @@
 
 mod accounts;
 mod blobs;
+mod pictures;
 mod queue;
 mod schema;
 mod submissions;
@@ -20,6 +21,7 @@ use time::OffsetDateTime;
 use crate::{Entry, StoreError, SubmissionId};
 pub use accounts::{Account, AuditRow, TokenRow};
 pub(crate) use blobs::{Blobs, Digest};
+pub(crate) use pictures::{Picture, Pictures};
 pub(crate) use queue::{EpisodeJob, EpisodePlan, Verdict};
 pub(crate) use submissions::{Begun, Draft, StoredFile};
 pub use submissions::{Count, FileRow};

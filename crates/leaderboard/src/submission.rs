@@ -176,7 +176,8 @@ impl Division {
         Self::of_conditions(&results.conditions)
     }
 
-    fn of_conditions(conditions: &Conditions) -> Option<Self> {
+    /// The division of these conditions, whatever was played; `None` if they are not ranked.
+    pub(crate) fn of_conditions(conditions: &Conditions) -> Option<Self> {
         let time = match conditions.time.as_str() {
             "lockstep" => Time::Lockstep,
             "real time" => Time::RealTime,

@@ -28,8 +28,10 @@
 //! assert_eq!((image.width(), image.height(), image.rgb().len()), (64, 64, 3 * 64 * 64));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+mod animation;
 mod camera;
 mod error;
+pub mod framing;
 mod image;
 mod lighting;
 mod mesh;
@@ -45,6 +47,7 @@ mod tone;
 mod view;
 mod visuals;
 
+pub use animation::animation;
 pub use camera::{Camera, HEAD_CAMERA, HEAD_PIXELS};
 pub use error::{MeshError, RenderError};
 pub use image::Image;

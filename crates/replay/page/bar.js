@@ -1,8 +1,12 @@
 // The strip above the time bar: when each condition held, what happened, and where we are.
 
-const LANE = 7;
-const GAP = 2;
+import { element, words } from "./words.js";
+
+const LANE = 11;
+const GAP = 4;
 const MARKS = 9;
+// A foot or hand that is pressed with less touches nothing, N.
+const TOUCH = 5;
 
 export class Bar {
   // `span` is the time that the strip stands for, where that is not the track's own.
@@ -11,9 +15,12 @@ export class Bar {
     this.canvas = canvas;
     this.doc = doc;
     this.track = track;
-    this.lanes = doc.conditions ? doc.conditions.criteria : [];
+    this.lanes = [...conditionLanes(doc, track), ...footLanes(doc, track)];
+    this.nameLanes();
     this.height = MARKS + this.lanes.length * (LANE + GAP);
     canvas.style.height = `${this.height}px`;
+    // On a telephone the lanes go under the picture when the page is scrolled, and the buttons stay.
+    document.documentElement.style.setProperty("--lanes", `${this.height}px`);
     this.strip = document.createElement("canvas");
     this.dirty = true;
     const at = (event) => {
@@ -27,6 +34,12 @@ export class Bar {
     canvas.addEventListener("pointermove", (event) => {
       if (event.buttons > 0) at(event);
     });
+  }
+
+  // The names stand to the left of the lanes, as text.
+  nameLanes() {
+    const names = this.lanes.map(({ name, colour }) => element("li", { className: `of-${colour}` }, name));
+    this.canvas.previousElementSibling.append(...names);
   }
 
   setTheme(theme) {
@@ -68,8 +81,8 @@ export class Bar {
       const y = MARKS + index * (LANE + GAP);
       pen.fillStyle = this.theme.track;
       pen.fillRect(0, y, Math.max(this.xOf(this.track.last, width), 0.75), LANE);
-      pen.fillStyle = lane.published ? this.theme.held : this.theme.accent;
-      this.spans(1 << index, (from, to) => {
+      pen.fillStyle = this.theme[lane.colour];
+      this.spans(lane, (from, to) => {
         const x = this.xOf(from, width);
         pen.fillRect(x, y, Math.max(this.xOf(to, width) - x, 0.75), LANE);
       });
@@ -86,12 +99,11 @@ export class Bar {
     }
   }
 
-  // Steps from which to which a flag is set.
-  spans(flag, each) {
-    const { steps, flags } = this.track;
+  // Steps from which to which a lane holds.
+  spans({ steps, holds }, each) {
     let from = null;
-    for (let row = 0; row < flags.length; row += 1) {
-      const held = (flags[row] & flag) !== 0;
+    for (let row = 0; row < steps.length; row += 1) {
+      const held = holds(row);
       if (held && from === null) from = steps[row];
       if (!held && from !== null) {
         each(from, steps[row]);
@@ -100,4 +112,31 @@ export class Bar {
     }
     if (from !== null) each(from, this.track.last);
   }
+}
+
+// A lane for each condition of the gates.
+function conditionLanes({ conditions }, { steps, flags }) {
+  const criteria = conditions ? conditions.criteria : [];
+  return criteria.map(({ name, published }, index) => ({
+    name: words(name),
+    colour: published ? "held" : "accent",
+    steps,
+    holds: (row) => (flags[row] & (1 << index)) !== 0,
+  }));
+}
+
+// A lane for each foot: when it stands on floor or ladder.
+function footLanes({ stage }, track) {
+  const sides = ["left", "right"].map((side) => {
+    const isFoot = ({ by, frame }) => ["floor", "ladder"].includes(by) && stage.frames[frame].name.startsWith(`${side}_ankle`);
+    return [side, track.forces.flatMap((force, index) => (isFoot(force) ? [index] : []))];
+  });
+  return sides
+    .filter(([, forces]) => forces.length > 0)
+    .map(([side, forces]) => ({
+      name: `${side} foot bears`,
+      colour: "soft",
+      steps: track.keptSteps,
+      holds: (row) => forces.some((force) => Math.hypot(...track.force({ from: row }, force)) > TOUCH),
+    }));
 }

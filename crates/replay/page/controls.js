@@ -2,6 +2,10 @@
 
 import { SPEEDS } from "./player.js";
 import { Stage } from "./stage.js";
+import { seconds } from "./words.js";
+
+// Fewer frames a second are worth saying.
+const SMOOTH = 15;
 
 export const find = (id) => document.getElementById(id);
 
@@ -11,10 +15,45 @@ export function fail(message) {
   box.hidden = false;
 }
 
+// Fills the bar while a replay loads: `share` goes from 0 to 1, and the bar leaves at 1.
+export function loading(share) {
+  const bar = find("loading");
+  bar.hidden = share >= 1;
+  bar.value = share;
+}
+
+// The time, and how fast it really goes where that is not what was asked for.
+export function clockText(player, step, { last, dt }) {
+  const rate = player.rate();
+  const isSlow = rate && (rate.frames < SMOOTH || rate.speed < 0.9 * player.speed);
+  const said = isSlow ? `, ${rate.speed.toFixed(1)}\u00d7 at ${rate.frames.toFixed(0)} frames/s` : "";
+  return `${seconds(step, dt)} of ${seconds(last, dt)}${said}`;
+}
+
+// `#t=3.5` is a moment in seconds: in the address that opened the page, in one that is typed into it, and in the one that
+// the button copies.
+export function moments(player, { dt }) {
+  const go = () => {
+    const asked = new URLSearchParams(location.hash.slice(1)).get("t");
+    if (asked !== null && asked !== "" && Number.isFinite(Number(asked))) player.seek(Number(asked) / dt);
+  };
+  const copy = find("copy");
+  copy.addEventListener("click", async () => {
+    history.replaceState(null, "", `#t=${Number((player.step * dt).toFixed(2))}`);
+    const copied = await navigator.clipboard?.writeText(location.href).then(() => true, () => false);
+    copy.textContent = copied ? "Copied" : "In the address";
+    setTimeout(() => {
+      copy.textContent = "Copy link";
+    }, 2000);
+  });
+  addEventListener("hashchange", go);
+  go();
+}
+
 function themeNow() {
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(`--${name}`).trim();
-  return Object.fromEntries(["page", "ink", "track", "held", "accent", "alarm", "sky"].map((name) => [name, colour(name)]));
+  return Object.fromEntries(["page", "ink", "track", "held", "accent", "alarm", "soft"].map((name) => [name, colour(name)]));
 }
 
 // The picture of a replay; none in a browser without WebGL.
@@ -31,7 +70,6 @@ export function stageOf(canvas, replay, changed) {
 export function watch(player, stages, bars) {
   const theme = () => {
     const colours = themeNow();
-    for (const stage of stages) stage.setTheme({ page: colours.sky });
     for (const bar of bars) bar.setTheme(colours);
     player.ask();
   };
@@ -58,7 +96,7 @@ export function controls(player, stages, track) {
   const toggleFollow = () => {
     if (stages.length === 0) return;
     isFollowing = !isFollowing;
-    for (const stage of stages) stage.following = isFollowing;
+    for (const stage of stages) stage.follow(isFollowing);
     press(follow, isFollowing);
   };
   const toggleForces = () => {

@@ -6,7 +6,8 @@ const HOLE = 3;
 
 const here = () => location.pathname.replace(/\/$/, "");
 
-async function bytesOf(address, name) {
+// A file of the episode at an address.
+export async function bytesOf(address, name, read = () => {}) {
   const block = document.getElementById(`block-${name}`);
   if (block) {
     const text = atob(block.textContent.trim());
@@ -16,25 +17,61 @@ async function bytesOf(address, name) {
   }
   const answer = await fetch(`${address}/${name}`);
   if (!answer.ok) throw new Error(await answer.text());
-  return answer.arrayBuffer();
+  if (!answer.body) return answer.arrayBuffer();
+  const parts = [];
+  for (let reader = answer.body.getReader(); ; ) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    parts.push(value);
+    read(value.length);
+  }
+  return new Blob(parts).arrayBuffer();
 }
 
-// The replay of the episode at an address; that of this page without one.
-export async function load(address = here()) {
+// The replay of the episode at an address; that of this page without one. `loading` hears which share has arrived.
+export async function load(address = here(), loading = () => {}) {
+  loading(0);
   const text = new TextDecoder().decode(await bytesOf(address, "document.json"));
   const doc = JSON.parse(text);
-  const [meshes, track] = await Promise.all([bytesOf(address, "meshes.bin"), bytesOf(address, "track.bin")]);
-  return { doc, meshes: readMeshes(doc.stage, meshes), track: new Track(doc.track, track) };
+  const whole = meshBytes(doc.stage) + trackBytes(doc.track);
+  let arrived = 0;
+  const read = (bytes) => {
+    arrived += bytes;
+    loading(Math.min(arrived / whole, 0.99));
+  };
+  const [meshes, track] = await Promise.all([shapesOf(address, doc.stage, read), bytesOf(address, "track.bin", read)]);
+  loading(1);
+  return { doc, meshes, track: new Track(doc.track, track) };
 }
 
 export function isFile() {
   return document.getElementById("block-document.json") !== null;
 }
 
+const meshBytes = ({ vertices, indices }) => 4 * (6 * vertices + indices);
+const trackBytes = ({ rows, kept, width }) => 4 * (HEAD_WORDS + 3 * rows + kept + kept * width);
+
+// The shapes by their digests, which the browser keeps for other episodes; of this episode alone where the server has forgotten
+// them.
+async function shapesOf(address, stage, read) {
+  if (isFile()) return readMeshes(stage, await bytesOf(address, "meshes.bin"));
+  try {
+    const buffers = await Promise.all(stage.blocks.map(({ digest }) => bytesOf("/shapes", digest, read)));
+    const parts = stage.blocks.map((block, index) => readMeshes(block, buffers[index]));
+    const join = (Kind, name) => {
+      const joined = new Kind(parts.reduce((length, part) => length + part[name].length, 0));
+      parts.reduce((at, part) => (joined.set(part[name], at), at + part[name].length), 0);
+      return joined;
+    };
+    return { positions: join(Float32Array, "positions"), normals: join(Float32Array, "normals"), indices: join(Uint32Array, "indices") };
+  } catch {
+    return readMeshes(stage, await bytesOf(address, "meshes.bin", read));
+  }
+}
+
 function readMeshes(stage, buffer) {
   const numbers = 3 * stage.vertices;
-  if (buffer.byteLength !== 4 * (2 * numbers + stage.indices))
-    throw new Error("The shapes have another length than announced.");
+  if (buffer.byteLength !== meshBytes(stage)) throw new Error("The shapes have another length than announced.");
   return {
     positions: new Float32Array(buffer, 0, numbers),
     normals: new Float32Array(buffer, 4 * numbers, numbers),
@@ -47,8 +84,7 @@ class Track {
   constructor(info, buffer) {
     const head = new Uint32Array(buffer, 0, HEAD_WORDS);
     const [, version, rows, kept, width] = head;
-    const length = 4 * (HEAD_WORDS + 3 * rows + kept + kept * width);
-    if (version !== 1 || rows !== info.rows || kept !== info.kept || width !== info.width || buffer.byteLength !== length) {
+    if (version !== 1 || rows !== info.rows || kept !== info.kept || width !== info.width || buffer.byteLength !== trackBytes(info)) {
       throw new Error("The rows do not fit their description.");
     }
     let at = 4 * HEAD_WORDS;

@@ -1,6 +1,7 @@
 // The episodes of a folder.
 
-import { chip, element } from "./panel.js";
+import { chip } from "./panel.js";
+import { element } from "./words.js";
 
 function row(entry) {
   const name = element(
@@ -11,9 +12,9 @@ function row(entry) {
   if (entry.error) {
     return element("tr", {}, name, element("td", { className: "problem", colSpan: 5 }, entry.error));
   }
-  const verdict = (ruling) => {
-    const cell = element("td", {});
-    if (!ruling) return element("td", { className: "soft" }, "\u2013");
+  const verdict = (label, ruling) => {
+    const cell = element("td", { dataset: { label } });
+    if (!ruling) return element("td", { className: "soft", dataset: { label } }, "\u2013");
     cell.append(
       chip(ruling.cause === "" ? "cut" : ruling.cause),
       element("span", { className: "soft progress" }, `progress ${ruling.progress.toFixed(2)}`),
@@ -24,11 +25,11 @@ function row(entry) {
     "tr",
     {},
     name,
-    verdict(entry.strict),
-    verdict(entry.published),
-    element("td", {}, entry.seconds === null ? entry.note : `${entry.seconds.toFixed(2)} s`),
-    element("td", {}, entry.policy),
-    element("td", {}, entry.seed),
+    verdict("Strict", entry.strict),
+    verdict("Published", entry.published),
+    element("td", { dataset: { label: "Length" } }, entry.seconds === null ? entry.note : `${entry.seconds.toFixed(2)} s`),
+    element("td", { dataset: { label: "Policy" } }, entry.policy),
+    element("td", { dataset: { label: "Seed" } }, entry.seed),
   );
 }
 

@@ -1,13 +1,14 @@
 // Puts the replay together.
 
 import { Bar } from "./bar.js";
-import { controls, fail, find, stageOf, watch } from "./controls.js";
+import { clockText, controls, fail, find, loading, moments, stageOf, watch } from "./controls.js";
 import { load } from "./data.js";
 import { Panel } from "./panel.js";
 import { Player } from "./player.js";
+import { seconds } from "./words.js";
 
 async function start() {
-  const replay = await load();
+  const replay = await load(undefined, loading);
   const { track, doc } = replay;
   let player = null;
   // A browser without WebGL still gets the conditions.
@@ -18,17 +19,15 @@ async function start() {
   const clock = find("clock");
   player = new Player(track, (step) => {
     const row = panel.show(step);
-    stage?.draw(step, row);
+    stage?.draw(step, row, player.playing);
     bar.draw(step);
     time.value = Math.round(step);
-    const now = `${(step * track.dt).toFixed(2)} s`;
-    time.setAttribute("aria-valuetext", now);
-    clock.textContent = `${now} of ${(track.last * track.dt).toFixed(2)} s`;
+    time.setAttribute("aria-valuetext", seconds(step, track.dt));
+    clock.textContent = clockText(player, step, track);
   });
   controls(player, stage ? [stage] : [], track);
   watch(player, stage ? [stage] : [], [bar]);
-  const asked = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
-  if (Number.isFinite(asked) && asked > 0) player.seek(asked / track.dt);
+  moments(player, track);
   document.documentElement.dataset.ready = "true";
 }
 

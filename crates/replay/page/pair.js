@@ -1,16 +1,17 @@
 // Two replays side by side, with one time bar.
 
 import { Bar } from "./bar.js";
-import { controls, fail, find, stageOf, watch } from "./controls.js";
+import { clockText, controls, fail, find, loading, moments, stageOf, watch } from "./controls.js";
 import { load } from "./data.js";
 import { Panel, titleOf } from "./panel.js";
 import { Player } from "./player.js";
+import { seconds } from "./words.js";
 
 const SIDES = ["a", "b"];
 
 async function start() {
   const addresses = SIDES.map((side) => find("pair").dataset[side]);
-  const replays = await Promise.all(addresses.map(load));
+  const replays = await Promise.all(addresses.map((address) => load(address, loading)));
   const [{ doc }] = replays;
   const tracks = replays.map(({ track }) => track);
   // The longer one gives the time; the other one stands still at its end.
@@ -45,12 +46,11 @@ async function start() {
   player = new Player(span, (step) => {
     const rows = panels.map((panel) => panel.show(step));
     if (isTogether) stages[1 - turned].copyView(stages[turned]);
-    stages.forEach((stage, index) => stage?.draw(step, rows[index]));
+    stages.forEach((stage, index) => stage?.draw(step, rows[index], player.playing));
     for (const bar of bars) bar.draw(step);
     time.value = Math.round(step);
-    const now = `${(step * span.dt).toFixed(2)} s`;
-    time.setAttribute("aria-valuetext", now);
-    clock.textContent = `${now} of ${(span.last * span.dt).toFixed(2)} s`;
+    time.setAttribute("aria-valuetext", seconds(step, span.dt));
+    clock.textContent = clockText(player, step, span);
   });
   together.addEventListener("click", () => {
     if (!isShown) return;
@@ -61,6 +61,7 @@ async function start() {
   const shown = stages.filter((stage) => stage !== null);
   controls(player, shown, span);
   watch(player, shown, bars);
+  moments(player, span);
   document.documentElement.dataset.ready = "true";
 }
 

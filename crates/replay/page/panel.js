@@ -1,6 +1,11 @@
 // What stands next to the picture: the episode, its verdicts, conditions that light up, forces, events, notes.
 
 import { isFile } from "./data.js";
+import { Plots } from "./plots.js";
+import { element, seconds, words } from "./words.js";
+
+// A bulb that a hand presses with less is not in it, N.
+const TOUCH = 0.05;
 
 const FLAG = {
   oldSeated: 1 << 16,
@@ -11,17 +16,6 @@ const FLAG = {
   dropped: 1 << 21,
 };
 
-export function element(tag, properties = {}, ...children) {
-  const made = document.createElement(tag);
-  const { dataset, ...rest } = properties;
-  Object.assign(made, rest);
-  if (dataset) Object.assign(made.dataset, dataset);
-  made.append(...children);
-  return made;
-}
-
-const words = (name) => name.replaceAll("_", " ");
-const seconds = (steps, dt) => `${(steps * dt).toFixed(2)} s`;
 const CAUSES = ["success", "fall", "tip", "crush", "drop", "unseated", "impact", "diverged"];
 export const chip = (cause) =>
   element("span", { className: `chip c-${CAUSES.includes(cause) ? cause : "other"}` }, words(cause));
@@ -39,11 +33,13 @@ export class Panel {
     this.track = track;
     this.lamps = [];
     this.gates = [];
-    root.append(this.head(), this.verdicts());
+    root.append(this.head(), this.verdicts(seek));
     if (doc.notes.length > 0)
       root.append(section("Notes", element("ul", { className: "notes" }, ...doc.notes.map((note) => element("li", {}, note)))));
     if (doc.conditions) root.append(this.conditions());
-    root.append(this.state(), this.events(seek), keys());
+    root.append(this.state());
+    this.plots = new Plots(root, { doc, track }, address, seek);
+    root.append(this.events(seek), keys());
   }
 
   head() {
@@ -74,7 +70,7 @@ export class Panel {
     );
   }
 
-  verdicts() {
+  verdicts(seek) {
     const { rulings, recorded_end: recorded } = this.doc;
     const lines = rulings.map((ruling) => {
       const line = element(
@@ -93,6 +89,13 @@ export class Panel {
       }
       return line;
     });
+    const failed = rulings.find(({ end }) => end && end !== "success");
+    if (failed) {
+      const jump = element("button", { type: "button", id: this.isOneOfTwo ? "" : "failure" }, `Jump to the ${words(failed.end)}`);
+      // A second before, to see it come.
+      jump.addEventListener("click", () => seek(failed.steps - 1 / this.track.dt));
+      lines.push(element("li", {}, jump));
+    }
     if (rulings.length === 0) lines.push(element("li", {}, recorded ? chip(recorded) : "not known"));
     return section("Verdict", element("ul", { className: "verdicts" }, ...lines));
   }
@@ -185,6 +188,22 @@ export class Panel {
     );
   }
 
+  // Where a bulb is: which hands press on it; else how high it is.
+  whereIs(name, step) {
+    const { frames } = this.doc.stage;
+    const around = this.track.around(step);
+    const sides = ["left", "right"].filter((side) =>
+      this.track.forces.some(
+        ({ by, frame }, index) =>
+          by === name && frames[frame].name.startsWith(side) && Math.hypot(...this.track.force(around, index)) > TOUCH,
+      ),
+    );
+    if (sides.length > 0) return sides.length === 2 ? "in both hands" : `in the ${sides[0]} hand`;
+    const position = [0, 0, 0];
+    this.track.poseAt(around, frames.findIndex((frame) => frame.name === name), position, [0, 0, 0, 1]);
+    return `free, ${Math.max(position[2], 0).toFixed(2)} m above the floor`;
+  }
+
   show(step) {
     const row = this.track.row(step);
     const flags = this.track.flags[row];
@@ -205,7 +224,7 @@ export class Panel {
       gate.text.textContent = text;
       gate.meter.value = (flags & gate.fired) !== 0 ? gate.window : Math.min(gate.runs[row], gate.window);
     }
-    const bulb = (flag) => ((flags & flag) !== 0 ? "in the socket" : "free");
+    const bulb = (name, flag) => ((flags & flag) !== 0 ? "in the socket" : this.whereIs(name, step));
     const limit = this.doc.conditions ? ` of ${this.doc.conditions.fragility_n} N` : "";
     const hurt = [
       [FLAG.broken, "broken"],
@@ -214,11 +233,12 @@ export class Panel {
       .filter(([flag]) => (flags & flag) !== 0)
       .map(([, name]) => `, a bulb is ${name}`)
       .join("");
-    const values = [`${this.track.handForce[row].toFixed(1)} N${limit}${hurt}`, bulb(FLAG.oldSeated), bulb(FLAG.freshSeated)];
+    const values = [`${this.track.handForce[row].toFixed(1)} N${limit}${hurt}`, bulb("old_bulb", FLAG.oldSeated), bulb("fresh_bulb", FLAG.freshSeated)];
     values.forEach((value, index) => {
       const reading = this.readings[index].value;
       if (reading.textContent !== value) reading.textContent = value;
     });
+    this.plots.show(step);
     return { freshSeated: (flags & FLAG.freshSeated) !== 0 };
   }
 }

@@ -1,5 +1,8 @@
 // The clock of a replay. It draws only when something has changed.
 
+// A frame that takes longer slows the replay down, s.
+const LONGEST_FRAME = 1;
+
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8];
 
 export class Player {
@@ -11,6 +14,8 @@ export class Player {
     this.playing = false;
     this.asked = false;
     this.before = null;
+    // Frames of the last second: when each was drawn, and the steps that it moved on.
+    this.recent = [];
     this.listeners = [];
   }
 
@@ -27,6 +32,7 @@ export class Player {
     if (!this.playing && this.step >= this.track.last) this.step = this.track.first;
     this.playing = !this.playing;
     this.before = null;
+    this.recent = [];
     this.changed();
     this.ask();
   }
@@ -55,6 +61,15 @@ export class Player {
     this.changed();
   }
 
+  // What is shown while it plays: times real time, and frames a second. None until a few frames are drawn.
+  rate() {
+    const last = this.recent.length - 1;
+    const span = last < 2 || !this.playing ? 0 : (this.recent[last].now - this.recent[0].now) / 1000;
+    if (span < 0.3) return null;
+    const moved = this.recent.slice(1).reduce((sum, frame) => sum + frame.moved, 0);
+    return { speed: moved / span, frames: last / span };
+  }
+
   ask() {
     if (this.asked) return;
     this.asked = true;
@@ -64,9 +79,12 @@ export class Player {
   frame(now) {
     this.asked = false;
     if (this.playing) {
-      const passed = this.before === null ? 0 : Math.min((now - this.before) / 1000, 0.25);
+      // A slow machine skips rows and keeps the time; a page that was hidden goes on where it was.
+      const passed = this.before === null ? 0 : Math.min((now - this.before) / 1000, LONGEST_FRAME);
       this.before = now;
       this.step += (passed * this.speed) / this.track.dt;
+      this.recent.push({ now, moved: passed * this.speed });
+      while (now - this.recent[0].now > 1000) this.recent.shift();
       if (this.step >= this.track.last) {
         this.step = this.track.last;
         this.playing = false;

@@ -4,12 +4,15 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 import { Arrows } from "./arrows.js";
+import { keyOf, lightOf, materialOf, paint, skyOf } from "./look.js";
 
-// Cells of the floor's grid from its middle to its edge, and the side of one, m.
-const GRID_CELLS = 24;
-const CELL = 0.5;
-const SHADOW_HALF = 3;
+const SHADOW_HALF = 3.2;
 const LIGHT_AWAY = 9;
+// What may hide the robot from a camera that follows.
+const OBSTACLES = ["bench", "crate", "fixture", "ladder", "room"];
+// Bearings that are tried, from the camera's own, and the most it turns in a frame, rad.
+const TURNS = [0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5, 6].map((step) => (step * Math.PI) / 9);
+const TURN_A_FRAME = 0.03;
 
 export class Stage {
   // `changed` is called when the camera has moved and a picture is needed.
@@ -22,10 +25,8 @@ export class Stage {
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.shadowMap.enabled = true;
-    this.renderer.shadowMap.type = THREE.PCFSoftShadowMap;
-    this.renderer.toneMapping = THREE.NeutralToneMapping;
+    this.renderer.shadowMap.type = THREE.BasicShadowMap;
     this.scene = new THREE.Scene();
-    this.scene.fog = new THREE.Fog(0, 14, 38);
     this.addLight(doc.stage.light);
     this.addSurfaces(doc.stage, meshes);
     this.arrows = new Arrows(track.forces);
@@ -42,18 +43,10 @@ export class Stage {
   }
 
   addLight(light) {
-    this.scene.add(new THREE.HemisphereLight(0xffffff, 0xd2cec6, 2.7 * light.dome));
-    const key = new THREE.DirectionalLight(new THREE.Color().setRGB(...light.key_colour), 2.0 * light.key);
-    key.castShadow = true;
-    key.shadow.mapSize.set(2048, 2048);
-    key.shadow.normalBias = 0.02;
-    key.shadow.bias = -0.0004;
-    const shadow = key.shadow.camera;
-    [shadow.left, shadow.right, shadow.bottom, shadow.top] = [-SHADOW_HALF, SHADOW_HALF, -SHADOW_HALF, SHADOW_HALF];
-    [shadow.near, shadow.far] = [0.5, 2 * LIGHT_AWAY];
-    this.key = key;
+    this.look = lightOf(light);
+    this.key = keyOf(this.look, SHADOW_HALF, LIGHT_AWAY);
     this.towardsKey = new THREE.Vector3(...light.key_direction).multiplyScalar(-LIGHT_AWAY);
-    this.scene.add(key, key.target);
+    this.scene.add(this.key, this.key.target, skyOf(this.look));
     // The lamp itself, where the fresh bulb is in its socket.
     this.lamp = new THREE.PointLight(0xffd894, 0, 6, 2);
     this.scene.add(this.lamp);
@@ -66,10 +59,11 @@ export class Stage {
       return frame;
     });
     this.frameOf = Object.fromEntries(stage.frames.map((frame, index) => [frame.name, index]));
-    const materials = stage.materials.map(materialOf);
+    const materials = stage.materials.map((material) => materialOf(material, this.look));
     this.lights = stage.materials.flatMap(({ lit }, index) => {
       return lit === null ? [] : [{ material: materials[index], off: stage.materials[index], on: stage.materials[lit] }];
     });
+    this.obstacles = [];
     for (const mesh of stage.meshes) {
       const geometry = new THREE.BufferGeometry();
       const from = 3 * mesh.first_vertex;
@@ -86,38 +80,9 @@ export class Stage {
       );
       object.castShadow = mesh.shadow;
       object.receiveShadow = true;
+      if (OBSTACLES.includes(mesh.part)) this.obstacles.push(object);
       (mesh.frame === null ? this.scene : this.frames[mesh.frame]).add(object);
-      if (mesh.part === "floor") this.addGrid(object);
     }
-  }
-
-  // Tiles of half a metre, to see by how far something moves.
-  addGrid(floor) {
-    floor.material.forEach((material) => {
-      Object.assign(material, { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 });
-    });
-    const points = [];
-    for (let i = -GRID_CELLS; i <= GRID_CELLS; i += 1) {
-      // In short pieces: a line that reaches behind the camera is lost in some software renderers.
-      for (let j = -GRID_CELLS; j < GRID_CELLS; j += 1) {
-        points.push(i * CELL, j * CELL, 0, i * CELL, (j + 1) * CELL, 0, j * CELL, i * CELL, 0, (j + 1) * CELL, i * CELL, 0);
-      }
-    }
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
-    const grid = new THREE.LineSegments(
-      geometry,
-      new THREE.LineBasicMaterial({ color: 0x000000, transparent: true, opacity: 0.14, depthWrite: false }),
-    );
-    // A little above the floor: lines and surfaces of one height are not sorted alike.
-    grid.position.z = 0.002;
-    this.scene.add(grid);
-  }
-
-  setTheme({ page }) {
-    const colour = new THREE.Color(page);
-    this.scene.background = colour;
-    this.scene.fog.color = colour;
   }
 
   resize() {
@@ -145,6 +110,47 @@ export class Stage {
     this.controls.update();
   }
 
+  // Keeps the robot in the middle from now on, or lets it go.
+  follow(is) {
+    this.following = is;
+    if (!is) return;
+    const moved = new THREE.Vector3(0, 0, 0.3).add(this.frames[0].position).sub(this.controls.target);
+    this.controls.target.add(moved);
+    this.camera.position.add(moved);
+  }
+
+  // Turns about the robot to the nearest bearing from which most of it is seen, at once or bit by bit.
+  keepInSight(isPlaying) {
+    const target = this.controls.target;
+    const away = this.camera.position.clone().sub(target);
+    const turned = (angle) => away.clone().applyAxisAngle(this.camera.up, angle);
+    let [found, least] = [0, Infinity];
+    for (const angle of TURNS) {
+      const hidden = this.hiddenFrom(target.clone().add(turned(angle)));
+      if (hidden < least) [found, least] = [angle, hidden];
+      if (hidden === 0) break;
+    }
+    if (found === 0) return;
+    const angle = isPlaying ? Math.sign(found) * Math.min(Math.abs(found), TURN_A_FRAME) : found;
+    this.camera.position.copy(target).add(turned(angle));
+    this.camera.lookAt(target);
+  }
+
+  // How many of pelvis, head and a knee something hides from a place.
+  hiddenFrom(eye) {
+    const ray = new THREE.Raycaster();
+    const head = new THREE.Vector3(0, 0, 0.42);
+    const points = [this.frames[0].position, head.applyQuaternion(this.frames[0].quaternion).add(this.frames[0].position)];
+    const knee = this.frames[this.frameOf.left_knee_link];
+    if (knee) points.push(knee.position);
+    return points.filter((point) => {
+      const to = point.clone().sub(eye);
+      ray.set(eye, to.clone().normalize());
+      ray.far = to.length();
+      return ray.intersectObjects(this.obstacles, false).length > 0;
+    }).length;
+  }
+
   // Looks from where another picture does: from its robot to its robot, where the camera follows.
   copyView(other) {
     const moved = new THREE.Vector3();
@@ -162,7 +168,7 @@ export class Stage {
     });
   }
 
-  draw(step, { freshSeated }) {
+  draw(step, { freshSeated }, isPlaying = false) {
     this.resize();
     const around = this.track.around(step);
     this.place(around);
@@ -172,6 +178,7 @@ export class Stage {
       this.controls.target.add(moved);
       this.camera.position.add(moved);
       this.camera.lookAt(this.controls.target);
+      if (moved.lengthSq() > 0) this.keepInSight(isPlaying);
     }
     this.pelvis.copy(pelvis);
     this.arrows.show(this.track, around, this.frames);
@@ -187,19 +194,4 @@ export class Stage {
     this.lamp.position.set(0, 0, 0.14).applyQuaternion(bulb.quaternion).add(bulb.position);
     for (const { material, off, on: lit } of this.lights) paint(material, on ? lit : off);
   }
-}
-
-function materialOf(look) {
-  const material = new THREE.MeshStandardMaterial();
-  paint(material, look);
-  return material;
-}
-
-function paint(material, { colour, roughness, mirror, glow }) {
-  material.color.setRGB(...colour);
-  material.emissive.setRGB(...colour);
-  material.emissiveIntensity = glow;
-  material.roughness = Math.max(roughness, 0.25);
-  // There is nothing around to be mirrored: a little keeps the highlights, more would only darken.
-  material.metalness = Math.min(mirror, 0.2);
 }

@@ -6,18 +6,19 @@ use std::path::Path as FilePath;
 use std::sync::Arc;
 
 use axum::Router;
-use axum::body::{Body, Bytes};
+use axum::body::Body;
 use axum::extract::{Path, Request, State};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
 use tokio::fs::File;
 
+use crate::Packed;
 use crate::page::Page;
 use crate::serve::Shelf;
 use crate::shown::Shown;
-use crate::site::{guarded, page_part, whole_file};
+use crate::site::{for_ever, guarded, page_part, whole_file};
 
 const HTML: &str = "text/html; charset=utf-8";
 const TEXT: &str = "text/plain; charset=utf-8";
@@ -32,7 +33,9 @@ pub(crate) fn router(shelf: Arc<Shelf>, port: u16) -> Router {
         .route("/episode/{index}/document.json", get(document))
         .route("/episode/{index}/meshes.bin", get(meshes))
         .route("/episode/{index}/track.bin", get(track))
+        .route("/episode/{index}/joints.bin", get(joints))
         .route("/episode/{index}/bag", get(bag))
+        .route("/shapes/{digest}", get(shapes))
         .route("/page/{file}", get(page_file))
         .fallback(|| async { problem(StatusCode::NOT_FOUND, "nothing is at this address; start at /") })
         .layer(from_fn_with_state(port, guard))
@@ -48,7 +51,7 @@ async fn guard(State(port): State<u16>, request: Request, next: Next) -> Respons
     } else {
         problem(StatusCode::MISDIRECTED_REQUEST, "this server answers only to 127.0.0.1 and localhost with its port")
     };
-    answer.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    answer.headers_mut().entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     guarded(answer)
 }
 
@@ -71,28 +74,40 @@ async fn episode(State(shelf): State<Arc<Shelf>>, Path(index): Path<String>) -> 
     }
 }
 
-async fn document(state: State<Arc<Shelf>>, index: Path<String>) -> Response {
-    part(state, index, JSON, |shown| shown.document).await
+async fn document(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+    part(state, asked, index, JSON, |shown| shown.document).await
 }
 
-async fn meshes(state: State<Arc<Shelf>>, index: Path<String>) -> Response {
-    part(state, index, BYTES, |shown| shown.meshes).await
+async fn meshes(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+    part(state, asked, index, BYTES, |shown| shown.meshes).await
 }
 
-async fn track(state: State<Arc<Shelf>>, index: Path<String>) -> Response {
-    part(state, index, BYTES, |shown| shown.track).await
+async fn track(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+    part(state, asked, index, BYTES, |shown| shown.track).await
+}
+
+async fn shapes(State(shelf): State<Arc<Shelf>>, asked: HeaderMap, Path(digest): Path<String>) -> Response {
+    match shelf.desk.block(&digest) {
+        Some(block) => for_ever(block.answer(&asked, BYTES)),
+        None => problem(StatusCode::NOT_FOUND, "no replay with these shapes was opened lately"),
+    }
+}
+
+async fn joints(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+    part(state, asked, index, BYTES, |shown| shown.joints).await
 }
 
 async fn part(
     State(shelf): State<Arc<Shelf>>,
+    asked: HeaderMap,
     Path(index): Path<String>,
     kind: &'static str,
-    part: fn(Shown) -> Bytes,
+    part: fn(Shown) -> Packed,
 ) -> Response {
     let Some(index) = index_of(&index) else { return no_episode(&shelf) };
     let reader = Arc::clone(&shelf);
     match tokio::task::spawn_blocking(move || reader.show(index)).await {
-        Ok(Some(Ok(shown))) => content(kind, part(shown)),
+        Ok(Some(Ok(shown))) => part(shown).answer(&asked, kind),
         Ok(Some(Err(error))) => problem(StatusCode::UNPROCESSABLE_ENTITY, &in_full(&error)),
         Ok(None) => no_episode(&shelf),
         Err(_) => problem(StatusCode::INTERNAL_SERVER_ERROR, "the bag cannot be read"),

@@ -34,6 +34,21 @@ pub enum ReplayError {
         /// What is wrong with its rows, each fault on its own line.
         details: String,
     },
+    /// Drawing was stopped before there was a picture.
+    #[error("drawing {} took longer than it may", bag.display())]
+    Stopped {
+        /// Path of the bag.
+        bag: PathBuf,
+    },
+    /// A picture cannot be drawn.
+    #[error("cannot draw {}", bag.display())]
+    Picture {
+        /// Path of the bag.
+        bag: PathBuf,
+        /// Why not.
+        #[source]
+        source: fiatlux_render::RenderError,
+    },
     /// The folder holds no bag.
     #[error("there is no bag in {}; name an .mcap file, or a folder with some", folder.display())]
     NoBags {

@@ -5,6 +5,7 @@
 //! Bag -> Replay                document, shapes and rows as bytes: a page that shows them needs no kinematics
 //! Bags -> Viewer::serve        a server on the loopback interface: a list of episodes, a page for each
 //! Replay -> standalone         the page and its data in one file
+//! Poster                       a still and a short clip of an episode
 //! Desk, site                   the same in pages of another server, one replay or two side by side
 //! ```
 //!
@@ -29,7 +30,9 @@ mod bags;
 mod conditions;
 mod error;
 mod events;
+mod packed;
 mod page;
+mod poster;
 mod replay;
 mod rows;
 mod scene;
@@ -44,10 +47,12 @@ pub use bags::{Bags, Entry, Listing, RecordedRuling};
 pub use conditions::{Conditions, CriterionName, Ruling, flag};
 pub use error::ReplayError;
 pub use events::Happening;
+pub use packed::Packed;
+pub use poster::Poster;
 pub use replay::{Document, EpisodeInfo, REPLAY_VERSION, Replay, TrackInfo, differences};
 pub use rows::{Faults, Rows};
-pub use scene::{Frame, Group, Light, Material, Mesh, Stage};
+pub use scene::{Block, Frame, Group, Light, Material, Mesh, Stage};
 pub use serve::Viewer;
 pub use shown::{Desk, Shown};
 pub use standalone::standalone;
-pub use track::{ForceName, MAGIC, MOST_KEPT, POSE, TRACK_VERSION};
+pub use track::{ForceName, JointName, MAGIC, MOST_KEPT, POSE, TRACK_VERSION};

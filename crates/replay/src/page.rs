@@ -22,17 +22,20 @@ macro_rules! asset {
 pub(crate) const STYLE: Asset = asset!("page", "style.css");
 
 /// JavaScript modules: ours, and those of three.js.
-pub(crate) const MODULES: [Asset; 13] = [
+pub(crate) const MODULES: [Asset; 16] = [
     asset!("page", "arrows.js"),
     asset!("page", "bar.js"),
     asset!("page", "controls.js"),
     asset!("page", "data.js"),
     asset!("page", "list.js"),
+    asset!("page", "look.js"),
     asset!("page", "main.js"),
     asset!("page", "pair.js"),
     asset!("page", "panel.js"),
     asset!("page", "player.js"),
+    asset!("page", "plots.js"),
     asset!("page", "stage.js"),
+    asset!("page", "words.js"),
     asset!("vendor/three", "OrbitControls.js"),
     asset!("vendor/three", "three.core.min.js"),
     asset!("vendor/three", "three.module.min.js"),

@@ -17,10 +17,10 @@ use crate::events::{Happening, happenings};
 use crate::rows::Rows;
 use crate::scene::Stage;
 use crate::text::short;
-use crate::track::{ForceName, MOST_KEPT, POSE, Track};
+use crate::track::{ForceName, JointName, MOST_KEPT, POSE, Track, joint_names};
 
 /// Limit on the number of rows and on their steps: the longest task has 72,001 rows.
-const MOST_ROWS: usize = 200_000;
+pub(crate) const MOST_ROWS: usize = 200_000;
 
 /// Version of the JSON document.
 pub const REPLAY_VERSION: u32 = 1;
@@ -92,6 +92,8 @@ pub struct TrackInfo {
     pub span: [u32; 2],
     /// The contact forces of a kept row, in order.
     pub forces: Vec<ForceName>,
+    /// The robot's joints, in the order of [`Replay::joints`].
+    pub joints: Vec<JointName>,
 }
 
 /// A bag in the form that a browser needs: a document and two blocks of bytes.
@@ -99,11 +101,12 @@ pub struct TrackInfo {
 pub struct Replay {
     document: Document,
     track: Vec<u8>,
+    joints: Vec<u8>,
 }
 
 impl Replay {
-    /// Reads a bag, whole or cut. [`Document::notes`] lists what cannot be shown. It takes 2 kB of memory for each row,
-    /// and at most 50 MB. It does not check whether the bag proves what it shows; grading does.
+    /// Reads a bag, whole or cut. [`Document::notes`] lists what cannot be shown. It takes 2.6 kB of memory for each
+    /// row, and at most 65 MB. It does not check whether the bag proves what it shows; grading does.
     ///
     /// # Errors
     /// [`ReplayError`]: the bag cannot be opened, its header gives no scene, or none of its rows can be drawn.
@@ -157,6 +160,7 @@ impl Replay {
                 width: track.width(),
                 span,
                 forces: track.force_names(),
+                joints: joint_names(&scene.robot),
             },
             conditions: referee.as_ref().map(Referee::conditions),
             rulings: referee.as_ref().map_or_else(Vec::new, Referee::rulings),
@@ -164,7 +168,7 @@ impl Replay {
             events,
             notes,
         };
-        Ok(Self { document, track: track.bytes() })
+        Ok(Self { document, track: track.bytes(), joints: track.joint_bytes() })
     }
 
     /// Changes the name under which the bag's file is shown.
@@ -198,9 +202,10 @@ impl Replay {
         &self.track
     }
 
-    /// Moves out [`Replay::meshes`] and [`Replay::track`] without a copy.
-    pub fn into_bytes(self) -> (Vec<u8>, Vec<u8>) {
-        (self.document.stage.bytes, self.track)
+    /// The joints in the kept rows, little-endian f32: for each row the angles (rad), then the targets (rad), then the
+    /// efforts (N m) of all joints.
+    pub fn joints(&self) -> &[u8] {
+        &self.joints
     }
 }
 

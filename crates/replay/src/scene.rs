@@ -3,11 +3,14 @@
 //! Shapes and colours come from [`fiatlux_render`]. Each surface belongs to a frame; the rows hold the poses of the
 //! frames.
 
+use std::ops::Range;
+
 use fiatlux_render::{Carrier, Lighting, Visuals, paints};
 use fiatlux_robot::Robot;
 use fiatlux_rules::Bulb;
 use fiatlux_world::{Scene, ShapeOwner};
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 
 /// Frames of things other than the robot; they come after its links.
 pub(crate) const PROPS: [&str; 3] = ["ladder", "old_bulb", "fresh_bulb"];
@@ -66,11 +69,24 @@ pub struct Mesh {
     pub shadow: bool,
 }
 
+/// A part of the shapes that other episodes may have too: a page fetches it once, by its digest.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Block {
+    /// SHA-256 of its bytes, see [`Stage::block_bytes`]; 64 hexadecimal digits.
+    pub digest: String,
+    /// Number of its vertices. Blocks follow each other, in order of vertices and of indices.
+    pub vertices: usize,
+    /// Number of its indices.
+    pub indices: usize,
+}
+
 /// The light of an episode.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Light {
     /// Strength of the ambient light; 1 is the benchmark's nominal light.
     pub dome: f64,
+    /// Bearing of the ambient light's brighter side, rad from +x towards +y.
+    pub dome_yaw: f64,
     /// Strength of the key light; 1 is the nominal light.
     pub key: f64,
     /// Colour of the key light, linear.
@@ -92,12 +108,17 @@ pub struct Stage {
     pub vertices: usize,
     /// Number of indices of all surfaces.
     pub indices: usize,
+    /// The surfaces of the robot, which all episodes share, and those of ladder, bulbs and room.
+    pub blocks: [Block; 2],
     /// The light of this episode.
     pub light: Light,
     /// Little-endian: positions (three f32 for each vertex, m, in its frame), normals (three f32 for each vertex),
     /// indices (u32 each).
     #[serde(skip)]
     pub bytes: Vec<u8>,
+    /// The same in the order of `blocks`, each in that layout.
+    #[serde(skip)]
+    pub block_bytes: [Vec<u8>; 2],
 }
 
 impl Stage {
@@ -107,7 +128,10 @@ impl Stage {
         let links = scene.robot.links().len();
         let (mut positions, mut normals, mut indices) = (Vec::new(), Vec::new(), Vec::<u32>::new());
         let mut meshes = Vec::new();
-        for surface in visuals.surfaces() {
+        let mut surfaces: Vec<_> = visuals.surfaces().collect();
+        surfaces.sort_by_key(|surface| !matches!(surface.carrier(), Carrier::Link(_)));
+        let mut robot = (0, 0);
+        for surface in surfaces {
             let mut triangles: Vec<([u32; 3], usize)> = surface.triangles().collect();
             triangles.sort_by_key(|(_, paint)| *paint);
             let mut groups = Vec::new();
@@ -131,16 +155,32 @@ impl Stage {
             });
             positions.extend_from_slice(surface.positions());
             normals.extend_from_slice(surface.normals());
+            if matches!(surface.carrier(), Carrier::Link(_)) {
+                robot = (positions.len(), indices.len());
+            }
         }
-        let floats = positions.iter().chain(&normals).flatten().flat_map(|number| number.to_le_bytes());
-        let bytes = floats.chain(indices.iter().flat_map(|index| index.to_le_bytes())).collect();
+        let pack = |vertices: Range<usize>, range: Range<usize>| -> Vec<u8> {
+            let floats = positions[vertices.clone()].iter().chain(&normals[vertices]).flatten();
+            let floats = floats.flat_map(|number| number.to_le_bytes());
+            floats.chain(indices[range].iter().flat_map(|index| index.to_le_bytes())).collect()
+        };
+        let parts = [(0..robot.0, 0..robot.1), (robot.0..positions.len(), robot.1..indices.len())];
+        let block_bytes = parts.clone().map(|(vertices, indices)| pack(vertices, indices));
+        let [of_robot, of_room] = [0, 1].map(|part| Block {
+            digest: Sha256::digest(&block_bytes[part]).iter().map(|byte| format!("{byte:02x}")).collect(),
+            vertices: parts[part].0.len(),
+            indices: parts[part].1.len(),
+        });
+        let bytes = pack(0..positions.len(), 0..indices.len());
         Self {
             frames: frames(&scene.robot),
             materials: materials(lighting),
             meshes,
             vertices: positions.len(),
             indices: indices.len(),
+            blocks: [of_robot, of_room],
             light: light(lighting),
+            block_bytes,
             bytes,
         }
     }
@@ -177,6 +217,7 @@ fn light(lighting: &Lighting) -> Light {
     let direction = lighting.key_direction.try_normalize(1e-9).unwrap_or_else(|| -nalgebra::Vector3::z());
     Light {
         dome: lighting.dome / nominal.dome,
+        dome_yaw: lighting.dome_yaw,
         key: lighting.key / nominal.key,
         key_colour: lighting.key_colour,
         key_direction: direction.into(),

@@ -74,7 +74,7 @@ pub(crate) struct Shelf {
     pub bags: Bags,
     pub list: Page,
     pub replay: Page,
-    desk: Desk,
+    pub desk: Desk,
 }
 
 impl Shelf {

@@ -80,6 +80,13 @@ pub fn guarded(mut answer: Response) -> Response {
     answer
 }
 
+/// An answer whose address names its content by a digest: a browser may keep it.
+pub fn for_ever(mut answer: Response) -> Response {
+    let kept = HeaderValue::from_static("public, max-age=31536000, immutable");
+    answer.headers_mut().insert(header::CACHE_CONTROL, kept);
+    answer
+}
+
 /// A file as the body of an answer, one block of it in memory at a time.
 pub fn whole_file(file: File) -> Body {
     Body::from_stream(Blocks { file, block: vec![0; BLOCK] })

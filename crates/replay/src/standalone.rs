@@ -14,6 +14,7 @@ pub fn standalone(replay: &Replay) -> String {
         ("document.json", replay.document_json().as_bytes()),
         ("meshes.bin", replay.meshes()),
         ("track.bin", replay.track()),
+        ("joints.bin", replay.joints()),
     ] {
         data.push_str(&format!("<script type=\"application/octet-stream\" id=\"block-{name}\">"));
         STANDARD.encode_string(bytes, &mut data);

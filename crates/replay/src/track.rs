@@ -30,6 +30,22 @@ pub struct ForceName {
     pub frame: usize,
 }
 
+/// A joint of the robot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct JointName {
+    /// Name of the joint, such as `left_knee_joint`.
+    pub name: String,
+    /// Limit on the effort of its drive, N m.
+    pub effort_limit: f64,
+}
+
+/// The joints of a robot, in the order of rows.
+pub(crate) fn joint_names(robot: &Robot) -> Vec<JointName> {
+    let name =
+        |joint: &fiatlux_robot::Joint| JointName { name: joint.name.clone(), effort_limit: joint.gains.effort_limit };
+    robot.joints().iter().map(name).collect()
+}
+
 /// Collects rows into a track, and thins out their poses.
 #[derive(Debug)]
 pub(crate) struct Track {
@@ -41,6 +57,8 @@ pub(crate) struct Track {
     kept_steps: Vec<u32>,
     /// Poses of all frames, then forces, of each kept row.
     kept: Vec<f32>,
+    /// Angle, target and effort of all joints, of each kept row.
+    joints: Vec<f32>,
     steps: Vec<u32>,
     flags: Vec<u32>,
     hand_force: Vec<f32>,
@@ -69,6 +87,7 @@ impl Track {
             stride: 1,
             kept_steps: Vec::new(),
             kept: Vec::new(),
+            joints: Vec::new(),
             steps: Vec::new(),
             flags: Vec::new(),
             hand_force: Vec::new(),
@@ -87,6 +106,8 @@ impl Track {
             self.kept_steps.push(step);
             let props = [row.ladder.pose, row.bulbs[0].pose, row.bulbs[1].pose];
             self.kept.extend(links.iter().chain(&props).flat_map(pose));
+            let joints = [&row.joint_position, &row.joint_target, &row.joint_effort];
+            self.joints.extend(joints.into_iter().flatten().map(|number| *number as f32));
             for force in &self.forces {
                 self.kept.extend(force.of.read(row).iter().map(|number| *number as f32));
             }
@@ -105,14 +126,16 @@ impl Track {
 
     /// Drops every second kept row.
     fn thin_out(&mut self) {
-        let width = self.width();
+        let (width, joints) = (self.width(), self.joints.len() / self.kept_steps.len().max(1));
         let kept = self.kept_steps.len().div_ceil(2);
         for index in 1..kept {
             self.kept_steps[index] = self.kept_steps[2 * index];
             self.kept.copy_within(2 * index * width..(2 * index + 1) * width, index * width);
+            self.joints.copy_within(2 * index * joints..(2 * index + 1) * joints, index * joints);
         }
         self.kept_steps.truncate(kept);
         self.kept.truncate(kept * width);
+        self.joints.truncate(kept * joints);
         self.stride *= 2;
     }
 
@@ -144,6 +167,11 @@ impl Track {
     /// The forces of a kept row, in order.
     pub fn force_names(&self) -> Vec<ForceName> {
         self.forces.iter().map(|force| force.name.clone()).collect()
+    }
+
+    /// The joints of the kept rows as bytes, in the layout that [`Replay::joints`](crate::Replay::joints) describes.
+    pub fn joint_bytes(&self) -> Vec<u8> {
+        self.joints.iter().flat_map(|number| number.to_le_bytes()).collect()
     }
 
     /// The track as bytes, in the layout that [`Replay::track`](crate::Replay::track) describes.

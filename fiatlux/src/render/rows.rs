@@ -1,35 +1,9 @@
-//! What of a row matters to a camera, and the choice of the rows that become frames.
+//! The choice of the rows that become frames.
 
-use fiatlux_rules::{CONTROL_DT, Row};
-use nalgebra::{Isometry3, Vector3};
+use fiatlux_rules::CONTROL_DT;
 
 /// Rows of a bag in a simulated second.
 pub const ROW_RATE: u32 = 50;
-
-/// What of a row a camera follows.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Spot {
-    pub step: u64,
-    pub pelvis: Isometry3<f64>,
-    pub ladder: Isometry3<f64>,
-    /// m, world, as the following.
-    pub lamp: Vector3<f64>,
-    pub fresh_bulb: Vector3<f64>,
-    pub crate_: Vector3<f64>,
-}
-
-impl Spot {
-    pub fn of(row: &Row) -> Self {
-        Self {
-            step: row.step,
-            pelvis: row.robot.pose,
-            ladder: row.ladder.pose,
-            lamp: row.fixture.translation.vector,
-            fresh_bulb: row.bulbs[1].pose.translation.vector,
-            crate_: row.crate_.translation.vector,
-        }
-    }
-}
 
 /// Which rows become frames.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,31 +1,20 @@
 //! Views, how they share a picture, and the camera of each in each row.
 
-use std::f64::consts::{PI, TAU};
 use std::str::FromStr;
 
+use fiatlux_render::framing::{Aim, FOLLOW_ELEVATION, Focus, Spot, best_bearing, corners};
 use fiatlux_render::{Camera, Image, Lighting, Renderer, Visuals};
 use fiatlux_rules::{Row, Task};
-use fiatlux_world::{Scene, ShapeOwner};
+use fiatlux_world::Scene;
 use nalgebra::Vector3;
 
-use super::framing::{Aim, Focus, between, corners, heading};
-use super::rows::Spot;
-
-/// Bearings that the following camera chooses from.
-const BEARINGS: usize = 24;
-/// Height of the following camera over what it looks at, as an angle, rad.
-const FOLLOW_ELEVATION: f64 = 0.21;
-/// The same of the view of the room, and its bearing, rad.
+/// Height of the camera of the room over what it looks at, as an angle, and its bearing, rad.
 const ROOM_ELEVATION: f64 = 0.55;
 const ROOM_BEARING: f64 = -0.80;
 /// How far inside of the walls the view of the room has its rim, m.
 const ROOM_INSET: f64 = 0.7;
 /// Width of an inset's border, pixels.
 const BORDER: usize = 2;
-/// Size of the pictures from which a bearing is chosen, pixels.
-const TRIAL: [usize; 2] = [96, 54];
-/// Bearing from a robot's heading that shows face and hands best, and how far others may be, rad.
-const BEST_SIDE: [f64; 2] = [0.9, 0.8];
 
 /// A view of an episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -197,7 +186,8 @@ impl Rig {
             View::Room => Mount::Fixed(room(subject, picture.fov, pane.aspect())),
             View::Follow => {
                 let focus = Focus::of(subject.task);
-                let bearing = best_bearing(subject, focus, picture.fov, pane.aspect());
+                let lens = [picture.fov, pane.aspect()];
+                let bearing = best_bearing(subject.visuals, subject.light, subject.samples, focus, lens);
                 let aim = Aim::from(bearing, FOLLOW_ELEVATION, picture.fov, pane.aspect());
                 let path = aim.path(subject.spots, focus, subject.speed);
                 Mount::Path(aim, path)
@@ -237,52 +227,6 @@ fn room(subject: &Subject<'_>, fov: f64, aspect: f64) -> Camera {
         centers.into_iter().flat_map(|center| corners([1.2, 1.2, 2.4]).map(move |p| center + p)).collect()
     };
     aim.camera(aim.fit(&points))
-}
-
-/// The bearing from which most of the robot, its front, and the lamp are seen: tried out in small pictures.
-fn best_bearing(subject: &Subject<'_>, focus: Focus, fov: f64, aspect: f64) -> f64 {
-    let [width, height] = TRIAL;
-    let mut renderer = Renderer::new(width, height);
-    let mut score = |bearing: f64| {
-        let aim = Aim::from(bearing, FOLLOW_ELEVATION, fov, aspect);
-        let of_row = |row: &Row| {
-            let camera = aim.camera(aim.fit_spot(&Spot::of(row), focus));
-            renderer.render(subject.visuals, row, &camera, subject.light);
-            let side = between(bearing, heading(&row.robot.pose)) - BEST_SIDE[0];
-            let front = 1.0 + 0.5 * libm::exp(-(side / BEST_SIDE[1]).powi(2));
-            seen(&renderer) * front * if is_behind_wall(row, bearing) { 0.5 } else { 1.0 }
-        };
-        subject.samples.iter().map(of_row).sum::<f64>()
-    };
-    let bearings = (0..BEARINGS).map(|i| i as f64 / BEARINGS as f64 * TAU - PI);
-    let scored: Vec<(f64, f64)> = bearings.map(|bearing| (bearing, score(bearing))).collect();
-    // The first of equals, so that the same bag gives the same clip.
-    scored.iter().fold((0.0, f64::NEG_INFINITY), |best, next| if next.1 > best.1 { *next } else { best }).0
-}
-
-/// Whether the lamp is on a wall and is seen from behind that wall.
-fn is_behind_wall(row: &Row, bearing: f64) -> bool {
-    let out = row.fixture.rotation * Vector3::z();
-    let towards_camera = Vector3::new(libm::cos(bearing), libm::sin(bearing), 0.0);
-    out.z.abs() < 0.5 && out.dot(&towards_camera) < -0.01
-}
-
-/// How much a picture shows: the size of the robot, and whether ladder, lamp, and the room behind are there.
-fn seen(renderer: &Renderer) -> f64 {
-    let [width, height] = TRIAL;
-    let (mut robot, mut ladder, mut lamp, mut room) = (0, 0, 0, 0);
-    for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
-        match renderer.owner(x, y) {
-            Some(ShapeOwner::Robot(_)) => robot += 1,
-            Some(ShapeOwner::Ladder) => ladder += 1,
-            Some(ShapeOwner::Fixture | ShapeOwner::OldBulb | ShapeOwner::FreshBulb) => lamp += 1,
-            Some(ShapeOwner::Room) => room += 1,
-            _ => {}
-        }
-    }
-    let share = |pixels: i32| f64::from(pixels) / (width * height) as f64;
-    let there = |pixels: i32, enough: i32| f64::from(pixels.min(enough)) / f64::from(enough);
-    share(robot).sqrt() + 0.06 * there(ladder, 20) + 0.06 * there(lamp, 4) + 0.02 * share(room)
 }
 
 #[cfg(test)]

@@ -62,9 +62,9 @@ pub(super) fn px(value: f64) -> String {
     text.strip_suffix(".0").map_or(text.clone(), str::to_owned)
 }
 
-/// A share as a percentage.
-pub(super) fn percent(share: f64) -> String {
-    format!("{:.1}\u{202f}%", 100.0 * share)
+/// A share, from 0 to 1 as all numbers of the page that have such a scale.
+pub(super) fn share(share: f64) -> String {
+    format!("{share:.2}")
 }
 
 #[cfg(test)]

@@ -8,56 +8,76 @@ use super::markup::{escape, shell_word};
 use crate::tables::{force, seeds};
 use crate::{Results, TaskResult};
 
-/// Writes a table of tasks.
+/// Writes a table of tasks. On narrow screens each row is a card, whose cells have their own labels.
 pub(super) fn task_table(out: &mut String, tasks: &[TaskResult], scored: bool) {
-    let score_head = if scored { "<th>Score s</th>" } else { "" };
+    let score_head = if scored { "<th role=\"columnheader\" scope=\"col\">Score s</th>" } else { "" };
     let columns = if scored { 3 } else { 2 };
+    let head = |name: &str| format!("<th role=\"columnheader\" scope=\"col\">{name}</th>");
+    let heads = |names: &[&str]| names.iter().map(|name| head(name)).collect::<String>();
     let _ = write!(
         out,
-        "<table><thead><tr><td></td><td></td><th class=\"c\" colspan=\"{columns}\">strict</th><th class=\"c\" colspan=\"{}\">\
-         published</th><td></td><td></td><td></td><td></td><td></td></tr><tr><th class=\"l\">Task</th><th>n</th>\
-         <th>Success</th><th>Gate<br>progress</th>{score_head}<th>Clean<br>success</th><th>Success</th><th>Gate<br>progress</th>\
-         {score_head}<th>Broken</th><th>Dropped</th><th>Peak hand<br>force, N</th><th>Control<br>effort</th><th>Length,<br>s\
-         </th></tr></thead><tbody>",
-        columns + 1
+        "<table class=\"by-task\" role=\"table\"><thead role=\"rowgroup\"><tr role=\"row\"><td role=\"cell\"></td><td role=\"cell\"></td>\
+         <th class=\"c\" colspan=\"{columns}\" role=\"columnheader\">strict</th><th class=\"c\" colspan=\"{}\" role=\"columnheader\">published</th>\
+         {}</tr><tr role=\"row\"><th class=\"l\" role=\"columnheader\" scope=\"col\">Task</th>{}{score_head}{}{score_head}{}</tr></thead>\
+         <tbody role=\"rowgroup\">",
+        columns + 1,
+        "<td role=\"cell\"></td>".repeat(5),
+        heads(&["n", "Success", "Gate<br>progress"]),
+        heads(&["Clean<br>success", "Success", "Gate<br>progress"]),
+        heads(&["Broken", "Dropped", "Peak hand<br>force, N", "Control<br>effort", "Length,<br>s"]),
     );
-    let none = "<td>\u{2013}</td>";
     for task in tasks {
-        let score = |mean: Option<f64>, std: Option<f64>| match (scored, mean, std) {
-            (true, Some(mean), Some(std)) => {
-                format!("<td>{mean:.3} <span class=\"ci\">\u{b1}\u{202f}{std:.3}</span></td>")
-            }
-            (true, Some(mean), None) => format!("<td>{mean:.3}</td>"),
-            (true, None, _) => none.into(),
-            (false, ..) => String::new(),
-        };
-        let strict = task.strict_success_rate.zip(task.strict_success_interval);
         let _ = write!(
             out,
-            "<tr><td class=\"l\"><b>{}</b> {}</td><td>{}</td>{}{}{}{}{}<td>{:.2}</td>{}<td>{:.2}</td><td>{:.2}</td>\
-             <td>{}</td><td>{:.2}</td><td>{:.1}</td></tr>",
+            "<tr role=\"row\"><th class=\"l\" role=\"rowheader\" scope=\"row\"><b>{}</b> {}</th>",
             escape(&task.id),
-            escape(&task.name),
-            task.episodes,
-            strict.map_or(none.into(), |(value, interval)| rate(value, interval)),
-            task.strict_progress.map_or(none.into(), |progress| format!("<td>{progress:.2}</td>")),
-            score(task.strict_score_mean, task.strict_score_std),
-            rate(task.clean_success_rate, task.clean_success_interval),
-            rate(task.success_rate, task.success_interval),
-            task.gate_progress,
-            score(Some(task.score_mean), task.score_std),
-            task.broken_rate,
-            task.dropped_rate,
-            force(task.peak_hand_force_n),
-            task.control_effort,
-            task.mean_steps * fiatlux_rules::CONTROL_DT,
+            escape(&task.name)
         );
+        for (label, value) in task_cells(task, scored) {
+            let _ = write!(out, "<td role=\"cell\" data-label=\"{label}\">{value}</td>");
+        }
+        out.push_str("</tr>");
     }
     out.push_str("</tbody></table>");
 }
 
+/// The cells of a task's row, each with its label.
+fn task_cells(task: &TaskResult, scored: bool) -> Vec<(&'static str, String)> {
+    let none = || "\u{2013}".to_owned();
+    let score = |mean: Option<f64>, std: Option<f64>| match (mean, std) {
+        (Some(mean), Some(std)) => format!("{mean:.3} <span class=\"ci\">\u{b1}\u{202f}{std:.3}</span>"),
+        (Some(mean), None) => format!("{mean:.3}"),
+        (None, _) => none(),
+    };
+    let strict = task.strict_success_rate.zip(task.strict_success_interval);
+    let mut cells = vec![
+        ("Episodes", task.episodes.to_string()),
+        ("Strict success", strict.map_or_else(none, |(value, interval)| rate(value, interval))),
+        ("Strict progress", task.strict_progress.map_or_else(none, |progress| format!("{progress:.2}"))),
+    ];
+    if scored {
+        cells.push(("Strict score s", score(task.strict_score_mean, task.strict_score_std)));
+    }
+    cells.extend([
+        ("Published clean", rate(task.clean_success_rate, task.clean_success_interval)),
+        ("Published success", rate(task.success_rate, task.success_interval)),
+        ("Published progress", format!("{:.2}", task.gate_progress)),
+    ]);
+    if scored {
+        cells.push(("Published score s", score(Some(task.score_mean), task.score_std)));
+    }
+    cells.extend([
+        ("Broken", format!("{:.2}", task.broken_rate)),
+        ("Dropped", format!("{:.2}", task.dropped_rate)),
+        ("Peak hand force, N", force(task.peak_hand_force_n)),
+        ("Control effort", format!("{:.2}", task.control_effort)),
+        ("Length, s", format!("{:.1}", task.mean_steps * fiatlux_rules::CONTROL_DT)),
+    ]);
+    cells
+}
+
 fn rate(value: f64, [low, high]: [f64; 2]) -> String {
-    format!("<td>{value:.2} <span class=\"ci\">[{low:.2}, {high:.2}]</span></td>")
+    format!("{value:.2} <span class=\"ci\">[{low:.2}, {high:.2}]</span>")
 }
 
 /// Writes the table of `replace` and `climb`, which have no weight in S.

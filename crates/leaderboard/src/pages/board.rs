@@ -9,8 +9,11 @@ use axum::response::Response;
 use super::answer::{Problem, page};
 use super::show;
 use super::state::{Board, Pages};
+use super::tasks::{Card, cards};
 use crate::Entry;
+use crate::paper::{PAPER, PaperRow};
 use crate::standings::{Cell, Neighbours, Obstacle, Place, SIGNIFICANT, Table};
+use crate::submission::{Division, Observations, Time};
 
 /// Rows on one page.
 const ROWS: usize = 50;
@@ -35,6 +38,8 @@ struct Row<'a> {
     test: String,
     /// Whether the test finds a significant difference.
     differs: bool,
+    /// Whether another run played some of its episodes.
+    has_partners: bool,
 }
 
 #[derive(Template)]
@@ -48,6 +53,10 @@ struct BoardPage<'a> {
     slug: String,
     page: usize,
     pages: usize,
+    /// What the paper reports, under its own conditions; empty in other divisions.
+    paper: &'static [PaperRow],
+    /// The best of each subtask.
+    cards: Vec<Card<'a>>,
     unranked: &'a [(Entry, Obstacle)],
     more_unranked: usize,
 }
@@ -56,11 +65,6 @@ impl BoardPage<'_> {
     /// The two numbers of a cell: by the strict rulebook, and by the published one.
     fn value(&self, cell: &Cell) -> (f64, f64) {
         if self.by_score { (cell.strict, cell.published) } else { (cell.strict_clean, cell.published_clean) }
-    }
-
-    /// A share in per cent, without decimals.
-    fn short(&self, share: &f64) -> String {
-        format!("{:.0}", 100.0 * share)
     }
 }
 
@@ -82,6 +86,11 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
     });
     let slug = table.map(slug_of).unwrap_or_default();
     let choices = choices.map(|choice| Choice { is_shown: choice.slug == slug, ..choice }).collect();
+    let is_papers = |division: &Division| {
+        (division.time, division.observations, division.hands.as_str())
+            == (Time::Lockstep, Observations::Standard, "inspire")
+    };
+    let has_paper = table.is_none_or(|table| is_papers(&table.division));
     let part = show::part(table.map_or(&[][..], |table| &table.places), ROWS, query);
     let first = (part.page - 1) * ROWS;
     let rows = (first..first + part.shown.len()).filter_map(|index| Some(row(&board, table?, index))).collect();
@@ -93,6 +102,8 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
         slug,
         page: part.page,
         pages: part.pages,
+        paper: if has_paper { &PAPER } else { &[] },
+        cards: cards(&board),
         unranked: &board.unranked[..board.unranked.len().min(UNRANKED)],
         more_unranked: board.unranked.len().saturating_sub(UNRANKED),
     }))
@@ -100,8 +111,9 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
 
 fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
     let place = &table.places[index];
+    let has_partners = board.sharing.contains(&place.entry.id);
     let Some(next) = table.places.get(index + 1) else {
-        return Row { place, verdict: "", test: String::new(), differs: false };
+        return Row { place, verdict: "", test: String::new(), differs: false, has_partners };
     };
     let (verdict, test, differs) = match board.neighbours.get(&(place.entry.id, next.entry.id)) {
         Some(Neighbours::Tested { pairs, p }) => {
@@ -112,7 +124,7 @@ fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
         Some(Neighbours::Untested(reason)) => ("not tested", format!("({reason})"), false),
         None => ("", String::new(), false),
     };
-    Row { place, verdict, test, differs }
+    Row { place, verdict, test, differs, has_partners }
 }
 
 #[derive(Template)]
@@ -148,6 +160,8 @@ mod tests {
             slug: show::slug(table.version, &table.division),
             page: 1,
             pages: 1,
+            paper: &PAPER,
+            cards: Vec::new(),
             unranked: &[],
             more_unranked: 0,
         };
@@ -170,6 +184,18 @@ mod tests {
             assert!(!page.contains(forbidden), "{forbidden}");
         }
         assert!(page.contains("h10") && page.contains("h0"), "both ends of the colours");
+    }
+
+    /// Guards that a server's seeds, of 16 digits and more, do not widen the table.
+    #[test]
+    fn hosted_rooms_are_counted() {
+        let mut hosted = results(1);
+        hosted.conditions.seeds = "hosted".into();
+        hosted.seeds = vec![1 << 60, (1 << 60) + 7];
+        hosted.episodes.iter_mut().for_each(|row| row.seed = (1 << 60) + 7 * (row.seed - 64));
+        let standing = Standing::of(&hosted, Badge::Hosted).expect("a place");
+        assert_eq!(show::rooms(&standing.rooms), "2 hosted rooms");
+        assert_eq!(show::rooms(&Standing::of(&results(1), Badge::Hosted).expect("a place").rooms), "seeds 64, 65");
     }
 
     #[test]

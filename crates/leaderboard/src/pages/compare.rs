@@ -18,13 +18,27 @@ use crate::{Entry, SubmissionId};
 /// Pairs on one page.
 const PAIRS: usize = 100;
 
-/// Redirects to the comparison of the two runs chosen in a form: `?run=&run=`.
-pub(super) async fn choose(RawQuery(query): RawQuery) -> Result<Response, Problem> {
+#[derive(Template)]
+#[template(path = "choose.html")]
+struct ChoosePage<'a> {
+    entry: &'a Entry,
+    /// Runs that played some of its episodes, and how many.
+    others: Vec<(&'a Entry, usize)>,
+}
+
+/// The runs that one run can be compared with, `?run=`: those that share episodes with it. Two runs, `?run=&run=`, lead to
+/// their comparison.
+pub(super) async fn choose(State(pages): State<Arc<Pages>>, RawQuery(query): RawQuery) -> Result<Response, Problem> {
     let ids: Vec<&str> = show::asked(query.as_deref(), "run").collect();
     let is_id = |id: &&str| id.parse::<SubmissionId>().is_ok();
     match ids[..] {
         [a, b] if a != b && ids.iter().all(is_id) => Ok(Redirect::to(&format!("/compare/{a}/{b}")).into_response()),
-        _ => Err(Problem::Asked("Go back and choose two different rows of the table.".into())),
+        [one] => {
+            let entry = pages.open(one).await?;
+            let board = pages.board().await?;
+            Ok(page(&ChoosePage { entry: &entry, others: board.partners(entry.id) }))
+        }
+        _ => Err(Problem::Asked("Start with Compare in a row of the table.".into())),
     }
 }
 
@@ -48,6 +62,8 @@ struct ComparePage<'a> {
     a: &'a Entry,
     b: &'a Entry,
     comparison: &'a Comparison,
+    /// Each subtask, then all of them together.
+    lines: Vec<Line<'a>>,
     shown: &'a [Both<'a>],
     only_different: bool,
     /// `only_different` as part of the query of other pages of the list.
@@ -56,6 +72,82 @@ struct ComparePage<'a> {
     all: usize,
     page: usize,
     pages: usize,
+}
+
+/// What both runs did in the pairs of one subtask, or of all.
+struct Line<'a> {
+    pairs: &'a Pairs,
+    a: Sums,
+    b: Sums,
+}
+
+/// Heads of the columns of the subtasks; groups stand above them.
+const HEADS: [&str; 14] =
+    ["Pairs", "A", "B", "only A", "only B", "p", "A", "B", "p", "A \u{2212} B", "A", "B", "A", "B"];
+
+impl Line<'_> {
+    /// The cells of the line, each with a label that says all without a head.
+    fn cells(&self) -> Vec<(&'static str, String)> {
+        let (pairs, a, b) = (self.pairs, &self.a, &self.b);
+        let score = |value: f64| format!("{value:.3}");
+        vec![
+            ("Pairs", pairs.pairs.to_string()),
+            ("Successes, A", pairs.successes_a.to_string()),
+            ("Successes, B", pairs.successes_b.to_string()),
+            ("Only A", pairs.only_a.to_string()),
+            ("Only B", pairs.only_b.to_string()),
+            ("p of successes", show::p_value(&pairs.success_p)),
+            ("Progress, A", score(pairs.progress_a)),
+            ("Progress, B", score(pairs.progress_b)),
+            ("p of progress", show::p_value(&pairs.progress_p)),
+            ("Score, A \u{2212} B", format!("{:+.3}", pairs.score_difference)),
+            ("Published score, A", score(a.published)),
+            ("Published score, B", score(b.published)),
+            ("Mean length, A, s", format!("{:.1}", a.seconds)),
+            ("Mean length, B, s", format!("{:.1}", b.seconds)),
+        ]
+    }
+}
+
+/// Means of one run over the pairs of a line.
+#[derive(Default)]
+struct Sums {
+    /// Score of an episode by the published rulebook: half success, half gate progress.
+    published: f64,
+    /// Length by the judge that ended the episode, s.
+    seconds: f64,
+    /// How often each cause ended an episode, the most frequent first.
+    ends: Vec<(String, usize)>,
+}
+
+impl Sums {
+    fn of<'a>(rows: impl Iterator<Item = &'a EpisodeRow>) -> Self {
+        let (mut count, mut sums) = (0_usize, Self::default());
+        for row in rows {
+            count += 1;
+            sums.published += 0.5 * f64::from(u8::from(row.success)) + 0.5 * row.gate_progress;
+            sums.seconds += seconds_of(row);
+            let end = show::end_of(row);
+            match sums.ends.iter_mut().find(|(found, _)| found == end) {
+                Some((_, count)) => *count += 1,
+                None => sums.ends.push((end.to_owned(), 1)),
+            }
+        }
+        sums.ends.sort_by(|(name_a, a), (name_b, b)| b.cmp(a).then(name_a.cmp(name_b)));
+        let count = count.max(1) as f64;
+        Self { published: sums.published / count, seconds: sums.seconds / count, ends: sums.ends }
+    }
+
+    /// The causes in a line of text, such as `fall 3, time-out 1`.
+    fn ends_text(&self) -> String {
+        let texts: Vec<_> = self.ends.iter().map(|(cause, count)| format!("{cause} {count}")).collect();
+        texts.join(", ")
+    }
+}
+
+/// Length of an episode, s, by the strict judge if the results have one.
+fn seconds_of(row: &EpisodeRow) -> f64 {
+    row.strict_steps.unwrap_or(row.steps) as f64 * fiatlux_rules::CONTROL_DT
 }
 
 /// Whether an episode is a success, by the strict judge if the results have one.
@@ -69,9 +161,8 @@ impl ComparePage<'_> {
         row.strict_progress.unwrap_or(row.gate_progress)
     }
 
-    /// The rows of the table: each task, then all of them together.
-    fn rows(&self) -> impl Iterator<Item = &Pairs> {
-        self.comparison.tasks.iter().chain(self.comparison.overall.as_ref())
+    fn seconds(&self, row: &EpisodeRow) -> String {
+        format!("{:.1}\u{202f}s", seconds_of(row))
     }
 }
 
@@ -94,6 +185,11 @@ pub(super) async fn runs(
     let query = query.as_deref();
     let mut both = pairs(&of_a, &of_b);
     let all = both.len();
+    let lines = comparison.tasks.iter().chain(comparison.overall.as_ref()).map(|pairs| {
+        let of = || both.iter().filter(|both| pairs.task == "all" || both.key.task.short_id() == pairs.task);
+        Line { pairs, a: Sums::of(of().map(|both| both.a)), b: Sums::of(of().map(|both| both.b)) }
+    });
+    let lines = lines.collect();
     let differs = |both: &Both<'_>| passed(both.a) != passed(both.b);
     let different = both.iter().filter(|both| differs(both)).count();
     let only_different = show::asked(query, "only").next() == Some("different");
@@ -105,6 +201,7 @@ pub(super) async fn runs(
         a: &entry_a,
         b: &entry_b,
         comparison: &comparison,
+        lines,
         shown: part.shown,
         only_different,
         only: if only_different { "only=different&" } else { "" },

@@ -3,20 +3,19 @@
 use std::sync::Arc;
 
 use askama::Template;
-use axum::body::Bytes;
 use axum::extract::{Path, State};
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use fiatlux_grading::{EpisodeRow, Results};
-use fiatlux_replay::Shown;
-use fiatlux_replay::site::{SitePage, one, whole_file};
+use fiatlux_replay::site::{SitePage, for_ever, one, whole_file};
+use fiatlux_replay::{Packed, Shown};
 use tokio::fs::File;
 
 use super::answer::{Problem, content, page, replay_page, without_path};
 use super::key::Key;
+use super::run::PARTNERS;
 use super::show;
 use super::state::Pages;
-use crate::standings::Place;
 use crate::{Entry, SubmissionId};
 
 const JSON: &str = "application/json";
@@ -61,7 +60,8 @@ struct EpisodePage<'a> {
     replay: Option<&'a SitePage>,
     before: Option<Key>,
     after: Option<Key>,
-    others: Vec<&'a Place>,
+    /// Other runs that played this episode.
+    others: Vec<&'a Entry>,
 }
 
 impl EpisodePage<'_> {
@@ -79,9 +79,10 @@ pub(super) async fn episode(
 ) -> Result<Response, Problem> {
     let found = find(&pages, &id, &key).await?;
     let board = pages.board().await?;
-    let others = board.place(found.entry.id).map_or_else(Vec::new, |(table, _)| {
-        table.places.iter().filter(|place| place.entry.id != found.entry.id).take(20).collect()
-    });
+    let has =
+        |id| board.played.get(&id).is_some_and(|p| p.has(found.key.task.short_id(), found.key.seed, found.key.episode));
+    let others = board.partners(found.entry.id).into_iter().map(|(entry, _)| entry).filter(|entry| has(entry.id));
+    let others = others.take(PARTNERS).collect();
     let replay = one();
     let shown = EpisodePage {
         entry: &found.entry,
@@ -96,25 +97,57 @@ pub(super) async fn episode(
 }
 
 /// The document that the replay page reads first, as JSON.
-pub(super) async fn document(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
-    part(state, path, JSON, |shown| shown.document).await
+pub(super) async fn document(
+    state: State<Arc<Pages>>,
+    asked: HeaderMap,
+    path: Path<(String, String)>,
+) -> Result<Response, Problem> {
+    part(state, asked, path, JSON, |shown| shown.document).await
 }
 
 /// The shapes of the replay's scene, as the replay page reads them.
-pub(super) async fn meshes(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
-    part(state, path, BYTES, |shown| shown.meshes).await
+pub(super) async fn meshes(
+    state: State<Arc<Pages>>,
+    asked: HeaderMap,
+    path: Path<(String, String)>,
+) -> Result<Response, Problem> {
+    part(state, asked, path, BYTES, |shown| shown.meshes).await
 }
 
 /// The recorded rows, as the replay page reads them.
-pub(super) async fn track(state: State<Arc<Pages>>, path: Path<(String, String)>) -> Result<Response, Problem> {
-    part(state, path, BYTES, |shown| shown.track).await
+pub(super) async fn track(
+    state: State<Arc<Pages>>,
+    asked: HeaderMap,
+    path: Path<(String, String)>,
+) -> Result<Response, Problem> {
+    part(state, asked, path, BYTES, |shown| shown.track).await
+}
+
+/// Shapes by their digest, which replays of several episodes share.
+pub(super) async fn shapes(
+    State(pages): State<Arc<Pages>>,
+    asked: HeaderMap,
+    Path(digest): Path<String>,
+) -> Result<Response, Problem> {
+    let block = pages.desk.block(&digest).ok_or(Problem::Nothing)?;
+    Ok(for_ever(block.answer(&asked, BYTES)))
+}
+
+/// Angles, targets and efforts of the joints, as the replay page reads them.
+pub(super) async fn joints(
+    state: State<Arc<Pages>>,
+    asked: HeaderMap,
+    path: Path<(String, String)>,
+) -> Result<Response, Problem> {
+    part(state, asked, path, BYTES, |shown| shown.joints).await
 }
 
 async fn part(
     State(pages): State<Arc<Pages>>,
+    asked: HeaderMap,
     Path((id, key)): Path<(String, String)>,
     kind: &'static str,
-    part: fn(Shown) -> Bytes,
+    part: fn(Shown) -> Packed,
 ) -> Result<Response, Problem> {
     let (id, key) = names(&pages, &id, &key).await?;
     let bag = pages.service.store.bag(id, key.task.short_id(), key.seed, key.episode).await?.ok_or(Problem::Nothing)?;
@@ -125,7 +158,7 @@ async fn part(
         let shown = desk.show(&path, Some(&name), Some(patience));
         shown.map_err(|error| Problem::Unshowable(without_path(&error, &path, &name)))
     });
-    Ok(for_an_hour(content(kind, part(shown.await??))))
+    Ok(for_an_hour(part(shown.await??).answer(&asked, kind)))
 }
 
 /// The episode of an address, if its run is public.

@@ -13,7 +13,6 @@ use super::answer::{Problem, page};
 use super::key::Key;
 use super::show;
 use super::state::Pages;
-use crate::standings::Place;
 use crate::{Entry, SubmissionId};
 
 /// Episodes of a task on the page of the run, and on the page of the task.
@@ -21,6 +20,9 @@ const FEW: usize = 6;
 const MANY: usize = 24;
 /// Most squares in a row of the matrix.
 const SQUARES: usize = 64;
+
+/// Most runs that are offered for a comparison.
+pub(super) const PARTNERS: usize = 40;
 
 /// A row of the matrix: the episodes of one task.
 struct Line<'a> {
@@ -37,11 +39,13 @@ struct RunPage<'a> {
     results: &'a Results,
     report: SiteReport,
     /// Rank, number of rows of the table, and the table's address; `None` if the run is not ranked.
-    place: Option<(usize, usize, String)>,
+    place: Option<(Option<usize>, usize, String)>,
     /// Why it is not ranked; empty if it is.
     obstacle: &'a str,
-    /// Other rows of its table, to compare it with.
-    others: Vec<&'a Place>,
+    /// Other runs that played some of its episodes, and how many, to compare it with.
+    others: Vec<(&'a Entry, usize)>,
+    /// Its subtasks that have pictures of a success: the subtask, and the episode.
+    pictures: Vec<(Task, Key)>,
     lines: Vec<Line<'a>>,
     /// An episode that has a bag, for the commands on the page.
     example: Option<Key>,
@@ -56,14 +60,17 @@ pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>)
         let address = format!("/?division={}", show::slug(table.version, &table.division));
         (table.places[index].rank, table.places.len(), address)
     });
-    let others = found.map_or_else(Vec::new, |(table, _)| {
-        table.places.iter().filter(|place| place.entry.id != entry.id).take(20).collect()
-    });
+    let others = board.partners(entry.id).into_iter().take(PARTNERS).collect();
+    let picture = |task: Task| {
+        let picture = board.picture(entry.id, task.short_id())?;
+        Some((task, Key { task, seed: picture.seed, episode: picture.episode }))
+    };
+    let pictures = Task::SUBTASKS.into_iter().filter_map(picture).collect();
     let obstacle = board.unranked.iter().find(|(other, _)| other.id == entry.id).map_or("", |(_, why)| &why.0);
     let lines = results.episodes.chunk_by(|a, b| a.task == b.task).filter_map(line).collect();
     let example = results.episodes.iter().find(|row| row.failure.is_none()).and_then(Key::of);
     let report = in_addresses(entry.id, FEW, |site| report::site(&results, site));
-    Ok(page(&RunPage { entry: &entry, results: &results, report, place, obstacle, others, lines, example }))
+    Ok(page(&RunPage { entry: &entry, results: &results, report, place, obstacle, others, pictures, lines, example }))
 }
 
 fn line(rows: &[EpisodeRow]) -> Option<Line<'_>> {

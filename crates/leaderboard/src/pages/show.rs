@@ -2,11 +2,12 @@
 
 use fiatlux_grading::EpisodeRow;
 
+use crate::standings::Rooms;
 use crate::{Badge, Division, Entry, Observations, Time};
 
-/// A share in per cent, such as `41.7 %`.
-pub(super) fn percent(share: &f64) -> String {
-    format!("{:.1}\u{202f}%", 100.0 * share)
+/// A rate from 0 to 1 with two decimals, such as `0.42`. All shares and scores of the pages have this one scale.
+pub(super) fn rate(share: &f64) -> String {
+    format!("{share:.2}")
 }
 
 /// A score with three decimals, such as `0.512`.
@@ -19,9 +20,23 @@ pub(super) fn spread(std: &Option<f64>) -> String {
     std.map_or(String::new(), |std| format!("\u{b1}\u{202f}{std:.3}"))
 }
 
-/// An interval in per cent, such as `[35.1, 48.6]`.
+/// A rate or score in the cell of a table: `0` and `1` where it is exactly that, so that they stand out.
+pub(super) fn cell(share: &f64) -> String {
+    match *share {
+        0.0 => "0".into(),
+        1.0 => "1".into(),
+        share => format!("{share:.2}"),
+    }
+}
+
+/// An interval such as `[0.35, 0.49]`.
 pub(super) fn interval([low, high]: &[f64; 2]) -> String {
-    format!("[{:.1}, {:.1}]", 100.0 * low, 100.0 * high)
+    format!("[{low:.2}, {high:.2}]")
+}
+
+/// A rank, or a dash for a row without one.
+pub(super) fn rank(rank: &Option<usize>) -> String {
+    rank.map_or("\u{2013}".into(), |rank| rank.to_string())
 }
 
 /// A p-value with four decimals, one digit and an exponent below 0.0001, or 1.
@@ -107,6 +122,18 @@ pub(super) fn division(division: &Division) -> String {
     format!("{time}, {} observations, {} hands", observations(division.observations), hands(&division.hands))
 }
 
+/// A division in a few words, such as `privileged`: what is not the most usual.
+pub(super) fn brief(division: &Division) -> String {
+    let mut words = vec![observations(division.observations)];
+    if division.time != Time::Lockstep {
+        words.push(time(division.time));
+    }
+    if division.hands != "inspire" {
+        words.push(hands(&division.hands));
+    }
+    words.join(", ")
+}
+
 /// A division in an address, such as `7-lockstep-standard-inspire`; the number is the benchmark's version.
 pub(super) fn slug(version: u32, division: &Division) -> String {
     let time = time(division.time).replace(' ', "-");
@@ -123,9 +150,14 @@ pub(super) fn seconds(steps: &u64) -> String {
     format!("{:.2}\u{202f}s", *steps as f64 * fiatlux_rules::CONTROL_DT)
 }
 
-/// A list of seeds as in the tables of results, such as `64..75`.
-pub(super) fn seeds(seeds: &[u64]) -> String {
-    fiatlux_grading::tables::seeds(seeds)
+/// Rooms in a few words: `seeds 64..75`, or `4 hosted rooms` where a server drew them.
+pub(super) fn rooms(rooms: &Rooms) -> String {
+    match (rooms.hosted, rooms.seeds.as_slice()) {
+        (true, [_]) => "1 hosted room".into(),
+        (true, seeds) => format!("{} hosted rooms", seeds.len()),
+        (false, [seed]) => format!("seed {seed}"),
+        (false, seeds) => format!("seeds {}", fiatlux_grading::tables::seeds(seeds)),
+    }
 }
 
 /// The values of a name in the query of an address. Our addresses need no escapes, so none are decoded.

@@ -1,7 +1,7 @@
 //! The state that the pages share: the service, and caches of what takes long to compute.
 
 use std::collections::btree_map::Entry as Slot;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -13,7 +13,8 @@ use tokio::sync::OwnedMutexGuard;
 use super::answer::Problem;
 use super::heavy::Heavy;
 use super::key::Key;
-use crate::standings::{Neighbours, Obstacle, Standing, Table, tables};
+use crate::standings::{Neighbours, Obstacle, Played, Standing, Table, TaskTable, Tried, by_task, tables};
+use crate::store::{Picture, Pictures};
 use crate::{Entry, Service, State, SubmissionId};
 
 /// How long the tables are shown before the service looks for new entries.
@@ -39,8 +40,16 @@ pub(super) struct Pages {
 /// What tables are made of. Results of an entry do not change.
 #[derive(Debug, Default)]
 struct Kept {
-    standings: BTreeMap<SubmissionId, Result<Standing, Obstacle>>,
+    runs: BTreeMap<SubmissionId, Run>,
     neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
+}
+
+/// What is kept of the results of a submission.
+#[derive(Debug)]
+struct Run {
+    standing: Result<Standing, Obstacle>,
+    tried: Option<Tried>,
+    played: Arc<Played>,
 }
 
 /// The leaderboard as it is now.
@@ -54,6 +63,14 @@ pub(super) struct Board {
     pub neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
     /// Entries that are not ranked, latest first, with the reason.
     pub unranked: Vec<(Entry, Obstacle)>,
+    /// Rankings of the twelve subtasks.
+    pub tasks: Vec<TaskTable>,
+    /// Pictures of the best successes.
+    pub pictures: Pictures,
+    /// Which episodes each entry played.
+    pub played: BTreeMap<SubmissionId, Arc<Played>>,
+    /// Entries that share episodes with another one.
+    pub sharing: BTreeSet<SubmissionId>,
 }
 
 impl Board {
@@ -63,6 +80,19 @@ impl Board {
             let index = table.places.iter().position(|place| place.entry.id == id)?;
             Some((table, index))
         })
+    }
+
+    /// The pictures of a submission's best success in a subtask.
+    pub fn picture(&self, id: SubmissionId, task: &str) -> Option<&Picture> {
+        self.pictures.get(&(id, task.to_owned()))
+    }
+
+    /// The other entries that share episodes with one, and how many, the latest first.
+    pub fn partners(&self, id: SubmissionId) -> Vec<(&Entry, usize)> {
+        let Some(own) = self.played.get(&id) else { return Vec::new() };
+        let shared = |entry: &Entry| self.played.get(&entry.id).map_or(0, |other| own.shared(other));
+        let others = self.entries.iter().rev().filter(|entry| entry.id != id);
+        others.map(|entry| (entry, shared(entry))).filter(|(_, shared)| *shared > 0).collect()
     }
 }
 
@@ -131,9 +161,10 @@ impl Pages {
             return Ok(Arc::clone(board));
         }
         let entries = self.service.store.entries().await?;
+        let pictures = self.service.store.pictures().await?;
         let board = match shown {
-            Some((_, board)) if board.entries == entries => board,
-            _ => Arc::new(self.make(&mut kept, entries).await?),
+            Some((_, board)) if board.entries == entries && board.pictures == pictures => board,
+            _ => Arc::new(Board { pictures, ..self.make(&mut kept, entries).await? }),
         };
         *self.shown.lock().unwrap_or_else(PoisonError::into_inner) = Some((Instant::now(), Arc::clone(&board)));
         Ok(board)
@@ -143,16 +174,23 @@ impl Pages {
         let mut board = Board::default();
         let mut ranked = Vec::new();
         for entry in &entries {
-            if let Slot::Vacant(slot) = kept.standings.entry(entry.id) {
+            if let Slot::Vacant(slot) = kept.runs.entry(entry.id) {
                 let Some(results) = self.service.store.results(entry.id).await? else { continue };
-                slot.insert(Standing::of(&results, entry.badge));
+                slot.insert(Run {
+                    standing: Standing::of(&results, entry.badge),
+                    tried: Tried::of(&results, entry.badge),
+                    played: Arc::new(Played::of(&results)),
+                });
             }
-            match kept.standings.get(&entry.id) {
-                Some(Ok(standing)) => ranked.push((entry.clone(), standing.clone())),
-                Some(Err(obstacle)) => board.unranked.push((entry.clone(), obstacle.clone())),
-                None => {}
+            let Some(run) = kept.runs.get(&entry.id) else { continue };
+            board.played.insert(entry.id, Arc::clone(&run.played));
+            match &run.standing {
+                Ok(standing) => ranked.push((entry.clone(), standing.clone())),
+                Err(obstacle) => board.unranked.push((entry.clone(), obstacle.clone())),
             }
         }
+        let tried = entries.iter().filter_map(|entry| Some((entry, kept.runs.get(&entry.id)?.tried.as_ref()?)));
+        board.tasks = by_task(&tried.collect::<Vec<_>>());
         board.unranked.reverse();
         board.tables = tables(ranked);
         for table in &board.tables {
@@ -169,8 +207,10 @@ impl Pages {
         }
         // Entries that were withdrawn, and pairs that are no longer neighbours, are dropped.
         kept.neighbours.clone_from(&board.neighbours);
-        kept.standings.retain(|id, _| entries.iter().any(|entry| entry.id == *id));
+        kept.runs.retain(|id, _| entries.iter().any(|entry| entry.id == *id));
         board.entries = entries;
+        let shares = Played::any_shared(&board.played.values().map(Arc::as_ref).collect::<Vec<_>>());
+        board.sharing = board.played.keys().zip(shares).filter(|(_, shares)| *shares).map(|(id, _)| *id).collect();
         Ok(board)
     }
 

@@ -9,7 +9,9 @@ use sqlx::{AssertSqlSafe, Row as _};
 use crate::StoreError;
 
 /// What each version adds, from version 1 on.
-const MIGRATIONS: &[&[&str]] = &[&[
+const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES];
+
+const FIRST: &[&str] = &[
     "CREATE TABLE accounts (
         name TEXT PRIMARY KEY,
         created BIGINT NOT NULL,
@@ -70,7 +72,21 @@ const MIGRATIONS: &[&[&str]] = &[&[
         PRIMARY KEY (submission, task, seed, episode)
     )",
     "CREATE INDEX episodes_by_verdict ON episodes (verdict, submission)",
-]];
+];
+
+/// Pictures of the best success of each subtask; `drawn` is when a submission got its pictures.
+const PICTURES: &[&str] = &[
+    "CREATE TABLE pictures (
+        submission TEXT NOT NULL REFERENCES submissions (id),
+        task TEXT NOT NULL,
+        seed TEXT NOT NULL,
+        episode TEXT NOT NULL,
+        still TEXT NOT NULL,
+        clip TEXT NOT NULL,
+        PRIMARY KEY (submission, task)
+    )",
+    "ALTER TABLE submissions ADD COLUMN drawn BIGINT",
+];
 
 /// Upgrades a database to the latest version.
 pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {

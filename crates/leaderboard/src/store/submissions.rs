@@ -325,7 +325,16 @@ impl Store {
         .fetch_optional(&mut *tx)
         .await
         .map_err(failed)?;
+        let pictures = sqlx::query(
+            "SELECT still FROM pictures WHERE submission = $1 UNION SELECT clip FROM pictures WHERE submission = $1 \
+             EXCEPT SELECT still FROM pictures WHERE submission <> $1 EXCEPT SELECT clip FROM pictures WHERE submission <> $1",
+        )
+        .bind(id.to_string())
+        .fetch_all(&mut *tx)
+        .await
+        .map_err(failed)?;
         for statement in [
+            "DELETE FROM pictures WHERE submission = $1",
             "DELETE FROM episodes WHERE submission = $1",
             "DELETE FROM files WHERE submission = $1",
             "DELETE FROM submissions WHERE id = $1",
@@ -338,7 +347,7 @@ impl Store {
         audit(&mut tx, who, "submission removed", &id.to_string(), "").await?;
         // Files go last, before the commit, so that nobody can begin a submission that needs them: a file too many does no
         // harm, a missing one does.
-        for row in alone.iter().chain(&results) {
+        for row in alone.iter().chain(&results).chain(&pictures) {
             let digest = digest_of(&row.try_get::<String, _>(0).map_err(failed)?)?;
             self.blobs.remove(&digest).await?;
         }
@@ -374,7 +383,8 @@ impl Store {
         let failed = |error| StoreError::database(ASK)(error);
         let rows = sqlx::query(
             "SELECT sha256 FROM files WHERE stored = 1 UNION \
-             SELECT results FROM submissions WHERE results IS NOT NULL ORDER BY 1",
+             SELECT results FROM submissions WHERE results IS NOT NULL UNION \
+             SELECT still FROM pictures UNION SELECT clip FROM pictures ORDER BY 1",
         )
         .fetch_all(&self.pool)
         .await

@@ -57,6 +57,8 @@ fn every_page_is_there_and_lets_nothing_in() {
         "/".to_owned(),
         "/?cells=clean".into(),
         "/about".into(),
+        "/tasks/S05".into(),
+        format!("/compare?run={a}"),
         format!("/runs/{a}"),
         format!("/runs/{a}/tasks/S05"),
         episode.clone(),
@@ -109,6 +111,12 @@ fn other_addresses_are_refused() {
         format!("/runs/{id}/tasks/S99"),
         format!("/runs/{id}/tasks/s01"),
         format!("/runs/{id}/tasks/S05"),
+        "/tasks/S13".into(),
+        "/tasks/s05".into(),
+        "/tasks/replace".into(),
+        format!("/runs/{id}/tasks/S01/still.png"),
+        format!("/runs/{id}/tasks/S01/still.svg"),
+        "/runs/0000000000000000/tasks/S01/clip.png".into(),
         format!("/runs/{id}/episodes/S01-s4-e0"),
         format!("/runs/{id}/episodes/S01-s03-e0"),
         format!("/runs/{id}/episodes/..%2fS01-s3-e0/bag"),
@@ -123,7 +131,7 @@ fn other_addresses_are_refused() {
         let (head, body) = answer(&board, &address);
         assert!(head.starts_with("http/1.1 404") && head.contains("default-src 'none'"), "{address}: {head}\n{body}");
     }
-    for address in ["/compare".to_owned(), format!("/compare?run={id}"), format!("/compare?run={id}&run={id}")] {
+    for address in ["/compare".to_owned(), format!("/compare?run={id}&run={id}")] {
         assert_eq!(board.ask("GET", &address, None, b"").0, 400, "{address}");
     }
     for address in ["/page/style.css", "/page/main.js", "/page/pair.js", "/style/report.css", "/style/board.css"] {
@@ -138,6 +146,29 @@ fn other_addresses_are_refused() {
     let (_, begun) = board.json("POST", "/api/v1/submissions", Some(&token), &wish);
     let begun = begun["id"].as_str().unwrap();
     assert_eq!(board.ask("GET", &format!("/runs/{begun}"), None, b"").0, 404);
+}
+
+/// Guards that a comparison is offered where two runs share an episode, and only there.
+#[test]
+fn a_comparison_is_offered_where_rooms_are_shared() {
+    let board = Board::start("partners", ServiceOptions::default());
+    let send = |account: &str, seed: u64| {
+        let folder = board.folder.0.join(account);
+        std::fs::create_dir_all(&folder).unwrap();
+        let token = board.token(account);
+        let id = board.submit(&token, &crate::common::manifest(), &[crate::common::bag(&folder, seed)]);
+        assert_eq!(board.decided(&id, &token)["state"], "graded");
+        id
+    };
+    let [a, _] = [send("three", 7), send("four", 5)];
+    let offers = |id: &str| answer(&board, &format!("/compare?run={id}")).1;
+    assert!(offers(&a).contains("No other run has played an episode of this one"));
+    let (_, run) = answer(&board, &format!("/runs/{a}"));
+    assert!(!run.contains("/compare/"), "{run}");
+    let [b, c] = with_two(&board, &crate::common::manifest());
+    assert!(offers(&b).contains(&format!("/compare/{b}/{c}")) && offers(&c).contains(&format!("/compare/{c}/{b}")));
+    assert!(answer(&board, &format!("/runs/{b}/episodes/S05-s3-e0")).1.contains(&format!("/compare/{b}/{c}/episodes")));
+    assert!(answer(&board, "/").1.contains("not verified here"), "the paper's rows");
 }
 
 /// Guards that a copy of the folder made while the service runs shows the same pages and the same bags.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use fiatlux_bag::Bag;
-use fiatlux_replay::{POSE, Replay, flag};
+use fiatlux_replay::{POSE, Poster, Replay, ReplayError, flag};
 use fiatlux_rules::Task;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -161,4 +161,15 @@ fn shapes_fit_their_description() {
     let json: serde_json::Value = serde_json::from_str(&replay.document_json()).unwrap();
     assert_eq!(json["episode"]["policy"], "restless");
     assert_eq!(json["stage"]["frames"][0]["name"], "pelvis");
+}
+
+/// Guards that an episode becomes a still and a moving picture, and that whoever stops the drawing is told so.
+#[test]
+fn a_poster_is_drawn_and_can_be_stopped() {
+    let played = play("poster", Task::S05, 8);
+    let poster = Poster::draw(&played.bag, &|| false).unwrap();
+    let has = |bytes: &[u8], chunk: &[u8]| bytes.windows(4).any(|window| window == chunk);
+    assert!(poster.still.starts_with(b"\x89PNG") && !has(&poster.still, b"acTL"));
+    assert!(poster.clip.starts_with(b"\x89PNG") && has(&poster.clip, b"acTL") && has(&poster.clip, b"fdAT"));
+    assert!(matches!(Poster::draw(&played.bag, &|| true), Err(ReplayError::Stopped { .. })));
 }

@@ -154,3 +154,34 @@ fn a_port_that_is_taken_is_said() {
     let said = Viewer::bind(bags, first.address().port()).unwrap_err().to_string();
     assert!(said.contains("choose another port with --port"), "{said}");
 }
+
+/// Guards that a browser gets the parts packed, and that they unpack to the same bytes.
+#[test]
+fn parts_are_sent_packed_to_who_takes_gzip() {
+    let played = play("packed", Task::S05, 8);
+    let replay = Replay::open(&played.bag).unwrap();
+    let serving = Serving::start(Bags::find(&played.bag).unwrap());
+    assert_eq!(serving.get("/episode/0/joints.bin").2, replay.joints());
+    assert_eq!(replay.joints().len(), 4 * 3 * replay.document().track.joints.len() * replay.document().track.kept);
+    // The robot's shapes have one address in all episodes, and the browser may keep them.
+    for block in &replay.document().stage.blocks {
+        let (status, head, bytes) = serving.get(&format!("/shapes/{}", block.digest));
+        assert_eq!((status, bytes.len()), (200, 4 * (6 * block.vertices + block.indices)));
+        assert!(head.contains("immutable"), "{head}");
+    }
+    let other = Replay::open(&play("other-room", Task::S07, 9).bag).unwrap();
+    let digests = |replay: &Replay| replay.document().stage.blocks.clone().map(|block| block.digest);
+    assert!(digests(&other)[0] == digests(&replay)[0] && digests(&other)[1] != digests(&replay)[1]);
+    assert_eq!(serving.get("/shapes/00").0, 404);
+    let request = format!(
+        "GET /episode/0/meshes.bin HTTP/1.1\r\nHost: {}\r\nAccept-Encoding: gzip, br\r\nConnection: close\r\n\r\n",
+        serving.address
+    );
+    let mut stream = TcpStream::connect(serving.address).unwrap();
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    let head = String::from_utf8_lossy(&answer[..answer.len().min(600)]).to_ascii_lowercase();
+    assert!(head.contains("content-encoding: gzip") && head.contains("vary: accept-encoding"), "{head}");
+    assert!(2 * answer.len() < replay.meshes().len(), "{} of {}", answer.len(), replay.meshes().len());
+}

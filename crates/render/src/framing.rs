@@ -1,10 +1,21 @@
 //! Where a camera has to be to hold something in the picture, and how it gets there without shaking.
 
-use fiatlux_render::Camera;
-use fiatlux_rules::Task;
+use std::f64::consts::{PI, TAU};
+
+use fiatlux_rules::{CONTROL_DT, Row, Task};
+use fiatlux_world::ShapeOwner;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::rows::{ROW_RATE, Spot};
+use crate::{Camera, Lighting, Renderer, Visuals};
+
+/// Bearings that [`best_bearing`] chooses from.
+const BEARINGS: usize = 24;
+/// Size of the pictures from which a bearing is chosen, pixels.
+const TRIAL: [usize; 2] = [96, 54];
+/// Bearing from a robot's heading that shows face and hands best, and how far others may be, rad.
+const BEST_SIDE: [f64; 2] = [0.9, 0.8];
+/// Height of a camera that follows, over what it looks at, as an angle, rad.
+pub const FOLLOW_ELEVATION: f64 = 0.21;
 
 /// Share of the picture, each way, that what is followed may fill.
 const FILLED: f64 = 0.86;
@@ -23,10 +34,43 @@ const CRATE: [f64; 3] = [0.3, 0.2, 0.3];
 const BULB: [f64; 3] = [0.3, 0.3, 0.25];
 /// Half the size of the lamp with its bulb, m.
 const LAMP: f64 = 0.2;
+/// Rows in a simulated second.
+const ROW_RATE: f64 = 1.0 / CONTROL_DT;
+
+/// What of a row a camera follows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spot {
+    /// Control step of the row.
+    pub step: u64,
+    /// Pose of the pelvis in the world.
+    pub pelvis: Isometry3<f64>,
+    /// Pose of the ladder in the world.
+    pub ladder: Isometry3<f64>,
+    /// Position of the lamp in the world, m.
+    pub lamp: Vector3<f64>,
+    /// Position of the fresh bulb in the world, m.
+    pub fresh_bulb: Vector3<f64>,
+    /// Position of the crate in the world, m.
+    pub crate_: Vector3<f64>,
+}
+
+impl Spot {
+    /// Takes the poses out of a row.
+    pub fn of(row: &Row) -> Self {
+        Self {
+            step: row.step,
+            pelvis: row.robot.pose,
+            ladder: row.ladder.pose,
+            lamp: row.fixture.translation.vector,
+            fresh_bulb: row.bulbs[1].pose.translation.vector,
+            crate_: row.crate_.translation.vector,
+        }
+    }
+}
 
 /// What is held in the picture besides the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Focus {
+pub enum Focus {
     /// The ladder and the lamp.
     Ladder,
     /// The crate; ladder and lamp where they are near.
@@ -47,7 +91,7 @@ impl Focus {
 }
 
 /// Points of the robot and of what its task is about, world, m, and points of ladder and lamp.
-fn points(spot: &Spot, focus: Focus) -> [Vec<Vector3<f64>>; 2] {
+fn points_of(spot: &Spot, focus: Focus) -> [Vec<Vector3<f64>>; 2] {
     let above_floor = |p: Vector3<f64>| Vector3::new(p.x, p.y, p.z.max(0.0));
     let mut near: Vec<Vector3<f64>> =
         ROBOT.iter().map(|p| above_floor((spot.pelvis * Point3::from(*p)).coords)).collect();
@@ -62,14 +106,14 @@ fn points(spot: &Spot, focus: Focus) -> [Vec<Vector3<f64>>; 2] {
 }
 
 /// Corners of a box on the floor: half its sides, and its height.
-pub(super) fn corners([x, y, height]: [f64; 3]) -> impl Iterator<Item = Vector3<f64>> {
+pub fn corners([x, y, height]: [f64; 3]) -> impl Iterator<Item = Vector3<f64>> {
     let signs = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]];
     signs.into_iter().flat_map(move |[i, j]| [0.0, height].map(|z| Vector3::new(i * x, j * y, z)))
 }
 
 /// A camera whose direction is fixed: where it stands decides what it holds.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Aim {
+pub struct Aim {
     /// Ahead, left and up, unit vectors.
     axes: [Vector3<f64>; 3],
     /// Vertical field of view, rad.
@@ -107,7 +151,7 @@ impl Aim {
 
     /// As [`Aim::fit`] for what is held in a row, not too near to the robot.
     pub fn fit_spot(&self, spot: &Spot, focus: Focus) -> [f64; 3] {
-        let [near, mut all] = points(spot, focus);
+        let [near, mut all] = points_of(spot, focus);
         let tight = self.fit(&near);
         all.extend(near);
         let wide = self.fit(&all);
@@ -120,6 +164,16 @@ impl Aim {
         let pelvis = spot.pelvis.translation.vector.dot(&self.axes[0]);
         place[0] = place[0].min(pelvis - NEAREST);
         place
+    }
+
+    /// One place from which the robot and what its task is about are in the picture in all of these rows.
+    pub fn fit_all(&self, spots: &[Spot], focus: Focus) -> [f64; 3] {
+        let points = |spot: &Spot| {
+            let [mut near, ladder] = points_of(spot, focus);
+            near.extend(ladder.into_iter().filter(|_| focus == Focus::Ladder));
+            near
+        };
+        self.fit(&spots.iter().flat_map(points).collect::<Vec<_>>())
     }
 
     /// The camera at a place along the axes.
@@ -138,8 +192,8 @@ impl Aim {
 
 /// Averages a path, one place a row, over a time, three times over. A jump of 1 m becomes a move whose acceleration
 /// stays below `2 / time_s^2` m/s2. Its ends are taken to go on as they are.
-pub(super) fn smooth(path: &mut [[f64; 3]], time_s: f64) {
-    let half = ((time_s * f64::from(ROW_RATE) / 2.0).round() as usize).min(path.len());
+pub fn smooth(path: &mut [[f64; 3]], time_s: f64) {
+    let half = ((time_s * ROW_RATE / 2.0).round() as usize).min(path.len());
     let Some(end) = path.len().checked_sub(1) else { return };
     let mut padded: Vec<f64> = Vec::with_capacity(path.len() + 2 * half);
     for axis in 0..3 {
@@ -159,15 +213,62 @@ pub(super) fn smooth(path: &mut [[f64; 3]], time_s: f64) {
 }
 
 /// Share of the circle from one bearing to another, rad in [0, pi].
-pub(super) fn between(bearing: f64, other: f64) -> f64 {
-    let turn = (bearing - other).rem_euclid(std::f64::consts::TAU);
-    turn.min(std::f64::consts::TAU - turn)
+pub fn between(bearing: f64, other: f64) -> f64 {
+    let turn = (bearing - other).rem_euclid(TAU);
+    turn.min(TAU - turn)
 }
 
 /// Heading of a body about the vertical, rad.
-pub(super) fn heading(pose: &Isometry3<f64>) -> f64 {
+pub fn heading(pose: &Isometry3<f64>) -> f64 {
     let ahead = pose.rotation * Vector3::x();
     libm::atan2(ahead.y, ahead.x)
+}
+
+/// The bearing from which most of the robot, its front, and the lamp are seen in these rows: tried out in
+/// small pictures with this vertical field of view (rad) and ratio of width to height.
+pub fn best_bearing(visuals: &Visuals, light: &Lighting, rows: &[Row], focus: Focus, [fov, aspect]: [f64; 2]) -> f64 {
+    let [width, height] = TRIAL;
+    let mut renderer = Renderer::new(width, height);
+    let mut score = |bearing: f64| {
+        let aim = Aim::from(bearing, FOLLOW_ELEVATION, fov, aspect);
+        let of_row = |row: &Row| {
+            let camera = aim.camera(aim.fit_spot(&Spot::of(row), focus));
+            renderer.render(visuals, row, &camera, light);
+            let side = between(bearing, heading(&row.robot.pose)) - BEST_SIDE[0];
+            let front = 1.0 + 0.5 * libm::exp(-(side / BEST_SIDE[1]).powi(2));
+            seen(&renderer) * front * if is_behind_wall(row, bearing) { 0.5 } else { 1.0 }
+        };
+        rows.iter().map(of_row).sum::<f64>()
+    };
+    let bearings = (0..BEARINGS).map(|i| i as f64 / BEARINGS as f64 * TAU - PI);
+    let scored: Vec<(f64, f64)> = bearings.map(|bearing| (bearing, score(bearing))).collect();
+    // The first of equals, so that the same bag gives the same clip.
+    scored.iter().fold((0.0, f64::NEG_INFINITY), |best, next| if next.1 > best.1 { *next } else { best }).0
+}
+
+/// Whether the lamp is on a wall and is seen from behind that wall.
+fn is_behind_wall(row: &Row, bearing: f64) -> bool {
+    let out = row.fixture.rotation * Vector3::z();
+    let towards_camera = Vector3::new(libm::cos(bearing), libm::sin(bearing), 0.0);
+    out.z.abs() < 0.5 && out.dot(&towards_camera) < -0.01
+}
+
+/// How much a picture shows: the size of the robot, and whether ladder, lamp, and the room behind are there.
+fn seen(renderer: &Renderer) -> f64 {
+    let [width, height] = TRIAL;
+    let (mut robot, mut ladder, mut lamp, mut room) = (0, 0, 0, 0);
+    for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+        match renderer.owner(x, y) {
+            Some(ShapeOwner::Robot(_)) => robot += 1,
+            Some(ShapeOwner::Ladder) => ladder += 1,
+            Some(ShapeOwner::Fixture | ShapeOwner::OldBulb | ShapeOwner::FreshBulb) => lamp += 1,
+            Some(ShapeOwner::Room) => room += 1,
+            _ => {}
+        }
+    }
+    let share = |pixels: i32| f64::from(pixels) / (width * height) as f64;
+    let there = |pixels: i32, enough: i32| f64::from(pixels.min(enough)) / f64::from(enough);
+    share(robot).sqrt() + 0.06 * there(ladder, 20) + 0.06 * there(lamp, 4) + 0.02 * share(room)
 }
 
 #[cfg(test)]
@@ -198,7 +299,7 @@ mod tests {
 
     #[test]
     fn a_jumping_target_moves_the_camera_gently() {
-        let dt = 1.0 / f64::from(ROW_RATE);
+        let dt = CONTROL_DT;
         let (jump, time) = (2.0, 1.0);
         let mut path: Vec<[f64; 3]> = (0..500).map(|i| [0.0, 1.0, if i < 250 { 0.0 } else { jump }]).collect();
         smooth(&mut path, time);

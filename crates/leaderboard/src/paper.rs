@@ -1,0 +1,32 @@
+//! What the paper of the benchmark reports for its baselines. Nothing here was played or verified by this project.
+
+/// Scores of a policy in the paper: S by its rulebook and its way of counting, over four rooms.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PaperRow {
+    pub policy: &'static str,
+    pub score: f64,
+    pub std: Option<f64>,
+}
+
+/// In order of S. No policy of the paper had a success.
+pub(crate) const PAPER: [PaperRow; 3] = [
+    PaperRow { policy: "GR00T", score: 0.0876, std: Some(0.0261) },
+    PaperRow { policy: "zero", score: 0.0861, std: Some(0.0322) },
+    PaperRow { policy: "random", score: 0.0569, std: Some(0.0293) },
+];
+
+#[cfg(test)]
+mod tests {
+    use super::PAPER;
+
+    /// The README has the same table.
+    #[test]
+    fn the_readme_has_the_same_figures() {
+        let readme = include_str!("../../../README.md");
+        for row in PAPER {
+            let name = if row.policy == "GR00T" { "GR00T".to_owned() } else { format!("`{}`", row.policy) };
+            let line = format!("| {name} | {:.4} \u{b1} {:.4} |", row.score, row.std.unwrap_or_default());
+            assert!(readme.contains(&line), "{line}");
+        }
+    }
+}
