@@ -17,7 +17,7 @@ use crate::results::Fault;
 /// # Errors
 /// Why the bag would not be scored: it cannot be read, is cut, or contradicts itself.
 pub fn check_bag(path: &Path) -> Result<Option<PublicKey>, String> {
-    let content = read(path, &GradeOptions::default()).map_err(|(_, reason)| reason)?;
+    let content = read(path, &GradeOptions::default(), None).map_err(|(_, reason)| reason)?;
     let flaw = content.graded.flaw.as_ref();
     match content.damage.map(|(_, why)| why).or_else(|| flaw.map(ToString::to_string)) {
         Some(reason) => Err(reason),

@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use fiatlux_proto::plain;
 use fiatlux_rules::Task;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

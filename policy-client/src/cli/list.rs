@@ -55,7 +55,7 @@ fn list_policies(json: bool) -> std::io::Result<()> {
         let policy = |(name, does): &(&str, &str)| json!({ "policy": name, "does": does });
         return print(format!("{:#}\n", Value::Array(fiatlux_policies::NAMES.iter().map(policy).collect())));
     }
-    policies::NAMES.iter().try_for_each(|(name, does)| print(format!("{name:<12}{does}\n")))
+    fiatlux_policies::NAMES.iter().try_for_each(|(name, does)| print(format!("{name:<12}{does}\n")))
 }
 
 fn as_json(server: &ServerInfo) -> Value {

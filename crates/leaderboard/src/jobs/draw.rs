@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use fiatlux_cli::in_full;
 use fiatlux_grading::{EpisodeRow, Results};
-use fiatlux_link::in_full;
 use fiatlux_replay::Poster;
 use fiatlux_rules::Task;
 
