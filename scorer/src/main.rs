@@ -26,7 +26,7 @@ const UNVERIFIED: u8 = 4;
 /// missing, or the results.json of a folder says otherwise than its bags; 4 an episode is not verified.
 /// Results go to stdout, everything else to stderr.
 #[derive(Debug, Parser)]
-#[command(version, propagate_version = true)]
+#[command(name = env!("CARGO_BIN_NAME"), version, propagate_version = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -89,9 +89,8 @@ struct GradeArgs {
     #[arg(long)]
     published_counting: bool,
     /// Threads [default: one for each core]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true,
-          value_parser = fiatlux_cli::whole::<usize>(0..=1024))]
-    workers: usize,
+    #[arg(long, value_name = "N", value_parser = fiatlux_cli::whole::<usize>(1..=1024))]
+    workers: Option<usize>,
 }
 
 /// Compare two runs episode by episode
@@ -150,7 +149,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     let options = GradeOptions {
         set: args.set.clone(),
         published_counting: args.published_counting,
-        workers: args.workers,
+        workers: args.workers.unwrap_or_default(),
         relative_to: args.out.as_deref().or(args.html.as_deref()).map(folder).unwrap_or_default(),
     };
     // The folders must exist: the names of bags are relative to them.
@@ -187,7 +186,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     let text = formatted(&results, args)?;
     match &args.out {
         Some(file) => write(file, &text)?,
-        None => print(&text)?,
+        None => print(&fiatlux_cli::headed(text))?,
     }
     Ok(if results.has_data_loss() || claim.is_some() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
 }

@@ -49,8 +49,8 @@ pub struct ServeArgs {
     #[arg(long, value_name = "FILE")]
     signers: Option<PathBuf>,
     /// Threads that grade [default: one for each core]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = whole::<usize>(0..=1024))]
-    workers: usize,
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=1024))]
+    workers: Option<usize>,
     /// Connections that may be open at the same time; further ones wait
     #[arg(long, value_name = "N", default_value_t = 512, value_parser = whole::<usize>(1..=65_536))]
     connections: usize,
@@ -93,7 +93,7 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
     let options = ServiceOptions {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },
         signers: args.signers.as_deref().map(KnownServers::read).transpose()?.unwrap_or_default(),
-        grade_workers: args.workers,
+        grade_workers: args.workers.unwrap_or_default(),
         ..ServiceOptions::default()
     };
     let service = Arc::new(Service::new(store, options));
