@@ -109,7 +109,8 @@ fn wait_for_servers(link: &Carrier, server: Option<&str>, stop: &AtomicBool) {
     let is_there = || link.tokens(&alive, Duration::from_secs(1)).is_ok_and(|tokens| !tokens.is_empty());
     let mut waiting = Waiting::default();
     while !stop.load(Ordering::Relaxed) && !is_there() {
-        waiting.say(|| format!("{who}: none is on this network; does it run, and does -e name its endpoint or router?"));
+        waiting
+            .say(|| format!("{who}: none is on this network; does it run, and does -e name its endpoint or router?"));
         std::thread::sleep(Duration::from_millis(200));
     }
 }
