@@ -25,6 +25,24 @@ pub fn print_error(error: impl Display) {
 
 /// Whether to write colours: to a terminal that has them, unless the variable `NO_COLOR` is set.
 pub(crate) fn has_colour(stream: &impl IsTerminal) -> bool {
-    let is_set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    stream.is_terminal() && !is_set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
+    colours(stream.is_terminal(), |name| std::env::var(name).ok())
+}
+
+fn colours(is_terminal: bool, variable: impl Fn(&str) -> Option<String>) -> bool {
+    let forbids = variable("NO_COLOR").is_some_and(|value| !value.is_empty());
+    is_terminal && !forbids && variable("TERM").is_none_or(|term| term != "dumb")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colour_is_for_terminals_that_want_it() {
+        let with =
+            |name: &'static str, value: &'static str| move |asked: &str| (asked == name).then(|| value.to_owned());
+        assert!(colours(true, with("TERM", "xterm")) && colours(true, with("NO_COLOR", "")));
+        assert!(!colours(false, with("TERM", "xterm")) && !colours(true, with("NO_COLOR", "1")));
+        assert!(!colours(true, with("TERM", "dumb")));
+    }
 }

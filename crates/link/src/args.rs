@@ -93,7 +93,8 @@ impl LinkArgs {
                     return Err(LinkError::Open { reason: "a thread panicked".into() });
                 }
                 Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Err(plan.stopped()),
-                Err(RecvTimeoutError::Timeout) => waiting.say(|| plan.peers()),
+                Err(RecvTimeoutError::Timeout) if plan.is_patient() => waiting.say(|| plan.peers()),
+                Err(RecvTimeoutError::Timeout) => {}
             }
         }
     }

@@ -177,6 +177,11 @@ impl Plan {
         Self { connect, listen, timeout_s }
     }
 
+    /// Whether the session tries to connect for so long that it has to say so. A client soon gives up with an error.
+    pub fn is_patient(&self) -> bool {
+        !(0.0..=CONNECT_TIMEOUT_S).contains(&self.timeout_s)
+    }
+
     /// Whom the session waits for, for a line in the log.
     pub fn peers(&self) -> String {
         match self.is_answered() {
