@@ -39,7 +39,7 @@ fn headline(out: &mut String, results: &Results) {
         return;
     }
     let _ = writeln!(out, "{}", wrapped(&result_line(results), "  "));
-    let part = if coverage(results).is_some() { "; S over a part of the subtasks is not comparable" } else { "" };
+    let part = if coverage(results).is_some() { "; S of a part is not comparable" } else { "" };
     let _ = writeln!(out, "  {}", wrapped(&format!("{episodes}, {}{part}", seed_count(results)), "  "));
     let _ = writeln!(out, "  {}", wrapped(&conditions_line(&results.conditions), "  "));
     if let Some(run) = &results.run {
