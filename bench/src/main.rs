@@ -20,7 +20,7 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Measures the speed of physics, sensors, batches and sessions
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(name = env!("CARGO_BIN_NAME"), version)]
 struct Cli {
     #[command(subcommand)]
     bench: Bench,
@@ -146,7 +146,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            fiatlux_cli::report(format!("error: {error:#}"));
+            fiatlux_cli::print_error(format!("{error:#}"));
             ExitCode::FAILURE
         }
     }

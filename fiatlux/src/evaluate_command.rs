@@ -111,7 +111,7 @@ fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> 
     if args.json {
         fiatlux_cli::print(outcome.results.to_json()?)?;
     } else {
-        fiatlux_cli::print(tables::text(&outcome.results))?;
+        fiatlux_cli::print_headed(tables::text(&outcome.results))?;
     }
     for lost in &outcome.lost {
         fiatlux_cli::report(format!("lost: {lost}"));
@@ -121,13 +121,6 @@ fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> 
         eprintln!("{} episodes were already in {folder} and were not run again", outcome.resumed);
     }
     eprintln!("bags, results.json and report.html are in {folder}");
-    if outcome.others > 0 {
-        let (others, s) = (outcome.others, if outcome.others == 1 { "" } else { "s" });
-        eprintln!(
-            "{folder} also has {others} episode{s} of other tasks or seeds, which are not in this results.json; use another \
-             folder for them (--out), or grade all of them: scorer grade {folder} --json --out {folder}/results.json"
-        );
-    }
     if outcome.stopped {
         eprintln!("stopped before the end; {goes_on}");
     }
@@ -138,7 +131,7 @@ fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> 
 fn look(line: &ProgressLine, progress: &Progress) -> String {
     let Progress { episodes, finished, steps, steps_left, playing } = progress;
     let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
-    let mut text = format!("{finished}/{episodes} episodes, {rate:.0} steps/s, at most {left} left");
+    let mut text = format!("{finished}/{episodes} episodes, {rate:.0} steps/s, about {left} left");
     for (task, seed, step) in playing {
         text += &format!("  {task}/{seed} at {:.0} s", *step as f64 * CONTROL_DT);
     }

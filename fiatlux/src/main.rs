@@ -14,7 +14,7 @@ use serde::Serialize;
 
 /// Fiatlux on one machine.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(name = env!("CARGO_BIN_NAME"), version)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -60,7 +60,7 @@ fn main() -> ExitCode {
     match done {
         Ok(code) => code,
         Err(error) => {
-            fiatlux_cli::report(format!("error: {error:#}"));
+            fiatlux_cli::print_error(format!("{error:#}"));
             ExitCode::FAILURE
         }
     }

@@ -29,7 +29,7 @@ mod over_zenoh {
         for endpoint in &mut link.listen {
             *endpoint = free(endpoint)?;
         }
-        let session = link.open(Role::Server)?;
+        let session = link.open_unless(Role::Server, &stop)?;
         fiatlux_cli::print(format!("{} as a router\n", link.place(Role::Server)?))?;
         fiatlux_cli::wait_for(&stop);
         Ok(session.close()?)

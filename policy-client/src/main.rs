@@ -14,7 +14,7 @@ use cli::{Failure, evaluate, list, run};
 /// Runs policies on a simulation server
 #[derive(Debug, Parser)]
 #[command(
-    name = "policy-client",
+    name = env!("CARGO_BIN_NAME"),
     version,
     after_help = "Examples:
   policy-client list
@@ -70,7 +70,7 @@ fn exit(done: Result<bool, Failure>, short: ExitCode) -> ExitCode {
         Ok(false) => short,
         Err(Failure::Usage(message)) => Cli::command().error(clap::error::ErrorKind::ValueValidation, message).exit(),
         Err(Failure::Failed(error)) => {
-            fiatlux_cli::report(format!("error: {error:#}"));
+            fiatlux_cli::print_error(format!("{error:#}"));
             ExitCode::FAILURE
         }
     }

@@ -26,7 +26,7 @@ const UNVERIFIED: u8 = 4;
 /// missing, or the results.json of a folder says otherwise than its bags; 4 an episode is not verified.
 /// Results go to stdout, everything else to stderr.
 #[derive(Debug, Parser)]
-#[command(version, propagate_version = true)]
+#[command(name = env!("CARGO_BIN_NAME"), version, propagate_version = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -149,7 +149,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     let options = GradeOptions {
         set: args.set.clone(),
         published_counting: args.published_counting,
-        workers: args.workers.unwrap_or(0),
+        workers: args.workers.unwrap_or_default(),
         time_limit: None,
         relative_to: args.out.as_deref().or(args.html.as_deref()).map(folder).unwrap_or_default(),
     };
@@ -187,7 +187,8 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     let text = formatted(&results, args)?;
     match &args.out {
         Some(file) => write(file, &text)?,
-        None => print(&text)?,
+        None if args.json || args.csv || args.latex => print(&text)?,
+        None => print(&fiatlux_cli::headed(text))?,
     }
     Ok(if results.has_data_loss() || claim.is_some() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
 }

@@ -95,7 +95,7 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
     let options = ServiceOptions {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },
         signers: args.signers.as_deref().map(KnownServers::read).transpose()?.unwrap_or_default(),
-        grade_workers: args.workers.unwrap_or(0),
+        grade_workers: args.workers.unwrap_or_default(),
         ..ServiceOptions::default()
     };
     let service = Arc::new(Service::new(store, options));

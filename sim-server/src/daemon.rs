@@ -105,7 +105,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
         let free = fiatlux_link::choose_port(endpoint);
         *endpoint = free.with_context(|| format!("no free port for {endpoint}; is its host one of this machine's?"))?;
     }
-    let session = link.open(Role::Server)?;
+    let session = link.open_unless(Role::Server, &stop)?;
     let server = Server::start(session.carrier(), options)?;
     let mut stdout = std::io::stdout();
     writeln!(stdout, "{} as {}", link.place(Role::Server)?, server.name())?;

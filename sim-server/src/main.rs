@@ -17,7 +17,7 @@ use fiatlux_rules::Task;
 /// -e say otherwise. When it is ready it prints one line on stdout; its log goes to stderr. On an interrupt (SIGINT,
 /// SIGTERM) it ends all sessions, lets recorders finish, and exits with 0, or with 3 if a recorder missed records.
 #[derive(Debug, Parser)]
-#[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
+#[command(name = env!("CARGO_BIN_NAME"), version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -97,7 +97,7 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(LOSS),
         Err(error) => {
-            fiatlux_cli::report(format!("error: {error:#}"));
+            fiatlux_cli::print_error(format!("{error:#}"));
             ExitCode::FAILURE
         }
     }

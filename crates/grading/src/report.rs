@@ -125,7 +125,7 @@ fn warnings(out: &mut String, results: &Results) {
         let text = format!("{}.", results.conditions.deviations.join("; "));
         warn("Not ranked: this run is not played as the benchmark has it.", &text);
     }
-    let covers = coverage(results).map(|covers| format!("S is {covers}"));
+    let covers = coverage(results).map(|covers| format!("S is {covers}: not comparable"));
     let lines: Vec<String> = covers.into_iter().chain(missing(results)).collect();
     if !results.subtasks.is_empty() && !lines.is_empty() {
         warn("Missing subtasks.", &format!("{}.", lines.join(". ")));

@@ -59,11 +59,11 @@ pub(crate) fn run_line(run: &RunResult) -> String {
     format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
 }
 
-/// How many subtasks S is over, such as `over 1 of 12 subtasks: not comparable`; `None` where it is over all of them, as in
+/// How many subtasks S is over, such as `over 1 of 12 subtasks`; `None` where it is over all of them, as in
 /// a run.
 pub(crate) fn coverage(results: &Results) -> Option<String> {
     let (played, all) = (results.subtasks.len(), fiatlux_rules::Task::SUBTASKS.len());
-    (results.run.is_none() && played < all).then(|| format!("over {played} of {all} subtasks: not comparable"))
+    (results.run.is_none() && played < all).then(|| format!("over {played} of {all} subtasks"))
 }
 
 /// Subtasks without a scored episode, and those without one under some of the seeds, in lines. S leaves them out; in a run they

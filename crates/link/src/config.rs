@@ -1,5 +1,8 @@
 //! Config of a session: Zenoh's defaults, then a file, then ours where the file is silent, then the flags.
 
+use std::net::{Ipv6Addr, TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
 use serde_json::{Value, json};
 use zenoh::Config;
 use zenoh::config::EndPoint;
@@ -155,6 +158,9 @@ pub fn place(config: &Config) -> String {
 /// Words in the messages of Zenoh and its TLS library that point to wrong certificates.
 const TLS_FAILURES: &[&str] = &["certificate", "private key"];
 
+/// Longest time to find out whether a port is open.
+const PROBE: Duration = Duration::from_secs(1);
+
 /// What a config asks for, to explain a failure with.
 #[derive(Debug)]
 pub struct Plan {
@@ -171,6 +177,35 @@ impl Plan {
         Self { connect, listen, timeout_s }
     }
 
+    /// Whether the session tries to connect for so long that it has to say so. A client soon gives up with an error.
+    pub fn is_patient(&self) -> bool {
+        !(0.0..=CONNECT_TIMEOUT_S).contains(&self.timeout_s)
+    }
+
+    /// Whom the session waits for, for a line in the log.
+    pub fn peers(&self) -> String {
+        match self.is_answered() {
+            true => {
+                format!("{}, where something answers, but opens no session; do user and password fit?", self.connect)
+            }
+            false => format!("{}, where nothing answers; is the address right and its program running?", self.connect),
+        }
+    }
+
+    /// Whether a TCP port that the session should connect to is open.
+    fn is_answered(&self) -> bool {
+        let mut places = self.connect.split(", ").filter_map(|endpoint| endpoint.strip_prefix("tcp/"));
+        places.any(|place| {
+            let addresses = place.split(['?', '#']).next().unwrap_or(place).to_socket_addrs();
+            addresses.is_ok_and(|mut all| all.any(|at| TcpStream::connect_timeout(&at, PROBE).is_ok()))
+        })
+    }
+
+    /// The error of a program that is stopped while it waits.
+    pub fn stopped(&self) -> LinkError {
+        LinkError::Stopped { endpoints: self.connect.clone() }
+    }
+
     /// Turns Zenoh's message into an error with a remedy.
     pub fn explain(&self, reason: &str) -> LinkError {
         let reason = reason.split(" at /").next().unwrap_or(reason).to_string();
@@ -181,10 +216,19 @@ impl Plan {
                 reason,
             };
         }
+        for (flag, endpoints) in [("--listen", &self.listen), ("--connect", &self.connect)] {
+            if let Some((endpoint, host)) = unknown_host(endpoints) {
+                let reason = format!("the host '{host}' is not known; check its name, or give its address");
+                return LinkError::Endpoint { flag, endpoint: endpoint.into(), reason };
+            }
+        }
         if !self.listen.is_empty() && (text.contains("listener") || text.contains("address already in use")) {
             return LinkError::Listen { endpoints: self.listen.clone(), reason };
         }
         if !self.connect.is_empty() && (text.contains("connect") || text.contains("timeout")) {
+            if self.is_answered() {
+                return LinkError::Refused { endpoints: self.connect.clone() };
+            }
             // Zenoh only logs why a handshake failed, and reports a time-out.
             let tls = if self.connect.split(", ").any(is_encrypted) {
                 "; or the certificates do not fit, or are expired: RUST_LOG=zenoh=warn shows more"
@@ -201,7 +245,33 @@ impl Plan {
 /// Says what is wrong with an endpoint.
 pub fn check_endpoint(endpoint: &str) -> Result<(), String> {
     let parsed: EndPoint = endpoint.parse().map_err(|_| "is not an endpoint".to_string())?;
-    check_protocol(parsed.protocol().as_str())
+    let protocol = parsed.protocol();
+    check_protocol(protocol.as_str())?;
+    if protocol.as_str() == "unixsock-stream" { Ok(()) } else { check_address(parsed.address().as_str()) }
+}
+
+/// Says what is wrong with a host and a port.
+fn check_address(address: &str) -> Result<(), String> {
+    let (host, port) = address.rsplit_once(':').ok_or_else(|| format!("{address} has no port"))?;
+    port.parse::<u16>().map_err(|_| format!("the port '{port}' is not a number from 0 to 65535"))?;
+    match host.strip_prefix('[').and_then(|host| host.strip_suffix(']')) {
+        Some(ip) => ip.parse::<Ipv6Addr>().map(drop).map_err(|_| format!("the host '[{ip}]' is not an IPv6 address")),
+        None if host.contains(':') => Err(format!("the host '{host}' needs brackets: [{host}]:{port}")),
+        None if host.is_empty() => Err("the host is missing".into()),
+        None => Ok(()),
+    }
+}
+
+/// The first host in a list of endpoints that the system does not know.
+fn unknown_host(endpoints: &str) -> Option<(&str, &str)> {
+    endpoints.split(", ").find_map(|endpoint| {
+        let (_, address) = endpoint.split_once('/').filter(|(protocol, _)| !protocol.starts_with("unix"))?;
+        let address = address.split(['?', '#']).next().unwrap_or(address);
+        address
+            .to_socket_addrs()
+            .is_err()
+            .then(|| (endpoint, address.rsplit_once(':').map_or(address, |(host, _)| host)))
+    })
 }
 
 /// Says why a protocol is not built in.
@@ -306,10 +376,25 @@ mod tests {
             ("tcp", "is not an endpoint"),
             ("ws/127.0.0.1:7447", "the protocol ws is not built in"),
             ("tls/lab:1", "quic/ is TLS 1.3"),
+            ("tcp/lab", "lab has no port"),
+            ("tcp/lab:99999", "the port '99999' is not a number from 0 to 65535"),
+            ("quic/lab:x", "the port 'x' is not a number"),
+            ("tcp/:7447", "the host is missing"),
+            ("tcp/::1:7447", "the host '::1' needs brackets: [::1]:7447"),
+            ("tcp/[::1x]:7447", "the host '[::1x]' is not an IPv6 address"),
         ] {
             let args = LinkArgs { connect: vec![endpoint.to_string()], ..LinkArgs::default() };
             let message = layered(&args, Role::Client).expect_err("refused").to_string();
             assert!(message.contains(endpoint) && message.contains(part), "{message}");
+        }
+        let plan = Plan { connect: String::new(), listen: "tcp/no.such.invalid:1".into(), timeout_s: 0.0 };
+        let message = plan.explain("whatever").to_string();
+        assert!(
+            message.starts_with("--listen tcp/no.such.invalid:1: the host 'no.such.invalid' is not known"),
+            "{message}"
+        );
+        for fit in ["tcp/[::1]:7447", "quic/lab:1#iface=lo", "tcp/0.0.0.0:0?rel=1", "unixsock-stream//tmp/x"] {
+            check_endpoint(fit).expect(fit);
         }
         let args = LinkArgs { config: Some("/nowhere/zenoh.json5".into()), ..LinkArgs::default() };
         let message = layered(&args, Role::Client).expect_err("refused").to_string();

@@ -80,6 +80,21 @@ pub enum LinkError {
         /// What Zenoh says went wrong.
         reason: String,
     },
+    /// Something answers where the session should connect, but lets it in no further.
+    #[error(
+        "at {endpoints} something answers, but opens no session; it may refuse this program's user and password (those of one \
+         `fiatlux keys --out DIR` fit: -c DIR/CONFIG.json5), or be another program"
+    )]
+    Refused {
+        /// Endpoints that were tried, separated by commas.
+        endpoints: String,
+    },
+    /// A signal ended the wait for the other side.
+    #[error("stopped before anything answered at {endpoints}")]
+    Stopped {
+        /// Endpoints that were tried, separated by commas.
+        endpoints: String,
+    },
     /// The program cannot listen on an address.
     #[error(
         "cannot listen on {endpoints} ({reason}); \

@@ -10,6 +10,7 @@ mod exposure;
 mod honoured;
 mod over_zenoh;
 mod ports;
+mod waiting;
 
 use fiatlux_carrier::Carrier;
 use zenoh::{Session, Wait};
@@ -18,6 +19,7 @@ pub use args::{LinkArgs, LinkMode, parse_endpoint};
 pub use config::Role;
 pub use error::LinkError;
 pub use ports::choose_port;
+pub use waiting::Waiting;
 
 /// Default endpoint: where a server listens and a client looks for it.
 pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";

@@ -96,7 +96,7 @@ fn a_listener_with_a_list_of_users_asks_for_them() {
         |config| LinkArgs { config, connect: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Client);
     connect(Some(right)).expect("connects");
     for config in [Some(wrong), None] {
-        assert!(matches!(connect(config), Err(LinkError::Connect { .. })));
+        assert!(matches!(connect(config), Err(LinkError::Refused { .. })));
     }
     std::fs::remove_dir_all(folder).expect("removes");
 }

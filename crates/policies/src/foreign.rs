@@ -254,7 +254,10 @@ impl Policy for Sonic {
 fn fit(policy: &'static str, plant: &Plant, info: &SessionInfo, rule: GainsRule) -> Result<Vec<f64>, PolicyError> {
     let joints = body::joints(info);
     if let Some(differs) = plant.fits(&joints, info.control_dt, rule).map_err(PolicyError::of(policy))? {
-        tracing::warn!("{policy}: gains differ from its own ({}): {differs}", plant.gains());
+        let warning = format!("{policy}: gains differ from its own ({}): {differs}", plant.gains());
+        if fiatlux_cli::is_news(&warning) {
+            tracing::warn!("{warning}");
+        }
     }
     Ok(joints.iter().map(|joint| joint.q0).collect())
 }

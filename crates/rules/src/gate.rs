@@ -64,9 +64,9 @@ pub struct Gate {
     pub strict: &'static [Criterion],
     /// Consecutive control steps in protocol `strict`.
     pub strict_steps: u32,
-    /// Criteria that strict progress counts only together with the first one, the goal of the task: an open hand is
-    /// no progress before the bulb is where it belongs.
-    pub with_goal: &'static [&'static str],
+    /// How many of the first criteria are what the task is for. Strict progress counts the others only if they hold in
+    /// row 0, or once the very first has held: a hand on a bulb, or a foot on a tread, is no progress by itself.
+    pub goals: usize,
 }
 
 /// Criteria of the longest gate, the strict one of S09.

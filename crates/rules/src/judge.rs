@@ -3,7 +3,7 @@
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
 use crate::evidence::Evidence;
-use crate::gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA};
+use crate::gate::{Context, Criteria, Gate, MAX_CRITERIA};
 use crate::geometry::Geometry;
 use crate::predicates::standing;
 use crate::protocol::Protocol;
@@ -46,6 +46,8 @@ pub struct Judge {
     first_row: Option<Box<Row>>,
     first_step: u64,
     start_count: Option<u32>,
+    /// Criteria that hold in row 0, for the strict way of counting.
+    start_criteria: Criteria,
     motion: BulbMotion,
     /// Measurements of the last row.
     evidence: Evidence,
@@ -93,6 +95,7 @@ impl Judge {
             first_row: None,
             first_step: 0,
             start_count: None,
+            start_criteria: Criteria::NONE,
             motion: BulbMotion::default(),
             evidence: Evidence::default(),
             held_for: [0; MAX_CRITERIA],
@@ -105,6 +108,7 @@ impl Judge {
     /// Forgets all rows, but keeps its options.
     fn forget(&mut self) {
         (self.first_row, self.first_step, self.start_count) = (None, 0, None);
+        self.start_criteria = Criteria::NONE;
         (self.motion, self.evidence) = (BulbMotion::default(), Evidence::default());
         (self.held_for, self.squared_actions) = ([0; MAX_CRITERIA], 0.0);
         (self.first_met, self.verdict) = ([None; Cause::ALL.len()], UNJUDGED);
@@ -170,6 +174,7 @@ impl Judge {
         self.first_step = row.step;
         self.evidence = self.see(row);
         let criteria = self.gate().evaluate(self.protocol, row, &self.context());
+        self.start_criteria = criteria;
         self.verdict.step = row.step;
         self.verdict.criteria = criteria;
         self.verdict.count = criteria.count();
@@ -283,19 +288,18 @@ impl Judge {
         self.gate().evaluate(self.protocol, &reset, &context).count()
     }
 
-    /// Criteria that have held for the gate's window; none where the robot does not stand or something is spoilt, so that
-    /// falling with an open hand is worth nothing.
+    /// Criteria that have held for the gate's window, see [`Gate::goals`]; none where the robot does not stand or something is
+    /// spoilt, so that falling with an open hand is worth nothing.
     fn count_sustained(&self, row: &Row) -> u32 {
         let context = self.context();
         if self.is_spoilt() || !standing(row, &context) || !upright(row, &context) {
             return 0;
         }
-        let (gate, held_for) = (self.gate(), &self.held_for);
-        let window = gate.window(self.protocol);
-        let counts = |(criterion, rows): (&Criterion, &u32)| {
-            *rows >= window && (held_for[0] >= window || !gate.with_goal.contains(&criterion.name))
-        };
-        gate.criteria_of(self.protocol).zip(held_for).filter(|pair| counts(*pair)).count() as u32
+        let gate = self.gate();
+        let lasts = self.held_for.map(|rows| rows >= gate.window(self.protocol));
+        let at_start = self.start_criteria.as_slice().iter();
+        let counts = |(i, held): (usize, &bool)| lasts[i] && (lasts[0] || i < gate.goals || *held);
+        at_start.enumerate().filter(|criterion| counts(*criterion)).count() as u32
     }
 
     /// Whether something broke, was dropped, fell or tipped, or the robot leapt, in this row or earlier.

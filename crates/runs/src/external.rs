@@ -206,5 +206,5 @@ fn outcome(
         GradeOptions { workers: options.workers, relative_to: options.out.clone(), ..GradeOptions::default() };
     let results: Results = grade(&[bags.to_path_buf()], &grading, &|_| {})?;
     lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
-    Ok(Outcome { results, resumed: 0, others: 0, lost, stopped: stopped && !ledger.is_finished() })
+    Ok(Outcome { results, resumed: 0, lost, stopped: stopped && !ledger.is_finished() })
 }

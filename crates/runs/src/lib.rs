@@ -8,7 +8,6 @@ mod losses;
 mod play;
 mod progress;
 
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -38,7 +37,8 @@ pub struct EvaluateOptions {
     pub tasks: Vec<Task>,
     /// Layout seeds, each once; one episode of each task is played in each.
     pub seeds: Vec<u64>,
-    /// Folder for bags, results and report. Whole bags of the same evaluation and version are kept.
+    /// Folder for bags, results and report, which are of everything in it. Whole bags of the same evaluation and version are
+    /// kept; what an earlier call with other tasks or seeds left there belongs to this one.
     pub out: PathBuf,
     /// Number of episodes to play at once.
     pub workers: usize,
@@ -79,6 +79,13 @@ impl Job {
     fn bag_name(self) -> String {
         format!("{}-s{}-e0.mcap", self.task, self.seed)
     }
+
+    /// The job whose bag has this name.
+    fn of_bag(name: &str) -> Option<Self> {
+        let (task, seed) = name.split_once("-s")?;
+        let job = Self { task: task.parse().ok()?, seed: seed.strip_suffix("-e0.mcap")?.parse().ok()? };
+        (job.bag_name() == name).then_some(job)
+    }
 }
 
 /// The outcome of an evaluation.
@@ -88,8 +95,6 @@ pub struct Outcome {
     pub results: Results,
     /// Number of episodes that were already in the folder.
     pub resumed: usize,
-    /// Number of bags in the folder that are of other tasks or seeds; the results leave them out.
-    pub others: usize,
     /// Episodes that were not played or not recorded whole, each with the reason.
     pub lost: Vec<String>,
     /// Whether it was stopped before the end.
@@ -154,8 +159,9 @@ pub fn evaluate(
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
     let _lock = Lock::take(&options.out)?;
-    let jobs: Vec<Job> =
+    let mut jobs: Vec<Job> =
         options.tasks.iter().flat_map(|&task| options.seeds.iter().map(move |&seed| Job { task, seed })).collect();
+    jobs.extend(earlier(&jobs, &bags)?);
     // A client that failed keeps its place until the grace time is over.
     let server = ServerOptions {
         name: SERVER.into(),
@@ -184,19 +190,26 @@ pub fn evaluate(
         let job = jobs.iter().find(|job| bag.bag.ends_with(&job.bag_name()));
         format!("{}: {}", bag.bag, job.and_then(|job| played.reason(*job)).unwrap_or(&bag.detail))
     }));
-    let others = others(&jobs, &bags)?;
-    Ok(Outcome { results, resumed, others, lost, stopped: stop.load(Ordering::Relaxed) })
+    Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
 }
 
-/// Number of bags in the folder that belong to none of the jobs.
-fn others(jobs: &[Job], bags: &Path) -> Result<usize, EvaluateError> {
-    let entries = std::fs::read_dir(bags).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-    let names = entries.map_err(|error| folder(bags, error))?.into_iter().map(|entry| entry.file_name());
-    let is_other = |name: &OsString| {
-        Path::new(name).extension().is_some_and(|ending| ending == "mcap")
-            && jobs.iter().all(|job| *name != *job.bag_name())
-    };
-    Ok(names.filter(is_other).count())
+/// Episodes that an earlier call with other tasks or seeds left in the folder.
+fn earlier(jobs: &[Job], bags: &Path) -> Result<Vec<Job>, EvaluateError> {
+    let mut earlier = Vec::new();
+    for entry in std::fs::read_dir(bags).map_err(|error| folder(bags, error))? {
+        let path = entry.map_err(|error| folder(bags, error))?.path();
+        if path.extension().is_none_or(|ending| ending != "mcap") {
+            continue;
+        }
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        match Job::of_bag(name) {
+            Some(job) => earlier.push(job),
+            None => return Err(folder(&path, "it is not an episode of an evaluation; move it elsewhere")),
+        }
+    }
+    earlier.retain(|job| !jobs.contains(job));
+    earlier.sort_by_key(|job| (job.task, job.seed));
+    Ok(earlier)
 }
 
 /// Grades the bags of some jobs, with names relative to the output folder.

@@ -15,7 +15,7 @@ const ROBOTS: [&str; 2] = ["g1_bare", "g1_inspire"];
 pub struct Contract {
     /// Name and version of this layout.
     pub format: String,
-    /// The benchmark's version, whose engine it was trained in.
+    /// The benchmark version whose engine it was trained in.
     pub engine: String,
     /// Name and digest of the robots that it fits.
     pub robots: Vec<(String, String)>,
@@ -196,7 +196,7 @@ impl Contract {
     }
 }
 
-/// This version's engine: the benchmark's version pins robot, scene and physics.
+/// This version's engine.
 fn engine() -> String {
-    format!("benchmark {}", fiatlux_rules::BENCHMARK_VERSION)
+    format!("benchmark {}", fiatlux_rules::pins::ENGINE_VERSION)
 }

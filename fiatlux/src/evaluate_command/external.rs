@@ -101,8 +101,7 @@ fn look(line: &ProgressLine, progress: &ExternalProgress) -> String {
         return "waiting for a run".into();
     };
     let left = if *steps > 0 { line.left(*steps, steps + steps_left) } else { "?".into() };
-    let mut text =
-        format!("{policy}, run {run}: {done}/{episodes} episodes, {successes} succeeded, at most {left} left");
+    let mut text = format!("{policy}, run {run}: {done}/{episodes} episodes, {successes} succeeded, about {left} left");
     for (task, seed) in open {
         text += &format!("  {task}/{seed}");
     }

@@ -38,19 +38,17 @@ pub fn with_passwords(role: Role, options: &KeysOptions, password: &str, users: 
 
 fn config(role: Role, options: &KeysOptions, protocol: &str, transport: Value, subject: &str) -> String {
     let port = options.port;
-    let local = is_local(&options.hosts);
     let host = options.hosts.first().map_or("127.0.0.1", String::as_str);
     let host = if host.contains(':') { format!("[{host}]") } else { host.to_owned() };
+    let endpoint = |host: &str| format!("{protocol}/{host}:{port}");
     let (mode, connect, listen) = match role {
-        Role::Router if local => ("router", None, Some(format!("{protocol}/127.0.0.1:{port}"))),
-        Role::Router => ("router", None, Some(format!("{protocol}/0.0.0.0:{port}"))),
-        _ => ("client", Some(format!("{protocol}/{host}:{port}")), None),
+        Role::Router => ("router", Vec::new(), addresses(&options.hosts).into_iter().map(endpoint).collect()),
+        _ => ("client", vec![endpoint(&host)], Vec::new()),
     };
-    let list = |endpoint: Option<String>| endpoint.into_iter().collect::<Vec<_>>();
     let config = json!({
         "mode": mode,
-        "connect": { "endpoints": list(connect) },
-        "listen": { "endpoints": list(listen) },
+        "connect": { "endpoints": connect },
+        "listen": { "endpoints": listen },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
         "transport": transport,
         "access_control": access_control(role, subject),
@@ -61,4 +59,17 @@ fn config(role: Role, options: &KeysOptions, protocol: &str, transport: Value, s
     format!(
         "// Zenoh config of the {name}, made by `fiatlux keys`. It holds secrets: only the {name} may read it.\n{text}\n"
     )
+}
+
+/// Addresses that the router listens on: of the loopback interface if only this machine is named, else all. `[::]` is
+/// reached by IPv4 as well.
+fn addresses(hosts: &[String]) -> Vec<&'static str> {
+    let has = |is_v6: bool| hosts.iter().any(|host| host.contains(':') == is_v6);
+    match (is_local(hosts), has(true)) {
+        (true, true) if has(false) => vec!["127.0.0.1", "[::1]"],
+        (true, true) => vec!["[::1]"],
+        (true, false) => vec!["127.0.0.1"],
+        (false, true) => vec!["[::]"],
+        (false, false) => vec!["0.0.0.0"],
+    }
 }

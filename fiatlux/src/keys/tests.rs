@@ -83,3 +83,26 @@ fn what_cannot_be_made_leaves_nothing_behind() {
         assert!(!options.out.exists());
     }
 }
+
+/// The router listens on the addresses by which programs are told to reach it.
+#[test]
+fn a_router_listens_where_its_host_is_looked_for() {
+    let cases: [(&[&str], &str, &str); 7] = [
+        (&[], "[\"tcp/127.0.0.1:7447\"]", "[\"tcp/127.0.0.1:7447\"]"),
+        (&["localhost"], "[\"tcp/127.0.0.1:7447\"]", "[\"tcp/localhost:7447\"]"),
+        (&["::1"], "[\"tcp/[::1]:7447\"]", "[\"tcp/[::1]:7447\"]"),
+        (&["127.0.0.1", "::1"], "[\"tcp/127.0.0.1:7447\",\"tcp/[::1]:7447\"]", "[\"tcp/127.0.0.1:7447\"]"),
+        (&["lab"], "[\"tcp/0.0.0.0:7447\"]", "[\"tcp/lab:7447\"]"),
+        (&["2001:db8::7"], "[\"tcp/[::]:7447\"]", "[\"tcp/[2001:db8::7]:7447\"]"),
+        (&["192.168.1.7", "2001:db8::7"], "[\"tcp/[::]:7447\"]", "[\"tcp/192.168.1.7:7447\"]"),
+    ];
+    for (hosts, listen, connect) in cases {
+        let hosts = hosts.iter().map(ToString::to_string).collect();
+        let options = KeysOptions { hosts, ..options("hosts", Authentication::Passwords) };
+        for (role, key, expected) in [(Role::Router, "listen", listen), (Role::Server, "connect", connect)] {
+            let text = configs::with_passwords(role, &options, "secret", Path::new("users"));
+            let config = zenoh::Config::from_json5(&text).unwrap();
+            assert_eq!(config.get_json(&format!("{key}/endpoints")).unwrap(), expected, "{role:?} {:?}", options.hosts);
+        }
+    }
+}

@@ -107,7 +107,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     let known = if args.run_file.exists() { Some(open()?) } else { None };
     // One of several servers may be down at the start: the others play meanwhile.
     let role = if args.connection.connect.len() > 1 { Role::Server } else { Role::Client };
-    let link = args.connection.open(role)?;
+    let link = args.connection.open_unless(role, &stop)?;
     let file = known.map_or_else(open, Ok)?;
     let options = RunOptions {
         server: args.server.clone(),
@@ -138,7 +138,7 @@ fn look(line: &ProgressLine, progress: &RunProgress) -> String {
         return "the run is being registered".into();
     }
     let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
-    let mut text = format!("{done}/{episodes} episodes, {successes} succeeded, {rate:.0} steps/s, at most {left} left");
+    let mut text = format!("{done}/{episodes} episodes, {successes} succeeded, {rate:.0} steps/s, about {left} left");
     if *lost > 0 {
         text += &format!(", {lost} lost");
     }

@@ -51,14 +51,13 @@ impl Report {
         self.equal &= equal.unwrap_or(true);
         if !as_json {
             print(format!(
-                "{} seed {} episode {index}: ended by {} after {} steps ({:.2} s simulated, {wall_s:.1} s of wall time); {}\n    \
-                 digest {}\n",
+                "{} seed {} episode {index}: {}; ended by {} after {} steps\n    {:.2} s simulated in {wall_s:.1} s\n    digest {}\n",
                 self.head["task"].as_str().unwrap_or_default(),
                 self.head["seed"],
+                if end.success { "passed" } else { "not passed" },
                 plain(&end.cause),
                 end.steps,
                 end.steps as f64 * self.control_dt,
-                if end.success { "passed" } else { "not passed" },
                 plain(&end.digest)
             ))?;
             match (equal, &self.digest) {

@@ -50,7 +50,7 @@ pub fn run(args: &RunArgs) -> Result<Played, Failure> {
         let mut progress = |step| {
             line.show(|| {
                 let (rate, left) = (line.rate(step), line.left(step, horizon));
-                format!("episode {index}: step {step} of {horizon}, {rate:.0} steps/s, at most {left} left")
+                format!("episode {index}: step {step} of {horizon}, {rate:.0} steps/s, about {left} left")
             });
         };
         let end = client.run_episode(index, plan.policy.as_mut(), &mut progress, &stop);

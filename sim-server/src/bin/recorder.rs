@@ -4,11 +4,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use anyhow::Context;
 use clap::Parser;
 use fiatlux_access::RecorderKey;
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_carrier::Carrier;
+use fiatlux_link::{LinkArgs, Role, Waiting};
+use fiatlux_proto::keys::{ServerKeys, any_alive};
 use fiatlux_proto::v3::EpisodeEnd;
 use fiatlux_server::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
 
@@ -18,7 +21,7 @@ use fiatlux_server::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, Recor
 /// whole, 1 failed, 2 usage, 3 some bags are cut or records lost.
 #[derive(Debug, Parser)]
 // Either flag may also stand in the settings file, so clap itself would show neither as required.
-#[command(version, override_usage = "recorder --out <DIR> --recorder-key <FILE> [OPTIONS]", after_help = EXAMPLES)]
+#[command(name = env!("CARGO_BIN_NAME"), version, override_usage = "recorder --out <DIR> --recorder-key <FILE> [OPTIONS]", after_help = EXAMPLES)]
 struct Cli {
     /// Folder of the bags
     #[arg(long, value_name = "DIR")]
@@ -54,7 +57,7 @@ fn main() -> ExitCode {
         Ok(false) => ExitCode::SUCCESS,
         Ok(true) => ExitCode::from(CUT),
         Err(error) => {
-            fiatlux_cli::report(format!("error: {error:#}"));
+            fiatlux_cli::print_error(format!("{error:#}"));
             ExitCode::FAILURE
         }
     }
@@ -65,10 +68,11 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for signals")?;
     std::fs::create_dir_all(&cli.out).with_context(|| format!("cannot make the folder {}", cli.out.display()))?;
     let key = RecorderKey::read(&cli.recorder_key)?;
-    let session = cli.link.open(Role::Client)?;
+    let session = cli.link.open_unless(Role::Client, &stop)?;
     tracing::info!("bags go to {}; Ctrl-C finishes them", cli.out.display());
     let any_cut = Arc::new(AtomicBool::new(false));
     let [seen, missed] = [Arc::clone(&any_cut), Arc::clone(&any_cut)];
+    let server = cli.server.clone();
     let recorder = Recorder::start(
         session.carrier(),
         RecorderOptions {
@@ -87,6 +91,7 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
             }),
         },
     )?;
+    wait_for_servers(&session.carrier(), server.as_deref(), &stop);
     fiatlux_cli::wait_for(&stop);
     let unfinished = recorder.stop();
     for part in &unfinished {
@@ -99,6 +104,21 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
 fn print(line: &str) {
     if let Err(error) = fiatlux_cli::print(format!("{}\n", fiatlux_proto::plain(line))) {
         tracing::error!("{error}: {line}");
+    }
+}
+
+/// Says that no server is there, until one is or the program is to stop.
+fn wait_for_servers(link: &Carrier, server: Option<&str>, stop: &AtomicBool) {
+    let (alive, who) = match server {
+        Some(name) => (ServerKeys::new(name).alive(), format!("server {name}")),
+        None => (any_alive(), "a server".into()),
+    };
+    let is_there = || link.tokens(&alive, Duration::from_secs(1)).is_ok_and(|tokens| !tokens.is_empty());
+    let mut waiting = Waiting::default();
+    while !stop.load(Ordering::Relaxed) && !is_there() {
+        waiting
+            .say(|| format!("{who}: none is on this network; does it run, and does -e name its endpoint or router?"));
+        std::thread::sleep(Duration::from_millis(200));
     }
 }
 

@@ -10,6 +10,7 @@ mod leaderboard;
 mod links;
 mod physics;
 mod pins;
+mod programs;
 mod python_client;
 mod readme;
 mod runs;

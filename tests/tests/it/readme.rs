@@ -37,31 +37,35 @@ fn the_policy_is_the_example() {
     assert!(example.contains(shown), "the policy of docs/policies.md is not that of policy-client/examples/wave.rs");
 }
 
-/// A folder in which the commands find what they name: programs of the profile under test below
-/// `target/release`, and a `cargo` that runs them.
+/// A folder in which the commands find what they name: the programs of the profile under test in `target/release`, where
+/// `fiatlux` plays and draws less, and a `cargo` that runs them.
 fn stage(scratch: &Scratch) -> PathBuf {
     let programs = program("fiatlux").parent().unwrap().to_owned();
-    let folder = scratch.path();
-    std::fs::create_dir_all(folder.join("target")).unwrap();
-    std::os::unix::fs::symlink(&programs, folder.join("target/release")).unwrap();
-    let bin = folder.join("bin");
-    std::fs::create_dir_all(&bin).unwrap();
-    let shim = "#!/bin/sh\n\
-        case \"$*\" in\n\
+    let (release, bin) = (scratch.path().join("target/release"), scratch.path().join("bin"));
+    [&release, &bin].into_iter().for_each(|folder| std::fs::create_dir_all(folder).unwrap());
+    for name in ["sim-server", "recorder", "policy-client", "scorer", "fiatlux-bench", "examples"] {
+        std::os::unix::fs::symlink(programs.join(name), release.join(name)).unwrap();
+    }
+    let fiatlux = "case \"$*\" in\n\
+        'evaluate --policy zero') set -- \"$@\" --seeds 0 ;;\n\
+        'render '*.mp4*) set -- \"$@\" --size 160x90 --to 4 ;;\n\
+        'render '*) set -- \"$@\" --size 160x90 ;;\n\
+        esac\n";
+    let fiatlux = format!("{fiatlux}exec {} \"$@\"\n", programs.join("fiatlux").display());
+    let cargo = "case \"$*\" in\n\
         'run --release -p fiatlux-policy --example wave') exec target/release/examples/wave ;;\n\
-        'run --release -- evaluate --policy zero') exec target/release/fiatlux evaluate --policy zero --seeds 0 ;;\n\
         'run --release -p fiatlux-bench -- service') exec target/release/fiatlux-bench service --seconds 0.5 --sessions 3 ;;\n\
         'run --release -p fiatlux-bench -- sensors') exec target/release/fiatlux-bench sensors --seconds 0.5 ;;\n\
-        'run --release -- render '*.mp4*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 --to 4 ;;\n\
-        'run --release -- render '*) shift 4; exec target/release/fiatlux render \"$@\" --size 160x90 ;;\n\
         'run --release -p fiatlux-bench -- violence') exec target/release/fiatlux-bench violence --runs 2 --starts 4 ;;\n\
         'run --release -p fiatlux-bench -- world') exec target/release/fiatlux-bench world --seconds 0.5 ;;\n\
         'run --release -- '*) shift 3; exec target/release/fiatlux \"$@\" ;;\n\
         'build --release --workspace --bins') ;;\n\
         *) echo \"unexpected: cargo $*\" >&2; exit 2 ;;\n\
         esac\n";
-    std::fs::write(bin.join("cargo"), shim).unwrap();
-    assert!(Command::new("chmod").arg("+x").arg(bin.join("cargo")).status().unwrap().success());
+    for (path, script) in [(release.join("fiatlux"), fiatlux.as_str()), (bin.join("cargo"), cargo)] {
+        std::fs::write(&path, format!("#!/bin/sh\n{script}")).unwrap();
+        assert!(Command::new("chmod").arg("+x").arg(&path).status().unwrap().success());
+    }
     bin
 }
 

@@ -180,7 +180,7 @@ pub fn greet<T: Content>(
         (Err(ClientError::Unanswered { .. }), Some(error)) => return Err(error),
         (taken, _) => taken?,
     };
-    if expected.is_none() {
+    if expected.is_none() && fiatlux_cli::is_news(&format!("key of {server}: {}", verified.server())) {
         tracing::info!(server, key = %verified.server(), "the server's key was not checked; --server-key would demand it");
     }
     Ok((content, greeting.agree(&verified).map_err(ClientError::handshake(server))?))

@@ -1,17 +1,17 @@
-//! The table for a terminal, at most 100 columns wide.
+//! The table for a terminal, at most 80 columns wide.
 
 use std::fmt::Write;
 
 use fiatlux_proto::plain;
 
 use super::{conditions_line, count, coverage, missing, run_line, seed_count};
-use crate::{Fault, RateRow, Results, Score, SeedRow, TaskResult};
+use crate::{Fault, Overall, RateRow, Results, Score, SeedRow, TaskResult};
 
-const WIDTH: usize = 100;
+const WIDTH: usize = 80;
 /// More seeds than these are not listed one by one.
 const MANY_SEEDS: usize = 8;
 
-/// Headline, subtasks, ends, missing subtasks and bags that were left out.
+/// The result in one line, then conditions, rates, subtasks, ends, missing subtasks and bags that were left out.
 pub fn text(results: &Results) -> String {
     let mut out = String::new();
     headline(&mut out, results);
@@ -40,11 +40,13 @@ fn headline(out: &mut String, results: &Results) {
         let _ = writeln!(out, "No episode could be scored.");
         return;
     }
-    let _ = writeln!(out, "Policy {}: {episodes}, {}", plain(&results.policy), seed_count(results));
-    let _ = writeln!(out, "{}", wrapped(&conditions_line(&results.conditions), "  "));
+    let _ = writeln!(out, "{}", wrapped(&result_line(results), "  "));
+    let part = if coverage(results).is_some() { "; S of a part is not comparable" } else { "" };
+    let _ = writeln!(out, "  {}", wrapped(&format!("{episodes}, {}{part}", seed_count(results)), "  "));
+    let _ = writeln!(out, "  {}", wrapped(&conditions_line(&results.conditions), "  "));
     if let Some(run) = &results.run {
         for line in std::iter::once(run_line(run)).chain(run.notes.iter().map(|note| format!("Note: {note}"))) {
-            let _ = writeln!(out, "{}", wrapped(&line, "  "));
+            let _ = writeln!(out, "  {}", wrapped(&line, "  "));
         }
     }
     out.push('\n');
@@ -60,14 +62,13 @@ fn headline(out: &mut String, results: &Results) {
         ),
         _ => String::new(),
     };
-    let covers = coverage(results).map_or_else(String::new, |covers| format!("{covers}; "));
     let score = |out: &mut String, name: &str, score: &Score| {
         let Some(mean) = score.mean else { return };
         let spread = match score.std {
             Some(std) => format!("+- {std:.4} over the seeds"),
             None => "a single seed".into(),
         };
-        let line = format!("{name:<22}{mean:>8.4}   {covers}{spread} ({})", by_seed(score));
+        let line = format!("{name:<22}{mean:>8.4}   {spread} ({})", by_seed(score));
         let _ = writeln!(out, "{}", wrapped(&line, "                                 "));
     };
     if let (Some(strict), Some(success)) = (&results.score_strict, &overall.strict_success) {
@@ -79,6 +80,19 @@ fn headline(out: &mut String, results: &Results) {
     out.push_str(&rate("Clean, published", &overall.clean_success));
     out.push_str(&rate("Bulb broken", &overall.broken));
     out.push_str(&rate("Bulb dropped", &overall.dropped));
+}
+
+/// Successes and S of the judge that ranks, such as `walk: 12/12 strict, S 1.000 over 3 of 12 subtasks`. Bags that were judged
+/// by the published rules alone have no strict verdict.
+fn result_line(results: &Results) -> String {
+    let Overall { episodes, strict_success, success, .. } = &results.overall;
+    let (hits, judge, score) = match (strict_success, &results.score_strict) {
+        (Some(strict), score) => (strict.hits, "strict", score.as_ref()),
+        (None, _) => (success.hits, "published", Some(&results.score)),
+    };
+    let mean = score.and_then(|score| score.mean).map_or_else(String::new, |mean| format!(", S {mean:.3}"));
+    let covers = coverage(results).filter(|_| !mean.is_empty()).map_or_else(String::new, |covers| format!(" {covers}"));
+    format!("{}: {hits}/{episodes} {judge}{mean}{covers}", results.policy)
 }
 
 /// The scores under each seed, or, of many, the least and the greatest.
@@ -94,24 +108,22 @@ fn by_seed(score: &Score) -> String {
 }
 
 fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {
-    let score_head = if scored { "    s +- std    " } else { "" };
-    let half = |name: &str| format!("  {name:-^width$}", width = if scored { 27 } else { 11 });
-    let _ = writeln!(out, "{:<38}{}{}", "", half(" strict "), half(" published "));
+    let score_head = if scored { "     s   std" } else { "" };
+    let half = |name: &str| format!("  {name:-^width$}", width = if scored { 22 } else { 10 });
+    let _ = writeln!(out, "{:<30}{}{}", "", half(" strict "), half(" published "));
     let _ = writeln!(
         out,
-        "{:<26} {:>4} {:>3}    {:>5} {:>5}{score_head}  {:>5} {:>5}{score_head}",
-        "task", "w", "n", "succ", "gate", "clean", "gate"
+        "{:<26} {:>3}  {:>5}{:>5}{score_head}  {:>5}{:>5}{score_head}",
+        "task", "n", "succ", "gate", "clean", "gate"
     );
     for task in tasks {
         let name = format!("{} {}", task.id, task.name);
-        let weight = if scored { format!("{:.2}", task.weight) } else { "-".into() };
         let score = |mean: Option<f64>, std: Option<f64>| {
-            let std = std.map_or("        ".into(), |std| format!("+- {std:.3}"));
-            if scored { format!("  {} {std}", share(mean, 3)) } else { String::new() }
+            if scored { format!(" {} {}", share(mean, 3), share(std, 3)) } else { String::new() }
         };
         let _ = writeln!(
             out,
-            "{name:<26.26} {weight:>4} {:>3}    {} {}{}  {} {}{}",
+            "{name:<26.26} {:>3}  {}{}{}  {}{}{}",
             task.episodes,
             share(task.strict_success_rate, 2),
             share(task.strict_progress, 2),
@@ -126,7 +138,8 @@ fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {
         let mut ends: Vec<_> = task.ends.iter().collect();
         ends.sort_by_key(|(cause, count)| (std::cmp::Reverse(**count), (*cause).clone()));
         let ends: Vec<_> = ends.into_iter().map(|(cause, count)| format!("{cause} {count}")).collect();
-        let _ = writeln!(out, "  {:<8}{}", task.id, wrapped(&ends.join(", "), "          "));
+        let line = format!("  {:<8}{}", task.id, ends.join(", "));
+        let _ = writeln!(out, "{}", wrapped(&line, "          "));
     }
 }
 

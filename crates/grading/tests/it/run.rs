@@ -302,7 +302,7 @@ fn a_run_that_is_not_finished_says_so() {
     let weight = Task::S01.weight() / Task::SUBTASKS.into_iter().map(Task::weight).sum::<f64>();
     assert!((results.score.mean.expect("a score") - weight).abs() < 1e-15);
     assert_eq!(results.conditions.seeds, "hosted");
-    assert!(tables::text(&results).lines().all(|line| line.chars().count() <= 100), "{}", tables::text(&results));
+    assert!(tables::text(&results).lines().all(|line| line.chars().count() <= 80), "{}", tables::text(&results));
 
     // Not a single episode was played.
     let folder = Folder::new("unplayed");

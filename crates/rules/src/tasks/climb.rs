@@ -33,7 +33,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: 1,
         strict: &[UP],
         strict_steps: ONE_SECOND,
-        with_goal: &[],
+        goals: 1,
     },
     start_count: 1,
     also_ends_on: Causes::NONE,

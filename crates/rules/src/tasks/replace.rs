@@ -38,7 +38,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "old_bulb_at_rest", holds: old_at_rest },
         ],
         strict_steps: ONE_SECOND,
-        with_goal: &[],
+        goals: 2,
     },
     start_count: 0,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Drop]),

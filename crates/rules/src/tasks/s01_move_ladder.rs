@@ -36,7 +36,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: ONE_SECOND,
         strict: &[],
         strict_steps: ONE_SECOND,
-        with_goal: &[],
+        goals: 1,
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip]),

@@ -35,7 +35,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: HALF_SECOND,
         strict: &[UP, OLD_GRIP],
         strict_steps: ONE_SECOND,
-        with_goal: &["old_bulb_held", "carried_by_treads"],
+        goals: 1,
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),

@@ -37,7 +37,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: ONE_SECOND,
         strict: &[DOWN],
         strict_steps: 2 * ONE_SECOND,
-        with_goal: &["old_bulb_released", "carried_by_floor"],
+        goals: 1,
     },
     start_count: 2,
     also_ends_on: Causes::of(&[Cause::Crush]),

@@ -34,7 +34,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: 1,
         strict: &[SLOW, STANDING],
         strict_steps: ONE_SECOND,
-        with_goal: &[],
+        goals: 1,
     },
     start_count: 2,
     also_ends_on: Causes::NONE,

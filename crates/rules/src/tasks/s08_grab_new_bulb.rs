@@ -35,7 +35,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: HALF_SECOND,
         strict: &[FRESH_GRIP],
         strict_steps: ONE_SECOND,
-        with_goal: &[],
+        goals: 1,
     },
     start_count: 2,
     also_ends_on: Causes::of(&[Cause::Drop]),

@@ -37,7 +37,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: 1,
         strict: &[UP, FRESH_GRIP],
         strict_steps: ONE_SECOND,
-        with_goal: &[],
+        goals: 1,
     },
     start_count: 4,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),

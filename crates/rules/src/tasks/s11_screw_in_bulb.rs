@@ -37,7 +37,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         sustain_steps: ONE_SECOND,
         strict: &[UP],
         strict_steps: ONE_SECOND,
-        with_goal: &["fresh_bulb_released", "carried_by_treads"],
+        goals: 1,
     },
     start_count: 3,
     also_ends_on: Causes::of(&[Cause::Tip, Cause::Crush, Cause::Drop]),

@@ -283,6 +283,46 @@ fn progress_needs_a_robot_that_stands() {
     }
 }
 
+/// What a robot can do where it stands pays nothing before the goal: no hand on a bulb, foot on a tread or step towards the
+/// ladder. Of the full errand, the old bulb in the crate is a goal as well.
+#[test]
+fn only_goals_are_progress_by_themselves() {
+    let pinch: fn(&mut Row, usize) = |row, bulb| {
+        touch(row, bulb, RIGHT[0], 6.0);
+        touch(row, bulb, RIGHT[1], -6.0);
+    };
+    let cases: [(Task, &str, &dyn Fn(&mut Row), f64); 15] = [
+        (Task::S02, "carried_by_treads", &stand_on_treads, 0.0),
+        (Task::S03, "carried_by_treads", &stand_on_treads, 0.0),
+        (Task::S03, "old_bulb_held", &|row| touch(row, OLD, RIGHT[0], 3.0), 0.0),
+        (Task::S03, "old_bulb_in_grip", &|row| pinch(row, OLD), 0.0),
+        (Task::S04, "carried_by_floor", &stand_on_floor, 0.0),
+        (Task::S06, "carried_by_floor", &stand_on_floor, 0.0),
+        (Task::S06, "old_bulb_released", &|row| let_go(row, OLD), 0.0),
+        (Task::S08, "fresh_bulb_gripped", &|row| pinch(row, NEW), 0.0),
+        (Task::S10, "carried_by_treads", &stand_on_treads, 0.0),
+        (Task::S11, "carried_by_treads", &stand_on_treads, 0.0),
+        (Task::S11, "fresh_bulb_released", &|row| let_go(row, NEW), 0.0),
+        (Task::S12, "carried_by_floor", &stand_on_floor, 0.0),
+        (Task::Climb, "carried_by_treads", &stand_on_treads, 0.0),
+        (Task::Climb, "near_ladder", &|row| row.robot.pose.translation.x += 0.3, 0.0),
+        (Task::Replace, "old_bulb_disposed", &|row| put_in_crate(row, OLD), 0.5),
+    ];
+    for (task, criterion, change, progress) in cases {
+        let mut judges = judges(task);
+        let start = with_palms(start_of(task));
+        judges.start(&start);
+        for step in 1..WITH {
+            let mut row = row_at(step, &start);
+            change(&mut row);
+            judges.advance(&row);
+        }
+        let strict = judges.of(Protocol::Strict).verdict();
+        assert!(!missing(&judges).contains(&criterion), "{task}: {criterion} does not hold");
+        assert_eq!(strict.progress, progress, "{task}: {criterion}, {strict:?}");
+    }
+}
+
 /// Each of both judges says what it says alone. Whatever rows come after the published end, its verdict and summary stay those
 /// of an episode that stopped there.
 #[test]

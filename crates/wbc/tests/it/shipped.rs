@@ -56,8 +56,8 @@ fn what_does_not_fit_is_refused_by_name() {
         let source = std::error::Error::source(&error).map_or(String::new(), ToString::to_string);
         format!("{error}: {source}")
     };
-    let engine = format!("benchmark {}", fiatlux_rules::BENCHMARK_VERSION);
-    let other = format!("benchmerk {}", fiatlux_rules::BENCHMARK_VERSION);
+    let engine = format!("benchmark {}", fiatlux_rules::pins::ENGINE_VERSION);
+    let other = format!("benchmerk {}", fiatlux_rules::pins::ENGINE_VERSION);
     let message = said(&with(&engine, &other));
     assert!(message.contains("made for engine benchmerk"), "{message}");
     let message = said(&with("base_height", "base_haight"));

@@ -86,10 +86,12 @@ fn main() -> Result<(), Box<dyn Error>> {
                 format!("first pass at try {} after {:.0} s", number + 1, first_seconds.unwrap_or(seconds))
             });
             println!(
-                "{task} {protocol} room {room} seed {seed}: {first}; best is try {}, robust {:?}, of {} in {seconds:.0} s",
+                "{task} {protocol} room {room} seed {seed}: {first}; best is try {}, robust {:?}, of {} in {seconds:.0} s; \
+                 most progress {:.2}",
                 outcome.best.number + 1,
                 outcome.best.robust,
-                outcome.tries
+                outcome.tries,
+                outcome.progress
             );
             replay(&outcome.best.trace, false)?;
             if let Some(path) = out {

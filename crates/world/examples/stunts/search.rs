@@ -61,6 +61,8 @@ pub struct Found {
     pub score: f64,
     /// Whether it passes the gate.
     pub passes: bool,
+    /// Progress that the judge pays for it.
+    pub progress: f64,
     /// Passes after changes of each size of [`SHAKES`], of [`SHAKE_TRIES`].
     pub robust: [u64; SHAKES.len()],
 }
@@ -77,6 +79,8 @@ pub struct Outcome {
     pub best: Found,
     /// Number of the first try that passed.
     pub first: Option<u64>,
+    /// The most progress that a try was paid for.
+    pub progress: f64,
     /// Tries that were made.
     pub tries: u64,
 }
@@ -85,7 +89,7 @@ impl Search {
     /// Searches from a stage. `report` hears of each trace that is better than all before.
     pub fn run(&self, stage: &Stage, mut report: impl FnMut(&Found)) -> Result<Outcome, Box<dyn Error>> {
         let mut pool: Vec<Found> = Vec::new();
-        let (mut number, mut first) = (0, None);
+        let (mut number, mut first, mut progress) = (0, None, 0.0_f64);
         while number < self.tries {
             let batch: Vec<(u64, Trace)> = (number..self.tries.min(number + BATCH))
                 .map(|number| (number, self.candidate(stage, number, &pool)))
@@ -95,6 +99,7 @@ impl Search {
                 if found.passes {
                     first.get_or_insert(found.number);
                 }
+                progress = progress.max(found.progress);
                 if pool.first().is_none_or(|best| found.score > best.score) {
                     report(&found);
                 }
@@ -107,7 +112,7 @@ impl Search {
             }
         }
         let best = pool.into_iter().next().ok_or("a search needs at least one try")?;
-        Ok(Outcome { best, first, tries: number })
+        Ok(Outcome { best, first, progress, tries: number })
     }
 
     fn evaluate(&self, stage: &Stage, batch: &[(u64, Trace)]) -> Result<Vec<Found>, Box<dyn Error>> {
@@ -129,7 +134,7 @@ impl Search {
 
     /// Plays a trace; where it passes, also its neighbours.
     fn judge(&self, stage: &Stage, number: u64, trace: &Trace) -> Result<Found, Box<dyn Error>> {
-        let (mut score, passes) = self.score(stage, trace)?;
+        let (mut score, passes, progress) = self.score(stage, trace)?;
         let mut robust = [0; SHAKES.len()];
         if passes && !self.first {
             let mut random = Random::of_term(Stream::Trial, "shake", self.seed, number);
@@ -143,10 +148,11 @@ impl Search {
             }
             score += robust.iter().sum::<u64>() as f64;
         }
-        Ok(Found { trace: trace.clone(), number, score, passes, robust })
+        Ok(Found { trace: trace.clone(), number, score, passes, progress, robust })
     }
 
-    fn score(&self, stage: &Stage, trace: &Trace) -> Result<(f64, bool), Box<dyn Error>> {
+    /// Its shaped score, whether it passes, and its progress.
+    fn score(&self, stage: &Stage, trace: &Trace) -> Result<(f64, bool, f64), Box<dyn Error>> {
         let task = stage.task();
         let window = u64::from(task.spec().gate.window(self.protocol));
         let mut scorer = Scorer::new(self.protocol, task);
@@ -154,7 +160,7 @@ impl Search {
         let passes = is_clean_success(episode.judges().of(self.protocol));
         let verdict = episode.judges().of(self.protocol).verdict();
         let spoilt = f64::from(u8::from(verdict.broken)) + f64::from(u8::from(verdict.dropped));
-        Ok((scorer.best - 0.2 * spoilt + if passes { 10.0 } else { 0.0 }, passes))
+        Ok((scorer.best - 0.2 * spoilt + if passes { 10.0 } else { 0.0 }, passes, verdict.progress))
     }
 
     fn candidate(&self, stage: &Stage, number: u64, pool: &[Found]) -> Trace {

@@ -26,8 +26,10 @@ struct Row<'a> {
 /// # Errors
 /// Stdout cannot be written to.
 pub fn print(outcome: &RunOutcome, policy: &str, as_json: bool) -> std::io::Result<()> {
-    let text = if as_json { format!("{:#}\n", as_json_value(outcome, policy)) } else { table(outcome, policy) };
-    fiatlux_cli::print(text)
+    if as_json {
+        return fiatlux_cli::print(format!("{:#}\n", as_json_value(outcome, policy)));
+    }
+    fiatlux_cli::print_headed(table(outcome, policy))
 }
 
 /// Reports on stderr what was not played, and how to continue.
@@ -88,7 +90,9 @@ fn table(outcome: &RunOutcome, policy: &str) -> String {
     let rows = rows(outcome);
     let sum = |of: fn(&Row<'_>) -> usize| rows.iter().map(|(_, row)| of(row)).sum::<usize>();
     let width = rows.iter().map(|(task, _)| task.len()).max().unwrap_or(0).max("task".len());
-    let mut text = format!("{policy}, run {}, on {}\n\n", outcome.run, outcome.servers.join(", "));
+    let [success, all] = [sum(|row| row.success), sum(|row| row.episodes)];
+    let servers = outcome.servers.join(", ");
+    let mut text = format!("{policy}: {success}/{all} succeeded\n  run {}, on {servers}\n\n", outcome.run);
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
@@ -166,8 +170,9 @@ mod tests {
             servers: vec!["lab".into()],
         };
         let text = table(&outcome, "zero");
+        assert!(text.starts_with("zero: 1/4 succeeded\n"), "{text}");
         let words = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
-        let lines: Vec<Vec<String>> = text.lines().skip(3).map(words).collect();
+        let lines: Vec<Vec<String>> = text.lines().skip(4).map(words).collect();
         assert_eq!(lines[0], ["S01", "2/2", "1", "0", "0", "fall", "1"], "{text}");
         assert_eq!(lines[1], ["climb", "0/2", "0", "1", "1", "other", "rows", "1"], "{text}");
         assert_eq!(lines[2], ["all", "2/4", "1", "1", "1"], "{text}");

@@ -74,6 +74,27 @@ fn results_do_not_depend_on_the_workers() {
     assert_eq!(fs::read(one.join("results.json")).unwrap(), before);
 }
 
+/// Guards the report of a folder: a second call with other tasks and seeds adds to it. What is not an episode of the
+/// evaluation is refused by name.
+#[test]
+fn a_report_is_of_its_whole_folder() {
+    let scratch = Scratch::new("folder");
+    let out = scratch.path().join("out");
+    for (tasks, seeds) in [("S01,S08", "0..1"), ("S08", "7"), ("S01", "1")] {
+        let asked = ["--policy", "zero", "--tasks", tasks, "--seeds", seeds];
+        assert!(evaluate(&asked, &out, &scratch).finish(PATIENCE).0.success());
+    }
+    let results = results(&out);
+    let episodes: Vec<_> = results["episodes"].as_array().unwrap().iter().map(|e| (&e["task"], &e["seed"])).collect();
+    assert_eq!(episodes.len(), 5, "{episodes:?}");
+    assert_eq!((bags(&out).len(), &results["missing"]), (5, &serde_json::json!(["S01"])), "seed 7 has S08 alone");
+
+    fs::copy(out.join("bags/S08-s7-e0.mcap"), out.join("bags/copy.mcap")).unwrap();
+    let mut again = evaluate(&["--policy", "zero", "--tasks", "S01", "--seeds", "1"], &out, &scratch);
+    assert_eq!(again.finish(PATIENCE).0.code(), Some(1));
+    assert!(again.log().contains("copy.mcap: it is not an episode of an evaluation"), "{}", again.log());
+}
+
 /// Guards Ctrl-C: an evaluation ends soon, what is finished is graded and kept, and the same command does the rest.
 #[test]
 fn an_interrupted_evaluation_is_resumed() {

@@ -1,0 +1,30 @@
+//! Says what a program waits for.
+
+use std::fmt::Display;
+use std::time::{Duration, Instant};
+
+/// Time before the first line, and between two.
+const PERIODS: [Duration; 2] = [Duration::from_secs(3), Duration::from_secs(30)];
+
+/// A wait for somebody else, which is said in the log after 3 s and from then on every 30 s.
+#[derive(Debug)]
+pub struct Waiting {
+    next: Instant,
+}
+
+impl Default for Waiting {
+    fn default() -> Self {
+        Self { next: Instant::now() + PERIODS[0] }
+    }
+}
+
+impl Waiting {
+    /// Says what the program waits for, if it is due; `what` is called only then.
+    pub fn say<D: Display>(&mut self, what: impl FnOnce() -> D) {
+        let now = Instant::now();
+        if now >= self.next {
+            self.next = now + PERIODS[1];
+            tracing::warn!("waiting for {}", what());
+        }
+    }
+}
