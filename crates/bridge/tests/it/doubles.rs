@@ -167,7 +167,7 @@ fn golden_messages_are_of_real_packages() {
     let output = Command::new(python).arg(script).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(
-        output.stdout == include_bytes!("../src/dialect/golden.jsonl"),
+        output.stdout == include_bytes!("../../src/dialect/golden.jsonl"),
         "run golden.py again, and look at what changed"
     );
 }
