@@ -9,8 +9,8 @@ use thiserror::Error;
 pub enum BridgeError {
     /// The address cannot be parsed.
     #[error(
-        "cannot read '{given}' as the address of a model server; write {scheme}://HOST:PORT (no TLS: for wss:// run a proxy on \
-         this side, and name the server with --model-host)"
+        "cannot read '{given}' as the address of a model server; write {scheme}://HOST:PORT{}",
+        if given.starts_with("wss:") { "; for TLS run a proxy on this side, and name the server with --model-host" } else { "" }
     )]
     Address {
         /// The text that was given.

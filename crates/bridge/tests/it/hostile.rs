@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use fiatlux_bridge::{BridgeError, Dialect, Form, Model, ModelObservation, ModelOptions, Tensor, Timeouts};
 use rmpv::Value;
 use tungstenite::Message;
-use tungstenite::handshake::server::{Request, Response};
+use tungstenite::handshake::server::{ErrorResponse, Request, Response};
 
 const TIMEOUTS: Timeouts = Timeouts { connect: Duration::from_millis(800), reply: Duration::from_millis(800) };
 
@@ -233,7 +233,7 @@ fn the_handshake_names_the_host() {
         let port = listener.local_addr().unwrap().port();
         let seen = std::thread::spawn(move || {
             let mut seen = (String::new(), String::new());
-            let note = |request: &Request, response: Response| {
+            let note = |request: &Request, response: Response| -> Result<Response, ErrorResponse> {
                 seen = (request.headers()["Host"].to_str().unwrap().into(), request.uri().to_string());
                 Ok(response)
             };
