@@ -176,8 +176,11 @@ pub(super) fn contract(answer: &Value) -> Result<Contract, BridgeError> {
         let problem = format!("it has no 'action', it is {}; is the server of this dialect?", described(answer));
         BridgeError::malformed("the modality config", problem)
     })?;
-    let terms =
-        |(at, key)| ActionTerms { key, width: None, representation: action.representations.get(at).copied().flatten() };
+    let terms = |(at, key): (usize, String)| ActionTerms {
+        key,
+        width: None,
+        representation: action.representations.get(at).copied().flatten(),
+    };
     contract.actions = Some(action.keys.into_iter().enumerate().map(terms).collect());
     contract.horizon = action.deltas.map(|deltas| deltas.len());
     contract.language = Modality::read(answer, "language")?.map(|language| language.keys);
