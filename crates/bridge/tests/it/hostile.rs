@@ -69,7 +69,7 @@ fn zeromq_servers_that_are_none() {
         }
     });
     assert!(ask(Dialect::Gr00t, drip).to_string().contains("--reply-timeout"));
-    let publisher = serve(|mut stream| greeted(&mut stream, "PUB"));
+    let publisher = serve(|mut stream| drop(greeted(&mut stream, "PUB")));
     assert!(ask(Dialect::Gr00t, publisher).to_string().contains("\"PUB\""));
 }
 
