@@ -220,6 +220,7 @@ fn a_refused_form_of_arrays_is_changed_once() {
 
 /// The handshake of WebSocket names host, port and path as the URL does, or the host behind a tunnel.
 #[test]
+#[allow(clippy::result_large_err)] // The error is the library's.
 fn the_handshake_names_the_host() {
     for (address, path, host, expected) in [
         ("127.0.0.1", "", None, "127.0.0.1:PORT"),
