@@ -28,7 +28,9 @@ fn model_server(name: &str, args: &VlaArgs, is_real_time: bool) -> Result<Option
 /// Sorts an error of a policy: a wrong flag is a usage error, anything else a failure.
 fn usage(error: PolicyError) -> Failure {
     match error {
-        PolicyError::Unknown { .. } | PolicyError::Unfit { .. } => Failure::Usage(error.to_string()),
+        PolicyError::Unknown { .. } | PolicyError::Unfit { .. } | PolicyError::Tasks { .. } => {
+            Failure::Usage(error.to_string())
+        }
         other => other.into(),
     }
 }

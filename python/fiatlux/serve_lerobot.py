@@ -138,9 +138,14 @@ def _packed(value: Any) -> Any:
     raise TypeError(f"{type(value)} cannot be sent")
 
 
-def _unpacked(value: dict[str, Any]) -> Any:
+def _unpacked(value: dict[Any, Any]) -> Any:
+    # GR00T's clients send arrays as a .npy file or, since N1.7, as the maps of msgpack-numpy.
     if "__ndarray_class__" in value:
         return np.load(io.BytesIO(value["as_npy"]), allow_pickle=False)
+    if b"nd" in value:
+        if value.get(b"kind"):
+            raise Refused("an array is not of plain numbers")
+        return np.frombuffer(value[b"data"], np.dtype(value[b"type"])).reshape(value.get(b"shape", ()))
     return value
 
 

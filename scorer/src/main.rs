@@ -188,7 +188,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     match &args.out {
         Some(file) => write(file, &text)?,
         None if args.json || args.csv || args.latex => print(&text)?,
-        None => print(&fiatlux_cli::headed(text))?,
+        None => fiatlux_cli::print_headed(text)?,
     }
     Ok(if results.has_data_loss() || claim.is_some() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
 }

@@ -154,8 +154,10 @@ pub trait Model: Send {
 /// Address and protocol of a model server.
 #[derive(Debug, Clone)]
 pub struct ModelOptions {
-    /// `tcp://HOST:PORT` of a GR00T server, `ws://HOST:PORT` of the others.
+    /// `tcp://HOST:PORT` of a GR00T server, `ws://HOST:PORT/PATH` of the others.
     pub url: String,
+    /// Name of a WebSocket server behind a tunnel or proxy, sent as the header `Host`; `None` for that of `url`.
+    pub host: Option<String>,
     /// Protocol that the server speaks.
     pub dialect: Dialect,
     /// Longest waits for the connection and for a reply.
@@ -209,3 +211,6 @@ fn chunk(tables: Vec<(String, usize, usize, Vec<f64>)>, server_s: Option<f64>) -
     let parts = tables.into_iter().map(|(key, _, width, numbers)| (key, width, numbers)).collect();
     Ok(ModelChunk { rows, parts, server_s: server_s.filter(|time| time.is_finite() && *time >= 0.0) })
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,7 +8,10 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum BridgeError {
     /// The address cannot be parsed.
-    #[error("cannot read '{given}' as the address of a model server; write {scheme}://HOST:PORT")]
+    #[error(
+        "cannot read '{given}' as the address of a model server; write {scheme}://HOST:PORT{}",
+        if given.starts_with("wss:") { "; for TLS run a proxy on this side, and name the server with --model-host" } else { "" }
+    )]
     Address {
         /// The text that was given.
         given: String,
@@ -33,6 +36,31 @@ pub enum BridgeError {
         transport: &'static str,
         /// What the other side did instead.
         problem: String,
+    },
+    /// The other side accepts a connection, and does not complete the handshake within the time-out.
+    #[error(
+        "the server at {address} accepted a connection and did not complete the {transport} handshake within {:.1} s; a \
+         server that computes or compiles answers late: allow more with --reply-timeout. If it is idle, compare --dialect \
+         and --model with it",
+        waited.as_secs_f64()
+    )]
+    Silent {
+        /// Host and port of the server.
+        address: String,
+        /// Transport of the dialect: `ZeroMQ` or `WebSocket`.
+        transport: &'static str,
+        /// How long the client waited.
+        waited: Duration,
+    },
+    /// No answer to the question before the first episode.
+    #[error(
+        "the model server did not answer the question before the first episode within {:.0} s; if it compiles for longer, allow \
+         more with --warm-up-timeout",
+        waited.as_secs_f64()
+    )]
+    ColdStart {
+        /// How long the client waited.
+        waited: Duration,
     },
     /// No answer within the time-out.
     #[error("the model server did not answer '{question}' within {:.1} s; allow more with --reply-timeout", waited.as_secs_f64())]
@@ -116,9 +144,9 @@ pub enum BridgeError {
 }
 
 impl BridgeError {
-    /// Whether a new connection may help: nobody accepted one, or nobody answered.
+    /// Whether a new connection may help: nobody accepted one, or nobody answered in time.
     pub fn is_transient(&self) -> bool {
-        matches!(self, Self::Connect { .. } | Self::Timeout { .. } | Self::Lost { .. })
+        matches!(self, Self::Connect { .. } | Self::Silent { .. } | Self::Timeout { .. } | Self::Lost { .. })
     }
 
     pub(crate) fn malformed(what: impl Into<String>, problem: impl Into<String>) -> Self {

@@ -32,4 +32,4 @@ pub use net::{MAX_REPLY, Timeouts};
 pub use observe::{Frames, Sensed};
 pub use play::{Play, Played, Player};
 pub use rows::Row;
-pub use tensor::{Dtype, Tensor};
+pub use tensor::{Dtype, Form, Tensor};

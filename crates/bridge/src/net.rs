@@ -12,9 +12,9 @@ pub const MAX_REPLY: usize = 4 << 20;
 /// Longest waits for a model server.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timeouts {
-    /// For connecting, greeting included.
+    /// Until a connection is accepted.
     pub connect: Duration,
-    /// From a question to the end of its answer.
+    /// For the handshake, and from a question to the end of its answer.
     pub reply: Duration,
 }
 
@@ -24,26 +24,39 @@ impl Default for Timeouts {
     }
 }
 
-/// Host and port of a model server.
+/// Port of a WebSocket server whose address has none.
+const HTTP_PORT: u16 = 80;
+
+/// Host, port and path of a model server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Address {
     host: String,
     port: u16,
+    path: String,
 }
 
 impl Address {
-    /// Parses `SCHEME://HOST:PORT`, with an IPv6 host in brackets. Anything after the port is ignored.
+    /// Parses `SCHEME://HOST:PORT/PATH`, with an IPv6 host in brackets. Only WebSocket has a path and a default port.
     pub fn parse(given: &str, scheme: &'static str) -> Result<Self, BridgeError> {
         let wrong = || BridgeError::Address { given: given.into(), scheme };
         let rest = given.strip_prefix(scheme).and_then(|rest| rest.strip_prefix("://")).ok_or_else(wrong)?;
-        let place = rest.split('/').next().unwrap_or_default();
-        let (host, port) = place.rsplit_once(':').ok_or_else(wrong)?;
+        let (place, path) = rest.split_at(rest.find(['/', '?', '#']).unwrap_or(rest.len()));
+        let path = path.split('#').next().unwrap_or_default();
+        let (host, port) = match place.rsplit_once(':').filter(|(_, port)| !port.ends_with(']')) {
+            Some((host, port)) => (host, port.parse().ok().filter(|port| *port != 0).ok_or_else(wrong)?),
+            None if scheme == "ws" => (place, HTTP_PORT),
+            None => return Err(wrong()),
+        };
         let host = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
-        let port = port.parse().ok().filter(|port| *port != 0).ok_or_else(wrong)?;
-        if host.is_empty() || host.contains(char::is_whitespace) {
+        if host.is_empty() || rest.contains(char::is_whitespace) {
             return Err(wrong());
         }
-        Ok(Self { host: host.into(), port })
+        Ok(Self { host: host.into(), port, path: path.into() })
+    }
+
+    /// Path and query as in an HTTP request.
+    pub fn path(&self) -> String {
+        if self.path.starts_with('/') { self.path.clone() } else { format!("/{}", self.path) }
     }
 
     /// Connects to the first address of the host that answers.
@@ -146,5 +159,15 @@ mod tests {
             let error = read(wrong).unwrap_err().to_string();
             assert!(error.contains(wrong) && error.contains("tcp://HOST:PORT"), "{error}");
         }
+        let read = |text| Address::parse(text, "ws").map(|address| (address.to_string(), address.path()));
+        for (text, place, path) in [
+            ("ws://lab:8000", "lab:8000", "/"),
+            ("ws://[fd00::1]:8000/v1/model?key=a/b#top", "[fd00::1]:8000", "/v1/model?key=a/b"),
+            ("ws://lab?key=1", "lab:80", "/?key=1"),
+            ("ws://[::1]", "[::1]:80", "/"),
+        ] {
+            assert_eq!(read(text).unwrap(), (place.to_owned(), path.to_owned()), "{text}");
+        }
+        assert!(read("wss://lab:443").unwrap_err().to_string().contains("--model-host"));
     }
 }

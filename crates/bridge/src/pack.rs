@@ -49,3 +49,34 @@ pub(crate) fn as_text(value: &Value) -> Option<&str> {
 pub(crate) fn entry<'a>(value: &'a Value, name: &str) -> Option<&'a Value> {
     value.as_map()?.iter().find(|(key, _)| as_text(key) == Some(name)).map(|(_, value)| value)
 }
+
+/// Reads bytes, which old packers send as text.
+pub(crate) fn as_bytes(value: &Value) -> Option<&[u8]> {
+    match value {
+        Value::Binary(bytes) => Some(bytes),
+        Value::String(text) => Some(text.as_bytes()),
+        _ => None,
+    }
+}
+
+/// Says what a value is, for an error: its type, and the first keys of a map.
+pub(crate) fn described(value: &Value) -> String {
+    const MAX_KEYS: usize = 8;
+    match value {
+        Value::Nil => "nil".into(),
+        Value::Boolean(_) | Value::Integer(_) | Value::F32(_) | Value::F64(_) => "a number".into(),
+        Value::String(_) => "text".into(),
+        Value::Binary(bytes) => format!("{} bytes", bytes.len()),
+        Value::Array(parts) => format!("a list of {}", parts.len()),
+        Value::Ext(kind, _) => format!("an extension of type {kind}"),
+        Value::Map(entries) => {
+            let key = |(key, _): &(Value, Value)| match as_text(key) {
+                Some(name) => format!("{:?}", name.chars().take(40).collect::<String>()),
+                None => described(key),
+            };
+            let keys: Vec<String> = entries.iter().take(MAX_KEYS).map(key).collect();
+            let more = if entries.len() > MAX_KEYS { ", ..." } else { "" };
+            format!("a map of {} keys: {}{more}", entries.len(), keys.join(", "))
+        }
+    }
+}

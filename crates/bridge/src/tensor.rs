@@ -1,28 +1,37 @@
-//! Arrays in the forms that model servers send: `.npy` files in a map (GR00T) and maps with byte keys (openpi).
+//! Arrays of numbers: their elements, and the forms in which they travel.
 
+mod forms;
 mod npy;
 
-use rmpv::Value;
-
 use crate::BridgeError;
-use crate::pack::{as_text, entry, map, text};
+pub use forms::Form;
 
 /// Largest number of dimensions of an array.
 const MAX_DIMENSIONS: usize = 8;
 /// Largest number of elements of an array.
 const MAX_ELEMENTS: usize = 4 << 20;
 
-/// Element types that can be read and written, little-endian.
+/// Element types that can be read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dtype {
     /// Boolean of one byte, NumPy's `|b1`.
     Bool,
+    /// Signed 8-bit integer, NumPy's `|i1`.
+    I8,
     /// Unsigned 8-bit integer, NumPy's `|u1`.
     U8,
+    /// Signed 16-bit integer, NumPy's `<i2`.
+    I16,
+    /// Unsigned 16-bit integer, NumPy's `<u2`.
+    U16,
     /// Signed 32-bit integer, NumPy's `<i4`.
     I32,
+    /// Unsigned 32-bit integer, NumPy's `<u4`.
+    U32,
     /// Signed 64-bit integer, NumPy's `<i8`.
     I64,
+    /// Unsigned 64-bit integer, NumPy's `<u8`.
+    U64,
     /// 16-bit float, NumPy's `<f2`; read, and used as f64.
     F16,
     /// 32-bit float, NumPy's `<f4`.
@@ -32,28 +41,44 @@ pub enum Dtype {
 }
 
 impl Dtype {
-    const ALL: [(Self, &'static str, usize); 7] = [
-        (Self::Bool, "|b1", 1),
-        (Self::U8, "|u1", 1),
-        (Self::I32, "<i4", 4),
-        (Self::I64, "<i8", 8),
-        (Self::F16, "<f2", 2),
-        (Self::F32, "<f4", 4),
-        (Self::F64, "<f8", 8),
+    /// Name in NumPy's short and long notation, and size in bytes.
+    const ALL: [(Self, &'static str, &'static str, usize); 12] = [
+        (Self::Bool, "|b1", "bool", 1),
+        (Self::I8, "|i1", "int8", 1),
+        (Self::U8, "|u1", "uint8", 1),
+        (Self::I16, "<i2", "int16", 2),
+        (Self::U16, "<u2", "uint16", 2),
+        (Self::I32, "<i4", "int32", 4),
+        (Self::U32, "<u4", "uint32", 4),
+        (Self::I64, "<i8", "int64", 8),
+        (Self::U64, "<u8", "uint64", 8),
+        (Self::F16, "<f2", "float16", 2),
+        (Self::F32, "<f4", "float32", 4),
+        (Self::F64, "<f8", "float64", 8),
     ];
 
-    /// Its name in NumPy's notation, such as `<f4`.
+    /// Its name in NumPy's short notation, such as `<f4`.
     pub fn name(self) -> &'static str {
         Self::ALL[self as usize].1
     }
 
     /// Size of an element in bytes.
     pub fn size(self) -> usize {
-        Self::ALL[self as usize].2
+        Self::ALL[self as usize].3
     }
 
-    fn by_name(name: &str) -> Option<Self> {
-        Self::ALL.iter().find(|(_, known, _)| *known == name).map(|(dtype, ..)| *dtype)
+    /// Finds a type by its name in either notation; also says whether its elements are big-endian.
+    ///
+    /// # Errors
+    /// [`BridgeError::Malformed`] lists the supported types.
+    fn by_name(name: &str) -> Result<(Self, bool), BridgeError> {
+        let bare = name.strip_prefix(['<', '>', '|', '=']).unwrap_or(name);
+        let found = Self::ALL.iter().find(|(_, short, long, _)| short[1..] == *bare || *long == name);
+        found.map(|(dtype, ..)| (*dtype, name.starts_with('>'))).ok_or_else(|| {
+            let (name, known) = (name.chars().take(40).collect::<String>(), Self::ALL.map(|(_, short, ..)| short));
+            let problem = format!("its elements are {name:?}; send one of {}, or float32", known.join(", "));
+            BridgeError::malformed("an array", problem)
+        })
     }
 }
 
@@ -85,6 +110,15 @@ impl Tensor {
             return wrong(format!("{} of shape {shape:?} takes {expected} bytes; it has {found}", dtype.name()));
         }
         Ok(Self { dtype, shape, data })
+    }
+
+    /// As [`Tensor::new`], with elements of a type that is named as NumPy does, in either byte order.
+    fn named(dtype: &str, shape: Vec<usize>, mut data: Vec<u8>) -> Result<Self, BridgeError> {
+        let (dtype, is_big_endian) = Dtype::by_name(dtype)?;
+        if is_big_endian {
+            data.chunks_exact_mut(dtype.size()).for_each(<[u8]>::reverse);
+        }
+        Self::new(dtype, shape, data)
     }
 
     /// Makes an array of `<f4` elements.
@@ -125,6 +159,11 @@ impl Tensor {
         }
         match self.dtype {
             Dtype::Bool | Dtype::U8 => self.data.iter().map(|&byte| f64::from(byte)).collect(),
+            Dtype::I8 => each(&self.data, |bytes| f64::from(i8::from_le_bytes(bytes))),
+            Dtype::I16 => each(&self.data, |bytes| f64::from(i16::from_le_bytes(bytes))),
+            Dtype::U16 => each(&self.data, |bytes| f64::from(u16::from_le_bytes(bytes))),
+            Dtype::U32 => each(&self.data, |bytes| f64::from(u32::from_le_bytes(bytes))),
+            Dtype::U64 => each(&self.data, |bytes| u64::from_le_bytes(bytes) as f64),
             Dtype::I32 => each(&self.data, |bytes| f64::from(i32::from_le_bytes(bytes))),
             Dtype::I64 => each(&self.data, |bytes| i64::from_le_bytes(bytes) as f64),
             Dtype::F16 => each(&self.data, |bytes| half(u16::from_le_bytes(bytes))),
@@ -132,71 +171,6 @@ impl Tensor {
             Dtype::F64 => each(&self.data, f64::from_le_bytes),
         }
     }
-
-    /// Encodes for GR00T: a map with a complete `.npy` file.
-    pub fn to_gr00t(&self) -> Value {
-        map([("__ndarray_class__", Value::from(true)), ("as_npy", Value::Binary(self.to_npy()))])
-    }
-
-    /// Decodes GR00T's form; `None` if the value is not an array.
-    ///
-    /// # Errors
-    /// [`BridgeError::Malformed`]: the map or the file in it is damaged.
-    pub fn of_gr00t(value: &Value) -> Option<Result<Self, BridgeError>> {
-        entry(value, "__ndarray_class__")?;
-        Some(match entry(value, "as_npy") {
-            Some(Value::Binary(bytes)) => Self::of_npy(bytes),
-            _ => Err(BridgeError::malformed("an array", "it has no bytes 'as_npy'")),
-        })
-    }
-
-    /// Encodes for openpi: a map with byte keys.
-    pub fn to_openpi(&self) -> Value {
-        let shape = self.shape.iter().map(|&side| Value::from(side as u64)).collect();
-        let entries: [(&[u8], Value); 4] = [
-            (b"__ndarray__", Value::from(true)),
-            (b"data", Value::Binary(self.data.clone())),
-            (b"dtype", text(self.dtype.name())),
-            (b"shape", Value::Array(shape)),
-        ];
-        Value::Map(entries.into_iter().map(|(key, value)| (Value::Binary(key.to_vec()), value)).collect())
-    }
-
-    /// Decodes openpi's form of an array or of a single number; `None` if the value is neither.
-    ///
-    /// # Errors
-    /// [`BridgeError::Malformed`]: the map is damaged, or its type is unknown.
-    pub fn of_openpi(value: &Value) -> Option<Result<Self, BridgeError>> {
-        if entry(value, "__npgeneric__").is_some() {
-            let number = entry(value, "data").and_then(Value::as_f64);
-            let number = number.ok_or_else(|| BridgeError::malformed("a number", "its 'data' is not a number"));
-            return Some(number.and_then(|number| Self::new(Dtype::F64, vec![], number.to_le_bytes().into())));
-        }
-        entry(value, "__ndarray__")?;
-        let read = || {
-            let wrong = |problem: &str| BridgeError::malformed("an array", problem);
-            let dtype = entry(value, "dtype").and_then(as_text).ok_or_else(|| wrong("it has no 'dtype'"))?;
-            let dtype = known(dtype)?;
-            let shape = entry(value, "shape").and_then(Value::as_array).ok_or_else(|| wrong("it has no 'shape'"))?;
-            let sides = shape.iter().map(|side| side.as_u64().and_then(|side| usize::try_from(side).ok()));
-            let shape =
-                sides.collect::<Option<Vec<_>>>().ok_or_else(|| wrong("its 'shape' is not of whole numbers"))?;
-            match entry(value, "data") {
-                Some(Value::Binary(data)) => Self::new(dtype, shape, data.clone()),
-                _ => Err(wrong("it has no bytes 'data'")),
-            }
-        };
-        Some(read())
-    }
-}
-
-/// Finds an element type by NumPy's name, or fails with a list of those that are supported.
-fn known(name: &str) -> Result<Dtype, BridgeError> {
-    let known = || Dtype::ALL.map(|(_, name, _)| name).join(", ");
-    Dtype::by_name(name).ok_or_else(|| {
-        let name: String = name.chars().take(40).collect();
-        BridgeError::malformed("an array", format!("its elements are '{name}'; use one of {}", known()))
-    })
 }
 
 /// Converts a 16-bit float (IEEE 754 binary16).

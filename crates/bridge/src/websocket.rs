@@ -29,8 +29,14 @@ pub(crate) struct Socket {
 }
 
 impl Socket {
-    /// Connects, and sends an API key if there is one.
-    pub fn connect(address: &Address, timeouts: Timeouts, key: Option<&str>) -> Result<Self, BridgeError> {
+    /// Connects, and sends an API key if there is one. `host` is the name that the server goes by, if a tunnel or proxy
+    /// has the address.
+    pub fn connect(
+        address: &Address,
+        timeouts: Timeouts,
+        host: Option<&str>,
+        key: Option<&str>,
+    ) -> Result<Self, BridgeError> {
         let mut stream = address.connect(timeouts.connect)?;
         // A server that computes for another client accepts late.
         stream.allow(timeouts.reply);
@@ -39,23 +45,24 @@ impl Socket {
             transport: "WebSocket",
             problem: shortened(&problem),
         };
-        let mut request =
-            format!("ws://{address}/").into_client_request().map_err(|error| refused(error.to_string()))?;
-        if let Some(key) = key {
-            let value = HeaderValue::from_str(&format!("Api-Key {key}"));
-            let value =
-                value.map_err(|_| refused("the API key has characters that an HTTP header cannot have".into()))?;
-            request.headers_mut().insert("Authorization", value);
+        let late =
+            || BridgeError::Silent { address: address.to_string(), transport: "WebSocket", waited: timeouts.reply };
+        let url = format!("ws://{address}{}", address.path());
+        let mut request = url.into_client_request().map_err(|error| refused(error.to_string()))?;
+        let key = key.map(|key| format!("Api-Key {key}"));
+        for (name, value) in [("Authorization", key.as_deref()), ("Host", host)] {
+            let Some(value) = value else { continue };
+            let value = HeaderValue::from_str(value)
+                .map_err(|_| refused(format!("our header {name} has characters that HTTP does not allow")))?;
+            request.headers_mut().insert(name, value);
         }
         let config = WebSocketConfig::default().max_message_size(Some(MAX_REPLY)).max_frame_size(Some(MAX_REPLY));
         let opened = client_with_config(request, stream, Some(config));
         let (socket, _) = opened.map_err(|error| match error {
-            HandshakeError::Failure(Error::Io(error)) if error.kind() == io::ErrorKind::TimedOut => {
-                refused("it does not answer in time".into())
-            }
+            HandshakeError::Failure(Error::Io(error)) if error.kind() == io::ErrorKind::TimedOut => late(),
             HandshakeError::Failure(Error::Io(error)) => broken(&error, "greeting", timeouts.reply),
             HandshakeError::Failure(error) => refused(error.to_string()),
-            HandshakeError::Interrupted(_) => refused("it does not answer in time".into()),
+            HandshakeError::Interrupted(_) => late(),
         })?;
         Ok(Self { socket, timeouts })
     }

@@ -43,12 +43,11 @@ impl Req {
     /// Connects and exchanges greetings, within `timeouts`.
     pub fn connect(address: &Address, timeouts: Timeouts) -> Result<Self, BridgeError> {
         let mut req = Self { stream: address.connect(timeouts.connect)?, timeouts };
+        req.stream.allow(timeouts.reply);
         req.greet().map_err(|broken| match broken {
-            Broken::Io(error) if error.kind() == io::ErrorKind::TimedOut => BridgeError::Handshake {
-                address: address.to_string(),
-                transport: "ZeroMQ",
-                problem: "it does not greet in time".into(),
-            },
+            Broken::Io(error) if error.kind() == io::ErrorKind::TimedOut => {
+                BridgeError::Silent { address: address.to_string(), transport: "ZeroMQ", waited: timeouts.reply }
+            }
             Broken::Io(error) => BridgeError::Lost { question: "greeting".into(), problem: error.to_string() },
             Broken::Other(BridgeError::Malformed { problem, .. }) => {
                 BridgeError::Handshake { address: address.to_string(), transport: "ZeroMQ", problem }

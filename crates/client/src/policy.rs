@@ -1,6 +1,7 @@
 //! The trait that policies implement, and their errors.
 
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
+use fiatlux_rules::Task;
 use fiatlux_session::Command;
 use thiserror::Error;
 
@@ -10,6 +11,11 @@ pub trait Policy: Send {
     /// Name of the policy for the record. An evaluation goes on with episodes of the same name, so a name has the arguments that
     /// decide what the policy does, and a digest of its weights if they come from a file.
     fn name(&self) -> String;
+
+    /// Tasks that the policy can play. A run with others is refused before it is registered.
+    fn tasks(&self) -> &'static [Task] {
+        &Task::ALL
+    }
 
     /// Sensors that the policy needs; if empty, it gets proprioception, contact forces and the last action. A session
     /// opened for it has exactly these.
@@ -63,6 +69,16 @@ pub enum PolicyError {
         name: String,
         /// All names, separated by commas.
         known: String,
+    },
+    /// A run has tasks that the policy does not play.
+    #[error("policy {policy} does not play {refused}; choose tasks that it plays: --tasks {plays}")]
+    Tasks {
+        /// Name of the policy.
+        policy: String,
+        /// Tasks of the run that it does not play, separated by commas.
+        refused: String,
+        /// Tasks that it plays, separated by commas.
+        plays: String,
     },
     /// The session lacks a sensor that the policy reads.
     #[error("policy {policy} needs the sensor {sensor}, which the session lacks; ask for it when you open the session")]
@@ -120,6 +136,20 @@ pub enum PolicyError {
         /// Step of the observation that the command answers.
         step: u64,
     },
+}
+
+/// Refuses tasks that a policy does not play.
+///
+/// # Errors
+/// [`PolicyError::Tasks`].
+pub fn check_tasks(policy: &dyn Policy, tasks: &[Task]) -> Result<(), PolicyError> {
+    let plays = policy.tasks();
+    let refused: Vec<&str> = tasks.iter().filter(|task| !plays.contains(task)).map(|task| task.short_id()).collect();
+    if refused.is_empty() {
+        return Ok(());
+    }
+    let plays: Vec<&str> = plays.iter().map(|task| task.short_id()).collect();
+    Err(PolicyError::Tasks { policy: policy.name(), refused: refused.join(", "), plays: plays.join(",") })
 }
 
 impl PolicyError {

@@ -10,10 +10,11 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use fiatlux_carrier::Carrier;
+use fiatlux_rules::Task;
 use thiserror::Error;
 
 use crate::client::{DISCOVERY_S, live_servers};
-use crate::{Access, Client, ClientError, Policy, PolicyError, find_server};
+use crate::{Access, Client, ClientError, Policy, PolicyError, check_tasks, find_server};
 use calls::{Calls, Links};
 use crew::Crew;
 pub use file::{RunFile, RunFileError};
@@ -58,7 +59,7 @@ pub enum RunError {
     /// No server accepts the run.
     #[error(transparent)]
     Client(#[from] ClientError),
-    /// The policy cannot be made, or cannot work in any of the run's sessions.
+    /// The policy cannot be made, does not play the run's tasks, or refuses every session of the run.
     #[error(transparent)]
     Policy(#[from] PolicyError),
 }
@@ -93,7 +94,8 @@ impl Client {
     /// ```
     ///
     /// # Errors
-    /// [`RunError`]. Episodes that fail are not an error: the outcome lists them.
+    /// [`RunError`]. Episodes that fail are not an error: the outcome lists them. Neither is a policy that refuses the
+    /// sessions of some tasks: their episodes count as failures.
     pub fn evaluate(
         link: &Carrier,
         options: &RunOptions,
@@ -102,7 +104,9 @@ impl Client {
         stop: &AtomicBool,
     ) -> Result<RunOutcome, RunError> {
         // Make a policy once, so that a failure shows before anything is registered.
-        drop(make_policy()?);
+        let tasks: Vec<Task> = options.file.spec.tasks.iter().filter_map(|task| task.parse().ok()).collect();
+        let tasks = if tasks.is_empty() { &Task::SUBTASKS[..] } else { &tasks };
+        check_tasks(make_policy()?.as_ref(), tasks)?;
         let group = Group::find(link, options)?;
         let links = Links::default();
         let (run, key, access) = (&options.file.run, &options.file.key, &options.access);

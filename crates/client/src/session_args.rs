@@ -35,6 +35,10 @@ pub struct SessionArgs {
     /// [default: 0]
     #[arg(long, value_name = "MS", value_parser = whole::<u32>(0..=100))]
     action_delay: Option<u32>,
+    /// In real time: how long a whole-body command stays in force without a new action, ms; then the robot stands
+    /// [default: 500]
+    #[arg(long, value_name = "MS", value_parser = whole::<u32>(20..=10_000))]
+    command_timeout: Option<u32>,
     /// Rulebook by which episodes end: strict, whose bags have both verdicts, or published [default: strict]
     #[arg(long, value_name = "NAME")]
     protocol: Option<String>,
@@ -95,6 +99,7 @@ impl SessionArgs {
         set(&mut request.reward, &self.reward);
         set(&mut request.episode_protocol, &self.protocol);
         request.action_delay_ms = self.action_delay.unwrap_or(request.action_delay_ms);
+        request.command_timeout_ms = self.command_timeout.unwrap_or(request.command_timeout_ms);
         if !self.sensors.is_empty() {
             request.sensors.clone_from(&self.sensors);
         }

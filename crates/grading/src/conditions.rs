@@ -92,6 +92,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
         ("weights", quoted(weights(header))),
         ("meshes", quoted(meshes(header))),
         ("action_delay_ms", action_delay_ms(header).to_string()),
+        ("command_timeout_s", header.command_timeout_s.to_string()),
         ("end_on", end_on),
         ("model_digest", quoted(&header.model_digest)),
         ("scene_digest", quoted(&header.scene_digest)),
@@ -147,6 +148,10 @@ impl Conditions {
         }
         if action_delay_ms(header) > 0 {
             deviations.push(format!("actions are delayed by {} ms", action_delay_ms(header)));
+        }
+        // Bags of lockstep, and those before protocol 3.7, have none.
+        if ![0.0, COMMAND_TIMEOUT_S].contains(&header.command_timeout_s) {
+            deviations.push(format!("commands expire after {} s", header.command_timeout_s));
         }
         if header.end_on_overridden {
             deviations.push(format!("episodes ended on {}", listed(&header.end_on)));
@@ -212,6 +217,9 @@ fn seeds(header: &v3::EpisodeHeader) -> &'static str {
 fn action_delay_ms(header: &v3::EpisodeHeader) -> u32 {
     header.request.as_ref().map_or(0, |request| request.action_delay_ms)
 }
+
+/// How long a whole-body command stays in force in real time, s, by PROTOCOL.md.
+const COMMAND_TIMEOUT_S: f64 = 0.5;
 
 /// Sensors of the standard observation: what a robot could sense.
 const STANDARD: [&str; 9] = [

@@ -42,6 +42,8 @@ struct Shared {
     carrier: Option<Carrier>,
     /// How long to retry a server that is gone.
     patience: Duration,
+    /// Longest wait for the answer to the first question; zero if none is asked.
+    warm_up: Duration,
     is_real_time: bool,
 }
 
@@ -89,16 +91,21 @@ impl Shared {
 }
 
 impl VlaSource {
-    /// Requests the server's contract and compares it with the mapping.
+    /// Requests the server's contract and compares it with the mapping; then asks a first question, so that no episode
+    /// waits for a server that compiles.
     ///
     /// # Errors
-    /// [`PolicyError::Bridge`]: nobody answers, the contract does not fit, or motion tokens have no decoder.
-    fn check(&self) -> Result<(), PolicyError> {
+    /// [`BridgeError`]: nobody answers, contract or answer do not fit, or motion tokens have no decoder.
+    fn check(&self) -> Result<(), BridgeError> {
         let shared = &self.0;
-        shared.check_decoder().map_err(PolicyError::of("vla"))?;
-        let contract =
-            shared.options.model().map_err(PolicyError::of("vla"))?.contract().map_err(PolicyError::of("vla"))?;
-        Ok(check_contract(&shared.mapping, &contract).map_err(PolicyError::of("vla"))?)
+        shared.check_decoder()?;
+        let contract = shared.options.model()?.contract()?;
+        check_contract(&shared.mapping, &contract)?;
+        if !shared.warm_up.is_zero() {
+            let (chunk, _) = self.warm_up(&self.example()?)?;
+            shared.rows(shared.robot.q0(), &chunk)?;
+        }
+        Ok(())
     }
 
     /// A policy for one episode; it connects when the episode begins.

@@ -6,6 +6,7 @@ mod path;
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
+use fiatlux_rules::Task;
 use fiatlux_wbc::Network;
 
 use self::path::{Map, Point, distance};
@@ -103,6 +104,10 @@ impl Walk {
 impl Policy for Walk {
     fn name(&self) -> String {
         self.name.clone()
+    }
+
+    fn tasks(&self) -> &'static [Task] {
+        &[Task::S05, Task::S07, Task::S09]
     }
 
     fn sensors(&self) -> Vec<Sensor> {

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use fiatlux_client::{Policy, PolicyError, SessionArgs};
+use fiatlux_client::{Policy, PolicyError, SessionArgs, check_tasks};
 use fiatlux_grading::{GradeOptions, Results, ScoreError, grade};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::OpenRequest;
@@ -156,6 +156,7 @@ pub fn evaluate(
 ) -> Result<Outcome, EvaluateError> {
     // Report a wrong name before anything is played.
     let policy = fiatlux_policies::by_name(&options.policy)?;
+    check_tasks(policy.as_ref(), &options.tasks)?;
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
     let _lock = Lock::take(&options.out)?;

@@ -14,6 +14,7 @@ use fiatlux_client::{
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_policies::Zero;
 use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
+use fiatlux_rules::Task;
 use fiatlux_server::{Server, ServerOptions};
 use zenoh::{Session, Wait};
 
@@ -298,6 +299,84 @@ fn a_policy_that_does_not_fit_ends_the_call() {
     assert!(matches!(error, Err(RunError::Policy(PolicyError::Sensor { sensor: "camera", .. }))), "{error:?}");
     let outcome = play(&link, &options(&folder, "lab"), 0, &mut |_| (), &AtomicBool::new(false));
     assert_eq!(digests(&outcome), undisturbed(), "nothing is lost by it");
+}
+
+/// What a policy does not play is refused before the run exists; what it refuses all the same counts as failed, and the rest is
+/// played.
+#[test]
+fn tasks_that_a_policy_does_not_play_do_not_end_the_run() {
+    struct Choosy {
+        zero: Zero,
+        says_so: bool,
+    }
+    impl Policy for Choosy {
+        fn name(&self) -> String {
+            "slow".into()
+        }
+        fn tasks(&self) -> &'static [Task] {
+            if self.says_so { &[Task::S01, Task::S08] } else { &Task::ALL }
+        }
+        fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+            match info.task.as_ref().map(|task| task.task.as_str()) {
+                Some("S05") => Err(PolicyError::Unfit { policy: "slow", reason: "not in S05".into() }),
+                _ => self.zero.reset(info, first),
+            }
+        }
+        fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+            self.zero.act(observation)
+        }
+    }
+    let (folder, link) = (folder("choosy"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let _server = server(&link, "lab", &folder);
+    let play = |says_so: bool| {
+        let make = move || Ok(Box::new(Choosy { zero: Zero::default(), says_so }) as Box<dyn Policy>);
+        let carrier = fiatlux_link::carrier(&link);
+        Client::evaluate(&carrier, &options(&folder, "lab"), make, &mut |_| (), &AtomicBool::new(false))
+    };
+    let error = play(true).unwrap_err().to_string();
+    assert!(error.contains("does not play S05") && error.contains("--tasks S01,S08"), "{error}");
+    assert_eq!(fs::read_dir(folder.join("bags")).map_or(0, Iterator::count), 0, "nothing is registered");
+
+    let outcome = play(false).unwrap();
+    let (failed, played): (Vec<_>, Vec<_>) = outcome.episodes.iter().partition(|episode| episode.task == "S05");
+    assert!(outcome.finished && played.iter().all(|episode| episode.fate == EpisodeFate::Played), "{outcome:?}");
+    let says_why = |episode: &&fiatlux_client::EpisodeOutcome| {
+        episode.fate == EpisodeFate::Failed && episode.cause.contains("not in S05")
+    };
+    assert!(failed.len() == 4 && failed.iter().all(says_why), "{failed:?}");
+}
+
+/// A policy that plans by exact poses gets as much of a hosted room as of a public one: the same rows.
+#[test]
+fn walk_plays_hosted_rooms_as_public_ones() {
+    let (folder, link) = (folder("walk"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let _server = server(&link, "lab", &folder);
+    let sensors: Vec<_> = ["proprioception", "hand_contact", "last_action", "privileged"].map(Into::into).into();
+    let play = |name: &str, spec: RunSpec| {
+        let file = RunFile::open(&folder.join(name), &spec).unwrap();
+        let options = RunOptions { server: Some("lab".into()), ..RunOptions::new(file) };
+        let make = || fiatlux_policies::by_name("walk");
+        let carrier = fiatlux_link::carrier(&link);
+        Client::evaluate(&carrier, &options, make, &mut |_| (), &AtomicBool::new(false)).unwrap()
+    };
+    let spec = RunSpec {
+        policy: "walk".into(),
+        tasks: ["S05", "S09"].map(Into::into).to_vec(),
+        session: Some(OpenRequest { sensors, ..OpenRequest::default() }),
+        ..RunSpec::default()
+    };
+    let hosted = play("hosted.toml", RunSpec { hosted_seeds: 3, ..spec.clone() });
+    let mut seeds: Vec<u64> = hosted.episodes.iter().map(|episode| episode.seed.unwrap()).collect();
+    seeds.sort_unstable();
+    seeds.dedup();
+    assert_eq!(seeds.len(), 3);
+    let public = play("public.toml", RunSpec { seeds, ..spec });
+    let sorted = |outcome: &RunOutcome| {
+        let mut digests = digests(outcome);
+        digests.sort();
+        digests
+    };
+    assert_eq!(sorted(&hosted), sorted(&public));
 }
 
 /// The seeds are the server's secret until the end.

@@ -14,7 +14,8 @@ use super::{Failure, usage};
 #[derive(Debug, Args)]
 #[command(
     after_help = "It prints the server's contract, its differences from the mapping, what was sent (the standing \
-posture, pictures of a grey ramp, the words 'Stand still.'), the answer, and its latency.
+posture, pictures of a grey ramp, the words 'Stand still.'), the answer, its latency, and that of the
+question before, for which a server may compile.
 
 Exit codes: 0 the server fits the mapping, 1 it does not or cannot be reached, 2 usage."
 )]
@@ -35,9 +36,12 @@ pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
     for (key, shape) in &probed.sent {
         line(&format!("sent      {key} {shape:?}"))?;
     }
-    let Answer { chunk, latency, rows } = probed.answer.map_err(anyhow::Error::from)?;
+    let Answer { chunk, latency, first, rows } = probed.answer.map_err(anyhow::Error::from)?;
     print_chunk(&chunk)?;
     let server = chunk.server_s.map_or_else(String::new, |time| format!(", {:.1} ms of it in the server", 1e3 * time));
+    if let Some(first) = first {
+        line(&format!("first     {:.1} ms", 1e3 * first.as_secs_f64()))?;
+    }
     line(&format!("latency   {:.1} ms{server}", 1e3 * latency.as_secs_f64()))?;
     match &rows {
         Ok(rows) => print_row(rows.first())?,

@@ -172,6 +172,11 @@ def msgpack_of(value):
     return msgpack.packb(value, default=packed)
 
 
+def numpy_map(array):
+    """An array in the form of the package msgpack-numpy."""
+    return {b"nd": True, b"type": array.dtype.str, b"kind": b"", b"shape": array.shape, b"data": array.tobytes()}
+
+
 def test_a_checkpoint_is_served(commands, tmp_path):
     """The answer equals that of LeRobot's own code for a frame of the data set; a wrong input is named."""
     import torch
@@ -206,6 +211,10 @@ def test_a_checkpoint_is_served(commands, tmp_path):
             "language": {"task": [["carry the bulb"]]},
         }
         actions, _ = ask("get_action", observation=observation, options=None)
+        # Since N1.7 GR00T's clients send arrays as msgpack-numpy does.
+        numpy_form = {**observation, "state": {"state": numpy_map(state[None, None])}}
+        same, _ = ask("get_action", observation=numpy_form, options=None)
+        np.testing.assert_array_equal(same["action"], actions["action"])
         assert actions["action"].shape == (1, 20, 7) and actions["action"].dtype == np.float32
         np.testing.assert_allclose(actions["action"][0], expected, atol=1e-5)
         for group, key, value, says in [

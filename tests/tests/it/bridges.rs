@@ -61,6 +61,9 @@ struct Recorded {
     _folder: Scratch,
 }
 
+/// The doubles count their answers, so the policy asks nothing before the episode.
+const NO_WARM_UP: &[&str] = &["--warm-up-timeout", "0"];
+
 /// Plays against a double.
 fn record(python: &PathBuf, dialect: &str, double: &[&str], args: &[&str]) -> Recorded {
     let double = Double::start(python, dialect, double);
@@ -68,7 +71,8 @@ fn record(python: &PathBuf, dialect: &str, double: &[&str], args: &[&str]) -> Re
     let bags = folder.path().display().to_string();
     let service = Service::start("bridge", &["--record", &bags]);
     let all =
-        [&["--policy", "vla", "--dialect", dialect, "--model", &double.1, "--model-patience", "1"], args].concat();
+        [&["--policy", "vla", "--dialect", dialect, "--model", &double.1, "--model-patience", "1"], NO_WARM_UP, args]
+            .concat();
     let mut client = service.client(&[&all[..], &["--task", "S07"]].concat());
     let (status, _) = client.finish(PATIENCE);
     assert!(!status.success(), "the double has a fault");

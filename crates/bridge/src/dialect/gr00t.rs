@@ -7,10 +7,10 @@ use super::{
 };
 use crate::mapping::Representation;
 use crate::net::{Address, Timeouts};
-use crate::pack::{as_text, decode, encode, entry, map, text};
+use crate::pack::{as_text, decode, described, encode, entry, map, text};
 use crate::websocket::shortened;
 use crate::zmq::Req;
-use crate::{BridgeError, Tensor};
+use crate::{BridgeError, Form, Tensor};
 
 /// A GR00T server, connected by the first question.
 pub(super) struct Gr00t {
@@ -18,6 +18,10 @@ pub(super) struct Gr00t {
     timeouts: Timeouts,
     token: Option<String>,
     is_flat: bool,
+    /// How arrays are sent.
+    form: Form,
+    /// Whether the server has answered a question with arrays in `form`.
+    is_form_known: bool,
     socket: Option<Req>,
 }
 
@@ -28,29 +32,44 @@ impl Gr00t {
             timeouts: options.timeouts,
             token: options.token.clone(),
             is_flat: options.dialect == Dialect::Gr00tFlat,
+            form: Form::Npy,
+            is_form_known: false,
             socket: None,
         })
     }
 
-    /// Sends a request to an endpoint and reads the answer. Any failure closes the connection.
-    fn ask(&mut self, endpoint: &str, data: Option<Value>) -> Result<Value, BridgeError> {
+    /// Sends a request to an endpoint and reads the answer by `read`. Any failure closes the connection.
+    fn ask<T>(
+        &mut self,
+        endpoint: &str,
+        data: Option<Value>,
+        read: impl Fn(&Value) -> Result<T, BridgeError>,
+    ) -> Result<T, BridgeError> {
         let question = encode(&question(endpoint, data, self.token.as_deref()));
         let mut socket = match self.socket.take() {
             Some(socket) => socket,
             None => Req::connect(&self.address, self.timeouts)?,
         };
         let answer = socket.ask(endpoint, &question)?;
-        self.socket = Some(socket);
         let refused = |words: &str| BridgeError::Server { question: endpoint.into(), text: shortened(words) };
         // Old servers give no reason.
         if answer == b"ERROR" {
             return Err(refused("ERROR without a reason; see its log"));
         }
         let answer = decode("an answer", &answer)?;
-        match entry(&answer, "error") {
-            Some(words) => Err(refused(as_text(words).unwrap_or("an error that is not text"))),
-            None => Ok(answer),
+        if let Some(words) = entry(&answer, "error") {
+            return Err(refused(as_text(words).unwrap_or("an error that is not text")));
         }
+        let read = read(&answer)?;
+        self.socket = Some(socket);
+        Ok(read)
+    }
+
+    fn ask_chunk(&mut self, observation: &ModelObservation) -> Result<ModelChunk, BridgeError> {
+        let data = data(observation, self.is_flat, self.form)?;
+        let chunk = self.ask("get_action", Some(data), chunk_of)?;
+        self.is_form_known = true;
+        Ok(chunk)
     }
 }
 
@@ -63,12 +82,12 @@ fn question(endpoint: &str, data: Option<Value>, token: Option<&str>) -> Value {
 }
 
 /// The `data` field of a `get_action` request.
-fn data(observation: &ModelObservation, is_flat: bool) -> Result<Value, BridgeError> {
+fn data(observation: &ModelObservation, is_flat: bool, form: Form) -> Result<Value, BridgeError> {
     let image = |tensor: &Tensor| {
         let shape = [&[1], tensor.shape()].concat();
-        Tensor::u8(shape, tensor.data().to_vec()).map(|tensor| tensor.to_gr00t())
+        Tensor::u8(shape, tensor.data().to_vec()).map(|tensor| tensor.write(form))
     };
-    let state = |numbers: &[f32]| Tensor::f32(vec![1, 1, numbers.len()], numbers).map(|tensor| tensor.to_gr00t());
+    let state = |numbers: &[f32]| Tensor::f32(vec![1, 1, numbers.len()], numbers).map(|tensor| tensor.write(form));
     let images: Vec<(&str, Value)> = observation
         .images
         .iter()
@@ -97,86 +116,120 @@ fn data(observation: &ModelObservation, is_flat: bool) -> Result<Value, BridgeEr
 
 impl Model for Gr00t {
     fn contract(&mut self) -> Result<Contract, BridgeError> {
-        contract(&self.ask("get_modality_config", None)?)
+        self.ask("get_modality_config", None, contract)
     }
 
+    /// Some servers of N1.7 read only the arrays of `msgpack-numpy`, older ones only `.npy` files. So a first question
+    /// that is refused is asked again in the other form.
     fn infer(&mut self, observation: &ModelObservation) -> Result<ModelChunk, BridgeError> {
-        let answer = self.ask("get_action", Some(data(observation, self.is_flat)?))?;
-        let wrong = |problem: &str| BridgeError::malformed("an answer", problem);
-        let actions = match &answer {
-            Value::Array(parts) => parts.first().ok_or_else(|| wrong("it is an empty array"))?,
-            _ => return Err(wrong("it is not an array of actions and info")),
+        let refused = match self.ask_chunk(observation) {
+            Err(refused @ BridgeError::Server { .. }) if !self.is_form_known => refused,
+            other => return other,
         };
-        let actions = actions.as_map().ok_or_else(|| wrong("its actions are not a map"))?;
-        let read = |(key, value): &(Value, Value)| {
-            let key = as_text(key).ok_or_else(|| wrong("a key of its actions is not text"))?;
-            let tensor = Tensor::of_gr00t(value).ok_or_else(|| wrong(&format!("'{key}' is not an array")))??;
-            // Batch, rows, numbers: only a fault of the server's wrapper loses the batch.
-            if tensor.shape().len() != 3 {
-                let problem = format!("its shape is {:?}, not (1, rows, numbers)", tensor.shape());
-                return Err(BridgeError::malformed(format!("the action '{key}'"), problem));
-            }
-            table(key.strip_prefix("action.").unwrap_or(key), &tensor)
-        };
-        chunk(actions.iter().map(read).collect::<Result<_, _>>()?, None)
+        self.form = Form::MsgpackNumpy;
+        self.ask_chunk(observation).map_err(|_| {
+            self.form = Form::Npy;
+            refused
+        })
     }
 
     fn reset(&mut self) -> Result<(), BridgeError> {
-        self.ask("reset", Some(map([("options", Value::Nil)]))).map(drop)
+        self.ask("reset", Some(map([("options", Value::Nil)])), |_| Ok(()))
     }
 }
 
-/// Reads the modality config in either of the two forms that servers send.
-fn contract(answer: &Value) -> Result<Contract, BridgeError> {
-    let wrong = |problem: String| BridgeError::malformed("the modality config", problem);
-    let modality = |name: &str| -> Result<Option<Value>, BridgeError> {
-        let Some(value) = entry(answer, name) else { return Ok(None) };
-        let config = match (entry(value, "as_dict"), entry(value, "as_json").and_then(as_text)) {
-            (Some(config), _) => config.clone(),
-            (None, Some(json)) => json_value(json).ok_or_else(|| wrong(format!("'{name}' is not JSON")))?,
-            (None, None) => value.clone(),
-        };
-        if config.as_map().is_none() {
-            return Err(wrong(format!("'{name}' is not a map")));
+/// Reads the actions of an answer: first of a list of actions and info, or of a map without info (N1.5).
+pub(super) fn chunk_of(answer: &Value) -> Result<ModelChunk, BridgeError> {
+    let wrong = |problem: String| BridgeError::malformed("an answer", problem);
+    let actions = match answer {
+        Value::Array(parts) => parts.first().ok_or_else(|| wrong("it is an empty list".into()))?,
+        _ => answer,
+    };
+    let entries = actions.as_map();
+    let entries = entries.ok_or_else(|| wrong(format!("its actions are {}, not a map", described(actions))))?;
+    let read = |(key, value): &(Value, Value)| {
+        let key = as_text(key).ok_or_else(|| wrong("a key of its actions is not text".into()))?;
+        let what = format!("the action '{key}'");
+        let tensor = Tensor::read(&what, value)?;
+        // N1.5 has no axis of the batch. Fewer axes would leave open which numbers are rows.
+        if !(2..=3).contains(&tensor.shape().len()) {
+            let problem = format!("its shape is {:?}, not (1, rows, numbers) or (rows, numbers)", tensor.shape());
+            return Err(BridgeError::malformed(what, problem));
         }
-        Ok(Some(config))
+        table(key.strip_prefix("action.").unwrap_or(key), &tensor)
     };
-    let keys = |config: &Value| -> Vec<String> {
-        let keys = entry(config, "modality_keys").and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default();
-        keys.iter().filter_map(|key| as_text(key).map(str::to_owned)).collect()
-    };
-    let deltas = |config: &Value| -> Option<Vec<i64>> {
-        let deltas = entry(config, "delta_indices").and_then(Value::as_array)?;
-        Some(deltas.iter().filter_map(Value::as_i64).collect())
-    };
-    let plain = |key: String, group: &str| key.strip_prefix(&format!("{group}.")).map(str::to_owned).unwrap_or(key);
+    chunk(entries.iter().map(read).collect::<Result<_, _>>()?, None)
+}
+
+/// Reads the modality config in every form that servers send: plain maps, and maps with the config as a map or as JSON.
+pub(super) fn contract(answer: &Value) -> Result<Contract, BridgeError> {
     let mut contract = Contract::default();
-    if let Some(video) = modality("video")? {
-        let camera = |key| CameraTerms { key: plain(key, "video"), size: None, delta: deltas(&video) };
-        contract.cameras = Some(keys(&video).into_iter().map(camera).collect());
+    if let Some(video) = Modality::read(answer, "video")? {
+        let camera = |key| CameraTerms { key, size: None, delta: video.deltas.clone() };
+        contract.cameras = Some(video.keys.into_iter().map(camera).collect());
     }
-    if let Some(state) = modality("state")? {
-        contract.states = Some(keys(&state).into_iter().map(|key| (plain(key, "state"), None)).collect());
-        contract.state_frames = deltas(&state).map(|deltas| deltas.len());
+    if let Some(state) = Modality::read(answer, "state")? {
+        contract.states = Some(state.keys.into_iter().map(|key| (key, None)).collect());
+        contract.state_frames = state.deltas.map(|deltas| deltas.len());
     }
-    if let Some(action) = modality("action")? {
-        let configs = entry(&action, "action_configs").and_then(Value::as_array);
-        let terms = |(at, key)| ActionTerms {
-            key: plain(key, "action"),
-            width: None,
-            representation: configs
-                .and_then(|configs| configs.get(at))
-                .and_then(|config| entry(config, "rep").and_then(as_text))
-                .and_then(Representation::by_name),
-        };
-        contract.actions = Some(keys(&action).into_iter().enumerate().map(terms).collect());
-        contract.horizon = deltas(&action).map(|deltas| deltas.len());
-    }
-    contract.language = modality("language")?.map(|language| keys(&language));
-    if contract.actions.is_none() {
-        return Err(wrong("it has no 'action'; is the server of this dialect?".into()));
-    }
+    let action = Modality::read(answer, "action")?.ok_or_else(|| {
+        let problem = format!("it has no 'action', it is {}; is the server of this dialect?", described(answer));
+        BridgeError::malformed("the modality config", problem)
+    })?;
+    let terms = |(at, key): (usize, String)| ActionTerms {
+        key,
+        width: None,
+        representation: action.representations.get(at).copied().flatten(),
+    };
+    contract.actions = Some(action.keys.into_iter().enumerate().map(terms).collect());
+    contract.horizon = action.deltas.map(|deltas| deltas.len());
+    contract.language = Modality::read(answer, "language")?.map(|language| language.keys);
     Ok(contract)
+}
+
+/// The config of video, state, action or language.
+struct Modality {
+    /// Names without the modality before them.
+    keys: Vec<String>,
+    /// Rows relative to the present; `None` if the server does not say.
+    deltas: Option<Vec<i64>>,
+    /// What the numbers of each action key mean, as far as the server says.
+    representations: Vec<Option<Representation>>,
+}
+
+impl Modality {
+    /// Reads one modality of a modality config; `None` if the config does not have it.
+    fn read(answer: &Value, name: &str) -> Result<Option<Self>, BridgeError> {
+        let Some(value) = entry(answer, name) else { return Ok(None) };
+        let what = format!("the modality config '{name}'");
+        let wrong = |problem: String| BridgeError::malformed(&what, problem);
+        let config = ["as_json", "as_dict", "fields"].iter().find_map(|form| entry(value, form)).unwrap_or(value);
+        let config = match as_text(config) {
+            Some(json) => json_value(json).ok_or_else(|| wrong("it is text, but not JSON".into()))?,
+            None => config.clone(),
+        };
+        let list = |field: &str| entry(&config, field).and_then(Value::as_array).map(Vec::as_slice);
+        let keys = list("modality_keys").ok_or_else(|| {
+            wrong(format!("it has no list 'modality_keys'; it is {}, with {}", described(value), described(&config)))
+        })?;
+        let prefix = format!("{name}.");
+        let key = |key: &Value| -> Result<String, BridgeError> {
+            let key = as_text(key).ok_or_else(|| wrong(format!("a key is {}, not text", described(key))))?;
+            let is_language = name == "language";
+            Ok(if is_language { key } else { key.strip_prefix(&prefix).unwrap_or(key) }.to_owned())
+        };
+        let deltas = entry(&config, "delta_indices").filter(|deltas| !deltas.is_nil());
+        let deltas = deltas.map(|deltas| Tensor::read(&format!("{what}, 'delta_indices'"), deltas)).transpose()?;
+        let representation = |config: &Value| {
+            let word = entry(config, "rep")?;
+            as_text(entry(word, "value").unwrap_or(word)).and_then(Representation::by_name)
+        };
+        Ok(Some(Self {
+            keys: keys.iter().map(key).collect::<Result<_, _>>()?,
+            deltas: deltas.map(|deltas| deltas.numbers().iter().map(|delta| *delta as i64).collect()),
+            representations: list("action_configs").unwrap_or_default().iter().map(representation).collect(),
+        }))
+    }
 }
 
 /// Converts JSON to a MessagePack value; `None` if it is not JSON.
@@ -213,34 +266,11 @@ mod tests {
             language: ("task".into(), "go".into()),
             ..ModelObservation::default()
         };
-        let ours = data(&observation, false).unwrap();
+        let ours = data(&observation, false, Form::Npy).unwrap();
         let golden = decode("it", &hex(GET_ACTION)).unwrap();
         let golden = entry(entry(&golden, "data").unwrap(), "observation").unwrap();
         let ours = entry(&ours, "observation").unwrap();
         assert_eq!(entry(ours, "state"), entry(golden, "state"));
         assert_eq!(encode(&question("ping", None, None)), hex("81a8656e64706f696e74a470696e67"));
-    }
-
-    #[test]
-    fn modality_configs_are_read_in_both_forms() {
-        let config = |keys: &[&str], deltas: &[i64]| {
-            let keys = keys.iter().map(|key| text(key)).collect();
-            let deltas = deltas.iter().map(|delta| Value::from(*delta)).collect();
-            map([("delta_indices", Value::Array(deltas)), ("modality_keys", Value::Array(keys))])
-        };
-        let class = |form: &str, config: Value| map([("__ModalityConfig_class__", Value::from(true)), (form, config)]);
-        let rep = r#"{"delta_indices": [0, 1], "modality_keys": ["waist"], "action_configs": [{"rep": "RELATIVE"}]}"#;
-        let answer = map([
-            ("video", class("as_dict", config(&["ego_view"], &[-20, 0]))),
-            ("state", class("as_dict", config(&["waist"], &[0]))),
-            ("action", class("as_json", text(rep))),
-            ("language", class("as_dict", config(&["task"], &[0]))),
-        ]);
-        let read = contract(&answer).unwrap();
-        assert_eq!(read.cameras.unwrap()[0].delta, Some(vec![-20, 0]));
-        let action = &read.actions.unwrap()[0];
-        assert_eq!((action.representation, read.horizon), (Some(Representation::Relative), Some(2)));
-        assert!(contract(&Value::from(3)).is_err());
-        assert!(contract(&map([("action", text("x"))])).is_err());
     }
 }

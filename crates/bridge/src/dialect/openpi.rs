@@ -4,15 +4,16 @@ use rmpv::Value;
 
 use super::{ActionTerms, Contract, Dialect, Model, ModelChunk, ModelObservation, ModelOptions, chunk, table};
 use crate::net::{Address, Timeouts};
-use crate::pack::{as_text, decode, encode, entry, text};
+use crate::pack::{as_text, decode, described, encode, entry, text};
 use crate::websocket::{Frame, Socket, shortened};
-use crate::{BridgeError, Tensor};
+use crate::{BridgeError, Form, Tensor};
 
 /// A server that speaks openpi or one of its two variants.
 pub(super) struct Openpi {
     address: Address,
     timeouts: Timeouts,
     token: Option<String>,
+    host: Option<String>,
     dialect: Dialect,
     link: Option<(Socket, Value)>,
 }
@@ -23,6 +24,7 @@ impl Openpi {
             address: Address::parse(&options.url, "ws")?,
             timeouts: options.timeouts,
             token: options.token.clone(),
+            host: options.host.clone(),
             dialect: options.dialect,
             link: None,
         })
@@ -33,7 +35,7 @@ impl Openpi {
         if let Some(link) = self.link.take() {
             return Ok(link);
         }
-        let mut socket = Socket::connect(&self.address, self.timeouts, self.token.as_deref())?;
+        let mut socket = Socket::connect(&self.address, self.timeouts, self.host.as_deref(), self.token.as_deref())?;
         let metadata = match socket.receive("metadata")? {
             Frame::Binary(bytes) => decode("the metadata", &bytes)?,
             Frame::Text(words) => {
@@ -55,10 +57,10 @@ impl Openpi {
                 [1, rest @ ..] => Tensor::u8(rest.to_vec(), tensor.data().to_vec())?,
                 _ => tensor.clone(),
             };
-            entries.push((text(key), tensor.to_openpi()));
+            entries.push((text(key), tensor.write(Form::Openpi)));
         }
         for (key, numbers) in &observation.states {
-            entries.push((text(key), Tensor::f32(vec![numbers.len()], numbers)?.to_openpi()));
+            entries.push((text(key), Tensor::f32(vec![numbers.len()], numbers)?.write(Form::Openpi)));
         }
         let (key, words) = &observation.language;
         if !key.is_empty() {
@@ -98,8 +100,9 @@ impl Model for Openpi {
                 return Err(BridgeError::Server { question: "infer".into(), text: shortened(&words) });
             }
         };
+        let chunk = read(&answer, self.dialect, observation.rows)?;
         self.link = Some((socket, metadata));
-        read(&answer, self.dialect, observation.rows)
+        Ok(chunk)
     }
 
     fn reset(&mut self) -> Result<(), BridgeError> {
@@ -129,31 +132,40 @@ impl Model for Openpi {
 }
 
 /// Reads the actions of an answer.
-fn read(answer: &Value, dialect: Dialect, rows: usize) -> Result<ModelChunk, BridgeError> {
-    let wrong = |problem: String| BridgeError::malformed("an answer", problem);
-    let tensor = |value: &Value, key: &str| {
-        Tensor::of_openpi(value).ok_or_else(|| wrong(format!("'{key}' is not an array"))).flatten()
-    };
+pub(super) fn read(answer: &Value, dialect: Dialect, rows: usize) -> Result<ModelChunk, BridgeError> {
+    // Relatives of openpi answer errors in a frame of their own, and wrap the answer.
+    if let Some(error) = entry(answer, "error").filter(|error| !error.is_nil()) {
+        let words = as_text(error).or_else(|| entry(error, "message").and_then(as_text));
+        let text = shortened(words.unwrap_or("an error that is not text"));
+        return Err(BridgeError::Server { question: "infer".into(), text });
+    }
+    let answer = entry(answer, "data").filter(|data| data.is_map()).unwrap_or(answer);
     let timing = entry(answer, "server_timing").and_then(|timing| entry(timing, "infer_ms")).and_then(Value::as_f64);
     let server_s = timing.map(|ms| ms / 1000.0);
-    let key = match dialect {
-        Dialect::Roboarena => return chunk(vec![table("action", &tensor(answer, "action")?)?], server_s),
-        Dialect::Behavior if rows > 1 => "action_chunk",
-        Dialect::Behavior => "action",
-        _ => "actions",
+    let keys: &[&str] = match dialect {
+        Dialect::Behavior if rows > 1 => &["action_chunk"],
+        Dialect::Behavior => &["action"],
+        _ => &["actions", "action"],
     };
-    let value = entry(answer, key).ok_or_else(|| wrong(format!("it has no '{key}'")))?;
-    let all = table("action", &tensor(value, key)?)?;
+    let found = keys.iter().find_map(|key| entry(answer, key));
+    let value = match dialect {
+        Dialect::Roboarena => found.unwrap_or(answer),
+        _ => found.ok_or_else(|| {
+            let problem = format!("it has no '{}'; it is {}", keys.join("' or '"), described(answer));
+            BridgeError::malformed("an answer", problem)
+        })?,
+    };
+    let name = if dialect == Dialect::Openpi { "actions" } else { "action" };
+    let array = |value| Tensor::read(&format!("the action '{name}'"), value);
+    let all = table(name, &array(value)?)?;
     if dialect == Dialect::Behavior && rows > 1 {
-        let first = entry(answer, "action").ok_or_else(|| wrong("it has no 'action'".into()))?;
-        let first = tensor(first, "action")?.numbers();
-        if first != all.3[..all.2] {
-            return Err(wrong("its 'action' is not the first row of its 'action_chunk'".into()));
+        let first = entry(answer, "action").ok_or_else(|| BridgeError::malformed("an answer", "it has no 'action'"))?;
+        if array(first)?.numbers() != all.3[..all.2] {
+            let problem = "its 'action' is not the first row of its 'action_chunk'";
+            return Err(BridgeError::malformed("an answer", problem));
         }
     }
-    let (_, rows, width, numbers) = all;
-    let name = if dialect == Dialect::Openpi { "actions" } else { "action" };
-    chunk(vec![(name.into(), rows, width, numbers)], server_s)
+    chunk(vec![all], server_s)
 }
 
 /// Metadata has no fixed keys: reads those of RoboArena's config and of known openpi bridges.

@@ -1,6 +1,6 @@
 //! NumPy's file format `.npy`: reads versions 1 to 3, and writes version 1 byte for byte as NumPy does.
 
-use super::{MAX_DIMENSIONS, Tensor, known};
+use super::{MAX_DIMENSIONS, Tensor};
 use crate::BridgeError;
 
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
@@ -56,10 +56,10 @@ impl Tensor {
         let header = std::str::from_utf8(header).map_err(|_| wrong("its header is not text"))?;
         let field = |name: &str| value(header, name).ok_or_else(|| wrong(&format!("its header has no '{name}'")));
         let descr = field("descr")?;
-        let dtype = match descr.trim_matches(['\'', '"']) {
-            bare if bare.len() + 2 == descr.len() => known(bare)?,
-            _ => return Err(wrong("its elements are records; only plain numbers are supported")),
-        };
+        let dtype = descr.trim_matches(['\'', '"']);
+        if dtype.len() + 2 != descr.len() {
+            return Err(wrong("its elements are records; only plain numbers are supported"));
+        }
         let shape = field("shape")?.trim_matches(['(', ')']);
         let sides = shape.split(',').map(str::trim).filter(|side| !side.is_empty()).take(MAX_DIMENSIONS + 1);
         let shape = sides.map(|side| side.parse().ok()).collect::<Option<Vec<usize>>>();
@@ -69,7 +69,7 @@ impl Tensor {
             "False" => false,
             _ => return Err(wrong("its 'fortran_order' is neither True nor False")),
         };
-        let tensor = Self::new(dtype, shape, data.to_vec())?;
+        let tensor = Self::named(dtype, shape, data.to_vec())?;
         Ok(if is_fortran { tensor.of_fortran() } else { tensor })
     }
 

@@ -1,7 +1,9 @@
 #![allow(clippy::unwrap_used)]
 
+use rmpv::Value;
+
 use super::*;
-use crate::pack::{decode, encode};
+use crate::pack::{decode, encode, entry, map, text};
 
 /// A real request: `get_action` with `state.waist` = f32[1, 1, 2] {1, 2}, written by msgpack 1.2.4 and numpy 2.4.6.
 pub(crate) const GET_ACTION: &str = "82a8656e64706f696e74aa6765745f616374696f6ea46461746182ab6f62736572766174696f6e81a5737461746581a5776169737482b15f5f6e6461727261795f636c6173735f5fc3a661735f6e7079c488934e554d5059010076007b276465736372273a20273c6634272c2027666f727472616e5f6f72646572273a2046616c73652c20277368617065273a2028312c20312c2032292c207d202020202020202020202020202020202020202020202020202020202020202020202020202020202020202020202020202020202020200a0000803f00000040a76f7074696f6e73c0";
@@ -15,24 +17,24 @@ fn golden_bytes_of_gr00t() {
     let ping = encode(&map([("endpoint", text("ping"))]));
     assert_eq!(ping, hex("81a8656e64706f696e74a470696e67"));
     let waist = Tensor::f32(vec![1, 1, 2], &[1.0, 2.0]).unwrap();
-    let state = map([("state", map([("waist", waist.to_gr00t())]))]);
+    let state = map([("state", map([("waist", waist.write(Form::Npy))]))]);
     let data = map([("observation", state), ("options", Value::Nil)]);
     let bytes = encode(&map([("endpoint", text("get_action")), ("data", data)]));
     assert_eq!(bytes, hex(GET_ACTION));
     let value = decode("it", &bytes).unwrap();
     let found = ["data", "observation", "state", "waist"].iter().fold(&value, |at, key| entry(at, key).unwrap());
-    assert_eq!(Tensor::of_gr00t(found).unwrap().unwrap(), waist);
+    assert_eq!(Tensor::read("waist", found).unwrap(), waist);
 }
 
 #[test]
 fn golden_bytes_of_openpi() {
     let one = Tensor::f32(vec![1], &[1.0]).unwrap();
-    let bytes = encode(&map([("s", one.to_openpi())]));
+    let bytes = encode(&map([("s", one.write(Form::Openpi))]));
     let golden = "81a17384c40b5f5f6e6461727261795f5fc3c40464617461c4040000803fc4056474797065a33c6634c405736861706591\
                   01";
     assert_eq!(bytes, hex(&golden.replace(char::is_whitespace, "")));
     let value = decode("it", &bytes).unwrap();
-    assert_eq!(Tensor::of_openpi(entry(&value, "s").unwrap()).unwrap().unwrap(), one);
+    assert_eq!(Tensor::read("s", entry(&value, "s").unwrap()).unwrap(), one);
 }
 
 /// A frame of a camera takes 128 bytes more than its pixels do.
@@ -76,7 +78,7 @@ fn hostile_arrays_are_refused() {
         Tensor::of_npy(&text).unwrap_err().to_string()
     };
     for (from, to, says) in [
-        ("'<f4'", "'|O'", "its elements are '|O'"),
+        ("'<f4'", "'|O'", "its elements are \"|O\""),
         ("'<f4'", "[('x', '<f4')]", "records"),
         ("(2, 2)", "(2, 3)", "takes 24 bytes; it has 16"),
         ("(2, 2)", "(-2, 2)", "whole numbers"),
@@ -103,7 +105,7 @@ fn hostile_arrays_are_refused() {
         map(Value::Array(vec![Value::from(1)]), &[0; 3], "<f4"),
         map(Value::Array(vec![Value::from(1)]), &[0; 8], "<c8"),
     ] {
-        assert!(Tensor::of_openpi(&value).unwrap().is_err(), "{value}");
+        assert!(Tensor::read("it", &value).is_err(), "{value}");
     }
 }
 

@@ -7,8 +7,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use fiatlux_bridge::{
-    BridgeError, Dialect, Frames, Mapping, Model, ModelObservation, ModelOptions, Picture, Sensed, Tensor, Timeouts,
-    check_chunk, check_contract, default_mapping,
+    BridgeError, Dialect, Form, Frames, Mapping, Model, ModelObservation, ModelOptions, Picture, Sensed, Tensor,
+    Timeouts, check_chunk, check_contract, default_mapping,
 };
 use fiatlux_robot::Robot;
 
@@ -17,7 +17,7 @@ const DOUBLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/bridge/d
 fn python() -> Option<PathBuf> {
     let python = PathBuf::from(std::env::var_os("FIATLUX_PYTHON")?);
     let status = Command::new(&python)
-        .args(["-c", "import zmq, msgpack, openpi_client, websockets"])
+        .args(["-c", "import zmq, msgpack, msgpack_numpy, openpi_client, websockets"])
         .stderr(Stdio::null())
         .status();
     status.is_ok_and(|status| status.success()).then_some(python)
@@ -51,7 +51,7 @@ impl Double {
 
     fn options(&self) -> ModelOptions {
         let timeouts = Timeouts { connect: Duration::from_secs(2), reply: Duration::from_secs(5) };
-        ModelOptions { url: self.url.clone(), dialect: self.dialect, timeouts, token: None }
+        ModelOptions { url: self.url.clone(), host: None, dialect: self.dialect, timeouts, token: None }
     }
 
     fn model(&self) -> Box<dyn Model> {
@@ -142,21 +142,34 @@ fn arrays_are_byte_equal_both_ways() {
             rmpv::encode::write_value(&mut bytes, value).unwrap();
             bytes
         };
-        let gr00t = Tensor::of_gr00t(&value(&bytes("gr00t"))).unwrap().unwrap();
+        let gr00t = Tensor::read("it", &value(&bytes("gr00t"))).unwrap();
         let sum: f64 = gr00t.numbers().iter().filter(|number| !number.is_nan()).sum();
         let expected = line["sum"].as_f64().unwrap();
         assert!((sum - expected).abs() <= 1e-9 * expected.abs().max(1.0), "{line}");
         let shape: Vec<usize> = serde_json::from_value(line["shape"].clone()).unwrap();
         assert_eq!((gr00t.shape(), gr00t.dtype().name()), (shape.as_slice(), line["dtype"].as_str().unwrap()));
         if line["fortran"].is_null() {
-            assert_eq!(written(&gr00t.to_gr00t()), bytes("gr00t"), "{line}");
-            let openpi = Tensor::of_openpi(&value(&bytes("openpi"))).unwrap().unwrap();
+            assert_eq!(written(&gr00t.write(Form::Npy)), bytes("gr00t"), "{line}");
+            let openpi = Tensor::read("it", &value(&bytes("openpi"))).unwrap();
             assert_eq!(openpi, gr00t);
-            assert_eq!(written(&openpi.to_openpi()), bytes("openpi"), "{line}");
+            assert_eq!(written(&openpi.write(Form::Openpi)), bytes("openpi"), "{line}");
         }
         count += 1;
     }
     assert_eq!(count, 64);
+}
+
+/// The golden messages are those that the installed packages make.
+#[test]
+fn golden_messages_are_of_real_packages() {
+    let Some(python) = python() else { return skip() };
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/bridge/golden.py");
+    let output = Command::new(python).arg(script).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.stdout == include_bytes!("../../src/dialect/golden.jsonl"),
+        "run golden.py again, and look at what changed"
+    );
 }
 
 /// Faults of a server give an error with its reason, within the time-outs; the next question starts afresh.

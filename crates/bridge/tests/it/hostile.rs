@@ -4,7 +4,10 @@ use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-use fiatlux_bridge::{BridgeError, Dialect, ModelOptions, Timeouts};
+use fiatlux_bridge::{BridgeError, Dialect, Form, Model, ModelObservation, ModelOptions, Tensor, Timeouts};
+use rmpv::Value;
+use tungstenite::Message;
+use tungstenite::handshake::server::{ErrorResponse, Request, Response};
 
 const TIMEOUTS: Timeouts = Timeouts { connect: Duration::from_millis(800), reply: Duration::from_millis(800) };
 
@@ -16,18 +19,21 @@ fn serve(answer: impl Fn(TcpStream) + Send + 'static) -> u16 {
     port
 }
 
-fn ask(dialect: Dialect, port: u16) -> BridgeError {
+fn model(dialect: Dialect, port: u16) -> Box<dyn Model> {
     let scheme = if dialect == Dialect::Gr00t { "tcp" } else { "ws" };
-    let options =
-        ModelOptions { url: format!("{scheme}://127.0.0.1:{port}"), dialect, timeouts: TIMEOUTS, token: None };
+    let url = format!("{scheme}://127.0.0.1:{port}");
+    ModelOptions { url, host: None, dialect, timeouts: TIMEOUTS, token: None }.model().unwrap()
+}
+
+fn ask(dialect: Dialect, port: u16) -> BridgeError {
     let start = Instant::now();
-    let error = options.model().unwrap().contract().unwrap_err();
+    let error = model(dialect, port).contract().unwrap_err();
     assert!(start.elapsed() < Duration::from_secs(3), "{error}");
     error
 }
 
-/// Sends a ZeroMQ greeting and the READY of a socket of this kind.
-fn greeted(stream: &mut TcpStream, kind: &str) {
+/// Sends a ZeroMQ greeting and the READY of a socket of this kind; returns what the client sent meanwhile.
+fn greeted(stream: &mut TcpStream, kind: &str) -> Vec<u8> {
     let mut greeting = [0; 64];
     (greeting[0], greeting[9], greeting[10], greeting[11]) = (0xff, 0x7f, 3, 1);
     greeting[12..16].copy_from_slice(b"NULL");
@@ -38,11 +44,12 @@ fn greeted(stream: &mut TcpStream, kind: &str) {
     stream.write_all(&[4, ready.len() as u8]).unwrap();
     stream.write_all(&ready).unwrap();
     // Read the greeting, READY and the question.
-    let mut question = [0; 256];
-    let mut read = 0;
-    while read < 100 {
-        read += stream.read(&mut question).unwrap();
+    let (mut sent, mut buffer) = (Vec::new(), [0; 4096]);
+    while sent.len() < 100 {
+        let read = stream.read(&mut buffer).unwrap();
+        sent.extend_from_slice(&buffer[..read]);
     }
+    sent
 }
 
 #[test]
@@ -51,7 +58,7 @@ fn zeromq_servers_that_are_none() {
     assert!(matches!(ask(Dialect::Gr00t, nobody), BridgeError::Connect { .. }));
     // Silent, closing at once, speaking another protocol, sending one byte at a time.
     let silent = serve(std::mem::forget);
-    assert!(ask(Dialect::Gr00t, silent).to_string().contains("does not greet in time"));
+    assert!(ask(Dialect::Gr00t, silent).to_string().contains("did not complete the ZeroMQ handshake within 0.8 s"));
     let gone = serve(drop);
     assert!(ask(Dialect::Gr00t, gone).is_transient());
     let web = serve(|mut stream| drop(stream.write_all(&b"HTTP/1.1 400 Bad Request\r\n".repeat(4))));
@@ -61,8 +68,8 @@ fn zeromq_servers_that_are_none() {
             std::thread::sleep(Duration::from_millis(100));
         }
     });
-    assert!(ask(Dialect::Gr00t, drip).to_string().contains("greet in time"));
-    let publisher = serve(|mut stream| greeted(&mut stream, "PUB"));
+    assert!(ask(Dialect::Gr00t, drip).to_string().contains("--reply-timeout"));
+    let publisher = serve(|mut stream| drop(greeted(&mut stream, "PUB")));
     assert!(ask(Dialect::Gr00t, publisher).to_string().contains("\"PUB\""));
 }
 
@@ -104,7 +111,7 @@ fn hostile_zeromq_answers() {
 #[test]
 fn hostile_websockets() {
     let silent = serve(std::mem::forget);
-    assert!(ask(Dialect::Openpi, silent).to_string().contains("does not answer in time"));
+    assert!(ask(Dialect::Openpi, silent).to_string().contains("did not complete the WebSocket handshake within 0.8 s"));
     let not_there = serve(|mut stream| {
         let _ = stream.read(&mut [0; 512]);
         let _ = stream.write_all(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n");
@@ -128,5 +135,118 @@ fn hostile_websockets() {
         });
         let error = ask(Dialect::Openpi, port).to_string();
         assert!(error.contains(says), "{says}: {error}");
+    }
+}
+
+fn packed(value: &Value) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    rmpv::encode::write_value(&mut bytes, value).unwrap();
+    bytes
+}
+
+fn observation() -> ModelObservation {
+    ModelObservation { states: vec![("waist".into(), vec![1.0, 2.0])], ..ModelObservation::default() }
+}
+
+/// Answers one question of GR00T by a function of the client's bytes.
+fn answered(stream: &mut TcpStream, answer: impl Fn(&[u8]) -> Value) {
+    let mut sent = greeted(stream, "REP");
+    // The question is over when nothing more comes for a while.
+    stream.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    let _ = stream.read_to_end(&mut sent);
+    let answer = packed(&answer(&sent));
+    stream.write_all(&[1, 0, 0, answer.len() as u8]).unwrap();
+    stream.write_all(&answer).unwrap();
+}
+
+/// After an answer that cannot be used the next question goes to a new connection: whatever the old one still sends is the
+/// answer to nothing.
+#[test]
+fn a_connection_does_not_outlive_an_error() {
+    let good = || Tensor::f32(vec![1, 2], &[1.0, 2.0]).unwrap().write(Form::Openpi);
+    let map = |value: Value| Value::Map(vec![("actions".into(), value)]);
+    let answers = std::sync::Mutex::new(vec![map(good()), map("none".into())]);
+    let port = serve(move |stream| {
+        let mut socket = tungstenite::accept(stream).unwrap();
+        socket.send(Message::binary(packed(&Value::Map(vec![])))).unwrap();
+        socket.read().unwrap();
+        socket.send(Message::binary(packed(&answers.lock().unwrap().pop().unwrap()))).unwrap();
+    });
+    let mut openpi = model(Dialect::Openpi, port);
+    let error = openpi.infer(&observation()).unwrap_err();
+    assert!(matches!(error, BridgeError::Malformed { .. }) && !error.is_transient(), "{error}");
+    assert_eq!(openpi.infer(&observation()).unwrap().rows, 1);
+
+    let actions = |value: Value| Value::Array(vec![map(value)]);
+    let answers = std::sync::Mutex::new(vec![actions(good()), actions("none".into())]);
+    let port = serve(move |mut stream| {
+        let answer = answers.lock().unwrap().pop().unwrap();
+        answered(&mut stream, |_| answer.clone());
+    });
+    let mut gr00t = model(Dialect::Gr00t, port);
+    assert!(matches!(gr00t.infer(&observation()).unwrap_err(), BridgeError::Malformed { .. }));
+    assert_eq!(gr00t.infer(&observation()).unwrap().rows, 1);
+}
+
+/// Some servers of GR00T N1.7 read only arrays of msgpack-numpy, older ones only `.npy` files.
+#[test]
+fn a_refused_form_of_arrays_is_changed_once() {
+    let (npy, numpy) = (b"__ndarray_class__".as_slice(), b"\xc4\x02nd".as_slice());
+    let good = Tensor::f32(vec![1, 1, 2], &[1.0, 2.0]).unwrap().write(Form::MsgpackNumpy);
+    let answer = Value::Array(vec![Value::Map(vec![("waist".into(), good)]), Value::Map(vec![])]);
+    let refusal = |words: &str| Value::Map(vec![("error".into(), words.into())]);
+    let reads = move |form: &'static [u8], other: &'static [u8]| {
+        let answer = answer.clone();
+        serve(move |mut stream| {
+            answered(&mut stream, |sent| {
+                let has = |form: &[u8]| sent.windows(form.len()).any(|bytes| bytes == form);
+                assert!(has(form) != has(other));
+                if has(form) { answer.clone() } else { refusal("waist is a dict") }
+            });
+        })
+    };
+    for (form, other) in [(npy, numpy), (numpy, npy)] {
+        let mut model = model(Dialect::Gr00t, reads(form, other));
+        assert_eq!(model.infer(&observation()).unwrap().parts[0].2, [1.0, 2.0]);
+    }
+    // What is refused in both forms gives the first reason.
+    let count = std::sync::atomic::AtomicUsize::new(0);
+    let port = serve(move |mut stream| {
+        let count = count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        answered(&mut stream, |_| refusal(["no GPU", "a dict"][count.min(1)]));
+    });
+    assert!(model(Dialect::Gr00t, port).infer(&observation()).unwrap_err().to_string().contains("no GPU"));
+}
+
+/// The handshake of WebSocket names host, port and path as the URL does, or the host behind a tunnel.
+#[test]
+#[allow(clippy::result_large_err)] // The error is the library's.
+fn the_handshake_names_the_host() {
+    for (address, path, host, expected) in [
+        ("127.0.0.1", "", None, "127.0.0.1:PORT"),
+        ("[::1]", "/v1/model?key=1", None, "[::1]:PORT"),
+        ("127.0.0.1", "/v1", Some("model.example.org:8443"), "model.example.org:8443"),
+    ] {
+        let Ok(listener) = TcpListener::bind(format!("{address}:0")) else {
+            eprintln!("skipped: this machine has no {address}");
+            continue;
+        };
+        let port = listener.local_addr().unwrap().port();
+        let seen = std::thread::spawn(move || {
+            let mut seen = (String::new(), String::new());
+            let note = |request: &Request, response: Response| -> Result<Response, ErrorResponse> {
+                seen = (request.headers()["Host"].to_str().unwrap().into(), request.uri().to_string());
+                Ok(response)
+            };
+            let mut socket = tungstenite::accept_hdr(listener.accept().unwrap().0, note).unwrap();
+            socket.send(Message::binary(packed(&Value::Map(vec![])))).unwrap();
+            seen
+        });
+        let url = format!("ws://{address}:{port}{path}");
+        let host = host.map(str::to_owned);
+        let options = ModelOptions { url, host, dialect: Dialect::Openpi, timeouts: TIMEOUTS, token: None };
+        options.model().unwrap().contract().unwrap();
+        let path = if path.is_empty() { "/" } else { path };
+        assert_eq!(seen.join().unwrap(), (expected.replace("PORT", &port.to_string()), path.to_owned()));
     }
 }

@@ -249,10 +249,16 @@ impl<'scope, 'env> Crew<'scope, 'env> {
         self.steps += steps;
         match end {
             Ok(_) => self.scheduler.ended(index),
-            // The policy cannot work in any of the run's sessions.
             Err(ClientError::Policy(error @ (PolicyError::Sensor { .. } | PolicyError::Unfit { .. }))) => {
-                self.scheduler.set_back(index, Setback::BrokenOff);
-                return Err(error.into());
+                let task = &self.episodes[index].task;
+                let of_task: Vec<usize> =
+                    (0..self.episodes.len()).filter(|other| self.episodes[*other].task == *task).collect();
+                tracing::warn!("the policy refuses {task}: {error}; its episodes count as failures");
+                self.scheduler.refused_by_policy(index, &of_task, &error.to_string());
+                // A policy that fits no session is an error of the call, and nothing is lost by it.
+                if self.scheduler.standings().all(|(standing, _)| *standing == Standing::Unplayable) {
+                    return Err(error.into());
+                }
             }
             Err(error) if cannot_keep(&error) => {
                 self.scheduler.set_back(index, Setback::BrokenOff);

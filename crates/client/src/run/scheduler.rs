@@ -24,6 +24,8 @@ pub(super) enum Standing {
     Decided { server: String, entry: RunEpisode },
     /// Given up for now.
     Lost,
+    /// The policy refuses to play it: a failure when the run is closed.
+    Unplayable,
 }
 
 /// Why an episode that was handed out was not played to its end.
@@ -243,6 +245,16 @@ impl Scheduler {
         }
     }
 
+    /// The policy refuses an episode, and so all those of its task that are still to be opened.
+    pub(super) fn refused_by_policy(&mut self, index: usize, of_task: &[usize], reason: &str) {
+        for &other in of_task {
+            let episode = &mut self.episodes[other];
+            if other == index || episode.standing == Standing::Waiting {
+                (episode.standing, episode.problem) = (Standing::Unplayable, Some(reason.into()));
+            }
+        }
+    }
+
     /// Episodes on a server that is gone while another one is present: they are to be broken off.
     pub(super) fn strays(&self) -> Vec<usize> {
         if !self.has_server() {
@@ -271,7 +283,9 @@ impl Scheduler {
 
     /// Whether nothing is left to do: each episode is decided or given up.
     pub(super) fn is_over(&self) -> bool {
-        let is_over = |episode: &Episode| matches!(episode.standing, Standing::Decided { .. } | Standing::Lost);
+        let is_over = |episode: &Episode| {
+            matches!(episode.standing, Standing::Decided { .. } | Standing::Lost | Standing::Unplayable)
+        };
         self.episodes.iter().all(is_over)
     }
 

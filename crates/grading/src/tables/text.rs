@@ -92,7 +92,7 @@ fn result_line(results: &Results) -> String {
     };
     let mean = score.and_then(|score| score.mean).map_or_else(String::new, |mean| format!(", S {mean:.3}"));
     let covers = coverage(results).filter(|_| !mean.is_empty()).map_or_else(String::new, |covers| format!(" {covers}"));
-    format!("{}: {hits}/{episodes} {judge}{mean}{covers}", results.policy)
+    format!("{}: {hits}/{episodes} {judge}{mean}{covers}", plain(&results.policy))
 }
 
 /// The scores under each seed, or, of many, the least and the greatest.

@@ -20,7 +20,7 @@ pub struct VlaArgs {
     /// Protocol of the server: gr00t, gr00t-flat, gr00t-sonic, openpi, behavior or roboarena
     #[arg(long, value_name = "NAME")]
     pub dialect: Option<Dialect>,
-    /// Address of the server: tcp://HOST:PORT for GR00T, ws://HOST:PORT for the others
+    /// Address of the server: tcp://HOST:PORT for GR00T, ws://HOST:PORT/PATH for the others
     #[arg(long, value_name = "URL")]
     pub model: Option<String>,
     /// Mapping of its keys to this robot: a file, or unitree_g1, real_g1, unitree_g1_sonic, openpi_g1, behavior_g1,
@@ -41,9 +41,16 @@ pub struct VlaArgs {
     /// Average the rows that several chunks have for a step; the i-th oldest has weight exp(-M i)
     #[arg(long, value_name = "M", value_parser = decay, conflicts_with = "blend")]
     pub ensemble: Option<f64>,
+    /// Name of a WebSocket server that is reached through a tunnel or proxy, for the header Host [default: that of --model]
+    #[arg(long, value_name = "HOST")]
+    pub model_host: Option<String>,
     /// Longest wait for an answer, s [default: 15]
     #[arg(long, value_name = "SECONDS", value_parser = fiatlux_cli::whole::<u16>(1..=600))]
     pub reply_timeout: Option<u16>,
+    /// Longest wait for the answer to a first question before any episode, s: a server may compile for it. 0: no such
+    /// question [default: 300]
+    #[arg(long, value_name = "SECONDS", value_parser = fiatlux_cli::whole::<u16>(0..=3600))]
+    pub warm_up_timeout: Option<u16>,
     /// How long to retry a server that is gone, s; an episode waits 60 s for an action [default: 30]
     #[arg(long, value_name = "SECONDS", value_parser = fiatlux_cli::whole::<u16>(0..=600))]
     pub model_patience: Option<u16>,
@@ -98,8 +105,8 @@ impl VlaArgs {
         timeouts.reply = self.reply_timeout.map_or(timeouts.reply, |time| Duration::from_secs(time.into()));
         let play =
             Play { prefix, blend: self.blend.into(), ensemble: self.ensemble, steps_per_row: mapping.steps_per_row() };
-        let options =
-            ModelOptions { url: url.clone(), dialect, timeouts, token: token.map(|token| token.trim().to_owned()) };
+        let token = token.map(|token| token.trim().to_owned());
+        let options = ModelOptions { url: url.clone(), host: self.model_host.clone(), dialect, timeouts, token };
         // Report an invalid address at once.
         drop(options.model().map_err(PolicyError::of("vla"))?);
         Ok(VlaSource(std::sync::Arc::new(Shared {
@@ -109,6 +116,7 @@ impl VlaArgs {
             robot,
             carrier,
             patience: Duration::from_secs(self.model_patience.unwrap_or(30).into()),
+            warm_up: Duration::from_secs(self.warm_up_timeout.unwrap_or(300).into()),
             is_real_time,
         })))
     }
@@ -135,13 +143,13 @@ impl VlaArgs {
         }
     }
 
-    /// As [`VlaArgs::source`], and compares the server's contract with the mapping.
+    /// As [`VlaArgs::source`], and compares the server's contract and its answer to a first question with the mapping.
     ///
     /// # Errors
-    /// As for [`VlaArgs::source`]; also if nobody answers, or the contract does not fit.
+    /// As for [`VlaArgs::source`]; also if nobody answers, or contract or answer do not fit.
     pub fn checked(&self, is_real_time: bool) -> Result<VlaSource, PolicyError> {
         let source = self.source(is_real_time)?;
-        source.check()?;
+        source.check().map_err(PolicyError::of("vla"))?;
         Ok(source)
     }
 }

@@ -85,7 +85,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         mode: plan.mode().into(),
         seed: if plan.is_hosted() { 0 } else { plan.seed },
         joints: joints(scene),
-        footprints: if plan.is_hosted() { Vec::new() } else { footprint_messages(scene) },
+        footprints: if plan.hides_room() { Vec::new() } else { footprint_messages(scene) },
         hand_bodies: hand_bodies(&scene.robot),
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
@@ -100,6 +100,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         randomization: Some(plan.request.randomization.unwrap_or_default()),
         reward: plan.reward_name().into(),
         terms: term_messages(plan.sensors.sensed(), &plan.setup(scene)),
+        command_timeout_s: plan.command_timeout_s,
         ..SessionInfo::default()
     }
 }
@@ -150,6 +151,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         request: Some(plan.request.clone()),
         reward: plan.reward_name().into(),
         drives: episode.spec().identity(scene).drives.iter().map(drive_message).collect(),
+        command_timeout_s: plan.command_timeout_s,
         run: plan.ticket.clone(),
     }
 }

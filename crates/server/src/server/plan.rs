@@ -15,7 +15,7 @@ use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Varia
 
 use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
 
-use fiatlux_sensing::{Sensors, Setup};
+use fiatlux_sensing::{Sensor, Sensors, Setup};
 use fiatlux_wire as wire;
 pub(super) use sensors::SensorPlan;
 
@@ -27,6 +27,9 @@ const MAX_ACTION_DELAY_MS: u32 = 100;
 
 /// Longest name or version of a policy, bytes.
 pub(super) const MAX_NAME: usize = 128;
+/// How long a whole-body command stays in force without a new action, ms, if the request does not say; and at most.
+const COMMAND_TIMEOUT_MS: u32 = 500;
+const MAX_COMMAND_TIMEOUT_MS: u32 = 10_000;
 
 /// A session as it was requested.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +53,8 @@ pub(super) struct Plan {
     pub reward: Variant,
     /// Control steps from an action's arrival to the step in which it acts.
     pub action_delay: usize,
+    /// How long a whole-body command stays in force without a new action, s; 0 in lockstep.
+    pub command_timeout_s: f64,
     /// The run whose episode it plays; `None` if a client opened the session by itself.
     pub ticket: Option<RunTicket>,
 }
@@ -59,9 +64,15 @@ impl Plan {
         if self.real_time { Mode::RealTime } else { Mode::Lockstep }
     }
 
-    /// Whether the client must not learn the room from the session's description.
+    /// Whether the client must not learn the seed before the run is over.
     pub fn is_hosted(&self) -> bool {
         self.ticket.as_ref().is_some_and(|ticket| ticket.hosted)
+    }
+
+    /// Whether the client must not learn the room from the session's description: its seed is hosted, and no sensor shows
+    /// exact poses of what is in the room.
+    pub fn hides_room(&self) -> bool {
+        self.is_hosted() && !self.sensors.sensed().contains(Sensor::Privileged)
     }
 
     /// A refusal of a scene or a start. The obstacle may reveal the room, so for a hosted room only the log has it.
@@ -137,6 +148,7 @@ pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         thresholds: thresholds(request)?,
         reward: reward(&request.reward)?,
         action_delay: action_delay(request.action_delay_ms)?,
+        command_timeout_s: if real_time { command_timeout_s(request.command_timeout_ms)? } else { 0.0 },
         ticket: None,
     })
 }
@@ -191,9 +203,27 @@ fn reward(name: &str) -> Result<Variant, Refusal> {
     })
 }
 
+/// Length of a control step, ms.
+fn step_ms() -> u32 {
+    (CONTROL_DT * 1e3).round() as u32
+}
+
+fn command_timeout_s(ms: u32) -> Result<f64, Refusal> {
+    let ms = if ms == 0 { COMMAND_TIMEOUT_MS } else { ms };
+    if ms > MAX_COMMAND_TIMEOUT_MS || !ms.is_multiple_of(step_ms()) {
+        let message = format!(
+            "commands would expire after {ms} ms; it must be a multiple of {} ms, the length of a control step, and at most \
+             {MAX_COMMAND_TIMEOUT_MS} ms",
+            step_ms()
+        );
+        return Err(Refusal::new(Code::Value, "command_timeout_ms", message));
+    }
+    Ok(f64::from(ms) / 1e3)
+}
+
 /// Converts a delay in ms to control steps.
 fn action_delay(ms: u32) -> Result<usize, Refusal> {
-    let step_ms = (CONTROL_DT * 1e3).round() as u32;
+    let step_ms = step_ms();
     if ms > MAX_ACTION_DELAY_MS || !ms.is_multiple_of(step_ms) {
         let message = format!(
             "a delay of {ms} ms; it must be a multiple of {step_ms} ms, the length of a control step, and at most \
@@ -323,13 +353,14 @@ mod tests {
             thresholds: [("fragility_n".into(), 30.0), ("grip_bodies".into(), 3.0)].into(),
             mode: Mode::RealTime.into(),
             action_delay_ms: 60,
+            command_timeout_ms: 1000,
             ..request()
         };
         let plan = read(&asked.encode_to_vec()).expect("valid");
         assert_eq!(plan.sensors.all(), Sensors::of(&[Sensor::Camera, Sensor::LastAction]));
         assert_eq!((plan.image_size, plan.reward), ([480, 270], Variant::Training));
         assert_eq!((plan.gains, plan.real_time, plan.protocol), (GainSet::Sonic, true, Protocol::Published));
-        assert_eq!(plan.action_delay, 3);
+        assert_eq!((plan.action_delay, plan.command_timeout_s), (3, 1.0));
         assert_eq!(plan.end_on, Some(Causes::of(&[Cause::Fall, Cause::TimeOut])));
         assert_eq!((plan.thresholds.fragility_n, plan.thresholds.grip_bodies), (30.0, 3));
     }
@@ -339,13 +370,14 @@ mod tests {
     fn refusals() {
         let list = |name: &str| vec![name.to_owned()];
         let flat = || named(&["flat"]);
+        let expires = |ms| OpenRequest { mode: Mode::RealTime.into(), command_timeout_ms: ms, ..request() };
         let cases = [
-            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3.6"),
+            (OpenRequest { protocol: None, ..request() }, Code::Version, "protocol", "speaks 3."),
             (
                 OpenRequest { protocol: Some(Version { major: 2, minor: 3 }), ..request() },
                 Code::Version,
                 "protocol",
-                "the client speaks 2.3, but this server speaks 3.6",
+                "the client speaks 2.3, but this server speaks 3.",
             ),
             (
                 OpenRequest { policy: "a\x1b[2J".into(), ..request() },
@@ -398,6 +430,8 @@ mod tests {
             ),
             (OpenRequest { action_delay_ms: 30, ..request() }, Code::Value, "action_delay_ms", "a multiple of 20 ms"),
             (OpenRequest { action_delay_ms: 120, ..request() }, Code::Value, "action_delay_ms", "at most 100 ms"),
+            (expires(510), Code::Value, "command_timeout_ms", "a multiple of 20 ms"),
+            (expires(10_020), Code::Value, "command_timeout_ms", "at most 10000 ms"),
             (OpenRequest { reward: "more".into(), ..request() }, Code::Unknown, "reward", "benchmark, training"),
             (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
             (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),

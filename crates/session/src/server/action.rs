@@ -26,8 +26,20 @@ pub(super) struct Clock {
     pub next_step: Duration,
     /// The newest action, which the next step uses.
     newest: Option<ReceivedAction>,
-    /// The action in force.
+    /// The action in force, and for how many steps it has been held.
     last: ReceivedAction,
+    held: u64,
+}
+
+impl ReceivedAction {
+    /// Takes the velocity out of a whole-body command; returns whether there was one.
+    fn stand(&mut self) -> bool {
+        let Command::WholeBody(command, _) = &mut self.command else { return false };
+        let moves = [command.vx, command.vy, command.wz].iter().any(|velocity| *velocity != 0.0);
+        (command.vx, command.vy, command.wz) = (0.0, 0.0, 0.0);
+        self.action.whole_body = Some(*command);
+        moves
+    }
 }
 
 /// A finished step, for its record.
@@ -109,7 +121,7 @@ impl<H: Host, R> ServerSession<H, R> {
         self.client_silent = now;
         let Some(run) = &mut self.run else { return };
         match &mut run.clock {
-            None => run.clock = Some(Clock { next_step: now, newest: Some(received.clone()), last: received }),
+            None => run.clock = Some(Clock { next_step: now, newest: Some(received.clone()), last: received, held: 0 }),
             Some(clock) => {
                 if clock.newest.as_ref().is_none_or(|newest| newest.action.step <= received.action.step) {
                     clock.newest = Some(received);
@@ -205,17 +217,27 @@ impl<H: Host, R> ServerSession<H, R> {
     /// Takes the step of a real-time session that is due.
     pub(super) fn step_by_the_clock(&mut self, now: Duration) {
         let period = self.period();
+        let command_steps = (self.info.command_timeout_s / self.info.control_dt).round() as u64;
         let Some(run) = &mut self.run else { return };
         let Some(clock) = &mut run.clock else { return };
         let Some(behind) = now.checked_sub(clock.next_step) else { return };
         clock.next_step = if behind < period { clock.next_step + period } else { now + period };
         let newest = clock.newest.take();
         let held = newest.is_none();
+        clock.held = if held { clock.held + 1 } else { 0 };
         if let Some(newest) = newest {
             clock.last = newest;
         }
+        // A client that falls silent must not send the robot into a wall.
+        let is_expired = command_steps > 0 && clock.held >= command_steps && clock.last.stand();
         let received = clock.last.clone();
         let lateness = if held { Duration::ZERO } else { received.at.saturating_sub(run.observed_at) };
+        if is_expired {
+            let message = format!("no action has come for {} s; the robot stands", self.info.command_timeout_s);
+            self.note("expired", "whole_body", message.clone());
+            let remedy = "send an action in every step, or open the session with a longer command_timeout_ms";
+            self.notify(NoticeCode::Late, 1, "whole_body", message, remedy, now);
+        }
         if behind >= period {
             let message =
                 format!("the server is {:.3} s behind the clock and continues from now", behind.as_secs_f64());

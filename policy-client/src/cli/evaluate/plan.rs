@@ -1,12 +1,12 @@
 //! Turns the flags into the specification of a run.
 
-use fiatlux_client::Policy;
+use fiatlux_client::{Policy, check_tasks};
 use fiatlux_policies::{Replay, VlaSource};
 use fiatlux_proto::v3::{OpenRequest, RunSpec};
 use fiatlux_rules::Task;
 
 use super::EvaluateArgs;
-use crate::cli::{Failure, policy};
+use crate::cli::{Failure, policy, usage};
 
 /// Seeds of the published protocol.
 const PUBLISHED_SEEDS: [u64; 4] = [0, 1, 2, 3];
@@ -20,10 +20,11 @@ pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, F
                 Some(source) => Box::new(source.policy()),
                 None => policy(&args.policy)?,
             };
+            let tasks = args.tasks.as_ref().map_or(&Task::SUBTASKS[..], |tasks| &tasks.0);
+            check_tasks(policy.as_ref(), tasks).map_err(usage)?;
             let [image_width, image_height] = policy.image_size().unwrap_or_default();
             let sensors = policy.sensors();
             let session = OpenRequest { sensors, image_width, image_height, ..OpenRequest::default() };
-            let tasks = args.tasks.as_ref().map_or(&Task::SUBTASKS[..], |tasks| &tasks.0);
             let seeds = args.seeds.as_ref().map_or(&PUBLISHED_SEEDS[..], |seeds| &seeds.0);
             RunSpec {
                 policy: policy.name(),

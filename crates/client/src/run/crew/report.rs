@@ -2,6 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
+use fiatlux_bag::run::{ABANDONED, NOT_RUN};
 use fiatlux_proto::v3::RunEpisode;
 use fiatlux_proto::v3::run_episode::State as Ledger;
 
@@ -37,6 +38,7 @@ impl Crew<'_, '_> {
                     look.done += 1;
                     look.successes += usize::from(entry.success);
                 }
+                Standing::Unplayable => look.done += 1,
                 Standing::Lost => look.lost += 1,
             }
         }
@@ -60,9 +62,14 @@ impl Crew<'_, '_> {
                 attempts: 0,
                 server: None,
             };
+            if *standing == Standing::Unplayable {
+                outcome.fate = EpisodeFate::Failed;
+            }
             if let Standing::Decided { server, entry } = standing {
                 outcome.fate = if entry.state() == Ledger::Played { EpisodeFate::Played } else { EpisodeFate::Failed };
-                outcome.cause.clone_from(&entry.cause);
+                // The client knows more about an attempt that it ended itself.
+                let is_bare = [ABANDONED, NOT_RUN].contains(&entry.cause.as_str());
+                outcome.cause = problem.filter(|_| is_bare).unwrap_or(&entry.cause).into();
                 outcome.digest.clone_from(&entry.digest);
                 (outcome.success, outcome.attempts, outcome.server) =
                     (entry.success, entry.attempts, Some(server.clone()));

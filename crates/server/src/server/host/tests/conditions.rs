@@ -27,6 +27,61 @@ fn real_time_steps_by_the_clock() {
     assert_eq!(harness.result().missed_steps, 2);
 }
 
+/// A client that falls silent: its command walks for half a second, then the robot stands at the height that was commanded. A
+/// replay of the recorded targets repeats every row.
+#[test]
+fn a_whole_body_command_expires_in_real_time() {
+    let walk = WholeBodyCommand { vx: 0.5, height: 0.7, ..WholeBodyCommand::default() };
+    let stand = WholeBodyCommand { vx: 0.0, ..walk };
+    let row = |harness: &Harness| harness.session.host().run.as_ref().unwrap().episode.row().clone();
+    let digest = |harness: &Harness| harness.session.host().run.as_ref().unwrap().episode.digest().hex();
+    // Steps that follow the command, for the default time and another one.
+    for (command_timeout_ms, steps) in [(0, 25), (200, 10)] {
+        let mut harness = harness(OpenRequest { mode: 2, command_timeout_ms, ..OpenRequest::default() });
+        assert_eq!(harness.session.info().command_timeout_s, steps as f64 * 0.02);
+        harness.reset(0);
+        let mut targets = Vec::new();
+        for step in 0..steps + 100 {
+            match step {
+                0 => harness.send(&Action { whole_body: Some(walk), ..Action::default() }),
+                _ => harness.sleep(),
+            };
+            let record = harness.record();
+            let action = ActionRecord::decode(&*record.action).unwrap().action.unwrap();
+            assert_eq!(action.whole_body, Some(if step < steps { walk } else { stand }), "step {step}");
+            let events = record.events.iter().map(|event| Event::decode(&**event).unwrap().kind);
+            assert_eq!(events.filter(|kind| kind == "expired").count(), usize::from(step == steps), "step {step}");
+            targets.push(action.joint_target);
+        }
+        let (played, before) = (digest(&harness), row(&harness).robot);
+        assert!(before.pose.translation.z > 0.6, "it stands");
+        (0..50).for_each(|_| drop(harness.sleep()));
+        let way = row(&harness).robot.pose.translation.vector - before.pose.translation.vector;
+        assert!(way.xy().norm() < 0.03, "it still moves: {way}");
+        // The next command is followed again.
+        let step = row(&harness).step;
+        harness.send(&Action { step, whole_body: Some(walk), ..Action::default() });
+        harness.sleep();
+        assert_eq!(ActionRecord::decode(&*harness.record().action).unwrap().action.unwrap().whole_body, Some(walk));
+
+        let mut replay = self::harness(OpenRequest::default());
+        replay.reset(0);
+        for (step, joint_target) in (0..).zip(targets) {
+            replay.send(&Action { step, joint_target, ..Action::default() });
+        }
+        assert_eq!(digest(&replay), played);
+    }
+    // Joint targets hold.
+    let mut held = harness(OpenRequest { mode: 2, ..OpenRequest::default() });
+    held.reset(0);
+    held.act(0, 0);
+    for _ in 0..40 {
+        held.sleep();
+        let record = held.record();
+        assert!(record.events.is_empty() && ActionRecord::decode(&*record.action).unwrap().held);
+    }
+}
+
 fn look(harness: &mut Harness, episode: u64, step: u64, sensors: &[&str]) -> look_reply::Reply {
     let sensors = sensors.iter().map(|name| (*name).to_owned()).collect();
     let bytes = LookRequest { episode, step, sensors }.encode_to_vec();
