@@ -1,5 +1,6 @@
 """Whole numbers and sizes as users give them: one rule for all of them."""
 
+import itertools
 import operator
 from typing import Any, Iterable
 
@@ -30,14 +31,15 @@ def seed_of(value: Any, name: str = "seed") -> int:
     return whole(name, value, 0, MAX_SEED)
 
 
-def seeds_of(values: Iterable[Any]) -> list[int]:
-    """The benchmark's seeds of rooms."""
-    if isinstance(values, (str, bytes)):
-        raise ValueError(f"seeds is {values!r}; give a list of whole numbers")
+def seeds_of(values: Iterable[Any], worlds: int | None = None) -> list[int]:
+    """The benchmark's seeds of rooms; where ``worlds`` are spread over them, not more than those."""
     try:
-        return [seed_of(value, "seeds") for value in values]
+        seeds = [seed_of(value, "seeds") for value in itertools.islice(values, None if worlds is None else worlds + 1)]
     except TypeError as error:
         raise ValueError(f"seeds is {values!r}; give a list of whole numbers") from error
+    if worlds is not None and len(seeds) > worlds:
+        raise ValueError(f"seeds names more rooms than num_envs, which is {worlds}; give at least one world for each room")
+    return seeds
 
 
 def size_of(name: str, value: Any) -> list[int]:

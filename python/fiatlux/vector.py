@@ -239,11 +239,7 @@ class VectorEnv(_Batch):
         **settings: "Unpack[Settings]",
     ) -> None:
         common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
-        if seeds is None:
-            seeds = ROOMS[: common["worlds"]]
-        elif common["worlds"] < len(seeds):
-            raise ValueError(f"num_envs is {num_envs}, but seeds names {len(seeds)} rooms; give at least one world for each room")
-        rooms = seeds_of(seeds)
+        rooms = seeds_of(ROOMS[: common["worlds"]] if seeds is None else seeds, common["worlds"])
         episodes = whole("episodes", episodes, 1, _native.MAX_STARTS // max(len(rooms), 1))
         starts = [(room, episode) for room in rooms for episode in range(episodes)]
         batch = _native.Batch("rulebook", (task, starts, complete(task, observation, settings), common))

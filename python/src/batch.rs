@@ -123,7 +123,10 @@ fn error(error: BatchError) -> PyErr {
             PyValueError::new_err(format!("{field} is {found}; {rule}"))
         }
         BatchError::Memory { .. } => PyMemoryError::new_err(error.to_string().replace("worlds:", "num_envs:")),
-        BatchError::Ended { world } => refused_end(world),
+        BatchError::Ended { world } => {
+            let remedy = "call reset(options={\"reset_mask\": terminated | truncated}) before the next step";
+            PyValueError::new_err(format!("the episode of world {world} has ended; {remedy}"))
+        }
         BatchError::World { .. }
         | BatchError::Forked { .. }
         | BatchError::Task { .. }
@@ -133,11 +136,6 @@ fn error(error: BatchError) -> PyErr {
         | BatchError::Thread(_) => failed(&error),
         _ => refused(&error),
     }
-}
-
-fn refused_end(world: usize) -> PyErr {
-    let remedy = "call reset(options={\"reset_mask\": terminated | truncated}) before the next step";
-    PyValueError::new_err(format!("the episode of world {world} has ended; {remedy}"))
 }
 
 /// Builds without the interpreter's lock, so that other Python threads can run.

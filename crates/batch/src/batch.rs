@@ -301,9 +301,10 @@ impl Batch {
         self.workers.check_process()?;
         let mut loaded = Ok(());
         self.workers.each(|shard| {
-            let load = |index| shard.load(index, &snapshot.worlds[shard.first + index]);
-            if let Err(error) = (0..shard.slots.len()).try_for_each(load) {
-                loaded = Err(error);
+            for (index, world) in snapshot.worlds[shard.first..][..shard.slots.len()].iter().enumerate() {
+                if let Err(error) = shard.load(index, world) {
+                    loaded = Err(error);
+                }
             }
             let numbers = &mut shard.outputs.observation;
             let (first, count) = (shard.first * (numbers.len() / shard.slots.len()), numbers.len());

@@ -184,3 +184,6 @@ fn digest_of(banks: &[Bank]) -> String {
 fn short(text: &str) -> String {
     RowDigest::new(text.as_bytes()).hex()[..16].to_owned()
 }
+
+#[cfg(test)]
+mod tests;
