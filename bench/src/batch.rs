@@ -8,13 +8,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fiatlux_batch::{
-    Bank, Batch, BatchConfig, Control, Field, Outcome, Outputs, Spec, Start, Task, TaskError, Walking, WalkingOptions,
+    Bank, Batch, BatchConfig, Control, Field, Outcome, Outputs, Spec, Task, TaskError, Walking, WalkingOptions,
 };
-use fiatlux_dynamics::Variation;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Row;
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_world::{ACTION_SCALE, Random, Scene, SceneConfig, SceneSpec, World};
+use fiatlux_world::{ACTION_SCALE, Light, Random, Scene, SceneConfig, SceneSpec, World};
 use serde::Serialize;
 
 use super::BenchError;
@@ -187,7 +186,7 @@ fn processes(options: &BatchOptions) -> Result<f64, BenchError> {
 struct Running {
     batch: Batch,
     outputs: Outputs,
-    actions: Vec<f32>,
+    actions: Vec<f64>,
 }
 
 impl Running {
@@ -248,8 +247,8 @@ fn standing_batch(
     threads: usize,
     senses: bool,
 ) -> Result<Batch, BenchError> {
-    let start = Start { row: world.row().clone(), variation: Variation::default() };
-    let bank = Bank { scene: Arc::clone(world.scene()), starts: vec![start] };
+    let mut bank = Bank::standing(Arc::clone(world.scene()));
+    bank.starts[0].row = world.row().clone();
     let config = BatchConfig { worlds, threads, ..BatchConfig::new(vec![bank]) };
     Batch::new(config, &Hold::new(world.scene(), targets, senses)).map_err(failed)
 }
@@ -299,14 +298,14 @@ impl Task for Hold {
         &self.spec
     }
 
-    fn begin(&mut self, _: &World, _: &mut Random) -> Result<(), TaskError> {
+    fn begin(&mut self, _: &World, _: &Light, _: &mut Random) -> Result<(), TaskError> {
         if let Some((observer, _)) = &mut self.senses {
             observer.restart(Some(NoiseSeed { seed: 0, episode: 0 }));
         }
         Ok(())
     }
 
-    fn command(&mut self, scene: &Scene, _: &Row, _: &[f32], _: &mut Random, control: &mut Control) {
+    fn command(&mut self, scene: &Scene, _: &Row, _: &[f64], _: &mut Random, control: &mut Control) {
         control.joint_target.copy_from_slice(&self.targets);
         let places = control.action.iter_mut().zip(&self.targets).zip(scene.robot.q0());
         places.for_each(|((place, target), q0)| *place = (target - q0) / ACTION_SCALE);
@@ -325,6 +324,10 @@ impl Task for Hold {
             observation.iter_mut().zip(numbers).for_each(|(place, number)| *place = *number as f32);
         }
         Ok(())
+    }
+
+    fn settings(&self) -> Vec<(&'static str, String)> {
+        vec![("task", "hold".into())]
     }
 }
 

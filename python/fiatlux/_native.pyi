@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 __version__: str
 BENCHMARK_VERSION: int
+MAX_WORLDS: int
+MAX_THREADS: int
+MAX_STARTS: int
 
 class FiatluxError(Exception):
     """The simulator refused a request; the message names the field and the remedy."""
@@ -64,24 +67,20 @@ class Bag:
     def topics() -> list[str]: ...
     def columns(self, topic: str) -> dict[str, Any]: ...
 
-class Snapshot: ...
+class Snapshot:
+    def __init__(self, bytes: bytes) -> None: ...
 
 class Batch:
     num_worlds: int
     num_threads: int
     spec: dict[str, Any]
-    @staticmethod
-    def rulebook(
-        task: str, starts: list[tuple[int, int]], settings: dict[str, Any], common: dict[str, Any]
-    ) -> Batch: ...
+    def __init__(self, kind: str, arguments: tuple[Any, ...], snapshot: Snapshot | None = None) -> None: ...
     @staticmethod
     def walking_weights() -> dict[str, float]: ...
-    @staticmethod
-    def walking(settings: dict[str, Any], common: dict[str, Any]) -> Batch: ...
-    def reset(self, seed: int | None, observation: NDArray[np.float32]) -> None: ...
+    def reset(self, seed: int | None, marks: NDArray[np.bool_] | None, observation: NDArray[np.float32]) -> None: ...
     def step(
         self,
-        actions: NDArray[np.float32],
+        actions: NDArray[np.float64],
         observation: NDArray[np.float32],
         final_observation: NDArray[np.float32] | None,
         reward: NDArray[np.float32],
@@ -98,7 +97,14 @@ class Batch:
 class Episode:
     spec: dict[str, Any]
     digest: str
-    def __init__(self, task: str, seed: int, episode: int, settings: dict[str, Any]) -> None: ...
+    def __init__(
+        self,
+        task: str,
+        seed: int,
+        episode: int,
+        settings: dict[str, Any],
+        actions: NDArray[np.float64] | None = None,
+    ) -> None: ...
     def observe(self, observation: NDArray[np.float32]) -> None: ...
     def step(self, action: NDArray[np.float64]) -> tuple[float, bool, bool]: ...
     def reward_terms(self) -> dict[str, float]: ...

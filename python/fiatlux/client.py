@@ -4,6 +4,7 @@ from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from . import _native
+from ._numbers import seed_of, seeds_of
 from .policy import Player, PolicyLike, is_stateful, name_of, settings_for
 from .settings import Settings, complete
 from .spaces import ObservationForm
@@ -77,7 +78,8 @@ class Client:
         """
         asked = complete(task, observation, settings_for(policy, settings))
         player = Player(policy, observation)
-        return self._client.run(player, name or name_of(policy), server, task, seed, episode, asked, list(record))
+        place = (task, seed_of(seed), seed_of(episode, "episode"))
+        return self._client.run(player, name or name_of(policy), server, *place, asked, list(record))
 
     def evaluate(
         self,
@@ -152,7 +154,7 @@ def run_of(
         "version": "",
         "link": "",
         "tasks": list(tasks),
-        "seeds": list(seeds),
+        "seeds": seeds_of(seeds),
         "hosted_seeds": 0,
         "server": None,
         "parallel": parallel,

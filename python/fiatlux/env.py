@@ -8,6 +8,7 @@ from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from numpy.typing import NDArray
 
 from . import _native
+from ._numbers import seed_of, size_of
 from .settings import Settings, complete
 from .spaces import Layout, ObservationForm, as_actions
 from .tasks import TASKS, Task
@@ -22,7 +23,8 @@ TRAINING_SEEDS = (1000, 2**31)
 class Env(gymnasium.Env[Any, NDArray[np.float32]]):
     """A task of the benchmark.
 
-    The same seed, episode and actions give the same rows, rewards, ends and digest as in every other Fiatlux program.
+    The same seed, episode and actions give the same rows, rewards, ends and digest as in every other Fiatlux program. Actions
+    count as ``float64``, to the last bit. A copy or a pickle continues where the episode is; unpickling plays its actions again.
 
     Args:
         task: Short id or environment id.
@@ -48,7 +50,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode is {render_mode!r}; known ones are None, 'rgb_array'")
         self.render_mode = render_mode
-        self._render_size, self._render_camera = render_size, render_camera
+        self._render_size, self._render_camera = size_of("render_size", render_size), render_camera
         self._task = task
         self._settings = complete(task, observation, settings)
         self._seed: int | None = None
@@ -68,6 +70,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         one is drawn from the seeds for training. ``options`` may have ``"episode"``, the index of an episode of the seed.
         """
         self._check_open()
+        seed = None if seed is None else seed_of(seed)
         super().reset(seed=seed)
         options = dict(options or {})
         if seed is not None:
@@ -76,7 +79,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
             self._seed, self._index = int(self.np_random.integers(*TRAINING_SEEDS)), 0
         else:
             self._index += 1
-        self._index = int(options.pop("episode", self._index))
+        self._index = seed_of(options.pop("episode", self._index), "episode")
         if options:
             raise ValueError(f"options has no {next(iter(options))!r}; known keys are 'episode'")
         self._begun = False
@@ -87,7 +90,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Takes a control step of 20 ms. A wrong shape, NaN or a step after the end raises ``ValueError``."""
         self._check_begun()
-        array = as_actions(action, self.action_space.shape or (), np.float64)
+        array = as_actions(action, self.action_space.shape or ())
         reward, terminated, truncated = self._episode.step(array)
         info: dict[str, Any] = {"reward_terms": self._episode.reward_terms()}
         if terminated or truncated:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
 
 from . import _native
+from ._numbers import seeds_of
 from .client import run_of
 from .env import Env
 from .policy import Player, PolicyLike, settings_for
@@ -91,6 +92,7 @@ def evaluate(
             counts.
         settings: See :class:`fiatlux.Settings`.
     """
+    seeds = seeds_of(seeds)
     chosen = settings_for(policy, settings)
     if out is not None:
         if max_steps is not None:

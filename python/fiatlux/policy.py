@@ -62,7 +62,7 @@ class Player:
         """The action that answers an observation."""
         assert self._layout is not None
         shape = self._layout.action_space.shape or ()
-        action = as_actions(self._policy(self._layout.show(numbers, copy=False)), shape, np.float64)
+        action = as_actions(self._policy(self._layout.show(numbers, copy=False)), shape)
         if not np.isfinite(action).all():
             joint = self._layout.action_names[int(np.argmin(np.isfinite(action)))]
             raise ValueError(f"action of joint '{joint}' is not finite")

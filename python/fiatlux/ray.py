@@ -11,6 +11,7 @@ import ray
 from numpy.typing import NDArray
 
 from . import _native
+from ._numbers import seeds_of
 from .env import Env
 from .evaluation import Evaluation, play
 from .policy import PolicyLike, settings_for
@@ -45,7 +46,7 @@ def evaluate(
         progress: Called with the summary of each episode as it ends, in any order.
         num_cpus, num_gpus: What an episode needs on its node.
     """
-    jobs = [(task, seed) for task in tasks for seed in seeds]
+    jobs = [(task, seed) for task in tasks for seed in seeds_of(seeds)]
     remote = _episode.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
     chosen = settings_for(policy, settings)
@@ -77,7 +78,7 @@ def rollouts(
     remote = _rollout.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
     chosen = settings_for(policy, settings)
-    running = [remote.remote(shared, task, seed, max_steps, chosen) for seed in seeds]
+    running = [remote.remote(shared, task, seed, max_steps, chosen) for seed in seeds_of(seeds)]
     for reference in running:
         yield ray.get(reference)
 

@@ -10,7 +10,7 @@ import torch
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
-from .vector import VectorEnv, WalkingVectorEnv
+from .vector import VectorEnv, WalkingVectorEnv, check_trainer
 
 
 class RslRlVecEnv(VecEnv):
@@ -33,6 +33,7 @@ class RslRlVecEnv(VecEnv):
         shape = env.single_observation_space.shape
         if shape is None:
             raise ValueError("the observations of env are dictionaries; make it with observation='flat'")
+        check_trainer(env, "RslRlVecEnv")
         self.env = env
         self.num_envs = env.num_envs
         self.num_actions = int(np.prod(env.single_action_space.shape or ()))

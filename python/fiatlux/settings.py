@@ -3,6 +3,7 @@
 from os import PathLike, fspath
 from typing import Any, Mapping, Sequence, TypedDict
 
+from ._numbers import size_of
 from .tasks import TASKS
 
 
@@ -19,7 +20,7 @@ class Settings(TypedDict, total=False):
         noise: Whether the sensors have noise.
         robot: Name of the robot: ``"g1_inspire"``, or ``"g1_bare"`` with welded fingers.
         gains: Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``.
-        image_size: Width and height of the cameras' images, pixels.
+        image_size: Width and height of the cameras' images, each from 1 to 4096 pixels; a server takes 16 to 640.
         weights: Weights of the camera's features, a safetensors file; seeded ones by default.
     """
 
@@ -57,7 +58,7 @@ def complete(task: str | None, observation: str, given: Mapping[str, Any]) -> di
             raise TypeError(f"unexpected argument {name!r}; settings are {', '.join(_DEFAULTS)}")
     settings = {**_DEFAULTS, **given}
     settings["sensors"] = _sensors(task, observation, settings["sensors"], settings.pop("privileged"))
-    settings["image_size"] = list(settings["image_size"])
+    settings["image_size"] = size_of("image_size", settings["image_size"])
     if settings["weights"] is not None:
         settings["weights"] = fspath(settings["weights"])
     return settings

@@ -7,7 +7,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 ObservationForm = Literal["dict", "flat", "published"]
-"""``"dict"``: the observation's fields by name. ``"flat"``: all of them in one vector. ``"published"``: the vector of the
+"""``"dict"``: the observation's fields by name; pictures are ``uint8``. ``"flat"``: all of them in one ``float32`` vector. ``"published"``: the vector of the
 published benchmark, 6,543 numbers (6,453 in ``climb``), with the features of the camera's image."""
 
 _UNBOUNDED = 1e9
@@ -22,16 +22,18 @@ class Layout:
             raise ValueError(f"observation is {form!r}; known ones are {', '.join(map(repr, get_args(ObservationForm)))}")
         self.form = form
         self.fields: dict[str, tuple[slice, tuple[int, ...]]] = {}
+        self._dtypes: dict[str, type] = {}
         bounds: list[tuple[float, float]] = []
         boxes: dict[str, spaces.Space[Any]] = {}
         start = 0
-        for name, shape, low, high in spec["observation"]:
+        for name, shape, low, high, is_picture in spec["observation"]:
             length = int(np.prod(shape, dtype=np.int64))
             # A single number becomes a field of length 1, since some libraries cannot handle scalars.
             shape = tuple(shape) or (1,)
             low, high = max(low, -_UNBOUNDED), min(high, _UNBOUNDED)
             self.fields[name] = (slice(start, start + length), shape)
-            boxes[name] = spaces.Box(low, high, shape, np.float32)
+            self._dtypes[name] = np.uint8 if is_picture else np.float32
+            boxes[name] = spaces.Box(low, high, shape, self._dtypes[name])
             bounds.append((low, high))
             start += length
         self.length = start
@@ -50,13 +52,14 @@ class Layout:
         if self.form != "dict":
             return numbers
         before = numbers.shape[:-1]
-        return {name: numbers[..., field].reshape(before + shape) for name, (field, shape) in self.fields.items()}
+        parts = {name: numbers[..., field].reshape(before + shape) for name, (field, shape) in self.fields.items()}
+        return {name: part.astype(self._dtypes[name], copy=False) for name, part in parts.items()}
 
 
-def as_actions(actions: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
-    """Actions in the form that the simulator takes; refuses a wrong shape."""
+def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Actions in the form that the simulator takes, for one world or many; refuses a wrong shape."""
     try:
-        array = np.ascontiguousarray(actions, dtype=dtype)
+        array = np.ascontiguousarray(actions, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError(f"action: cannot be read as numbers ({error}); give an array of shape {shape}") from error
     if array.shape != shape:

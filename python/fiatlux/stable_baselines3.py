@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 
-from .vector import VectorEnv, WalkingVectorEnv
+from .vector import VectorEnv, WalkingVectorEnv, check_trainer
 
 
 def _undotted(observation: Any) -> Any:
@@ -24,6 +24,7 @@ class StableBaselinesVecEnv(VecEnv):
     """
 
     def __init__(self, env: VectorEnv | WalkingVectorEnv) -> None:
+        check_trainer(env, "StableBaselinesVecEnv")
         self.env = env
         self.render_mode = None
         self._actions: np.ndarray | None = None

@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import _native
+from ._numbers import MAX_SEED, seed_of, seeds_of, whole
 from .settings import Settings, complete
 from .spaces import Layout, ObservationForm, as_actions
 
@@ -18,10 +19,25 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 
+ROOMS = range(1000, 1016)
+"""Rooms of the benchmark's seeds over which worlds are spread by default."""
+
+
+def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
+    """A mode of Gymnasium's by its value or its name, such as ``"next_step"``."""
+    known = {mode.name: mode for mode in AutoresetMode} | {mode.value: mode for mode in AutoresetMode}
+    found = known.get(mode.upper(), known.get(mode)) if isinstance(mode, str) else mode
+    if not isinstance(found, AutoresetMode):
+        names = ", ".join(repr(mode.name.lower()) for mode in AutoresetMode)
+        raise ValueError(f"autoreset_mode is {mode!r}; known ones are {names}")
+    return found
+
+
 def _common(
     worlds: int,
     threads: int | None,
     seed: int,
+    autoreset_mode: AutoresetMode | str,
     ranges: Mapping[str, Any] | None,
     variations: int,
     disturbances: Mapping[str, Any] | None,
@@ -30,11 +46,12 @@ def _common(
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return {
-        "worlds": worlds,
-        "threads": threads,
-        "seed": seed,
+        "worlds": whole("num_envs", worlds, 1, _native.MAX_WORLDS),
+        "threads": whole("num_threads", threads, 1, _native.MAX_THREADS),
+        "seed": seed_of(seed),
+        "autoreset": _autoreset(autoreset_mode).value,
         "ranges": None if ranges is None else dict(ranges),
-        "variations": variations,
+        "variations": whole("variations", variations, 1, _native.MAX_STARTS),
         "disturbances": None if disturbances is None else dict(disturbances),
     }
 
@@ -42,26 +59,38 @@ def _common(
 class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
     """Base class of all vectors of worlds.
 
-    The autoreset mode is ``SAME_STEP``: when an episode ends, the next one begins in the same step. The observation of that
-    step is the first of the new episode; ``info["final_obs"]`` has the last one of the old episode for the worlds that
-    ``info["_final_obs"]`` marks.
+    By default the autoreset mode is ``SAME_STEP``: when an episode ends, the next one begins in the same step. The observation of
+    that step is the first of the new episode; ``info["final_obs"]`` has the last one of the old episode for the worlds that
+    ``info["_final_obs"]`` marks. The other modes are as Gymnasium defines them.
+
+    A copy or a pickle is made from the same arguments and continues from the same state.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
 
-    def __init__(self, batch: _native.Batch, observation: ObservationForm, copy: bool, final_obs: bool) -> None:
+    def __init__(
+        self,
+        batch: _native.Batch,
+        observation: ObservationForm,
+        copy: bool,
+        final_obs: bool,
+        autoreset_mode: AutoresetMode | str,
+    ) -> None:
         self._batch = batch
+        self.autoreset_mode = _autoreset(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = batch.num_worlds
         self.num_threads = batch.num_threads
         self._layout = layout = Layout(batch.spec, observation)
-        self._copy = copy
+        self.copies = copy
         self.single_observation_space = layout.space
         self.single_action_space = layout.action_space
         self.observation_space = batch_space(layout.space, self.num_envs)
         self.action_space = batch_space(layout.action_space, self.num_envs)
         worlds, length = self.num_envs, layout.length
         self._observation = np.zeros((worlds, length), np.float32)
-        self._final = np.zeros((worlds, length), np.float32) if final_obs else None
+        has_final = final_obs and self.autoreset_mode == AutoresetMode.SAME_STEP
+        self._final = np.zeros((worlds, length), np.float32) if has_final else None
         self._reward = np.zeros(worlds, np.float32)
         self._terms = np.zeros((worlds, len(layout.reward_terms)), np.float32)
         self._terminated, self._truncated, self._success = (np.zeros(worlds, np.bool_) for _ in range(3))
@@ -70,25 +99,36 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begins an episode in every world; with a seed, everything after it is as in a new batch with that seed."""
+        """Begins an episode in every world; with a seed, everything after it is as in a new batch with that seed.
+
+        ``options={"reset_mask": mask}``, a boolean array with a number for each world, resets the marked worlds alone.
+        """
         self._check_open()
-        if seed is not None and not isinstance(seed, (int, np.integer)):
+        if isinstance(seed, (list, tuple, np.ndarray)):
             raise ValueError("seed: give one number for all worlds; each draws from a stream of its own")
-        if options:
-            raise ValueError(f"options has no {next(iter(options))!r}; leave options out")
-        self._batch.reset(None if seed is None else int(seed), self._observation)
-        return self._layout.show(self._observation, self._copy), {}
+        seed = None if seed is None else seed_of(seed)
+        unknown = [name for name in options or {} if name != "reset_mask"]
+        if unknown:
+            raise ValueError(f"options has no {unknown[0]!r}; the one known key is 'reset_mask'")
+        mask = (options or {}).get("reset_mask")
+        if mask is not None:
+            mask = np.ascontiguousarray(mask)
+            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+                found = f"shape {mask.shape}, {mask.dtype}"
+                raise ValueError(f"reset_mask: {found}; give a boolean for each of {self.num_envs} worlds, some of them true")
+        self._batch.reset(seed, mask, self._observation)
+        return self._layout.show(self._observation, self.copies), {}
 
     def step(
         self, actions: Any
     ) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Takes a control step of 20 ms in every world.
 
-        ``info`` has ``reward_terms`` (worlds x terms, named by :attr:`reward_terms`), ``success``, and ``final_obs`` if any
-        episode ended.
+        Actions count as ``float64``, as those of :class:`fiatlux.Env` do. ``info`` has ``reward_terms`` (worlds x terms, named by
+        :attr:`reward_terms`), ``success``, and ``final_obs`` if any episode ended.
         """
         self._check_open()
-        array = as_actions(actions, self.action_space.shape or (), np.float32)
+        array = as_actions(actions, self.action_space.shape or ())
         self._batch.step(
             array,
             self._observation,
@@ -99,13 +139,13 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
             self._truncated,
             self._success,
         )
-        own = np.copy if self._copy else np.asarray
+        own = np.copy if self.copies else np.asarray
         info: dict[str, Any] = {"reward_terms": own(self._terms), "success": own(self._success)}
         ended = self._terminated | self._truncated
         if self._final is not None and ended.any():
-            info["final_obs"] = self._layout.show(self._final, self._copy)
+            info["final_obs"] = self._layout.show(self._final, self.copies)
             info["_final_obs"] = ended
-        observation = self._layout.show(self._observation, self._copy)
+        observation = self._layout.show(self._observation, self.copies)
         return observation, own(self._reward), own(self._terminated), own(self._truncated), info
 
     @property
@@ -119,20 +159,24 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
         return self._layout.fields
 
     def save(self) -> _native.Snapshot:
-        """The state of all worlds, for :meth:`restore` in this process; what follows from it repeats to the last bit."""
+        """The state of all worlds, for :meth:`restore`; what follows from it repeats to the last bit. It can be pickled."""
         self._check_open()
         return self._batch.save()
 
     def restore(self, snapshot: _native.Snapshot) -> Any:
-        """Goes back to a saved state, and returns its observation."""
+        """Goes back to a saved state, and returns its observation.
+
+        Only ``seed`` and ``num_threads`` may differ from those of the vector that saved it; any other difference raises
+        ``ValueError`` with its name.
+        """
         self._check_open()
         self._batch.restore(snapshot, self._observation)
-        return self._layout.show(self._observation, self._copy)
+        return self._layout.show(self._observation, self.copies)
 
     def row(self, world: int) -> dict[str, Any]:
         """A world's present state as arrays, as in :meth:`fiatlux.Env.row`."""
         self._check_open()
-        return self._batch.row(world)
+        return self._batch.row(whole("world", world, 0, self.num_envs - 1))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the worlds and their threads."""
@@ -145,6 +189,14 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
             raise ClosedEnvironmentError("the environment is closed; make another one")
 
 
+def check_trainer(env: _Batch, wrapper: str) -> None:
+    """Refuses a vector that a library for training would misread: it keeps observations, and knows one autoreset mode."""
+    if not env.copies:
+        raise ValueError(f"{wrapper}: observations that the next step overwrites would be learned from; make env with copy=True")
+    if env.autoreset_mode != AutoresetMode.SAME_STEP:
+        raise ValueError(f"{wrapper}: autoreset_mode is {env.autoreset_mode.value}; make env with autoreset_mode='same_step'")
+
+
 class VectorEnv(_Batch):
     """Many worlds of a task of the benchmark.
 
@@ -152,7 +204,7 @@ class VectorEnv(_Batch):
         task: Short id of the task, such as ``"S07"``, or its environment id.
         num_envs: Number of worlds.
         seeds: The benchmark's seeds of the rooms. The worlds are spread over the rooms and stay in them, so there must be at
-            least as many worlds as rooms.
+            least as many worlds as rooms. By default the rooms are 1000 to 1015, or as many of them as there are worlds.
         episodes: Number of start states in each room; an episode begins at one of them.
         num_threads: Number of threads; by default one for each core. Results do not depend on it.
         seed: Seed of the worlds' random streams.
@@ -162,7 +214,9 @@ class VectorEnv(_Batch):
         disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
             "force_n", "torque_nm"}}``; missing keys have defaults.
         copy: Whether returned arrays are copies; otherwise the next step overwrites them.
-        final_obs: Whether to observe the last row of each episode too.
+        final_obs: Whether to observe the last row of each episode too; only ``SAME_STEP`` needs it.
+        autoreset_mode: When the next episode of a world begins: ``"same_step"``, ``"next_step"`` or ``"disabled"``, or
+            Gymnasium's ``AutoresetMode``. Gymnasium's vector observation wrappers need ``"next_step"``.
         settings: See :class:`fiatlux.Settings`.
     """
 
@@ -171,7 +225,7 @@ class VectorEnv(_Batch):
         task: str,
         num_envs: int = 1,
         *,
-        seeds: Sequence[int] = (1000,),
+        seeds: Sequence[int] | None = None,
         episodes: int = 1,
         num_threads: int | None = None,
         seed: int = 0,
@@ -181,17 +235,15 @@ class VectorEnv(_Batch):
         disturbances: Mapping[str, Any] | None = None,
         copy: bool = True,
         final_obs: bool = True,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         **settings: "Unpack[Settings]",
     ) -> None:
-        if num_envs < len(seeds):
-            raise ValueError(f"num_envs is {num_envs}, but seeds names {len(seeds)} rooms; give at least one world for each room")
-        batch = _native.Batch.rulebook(
-            task,
-            [(room, episode) for room in seeds for episode in range(episodes)],
-            complete(task, observation, settings),
-            _common(num_envs, num_threads, seed, ranges, variations, disturbances),
-        )
-        super().__init__(batch, observation, copy, final_obs)
+        common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
+        rooms = seeds_of(ROOMS[: common["worlds"]] if seeds is None else seeds, common["worlds"])
+        episodes = whole("episodes", episodes, 1, _native.MAX_STARTS // max(len(rooms), 1))
+        starts = [(room, episode) for room in rooms for episode in range(episodes)]
+        batch = _native.Batch("rulebook", (task, starts, complete(task, observation, settings), common))
+        super().__init__(batch, observation, copy, final_obs, autoreset_mode)
 
 
 class WalkingVectorEnv(_Batch):
@@ -242,14 +294,15 @@ class WalkingVectorEnv(_Batch):
         disturbances: Mapping[str, Any] | None = None,
         copy: bool = True,
         final_obs: bool = True,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
     ) -> None:
         settings = {
             "scene": scene,
             "robot": robot,
             "gains": gains,
-            "frames": frames,
+            "frames": whole("frames", frames, 1, 1000),
             "noise": noise,
-            "horizon_steps": horizon_steps,
+            "horizon_steps": whole("horizon_steps", horizon_steps, 1, MAX_SEED),
             "command": [list(pair) for pair in command],
             "height": list(height),
             "stand_height": list(stand_height),
@@ -259,7 +312,7 @@ class WalkingVectorEnv(_Batch):
             "hand_force_n": hand_force_n,
             "reward_weights": dict(reward_weights or {}),
         }
-        common = _common(num_envs, num_threads, seed, ranges, variations, disturbances)
-        batch = _native.Batch.walking(settings, common)
+        common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
+        batch = _native.Batch("walking", (settings, common))
         self.reward_weights: dict[str, float] = {**_native.Batch.walking_weights(), **settings["reward_weights"]}
-        super().__init__(batch, observation, copy, final_obs)
+        super().__init__(batch, observation, copy, final_obs, autoreset_mode)

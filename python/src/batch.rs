@@ -5,15 +5,15 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fiatlux_batch::{
-    Bank, Batch as Worlds, BatchConfig, BatchError, Buffers, Disturbances, Rulebook, Snapshot as Saved, Task, Walking,
-    WalkingOptions,
+    Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Buffers, Disturbances, MAX_STARTS, Rulebook,
+    Snapshot as Saved, Task, Walking, WalkingOptions,
 };
 use fiatlux_rules::Row;
 use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
-use pyo3::exceptions::PyValueError;
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict, PyTuple};
 
 use crate::settings::{self, Settings};
 use crate::{build, failed, guarded, not_contiguous, refused};
@@ -27,11 +27,31 @@ const WALKING_ROOM: (fiatlux_rules::Task, u64) = (fiatlux_rules::Task::S07, 1000
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct Batch {
     worlds: Worlds,
+    /// What made it, for copies: `kind` and `arguments` of its constructor.
+    recipe: (String, Py<PyTuple>),
 }
 
-/// State of a batch that can be restored later.
+/// State of a batch that can be restored later, here or, pickled, in another process with the same version.
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Snapshot(Saved);
+
+#[pymethods]
+impl Snapshot {
+    #[new]
+    fn new(bytes: &[u8]) -> PyResult<Self> {
+        guarded(|| Saved::from_bytes(bytes))?.map(Self).map_err(error)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let bytes = guarded(|| self.0.to_bytes())?;
+        Ok((py.get_type::<Self>().into_any(), (PyBytes::new(py, &bytes),)))
+    }
+
+    fn __deepcopy__<'py>(this: Bound<'py, Self>, _memo: Bound<'py, PyAny>) -> Bound<'py, Self> {
+        // It never changes.
+        this
+    }
+}
 
 /// Settings that all batches share.
 #[derive(FromPyObject)]
@@ -40,14 +60,34 @@ struct Common<'py> {
     worlds: usize,
     threads: usize,
     seed: u64,
+    autoreset: String,
     ranges: Option<Bound<'py, PyDict>>,
     variations: usize,
     disturbances: Option<Bound<'py, PyDict>>,
 }
 
 impl Common<'_> {
-    fn config(&self, banks: Vec<Bank>, disturbances: Disturbances) -> BatchConfig {
-        BatchConfig { worlds: self.worlds, threads: self.threads, seed: self.seed, banks, disturbances }
+    fn config(&self, banks: Vec<Bank>, disturbances: Disturbances) -> PyResult<BatchConfig> {
+        let autoreset = match self.autoreset.as_str() {
+            "SameStep" => Autoreset::SameStep,
+            "NextStep" => Autoreset::NextStep,
+            "Disabled" => Autoreset::Disabled,
+            name => return Err(PyValueError::new_err(format!("autoreset_mode is '{name}'"))),
+        };
+        let Self { worlds, threads, seed, .. } = *self;
+        Ok(BatchConfig { worlds, threads, seed, banks, disturbances, autoreset })
+    }
+
+    /// Draws what varies from start to start.
+    fn vary(&self, banks: Vec<Bank>) -> PyResult<Vec<Bank>> {
+        let Some(ranges) = build::ranges(self.ranges.as_ref())? else { return Ok(banks) };
+        let starts: usize = banks.iter().map(|bank| bank.starts.len()).sum();
+        if starts.saturating_mul(self.variations) > MAX_STARTS {
+            let found = self.variations;
+            let rule = format!("with {starts} starts, give at most {}", MAX_STARTS / starts);
+            return Err(error(BatchError::Config { field: "variations", found, rule }));
+        }
+        Ok(banks.into_iter().map(|bank| bank.varied(&ranges, self.variations, self.seed)).collect())
     }
 }
 
@@ -73,7 +113,22 @@ struct WalkingSettings {
 
 fn error(error: BatchError) -> PyErr {
     match error {
+        BatchError::Config { field, found, rule } => {
+            // As the arguments are called in Python.
+            let field = match field {
+                "worlds" => "num_envs",
+                "threads" => "num_threads",
+                other => other,
+            };
+            PyValueError::new_err(format!("{field} is {found}; {rule}"))
+        }
+        BatchError::Memory { .. } => PyMemoryError::new_err(error.to_string().replace("worlds:", "num_envs:")),
+        BatchError::Ended { world } => {
+            let remedy = "call reset(options={\"reset_mask\": terminated | truncated}) before the next step";
+            PyValueError::new_err(format!("the episode of world {world} has ended; {remedy}"))
+        }
         BatchError::World { .. }
+        | BatchError::Forked { .. }
         | BatchError::Task { .. }
         | BatchError::Panicked { .. }
         | BatchError::Stopped
@@ -84,89 +139,45 @@ fn error(error: BatchError) -> PyErr {
 }
 
 /// Builds without the interpreter's lock, so that other Python threads can run.
-fn built(py: Python<'_>, config: BatchConfig, task: &dyn Task) -> PyResult<Batch> {
+fn built(py: Python<'_>, config: BatchConfig, task: &dyn Task) -> PyResult<Worlds> {
     let worlds = py.detach(|| guarded(|| Worlds::new(config, task)))?.map_err(error)?;
     py.check_signals()?;
-    Ok(Batch { worlds })
+    Ok(worlds)
 }
 
 #[pymethods]
 impl Batch {
-    /// Worlds of a task of the benchmark. `starts` are pairs of seed and episode.
-    #[staticmethod]
-    fn rulebook(
-        py: Python<'_>,
-        task: &str,
-        starts: Vec<(u64, u64)>,
-        settings: Settings,
-        common: Common<'_>,
-    ) -> PyResult<Self> {
-        let task = build::task(task)?;
-        let (robot, gains) = settings.robot()?;
-        let options = settings.rulebook(task)?;
-        let network = settings.network(options.sensors)?;
-        let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
-        let ranges = build::ranges(common.ranges.as_ref())?;
-        let config = SceneConfig::default();
-        // One start at a time, so that Ctrl-C works: staging one takes a tenth of a second.
-        let mut banks: Vec<Bank> = Vec::new();
-        for (seed, episode) in starts {
-            let spec = [EpisodeSpec::new(task, seed, episode)];
-            let made = py.detach(|| guarded(|| Bank::of_episodes(&config, &robot, &gains, &spec)))?;
-            for bank in made.map_err(|error| refused(&error))? {
-                match banks.iter_mut().find(|known| known.scene.spec == bank.scene.spec) {
-                    Some(known) => known.starts.extend(bank.starts),
-                    None => banks.push(bank),
-                }
-            }
-            py.check_signals()?;
-        }
-        if let Some(ranges) = ranges {
-            banks = banks.into_iter().map(|bank| bank.varied(&ranges, common.variations, common.seed)).collect();
-        }
-        let Some(first) = banks.first() else {
-            return Err(error(BatchError::Config { field: "starts", found: 0, rule: "give at least one" }));
+    /// Worlds of a kind, which continue from a snapshot if there is one. The arguments of `rulebook` are a task, pairs of
+    /// seed and episode to start from, and two dictionaries of settings; those of `walking` are the dictionaries.
+    #[new]
+    #[pyo3(signature = (kind, arguments, snapshot=None))]
+    fn new(kind: &str, arguments: Bound<'_, PyTuple>, snapshot: Option<&Snapshot>) -> PyResult<Self> {
+        let py = arguments.py();
+        let mut worlds = if kind == "rulebook" {
+            let (task, starts, settings, common): (String, Vec<(u64, u64)>, Settings, Common<'_>) =
+                arguments.extract()?;
+            Self::rulebook(py, &task, starts, settings, common)?
+        } else {
+            let (settings, common): (WalkingSettings, Common<'_>) = arguments.extract()?;
+            Self::walking(py, settings, common)?
         };
-        let rulebook = Rulebook::new(task, &first.scene, options, network);
-        built(py, common.config(banks, disturbances), &rulebook)
+        if let Some(Snapshot(saved)) = snapshot {
+            let mut observation = vec![0.0; worlds.worlds() * worlds.spec().observation_length()];
+            guarded(|| worlds.restore(saved, &mut observation))?.map_err(error)?;
+        }
+        Ok(Self { worlds, recipe: (kind.to_owned(), arguments.unbind()) })
+    }
+
+    /// A copy is made from the same arguments, and continues from the same state.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String, Py<PyTuple>, Snapshot))> {
+        let (kind, arguments) = &self.recipe;
+        Ok((py.get_type::<Self>().into_any(), (kind.clone(), arguments.clone_ref(py), self.save()?)))
     }
 
     /// The usual weight of each term of the walking task's reward, a second.
     #[staticmethod]
     fn walking_weights() -> BTreeMap<&'static str, f64> {
         WalkingOptions::usual_reward_weights().collect()
-    }
-
-    /// Worlds of walking by velocity command, on a floor, or outside the walls of a room that is simulated as well.
-    #[staticmethod]
-    fn walking(py: Python<'_>, settings: WalkingSettings, common: Common<'_>) -> PyResult<Self> {
-        let (robot, gains) = settings::robot(&settings.robot, &settings.gains)?;
-        let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
-        let spec = match settings.scene.as_str() {
-            "floor" => SceneSpec::floor(gains),
-            "room" => EpisodeSpec::new(WALKING_ROOM.0, WALKING_ROOM.1, 0).scene(gains),
-            name => return Err(PyValueError::new_err(format!("scene is '{name}'; known ones are floor, room"))),
-        };
-        let scene = Scene::build(&SceneConfig::default(), robot, spec);
-        let mut bank = Bank::standing(Arc::new(scene.map_err(|error| refused(&error))?));
-        if let Some(ranges) = build::ranges(common.ranges.as_ref())? {
-            bank = bank.varied(&ranges, common.variations, common.seed);
-        }
-        let options = WalkingOptions {
-            frames: settings.frames,
-            noise: settings.noise,
-            horizon_steps: settings.horizon_steps,
-            command: settings.command,
-            height: settings.height,
-            stand_height: settings.stand_height,
-            torso: settings.torso,
-            arm_range: settings.arm_range,
-            load_kg: settings.load_kg,
-            hand_force_n: settings.hand_force_n,
-            reward_weights: settings.reward_weights,
-        };
-        let walking = Walking::new(&bank.scene, options).map_err(|error| refused(&*error))?;
-        built(py, common.config(vec![bank], disturbances), &walking)
     }
 
     #[getter]
@@ -184,18 +195,22 @@ impl Batch {
         build::describe(py, self.worlds.spec())
     }
 
-    /// Begins an episode in every world; a seed first restarts the random streams.
+    /// Begins an episode in every world, or in the marked ones; a seed first restarts their random streams.
     fn reset(
         &mut self,
         py: Python<'_>,
         seed: Option<u64>,
+        marks: Option<PyReadonlyArray1<'_, bool>>,
         mut observation: PyReadwriteArrayDyn<'_, f32>,
     ) -> PyResult<()> {
         let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let marks =
+            marks.as_ref().map(|marks| marks.as_slice().map_err(|_| not_contiguous("reset_mask"))).transpose()?;
         let worlds = &mut self.worlds;
-        let reset = || match seed {
-            Some(seed) => worlds.reset_with_seed(seed, observation),
-            None => worlds.reset(observation),
+        let reset = || match (marks, seed) {
+            (Some(marks), _) => worlds.reset_marked(marks, seed, observation),
+            (None, Some(seed)) => worlds.reset_with_seed(seed, observation),
+            (None, None) => worlds.reset(observation),
         };
         py.detach(|| guarded(reset))?.map_err(error)?;
         py.check_signals()
@@ -205,7 +220,7 @@ impl Batch {
     fn step(
         &mut self,
         py: Python<'_>,
-        actions: PyReadonlyArrayDyn<'_, f32>,
+        actions: PyReadonlyArrayDyn<'_, f64>,
         mut observation: PyReadwriteArrayDyn<'_, f32>,
         mut final_observation: Option<PyReadwriteArrayDyn<'_, f32>>,
         mut reward: PyReadwriteArrayDyn<'_, f32>,
@@ -263,7 +278,7 @@ impl Batch {
     }
 
     fn save(&self) -> PyResult<Snapshot> {
-        guarded(|| self.worlds.save()).map(Snapshot)
+        guarded(|| self.worlds.save())?.map(Snapshot).map_err(error)
     }
 
     fn restore(&mut self, snapshot: &Snapshot, mut observation: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
@@ -278,9 +293,72 @@ impl Batch {
 }
 
 impl Batch {
+    /// Worlds of a task of the benchmark. `starts` are pairs of seed and episode.
+    fn rulebook(
+        py: Python<'_>,
+        task: &str,
+        starts: Vec<(u64, u64)>,
+        settings: Settings,
+        common: Common<'_>,
+    ) -> PyResult<Worlds> {
+        let task = build::task(task)?;
+        let (robot, gains) = settings.robot()?;
+        let options = settings.rulebook(task)?;
+        let network = settings.network(options.sensors)?;
+        let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
+        let config = SceneConfig::default();
+        // One start at a time, so that Ctrl-C works: staging one takes a tenth of a second.
+        let mut banks: Vec<Bank> = Vec::new();
+        for (seed, episode) in starts {
+            let spec = [EpisodeSpec::new(task, seed, episode)];
+            let made = py.detach(|| guarded(|| Bank::of_episodes(&config, &robot, &gains, &spec)))?;
+            for bank in made.map_err(|error| refused(&error))? {
+                match banks.iter_mut().find(|known| known.scene.spec == bank.scene.spec) {
+                    Some(known) => known.starts.extend(bank.starts),
+                    None => banks.push(bank),
+                }
+            }
+            py.check_signals()?;
+        }
+        let banks = common.vary(banks)?;
+        let Some(first) = banks.first() else {
+            return Err(error(BatchError::Config { field: "seeds", found: 0, rule: "give at least one".into() }));
+        };
+        let rulebook = Rulebook::new(task, &first.scene, options, network);
+        built(py, common.config(banks, disturbances)?, &rulebook)
+    }
+
+    /// Worlds of walking by velocity command, on a floor, or outside the walls of a room that is simulated as well.
+    fn walking(py: Python<'_>, settings: WalkingSettings, common: Common<'_>) -> PyResult<Worlds> {
+        let (robot, gains) = settings::robot(&settings.robot, &settings.gains)?;
+        let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
+        let spec = match settings.scene.as_str() {
+            "floor" => SceneSpec::floor(gains),
+            "room" => EpisodeSpec::new(WALKING_ROOM.0, WALKING_ROOM.1, 0).scene(gains),
+            name => return Err(PyValueError::new_err(format!("scene is '{name}'; known ones are floor, room"))),
+        };
+        let scene = Scene::build(&SceneConfig::default(), robot, spec);
+        let scene = Arc::new(scene.map_err(|error| refused(&error))?);
+        let banks = common.vary(vec![Bank::standing(Arc::clone(&scene))])?;
+        let options = WalkingOptions {
+            frames: settings.frames,
+            noise: settings.noise,
+            horizon_steps: settings.horizon_steps,
+            command: settings.command,
+            height: settings.height,
+            stand_height: settings.stand_height,
+            torso: settings.torso,
+            arm_range: settings.arm_range,
+            load_kg: settings.load_kg,
+            hand_force_n: settings.hand_force_n,
+            reward_weights: settings.reward_weights,
+        };
+        let walking = Walking::new(&scene, options).map_err(|error| refused(&*error))?;
+        built(py, common.config(banks, disturbances)?, &walking)
+    }
+
     fn copy_of(&self, world: usize) -> PyResult<Row> {
-        let missing = BatchError::NoWorld { world, worlds: self.worlds.worlds() };
-        self.worlds.row(world).ok_or_else(|| error(missing))
+        self.worlds.row(world).map_err(error)
     }
 }
 

@@ -43,13 +43,17 @@ pub(crate) fn task(name: &str) -> PyResult<Task> {
     by_id.map_or_else(|| name.parse().map_err(|error: fiatlux_rules::UnknownTask| refused(&error)), Ok)
 }
 
+/// A field of an observation: name, shape, least and greatest value, and whether it is a picture.
+pub(crate) fn described(field: &Field) -> (String, Vec<usize>, f32, f32, bool) {
+    (field.name.clone(), field.shape.clone(), field.range[0], field.range[1], field.is_picture())
+}
+
 /// A spec in Python's own types.
 pub(crate) fn describe<'py>(py: Python<'py>, spec: &Spec) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
-    let field = |field: &Field| (field.name.clone(), field.shape.clone(), field.range[0], field.range[1]);
     dict.set_item("actions", spec.actions.clone())?;
     dict.set_item("action_range", spec.action_range.clone())?;
-    dict.set_item("observation", spec.observation.iter().map(field).collect::<Vec<_>>())?;
+    dict.set_item("observation", spec.observation.iter().map(described).collect::<Vec<_>>())?;
     dict.set_item("rewards", spec.rewards.clone())?;
     Ok(dict)
 }

@@ -22,7 +22,7 @@ use pyo3::types::PyDict;
 
 use crate::settings::Settings;
 use crate::watch::watch;
-use crate::{build, failed, not_contiguous, refused};
+use crate::{build, check_process, failed, not_contiguous, refused};
 
 /// A link to one server or several.
 #[pyclass(module = "fiatlux._native", frozen)]
@@ -42,6 +42,7 @@ impl Client {
         server_key: Option<&str>,
         known_servers: Option<PathBuf>,
     ) -> PyResult<Self> {
+        check_process()?;
         let server_key = server_key.map(str::parse::<PublicKey>).transpose();
         let server_key = server_key.map_err(|error| PyValueError::new_err(format!("server_key: {error}")))?;
         let access = AccessArgs { server_key, known_servers, token }.read().map_err(|error| refused(&error))?;
@@ -74,6 +75,7 @@ impl Client {
         settings: Settings,
         record: Vec<String>,
     ) -> PyResult<Py<PyDict>> {
+        check_process()?;
         let request = OpenRequest {
             policy: name.clone(),
             task: build::task(task)?.to_string(),
@@ -119,6 +121,7 @@ impl Client {
         settings: Settings,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Py<PyDict>> {
+        check_process()?;
         let form = settings.action_form()?;
         let options = RunOptions { access: self.access.clone(), ..run.options(&settings)? };
         let (link, failure) = (self.link.clone(), Failure::default());
@@ -133,6 +136,15 @@ impl Client {
         )?;
         failure.check()?;
         describe(py, &played.map_err(|error| failed(&error))?)
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        // In a forked child the link's threads do not exist, and closing it would wait for them.
+        if check_process().is_err() {
+            std::mem::forget(self.link.clone());
+        }
     }
 }
 
@@ -299,8 +311,7 @@ impl Player {
             let shape: Vec<usize> = term.shape.iter().map(|extent| *extent as usize).collect();
             Field::of_sensor(&term.sensor, &term.name, &shape, [term.low, term.high], term.noise, term.scale)
         });
-        let fields = fields.map(|field| (field.name, field.shape, field.range[0], field.range[1]));
-        spec.set_item("observation", fields.collect::<Vec<_>>())?;
+        spec.set_item("observation", fields.map(|field| build::described(&field)).collect::<Vec<_>>())?;
         self.object.call_method1(py, "begin", (dict, spec)).map(|_| ())
     }
 

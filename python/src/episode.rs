@@ -7,11 +7,11 @@ use fiatlux_mjcf::{MjcfOptions, OptionSet, to_mjcf};
 use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
 use fiatlux_rules::Protocol;
 use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
-use fiatlux_world::{Episode as Play, EpisodeSpec, PHYSICS_DT, Randomization, Scene, SceneConfig};
+use fiatlux_world::{Episode as Play, EpisodeError, EpisodeSpec, PHYSICS_DT, Randomization, Scene, SceneConfig};
 use nalgebra::Vector3;
-use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use numpy::{PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::{PyBytes, PyDict, PyTuple};
 
 use crate::batch::describe_row;
 use crate::settings::Settings;
@@ -24,6 +24,9 @@ const FIELD_OF_VIEW: f64 = 0.9;
 /// One episode of the benchmark, with the same rows and digest as on a server.
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct Episode {
+    /// Its settings as they were given, and the actions so far, for copies.
+    settings: Py<PyDict>,
+    played: Vec<f64>,
     play: Play,
     suite: SensorSuite,
     sensors: Sensors,
@@ -37,8 +40,19 @@ pub(crate) struct Episode {
 
 #[pymethods]
 impl Episode {
+    /// An episode at its start, or after these actions.
     #[new]
-    fn new(py: Python<'_>, task: &str, seed: u64, episode: u64, settings: Settings) -> PyResult<Self> {
+    #[pyo3(signature = (task, seed, episode, settings, actions=None))]
+    fn new(
+        py: Python<'_>,
+        task: &str,
+        seed: u64,
+        episode: u64,
+        settings: Bound<'_, PyDict>,
+        actions: Option<PyReadonlyArrayDyn<'_, f64>>,
+    ) -> PyResult<Self> {
+        let given = settings.copy()?.unbind();
+        let settings: Settings = settings.extract()?;
         let task = build::task(task)?;
         let (robot, gains) = settings.robot()?;
         let options = settings.rulebook(task)?;
@@ -65,7 +79,47 @@ impl Episode {
         let begun = py.detach(|| guarded(begin))?;
         let (play, suite, visuals, spec) = begun.map_err(|error| refused(&*error))?;
         py.check_signals()?;
-        Ok(Self { play, suite, sensors, spec, form, steps_in_gate: 0, visuals, renderer: None })
+        let played = Vec::new();
+        let mut made = Self {
+            settings: given,
+            played,
+            play,
+            suite,
+            sensors,
+            spec,
+            form,
+            steps_in_gate: 0,
+            visuals,
+            renderer: None,
+        };
+        if let Some(actions) = &actions {
+            let actions = actions.as_slice().map_err(|_| not_contiguous("actions"))?;
+            let replay = || actions.chunks(made.spec.actions.len()).try_for_each(|action| made.advance(action));
+            py.detach(|| guarded(replay))?.map_err(|error| refused(&error))?;
+        }
+        Ok(made)
+    }
+
+    /// A pickle holds what was played, and plays it again.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let spec = self.play.spec();
+        let actions = PyArray1::from_slice(py, &self.played);
+        let settings = self.settings.clone_ref(py);
+        let arguments = (spec.task.short_id(), spec.seed, spec.episode, settings, actions).into_pyobject(py)?;
+        Ok((py.get_type::<Self>().into_any(), arguments))
+    }
+
+    fn __deepcopy__(&self, py: Python<'_>, _memo: Bound<'_, PyAny>) -> Self {
+        Self {
+            settings: self.settings.clone_ref(py),
+            played: self.played.clone(),
+            play: self.play.clone(),
+            suite: self.suite.clone(),
+            spec: self.spec.clone(),
+            visuals: self.visuals.clone(),
+            renderer: None,
+            ..*self
+        }
     }
 
     #[getter]
@@ -96,18 +150,7 @@ impl Episode {
     /// Takes a control step; returns reward, terminated, truncated.
     fn step(&mut self, py: Python<'_>, action: PyReadonlyArrayDyn<'_, f64>) -> PyResult<(f64, bool, bool)> {
         let action = action.as_slice().map_err(|_| not_contiguous("action"))?;
-        let counts = self.play.judges().of(Protocol::Published).verdict().end.is_none();
-        let Self { play, form, .. } = self;
-        let step = || match form {
-            ActionForm::Action => play.step(action).map(|_| ()),
-            ActionForm::JointTarget => {
-                let action = play.action_for(action);
-                play.step(&action).map(|_| ())
-            }
-        };
-        py.detach(|| guarded(step))?.map_err(|error| refused(&error))?;
-        let holds = self.play.judges().of(Protocol::Published).verdict().criteria.all();
-        self.steps_in_gate += u64::from(counts && holds);
+        py.detach(|| guarded(|| self.advance(action)))?.map_err(|error| refused(&error))?;
         let end = self.play.end();
         Ok((self.play.reward(), end.is_some_and(|end| end.is_terminated()), end.is_some_and(|end| end.is_truncated())))
     }
@@ -205,5 +248,20 @@ impl Episode {
         let renderer = self.renderer.get_or_insert_with(|| Renderer::new(width, height));
         guarded(|| renderer.render(visuals, row, &view, &Lighting::of(&self.play.spec().light())))?;
         Ok(PyBytes::new(py, renderer.image().rgb()))
+    }
+}
+
+impl Episode {
+    /// Takes a control step; if it is refused, nothing changes.
+    fn advance(&mut self, action: &[f64]) -> Result<(), EpisodeError> {
+        let counts = self.play.judges().of(Protocol::Published).verdict().end.is_none();
+        match self.form {
+            ActionForm::Action => self.play.step(action)?,
+            ActionForm::JointTarget => self.play.step(&self.play.action_for(action))?,
+        };
+        let holds = self.play.judges().of(Protocol::Published).verdict().criteria.all();
+        self.steps_in_gate += u64::from(counts && holds);
+        self.played.extend_from_slice(action);
+        Ok(())
     }
 }

@@ -12,10 +12,10 @@ use fiatlux_grading::report;
 use fiatlux_runs::{EvaluateError, ExternalOptions, ExternalProgress, Outcome, evaluate_external};
 use pyo3::prelude::*;
 
-use crate::FiatluxError;
 use crate::client::{Failure, Run, play, tell};
 use crate::settings::Settings;
 use crate::watch::watch;
+use crate::{FiatluxError, check_process};
 
 /// Name of the server in this process.
 const SERVER: &str = "evaluate";
@@ -31,6 +31,7 @@ pub(crate) fn evaluate_into(
     settings: Settings,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(String, Vec<String>)> {
+    check_process()?;
     let form = settings.action_form()?;
     let (settings, weights) = settings.split_weights();
     std::fs::create_dir_all(&out)?;

@@ -12,6 +12,8 @@ mod settings;
 mod watch;
 mod wbc;
 
+use std::sync::OnceLock;
+
 use fiatlux_cli::in_full;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
@@ -45,10 +47,26 @@ fn guarded<T>(work: impl FnOnce() -> T) -> PyResult<T> {
         .map_err(|_| PyRuntimeError::new_err("fiatlux has a fault, described on stderr; please report it"))
 }
 
+/// Refuses a forked child of the process that first used the network: it lacks Zenoh's threads, and would wait for ever.
+fn check_process() -> PyResult<()> {
+    static FIRST: OnceLock<u32> = OnceLock::new();
+    let parent = *FIRST.get_or_init(std::process::id);
+    if parent == std::process::id() {
+        return Ok(());
+    }
+    Err(FiatluxError::new_err(format!(
+        "process {parent} used the network before it forked this one, which lacks its threads; start processes with `spawn`, or \
+         make the first Client in the child"
+    )))
+}
+
 #[pymodule(gil_used = true)]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FiatluxError", module.py().get_type::<FiatluxError>())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("MAX_WORLDS", fiatlux_batch::MAX_WORLDS)?;
+    module.add("MAX_THREADS", fiatlux_batch::MAX_THREADS)?;
+    module.add("MAX_STARTS", fiatlux_batch::MAX_STARTS)?;
     module.add("BENCHMARK_VERSION", fiatlux_rules::BENCHMARK_VERSION)?;
     module.add_class::<bag::Bag>()?;
     module.add_class::<batch::Batch>()?;

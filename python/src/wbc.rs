@@ -4,33 +4,51 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use fiatlux_wbc::{ARMS, Arms, Command, Controller, MOVED, Network, Sensed};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use crate::{failed, refused};
 
 /// The controller that this version ships, or another one, for one robot.
 #[pyclass(module = "fiatlux._native")]
+#[derive(Clone)]
 pub(crate) struct WholeBody {
+    weights: Option<PathBuf>,
     controller: Controller,
     arms: Arms,
+    /// Whether an episode is under way.
+    has_begun: bool,
 }
 
 #[pymethods]
 impl WholeBody {
     #[new]
     fn new(weights: Option<PathBuf>) -> PyResult<Self> {
-        let network = match weights {
+        let network = match &weights {
             None => Network::shipped().map_err(|error| failed(&error))?,
-            Some(file) => Network::read(&file).map_err(|error| refused(&error))?,
+            Some(file) => Network::read(file).map_err(|error| refused(&error))?,
         };
         let arms = Arms::new(&network.contract().joints).map_err(|error| refused(&error))?;
-        Ok(Self { controller: Controller::new(Arc::new(network)), arms })
+        Ok(Self { weights, controller: Controller::new(Arc::new(network)), arms, has_begun: false })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Option<PathBuf>,))> {
+        if self.has_begun {
+            let remedy = "call reset() first, copy it with copy.deepcopy, or make it in the policy's own reset";
+            return Err(PyTypeError::new_err(format!("a WholeBody cannot be pickled during an episode; {remedy}")));
+        }
+        Ok((py.get_type::<Self>().into_any(), (self.weights.clone(),)))
+    }
+
+    fn __deepcopy__(&self, _memo: Bound<'_, PyAny>) -> Self {
+        self.clone()
     }
 
     /// Resets the controller's state for another episode.
     fn restart(&mut self) {
         self.controller.restart();
         self.arms.restart();
+        self.has_begun = false;
     }
 
     /// Name, standing angle (rad), stiffness, damping and effort limit of each joint that it knows: legs, waist, arms.
@@ -63,6 +81,7 @@ impl WholeBody {
             joint_position: &joint_position,
             joint_velocity: &joint_velocity,
         };
+        self.has_begun = true;
         let mut targets = [0.0; MOVED];
         self.controller.step(&sensed, &command_of(command), &mut targets).map_err(|error| refused(&error))?;
         Ok(targets)
@@ -76,6 +95,7 @@ impl WholeBody {
         angles: [f64; ARMS],
     ) -> PyResult<[f64; ARMS]> {
         let sensed = Sensed { projected_gravity, ..Sensed::upright(&joint_position, &[]) };
+        self.has_begun = true;
         self.arms.targets(&sensed, &angles).map_err(|error| refused(&error))
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use fiatlux_dynamics::Variation;
 use fiatlux_robot::{Gains, Robot};
 use fiatlux_rules::Row;
-use fiatlux_world::{Episode, EpisodeSpec, Random, Scene, SceneConfig, SceneSpec, Stream, World};
+use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Scene, SceneConfig, SceneSpec, Stream, World};
 
 use crate::{BankError, Ranges};
 
@@ -16,6 +16,8 @@ pub struct Bank {
     pub scene: Arc<Scene>,
     /// Starts of episodes, all equally likely.
     pub starts: Vec<Start>,
+    /// The ranges that the starts' variations were drawn from by [`Bank::varied`].
+    pub ranges: Ranges,
 }
 
 /// A row to start from, and how a world that starts there differs from the scene.
@@ -25,13 +27,16 @@ pub struct Start {
     pub row: Row,
     /// Masses, gains and friction of the world.
     pub variation: Variation,
+    /// Light of the episode, which cameras see.
+    pub light: Light,
 }
 
 impl Bank {
     /// A scene with its reference state as the only start: the robot in its standing posture.
     pub fn standing(scene: Arc<Scene>) -> Self {
         let row = World::new(Arc::clone(&scene)).row().clone();
-        Self { scene, starts: vec![Start { row, variation: Variation::default() }] }
+        let start = Start { row, variation: Variation::default(), light: Light::default() };
+        Self { scene, starts: vec![start], ranges: Ranges::NOMINAL }
     }
 
     /// The starts of episodes, with one bank for each scene. Friction of the hands is a variation, so that the episodes
@@ -58,7 +63,7 @@ impl Bank {
             let index = match found {
                 Some(index) => index,
                 None => {
-                    banks.push(Self { scene: build(shared)?, starts: Vec::new() });
+                    banks.push(Self { scene: build(shared)?, starts: Vec::new(), ranges: Ranges::NOMINAL });
                     banks.len() - 1
                 }
             };
@@ -72,7 +77,7 @@ impl Bank {
                 None => scene,
             };
             let row = Episode::start(own, episode)?.row().clone();
-            banks[index].starts.push(Start { row, variation });
+            banks[index].starts.push(Start { row, variation, light: episode.light() });
         }
         Ok(banks)
     }
@@ -80,7 +85,7 @@ impl Bank {
     /// Repeats each start `times` times, and draws a variation for each copy on top of its own.
     #[must_use]
     pub fn varied(self, ranges: &Ranges, times: usize, seed: u64) -> Self {
-        let Self { scene, starts } = self;
+        let Self { scene, starts, .. } = self;
         let mut varied = Vec::with_capacity(starts.len() * times);
         for (index, start) in starts.into_iter().enumerate() {
             for time in 0..times {
@@ -91,6 +96,6 @@ impl Bank {
                 varied.push(start);
             }
         }
-        Self { scene, starts: varied }
+        Self { scene, starts: varied, ranges: ranges.clone() }
     }
 }

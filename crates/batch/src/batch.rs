@@ -3,13 +3,33 @@
 use std::sync::Arc;
 
 use fiatlux_rules::Row;
-use fiatlux_world::{Random, Scene, Stream};
+use fiatlux_world::Scene;
 
-use crate::buffers::check_length;
+use crate::buffers::{check_length, check_memory};
 use crate::shard::{Order, Shard, part};
-use crate::slot::{ReadyBank, Slot};
+use crate::slot::{ReadyBank, Shared, Slot};
+use crate::snapshot::settings;
 use crate::workers::Workers;
-use crate::{Bank, BatchError, Buffers, Disturbances, Spec, Task};
+use crate::{Bank, BatchError, Buffers, Disturbances, Snapshot, Spec, Task};
+
+/// Most worlds of a batch.
+pub const MAX_WORLDS: usize = 1 << 20;
+/// Most threads of a batch.
+pub const MAX_THREADS: usize = 1024;
+/// Most starts of all banks together; each takes some kilobytes.
+pub const MAX_STARTS: usize = 100_000;
+
+/// When the next episode of a world begins, in the terms of Gymnasium.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Autoreset {
+    /// In the step that ends the last one.
+    #[default]
+    SameStep,
+    /// In the step after it, which ignores the action and pays nothing.
+    NextStep,
+    /// When the caller resets the world. Until then no step is taken.
+    Disabled,
+}
 
 /// Settings of a batch.
 #[derive(Debug, Clone)]
@@ -25,12 +45,29 @@ pub struct BatchConfig {
     pub banks: Vec<Bank>,
     /// Forces and pushes on the robots from outside.
     pub disturbances: Disturbances,
+    /// When the next episode of a world begins.
+    pub autoreset: Autoreset,
 }
 
 impl BatchConfig {
     /// One world for each bank, on the caller's thread, without disturbances.
     pub fn new(banks: Vec<Bank>) -> Self {
-        Self { worlds: banks.len(), threads: 1, seed: 0, banks, disturbances: Disturbances::default() }
+        let (disturbances, autoreset) = (Disturbances::default(), Autoreset::default());
+        Self { worlds: banks.len(), threads: 1, seed: 0, banks, disturbances, autoreset }
+    }
+
+    fn check(&self) -> Result<(), BatchError> {
+        let within = |field, found, most| match found {
+            0 => Err(BatchError::Config { field, found, rule: "give at least one".into() }),
+            _ if found > most => Err(BatchError::Config { field, found, rule: format!("give at most {most}") }),
+            _ => Ok(()),
+        };
+        let starts = self.banks.iter().map(|bank| bank.starts.len());
+        within("worlds", self.worlds, MAX_WORLDS)?;
+        within("threads", self.threads, MAX_THREADS)?;
+        within("banks", self.banks.len(), self.worlds)?;
+        within("bank.starts", starts.clone().min().unwrap_or(0), MAX_STARTS)?;
+        within("starts of all banks", starts.sum(), MAX_STARTS)
     }
 }
 
@@ -38,29 +75,17 @@ impl BatchConfig {
 pub struct Batch {
     worlds: usize,
     spec: Arc<Spec>,
+    autoreset: Autoreset,
+    /// What a snapshot must share.
+    settings: Vec<(String, String)>,
     banks: Vec<Arc<ReadyBank>>,
     workers: Workers,
     torn: bool,
 }
 
-/// A batch's state: [`Batch::restore`] continues from it exactly, on any number of threads.
-#[derive(Clone)]
-pub struct Snapshot {
-    slots: Vec<Slot>,
-    observation: Vec<f32>,
-    spec: Arc<Spec>,
-    banks: Vec<Arc<ReadyBank>>,
-}
-
 impl std::fmt::Debug for Batch {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Batch").field("worlds", &self.worlds).field("threads", &self.threads()).finish_non_exhaustive()
-    }
-}
-
-impl std::fmt::Debug for Snapshot {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Snapshot").field("worlds", &self.slots.len()).finish_non_exhaustive()
     }
 }
 
@@ -71,18 +96,10 @@ impl Batch {
     /// # Errors
     /// [`BatchError`]: an invalid config, a start from which no world can start, or a task that cannot begin.
     pub fn new(config: BatchConfig, task: &dyn Task) -> Result<Self, BatchError> {
-        let BatchConfig { worlds, threads, seed, banks, disturbances } = config;
-        let refuse = |field, found, rule| Err(BatchError::Config { field, found, rule });
-        match (worlds, threads, banks.len()) {
-            (0, ..) => return refuse("worlds", 0, "give at least one"),
-            (_, 0, _) => return refuse("threads", 0, "give at least one"),
-            (.., 0) => return refuse("banks", 0, "give at least one"),
-            (.., banks) if banks > worlds => return refuse("banks", banks, "give at least as many worlds as banks"),
-            _ => {}
-        }
-        if banks.iter().any(|bank| bank.starts.is_empty()) {
-            return refuse("bank.starts", 0, "give each bank a row to start from");
-        }
+        config.check()?;
+        let settings = settings(&config, task);
+        let BatchConfig { worlds, threads, seed, banks, disturbances, autoreset } = config;
+        check_memory(task.spec(), worlds)?;
         let expected = banks[0].scene.robot_layout();
         let odd = banks.iter().position(|bank| bank.scene.robot_layout() != expected);
         if let Some(bank) = odd {
@@ -91,16 +108,16 @@ impl Batch {
         disturbances.check(banks[0].scene.robot.links().len())?;
         let ready = banks.iter().enumerate().map(|(index, bank)| ReadyBank::new(bank, index).map(Arc::new));
         let banks = ready.collect::<Result<Vec<_>, _>>()?;
-        let (spec, disturbances) = (Arc::new(task.spec().clone()), Arc::new(disturbances));
+        let (spec, shared) = (Arc::new(task.spec().clone()), Arc::new(Shared { disturbances, autoreset }));
         let threads = threads.min(worlds);
         let shard = |thread: usize| {
             let range = thread * worlds / threads..(thread + 1) * worlds / threads;
-            let slot = |world, stage, bank: &ReadyBank| Slot::new(stage, bank, task, stream(seed, world));
+            let slot = |world, stage, bank: &ReadyBank| Slot::new(stage, bank, task, seed, world);
             let bank_of = |world| world * banks.len() / worlds;
-            Shard::new(range, &spec, &banks, Arc::clone(&disturbances), bank_of, slot)
+            Shard::new(range, &spec, &banks, Arc::clone(&shared), bank_of, slot)
         };
         let workers = Workers::new((0..threads).map(shard).collect())?;
-        let mut batch = Self { worlds, spec, banks, workers, torn: false };
+        let mut batch = Self { worlds, spec, autoreset, settings, banks, workers, torn: false };
         batch.carry_out(Order::Reset, &[], &mut || true, |_| {})?;
         Ok(batch)
     }
@@ -130,12 +147,7 @@ impl Batch {
     /// # Errors
     /// [`BatchError`]: a buffer of another length, or a task that cannot begin.
     pub fn reset(&mut self, observation: &mut [f32]) -> Result<(), BatchError> {
-        check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
-        self.carry_out(Order::Reset, &[], &mut || true, |shard| {
-            let numbers = &shard.outputs.observation;
-            let first = shard.first * (numbers.len() / shard.slots.len());
-            observation[first..first + numbers.len()].copy_from_slice(numbers);
-        })
+        self.reset_where(|_| true, None, observation)
     }
 
     /// As [`Batch::reset`], after restarting each world's random stream from this seed: everything that follows is as
@@ -144,12 +156,45 @@ impl Batch {
     /// # Errors
     /// As for [`Batch::reset`].
     pub fn reset_with_seed(&mut self, seed: u64, observation: &mut [f32]) -> Result<(), BatchError> {
+        self.reset_where(|_| true, Some(seed), observation)
+    }
+
+    /// As [`Batch::reset`] or, with a seed, [`Batch::reset_with_seed`], of the marked worlds alone. The observations of the
+    /// others are those of their present rows.
+    ///
+    /// # Errors
+    /// As for [`Batch::reset`]; marks of another length.
+    pub fn reset_marked(
+        &mut self,
+        marks: &[bool],
+        seed: Option<u64>,
+        observation: &mut [f32],
+    ) -> Result<(), BatchError> {
+        check_length("marks", marks.len(), self.worlds)?;
+        if self.torn && marks.contains(&false) {
+            return Err(BatchError::Torn);
+        }
+        self.reset_where(|world| marks[world], seed, observation)
+    }
+
+    fn reset_where(
+        &mut self,
+        is_due: impl Fn(usize) -> bool,
+        seed: Option<u64>,
+        observation: &mut [f32],
+    ) -> Result<(), BatchError> {
+        check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
+        self.workers.check_process()?;
         self.workers.each(|shard| {
             for (index, slot) in shard.slots.iter_mut().enumerate() {
-                slot.reseed(stream(seed, shard.first + index));
+                let world = shard.first + index;
+                shard.is_due[index] = is_due(world);
+                if let Some(seed) = seed.filter(|_| shard.is_due[index]) {
+                    slot.reseed(seed, world);
+                }
             }
         });
-        self.reset(observation)
+        self.carry_out(Order::Reset, &[], &mut || true, |shard| shard.copy_observation(observation))
     }
 
     /// Begins an episode in one world: from a start of its bank, or from a row of its scene, of this or another world.
@@ -165,6 +210,7 @@ impl Batch {
             return Err(BatchError::Torn);
         }
         check_length("observation", observation.len(), self.spec.observation_length())?;
+        self.workers.check_process()?;
         let mut begun = Ok(());
         self.workers.each(|shard| {
             if let Some(index) = world.checked_sub(shard.first).filter(|index| *index < shard.slots.len()) {
@@ -177,13 +223,13 @@ impl Batch {
         begun
     }
 
-    /// Takes a control step in every world: actions are in the order of worlds, and results go into the buffers. If an
-    /// episode ends, the next one begins in the same step.
+    /// Takes a control step in every world: actions are in the order of worlds, and results go into the buffers. Where an
+    /// episode ends, the next one begins as [`Autoreset`] says.
     ///
     /// # Errors
     /// [`BatchError`]: buffers of another length, or an action that is not finite or too large, in which case nothing
     /// has changed; or a task that failed in the middle of the step, after which the batch must be reset.
-    pub fn step(&mut self, actions: &[f32], buffers: &mut Buffers<'_>) -> Result<(), BatchError> {
+    pub fn step(&mut self, actions: &[f64], buffers: &mut Buffers<'_>) -> Result<(), BatchError> {
         self.step_while(&mut || true, actions, buffers)
     }
 
@@ -195,7 +241,7 @@ impl Batch {
     pub fn step_while(
         &mut self,
         may_go_on: &mut dyn FnMut() -> bool,
-        actions: &[f32],
+        actions: &[f64],
         buffers: &mut Buffers<'_>,
     ) -> Result<(), BatchError> {
         if self.torn {
@@ -203,64 +249,77 @@ impl Batch {
         }
         buffers.check(&self.spec, self.worlds)?;
         self.check_actions(actions)?;
+        self.workers.check_process()?;
+        self.check_ended()?;
         let order = Order::Step { wants_final: buffers.final_observation.is_some() };
         self.carry_out(order, actions, may_go_on, |shard| buffers.copy_from(&shard.outputs, shard.first))
     }
 
-    /// A copy of a world's row; `None` if the world does not exist.
-    pub fn row(&self, world: usize) -> Option<Row> {
+    /// A copy of a world's row.
+    ///
+    /// # Errors
+    /// [`BatchError::NoWorld`]; [`BatchError::Forked`].
+    pub fn row(&self, world: usize) -> Result<Row, BatchError> {
+        self.workers.check_process()?;
         let mut row = None;
         self.workers.each(|shard| {
             let index = world.checked_sub(shard.first);
             row = row.take().or(index.and_then(|index| shard.slots.get(index)).map(|slot| slot.row().clone()));
         });
-        row
+        row.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
     }
 
     /// The state of all worlds, between two steps.
-    pub fn save(&self) -> Snapshot {
-        let (mut slots, mut observation) = (Vec::with_capacity(self.worlds), Vec::new());
+    ///
+    /// # Errors
+    /// [`BatchError`]: a task that cannot be saved, or a batch that must be reset first.
+    pub fn save(&self) -> Result<Snapshot, BatchError> {
+        if self.torn {
+            return Err(BatchError::Torn);
+        }
+        self.workers.check_process()?;
+        let (mut worlds, mut observation) = (Vec::with_capacity(self.worlds), Vec::new());
         self.workers.each(|shard| {
-            slots.extend(shard.slots.iter().cloned());
+            worlds.extend(shard.slots.iter().map(Slot::save));
             observation.extend_from_slice(&shard.outputs.observation);
         });
-        Snapshot { slots, observation, spec: Arc::clone(&self.spec), banks: self.banks.clone() }
+        let number = |(world, saved): (usize, Result<_, _>)| saved.map_err(|source| BatchError::Task { world, source });
+        let worlds = worlds.into_iter().enumerate().map(number).collect::<Result<_, _>>()?;
+        Ok(Snapshot { settings: self.settings.clone(), worlds, observation })
     }
 
     /// Returns to a saved state, and writes its observations.
     ///
     /// # Errors
-    /// [`BatchError::Snapshot`]: it was taken from a batch of another config; or a buffer of another length.
+    /// [`BatchError::Snapshot`]: it was taken from a batch with other settings; seed and threads may differ. A buffer of
+    /// another length. [`BatchError::Task`]: a damaged snapshot, after which the batch must be reset.
     pub fn restore(&mut self, snapshot: &Snapshot, observation: &mut [f32]) -> Result<(), BatchError> {
-        let fits = snapshot.slots.len() == self.worlds
-            && snapshot.spec == self.spec
-            && snapshot.banks.len() == self.banks.len()
-            && snapshot.banks.iter().zip(&self.banks).all(|(theirs, ours)| theirs.scene.spec == ours.scene.spec);
-        if !fits {
-            return Err(BatchError::Snapshot { found: snapshot.slots.len() });
-        }
-        check_length("observation", observation.len(), snapshot.observation.len())?;
-        observation.copy_from_slice(&snapshot.observation);
+        snapshot.check(&self.settings)?;
+        check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
+        check_length("observation of the snapshot", snapshot.observation.len(), observation.len())?;
+        check_length("worlds of the snapshot", snapshot.worlds.len(), self.worlds)?;
+        self.workers.check_process()?;
+        let mut loaded = Ok(());
         self.workers.each(|shard| {
-            for (index, slot) in shard.slots.iter_mut().enumerate() {
-                // Another number of threads has other stages.
-                let stage = slot.stage;
-                *slot = snapshot.slots[shard.first + index].clone();
-                slot.stage = stage;
+            for (index, world) in snapshot.worlds[shard.first..][..shard.slots.len()].iter().enumerate() {
+                if let Err(error) = shard.load(index, world) {
+                    loaded = Err(error);
+                }
             }
             let numbers = &mut shard.outputs.observation;
             let (first, count) = (shard.first * (numbers.len() / shard.slots.len()), numbers.len());
             numbers.copy_from_slice(&snapshot.observation[first..first + count]);
         });
-        self.torn = false;
-        Ok(())
+        observation.copy_from_slice(&snapshot.observation);
+        self.torn = loaded.is_err();
+        loaded
     }
 
     /// Lets every world carry out an order; `finish` sees the worlds of each thread if all went well there.
     fn carry_out(
         &mut self,
         order: Order,
-        actions: &[f32],
+        actions: &[f64],
         may_go_on: &mut dyn FnMut() -> bool,
         mut finish: impl FnMut(&mut Shard),
     ) -> Result<(), BatchError> {
@@ -282,7 +341,19 @@ impl Batch {
         error.map_or(Ok(()), Err)
     }
 
-    fn check_actions(&self, actions: &[f32]) -> Result<(), BatchError> {
+    /// Refuses a step of worlds whose episode has ended, if nothing begins the next one.
+    fn check_ended(&self) -> Result<(), BatchError> {
+        let mut ended = None;
+        if self.autoreset == Autoreset::Disabled {
+            self.workers.each(|shard| {
+                let found = shard.slots.iter().position(|slot| slot.has_ended);
+                ended = ended.or(found.map(|index| shard.first + index));
+            });
+        }
+        ended.map_or(Ok(()), |world| Err(BatchError::Ended { world }))
+    }
+
+    fn check_actions(&self, actions: &[f64]) -> Result<(), BatchError> {
         let (names, limit) = (&self.spec.actions, self.spec.action_limit);
         check_length("actions", actions.len(), self.worlds * names.len())?;
         // NaN is within no limit.
@@ -296,9 +367,4 @@ impl Batch {
             None => Ok(()),
         }
     }
-}
-
-/// The random stream of a world.
-fn stream(seed: u64, world: usize) -> Random {
-    Random::new(Stream::Batch, seed, world as u64)
 }

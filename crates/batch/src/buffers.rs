@@ -115,6 +115,17 @@ fn place<T: Copy>(buffer: &mut [T], part: &[T], first: usize) {
     buffer[first..first + part.len()].copy_from_slice(part);
 }
 
+/// Refuses sizes that the system has no memory for.
+pub(crate) fn check_memory(spec: &Spec, worlds: usize) -> Result<(), BatchError> {
+    let numbers = spec.observation_length();
+    // Twice the observation, with a byte for each other result.
+    let each = spec.rewards.len() + 2 * spec.actions.len() + 2;
+    let total =
+        numbers.checked_mul(2).and_then(|both| both.checked_add(each)).and_then(|each| each.checked_mul(worlds));
+    let fits = total.is_some_and(|total| Vec::<f32>::new().try_reserve_exact(total).is_ok());
+    if fits { Ok(()) } else { Err(BatchError::Memory { worlds, numbers }) }
+}
+
 pub(crate) fn check_length(field: &'static str, found: usize, expected: usize) -> Result<(), BatchError> {
     if found == expected { Ok(()) } else { Err(BatchError::Length { field, found, expected }) }
 }

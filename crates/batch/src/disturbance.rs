@@ -4,6 +4,7 @@ use fiatlux_dynamics::Wrench;
 use fiatlux_rules::CONTROL_DT;
 use fiatlux_world::{AppliedWrench, Push, Random, Target};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use crate::{BatchError, Control};
 
@@ -74,12 +75,13 @@ impl Disturbances {
 }
 
 /// What is under way in one world; times are in control steps.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Disturber {
     until_push: u32,
     until_wrench: u32,
     left_of_wrench: u32,
-    wrench: Option<AppliedWrench>,
+    /// Force and torque.
+    wrench: Option<[[f64; 3]; 2]>,
 }
 
 impl Disturber {
@@ -97,7 +99,7 @@ impl Disturber {
     /// Adds what acts in a control step.
     pub fn act(&mut self, settings: &Disturbances, random: &mut Random, control: &mut Control) {
         if let Some(pushes) = &settings.pushes {
-            self.until_push -= 1;
+            self.until_push = self.until_push.saturating_sub(1);
             if self.until_push == 0 {
                 let [x, y] = [(); 2].map(|()| random.uniform(-pushes.linear, pushes.linear));
                 let angular = within(pushes.angular, random);
@@ -109,18 +111,18 @@ impl Disturber {
         let Some(wrenches) = &settings.wrenches else { return };
         if self.left_of_wrench == 0 {
             self.wrench = None;
-            self.until_wrench -= 1;
+            self.until_wrench = self.until_wrench.saturating_sub(1);
             if self.until_wrench == 0 {
-                let wrench =
-                    Wrench { force: within(wrenches.force_n, random), torque: within(wrenches.torque_nm, random) };
-                self.wrench = Some(AppliedWrench { target: Target::Link(wrenches.link), point: None, wrench });
+                let [force, torque] = [wrenches.force_n, wrenches.torque_nm].map(|size| within(size, random).into());
+                self.wrench = Some([force, torque]);
                 self.left_of_wrench = steps(wrenches.duration_s, random);
                 self.until_wrench = steps(wrenches.interval_s, random);
             }
         }
-        if let Some(wrench) = self.wrench {
+        if let Some([force, torque]) = self.wrench {
             self.left_of_wrench -= 1;
-            control.wrenches.push(wrench);
+            let wrench = Wrench { force: force.into(), torque: torque.into() };
+            control.wrenches.push(AppliedWrench { target: Target::Link(wrenches.link), point: None, wrench });
         }
     }
 }

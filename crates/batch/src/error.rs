@@ -35,7 +35,17 @@ pub enum BatchError {
         /// The value that it has.
         found: usize,
         /// The rule that it breaks.
-        rule: &'static str,
+        rule: String,
+    },
+    /// The system has no memory for the buffers of so many worlds.
+    #[error(
+        "worlds: no memory for {worlds} worlds with observations of {numbers} numbers; use fewer worlds or smaller images"
+    )]
+    Memory {
+        /// Number of worlds.
+        worlds: usize,
+        /// Numbers of an observation.
+        numbers: usize,
     },
     /// A disturbance is not valid.
     #[error("disturbances: {field} {rule}")]
@@ -87,9 +97,9 @@ pub enum BatchError {
         /// Name of the number.
         name: String,
         /// The value that was sent.
-        value: f32,
+        value: f64,
         /// Largest allowed absolute value.
-        limit: f32,
+        limit: f64,
     },
     /// The batch has fewer worlds.
     #[error("world {world} does not exist; the batch has {worlds}")]
@@ -129,10 +139,37 @@ pub enum BatchError {
     /// An earlier call failed, and left some worlds a step ahead of others.
     #[error("an earlier call ended in the middle of a step; reset the batch or restore a snapshot")]
     Torn,
+    /// The episode of a world has ended, and nothing begins the next one.
+    #[error("the episode of world {world} has ended; reset that world before the next step")]
+    Ended {
+        /// Index of the first such world.
+        world: usize,
+    },
     /// A snapshot belongs to another batch.
-    #[error("snapshot of {found} worlds of another config; restore it into a batch of the config it was taken from")]
+    #[error(
+        "snapshot: {field} is {found}, but the batch has {expected}; restore it into a batch with the same settings"
+    )]
     Snapshot {
-        /// How many worlds the snapshot has.
-        found: usize,
+        /// The setting that differs.
+        field: String,
+        /// Its value in the snapshot.
+        found: String,
+        /// Its value in the batch.
+        expected: String,
+    },
+    /// Bytes are not those of a snapshot.
+    #[error("the snapshot is damaged: {reason}")]
+    Damaged {
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The process is a forked child of the one that made the batch, and so has none of its threads.
+    #[error(
+        "the batch was made in process {parent}, whose threads a forked child lacks; make the batch in the child, or start \
+         processes with `spawn`"
+    )]
+    Forked {
+        /// Id of the process that made the batch.
+        parent: u32,
     },
 }

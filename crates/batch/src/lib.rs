@@ -1,7 +1,7 @@
 //! Many worlds in step, for learners.
 //!
 //! A [`Batch`] holds N worlds and steps them all in one call, on T threads, into buffers that the caller owns. Worlds start
-//! from the rows of a [`Bank`], and start again within the step in which their episode ends. A [`Task`] says what actions
+//! from the rows of a [`Bank`], and start again when their episode ends, as [`Autoreset`] says. A [`Task`] says what actions
 //! mean, what is observed, what is paid and what ends an episode: [`Rulebook`] plays the benchmark's tasks, [`Walking`] is an
 //! example of a task outside the rulebook.
 //!
@@ -42,16 +42,18 @@ mod ranges;
 mod rulebook;
 mod shard;
 mod slot;
+mod snapshot;
 mod task;
 mod walking;
 mod workers;
 
 pub use bank::{Bank, Start};
-pub use batch::{Batch, BatchConfig, Snapshot};
+pub use batch::{Autoreset, Batch, BatchConfig, MAX_STARTS, MAX_THREADS, MAX_WORLDS};
 pub use buffers::{Buffers, Outputs};
 pub use disturbance::{Disturbances, Pushes, Wrenches};
 pub use error::{BankError, BatchError, TaskError};
 pub use ranges::Ranges;
 pub use rulebook::{ActionForm, Rulebook, RulebookOptions};
+pub use snapshot::Snapshot;
 pub use task::{Control, Field, Outcome, Spec, Task, TaskClone};
 pub use walking::{Walking, WalkingOptions};

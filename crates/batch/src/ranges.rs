@@ -35,6 +35,19 @@ impl Ranges {
         effort_limit: [1.0; 2],
     };
 
+    /// Name and value of each.
+    pub(crate) fn listed(&self) -> [(&'static str, String); 7] {
+        [
+            ("hand_friction", format!("{:?}", self.hand_friction)),
+            ("floor_friction", format!("{:?}", self.floor_friction)),
+            ("mass", format!("{:?}", self.mass)),
+            ("com_shift_m", format!("{:?}", self.com_shift_m)),
+            ("stiffness", format!("{:?}", self.stiffness)),
+            ("damping", format!("{:?}", self.damping)),
+            ("effort_limit", format!("{:?}", self.effort_limit)),
+        ]
+    }
+
     /// Draws a world's differences, and overwrites its current ones.
     pub fn draw(&self, scene: &Scene, random: &mut Random, variation: &mut Variation) {
         let within = |[low, high]: [f64; 2], random: &mut Random| random.uniform(low, high);

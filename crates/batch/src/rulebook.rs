@@ -4,9 +4,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use fiatlux_features::ResNet18;
 use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
-use fiatlux_rules::{Causes, JudgeOptions, Judges, Protocol, Rewards, Row, Thresholds, Variant};
+use fiatlux_rules::{
+    Causes, JudgeOptions, Judges, JudgesState, Protocol, Rewards, RewardsState, Row, Thresholds, Variant,
+};
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, Term, View};
-use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Random, Scene, World};
+use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
+use serde::{Deserialize, Serialize};
 
 use crate::{Control, Field, Outcome, Spec, Task, TaskError};
 
@@ -71,6 +74,19 @@ pub struct Rulebook {
     /// `None` before the first episode.
     referee: Option<Referee>,
     episode: u64,
+    noise: Option<NoiseSeed>,
+    /// Label of the network's weights.
+    weights: String,
+}
+
+/// What a world remembers of its episode.
+#[derive(Serialize, Deserialize)]
+struct State {
+    judges: JudgesState,
+    rewards: RewardsState,
+    episode: u64,
+    /// Seed and episode.
+    noise: Option<(u64, u64)>,
 }
 
 /// What the cameras of each scene see; worlds of one scene share it.
@@ -106,11 +122,12 @@ impl Rulebook {
         };
         let spec = Spec {
             actions: joints.iter().map(|joint| joint.name.clone()).collect(),
-            action_limit: action_limit as f32,
+            action_limit,
             action_range,
             observation: terms.map(field).collect(),
             rewards: referee.rewards.terms().iter().map(|term| term.name.to_owned()).collect(),
         };
+        let weights = network.as_ref().map_or_else(|| "none".into(), |network| network.label().to_owned());
         Self {
             task,
             suite: SensorSuite::new(options.sensors, setup).with_network(network),
@@ -119,6 +136,8 @@ impl Rulebook {
             visuals: Arc::default(),
             referee: None,
             episode: 0,
+            noise: None,
+            weights,
         }
     }
 
@@ -148,22 +167,19 @@ impl Task for Rulebook {
         &self.spec
     }
 
-    fn begin(&mut self, world: &World, random: &mut Random) -> Result<(), TaskError> {
+    fn begin(&mut self, world: &World, light: &Light, random: &mut Random) -> Result<(), TaskError> {
         self.episode += 1;
         let seed = (random.unit() * (1_u64 << 53) as f64) as u64;
-        let noise = self.options.noise.then_some(NoiseSeed { seed, episode: self.episode });
+        let (noise, lighting) =
+            (self.options.noise.then_some(NoiseSeed { seed, episode: self.episode }), Lighting::of(light));
+        self.noise = noise;
         if self.referee.is_none() {
             let scene = world.scene();
             self.referee = Some(Referee::new(self.task, scene, &self.options));
             let visuals = self.options.sensors.meets(Sensors::WITH_IMAGE).then(|| self.visuals_of(scene));
-            self.suite.begin(
-                scene,
-                noise,
-                || visuals.unwrap_or_else(|| Arc::new(Visuals::new(scene))),
-                Lighting::default(),
-            )?;
+            self.suite.begin(scene, noise, || visuals.unwrap_or_else(|| Arc::new(Visuals::new(scene))), lighting)?;
         } else {
-            self.suite.restart(noise);
+            self.suite.restart(noise, lighting);
         }
         if let Some(Referee { judges, rewards }) = &mut self.referee {
             judges.start(world.row());
@@ -172,13 +188,12 @@ impl Task for Rulebook {
         Ok(())
     }
 
-    fn command(&mut self, scene: &Scene, _row: &Row, action: &[f32], _random: &mut Random, control: &mut Control) {
+    fn command(&mut self, scene: &Scene, _row: &Row, action: &[f64], _random: &mut Random, control: &mut Control) {
         let places = control.action.iter_mut().zip(&mut control.joint_target);
         for (((to, target), q0), number) in places.zip(scene.robot.q0()).zip(action) {
-            let number = f64::from(*number);
             // A row records commands as actions: joint targets are converted first, as in an episode.
             *to = match self.options.action_form {
-                ActionForm::Action => number,
+                ActionForm::Action => *number,
                 ActionForm::JointTarget => (number - q0) / ACTION_SCALE,
             };
             *target = q0 + ACTION_SCALE * *to;
@@ -210,6 +225,44 @@ impl Task for Rulebook {
             self.suite.compute(sensor, &view, numbers)?;
             rest = others;
         }
+        Ok(())
+    }
+
+    fn settings(&self) -> Vec<(&'static str, String)> {
+        let RulebookOptions { protocol, thresholds, end_on, variant, sensors, noise, image_size, action_form } =
+            &*self.options;
+        let sensors: Vec<_> = sensors.iter().map(Sensor::name).collect();
+        vec![
+            ("task", self.task.to_string()),
+            ("protocol", protocol.to_string()),
+            ("reward", format!("{variant:?}")),
+            ("sensors", sensors.join(", ")),
+            ("noise", noise.to_string()),
+            ("image_size", format!("{image_size:?}")),
+            ("weights", self.weights.clone()),
+            ("action_form", format!("{action_form:?}")),
+            ("end_on", end_on.map_or_else(|| "the task's own".into(), |causes| causes.to_string())),
+            ("thresholds", format!("{thresholds:?}")),
+        ]
+    }
+
+    fn save(&self) -> Result<Vec<u8>, TaskError> {
+        let Referee { judges, rewards } = self.referee.as_ref().ok_or("no episode has begun")?;
+        let noise = self.noise.map(|noise| (noise.seed, noise.episode));
+        let (judges, rewards, episode) = (judges.state(), rewards.state(), self.episode);
+        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise })?)
+    }
+
+    fn load(&mut self, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
+        let Referee { judges, rewards } = self.referee.as_mut().ok_or("no episode has begun")?;
+        let state: State = postcard::from_bytes(saved)?;
+        if !rewards.set_state(state.rewards, row) {
+            return Err("the snapshot has another number of reward terms".into());
+        }
+        judges.set_state(state.judges);
+        self.episode = state.episode;
+        self.noise = state.noise.map(|(seed, episode)| NoiseSeed { seed, episode });
+        self.suite.restart(self.noise, Lighting::of(light));
         Ok(())
     }
 }

@@ -6,13 +6,14 @@ use std::sync::Arc;
 use fiatlux_rules::Row;
 use fiatlux_world::World;
 
-use crate::slot::{ReadyBank, Results, Slot, Stage};
-use crate::{BatchError, Control, Disturbances, Outcome, Outputs, Spec};
+use crate::slot::{ReadyBank, Results, Shared, Slot, Stage};
+use crate::snapshot::WorldState;
+use crate::{BatchError, Control, Outcome, Outputs, Spec};
 
 /// What a thread should do with its worlds.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Order {
-    /// Begin an episode in each world.
+    /// Begin an episode in each world that is due.
     Reset,
     /// Take a control step in each world, with its actions.
     Step {
@@ -27,11 +28,13 @@ pub(crate) struct Shard {
     pub first: usize,
     pub slots: Vec<Slot>,
     pub order: Order,
-    pub actions: Vec<f32>,
+    /// Which worlds a reset begins anew.
+    pub is_due: Vec<bool>,
+    pub actions: Vec<f64>,
     pub outputs: Outputs,
     pub error: Option<BatchError>,
     stages: Vec<Stage>,
-    disturbances: Arc<Disturbances>,
+    shared: Arc<Shared>,
     control: Control,
 }
 
@@ -41,7 +44,7 @@ impl Shard {
         worlds: Range<usize>,
         spec: &Spec,
         banks: &[Arc<ReadyBank>],
-        disturbances: Arc<Disturbances>,
+        shared: Arc<Shared>,
         bank_of: impl Fn(usize) -> usize,
         slot: impl Fn(usize, usize, &ReadyBank) -> Slot,
     ) -> Self {
@@ -57,11 +60,12 @@ impl Shard {
         Self {
             first: worlds.start,
             order: Order::Reset,
+            is_due: vec![true; worlds.len()],
             actions: vec![0.0; worlds.len() * spec.actions.len()],
             outputs: Outputs::of(spec, worlds.len()),
             error: None,
             stages,
-            disturbances,
+            shared,
             control: Control {
                 action: vec![0.0; joints],
                 joint_target: vec![0.0; joints],
@@ -77,6 +81,7 @@ impl Shard {
         let mut worlds = 0..self.slots.len();
         let done = worlds.try_for_each(|index| match (may_go_on(), self.order) {
             (false, _) => Err(BatchError::Stopped),
+            (true, Order::Reset) if !self.is_due[index] => Ok(()),
             (true, Order::Reset) => self.begin(index, None),
             (true, Order::Step { wants_final }) => self.step(index, wants_final),
         });
@@ -87,8 +92,22 @@ impl Shard {
     pub fn begin(&mut self, index: usize, row: Option<&Row>) -> Result<(), BatchError> {
         let slot = &mut self.slots[index];
         let observation = part(&mut self.outputs.observation, index, self.outputs.reward.len());
-        let begun = slot.begin(&mut self.stages[slot.stage], &self.disturbances, row, observation);
+        let begun = slot.begin(&mut self.stages[slot.stage], &self.shared, row, observation);
         begun.map_err(|stopped| stopped.at(self.first + index))
+    }
+
+    /// Copies its worlds' observations to their places among those of all worlds.
+    pub fn copy_observation(&self, observation: &mut [f32]) {
+        let numbers = &self.outputs.observation;
+        let first = self.first * (numbers.len() / self.slots.len());
+        observation[first..first + numbers.len()].copy_from_slice(numbers);
+    }
+
+    /// Continues one world from a state; its observation is not changed.
+    pub fn load(&mut self, index: usize, state: &WorldState) -> Result<(), BatchError> {
+        let (slot, world) = (&mut self.slots[index], self.first + index);
+        let bank = &self.stages[slot.stage].bank;
+        slot.load(state, bank, world).map_err(|source| BatchError::Task { world, source })
     }
 
     fn step(&mut self, index: usize, wants_final: bool) -> Result<(), BatchError> {
@@ -102,7 +121,7 @@ impl Shard {
         };
         let action = part(&mut self.actions, index, worlds);
         let stage = &mut self.stages[slot.stage];
-        let stepped = slot.step(stage, &self.disturbances, action, &mut self.control, results);
+        let stepped = slot.step(stage, &self.shared, action, &mut self.control, results);
         let (outcome, reward) = stepped.map_err(|stopped| stopped.at(self.first + index))?;
         outputs.reward[index] = reward;
         outputs.terminated[index] = matches!(outcome, Outcome::Success | Outcome::Failure);
@@ -113,7 +132,7 @@ impl Shard {
 }
 
 /// A world's part of an array that is world by world.
-pub(crate) fn part(array: &mut [f32], world: usize, worlds: usize) -> &mut [f32] {
+pub(crate) fn part<T>(array: &mut [T], world: usize, worlds: usize) -> &mut [T] {
     let each = array.len() / worlds;
     &mut array[world * each..][..each]
 }

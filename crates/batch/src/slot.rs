@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::PreparedVariation;
 use fiatlux_rules::{Row, diverged};
-use fiatlux_world::{ControlInput, Random, Scene, World, WorldError};
+use fiatlux_world::{ControlInput, Light, Random, Scene, Stream, World, WorldError};
 
 use crate::disturbance::Disturber;
-use crate::{Bank, BatchError, Control, Disturbances, Outcome, Task, TaskError};
+use crate::snapshot::WorldState;
+use crate::{Autoreset, Bank, BatchError, Control, Disturbances, Outcome, Task, TaskError};
 
 /// A prepared bank, shared by all threads.
 #[derive(Debug)]
@@ -20,6 +21,7 @@ pub(crate) struct ReadyBank {
 pub(crate) struct ReadyStart {
     row: Row,
     variation: PreparedVariation,
+    light: Light,
 }
 
 impl ReadyBank {
@@ -38,7 +40,7 @@ impl ReadyBank {
             let mut row = start.row.clone();
             row.step = 0;
             world.reset_to(&row).map_err(refused)?;
-            starts.push(ReadyStart { row, variation: variation.map_err(refused)? });
+            starts.push(ReadyStart { row, variation: variation.map_err(refused)?, light: start.light });
         }
         Ok(Self { scene: Arc::clone(&bank.scene), starts })
     }
@@ -50,28 +52,25 @@ pub(crate) struct Stage {
     pub world: World,
 }
 
+/// What all worlds of a batch share.
+pub(crate) struct Shared {
+    pub disturbances: Disturbances,
+    pub autoreset: Autoreset,
+}
+
 /// The state of a world while others have their turn.
 pub(crate) struct Slot {
     /// Index into the stages of its thread.
     pub stage: usize,
+    /// Whether the last step ended the episode, and the next one has not begun.
+    pub has_ended: bool,
     row: Row,
-    variation: PreparedVariation,
+    /// Index into the starts of its bank.
+    start: usize,
     task: Box<dyn Task>,
+    seed: u64,
     random: Random,
     disturber: Disturber,
-}
-
-impl Clone for Slot {
-    fn clone(&self) -> Self {
-        Self {
-            stage: self.stage,
-            row: self.row.clone(),
-            variation: self.variation.clone(),
-            task: self.task.boxed(),
-            random: self.random.clone(),
-            disturber: self.disturber.clone(),
-        }
-    }
 }
 
 /// Why a world stopped in the middle of something.
@@ -110,13 +109,15 @@ pub(crate) struct Results<'a> {
 }
 
 impl Slot {
-    pub fn new(stage: usize, bank: &ReadyBank, task: &dyn Task, random: Random) -> Self {
+    pub fn new(stage: usize, bank: &ReadyBank, task: &dyn Task, seed: u64, world: usize) -> Self {
         Self {
             stage,
+            has_ended: false,
             row: Row::zeros(bank.scene.robot_layout()),
-            variation: PreparedVariation::default(),
+            start: 0,
             task: task.boxed(),
-            random,
+            seed,
+            random: stream(seed, world),
             disturber: Disturber::default(),
         }
     }
@@ -125,48 +126,81 @@ impl Slot {
         &self.row
     }
 
-    pub fn reseed(&mut self, random: Random) {
-        self.random = random;
+    pub fn reseed(&mut self, seed: u64, world: usize) {
+        (self.seed, self.random) = (seed, stream(seed, world));
+    }
+
+    /// Its state, for a snapshot.
+    pub fn save(&self) -> Result<WorldState, TaskError> {
+        Ok(WorldState {
+            row: self.row.clone(),
+            start: self.start,
+            has_ended: self.has_ended,
+            seed: self.seed,
+            drawn: self.random.drawn(),
+            disturber: self.disturber.clone(),
+            task: self.task.save()?,
+        })
+    }
+
+    /// Continues from a state of the same world.
+    pub fn load(&mut self, state: &WorldState, bank: &ReadyBank, world: usize) -> Result<(), TaskError> {
+        let start = bank.starts.get(state.start).ok_or("the snapshot is damaged: the world's start does not exist")?;
+        if !state.row.fits(bank.scene.robot_layout()) {
+            return Err("the snapshot is damaged: the row is of another robot".into());
+        }
+        self.task.load(&state.task, &state.row, &start.light)?;
+        self.row.clone_from(&state.row);
+        self.reseed(state.seed, world);
+        self.random.skip(state.drawn);
+        (self.start, self.has_ended, self.disturber) = (state.start, state.has_ended, state.disturber.clone());
+        Ok(())
     }
 
     /// Begins an episode from a start of the bank, or from a given row.
     pub fn begin(
         &mut self,
         stage: &mut Stage,
-        disturbances: &Disturbances,
+        shared: &Shared,
         row: Option<&Row>,
         observation: &mut [f32],
     ) -> Result<(), Stopped> {
         let Stage { bank, world } = stage;
-        let start = &bank.starts[self.random.index(bank.starts.len())];
+        self.start = self.random.index(bank.starts.len());
+        self.has_ended = false;
+        let start = &bank.starts[self.start];
         self.row.clone_from(row.unwrap_or(&start.row));
         self.row.step = 0;
-        self.variation.clone_from(&start.variation);
         self.task.place(&bank.scene, &mut self.row, &mut self.random)?;
-        world.vary(&self.variation);
+        world.vary(&start.variation);
         world.reset_to(&self.row)?;
         self.row.clone_from(world.row());
-        self.disturber.begin(disturbances, &mut self.random);
-        self.task.begin(world, &mut self.random)?;
+        self.disturber.begin(&shared.disturbances, &mut self.random);
+        self.task.begin(world, &start.light, &mut self.random)?;
         Ok(self.task.observe(world, observation)?)
     }
 
-    /// Takes a control step, and begins the next episode where this one ends.
+    /// Takes a control step; where an episode ends, the next one begins as the batch's autoreset says.
     pub fn step(
         &mut self,
         stage: &mut Stage,
-        disturbances: &Disturbances,
-        action: &[f32],
+        shared: &Shared,
+        action: &[f64],
         control: &mut Control,
         results: Results<'_>,
     ) -> Result<(Outcome, f32), Stopped> {
         let Results { observation, final_observation, reward_terms } = results;
+        if self.has_ended {
+            reward_terms.fill(0.0);
+            self.begin(stage, shared, None, observation)?;
+            return Ok((Outcome::Continues, 0.0));
+        }
         control.wrenches.clear();
         control.push = None;
         self.task.command(&stage.bank.scene, &self.row, action, &mut self.random, control);
-        self.disturber.act(disturbances, &mut self.random, control);
+        self.disturber.act(&shared.disturbances, &mut self.random, control);
         let Control { action, joint_target, wrenches, push } = &*control;
-        stage.world.vary(&self.variation);
+        stage.world.vary(&stage.bank.starts[self.start].variation);
         let input = ControlInput { action, joint_target, wrenches, push: *push };
         stage.world.step_row(&mut self.row, &input)?;
         let judged = self.task.judge(&stage.world, &mut self.random, reward_terms);
@@ -174,14 +208,20 @@ impl Slot {
         // As in the rulebook, a reward that is not finite pays nothing.
         reward_terms.iter_mut().filter(|term| !term.is_finite()).for_each(|term| *term = 0.0);
         let reward = reward_terms.iter().map(|term| f64::from(*term)).sum::<f64>() as f32;
-        if outcome == Outcome::Continues {
-            self.task.observe(&stage.world, observation)?;
-        } else {
+        self.has_ended = outcome != Outcome::Continues;
+        if self.has_ended && shared.autoreset == Autoreset::SameStep {
             if let Some(final_observation) = final_observation {
                 self.task.observe(&stage.world, final_observation)?;
             }
-            self.begin(stage, disturbances, None, observation)?;
+            self.begin(stage, shared, None, observation)?;
+        } else {
+            self.task.observe(&stage.world, observation)?;
         }
         Ok((outcome, reward))
     }
+}
+
+/// The random stream of a world.
+fn stream(seed: u64, world: usize) -> Random {
+    Random::new(Stream::Batch, seed, world as u64)
 }

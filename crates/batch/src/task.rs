@@ -1,7 +1,7 @@
 //! The interface of tasks for the worlds of a batch.
 
 use fiatlux_rules::Row;
-use fiatlux_world::{AppliedWrench, Push, Random, Scene, World};
+use fiatlux_world::{AppliedWrench, Light, Push, Random, Scene, World};
 
 use crate::TaskError;
 
@@ -27,14 +27,14 @@ pub trait Task: TaskClone + Send + Sync {
         Ok(())
     }
 
-    /// Begins an episode, and forgets the last one.
+    /// Begins an episode, and forgets the last one. Only cameras see the light.
     ///
     /// # Errors
     /// The task's own reasons; they end the batch's call.
-    fn begin(&mut self, world: &World, random: &mut Random) -> Result<(), TaskError>;
+    fn begin(&mut self, world: &World, light: &Light, random: &mut Random) -> Result<(), TaskError>;
 
     /// Converts an action (finite numbers within [`Spec::action_limit`]) to joint targets; may add wrenches and a push.
-    fn command(&mut self, scene: &Scene, row: &Row, action: &[f32], random: &mut Random, control: &mut Control);
+    fn command(&mut self, scene: &Scene, row: &Row, action: &[f64], random: &mut Random, control: &mut Control);
 
     /// Judges the row that the command led to, and writes the value of each reward term. A row that diverged ends the
     /// episode as a failure, whatever this returns.
@@ -45,6 +45,25 @@ pub trait Task: TaskClone + Send + Sync {
     /// # Errors
     /// The task's own reasons, such as a camera that the robot lacks; they end the batch's call.
     fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError>;
+
+    /// Name and value of each of its settings. A snapshot is restored only where all of them are equal.
+    fn settings(&self) -> Vec<(&'static str, String)>;
+
+    /// What it remembers of the episode, for a [`Snapshot`](crate::Snapshot).
+    ///
+    /// # Errors
+    /// By default, that the task cannot be saved.
+    fn save(&self) -> Result<Vec<u8>, TaskError> {
+        Err("this task cannot be saved; implement Task::save and Task::load for it".into())
+    }
+
+    /// Continues exactly from what [`Task::save`] returned at this row, in the light of the episode. The bytes may be damaged.
+    ///
+    /// # Errors
+    /// Bytes that another task saved, or that are damaged.
+    fn load(&mut self, _saved: &[u8], _row: &Row, _light: &Light) -> Result<(), TaskError> {
+        Err("this task cannot be restored; implement Task::save and Task::load for it".into())
+    }
 }
 
 /// Copies a boxed task; implemented for every task that is `Clone`.
@@ -67,7 +86,7 @@ pub struct Spec {
     /// Range in which a learner should explore each number: least, greatest. Actions may exceed it.
     pub action_range: Vec<[f32; 2]>,
     /// Largest absolute value in an action; larger ones are refused.
-    pub action_limit: f32,
+    pub action_limit: f64,
     /// The parts of an observation, in order.
     pub observation: Vec<Field>,
     /// Name of each term of the reward.
@@ -107,6 +126,11 @@ impl Field {
         };
         let range = [range[0] - noise, range[1] + noise].map(|bound| (bound * scale) as f32);
         Self { name, shape: shape.into(), range }
+    }
+
+    /// Whether the numbers are the bytes of a picture: height x width x 3, from 0 to 255.
+    pub fn is_picture(&self) -> bool {
+        matches!(self.shape[..], [_, _, 3]) && self.range == [0.0, 255.0]
     }
 
     /// How many numbers the field has.

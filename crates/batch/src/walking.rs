@@ -8,6 +8,7 @@ mod draw;
 mod hands;
 mod knees;
 mod rewards;
+mod state;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,7 +16,7 @@ use std::sync::Arc;
 use fiatlux_rules::{CONTROL_DT, Row, Support};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_wbc::{ACTION_CLAMP, ARMS, Clock, Command, FRAME, History, LEGS, MOVED, Sensed, Setpoint, scale};
-use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Random, Scene, World};
+use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use self::arms::Arms;
@@ -31,6 +32,8 @@ const FALL: (f64, f64) = (0.40, std::f64::consts::FRAC_PI_3);
 const START_NOISE: (f64, f64, f64) = (0.08, 0.06, 0.3);
 /// Time constant of the slow velocity, by which tracking is also judged, s: the instantaneous one sways with each step.
 const SLOW_S: f64 = 0.3;
+/// Most frames in an observation, 20 s.
+const MAX_FRAMES: usize = 1_000;
 /// How far from the room's middle the robot walks, where there is a room, m: inside, 20 s at 1 m/s would end at a wall.
 const OUTSIDE_M: f64 = 50.0;
 
@@ -100,9 +103,29 @@ impl WalkingOptions {
         TERMS.iter().map(|(name, weight, _)| (*name, *weight))
     }
 
+    /// Name and value of each.
+    fn listed(&self) -> [(&'static str, String); 11] {
+        [
+            ("frames", self.frames.to_string()),
+            ("noise", self.noise.to_string()),
+            ("horizon_steps", self.horizon_steps.to_string()),
+            ("command", format!("{:?}", self.command)),
+            ("height", format!("{:?}", self.height)),
+            ("stand_height", format!("{:?}", self.stand_height)),
+            ("torso", format!("{:?}", self.torso)),
+            ("arm_range", self.arm_range.to_string()),
+            ("load_kg", self.load_kg.to_string()),
+            ("hand_force_n", self.hand_force_n.to_string()),
+            ("reward_weights", format!("{:?}", self.reward_weights)),
+        ]
+    }
+
     fn check(&self) -> Result<(), TaskError> {
-        if self.frames == 0 || !(0.0..=1.0).contains(&self.arm_range) {
-            return Err("walking takes at least 1 frame, and an arm range from 0 to 1".into());
+        if !(1..=MAX_FRAMES).contains(&self.frames) {
+            return Err(format!("frames is {}; give 1 to {MAX_FRAMES}", self.frames).into());
+        }
+        if !(0.0..=1.0).contains(&self.arm_range) {
+            return Err(format!("arm_range is {}; give 0 to 1", self.arm_range).into());
         }
         let ranges = [self.height, self.stand_height].into_iter().chain(self.command).chain(self.torso);
         if !ranges.into_iter().all(|[low, high]| low <= high && low.is_finite() && high.is_finite()) {
@@ -136,6 +159,7 @@ pub struct Walking {
     /// Height of a foot's link above the floor when its sole is flat on it, m.
     sole_m: f64,
     observer: Observer,
+    noise: Option<NoiseSeed>,
     sensed: Proprioception,
     history: History,
     command: Command,
@@ -180,7 +204,7 @@ impl Walking {
         let privileged = PRIVILEGED.iter().map(|(name, count)| Field::new(format!("privileged.{name}"), &[*count]));
         let spec = Spec {
             actions: names[..MOVED].to_vec(),
-            action_limit: ACTION_LIMIT as f32,
+            action_limit: ACTION_LIMIT,
             action_range: vec![[-ACTION_CLAMP as f32, ACTION_CLAMP as f32]; MOVED],
             observation: stacked.chain(privileged).collect(),
             rewards: TERMS.iter().map(|(name, ..)| (*name).to_owned()).collect(),
@@ -192,6 +216,7 @@ impl Walking {
             torso,
             sole_m,
             observer: Observer::new(robot.q0().to_vec(), None),
+            noise: None,
             sensed: Proprioception::zeros(names.len()),
             history: History::new(frames),
             command: Command::default(),
@@ -261,9 +286,10 @@ impl Task for Walking {
         Ok(())
     }
 
-    fn begin(&mut self, world: &World, random: &mut Random) -> Result<(), TaskError> {
+    fn begin(&mut self, world: &World, _: &Light, random: &mut Random) -> Result<(), TaskError> {
         let seed = (random.unit() * (1_u64 << 53) as f64) as u64;
-        self.observer.restart(self.options.noise.then_some(NoiseSeed { seed, episode: 0 }));
+        self.noise = self.options.noise.then_some(NoiseSeed { seed, episode: 0 });
+        self.observer.restart(self.noise);
         self.history.clear();
         (self.command, self.command_left) = draw_command(&self.options, random);
         // The robot starts upright, at the height that is reached from there.
@@ -281,11 +307,11 @@ impl Task for Walking {
         Ok(())
     }
 
-    fn command(&mut self, scene: &Scene, _row: &Row, action: &[f32], random: &mut Random, control: &mut Control) {
+    fn command(&mut self, scene: &Scene, _row: &Row, action: &[f64], random: &mut Random, control: &mut Control) {
         self.clock.advance(self.setpoint.now().walks());
         self.actions.rotate_right(1);
         for (place, number) in self.actions[0].iter_mut().zip(action) {
-            *place = f64::from(*number).clamp(-ACTION_CLAMP, ACTION_CLAMP);
+            *place = number.clamp(-ACTION_CLAMP, ACTION_CLAMP);
         }
         let q0 = scene.robot.q0();
         control.joint_target.copy_from_slice(q0);
@@ -311,7 +337,7 @@ impl Task for Walking {
             *place = (weight * value(&view) * CONTROL_DT) as f32;
         }
         self.joint_velocity.copy_from_slice(&row.joint_velocity);
-        self.command_left -= 1;
+        self.command_left = self.command_left.saturating_sub(1);
         if self.command_left == 0 {
             (self.command, self.command_left) = draw_command(&self.options, random);
         }
@@ -349,5 +375,19 @@ impl Task for Walking {
             .chain(forces.iter().flat_map(|vector| vector.iter().copied()));
         places.zip(numbers).for_each(|(place, number)| *place = number as f32);
         Ok(())
+    }
+
+    fn settings(&self) -> Vec<(&'static str, String)> {
+        let mut settings = vec![("task", "walking".to_owned())];
+        settings.extend(self.options.listed());
+        settings
+    }
+
+    fn save(&self) -> Result<Vec<u8>, TaskError> {
+        self.state()
+    }
+
+    fn load(&mut self, saved: &[u8], _: &Row, _: &Light) -> Result<(), TaskError> {
+        self.set_state(saved)
     }
 }

@@ -65,13 +65,15 @@ pub(crate) struct Workers {
     seats: Vec<Arc<Seat>>,
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
+    /// The process that has the threads.
+    process: u32,
 }
 
 impl Workers {
     pub fn new(shards: Vec<Shard>) -> Result<Self, BatchError> {
         let seat = |shard| Arc::new(Seat { held: Mutex::new((Turn::Caller, shard)), turn: Condvar::new() });
         let seats = shards.into_iter().map(seat).collect();
-        let mut workers = Self { seats, stop: Arc::default(), threads: Vec::new() };
+        let mut workers = Self { seats, stop: Arc::default(), threads: Vec::new(), process: std::process::id() };
         for seat in &workers.seats[1..] {
             let (seat, stop) = (Arc::clone(seat), Arc::clone(&workers.stop));
             let thread = std::thread::Builder::new().name("fiatlux-batch".into());
@@ -83,6 +85,12 @@ impl Workers {
     /// Number of threads, including the caller's.
     pub fn len(&self) -> usize {
         self.seats.len()
+    }
+
+    /// Refuses a forked child of the process that started the threads, which does not have them.
+    pub fn check_process(&self) -> Result<(), BatchError> {
+        let is_complete = self.threads.is_empty() || self.process == std::process::id();
+        if is_complete { Ok(()) } else { Err(BatchError::Forked { parent: self.process }) }
     }
 
     /// Shows each shard in turn to `prepare`, lets all of them carry out their orders at the same time, and shows them
@@ -124,6 +132,12 @@ impl Workers {
 
 impl Drop for Workers {
     fn drop(&mut self) {
+        if self.check_process().is_err() {
+            // A lock may be held by a thread that does not exist here: leave everything as it is.
+            std::mem::forget(std::mem::take(&mut self.seats));
+            std::mem::forget(std::mem::take(&mut self.threads));
+            return;
+        }
         self.seats.iter().for_each(|seat| seat.give(Turn::Over));
         for thread in self.threads.drain(..) {
             // It has caught every panic of a task; nothing is left to report.

@@ -1,6 +1,7 @@
 //! Compares a row with earlier ones: how the bulbs move.
 
 use nalgebra::{Isometry3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::measure::GRAVITY;
 use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
@@ -8,7 +9,7 @@ use crate::settle::{self, PoseSpeed};
 use crate::thresholds::Thresholds;
 
 /// Low-passed speeds of both bulbs, and the last two rows.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct BulbMotion {
     pub speeds: [PoseSpeed; 2],
     /// Speeds in the frames of the palms, by bulb, then left and right, m/s.
@@ -28,11 +29,11 @@ pub(crate) struct Jolts {
     pub blow: bool,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Instant {
     bulbs: [BodyRow; 2],
     /// Positions of the bulbs' origins in the frames of the palms, by bulb, then left and right, m.
-    in_palms: [[Vector3<f64>; 2]; 2],
+    in_palms: [[[f64; 3]; 2]; 2],
     touched: [bool; 2],
 }
 
@@ -49,7 +50,8 @@ impl BulbMotion {
                     let (before, after) = (&last.bulbs[bulb].pose, &now.bulbs[bulb].pose);
                     self.speeds[bulb] = self.speeds[bulb].advance(before, after, thresholds.settle_time_s);
                     for (palm, speed) in self.grip_speeds[bulb].iter_mut().enumerate() {
-                        let moved = now.in_palms[bulb][palm] - last.in_palms[bulb][palm];
+                        let [from, to] = [last, &now].map(|at| Vector3::from(at.in_palms[bulb][palm]));
+                        let moved = to - from;
                         *speed = settle::low_pass(*speed, moved.norm() / CONTROL_DT, thresholds.settle_time_s);
                     }
                 }
@@ -81,8 +83,8 @@ impl Instant {
 }
 
 /// Position of a bulb's origin in a palm's frame, m.
-fn in_palm(world_from_palm: &Isometry3<f64>, bulb: &BodyRow) -> Vector3<f64> {
-    world_from_palm.inverse_transform_point(&bulb.pose.translation.vector.into()).coords
+fn in_palm(world_from_palm: &Isometry3<f64>, bulb: &BodyRow) -> [f64; 3] {
+    world_from_palm.inverse_transform_point(&bulb.pose.translation.vector.into()).coords.into()
 }
 
 /// Change of a bulb's velocity over some control steps, apart from free fall, m/s.

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// A condition that ends an episode if its task or session says so. Every condition is noted when it is met, whether or
@@ -80,7 +81,7 @@ impl FromStr for Cause {
 }
 
 /// A set of causes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Causes(u16);
 
 impl Causes {

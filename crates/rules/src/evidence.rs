@@ -1,5 +1,7 @@
 //! What a row shows under either protocol: it is measured once, and both judges use it.
 
+use serde::{Deserialize, Serialize};
+
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
 use crate::divergence::diverged;
@@ -12,7 +14,7 @@ use crate::spec::TaskSpec;
 use crate::strict::leaps;
 
 /// Measurements of a row, in part relative to earlier rows.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub(crate) struct Evidence {
     /// Number of the row.
     pub step: u64,

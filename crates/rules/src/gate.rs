@@ -1,5 +1,7 @@
 //! Gates: conditions that must hold together.
 
+use serde::{Deserialize, Serialize};
+
 use crate::geometry::Geometry;
 use crate::protocol::Protocol;
 use crate::row::{Bulb, Row};
@@ -73,7 +75,7 @@ pub struct Gate {
 pub const MAX_CRITERIA: usize = 9;
 
 /// Which criteria of a gate hold in a row, in the gate's order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Criteria {
     held: [bool; MAX_CRITERIA],
     len: usize,
@@ -119,7 +121,8 @@ impl Criteria {
 
     /// One entry for each criterion.
     pub fn as_slice(&self) -> &[bool] {
-        &self.held[..self.len]
+        // A damaged snapshot may have any length.
+        self.held.get(..self.len).unwrap_or_default()
     }
 
     /// How many of the criteria hold.

@@ -1,5 +1,7 @@
 //! The fold that judges an episode: its state follows from the rows alone.
 
+mod state;
+
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
 use crate::evidence::Evidence;
@@ -13,6 +15,8 @@ use crate::strict::upright;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 use crate::verdict::{End, Verdict};
+
+pub(crate) use self::state::JudgeState;
 
 /// Choices of a session or of a grading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,7 +1,9 @@
 //! Both judges, over the same rows.
 
+use serde::{Deserialize, Serialize};
+
 use crate::geometry::Geometry;
-use crate::judge::{Judge, JudgeOptions};
+use crate::judge::{Judge, JudgeOptions, JudgeState};
 use crate::protocol::Protocol;
 use crate::row::Row;
 use crate::task::Task;
@@ -17,6 +19,10 @@ pub struct Judges {
     published: Judge,
     strict: Judge,
 }
+
+/// What both judges remember of an episode, for snapshots.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct JudgesState([JudgeState; 2]);
 
 impl Judges {
     /// Judges that have seen no row.
@@ -68,5 +74,16 @@ impl Judges {
             Protocol::Published => &self.published,
             Protocol::Strict => &self.strict,
         }
+    }
+
+    /// What they remember of the episode; [`Judges::set_state`] continues from it exactly.
+    pub fn state(&self) -> JudgesState {
+        JudgesState([self.published.state(), self.strict.state()])
+    }
+
+    /// Continues from a state of judges of the same task, geometry and options.
+    pub fn set_state(&mut self, JudgesState([published, strict]): JudgesState) {
+        self.published.set_state(published);
+        self.strict.set_state(strict);
     }
 }

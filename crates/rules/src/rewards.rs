@@ -2,6 +2,8 @@
 //!
 //! A term pays value x weight x 0.02 s in each control step. Gate progress is paid unscaled.
 
+use serde::{Deserialize, Serialize};
+
 use crate::cause::{Cause, Causes};
 use crate::gate::Context;
 use crate::judge::Judge;
@@ -9,7 +11,7 @@ use crate::row::Row;
 use crate::spec::RewardSpec;
 use crate::task::Task;
 use crate::terms::motion;
-use crate::terms::term::{Kind, Ledger, Term, TermSpec, View};
+use crate::terms::term::{Kind, Ledger, LedgerState, Term, TermSpec, View};
 use crate::verdict::Verdict;
 
 /// Weight of a success in training.
@@ -42,6 +44,10 @@ pub struct Rewards {
     before: Option<Box<Row>>,
     looks_back: bool,
 }
+
+/// What the terms of a reward remember of an episode, for snapshots.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct RewardsState(Vec<LedgerState>);
 
 impl Rewards {
     /// The reward of the judge's task.
@@ -83,6 +89,24 @@ impl Rewards {
             }
         }
         &self.terms
+    }
+
+    /// What the terms remember of the episode; [`Rewards::set_state`] continues from it exactly.
+    pub fn state(&self) -> RewardsState {
+        RewardsState(self.ledgers.iter().map(Ledger::state).collect())
+    }
+
+    /// Continues at a row from a state of the same terms, none of which then counts as paid. Returns false, and changes
+    /// nothing, if the state has another number of terms.
+    #[must_use]
+    pub fn set_state(&mut self, RewardsState(states): RewardsState, row: &Row) -> bool {
+        let fits = states.len() == self.ledgers.len();
+        if fits {
+            self.ledgers.iter_mut().zip(states).for_each(|(ledger, state)| ledger.set_state(state));
+            self.terms = self.ledgers.iter().map(|ledger| Term::unpaid(ledger.spec())).collect();
+            self.before = Some(Box::new(row.clone()));
+        }
+        fits
     }
 
     /// The terms as last paid.

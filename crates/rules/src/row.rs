@@ -1,6 +1,7 @@
 //! One row of state: everything that a gate, a reward or a metric reads, and that a world needs to continue from there.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Length of a control step, s: the time from one row to the next.
 pub const CONTROL_DT: f64 = 0.02;
@@ -69,7 +70,8 @@ pub enum Support {
 }
 
 /// Pose and velocity of a body: of its link origin, in world axes.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(from = "[f64; 13]", into = "[f64; 13]")]
 pub struct BodyRow {
     /// Pose in the world, m.
     pub pose: Isometry3<f64>,
@@ -83,6 +85,26 @@ impl BodyRow {
     /// A body that does not move.
     pub fn at_rest(pose: Isometry3<f64>) -> Self {
         Self { pose, linear_velocity: Vector3::zeros(), angular_velocity: Vector3::zeros() }
+    }
+}
+
+/// Position, quaternion (w, x, y, z), linear and angular velocity.
+impl From<BodyRow> for [f64; 13] {
+    fn from(BodyRow { pose, linear_velocity, angular_velocity }: BodyRow) -> Self {
+        let (p, q, v, w) = (pose.translation.vector, pose.rotation.into_inner(), linear_velocity, angular_velocity);
+        [p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z]
+    }
+}
+
+impl From<[f64; 13]> for BodyRow {
+    fn from([x, y, z, qw, qx, qy, qz, vx, vy, vz, wx, wy, wz]: [f64; 13]) -> Self {
+        // As it was: normalised again, it might differ in its last bit.
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
+        Self {
+            pose: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
+            linear_velocity: Vector3::new(vx, vy, vz),
+            angular_velocity: Vector3::new(wx, wy, wz),
+        }
     }
 }
 

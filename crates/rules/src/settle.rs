@@ -4,11 +4,12 @@
 //! its pose stands still; speeds of the pose itself, low-passed, tell the two apart.
 
 use nalgebra::{Isometry3, UnitQuaternion};
+use serde::{Deserialize, Serialize};
 
 use crate::row::CONTROL_DT;
 
 /// Speed and turning speed of a pose, both low-passed.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct PoseSpeed {
     /// Speed of its position, m/s.
     pub linear: f64,

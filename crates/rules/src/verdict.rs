@@ -1,10 +1,12 @@
 //! The verdict on the rows of an episode, and its end.
 
+use serde::{Deserialize, Serialize};
+
 use crate::cause::{Cause, Causes};
 use crate::gate::Criteria;
 
 /// How an episode ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct End {
     /// The row that ended it.
     pub step: u64,
@@ -30,7 +32,7 @@ impl End {
 }
 
 /// The verdict on the rows up to one.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// Step of the last row that was judged.
     pub step: u64,

@@ -131,14 +131,16 @@ impl Devices {
     }
 
     /// Another episode in the same scene.
-    pub fn restart(&mut self, noise: Option<NoiseSeed>) {
+    pub fn restart(&mut self, noise: Option<NoiseSeed>, lighting: Lighting) {
         if let Some(body) = &mut self.body {
             body.by.0.restart(noise);
             body.step = None;
         }
         self.lidars.iter_mut().for_each(|(_, lidar)| lidar.step = None);
-        let cameras = self.studio.iter_mut().flat_map(|studio| &mut studio.cameras);
-        cameras.for_each(|(_, camera)| camera.step = None);
+        if let Some(studio) = &mut self.studio {
+            studio.lighting = lighting;
+            studio.cameras.iter_mut().for_each(|(_, camera)| camera.step = None);
+        }
         if let Some(network) = &mut self.network {
             network.step = None;
         }

@@ -61,9 +61,9 @@ impl SensorSuite {
         self.devices.begin(self.sensors, scene, noise, visuals, lighting)
     }
 
-    /// Another episode begins in the same scene and light. Allocates nothing.
-    pub fn restart(&mut self, noise: Option<NoiseSeed>) {
-        self.devices.restart(noise);
+    /// Another episode begins in the same scene. Allocates nothing.
+    pub fn restart(&mut self, noise: Option<NoiseSeed>, lighting: Lighting) {
+        self.devices.restart(noise, lighting);
     }
 
     /// How many numbers a sensor has.

@@ -1,5 +1,7 @@
 //! The rhythm of the feet.
 
+use serde::{Deserialize, Serialize};
+
 use crate::CONTROL_DT;
 
 /// Steps of one foot a second.
@@ -10,7 +12,7 @@ const SWING: f64 = 0.45;
 const SWING_HEIGHT: f64 = 0.08;
 
 /// When each foot is due up and down. On a command to stand it stops as soon as both are due down.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Clock {
     /// Of the left foot, from 0 to 1; the right foot is half a period later.
     phase: f64,

@@ -1,5 +1,7 @@
 //! What the controller is asked for.
 
+use serde::{Deserialize, Serialize};
+
 use crate::CONTROL_DT;
 
 /// Height of the pelvis that a robot walks at unless it is told otherwise, m.
@@ -11,7 +13,7 @@ const HEIGHT_RATE: f64 = 0.3;
 const TORSO_RATE: f64 = 1.0;
 
 /// A command: velocity, height, and how the torso leans.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Command {
     /// Of the pelvis, forwards and left, m/s, and about the vertical, rad/s.
     pub velocity: [f64; 3],
@@ -45,7 +47,7 @@ impl Command {
 }
 
 /// A command as it sets in: velocities at once, height and torso at a bounded rate.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Setpoint {
     now: Command,
 }

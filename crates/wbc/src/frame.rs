@@ -1,5 +1,7 @@
 //! What the controller observes.
 
+use serde::{Deserialize, Serialize};
+
 use crate::{Command, NOMINAL_HEIGHT};
 
 /// Joints of the robot's body, legs, waist and arms: the first ones of the public joint order.
@@ -69,7 +71,7 @@ pub fn first_unsound(terms: &[(&'static str, &[f64], usize)]) -> Option<(&'stati
 }
 
 /// The last frames, the newest last.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct History {
     numbers: Vec<f32>,
 }
@@ -78,6 +80,11 @@ impl History {
     /// An empty history of that many frames.
     pub fn new(frames: usize) -> Self {
         Self { numbers: vec![0.0; frames * FRAME_LENGTH] }
+    }
+
+    /// How many frames it has.
+    pub fn frames(&self) -> usize {
+        self.numbers.len() / FRAME_LENGTH
     }
 
     /// Forgets all frames, as before the first one of an episode.

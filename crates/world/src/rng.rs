@@ -53,7 +53,10 @@ impl Stream {
 /// stream's name (each followed by a zero byte), seed and episode (each 8 bytes, little-endian), and the term's name
 /// where the stream has terms.
 #[derive(Debug, Clone)]
-pub struct Random(Pcg64Mcg);
+pub struct Random {
+    generator: Pcg64Mcg,
+    drawn: u64,
+}
 
 impl Random {
     /// The stream of an episode; what is drawn by seed alone uses episode 0.
@@ -73,18 +76,25 @@ impl Random {
         hash.update(term);
         let mut state = [0; 16];
         state.copy_from_slice(&hash.finalize()[..16]);
-        Self(Pcg64Mcg::new(u128::from_le_bytes(state)))
+        Self { generator: Pcg64Mcg::new(u128::from_le_bytes(state)), drawn: 0 }
     }
 
     /// Uniform in [0, 1), a multiple of 2^-53.
     pub fn unit(&mut self) -> f64 {
         const SCALE: f64 = 1.0 / (1_u64 << 53) as f64;
-        (self.0.next_u64() >> 11) as f64 * SCALE
+        self.drawn = self.drawn.wrapping_add(1);
+        (self.generator.next_u64() >> 11) as f64 * SCALE
     }
 
     /// Skips that many numbers.
     pub fn skip(&mut self, count: u64) {
-        self.0.advance(u128::from(count));
+        self.drawn = self.drawn.wrapping_add(count);
+        self.generator.advance(u128::from(count));
+    }
+
+    /// How many numbers were drawn or skipped: [`Random::skip`] of as many takes a new stream to the same place.
+    pub fn drawn(&self) -> u64 {
+        self.drawn
     }
 
     /// Uniform between two bounds.

@@ -8,6 +8,8 @@ import pytest
 from fiatlux.stable_baselines3 import StableBaselinesVecEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.preprocessing import is_image_space
+from stable_baselines3.common.torch_layers import NatureCNN
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 pytestmark = pytest.mark.filterwarnings("default")
@@ -32,6 +34,26 @@ def test_ppo_learns_on_many_worlds(observation, policy):
     assert model.num_timesteps == 16 * 32 * 3
     assert any((old != new).any() for old, new in zip(before, model.policy.parameters()))
     assert len(model.ep_info_buffer) > 0 and all(info["l"] <= 40 for info in model.ep_info_buffer)
+
+
+def test_pictures_go_to_a_convolutional_network():
+    worlds = fiatlux.VectorEnv(
+        "S05", 2, seeds=[1000], sensors=["camera", "proprioception"], image_size=(48, 40), num_threads=1
+    )
+    assert is_image_space(worlds.single_observation_space["camera"])
+    assert is_image_space(fiatlux.Env("S05", sensors=["camera"], image_size=(48, 40)).observation_space["camera"])
+    model = PPO("MultiInputPolicy", StableBaselinesVecEnv(worlds), n_steps=8, batch_size=8, n_epochs=1, device="cpu")
+    assert isinstance(model.policy.features_extractor.extractors["camera"], NatureCNN)
+    assert model.observation_space["camera"].shape == (3, 40, 48), "channels come first for the network"
+    model.learn(16)
+    action, _ = model.predict(model.env.reset())
+    assert action.shape == (2, 53) and np.isfinite(action).all()
+
+
+def test_vectors_that_the_library_would_misread_are_refused():
+    for settings, match in [({"copy": False}, "copy=True"), ({"autoreset_mode": "next_step"}, "autoreset_mode='same_step'")]:
+        with pytest.raises(ValueError, match=f"StableBaselinesVecEnv: .*{match}"):
+            StableBaselinesVecEnv(fiatlux.WalkingVectorEnv(2, **settings))
 
 
 def test_the_end_of_an_episode_is_told():

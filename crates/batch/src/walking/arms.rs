@@ -4,6 +4,7 @@ use fiatlux_robot::Robot;
 use fiatlux_rules::CONTROL_DT;
 use fiatlux_wbc::{ARMS, MOVED};
 use fiatlux_world::Random;
+use serde::{Deserialize, Serialize};
 
 /// Part of the episodes in which the arms rest in q0, and in which they take a posture and keep it; in the others they go
 /// slowly from posture to posture.
@@ -12,7 +13,7 @@ const STILL: f64 = 0.30;
 /// Speed of their targets, rad/s.
 const SPEED: [f64; 2] = [0.3, 2.0];
 
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Arms {
     target: [f64; ARMS],
     goal: [f64; ARMS],

@@ -4,6 +4,7 @@ use fiatlux_dynamics::Wrench;
 use fiatlux_rules::CONTROL_DT;
 use fiatlux_world::{AppliedWrench, Random, Target};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// Weight of a kilogram, N.
 const GRAVITY: f64 = 9.81;
@@ -14,10 +15,10 @@ const PULLS: f64 = 0.5;
 const PULL_S: [f64; 2] = [0.3, 3.0];
 
 /// Forces at both hands, the left one first. A load is its weight alone: its inertia is left out.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Hands {
     weight: [f64; 2],
-    pull: [Vector3<f64>; 2],
+    pull: [[f64; 3]; 2],
     left: u32,
 }
 
@@ -35,15 +36,15 @@ impl Hands {
     pub fn advance(&mut self, force_n: f64, random: &mut Random) {
         if self.left == 0 {
             let size = if random.unit() < PULLS { force_n } else { 0.0 };
-            self.pull = self.pull.map(|_| Vector3::from_fn(|_, _| random.uniform(-size, size)));
+            self.pull = self.pull.map(|pull| pull.map(|_| random.uniform(-size, size)));
             self.left = (random.uniform(PULL_S[0], PULL_S[1]) / CONTROL_DT) as u32 + 1;
         }
-        self.left -= 1;
+        self.left = self.left.saturating_sub(1);
     }
 
     /// The force at a hand, world axes, N.
     pub fn force(&self, hand: usize) -> Vector3<f64> {
-        self.pull[hand] - Vector3::z() * self.weight[hand]
+        Vector3::from(self.pull[hand]) - Vector3::z() * self.weight[hand]
     }
 
     /// Adds what is not nothing.

@@ -36,13 +36,13 @@ pub fn walkers(worlds: usize, threads: usize, seed: u64) -> Batch {
             torque_nm: 5.0,
         }),
     };
-    Batch::new(BatchConfig { worlds, threads, seed, banks: vec![bank], disturbances }, &task).unwrap()
+    Batch::new(BatchConfig { worlds, threads, seed, disturbances, ..BatchConfig::new(vec![bank]) }, &task).unwrap()
 }
 
 /// Actions of a step: large enough that some robots fall soon.
-pub fn actions(batch: &Batch, step: u64) -> Vec<f32> {
+pub fn actions(batch: &Batch, step: u64) -> Vec<f64> {
     let mut random = Random::new(Stream::Trial, 7, step);
-    (0..batch.worlds() * batch.spec().actions.len()).map(|_| random.uniform(-1.0, 1.0) as f32).collect()
+    (0..batch.worlds() * batch.spec().actions.len()).map(|_| random.uniform(-1.0, 1.0)).collect()
 }
 
 /// Everything that a batch says over some steps, to the last bit.

@@ -2,7 +2,7 @@
 
 use fiatlux_batch::{Bank, Batch, BatchConfig, BatchError, Control, Outcome, Outputs, Spec, Task, TaskError, Walking};
 use fiatlux_rules::Row;
-use fiatlux_world::{Random, Scene, World};
+use fiatlux_world::{Light, Random, Scene, World};
 
 use crate::common::{floor, simple, walkers};
 
@@ -18,8 +18,14 @@ fn configs_that_make_no_batch() {
     assert_eq!(refused(&|config| config.worlds = 0), "batch config: worlds is 0; give at least one");
     assert_eq!(refused(&|config| config.threads = 0), "batch config: threads is 0; give at least one");
     assert!(refused(&|config| config.banks.clear()).contains("banks is 0"));
-    assert!(refused(&|config| config.banks.push(bank.clone())).contains("as many worlds as banks"));
-    assert!(refused(&|config| config.banks[0].starts.clear()).contains("a row to start from"));
+    assert_eq!(refused(&|config| config.banks.push(bank.clone())), "batch config: banks is 2; give at most 1");
+    assert!(refused(&|config| config.banks[0].starts.clear()).contains("bank.starts is 0"));
+    let huge = usize::MAX;
+    assert_eq!(
+        refused(&|config| config.worlds = huge),
+        format!("batch config: worlds is {huge}; give at most 1048576")
+    );
+    assert_eq!(refused(&|config| config.threads = huge), format!("batch config: threads is {huge}; give at most 1024"));
     let broken = refused(&|config| config.banks[0].starts[0].row.joint_position[3] = f64::NAN);
     assert_eq!(broken, "bank 0, start 0: no world starts there");
     let pushes = fiatlux_batch::Pushes { interval_s: [2.0, 1.0], linear: 0.1, angular: 0.0 };
@@ -30,11 +36,11 @@ fn configs_that_make_no_batch() {
 fn bad_steps_change_nothing() {
     let mut batch = walkers(3, 2, 0);
     let mut outputs = Outputs::new(&batch);
-    let rows: Vec<_> = (0..3).map(|world| batch.row(world)).collect();
+    let rows: Vec<_> = (0..3).map(|world| batch.row(world).unwrap()).collect();
     let short = batch.step(&[0.0; 44], &mut outputs.buffers()).unwrap_err();
     assert_eq!(short.to_string(), "actions has 44 numbers instead of 45");
     let mut actions = [0.0; 45];
-    for (value, named) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf"), (1e4, "10000")] {
+    for (value, named) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf"), (1e4, "10000")] {
         actions[15 + 3] = value;
         let refused = batch.step(&actions, &mut outputs.buffers()).unwrap_err().to_string();
         assert!(refused.starts_with(&format!("actions: world 1, 'left_knee_joint' is {named}; ")), "{refused}");
@@ -45,7 +51,7 @@ fn bad_steps_change_nothing() {
     assert_eq!(refused.to_string(), "terminated has 0 numbers instead of 3");
     assert!(matches!(batch.reset(&mut []), Err(BatchError::Length { field: "observation", .. })));
     assert!(matches!(batch.reset_world(3, None, &mut []), Err(BatchError::NoWorld { world: 3, worlds: 3 })));
-    assert_eq!(rows, (0..3).map(|world| batch.row(world)).collect::<Vec<_>>());
+    assert_eq!(rows, (0..3).map(|world| batch.row(world).unwrap()).collect::<Vec<_>>());
     batch.step(&[0.0; 45], &mut outputs.buffers()).unwrap();
 }
 
@@ -76,11 +82,11 @@ impl Task for Faulty {
         &self.0
     }
 
-    fn begin(&mut self, _: &World, _: &mut Random) -> Result<(), TaskError> {
+    fn begin(&mut self, _: &World, _: &Light, _: &mut Random) -> Result<(), TaskError> {
         Ok(())
     }
 
-    fn command(&mut self, scene: &Scene, _: &Row, action: &[f32], _: &mut Random, control: &mut Control) {
+    fn command(&mut self, scene: &Scene, _: &Row, action: &[f64], _: &mut Random, control: &mut Control) {
         assert!(action[0] != 1.0, "as the test wants");
         control.joint_target.copy_from_slice(scene.robot.q0());
         if action[0] == 2.0 {
@@ -95,6 +101,10 @@ impl Task for Faulty {
 
     fn observe(&mut self, _: &World, _: &mut [f32]) -> Result<(), TaskError> {
         Ok(())
+    }
+
+    fn settings(&self) -> Vec<(&'static str, String)> {
+        vec![("task", "faulty".into())]
     }
 }
 
@@ -113,6 +123,8 @@ fn faults_of_a_task_stay_its_own() {
     for faulty in [0, 3] {
         let mut actions = [0.0; 4];
         actions[faulty] = 1.0;
+        let unsaved = batch.save().unwrap_err();
+        assert!(matches!(unsaved, BatchError::Task { world: 0, .. }), "{unsaved}");
         let panicked = batch.step(&actions, &mut outputs.buffers()).unwrap_err();
         assert!(matches!(panicked, BatchError::Panicked { first } if first == faulty / 2 * 2), "{panicked}");
         assert!(matches!(batch.step(&[0.0; 4], &mut outputs.buffers()), Err(BatchError::Torn)));

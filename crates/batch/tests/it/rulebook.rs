@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use fiatlux_batch::{ActionForm, Bank, Batch, BatchConfig, Outputs, Rulebook, RulebookOptions};
+use fiatlux_render::Lighting;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Cause, Task, Variant};
 use fiatlux_sensing::{Sensor, SensorSuite, Sensors, Setup, View};
-use fiatlux_world::{Episode, EpisodeSpec, Random, SceneConfig, Stream};
+use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Scene, SceneConfig, Stream};
 
 /// Those of a learner that sees much.
 const SENSORS: Sensors = Sensors::of(&[
@@ -33,7 +34,7 @@ fn rig(specs: &[EpisodeSpec], threads: usize, form: ActionForm) -> Rig {
         .flat_map(|spec| Bank::of_episodes(&config, &robot, &gains, std::slice::from_ref(spec)).unwrap())
         .collect();
     let episodes = specs.iter().map(|spec| {
-        let scene = fiatlux_world::Scene::build(&config, Arc::clone(&robot), spec.scene(gains.clone())).unwrap();
+        let scene = Scene::build(&config, Arc::clone(&robot), spec.scene(gains.clone())).unwrap();
         Episode::start(Arc::new(scene), spec).unwrap()
     });
     let episodes = episodes.collect();
@@ -91,11 +92,10 @@ fn rows_are_those_of_episodes() {
                 }
             }
             let mut random = Random::new(Stream::Trial, 1, step);
-            let actions: Vec<f32> = (0..3 * joints).map(|_| random.uniform(-0.4, 0.4) as f32).collect();
+            let actions: Vec<f64> = (0..3 * joints).map(|_| random.uniform(-0.4, 0.4)).collect();
             batch.step(&actions, &mut outputs.buffers()).unwrap();
             for (world, episode) in episodes.iter_mut().enumerate().filter(|(_, episode)| episode.end().is_none()) {
-                let action: Vec<f64> = actions[world * joints..][..joints].iter().map(|a| f64::from(*a)).collect();
-                let stepped = episode.step(&action).unwrap();
+                let stepped = episode.step(&actions[world * joints..][..joints]).unwrap();
                 let terms: Vec<f32> = stepped.terms.iter().map(|term| term.reward as f32).collect();
                 assert_eq!(outputs.reward_terms[world * terms.len()..][..terms.len()], terms);
                 let end = episode.end();
@@ -114,16 +114,51 @@ fn rows_are_those_of_episodes() {
     }
 }
 
+/// Light, sizes, friction and room are those of the episode, in pictures as well.
+#[test]
+fn whatever_is_drawn_is_drawn_as_in_an_episode() {
+    let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
+    let gains = robot.gains(GainSet::Fiatlux);
+    for spec in specs(Task::S05, Variant::Benchmark) {
+        let banks = Bank::of_episodes(&SceneConfig::default(), &robot, &gains, std::slice::from_ref(&spec)).unwrap();
+        let (scene, start) = (Arc::clone(&banks[0].scene), banks[0].starts[0].clone());
+        let sensors = Sensors::of(&[Sensor::Camera, Sensor::ChestCamera]);
+        let image_size = [32, 24];
+        let options = RulebookOptions { sensors, image_size, ..RulebookOptions::new(spec.task) };
+        let played = Rulebook::new(spec.task, &scene, options, None);
+        let mut batch = Batch::new(BatchConfig::new(banks), &played).unwrap();
+        let mut seen = vec![0.0; batch.spec().observation_length()];
+        batch.reset(&mut seen).unwrap();
+
+        let own = Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec.scene(gains.clone())).unwrap();
+        let episode = Episode::start(Arc::new(own), &spec).unwrap();
+        let drawn = episode.domain_sample();
+        assert_ne!(drawn.light, Light::default());
+        assert_eq!((scene.layout, scene.spec.scale, start.light), (drawn.layout, drawn.scale, drawn.light));
+        let mut friction = Default::default();
+        scene.set_hand_friction(drawn.hand_friction.unwrap().dynamic_friction, &mut friction);
+        assert_eq!(start.variation, friction);
+
+        let mut suite = SensorSuite::new(sensors, Setup { image_size, ..Setup::new(episode.scene(), spec.task) });
+        let visuals = || Arc::new(fiatlux_render::Visuals::new(episode.scene()));
+        suite.begin(episode.scene(), None, visuals, Lighting::of(&spec.light())).unwrap();
+        let mut wanted = vec![0.0; seen.len()];
+        for (sensor, part) in sensors.iter().zip(wanted.chunks_mut(seen.len() / 2)) {
+            suite.compute(sensor, &View::of(&episode), part).unwrap();
+        }
+        assert_eq!(seen, wanted, "seed {} episode {}", spec.seed, spec.episode);
+    }
+}
+
 /// Joint targets come to the actions that stand for them.
 #[test]
 fn joint_targets_are_actions() {
     let specs = &specs(Task::S07, Variant::Benchmark)[..1];
     let Rig { mut batch, mut episodes } = rig(specs, 1, ActionForm::JointTarget);
     let mut outputs = Outputs::new(&batch);
-    let q0: Vec<f32> = episodes[0].scene().robot.q0().iter().map(|q| *q as f32 + 0.05).collect();
+    let target: Vec<f64> = episodes[0].scene().robot.q0().iter().map(|q| q + 0.05).collect();
     for _ in 0..20 {
-        batch.step(&q0, &mut outputs.buffers()).unwrap();
-        let target: Vec<f64> = q0.iter().map(|q| f64::from(*q)).collect();
+        batch.step(&target, &mut outputs.buffers()).unwrap();
         let action = episodes[0].action_for(&target);
         episodes[0].step(&action).unwrap();
     }

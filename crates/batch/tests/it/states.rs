@@ -1,6 +1,6 @@
 //! Results depend on config and actions alone, and a saved state goes on exactly.
 
-use fiatlux_batch::{BatchError, Outputs};
+use fiatlux_batch::{BatchError, Outputs, Snapshot};
 
 use crate::common::{actions, play, walkers};
 
@@ -54,7 +54,7 @@ fn a_saved_state_goes_on_exactly() {
     let mut batch = walkers(6, 2, 1);
     let mut outputs = Outputs::new(&batch);
     play(&mut batch, &mut outputs, 0..37);
-    let (saved, observed) = (batch.save(), outputs.observation.clone());
+    let (saved, observed) = (batch.save().unwrap(), outputs.observation.clone());
     let mut again = outputs.clone();
     let went_on = play(&mut batch, &mut outputs, 37..90);
 
@@ -69,8 +69,8 @@ fn a_saved_state_goes_on_exactly() {
     assert_eq!(play(&mut other, &mut again, 37..90), went_on);
 
     let mut smaller = walkers(5, 1, 1);
-    let refused = smaller.restore(&saved, &mut []);
-    assert!(matches!(refused, Err(BatchError::Snapshot { found: 6 })));
+    let refused = smaller.restore(&saved, &mut []).unwrap_err().to_string();
+    assert!(refused.starts_with("snapshot: worlds is 6, but the batch has 5; "), "{refused}");
 }
 
 #[test]
@@ -88,5 +88,45 @@ fn a_world_begins_at_any_row() {
     assert_eq!(begun.robot.pose.translation.vector.xy(), row.robot.pose.translation.vector.xy());
     assert!(observation.iter().all(|number| number.is_finite()) && observation.iter().any(|number| *number != 0.0));
     assert_eq!([batch.row(0).unwrap(), batch.row(1).unwrap()], others);
-    assert!(batch.row(3).is_none());
+    assert!(matches!(batch.row(3), Err(BatchError::NoWorld { world: 3, worlds: 3 })));
+}
+
+/// Bytes are the snapshot, and damaged ones are refused.
+#[test]
+fn a_snapshot_is_its_bytes() {
+    let mut batch = walkers(4, 2, 1);
+    let mut outputs = Outputs::new(&batch);
+    play(&mut batch, &mut outputs, 0..37);
+    let saved = batch.save().unwrap();
+    let bytes = saved.to_bytes();
+    let went_on = play(&mut batch, &mut outputs.clone(), 37..90);
+    let mut other = walkers(4, 1, 2);
+    other.restore(&Snapshot::from_bytes(&bytes).unwrap(), &mut outputs.observation).unwrap();
+    assert_eq!(play(&mut other, &mut outputs, 37..90), went_on);
+    for cut in [0, 5, 19, 40, bytes.len() / 2, bytes.len() - 1] {
+        let refused = Snapshot::from_bytes(&bytes[..cut]);
+        assert!(matches!(refused, Err(BatchError::Damaged { .. })), "{cut} bytes: {refused:?}");
+    }
+    for changed in (0..bytes.len()).step_by(997) {
+        let mut bytes = bytes.clone();
+        bytes[changed] ^= 0x10;
+        let refused = Snapshot::from_bytes(&bytes);
+        assert!(matches!(refused, Err(BatchError::Damaged { .. })), "byte {changed}: {refused:?}");
+    }
+}
+
+/// Where the next episode waits for the caller, only the marked worlds begin anew.
+#[test]
+fn marked_worlds_begin_anew() {
+    let mut batch = walkers(3, 2, 5);
+    let mut outputs = Outputs::new(&batch);
+    play(&mut batch, &mut outputs, 0..9);
+    let rows = [0, 1, 2].map(|world| batch.row(world).unwrap());
+    batch.reset_marked(&[false, true, false], Some(8), &mut outputs.observation).unwrap();
+    assert_eq!([batch.row(0).unwrap(), batch.row(2).unwrap()], [rows[0].clone(), rows[2].clone()]);
+    let mut fresh = walkers(3, 1, 8);
+    fresh.reset_with_seed(8, &mut Outputs::new(&batch).observation).unwrap();
+    assert_eq!(batch.row(1).unwrap(), fresh.row(1).unwrap());
+    let refused = batch.reset_marked(&[true], None, &mut outputs.observation).unwrap_err();
+    assert_eq!(refused.to_string(), "marks has 1 numbers instead of 3");
 }

@@ -99,6 +99,9 @@ pub(crate) struct Ledger {
     paid: bool,
 }
 
+/// What a term remembers of an episode: start, level, and whether it has paid.
+pub(crate) type LedgerState = (f64, f64, bool);
+
 impl Ledger {
     pub(crate) fn new(spec: TermSpec) -> Self {
         Self { spec, start: 0.0, level: 0.0, paid: false }
@@ -106,6 +109,14 @@ impl Ledger {
 
     pub(crate) fn spec(&self) -> &TermSpec {
         &self.spec
+    }
+
+    pub(crate) fn state(&self) -> LedgerState {
+        (self.start, self.level, self.paid)
+    }
+
+    pub(crate) fn set_state(&mut self, (start, level, paid): LedgerState) {
+        *self = Self { spec: self.spec, start, level, paid };
     }
 
     pub(crate) fn start(&mut self, row: &Row, context: &Context<'_>) {

@@ -1,0 +1,76 @@
+"""Whatever an episode draws is the same in `Env`, in `VectorEnv`, and in the episode that the service plays."""
+
+import fiatlux
+import numpy as np
+import pytest
+
+SENSORS = ["proprioception", "hand_contact", "last_action", "lidar", "camera", "chest_camera", "privileged", "verdict"]
+STEPS = 15
+
+
+def actions():
+    # Of more digits than a float32 holds.
+    return np.random.default_rng(1).uniform(-0.2, 0.2, (STEPS, 53))
+
+
+@pytest.mark.parametrize("task", ["S05", "S08"])
+def test_env_vector_and_episode_are_one(task):
+    """Room, sizes, masses, friction, start, light and tint, delay of actions: all show in rows, pictures or sensors."""
+    settings = {"sensors": SENSORS, "noise": False, "image_size": (48, 36), "reward": "training"}
+    lights = []
+    for seed, episode in [(1000, 0), (1001, 0), (1001, 1)]:
+        env = fiatlux.Env(task, **settings)
+        # The starts of a room are its first episodes; one world for each of them is drawn by its stream.
+        worlds = fiatlux.VectorEnv(task, 8, seeds=[seed], episodes=episode + 1, **settings)
+        seen, observed = env.reset(seed=seed, options={"episode": episode})[0], worlds.reset()[0]
+        same = [w for w in range(8) if np.array_equal(worlds.row(w)["robot_pose"], env.row()["robot_pose"])]
+        assert same, "no world began this episode"
+        world = same[0]
+        lights.append(seen["camera"].mean())
+        for step, action in enumerate(actions()):
+            for name, part in seen.items():
+                np.testing.assert_array_equal(observed[name][world], part, err_msg=f"{name} in step {step}")
+                assert observed[name].dtype == part.dtype
+            for name, part in env.row().items():
+                np.testing.assert_array_equal(worlds.row(world)[name], part, err_msg=f"{name} in step {step}")
+            seen, reward, *ended, info = env.step(action)
+            observed, rewards, *others, infos = worlds.step(np.tile(action, (8, 1)))
+            assert ended == [flags[world] for flags in others] and rewards[world] == np.float32(reward)
+            terms = dict(zip(worlds.reward_terms, infos["reward_terms"][world]))
+            assert terms == {name: np.float32(term) for name, term in info["reward_terms"].items()}
+            np.testing.assert_array_equal(env.row()["action"], action)
+    assert np.ptp(lights) > 1.0, "the episodes have the same light"
+
+
+def test_the_episode_of_the_service_has_the_same_digest():
+    env = fiatlux.Env("S05")
+    env.reset(seed=1001)
+    for action in actions():
+        env.step(action)
+    queue = iter(actions())
+    played = fiatlux.evaluate(lambda _: next(queue), ["S05"], [1001], max_steps=STEPS)
+    assert played.episodes[0]["state_digest"] == env.digest
+
+
+def test_noise_has_the_same_size():
+    def seen(make, noise):
+        env = make(noise=noise)
+        observed = [env.reset(seed=1000)[0]]
+        for _ in range(30):
+            observed.append(env.step(np.zeros(env.action_space.shape))[0])
+        return {name: np.array([part[name] for part in observed]).reshape(31, -1) for name in observed[0]}
+
+    def one(**settings):
+        return fiatlux.Env("S05", **settings)
+
+    def many(**settings):
+        return fiatlux.VectorEnv("S05", 1, seeds=[1000], **settings)
+
+    spread = []
+    for make in (one, many):
+        noisy, exact = seen(make, True), seen(make, False)
+        spread.append({name: (noisy[name] - exact[name]).std() for name in noisy})
+    for name, ours in spread[0].items():
+        assert (ours == 0) == (spread[1][name] == 0), name
+        assert 0.6 * ours <= spread[1][name] <= 1.6 * ours, name
+    assert sum(size > 0 for size in spread[0].values()) == 6
