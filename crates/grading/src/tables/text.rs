@@ -58,14 +58,14 @@ fn headline(out: &mut String, results: &Results) {
         ),
         _ => String::new(),
     };
-    let covers = coverage(results).map_or_else(String::new, |covers| format!("{covers}; "));
+    let covers = coverage(results);
     let score = |out: &mut String, name: &str, score: &Score| {
         let Some(mean) = score.mean else { return };
         let spread = match score.std {
             Some(std) => format!("+- {std:.4} over the seeds"),
             None => "a single seed".into(),
         };
-        let line = format!("{name:<22}{mean:>8.4}   {covers}{spread} ({})", by_seed(score));
+        let line = format!("{name:<22}{mean:>8.4}   {covers}; {spread} ({})", by_seed(score));
         let _ = writeln!(out, "{}", wrapped(&line, "                                 "));
     };
     if let (Some(strict), Some(success)) = (&results.score_strict, &overall.strict_success) {
