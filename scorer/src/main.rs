@@ -215,7 +215,7 @@ fn make(folder: &Path) -> Result<()> {
 }
 
 fn write(file: &Path, text: &str) -> Result<()> {
-    std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
+    fiatlux_cli::write_whole(file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// Writes to stdout. It is not a failure if the reader has closed the pipe, as `head` does.

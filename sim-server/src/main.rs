@@ -119,7 +119,7 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
         print!("{text}");
         return Ok(());
     }
-    std::fs::write(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
+    fiatlux_cli::write_whole(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
 }
 
 #[cfg(test)]
