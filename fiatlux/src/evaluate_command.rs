@@ -142,7 +142,7 @@ fn write_results(out: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     let page = report::html_in(&outcome.results, out);
     for (name, text) in [("results.json", outcome.results.to_json()?), ("report.html", page)] {
         let path = out.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        fiatlux_cli::write_whole(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
 }

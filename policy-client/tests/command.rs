@@ -77,7 +77,7 @@ fn a_run_prints_its_result_and_the_servers_are_listed() {
     let _server = FakeServer::new(&link, "lab", 0);
     let (code, stdout, stderr) = run(&["run", "--policy", "zero", "--task", "S01", "-e", &endpoint]);
     assert_eq!(code, 0, "{stderr}");
-    let said = "S01 seed 0 episode 0: not passed; ended by time-out after 200 steps\n    4.00 s simulated in ";
+    let said = "S01 seed 0 episode 0: no strict success; ended by time-out after 200 steps\n    4.00 s simulated in ";
     assert!(stdout.starts_with(said) && stdout.lines().all(|line| line.len() <= 80), "{stdout}");
     for mode in ["peer", "client"] {
         let args = ["run", "-p", "zero", "-t", "S01", "-n", "2", "--json", "-e", &endpoint, "--mode", mode];

@@ -70,8 +70,8 @@ def main():
 class Batch:
     def __init__(self, args):
         self.env = fiatlux.VectorEnv(
+            args.task,
             args.worlds,
-            task=args.task,
             seeds=[ROOM],
             episodes=STARTS,
             num_threads=args.threads,

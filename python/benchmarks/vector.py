@@ -27,7 +27,7 @@ def main():
 
     def make(sensors, **settings):
         return fiatlux.VectorEnv(
-            args.worlds, task=args.task, num_threads=args.threads, observation="flat", sensors=sensors, **settings
+            args.task, args.worlds, num_threads=args.threads, observation="flat", sensors=sensors, **settings
         )
 
     cases = {

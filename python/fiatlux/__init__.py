@@ -7,6 +7,8 @@ reads a recorded episode, :func:`submit` sends a run to a leaderboard, and :clas
 policies.
 """
 
+from pkgutil import extend_path as _extend_path
+
 from ._native import BENCHMARK_VERSION, FiatluxError, __version__
 from ._register import register as _register
 from .bag import Bag
@@ -20,6 +22,9 @@ from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
 from .vector import VectorEnv, WalkingVectorEnv
 from .whole_body import WholeBody
+
+# Generated messages (fiatlux.v3) may be in another folder of the path.
+__path__ = _extend_path(__path__, __name__)
 
 _register()
 

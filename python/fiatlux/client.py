@@ -1,10 +1,12 @@
 """Plays policies on servers over Zenoh."""
 
+import warnings
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from . import _native
 from ._numbers import seed_of, seeds_of
+from .fingerprint import digest_of
 from .policy import Player, PolicyLike, is_stateful, name_of, settings_for
 from .settings import Settings, complete
 from .spaces import ObservationForm
@@ -103,8 +105,9 @@ class Client:
         """Plays a whole run; called again with the same run file and arguments, it resumes the run.
 
         The server records the run and keeps its score. The result has the name of the ``run``, whether it is ``finished``, the
-        ``servers`` that took part, and its ``episodes``, each with its ``fate``: ``"played"``, ``"failed"``, or ``"lost"``, which
-        the next call plays.
+        ``servers`` that took part, the ``protocol`` whose judge says what ``success`` is, and its ``episodes``, each with its
+        ``fate``: ``"played"``, ``"failed"``, or ``"lost"``, which the next call plays. A run that was finished before plays
+        nothing, and a warning says so.
 
         Args:
             policy: See :data:`fiatlux.PolicyLike`. It must be deterministic: an episode that was cut off is played again.
@@ -114,7 +117,8 @@ class Client:
             hosted_seeds: Number of seeds that the server draws, instead of ``seeds``.
             server: Name of the server, or of a group: ``lab`` stands for ``lab``, ``lab-1`` and so on.
             name, version, link: Name, version and web page of the policy, for the record.
-            run_file: File with the run's name and secret key; it is created if it does not exist.
+            run_file: File with the run's name and secret key, and a digest of the policy's code and weights
+                (:func:`fiatlux.fingerprint.digest_of`); it is created if it does not exist. The file of another policy is refused.
             patience_s: How long to wait for servers that are gone, s.
             observation, record: As in :meth:`run`.
             progress: Called a few times a second with a dictionary of counts.
@@ -130,7 +134,17 @@ class Client:
             "record": list(record),
             "patience_s": patience_s,
         }
-        return self._client.evaluate(lambda: Player(policy, observation), run, asked, progress)
+        played: list[Player] = []
+
+        def play_one() -> Player:
+            played.append(Player(policy, observation))
+            return played[-1]
+
+        outcome = self._client.evaluate(play_one, run, asked, progress)
+        if outcome["finished"] and not played:
+            message = f"the run {outcome['run']} was finished already, so nothing was played; name another run_file for a new run"
+            warnings.warn(f"{fspath(run_file)}: {message}", stacklevel=2)
+        return outcome
 
 
 def run_of(
@@ -151,6 +165,7 @@ def run_of(
         parallel = 1
     return {
         "name": name or name_of(policy),
+        "digest": digest_of(policy),
         "version": "",
         "link": "",
         "tasks": list(tasks),

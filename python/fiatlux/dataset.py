@@ -1,13 +1,18 @@
 """Exports bags as a LeRobot data set."""
 
+import fcntl
 import io
+import json
+import shutil
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import Any, Iterator, Literal, Mapping, Optional, Sequence
+from typing import Any, Callable, Iterator, Literal, Mapping, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ._progress import Line, duration
 from .bag import Bag
 
 ROWS_PER_SECOND = 50
@@ -32,8 +37,11 @@ _SENSED = (
     "joint_velocity",
 )
 
+COMMAND = ("vx", "vy", "wz", "height", "roll", "pitch", "yaw")
+"""A command to a whole-body controller: m/s and rad/s, m, rad."""
+
 _COMMAND = ["navigate:3", "height:1", "torso:3"]
-"""The keys of a command to a whole-body controller, as they are recorded."""
+"""The keys of a command in the chunk of an action, as they are recorded."""
 
 ActionForm = Literal["joints", "command"]
 """Actions in action units, or commands of velocity, height and torso."""
@@ -48,32 +56,41 @@ def export_lerobot(
     vcodec: Optional[str] = "libsvtav1",
     state: Sequence[str] = _SENSED,
     action: ActionForm = "joints",
+    progress: Optional[Callable[[dict[str, Any]], None]] = None,
 ) -> Path:
     """Writes complete bags as a LeRobot data set, and returns its folder; needs the extra ``lerobot``.
 
-    A frame is a row with the action that answers it: the robot's proprioception (``observation.state``, noise included), the
-    action in action units (``action``), the instruction (``task``), and the reward and outcome of the step (``next.reward``,
-    ``next.reward_terms``, ``next.done``, ``next.success``). ``episode.*`` holds for the whole episode: the judge's verdict, the
-    settings, and in ``episode.conditions`` the numbers that were drawn; the data set's features give their names. Recorded
-    images become videos (``observation.images.*``); between two images the older one is repeated.
+    A frame is a row with the action that acted in the step after it: the robot's proprioception (``observation.state``, noise
+    included), the action in action units (``action``) and its age (``next.action_delay_s``), the instruction (``task``), and the
+    reward and outcome of the step (``next.reward``, ``next.reward_terms``, ``next.done``, ``next.success``). ``episode.*`` holds
+    for the whole episode: the judge's verdict, the settings, and in ``episode.conditions`` the numbers that were drawn; the data
+    set's features give their names. Recorded images become videos (``observation.images.*``); between two images the older one
+    is repeated.
+
+    The folder appears when it is whole. Until then finished bags are kept in ``OUT.part``: the same call goes on with them.
 
     Args:
         bags: Bags, or a folder of them.
-        out: Folder of the data set, which must not exist.
+        out: Folder of the data set, which must not exist or be empty.
         repo_id: Name of the data set.
         fps: Frames a second: 50 divided by a whole number. Rows in between are left out, with their actions; the reward of a
             frame is the sum up to the next one.
         vcodec: Video codec, as LeRobot names it; ``None`` for single pictures, which are exact and faster to train on.
         state: Terms of proprioception for ``observation.state``, in this order.
         action: ``"command"`` for the commands to the whole-body controller (velocity ahead, to the left and about the vertical,
-            height, and roll, pitch, yaw of the torso), which bags of policies such as ``walk`` have.
+            height, and roll, pitch, yaw of the torso), which bags of policies such as ``walk`` have. Frames begin with the first
+            command that acts.
+        progress: Called after each bag with a dictionary: number of ``bags``, how many are ``done``, and ``seconds_left``. A
+            terminal shows them anyway.
 
     Raises:
         ImportError: ``lerobot`` is not installed.
+        FileExistsError: ``out`` exists already, or another export is at work on it.
         ValueError: There are no bags, a bag was cut or has no proprioception or commands, bags are of different robots, a term
-            is unknown, or ``fps`` does not divide 50.
+            is unknown, ``fps`` does not divide 50, or ``OUT.part`` is of a call with other bags or arguments.
     """
     try:
+        from lerobot.datasets.aggregate import aggregate_datasets
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
     except ImportError as error:
         raise ImportError("export_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)") from error
@@ -84,23 +101,74 @@ def export_lerobot(
         raise ValueError(f"state: {unknown or 'nothing'} is not known; name some of {', '.join(_SENSED)}")
     if action not in ("joints", "command"):
         raise ValueError(f"action is {action!r}; use joints or command")
-    paths = _paths(bags)
-    features, robot = None, ""
+    paths, out = _paths(bags), Path(out)
+    if out.is_file() or out.is_dir() and any(out.iterdir()):
+        raise FileExistsError(f"{out} exists already; name another folder, or remove it")
+    features, robot, rows, digests = None, "", [], []
     for path in paths:
-        of_bag, robot_of_bag = _features(Bag(path), path, state, action, "image" if vcodec is None else "video")
+        bag = Bag(path)
+        of_bag, robot_of_bag = _features(bag, path, state, action, "image" if vcodec is None else "video")
         if features is None:
             features, robot = of_bag, robot_of_bag
         elif features != of_bag or robot != robot_of_bag:
             differ = sorted(set(features) ^ set(of_bag)) or sorted(n for n in features if features[n] != of_bag[n]) or ["robot"]
             raise ValueError(f"{path} differs from {paths[0]} in {', '.join(differ)}; export such bags separately")
+        rows.append(len(bag["/state"]["step"]) - 1)
+        digests.append((bag.result or {})["end"]["digest"])
     video = {"use_videos": False} if vcodec is None else {"use_videos": True, "vcodec": vcodec}
-    data = LeRobotDataset.create(repo_id, fps, features, root=out, robot_type=robot, **video)
-    for path in paths:
-        for frame in _frames(Bag(path), state, action, ROWS_PER_SECOND // fps):
-            data.add_frame(frame)
-        data.save_episode()
-    data.finalize()
-    return Path(out)
+    asked = {"repo_id": repo_id, "fps": fps, "vcodec": vcodec, "state": list(state), "action": action, "bags": digests}
+    with _aside(out, asked) as part, Line() as line:
+        parts = [part / f"{index:06}" for index in range(len(paths))]
+        missing = [index for index, target in enumerate(parts) if not target.exists()]
+        kept = sum(rows) - sum(rows[index] for index in missing)
+        done = 0
+        for count, index in enumerate(missing, len(paths) - len(missing)):
+            fresh = _emptied(part / "unfinished")
+            data = LeRobotDataset.create(repo_id, fps, features, root=fresh, robot_type=robot, **video)
+            for frame in _frames(Bag(paths[index]), state, action, ROWS_PER_SECOND // fps):
+                data.add_frame(frame)
+            data.save_episode()
+            data.finalize()
+            fresh.rename(parts[index])
+            done += rows[index]
+            left = line.seconds_left(done, sum(rows) - kept)
+            line.show(f"{count + 1}/{len(paths)} bags, {duration(left)} left")
+            if progress is not None:
+                progress({"bags": len(paths), "done": count + 1, "seconds_left": left})
+        whole = _emptied(part / "whole")
+        aggregate_datasets([repo_id] * len(parts), repo_id, parts, whole)
+        whole.rename(out)
+    return out
+
+
+@contextmanager
+def _aside(out: Path, asked: Mapping[str, Any]) -> Iterator[Path]:
+    """``OUT.part`` for one call at a time, with what an earlier one of the same kind has left there; removed at the end."""
+    part = out.with_name(f"{out.name}.part")
+    note = part / "export.json"
+    if part.exists() and not note.is_file() and any(part.iterdir()):
+        raise FileExistsError(f"{part} is in the way: unfinished exports are kept there; rename it, or name another folder")
+    part.mkdir(parents=True, exist_ok=True)
+    with note.open("a+") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise FileExistsError(f"another export is at work in {part}; wait for its end, or name another folder") from None
+        file.seek(0)
+        begun, text = file.read(), json.dumps(asked)
+        if begun not in ("", text):
+            raise ValueError(f"{part} has an unfinished export of other bags or arguments; repeat its call, or remove it")
+        if not begun:
+            file.write(text)
+            file.flush()
+        yield part
+        shutil.rmtree(part)
+
+
+def _emptied(folder: Path) -> Path:
+    """A folder that does not exist, for LeRobot to make."""
+    shutil.rmtree(folder, ignore_errors=True)
+    return folder
 
 
 def _paths(bags: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Path]:
@@ -126,6 +194,8 @@ def _features(
         raise ValueError(f"{path} has no proprioception in every row; record sessions that observe it in every step")
     if action == "command" and _commands(bag) is None:
         raise ValueError(f"{path} has no command with every action; record a policy on a whole-body controller, such as walk")
+    if action == "command" and _delay(bag) >= len(bag["/state"]["step"]) - 1:
+        raise ValueError(f"{path} ended before its first command acted; leave it out, or export joints")
 
     def parts(name: str) -> list[str]:
         if name == "base_height":
@@ -140,7 +210,8 @@ def _features(
 
     features: dict[str, Any] = {
         "observation.state": several([part for name in state for part in parts(name)]),
-        "action": several(["vx", "vy", "wz", "height", "roll", "pitch", "yaw"] if action == "command" else joints),
+        "action": several(list(COMMAND) if action == "command" else joints),
+        "next.action_delay_s": one("float32"),
         "next.reward": one("float32"),
         "next.reward_terms": several(_reward_terms(bag)),
         "next.done": one("bool"),
@@ -165,6 +236,8 @@ def _features(
 def _commands(bag: Bag) -> Optional[NDArray[np.float32]]:
     """The command with each action, rows x 7; ``None`` if any action of the bag lacks it."""
     actions = bag["/action"]
+    if "action.whole_body.vx" in actions and "action.whole_body.vx.rows" not in actions:
+        return np.stack([actions[f"action.whole_body.{name}"] for name in COMMAND], axis=1).astype(np.float32)
     values, keys = actions.get("action.chunk.values"), actions.get("action.chunk.keys")
     rows = len(bag["/state"]["step"]) - 1
     if not isinstance(values, np.ndarray) or values.shape != (rows, 7) or keys != [_COMMAND] * rows:
@@ -172,13 +245,30 @@ def _commands(bag: Bag) -> Optional[NDArray[np.float32]]:
     return values
 
 
+def _delay(bag: Bag) -> int:
+    """Control steps by which the session delayed its actions."""
+    return round(bag.header.get("request", {}).get("action_delay_ms", 0) / 1000 * ROWS_PER_SECOND)
+
+
+def _ages(bag: Bag) -> NDArray[np.float32]:
+    """For each row but the last, how long before it the observation was that the acting action answers, s. Until the first
+    action acts, the session's delay. In real time an action that holds gets older with each step."""
+    answered, delay = np.asarray(bag["/action"]["action.step"], np.int64), _delay(bag)
+    rows = np.arange(len(answered))
+    # A real-time client may send ahead.
+    ages = np.where(rows < delay, delay, rows - np.maximum(answered[np.maximum(rows - delay, 0)], 0))
+    return (np.maximum(ages, 0) / ROWS_PER_SECOND).astype(np.float32)
+
+
 def _frames(bag: Bag, terms: Sequence[str], action: ActionForm, stride: int) -> Iterator[dict[str, Any]]:
     header, observation, rewards = bag.header, bag["/observation"], bag["/reward"]
     verdict = (bag.result or {})[header["episode_protocol"]]
     rows = len(bag["/state"]["step"]) - 1
-    # The action that answers row k led to row k + 1.
-    actions = _commands(bag) if action == "command" else bag["/state"]["action"][1:]
-    assert actions is not None, "_features has checked it"
+    # The action of row k + 1 acted from row k on. A bag has commands as they were sent, and none acts before the delay is over.
+    first = _delay(bag) if action == "command" else 0
+    commands = _commands(bag) if action == "command" else None
+    actions = bag["/state"]["action"][1:] if commands is None else commands
+    ages = _ages(bag)
     sensed = [np.reshape(observation[f"proprioception.{name}"], (rows + 1, -1)) for name in terms]
     state = np.concatenate(sensed, axis=1).astype(np.float32)
     paid = np.stack([rewards[f"terms.{name}.reward"] for name in _reward_terms(bag)], axis=1)
@@ -196,13 +286,14 @@ def _frames(bag: Bag, terms: Sequence[str], action: ActionForm, stride: int) -> 
         for name, seen in images.items():
             if row in seen:
                 latest[name] = seen[row]
-        if row % stride != 0:
+        if row < first or (row - first) % stride != 0:
             continue
         last = min(row + stride, rows)
         yield {
             "task": header["instruction"],
             "observation.state": state[row],
-            "action": np.asarray(actions[row], np.float32),
+            "action": np.asarray(actions[row - first], np.float32),
+            "next.action_delay_s": ages[row : row + 1],
             "next.reward": np.sum(rewards["total"][row:last], keepdims=True).astype(np.float32),
             "next.reward_terms": np.sum(paid[row:last], axis=0).astype(np.float32),
             "next.done": np.array([last == rows]),

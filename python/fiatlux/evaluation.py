@@ -35,6 +35,8 @@ class Evaluation:
     folder, ``failure``, ``notes`` and ``signed_by``."""
     lost: tuple[str, ...] = ()
     """Episodes of a recorded evaluation that are missing, with the reason."""
+    is_run: bool = False
+    """Whether it is a recorded evaluation, which is a run: in S a subtask that was not asked for counts 0."""
 
     def table(self) -> str:
         """The scores as a text table."""
@@ -50,13 +52,23 @@ class Evaluation:
             for _, _, score, success, progress in judges:
                 line += f" {row[score]:>7.3f} {row[success]:>8.2f} {row[progress]:>9.3f}"
             lines.append(line + f" {row['broken_rate']:>7.2f} {row['dropped_rate']:>8.2f} {row['mean_steps']:>7.0f}")
-        for judge, score, *_ in judges:
-            mean, std = self.scores[score]["mean"], self.scores[score]["std"]
-            if mean is not None:
-                lines.append(f"score S, {judge}: {mean:.4f}" + ("" if std is None else f" +- {std:.4f} over seeds"))
+        for judge, name, *_ in judges:
+            score = self.scores[name]
+            if score["mean"] is not None:
+                spread = "" if score["std"] is None else f" +- {score['std']:.4f} over seeds"
+                lines.append(f"score S, {judge}: {score['mean']:.4f}{spread}, {self._coverage(score)}")
         if self.scores["missing"]:
             lines.append("missing: " + ", ".join(self.scores["missing"]))
         return "\n".join(lines)
+
+    def _coverage(self, score: dict[str, Any]) -> str:
+        """How many subtasks S is over, in the words of the program's table."""
+        counted, missing = score["subtasks"], len(self.scores["missing"])
+        if counted < len(SUBTASKS):
+            rest = ": not comparable"
+        else:
+            rest = f", {missing} of them not registered and 0" if self.is_run and missing else ""
+        return f"over {counted} of {len(SUBTASKS)} subtasks{rest}"
 
 
 def evaluate(
@@ -151,7 +163,7 @@ def _recorded(
 
     text, lost = _native.evaluate_into(fspath(out), play_one, run, asked, progress)
     if not players and not lost:
-        message = f"{out} had all episodes already, so none was played; name another folder for a changed policy"
+        message = f"{out} had all episodes already, so none was played; name another folder for a new evaluation"
         warnings.warn(message, stacklevel=3)
     results = json.loads(text)
-    return Evaluation({name: results[name] for name in SCORES}, results["episodes"], tuple(lost))
+    return Evaluation({name: results[name] for name in SCORES}, results["episodes"], tuple(lost), is_run=True)

@@ -153,6 +153,7 @@ impl Drop for Client {
 #[pyo3(from_item_all)]
 pub(crate) struct Run {
     pub name: String,
+    pub digest: String,
     pub version: String,
     pub link: String,
     pub tasks: Vec<String>,
@@ -183,7 +184,7 @@ impl Run {
             seeds: self.seeds.clone(),
             hosted_seeds: self.hosted_seeds,
         };
-        let file = RunFile::open(&self.run_file, &spec).map_err(|error| {
+        let file = RunFile::open_of(&self.run_file, &spec, &self.digest).map_err(|error| {
             // The messages name the programs' flag.
             PyValueError::new_err(in_full(&error).replace("--run-file", "run_file"))
         })?;
@@ -242,6 +243,7 @@ fn describe(py: Python<'_>, outcome: &RunOutcome) -> PyResult<Py<PyDict>> {
     }
     dict.set_item("run", &outcome.run)?;
     dict.set_item("finished", outcome.finished)?;
+    dict.set_item("protocol", &outcome.protocol)?;
     dict.set_item("servers", &outcome.servers)?;
     dict.set_item("episodes", episodes)?;
     Ok(dict.unbind())

@@ -62,7 +62,7 @@ pub(crate) fn evaluate_into(
 }
 
 fn write(out: &Path, name: &str, text: &str) -> PyResult<()> {
-    std::fs::write(out.join(name), text).map_err(Into::into)
+    fiatlux_cli::write_whole(&out.join(name), text).map_err(Into::into)
 }
 
 /// Serves the run in this process, and plays it.

@@ -3,13 +3,15 @@
 #
 #     python/tests/extras.sh [train] [ray] [lerobot] [mujoco]     (all without names)
 #
-# It downloads PyTorch twice, since the trainers and lerobot ask for versions that differ. FIATLUX_WHEEL names a wheel that is
-# built already, FIATLUX_TEST_PROGRAM the program fiatlux, without which lerobot's tests of commands are skipped.
+# Each gets what today's pip resolves. PyTorch is downloaded twice, since the trainers and lerobot ask for versions that differ.
+# FIATLUX_WHEEL names a wheel that is built already, FIATLUX_TEST_PROGRAM the program fiatlux, without which lerobot's tests of
+# delays and commands are skipped, and FIATLUX_TEST_RUN a folder of bags for the benchmarks.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 extras=("$@")
+failed=()
 [ ${#extras[@]} -gt 0 ] || extras=(train ray lerobot mujoco)
 
 wheel="${FIATLUX_WHEEL:-}"
@@ -23,22 +25,23 @@ fi
 for extra in "${extras[@]}"; do
     echo "== $extra"
     python3 -m venv "$work/$extra"
+    "$work/$extra/bin/pip" install --quiet --upgrade pip
     "$work/$extra/bin/pip" install --quiet "fiatlux[$extra] @ file://$(realpath "$wheel")" "pytest>=8"
     case "$extra" in
-        train) tests=(test_rsl_rl.py test_stable_baselines3.py test_train.py) ;;
-        ray) tests=(test_ray.py) ;;
-        lerobot) tests=(test_lerobot.py) ;;
-        mujoco)
-            "$work/$extra/bin/python" python/benchmarks/mujoco_rollout.py
-            rm -rf "${work:?}/$extra"
-            continue
-            ;;
+        train) tests=(extras/test_rsl_rl.py extras/test_stable_baselines3.py extras/test_train.py test_fingerprint.py) ;;
+        ray) tests=(extras/test_ray.py) ;;
+        lerobot) tests=(extras/test_lerobot.py) ;;
+        mujoco) tests=(test_benchmarks.py) ;;
         *)
             echo "extras.sh: unknown extra '$extra'; known ones are train, ray, lerobot, mujoco" >&2
             exit 2
             ;;
     esac
     # A missing package is a failure here, not a reason to skip.
-    FIATLUX_EXTRAS=1 "$work/$extra/bin/python" -m pytest -q "${tests[@]/#/python/tests/extras/}"
+    FIATLUX_EXTRAS=1 "$work/$extra/bin/python" -m pytest -q "${tests[@]/#/python/tests/}" || failed+=("$extra")
     rm -rf "${work:?}/$extra"
 done
+if [ ${#failed[@]} -gt 0 ]; then
+    echo "extras.sh: failed: ${failed[*]}" >&2
+    exit 1
+fi

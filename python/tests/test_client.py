@@ -48,14 +48,17 @@ def test_a_recorded_evaluation_is_the_plain_one(tmp_path):
     results = json.loads((tmp_path / "results.json").read_text())
     assert len(results["episodes"]) == 4 and (tmp_path / "report.html").is_file()
 
-    # The run is over: the same call plays nothing.
-    class Never:
-        def __call__(self, observation):
-            raise AssertionError("played again")
-
+    # The run is over: the same call plays nothing, and another policy does not get its result.
     with pytest.warns(UserWarning, match="had all episodes already"):
-        again = fiatlux.evaluate(Never, tasks, seeds, out=tmp_path, name="Waver")
+        again = fiatlux.evaluate(Waver, tasks, seeds, out=tmp_path)
     assert again.episodes == recorded.episodes
+
+    class Other(Waver):
+        def __call__(self, observation):
+            return np.zeros(53)
+
+    with pytest.raises(ValueError, match="differs in the policy's code or weights; .*run_file"):
+        fiatlux.evaluate(Other, tasks, seeds, out=tmp_path, name="Waver")
     with pytest.raises(ValueError, match="differs in the seeds.*run_file"):
         fiatlux.evaluate(Waver, tasks, [5], out=tmp_path)
 

@@ -35,7 +35,8 @@ def test_a_policy_is_scored():
     assert all(len(episode["state_digest"]) == 64 for episode in seen)
     assert [row["id"] for row in evaluation.scores["subtasks"]] == ["S05", "S07"]
     assert "S01" in evaluation.scores["missing"]
-    assert "S05 Carry Bulb to Disposal" in evaluation.table()
+    table = evaluation.table()
+    assert "S05 Carry Bulb to Disposal" in table and table.count("over 2 of 12 subtasks: not comparable") == 2
     again = fiatlux.evaluate(policy, ["S05"], [1])
     assert again.episodes[0] == seen[1]
 
@@ -59,6 +60,9 @@ def test_a_recorded_evaluation_has_what_its_results_say(tmp_path):
     assert evaluation.scores == {name: results[name] for name in fiatlux.evaluation.SCORES}
     table = evaluation.table()
     assert "score S, strict" in table and "score S, published" in table
+    # In a run all count.
+    assert evaluation.scores["score"]["subtasks"] == 12
+    assert table.count("over 12 of 12 subtasks, 11 of them not registered and 0") == 2
 
 
 def test_published_episodes_have_no_strict_scores(tmp_path):

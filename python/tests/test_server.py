@@ -8,13 +8,14 @@ import pathlib
 import re
 import socket
 import subprocess
+import sys
 
 import fiatlux
 import numpy as np
 import pytest
 
-SERVER = os.environ.get("FIATLUX_TEST_SERVER")
-pytestmark = pytest.mark.skipif(SERVER is None, reason="FIATLUX_TEST_SERVER is not set")
+SERVER = os.environ.get("FIATLUX_TEST_SERVER", "")
+pytestmark = pytest.mark.skipif(not SERVER, reason="FIATLUX_TEST_SERVER is not set")
 
 
 class Waver:
@@ -33,11 +34,12 @@ class Server:
         with self.log.open("w") as log:
             self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
         # It prints a line when it can be reached.
-        assert self.process.stdout.readline()
+        assert self.process.stdout is not None and self.process.stdout.readline()
 
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
+        assert self.process.stdout is not None
         self.process.stdout.close()
 
 
@@ -97,6 +99,36 @@ def test_a_run_goes_on_after_its_server_was_killed(server, tmp_path):
     plain = fiatlux.evaluate(Waver, tasks, seeds)
     assert [one["state_digest"] for one in run["episodes"]] == [one["state_digest"] for one in plain.episodes]
     assert all(one["fate"] == "played" for one in run["episodes"])
+
+
+def test_a_finished_run_is_said_and_is_of_one_policy(server, tmp_path):
+    client, settings = fiatlux.Client(server.endpoint), {"run_file": tmp_path / "RUN.toml", "protocol": "published"}
+    run = client.evaluate(Waver, ["S05"], [0], **settings)
+    assert run["finished"] and run["protocol"] == "published"
+    with pytest.warns(UserWarning, match=f"RUN.toml: the run {run['run']} was finished already, so nothing was played"):
+        again = client.evaluate(Waver, ["S05"], [0], **settings)
+    assert again["episodes"] == run["episodes"]
+
+    class Other(Waver):
+        def __call__(self, observation):
+            return np.zeros(53)
+
+    with pytest.raises(ValueError, match="differs in the policy's code or weights"):
+        client.evaluate(Other, ["S05"], [0], name="Waver", **settings)
+    with pytest.raises(ValueError, match="differs in the policy's version"):
+        client.evaluate(Waver, ["S05"], [0], version="2", **settings)
+
+
+def test_the_page_s_client_runs_where_the_wheel_is_installed(server, tmp_path):
+    protoc = pytest.importorskip("grpc_tools.protoc", reason="docs/client.requirements.txt is not installed")
+    pytest.importorskip("zenoh")
+    root = pathlib.Path(__file__).resolve().parents[2]
+    protos = [f"fiatlux/v3/{name}.proto" for name in ("session", "observation", "room")]
+    assert protoc.main(["protoc", f"-I{root / 'proto/proto'}", f"--python_out={tmp_path}", *protos]) == 0
+    command = [sys.executable, root / "docs/client.py", server.endpoint, "lab", "S07"]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and re.search(r"after \d+ steps, digest [0-9a-f]{64}", done.stdout), done.stderr
 
 
 def test_a_server_with_tokens_and_a_key(tmp_path):

@@ -216,7 +216,7 @@ fn make(folder: &Path) -> Result<()> {
 }
 
 fn write(file: &Path, text: &str) -> Result<()> {
-    std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
+    fiatlux_cli::write_whole(file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
 #[cfg(test)]

@@ -118,7 +118,7 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
     if export.output.as_os_str() == "-" {
         return Ok(fiatlux_cli::print(text)?);
     }
-    std::fs::write(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
+    fiatlux_cli::write_whole(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ mod print;
 mod progress;
 mod settings;
 mod signal;
+mod whole_file;
 
 pub use in_full::in_full;
 pub use log::{init_log, init_quiet_log, is_news};
@@ -15,3 +16,4 @@ pub use print::{print, print_error, print_headed, print_styled, report};
 pub use progress::ProgressLine;
 pub use settings::{check_example, parse_with_settings, parse_with_settings_from};
 pub use signal::{INTERRUPTED, stop_on_signal, wait_for};
+pub use whole_file::write_whole;

@@ -311,6 +311,8 @@ fn score(episodes: &[Episode], registered: Option<&BTreeSet<u64>>) -> Score {
         None => ran,
         Some(seeds) => seeds.iter().map(|&seed| of_all(seed, &ran, weight_total)).collect(),
     };
+    let ran_once = |task: &Task| registered.is_some() || per_seed.iter().any(|seed| !seed.missing.contains(task));
+    let subtasks = Task::SUBTASKS.iter().filter(|task| ran_once(task)).count() as u64;
     let spread = Spread::of(&per_seed.iter().map(|seed| seed.score).collect::<Vec<_>>());
     let seed_row = |seed: &SeedScore| SeedRow {
         seed: seed.seed,
@@ -322,6 +324,7 @@ fn score(episodes: &[Episode], registered: Option<&BTreeSet<u64>>) -> Score {
     Score {
         mean: spread.map(|score| score.mean),
         std: spread.and_then(|score| score.std),
+        subtasks,
         per_seed: per_seed.iter().map(seed_row).collect(),
     }
 }

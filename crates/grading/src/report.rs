@@ -125,9 +125,9 @@ fn warnings(out: &mut String, results: &Results) {
         let text = format!("{}.", results.conditions.deviations.join("; "));
         warn("Not ranked: this run is not played as the benchmark has it.", &text);
     }
-    let covers = coverage(results).map(|covers| format!("S is {covers}: not comparable"));
-    let lines: Vec<String> = covers.into_iter().chain(missing(results)).collect();
-    if !results.subtasks.is_empty() && !lines.is_empty() {
+    let lacking = missing(results);
+    if !lacking.is_empty() {
+        let lines: Vec<String> = std::iter::once(format!("S is {}", coverage(results))).chain(lacking).collect();
         warn("Missing subtasks.", &format!("{}.", lines.join(". ")));
     }
     if let Some(lost) = results.lost_journal() {
@@ -166,7 +166,8 @@ fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
     let _ = writeln!(
         out,
         "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{spread}</div>\
-         <div class=\"card-note\">of 1, mean \u{b1} std<br>{shown}</div></div>"
+         <div class=\"card-note\">over {} of 12 subtasks<br>of 1, mean \u{b1} std<br>{shown}</div></div>",
+        score.subtasks
     );
 }
 

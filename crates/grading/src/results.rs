@@ -151,6 +151,9 @@ pub struct Score {
     pub mean: Option<f64>,
     /// Sample standard deviation over the seeds; `null` for a single one.
     pub std: Option<f64>,
+    /// Number of subtasks that S is over, of twelve: those that ran; in a run all twelve. 0 in files of older versions.
+    #[serde(default)]
+    pub subtasks: u64,
     /// One entry for each seed, ascending.
     pub per_seed: Vec<SeedRow>,
 }

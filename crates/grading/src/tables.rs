@@ -59,11 +59,16 @@ pub(crate) fn run_line(run: &RunResult) -> String {
     format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
 }
 
-/// How many subtasks S is over, such as `over 1 of 12 subtasks`; `None` where it is over all of them, as in
-/// a run.
-pub(crate) fn coverage(results: &Results) -> Option<String> {
-    let (played, all) = (results.subtasks.len(), fiatlux_rules::Task::SUBTASKS.len());
-    (results.run.is_none() && played < all).then(|| format!("over {played} of {all} subtasks"))
+/// How many subtasks S is over, such as `over 1 of 12 subtasks: not comparable`. In a run these are all, and those that were not
+/// registered count 0.
+pub(crate) fn coverage(results: &Results) -> String {
+    let (counted, all) = (results.score.subtasks, fiatlux_rules::Task::SUBTASKS.len() as u64);
+    let rest = match results.missing.len() {
+        _ if counted < all => ": not comparable".into(),
+        missing if results.run.is_some() && missing > 0 => format!(", {missing} of them not registered and 0"),
+        _ => String::new(),
+    };
+    format!("over {counted} of {all} subtasks{rest}")
 }
 
 /// Subtasks without a scored episode, and those without one under some of the seeds, in lines. S leaves them out; in a run they

@@ -122,7 +122,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
         Some(source) => Ok(Box::new(source.policy()) as Box<dyn Policy>),
         None => fiatlux_policies::by_name(&args.policy),
     };
-    let mut progress = |progress: &RunProgress| line.show(|| look(&line, progress));
+    let mut progress = |progress: &RunProgress| line.show(|| look(&line, progress, options.file.protocol()));
     let outcome = Client::evaluate(&link.carrier(), &options, make_policy, &mut progress, &stop);
     line.clear();
     let outcome = outcome?;
@@ -132,13 +132,14 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     Ok(outcome.is_whole() && outcome.finished)
 }
 
-fn look(line: &ProgressLine, progress: &RunProgress) -> String {
+fn look(line: &ProgressLine, progress: &RunProgress, protocol: &str) -> String {
     let RunProgress { episodes, done, successes, lost, held, steps, steps_left, playing, servers } = progress;
     if *episodes == 0 {
         return "the run is being registered".into();
     }
     let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
-    let mut text = format!("{done}/{episodes} episodes, {successes} succeeded, {rate:.0} steps/s, about {left} left");
+    let mut text =
+        format!("{done}/{episodes} episodes, {successes} {protocol} success, {rate:.0} steps/s, about {left} left");
     if *lost > 0 {
         text += &format!(", {lost} lost");
     }

@@ -31,7 +31,7 @@ impl Report {
         let task = info.task.as_ref().map_or("", |task| task.task.as_str());
         let head = json!({
             "policy": policy, "task": task, "seed": info.seed, "server": info.server, "session": info.session,
-            "mode": info.mode().as_str_name(), "gains": info.gains,
+            "mode": info.mode().as_str_name(), "gains": info.gains, "protocol": info.episode_protocol,
         });
         Self { head, episodes: Vec::new(), control_dt: info.control_dt, digest, equal: true }
     }
@@ -51,10 +51,11 @@ impl Report {
         self.equal &= equal.unwrap_or(true);
         if !as_json {
             print(format!(
-                "{} seed {} episode {index}: {}; ended by {} after {} steps\n    {:.2} s simulated in {wall_s:.1} s\n    digest {}\n",
+                "{} seed {} episode {index}: {}{} success; ended by {} after {} steps\n    {:.2} s simulated in {wall_s:.1} s\n    digest {}\n",
                 self.head["task"].as_str().unwrap_or_default(),
                 self.head["seed"],
-                if end.success { "passed" } else { "not passed" },
+                if end.success { "" } else { "no " },
+                self.head["protocol"].as_str().unwrap_or_default(),
                 plain(&end.cause),
                 end.steps,
                 end.steps as f64 * self.control_dt,

@@ -47,7 +47,7 @@ pub fn write(folder: &Path, state: &State) -> Result<BTreeMap<&'static str, Stri
     for (name, bytes) in NAMES.into_iter().zip([camera?, lidar?, observation]) {
         let Some(bytes) = bytes else { continue };
         let path = folder.join(name);
-        std::fs::write(&path, bytes).map_err(|error| FilesError::Write(path.clone(), error))?;
+        fiatlux_cli::write_whole(&path, bytes).map_err(|error| FilesError::Write(path.clone(), error))?;
         files.insert(name.split('.').next().unwrap_or(name), path.display().to_string());
     }
     Ok(files)

@@ -2,12 +2,14 @@
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from .._progress import Line, duration
 from .settings import SCENES, worlds_of
 from .worlds import Worlds
 
@@ -42,13 +44,13 @@ TESTS: dict[str, dict[str, Any]] = {
 
 def measure(
     actor: Any, device: str, threads: int | None, episodes: int, steps: int, seed: int, settings: dict[str, Any],
-    without: tuple[str, ...] = (),
+    without: tuple[str, ...] = (), progress: Callable[[int], None] = lambda step: None,
 ) -> dict[str, float]:
     """Plays ``episodes`` episodes in parallel, up to ``steps`` control steps each, with the policy's mean actions.
 
     ``survived`` is a share. The others are means over the worlds that have not fallen, and over the seconds that begin at least
     one and a half seconds after a command: the absolute error of the one-second mean of velocity (m/s, rad/s), height (m) and
-    torso angles (rad).
+    torso angles (rad). ``progress`` is called with the number of each step.
     """
     worlds = Worlds(
         episodes, device, without, num_threads=threads, seed=seed, horizon_steps=steps + 1, **{"variations": 64, **settings}
@@ -62,7 +64,8 @@ def measure(
     stood: list[np.ndarray] = []
     unloaded = standing = jitter = 0.0
     with torch.inference_mode():
-        for _ in range(steps):
+        for step in range(steps):
+            progress(step)
             actions = actor(worlds.observation)
             command = worlds.field("command").copy()
             worlds_command_changed = (np.abs(command - commands) > 1e-6).any(axis=1)
@@ -138,9 +141,16 @@ def main(
     actor.load_state_dict(state["ppo"]["actor_state_dict"])
     actor.to(device)
     table: dict[str, dict[str, float | None]] = {}
-    for name in tests or TESTS:
+    names, steps, line = tests or list(TESTS), 1000, Line()
+    for number, name in enumerate(names):
+
+        def show(step: int, number: int = number, name: str = name) -> None:
+            left = line.seconds_left(number * steps + step, len(names) * steps)
+            line.show(f"test {number + 1} of {len(names)}, {name}: {step / SECOND:.0f} of {steps // SECOND} s, {duration(left)} left")
+
         worlds = {**TESTS[name], **SCENES[scene]}
-        found = measure(actor, device, threads, episodes, 1000, 12345, worlds, settings.without)
+        found = measure(actor, device, threads, episodes, steps, 12345, worlds, settings.without, show)
+        line.show("")
         if not table and not as_json:
             print(f"{'test':10}" + "".join(f"{key:>12}" for key in found))
         table[name] = {key: value if math.isfinite(value) else None for key, value in found.items()}

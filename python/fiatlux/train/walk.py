@@ -14,11 +14,13 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Mapping
 
+import numpy as np
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 
+from .._progress import Line, duration
 from .evaluation import score
 from .settings import SCENES, Settings, weights_of, worlds_of
 from .symmetry import MOVED, Mirror, SymmetricModel
@@ -111,7 +113,7 @@ class Run:
         ppo.train_mode()
         self.calm()
         totals = {"reward": 0.0, "falls": 0.0, "timeouts": 0.0, "rollout_s": 0.0, "kl": 0.0, "value_loss": 0.0}
-        terms = 0.0
+        terms = np.zeros(len(worlds.env.reward_terms))
         iterations = 0
         while iterations < settings.segment and (iterations == 0 or goes_on(iterations)):
             iterations += 1
@@ -241,8 +243,22 @@ def device_of(name: str) -> str:
     try:
         torch.zeros(1, device=name)
     except (RuntimeError, AssertionError) as error:
-        raise ValueError(f"device: PyTorch has no {name!r} here; give cpu, or cuda where there is a GPU") from error
+        why = without_cuda() if name.startswith("cuda") else "give cpu, or cuda where there is a GPU"
+        raise ValueError(f"device: PyTorch has no {name!r} here; {why}") from error
     return name
+
+
+def without_cuda() -> str:
+    """Why PyTorch trains on the processor, and how it gets a GPU."""
+    if torch.version.cuda is None:
+        return (
+            f"PyTorch {torch.__version__} is built without CUDA, so the networks train on the processor; for an NVIDIA GPU install "
+            "a build with CUDA into this environment (docs/training.md)"
+        )
+    return (
+        f"PyTorch {torch.__version__} finds no GPU that it can use with CUDA {torch.version.cuda}, so the networks train on the "
+        "processor; where there is one, nvidia-smi shows whether its driver works (docs/training.md)"
+    )
 
 
 class _Interrupt:
@@ -258,13 +274,6 @@ class _Interrupt:
             raise KeyboardInterrupt
         self.is_set = True
         print("\nstops after this iteration, with a checkpoint; once more to stop at once", file=sys.stderr, flush=True)
-
-
-def _duration(seconds: float) -> str:
-    minutes = round(max(seconds, 0.0) / 60)
-    if minutes < 1:
-        return "less than 1 min"
-    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02} min"
 
 
 def _given(settings: Settings) -> str:
@@ -291,6 +300,8 @@ def train(
 ) -> int:
     """Trains until the samples or the minutes are over; the exit code."""
     began = time.monotonic()
+    if device is None and not torch.cuda.is_available():
+        print(without_cuda(), file=sys.stderr, flush=True)
     device = device_of(device or ("cuda" if torch.cuda.is_available() else "cpu"))
     last, best, curve = out / "last.pt", out / "best.pt", out / "curve.csv"
     if resume and not last.exists():
@@ -319,16 +330,15 @@ def train(
     print(f"settings: {_given(settings)}; device {device}, {run.worlds.env.num_threads} threads; set up in {setting_up:.1f} s")
     steps = settings.segment * settings.steps * settings.worlds
     print(f"a line follows after each segment of {steps:,} steps; walk --help explains it", flush=True)
-    stopped = None
+    stopped, line = None, Line()
     while run.samples < settings.samples:
         begin = time.monotonic()
         run.begin_segment()
         made = time.monotonic() - begin
 
-        def goes_on(done: int) -> bool:
-            if sys.stderr.isatty():
-                rate = done * settings.steps * settings.worlds / (time.monotonic() - begin)
-                print(f"\r  segment {run.segment + 1}: iteration {done} of {settings.segment}, {rate:.0f} steps/s ", end="", file=sys.stderr)
+        def goes_on(done: int, begin: float = begin) -> bool:
+            rate = done * settings.steps * settings.worlds / (time.monotonic() - begin)
+            line.show(f"  segment {run.segment + 1}: iteration {done} of {settings.segment}, {rate:.0f} steps/s")
             return not interrupt.is_set
 
         try:
@@ -340,8 +350,7 @@ def train(
                 remedy = "no checkpoint has been written yet: begin anew with more --worlds or larger networks"
             print(remedy, flush=True)
             return 1
-        if sys.stderr.isatty():
-            print("\r\033[K", end="", file=sys.stderr)
+        line.show("")
         if run.segment % settings.evaluate == 0 and not interrupt.is_set:
             row |= {f"test/{name}": value for name, value in score(run.ppo.actor, device, threads, settings.without).items()}
             if row["test/score"] > run.best:
@@ -352,9 +361,9 @@ def train(
         elapsed = time.monotonic() - began
         # Of this call: an earlier piece of the run may have had another machine.
         rate = (run.samples - resumed_at) / elapsed
-        left = f"{_duration((settings.samples - run.samples) / rate)} left to {settings.samples / 1e6:g} M samples"
+        left = f"{duration((settings.samples - run.samples) / rate)} left to {settings.samples / 1e6:g} M samples"
         if minutes is not None:
-            left = f"{_duration(60 * minutes - elapsed)} left"
+            left = f"{duration(60 * minutes - elapsed)} left"
         tested = " ".join(f"{name[5:]} {value:.3f}" for name, value in row.items() if name.startswith("test/"))
         print(
             f"{row['samples'] / 1e6:7.2f} M  {row['steps_per_s']:7.0f}/s (worlds {made:.1f} s, rollout {row['rollout_share']:.2f})  "

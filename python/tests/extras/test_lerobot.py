@@ -65,6 +65,57 @@ def test_the_data_set_has_what_the_bags_have(run, data):
         start += length
 
 
+def test_an_interrupted_export_leaves_nothing_and_goes_on(run, data, tmp_path, monkeypatch):
+    out, saved = tmp_path / "set", []
+    save = LeRobotDataset.save_episode
+
+    def interrupted(self, *args, **kwargs):
+        if len(saved) == 1:
+            raise KeyboardInterrupt
+        saved.append(1)
+        return save(self, *args, **kwargs)
+
+    monkeypatch.setattr(LeRobotDataset, "save_episode", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        fiatlux.export_lerobot(run, out, vcodec="h264")
+    assert not out.exists() and (tmp_path / "set.part").is_dir()
+    with pytest.raises(ValueError, match="unfinished export of other bags or arguments"):
+        fiatlux.export_lerobot(run, out, fps=10)
+    told = []
+    monkeypatch.setattr(LeRobotDataset, "save_episode", save)
+    fiatlux.export_lerobot(run, out, vcodec="h264", progress=told.append)
+    # The first bag was kept.
+    assert told == [{"bags": 2, "done": 2, "seconds_left": 0.0}] and not (tmp_path / "set.part").exists()
+    again, whole = load(out), load(data)
+    assert len(again) == len(whole) and again.meta.total_episodes == 2
+    for row in (0, len(whole) // 2, len(whole) - 1):
+        for name, value in whole[row].items():
+            assert value == again[row][name] if isinstance(value, str) else (value == again[row][name]).all(), (row, name)
+    with pytest.raises(FileExistsError, match="exists already; name another folder"):
+        fiatlux.export_lerobot(run, out, vcodec="h264")
+
+
+def test_a_killed_export_leaves_nothing_and_goes_on(run, tmp_path):
+    """By SIGKILL, which nothing can handle, after the first of two bags."""
+    out = tmp_path / "set"
+    text = "import fiatlux, os, sys; fiatlux.export_lerobot(*sys.argv[1:3], vcodec='h264', progress=lambda told: os.kill(os.getpid(), 9))"
+    done = subprocess.run([sys.executable, "-c", text, run, out], capture_output=True)
+    assert done.returncode == -9 and not out.exists(), done.stderr
+    assert load(fiatlux.export_lerobot(run, out, vcodec="h264")).num_episodes == 2
+
+
+def test_one_export_at_a_time(run, tmp_path):
+    def second(told):
+        with pytest.raises(FileExistsError, match="another export is at work"):
+            fiatlux.export_lerobot(run, tmp_path / "set", vcodec="h264")
+
+    fiatlux.export_lerobot(run, tmp_path / "set", vcodec="h264", progress=second)
+    (tmp_path / "other.part").mkdir()
+    (tmp_path / "other.part/mine").touch()
+    with pytest.raises(FileExistsError, match="is in the way"):
+        fiatlux.export_lerobot(run, tmp_path / "other", vcodec="h264")
+
+
 def test_fewer_frames_keep_the_sum_of_the_rewards(run, tmp_path):
     bags = [fiatlux.Bag(path) for path in sorted(run.rglob("*.mcap"))]
     loaded = load(fiatlux.export_lerobot(run, tmp_path / "slow", fps=10, vcodec="h264"))
@@ -85,6 +136,21 @@ def commands(tmp_path_factory):
     out = tmp_path_factory.mktemp("commands") / "set"
     kept = {"state": ["projected_gravity", "base_height"], "action": "command"}
     return folder, fiatlux.export_lerobot(folder, out, fps=10, vcodec=None, **kept)
+
+
+def test_a_delayed_action_stands_where_it_acted(tmp_path):
+    program = os.environ.get("FIATLUX_TEST_PROGRAM")
+    if program is None:
+        pytest.skip("FIATLUX_TEST_PROGRAM names no program fiatlux")
+    command = [program, "evaluate", "--policy", "random", "--tasks", "S05", "--seeds", "1000", "--action-delay", "40"]
+    subprocess.run([*command, "--out", tmp_path / "bags"], check=True, capture_output=True)
+    bag = fiatlux.Bag(next((tmp_path / "bags").rglob("*.mcap")))
+    loaded = load(fiatlux.export_lerobot(tmp_path / "bags", tmp_path / "set", vcodec=None))
+    for row in (5, 6, 7):
+        sent = bag["/action"]["action.action"][row - 2].astype(np.float32)
+        np.testing.assert_array_equal(loaded[row]["action"].numpy(), sent)
+        np.testing.assert_array_equal(sent, bag["/state"]["action"][row + 1].astype(np.float32))
+        assert float(loaded[row]["next.action_delay_s"]) == pytest.approx(0.04)
 
 
 def test_commands_are_a_data_set(commands):

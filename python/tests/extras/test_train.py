@@ -1,8 +1,10 @@
 """What the training of controllers stands on."""
 
+import contextlib
 import csv
 import os
 import pathlib
+import pty
 import re
 import signal
 import subprocess
@@ -15,9 +17,9 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
-from fiatlux.train.settings import Settings
-from fiatlux.train.walk import load_checkpoint, models
-from fiatlux.train.worlds import Worlds
+from fiatlux.train.settings import Settings  # noqa: E402
+from fiatlux.train.walk import load_checkpoint, models  # noqa: E402
+from fiatlux.train.worlds import Worlds  # noqa: E402
 
 
 def test_reflected_observations_give_reflected_actions_and_equal_values():
@@ -48,6 +50,29 @@ def run(*arguments):
     return done.returncode, done.stdout, done.stderr
 
 
+def on_a_terminal(*arguments):
+    """What it writes to stderr where that is a terminal."""
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "fiatlux.train", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs):
+        os.close(theirs)
+        shown = b""
+        # Reading fails once the other end is closed.
+        with contextlib.suppress(OSError):
+            while block := os.read(ours, 4096):
+                shown += block
+    os.close(ours)
+    return shown.decode()
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_training_says_why_it_has_no_gpu(tmp_path):
+    code, _, error = run("walk", "--out", tmp_path / "run", *SMALL, "--samples", 512)
+    assert code == 0 and f"PyTorch {torch.__version__}" in error and "train on the processor" in error
+    code, _, error = run("walk", "--out", tmp_path / "other", *SMALL, "--device", "cuda")
+    assert code == 2 and "PyTorch has no 'cuda' here; PyTorch " in error
+
+
 def test_a_run_goes_on_is_tested_and_exported(tmp_path):
     out = tmp_path / "run"
     assert run("walk", "--out", out, *SMALL, "--samples", 1024)[0] == 0
@@ -56,6 +81,8 @@ def test_a_run_goes_on_is_tested_and_exported(tmp_path):
         assert [int(row["samples"]) for row in csv.DictReader(file)] == [1024, 2048, 3072]
     code, said, _ = run("evaluate", out / "last.pt", "--episodes", 2, "--tests", "upright")
     assert code == 0 and re.search(r"^upright +0\.0000 +-", said, re.MULTILINE)
+    shown = on_a_terminal("evaluate", out / "last.pt", "--episodes", 2, "--tests", "upright", "arms")
+    assert re.search(r"test 2 of 2, arms: \d+ of 20 s, less than 1 min left", shown), shown
     file = tmp_path / "mine.safetensors"
     assert run("export", out / "last.pt", file)[0] == 0
     assert file.stat().st_mode & 0o777 == 0o666 & ~os.umask(os.umask(0o022))

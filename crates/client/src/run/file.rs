@@ -26,6 +26,9 @@ pub struct RunFile {
     pub run: String,
     /// Its secret key in hexadecimal digits.
     pub key: String,
+    /// Digest of the policy's code and weights, where its name does not say which they are; empty if not known.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub policy_digest: String,
     /// The policy, tasks, seeds and session to register.
     pub spec: RunSpec,
 }
@@ -68,12 +71,20 @@ pub enum RunFileError {
 }
 
 impl RunFile {
+    /// Opens the run of a file, for a policy whose name says all.
+    ///
+    /// # Errors
+    /// As [`RunFile::open_of`].
+    pub fn open(path: &Path, spec: &RunSpec) -> Result<Self, RunFileError> {
+        Self::open_of(path, spec, "")
+    }
+
     /// Opens the run of a file. If the file does not exist, draws a new run with a new key and writes it, readable only
     /// by its owner (mode 0600). The file never changes afterwards.
     ///
     /// # Errors
     /// [`RunFileError`], most often because the file's run plays something else.
-    pub fn open(path: &Path, spec: &RunSpec) -> Result<Self, RunFileError> {
+    pub fn open_of(path: &Path, spec: &RunSpec, policy_digest: &str) -> Result<Self, RunFileError> {
         let io = |what| move |source| RunFileError::Io { what, path: path.into(), source };
         match File::open(path) {
             Ok(file) => {
@@ -81,18 +92,30 @@ impl RunFile {
                 file.take(MAX_FILE).read_to_string(&mut text).map_err(io("read"))?;
                 let content = |reason: String| RunFileError::Content { path: path.into(), reason };
                 let found: Self = toml::from_str(&text).map_err(|error| content(error.message().into()))?;
-                match differences(&found.spec, spec) {
+                let mut differs = differences(&found.spec, spec);
+                if ![found.policy_digest.as_str(), policy_digest].contains(&"") && found.policy_digest != policy_digest
+                {
+                    differs.insert(0, "the policy's code or weights");
+                }
+                match differs {
                     differs if differs.is_empty() => Ok(found),
                     differs => Err(RunFileError::Other { path: path.into(), run: found.run, differs }),
                 }
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 let run = Self::draw(spec).map_err(io("draw a key for"))?;
+                let run = Self { policy_digest: policy_digest.into(), ..run };
                 run.write(path).map_err(io("create"))?;
                 Ok(run)
             }
             Err(error) => Err(io("read")(error)),
         }
+    }
+
+    /// The protocol of the run's episodes, whose judge says what a success is.
+    pub fn protocol(&self) -> &str {
+        let named = self.spec.session.as_ref().map_or("", |session| session.episode_protocol.as_str());
+        if named.is_empty() { "strict" } else { named }
     }
 
     /// Draws a new run: the policy's name with a random suffix, and a key that nobody can guess.
@@ -103,7 +126,8 @@ impl RunFile {
         let (key, tail) = bytes.split_at(KEY_BYTES);
         let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
         let policy: String = spec.policy.chars().map(plain).take(40).collect();
-        Ok(Self { run: format!("{policy}-{}", hex(tail)), key: hex(key), spec: spec.clone() })
+        let run = format!("{policy}-{}", hex(tail));
+        Ok(Self { run, key: hex(key), policy_digest: String::new(), spec: spec.clone() })
     }
 
     /// Writes a new file, never over an existing one.
@@ -178,6 +202,21 @@ mod tests {
         assert!(!format!("{first:?}").contains(&first.key));
         std::fs::remove_file(&path).unwrap();
         assert_ne!(RunFile::open(&path, &spec()).unwrap().key, first.key, "drawn anew");
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn another_policy_of_the_same_name_is_refused() {
+        let path = path("digest");
+        let first = RunFile::open_of(&path, &spec(), "1a").unwrap();
+        assert_eq!(RunFile::open_of(&path, &spec(), "1a").unwrap(), first);
+        let error = RunFile::open_of(&path, &spec(), "2b").unwrap_err().to_string();
+        assert!(error.contains("which differs in the policy's code or weights;"), "{error}");
+        // The programs know no digest, and neither do older files.
+        assert_eq!(RunFile::open(&path, &spec()).unwrap(), first);
+        std::fs::remove_file(&path).unwrap();
+        RunFile::open(&path, &spec()).unwrap();
+        assert_eq!(RunFile::open_of(&path, &spec(), "2b").unwrap().policy_digest, "");
         std::fs::remove_file(&path).unwrap();
     }
 

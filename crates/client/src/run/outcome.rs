@@ -45,6 +45,8 @@ pub struct RunOutcome {
     pub stopped: bool,
     /// Names of the servers that took part in this call.
     pub servers: Vec<String>,
+    /// The protocol of the run, whose judge says what a success is: `strict` or `published`.
+    pub protocol: String,
 }
 
 impl RunOutcome {

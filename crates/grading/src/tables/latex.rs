@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{conditions_line, count, run_line, seed_count};
+use super::{conditions_line, count, coverage, run_line, seed_count};
 use crate::{RateRow, Results, TaskResult};
 
 /// A `table` environment that can be pasted into a paper.
@@ -36,7 +36,8 @@ pub fn latex(results: &Results) -> String {
         let rate = |row: Option<&RateRow>| share(row.and_then(|row| row.rate));
         let _ = writeln!(
             out,
-            "\\midrule\n\\textbf{{Benchmark}} & & {} & & {} & {} & {} & & {} \\\\",
+            "\\midrule\n\\textbf{{Benchmark}} $S$ {} & & {} & & {} & {} & {} & & {} \\\\",
+            coverage(results),
             rate(overall.strict_success.as_ref()),
             spread(strict.and_then(|score| score.mean), strict.and_then(|score| score.std)),
             rate(Some(&overall.clean_success)),

@@ -41,8 +41,7 @@ fn headline(out: &mut String, results: &Results) {
         return;
     }
     let _ = writeln!(out, "{}", wrapped(&result_line(results), "  "));
-    let part = if coverage(results).is_some() { "; S of a part is not comparable" } else { "" };
-    let _ = writeln!(out, "  {}", wrapped(&format!("{episodes}, {}{part}", seed_count(results)), "  "));
+    let _ = writeln!(out, "  {}", wrapped(&format!("{episodes}, {}", seed_count(results)), "  "));
     let _ = writeln!(out, "  {}", wrapped(&conditions_line(&results.conditions), "  "));
     if let Some(run) = &results.run {
         for line in std::iter::once(run_line(run)).chain(run.notes.iter().map(|note| format!("Note: {note}"))) {
@@ -91,7 +90,7 @@ fn result_line(results: &Results) -> String {
         (None, _) => (success.hits, "published", Some(&results.score)),
     };
     let mean = score.and_then(|score| score.mean).map_or_else(String::new, |mean| format!(", S {mean:.3}"));
-    let covers = coverage(results).filter(|_| !mean.is_empty()).map_or_else(String::new, |covers| format!(" {covers}"));
+    let covers = if mean.is_empty() { String::new() } else { format!(" {}", coverage(results)) };
     format!("{}: {hits}/{episodes} {judge}{mean}{covers}", plain(&results.policy))
 }
 

@@ -181,6 +181,17 @@ fn a_success_and_an_abort_are_half() {
     let bags = [folder.0.join("first/lab-e0.mcap"), folder.0.join("first/lab-e1.mcap")];
     let loose = grade(&bags, &GradeOptions::default(), &|_| {}).expect("graded");
     assert!(loose.run.is_none() && loose.has_data_loss() && loose.subtasks[0].success_rate == 1.0);
+    // In each form S comes with the number of subtasks that it is over.
+    for (results, subtasks, says) in [
+        (&results, 12, "over 12 of 12 subtasks, 11 of them not registered and 0"),
+        (&loose, 1, "over 1 of 12 subtasks: not comparable"),
+    ] {
+        assert_eq!(results.score.subtasks, subtasks);
+        for form in [words(results), tables::latex(results), report::html(results)] {
+            assert!(form.contains(says), "{form}");
+        }
+        assert!(report::html(results).contains(&format!("over {subtasks} of 12 subtasks<br>")));
+    }
 }
 
 /// Without its journal nothing shows what a run left out. Bags that were recorded in no run need none.

@@ -94,14 +94,12 @@ fn table(outcome: &RunOutcome, policy: &str) -> String {
     let servers = outcome.servers.join(", ");
     let mut text = format!("{policy}: {success}/{all} succeeded\n  run {}, on {servers}\n\n", outcome.run);
     // Writing to a string cannot fail.
-    let _ = writeln!(
-        text,
-        "{:width$}  {:>9}  {:>7}  {:>6}  {:>4}  ended by",
-        "task", "played", "success", "failed", "left"
-    );
+    let success = format!("{} success", outcome.protocol);
+    let column = success.len();
+    let _ = writeln!(text, "{:width$}  {:>9}  {success}  {:>6}  {:>4}  ended by", "task", "played", "failed", "left");
     let mut line = |task: &str, [played, all, success, failed, lost]: [usize; 5], causes: &str| {
         let played = format!("{played}/{all}");
-        let line = format!("{task:width$}  {played:>9}  {success:>7}  {failed:>6}  {lost:>4}  {causes}");
+        let line = format!("{task:width$}  {played:>9}  {success:>column$}  {failed:>6}  {lost:>4}  {causes}");
         let _ = writeln!(text, "{}", line.trim_end());
     };
     for (task, row) in &rows {
@@ -132,7 +130,7 @@ fn as_json_value(outcome: &RunOutcome, policy: &str) -> Value {
         })
     };
     json!({
-        "run": outcome.run, "policy": policy, "servers": outcome.servers, "finished": outcome.finished,
+        "run": outcome.run, "policy": policy, "protocol": outcome.protocol, "servers": outcome.servers, "finished": outcome.finished,
         "stopped": outcome.stopped, "tasks": rows(outcome).iter().map(task).collect::<Vec<_>>(),
         "episodes": outcome.episodes.iter().map(episode).collect::<Vec<_>>(),
     })
@@ -168,9 +166,11 @@ mod tests {
             finished: false,
             stopped: false,
             servers: vec!["lab".into()],
+            protocol: "published".into(),
         };
         let text = table(&outcome, "zero");
         assert!(text.starts_with("zero: 1/4 succeeded\n"), "{text}");
+        assert!(text.contains("  published success  "), "a success names its judge: {text}");
         let words = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
         let lines: Vec<Vec<String>> = text.lines().skip(4).map(words).collect();
         assert_eq!(lines[0], ["S01", "2/2", "1", "0", "0", "fall", "1"], "{text}");

@@ -83,6 +83,7 @@ impl Crew<'_, '_> {
             finished: self.finished,
             stopped,
             servers: took_part.map(|(name, _)| name.clone()).collect(),
+            protocol: self.options.file.protocol().into(),
         }
     }
 }

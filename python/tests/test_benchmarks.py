@@ -1,0 +1,39 @@
+"""Tests that the scripts of `benchmarks/` run, in short forms. Those that compare with MuJoCo are skipped without it.
+
+`FIATLUX_TEST_RUN` names a folder of bags.
+"""
+
+import importlib.util
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+SCRIPTS = pathlib.Path(__file__).resolve().parents[1] / "benchmarks"
+RUN = os.environ.get("FIATLUX_TEST_RUN")
+SHORT = {
+    "vector.py": ["--worlds", "4", "--threads", "1", "--steps", "1", "--rounds", "1"],
+    "stand_and_reach.py": ["--episodes", "1", "--reaches", "1"],
+    "motors.py": [RUN],
+    "mujoco_rollout.py": ["--worlds", "8", "--threads", "1", "--steps", "1", "--rounds", "1"],
+    "walk_in_mujoco.py": ["--episodes", "1"],
+}
+
+
+def test_every_script_is_tried():
+    assert {path.name for path in SCRIPTS.glob("*.py")} == SHORT.keys()
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_it_runs(name):
+    if "mujoco" in name and importlib.util.find_spec("mujoco") is None and "FIATLUX_EXTRAS" not in os.environ:
+        pytest.skip("the extra mujoco is not installed")
+    if None in SHORT[name]:
+        pytest.skip("FIATLUX_TEST_RUN is not set")
+    command = [sys.executable, SCRIPTS / name, *SHORT[name], "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert isinstance(json.loads(done.stdout), dict)

@@ -1,0 +1,84 @@
+"""Tests which action a frame of a data set has. `extras/test_lerobot.py` writes real data sets."""
+
+import numpy as np
+import pytest
+from fiatlux.dataset import _commands, _features, _frames
+
+ROWS, JOINTS = 8, 3
+TERMS = ["base_height", "joint_position"]
+
+
+class Recorded(dict):
+    """An episode as `fiatlux.Bag` shows it, of a session that delays actions by `delay` steps; `answered` is the step of the
+    observation that each recorded action answers. Row k has the numbers 10 k, the action sent in step k the numbers k."""
+
+    is_whole = True
+
+    def __init__(self, delay=0, answered=range(ROWS), commands="chunk"):
+        sent = np.arange(ROWS, dtype=float)
+        # The staged posture acts until the first action does.
+        acted = np.concatenate((np.full(delay + 1, -1.0), sent[: ROWS - delay]))
+        self.header = {
+            "request": {"action_delay_ms": 20 * delay},
+            **{name: "x" for name in ("policy", "task", "hands", "gains", "reward", "instruction")},
+            **{"episode_protocol": "strict", "seed": 1, "episode": 0, "joint_names": list("abc"), "domain_sample": {"mass": 1.0}},
+        }
+        self.result = {"strict": {"success": True, "gate_progress": 1.0}}
+        row = 10.0 * np.arange(ROWS + 1)
+        seven = np.repeat(sent[:, None], 7, axis=1)
+        said = {
+            "chunk": {"action.chunk.values": seven, "action.chunk.keys": [["navigate:3", "height:1", "torso:3"]] * ROWS},
+            "whole_body": {f"action.whole_body.{name}": sent for name in ("vx", "vy", "wz", "height", "roll", "pitch", "yaw")},
+            "some": {f"action.whole_body.{name}": sent[1:] for name in ("vx", "vy", "wz", "height", "roll", "pitch", "yaw")}
+            | {"action.whole_body.vx.rows": np.arange(1, ROWS)},
+            None: {},
+        }[commands]
+        super().__init__({
+            "/state": {"step": np.arange(ROWS + 1), "action": np.repeat(acted[:, None], JOINTS, axis=1)},
+            "/observation": {
+                "proprioception.base_height": row,
+                "proprioception.joint_position": np.repeat(row[:, None], JOINTS, axis=1),
+            },
+            "/action": {"action.step": np.array(list(answered), np.uint64), **said},
+            "/reward": {"total": np.ones(ROWS), "terms.gate.reward": np.ones(ROWS)},
+            "/camera": {},
+        })
+
+
+def column(bag, name, action="joints", stride=1):
+    return [float(frame[name][0]) for frame in _frames(bag, TERMS, action, stride)]
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_frame_has_the_action_that_acted_and_its_age(delay):
+    bag = Recorded(delay)
+    assert column(bag, "observation.state") == [10.0 * row for row in range(ROWS)]
+    assert column(bag, "action") == [row - delay if row >= delay else -1.0 for row in range(ROWS)]
+    assert column(bag, "next.action_delay_s") == pytest.approx([0.02 * delay] * ROWS)
+
+
+@pytest.mark.parametrize("commands", ["chunk", "whole_body"])
+def test_a_frame_has_the_command_that_acted(commands):
+    bag = Recorded(2, commands=commands)
+    # Nothing that was commanded acts in the first two steps.
+    assert column(bag, "observation.state", "command") == [10.0 * row for row in range(2, ROWS)]
+    assert column(bag, "action", "command") == list(range(ROWS - 2))
+    slow = list(_frames(bag, TERMS, "command", 4))
+    assert [float(frame["action"][0]) for frame in slow] == [0, 4] and [float(frame["next.reward"][0]) for frame in slow] == [4, 2]
+
+
+def test_in_real_time_an_action_that_holds_gets_older():
+    # Steps 3 and 4 hold the action that answers observation 2; the last one was sent ahead.
+    answered = [0, 1, 2, 2, 2, 5, 6, 9]
+    assert column(Recorded(0, answered), "next.action_delay_s") == pytest.approx([0, 0, 0, 0.02, 0.04, 0, 0, 0])
+    assert column(Recorded(1, answered), "next.action_delay_s") == pytest.approx(
+        [0.02, 0.02, 0.02, 0.02, 0.04, 0.06, 0.02, 0.02]
+    )
+
+
+def test_commands_that_are_missing_are_refused(tmp_path):
+    assert _commands(Recorded(commands="some")) is None
+    with pytest.raises(ValueError, match="no command with every action"):
+        _features(Recorded(commands=None), tmp_path, TERMS, "command", "image")
+    with pytest.raises(ValueError, match="ended before its first command acted"):
+        _features(Recorded(ROWS), tmp_path, TERMS, "command", "image")
