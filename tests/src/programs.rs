@@ -35,7 +35,17 @@ fn build() -> PathBuf {
     let folder = test.parent().and_then(Path::parent).expect("tests are built below the profile's folder");
     let mut cargo = Command::new(env!("CARGO"));
     // All packages, as the tests are built: for some of them alone others' features differ, and Zenoh is built once more.
-    cargo.args(["build", "--quiet", "--locked", "--workspace", "--bins", "--examples", "--features", "fiatlux/network", "--target-dir"]);
+    cargo.args([
+        "build",
+        "--quiet",
+        "--locked",
+        "--workspace",
+        "--bins",
+        "--examples",
+        "--features",
+        "fiatlux/network",
+        "--target-dir",
+    ]);
     cargo.arg(folder.parent().expect("target"));
     if folder.ends_with("release") {
         cargo.arg("--release");
