@@ -24,8 +24,8 @@ pub struct Memory(Arc<Hub>);
 
 #[derive(Default)]
 struct Hub {
-    subscribers: RwLock<Vec<Arc<Entry<OnMessage>>>>,
-    queryables: RwLock<Vec<Arc<Entry<OnQuery>>>>,
+    subscribers: Entries<OnMessage>,
+    queryables: Entries<OnQuery>,
     /// Rises whenever a subscriber comes or goes.
     changes: AtomicU64,
     /// Held while watchers are called, so that they see tokens come and go in order.
@@ -37,6 +37,9 @@ struct Tokens {
     present: Vec<Arc<str>>,
     watchers: Vec<Arc<Entry<OnToken>>>,
 }
+
+/// What is declared, in order.
+type Entries<F> = RwLock<Vec<Arc<Entry<F>>>>;
 
 struct Entry<F> {
     key: String,
@@ -56,7 +59,7 @@ impl Hub {
 }
 
 /// Everything that matches a key, as it is now.
-fn matching<F>(entries: &RwLock<Vec<Arc<Entry<F>>>>, key: &str) -> Vec<Arc<Entry<F>>> {
+fn matching<F>(entries: &Entries<F>, key: &str) -> Vec<Arc<Entry<F>>> {
     let entries = entries.read().unwrap_or_else(PoisonError::into_inner);
     entries.iter().filter(|entry| intersects(&entry.key, key)).cloned().collect()
 }
@@ -105,7 +108,7 @@ impl Memory {
 
     fn declare<F: Send + Sync + 'static>(
         &self,
-        list: fn(&Hub) -> &RwLock<Vec<Arc<Entry<F>>>>,
+        list: fn(&Hub) -> &Entries<F>,
         key: &str,
         from: Reach,
         callback: F,

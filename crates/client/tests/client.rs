@@ -38,7 +38,7 @@ fn lost_actions_are_sent_again() {
 }
 
 fn run_two_episodes(link: &Session, server: &FakeServer) {
-    let mut client = Client::open(&fiatlux_link::carrier(&link), None, request()).expect("opens");
+    let mut client = Client::open(&fiatlux_link::carrier(link), None, request()).expect("opens");
     let (mut policy, stop) = (fiatlux_policies::by_name("zero").expect("known"), AtomicBool::new(false));
     for episode in [0, 1] {
         let mut steps = Vec::new();

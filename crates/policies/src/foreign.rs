@@ -78,7 +78,7 @@ impl GearFiles {
     /// The session does not fit, or a network cannot be prepared.
     pub fn controller(&self, policy: &'static str, info: &SessionInfo) -> Result<GearController, PolicyError> {
         let q0 = fit(policy, &self.plant, info, self.rule)?;
-        Ok(GearController::new(&self.networks, self.reading, &q0).map_err(PolicyError::of("gear"))?)
+        GearController::new(&self.networks, self.reading, &q0).map_err(PolicyError::of("gear"))
     }
 }
 

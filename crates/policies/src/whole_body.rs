@@ -115,10 +115,10 @@ impl WholeBody {
         let sensed = self.senses.read(observation)?;
         match &mut self.controller {
             Moves::Own(controller) => {
-                controller.step(&sensed, command, &mut self.targets).map_err(PolicyError::of("wbc"))?
+                controller.step(&sensed, command, &mut self.targets).map_err(PolicyError::of("wbc"))?;
             }
             Moves::Gear(controller) => {
-                controller.step(&sensed, command, &mut self.targets).map_err(PolicyError::of("wbc"))?
+                controller.step(&sensed, command, &mut self.targets).map_err(PolicyError::of("gear"))?;
             }
         }
         self.commanded = Some((self.commanded.map_or(0, |(count, _)| count + 1), *command));

@@ -68,7 +68,7 @@ fn server(zenoh: &Session, name: &str, folder: &Path) -> Server {
     let grace = Duration::from_millis(500);
     let record = Some(folder.join("bags"));
     let options = ServerOptions { name: name.into(), workers: 2, grace, record, ..ServerOptions::default() };
-    Server::start(fiatlux_link::carrier(&zenoh), options).unwrap()
+    Server::start(fiatlux_link::carrier(zenoh), options).unwrap()
 }
 
 fn options(folder: &Path, server: &str) -> RunOptions {
@@ -84,7 +84,7 @@ fn play(
     progress: &mut dyn FnMut(&RunProgress),
     stop: &AtomicBool,
 ) -> RunOutcome {
-    Client::evaluate(&fiatlux_link::carrier(&link), options, slow(wait_ms), progress, stop).unwrap()
+    Client::evaluate(&fiatlux_link::carrier(link), options, slow(wait_ms), progress, stop).unwrap()
 }
 
 fn digests(outcome: &RunOutcome) -> Vec<(String, u64, String)> {

@@ -26,7 +26,9 @@ fn a_forged_state_is_refused_and_the_batch_lives() {
         ("world 1: the task cannot go on", |s| s.worlds[1].task.clear()),
         ("is damaged: world 1: ", |s| s.worlds[1].row = Row::zeros(RobotLayout { joints: 3, hand_bodies_per_side: 0 })),
         ("worlds of the snapshot has 1 numbers instead of 2", |s| drop(s.worlds.pop())),
-        ("observation of the snapshot has", |s| drop(s.observation.pop())),
+        ("observation of the snapshot has", |s| {
+            s.observation.pop();
+        }),
         ("snapshot: settings is missing, but the batch has starts", |s| drop(s.settings.pop())),
     ];
     for (named, forge) in forgeries {

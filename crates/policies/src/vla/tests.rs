@@ -33,7 +33,7 @@ fn flags_that_are_missing_are_told() {
     let error = |args: VlaArgs| args.source(false).err().map(|error| format!("{error} {error:?}")).unwrap_or_default();
     assert!(error(VlaArgs::default()).contains("--dialect and --model"));
     let model = |map: Option<&str>, url: &str| VlaArgs {
-        dialect: Some(fiatlux_bridge::Dialect::Gr00t),
+        dialect: Some(Dialect::Gr00t),
         model: Some(url.into()),
         map: map.map(str::to_owned),
         ..VlaArgs::default()

@@ -283,6 +283,9 @@ fn progress_needs_a_robot_that_stands() {
     }
 }
 
+/// A task, a criterion that holds from some row on and what makes it hold, and the strict progress that it pays.
+type Case<'a> = (Task, &'a str, &'a dyn Fn(&mut Row), f64);
+
 /// What a robot can do where it stands pays nothing before the goal: no hand on a bulb, foot on a tread or step towards the
 /// ladder. Of the full errand, the old bulb in the crate is a goal as well.
 #[test]
@@ -291,7 +294,7 @@ fn only_goals_are_progress_by_themselves() {
         touch(row, bulb, RIGHT[0], 6.0);
         touch(row, bulb, RIGHT[1], -6.0);
     };
-    let cases: [(Task, &str, &dyn Fn(&mut Row), f64); 15] = [
+    let cases: [Case<'_>; 15] = [
         (Task::S02, "carried_by_treads", &stand_on_treads, 0.0),
         (Task::S03, "carried_by_treads", &stand_on_treads, 0.0),
         (Task::S03, "old_bulb_held", &|row| touch(row, OLD, RIGHT[0], 3.0), 0.0),

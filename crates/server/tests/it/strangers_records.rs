@@ -101,7 +101,7 @@ fn recorder(link: &Session, out: PathBuf, key: &RecorderKey) -> (Recorder, Recei
         on_bag: Box::new(move |report| drop(sender.lock().unwrap().send(report))),
         on_loss: Box::new(|session, records| panic!("{session} lost {records} records")),
     };
-    (Recorder::start(fiatlux_link::carrier(&link), options).unwrap(), bags)
+    (Recorder::start(fiatlux_link::carrier(link), options).unwrap(), bags)
 }
 
 /// Plays a recorded session to its end; what its bag says is what its client was told.
