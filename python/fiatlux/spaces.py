@@ -56,7 +56,7 @@ class Layout:
 def as_actions(actions: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
     """Actions in the form that the simulator takes; refuses a wrong shape."""
     try:
-        array = np.ascontiguousarray(actions, dtype=dtype)
+        array: NDArray[Any] = np.ascontiguousarray(actions, dtype=dtype)
     except (TypeError, ValueError) as error:
         raise ValueError(f"action: cannot be read as numbers ({error}); give an array of shape {shape}") from error
     if array.shape != shape:

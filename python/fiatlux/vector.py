@@ -39,7 +39,7 @@ def _common(
     }
 
 
-class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
+class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     """Base class of all vectors of worlds.
 
     The autoreset mode is ``SAME_STEP``: when an episode ends, the next one begins in the same step. The observation of that
@@ -243,7 +243,7 @@ class WalkingVectorEnv(_Batch):
         copy: bool = True,
         final_obs: bool = True,
     ) -> None:
-        settings = {
+        settings: dict[str, Any] = {
             "scene": scene,
             "robot": robot,
             "gains": gains,
