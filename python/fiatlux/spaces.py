@@ -59,7 +59,7 @@ class Layout:
 def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Actions in the form that the simulator takes, for one world or many; refuses a wrong shape."""
     try:
-        array = np.ascontiguousarray(actions, dtype=np.float64)
+        array: NDArray[Any] = np.ascontiguousarray(actions, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError(f"action: cannot be read as numbers ({error}); give an array of shape {shape}") from error
     if array.shape != shape:

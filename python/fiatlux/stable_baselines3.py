@@ -38,7 +38,7 @@ class StableBaselinesVecEnv(VecEnv):
         seed = self._seeds[0]
         observation, _ = self.env.reset(seed=seed)
         self._reset_seeds()
-        self.reset_infos = [{} for _ in range(self.num_envs)]
+        self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         return _undotted(observation)
 
     def step_async(self, actions: np.ndarray) -> None:

@@ -49,7 +49,7 @@ def submit(
 
         policy = Bag(next(path for name, path in files.items() if name.endswith(".mcap"))).header["policy"]
     manifest = {"policy": policy, "version": version, "authors": list(authors), "link": link, "licence": licence, "note": note}
-    listed = [{"name": name, "bytes": path.stat().st_size, "sha256": _sha256(path)} for name, path in files.items()]
+    listed: list[dict[str, Any]] = [{"name": name, "bytes": path.stat().st_size, "sha256": _sha256(path)} for name, path in files.items()]
     service = _Service(to, token)
     submission = service.ask("POST", "/api/v1/submissions", {"manifest": manifest, "files": listed})
     if submission["state"] == "uploading":
@@ -130,7 +130,8 @@ class _Service:
 
     def send(self, submission: str, file: dict[str, Any], path: Path) -> None:
         """Sends the missing part of a file."""
-        received, failure = file["received"], None
+        received = file["received"]
+        failure: object = None
         if file["stored"]:
             return
         for pause in _pauses():

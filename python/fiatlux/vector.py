@@ -56,7 +56,7 @@ def _common(
     }
 
 
-class _Batch(Base[Any, NDArray[np.float32], NDArray[np.bool_]]):
+class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     """Base class of all vectors of worlds.
 
     By default the autoreset mode is ``SAME_STEP``: when an episode ends, the next one begins in the same step. The observation of
@@ -296,7 +296,7 @@ class WalkingVectorEnv(_Batch):
         final_obs: bool = True,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
     ) -> None:
-        settings = {
+        settings: dict[str, Any] = {
             "scene": scene,
             "robot": robot,
             "gains": gains,

@@ -35,6 +35,9 @@ pub(crate) struct Batch {
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Snapshot(Saved);
 
+/// What pickle calls to make a copy, and its arguments.
+type Reduced<'py> = (Bound<'py, PyAny>, (String, Py<PyTuple>, Snapshot));
+
 #[pymethods]
 impl Snapshot {
     #[new]
@@ -169,7 +172,7 @@ impl Batch {
     }
 
     /// A copy is made from the same arguments, and continues from the same state.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String, Py<PyTuple>, Snapshot))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
         let (kind, arguments) = &self.recipe;
         Ok((py.get_type::<Self>().into_any(), (kind.clone(), arguments.clone_ref(py), self.save()?)))
     }

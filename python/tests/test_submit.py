@@ -7,8 +7,8 @@ import subprocess
 import fiatlux
 import pytest
 
-SCORER = os.environ.get("FIATLUX_TEST_SCORER")
-RUN = os.environ.get("FIATLUX_TEST_RUN")
+SCORER = os.environ.get("FIATLUX_TEST_SCORER", "")
+RUN = os.environ.get("FIATLUX_TEST_RUN", "")
 
 
 def admin(folder: pathlib.Path, *args: str) -> str:
@@ -22,9 +22,10 @@ def test_a_submission_arrives_once(tmp_path: pathlib.Path) -> None:
     admin(folder, "init")
     admin(folder, "account", "lab")
     token = admin(folder, "token", "lab")
-    command = [SCORER, "serve", "--folder", folder, "--http", "127.0.0.1:0"]
+    command = [SCORER, "serve", "--folder", str(folder), "--http", "127.0.0.1:0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as service:
         try:
+            assert service.stdout is not None
             url = service.stdout.readline().split()[-1].rstrip("/")
             with pytest.raises(fiatlux.SubmissionError, match="token"):
                 fiatlux.submit(RUN, url, token[:-1] + ("0" if token[-1] != "0" else "1"))

@@ -107,9 +107,9 @@ def test_a_saved_state_goes_on_exactly():
     saved = env.save()
     went_on = play(env, 30, 20)
     other = walkers(num_threads=5)
-    for env in (env, other):
-        env.restore(saved)
-        assert_same(went_on, play(env, 30, 20))
+    for each in (env, other):
+        each.restore(saved)
+        assert_same(went_on, play(each, 30, 20))
 
 
 def test_arrays_are_the_callers_own_unless_asked_otherwise():

@@ -76,7 +76,7 @@ def fall_ankles_off(path=None, duration=6.0):
 def fall_zero_action(path=None):
     """When the pelvis passes 0.35 m and to which side, drives at the standing posture, for 8 reset noises."""
     scene = Scene.export(path, "--robot-only", "--floor")
-    m, d = scene.m, scene.d
+    m = scene.m
     rng = np.random.default_rng(23)
     scene.reset()
     start = scene.qpos()

@@ -11,7 +11,6 @@ first run; PyTorch needs several GB there.
 import argparse
 import hashlib
 import json
-import sys
 import time
 from pathlib import Path
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-WARNINGS = []
+WARNINGS: list[str] = []
 mujoco.set_mju_user_warning(WARNINGS.append)
 
 

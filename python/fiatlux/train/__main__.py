@@ -69,10 +69,11 @@ def _parser() -> argparse.ArgumentParser:
     walk.add_argument("--device", help="PyTorch device of the networks (default: the GPU if there is one, otherwise the CPU)")
     walk.add_argument("--threads", type=_whole, help="number of threads for the worlds (default: one for each core)")
     for field in dataclasses.fields(Settings):
-        is_list = isinstance(field.default, tuple)
-        kind = type(field.default[0] if field.default else "") if is_list else type(field.default)
-        many = {"nargs": "+"} if is_list else {}
-        default = " ".join(map(str, field.default)) or "none" if is_list else field.default
+        value: Any = field.default
+        is_list = isinstance(value, tuple)
+        kind = type(value[0] if value else "") if is_list else type(value)
+        many: dict[str, Any] = {"nargs": "+"} if is_list else {}
+        default = " ".join(map(str, value)) or "none" if is_list else value
         help_text = f"{field.metadata['help']} (default: {default})"
         walk.add_argument(f"--{field.name.replace('_', '-')}", type=kind, default=None, help=help_text, **many)
     evaluate = add(commands, "evaluate", "test a checkpoint's deterministic policy", EVALUATE)

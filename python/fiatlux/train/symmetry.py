@@ -136,7 +136,8 @@ class SymmetricModel(MLPModel):
 
     def __init__(self, *args: Any, inputs: Mirror, outputs: Mirror, **settings: Any) -> None:
         super().__init__(*args, obs_normalization=True, **settings)
-        self.mlp = Symmetric(self.mlp, inputs, outputs)
+        plain: nn.Sequential = self.mlp
+        self.mlp: Symmetric = Symmetric(plain, inputs, outputs)
 
     def update_normalization(self, obs: TensorDict) -> None:
         numbers = torch.cat([obs[group] for group in self.obs_groups], dim=-1)
