@@ -61,7 +61,9 @@ def main():
     if args.json:
         print(json.dumps(report))
         return
-    print(f"{args.worlds} worlds of {args.task} with {args.robot} on {args.threads} threads, {args.steps} control steps from the start")
+    print(
+        f"{args.worlds} worlds of {args.task} with {args.robot} on {args.threads} threads, {args.steps} control steps from the start"
+    )
     print(f"{'':<26} {'control steps/s':>16} {'of fiatlux':>11} {'pelvis after, m':>16}")
     for name, rate in rates.items():
         print(f"{name:<26} {rate:>16.0f} {rate / rates['fiatlux']:>11.2f} {heights[name]:>16.3f}")

@@ -49,9 +49,13 @@ def main():
         # Where every episode ends early there is nothing to measure.
         found[f"{name}, mean"] = float(np.mean(values)) if values else None
         found[f"{name}, worst"] = float(np.max(values)) if values else None
-    print(json.dumps(found) if args.json else "\n".join(
-        f"{name:<26}{'none' if value is None else format(value, '.3g'):>9}" for name, value in found.items()
-    ))
+    print(
+        json.dumps(found)
+        if args.json
+        else "\n".join(
+            f"{name:<26}{'none' if value is None else format(value, '.3g'):>9}" for name, value in found.items()
+        )
+    )
 
 
 class Standing:

@@ -1,7 +1,8 @@
 """The native part; what users meet is in the package's modules."""
 
+from collections.abc import Callable
 from os import PathLike
-from typing import Any, Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ def controller_contract(
     frames: int, hidden: list[int], seed: int, samples: int, minutes: float, hardware: str
 ) -> str: ...
 def benchmark(episodes: list[dict[str, Any]]) -> dict[str, Any]: ...
-
 def evaluate_into(
     out: str,
     make_player: Callable[[], Any],

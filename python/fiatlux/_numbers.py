@@ -2,7 +2,8 @@
 
 import itertools
 import operator
-from typing import Any, Iterable
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,9 @@ def seeds_of(values: Iterable[Any], worlds: int | None = None) -> list[int]:
     except TypeError as error:
         raise ValueError(f"seeds is {values!r}; give a list of whole numbers") from error
     if worlds is not None and len(seeds) > worlds:
-        raise ValueError(f"seeds names more rooms than num_envs, which is {worlds}; give at least one world for each room")
+        raise ValueError(
+            f"seeds names more rooms than num_envs, which is {worlds}; give at least one world for each room"
+        )
     return seeds
 
 

@@ -1,8 +1,9 @@
 """Recorded episodes as arrays."""
 
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from os import PathLike
-from typing import Any, Iterator, Mapping
+from typing import Any
 
 from . import _native
 

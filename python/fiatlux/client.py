@@ -1,8 +1,9 @@
 """Plays policies on servers over Zenoh."""
 
 import warnings
+from collections.abc import Callable, Sequence
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any, Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from . import _native
 from ._numbers import seed_of, seeds_of

@@ -4,10 +4,11 @@ import fcntl
 import io
 import json
 import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import Any, Callable, Iterator, Literal, Mapping, Optional, Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,10 +54,10 @@ def export_lerobot(
     *,
     repo_id: str = "fiatlux/bags",
     fps: int = ROWS_PER_SECOND,
-    vcodec: Optional[str] = "libsvtav1",
+    vcodec: str | None = "libsvtav1",
     state: Sequence[str] = _SENSED,
     action: ActionForm = "joints",
-    progress: Optional[Callable[[dict[str, Any]], None]] = None,
+    progress: Callable[[dict[str, Any]], None] | None = None,
 ) -> Path:
     """Writes complete bags as a LeRobot data set, and returns its folder; needs the extra ``lerobot``.
 
@@ -93,7 +94,9 @@ def export_lerobot(
         from lerobot.datasets.aggregate import aggregate_datasets
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
     except ImportError as error:
-        raise ImportError("export_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)") from error
+        raise ImportError(
+            "export_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)"
+        ) from error
     if fps <= 0 or ROWS_PER_SECOND % fps != 0:
         raise ValueError(f"fps is {fps}; give 50 divided by a whole number, such as 50, 25 or 10")
     unknown = [name for name in state if name not in _SENSED]
@@ -111,7 +114,11 @@ def export_lerobot(
         if features is None:
             features, robot = of_bag, robot_of_bag
         elif features != of_bag or robot != robot_of_bag:
-            differ = sorted(set(features) ^ set(of_bag)) or sorted(n for n in features if features[n] != of_bag[n]) or ["robot"]
+            differ = (
+                sorted(set(features) ^ set(of_bag))
+                or sorted(n for n in features if features[n] != of_bag[n])
+                or ["robot"]
+            )
             raise ValueError(f"{path} differs from {paths[0]} in {', '.join(differ)}; export such bags separately")
         rows.append(len(bag["/state"]["step"]) - 1)
         digests.append((bag.result or {})["end"]["digest"])
@@ -147,17 +154,23 @@ def _aside(out: Path, asked: Mapping[str, Any]) -> Iterator[Path]:
     part = out.with_name(f"{out.name}.part")
     note = part / "export.json"
     if part.exists() and not note.is_file() and any(part.iterdir()):
-        raise FileExistsError(f"{part} is in the way: unfinished exports are kept there; rename it, or name another folder")
+        raise FileExistsError(
+            f"{part} is in the way: unfinished exports are kept there; rename it, or name another folder"
+        )
     part.mkdir(parents=True, exist_ok=True)
     with note.open("a+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise FileExistsError(f"another export is at work in {part}; wait for its end, or name another folder") from None
+            raise FileExistsError(
+                f"another export is at work in {part}; wait for its end, or name another folder"
+            ) from None
         file.seek(0)
         begun, text = file.read(), json.dumps(asked)
         if begun not in ("", text):
-            raise ValueError(f"{part} has an unfinished export of other bags or arguments; repeat its call, or remove it")
+            raise ValueError(
+                f"{part} has an unfinished export of other bags or arguments; repeat its call, or remove it"
+            )
         if not begun:
             file.write(text)
             file.flush()
@@ -193,7 +206,9 @@ def _features(
     if len(observation.get("proprioception.joint_position", ())) != len(bag["/state"]["step"]):
         raise ValueError(f"{path} has no proprioception in every row; record sessions that observe it in every step")
     if action == "command" and _commands(bag) is None:
-        raise ValueError(f"{path} has no command with every action; record a policy on a whole-body controller, such as walk")
+        raise ValueError(
+            f"{path} has no command with every action; record a policy on a whole-body controller, such as walk"
+        )
     if action == "command" and _delay(bag) >= len(bag["/state"]["step"]) - 1:
         raise ValueError(f"{path} ended before its first command acted; leave it out, or export joints")
 
@@ -233,7 +248,7 @@ def _features(
     return features, f"g1_{header['hands']}"
 
 
-def _commands(bag: Bag) -> Optional[NDArray[np.float32]]:
+def _commands(bag: Bag) -> NDArray[np.float32] | None:
     """The command with each action, rows x 7; ``None`` if any action of the bag lacks it."""
     actions = bag["/action"]
     if "action.whole_body.vx" in actions and "action.whole_body.vx.rows" not in actions:

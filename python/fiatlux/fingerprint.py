@@ -81,7 +81,9 @@ class _Walk:
             yield from self._named((name, part) for name, part in vars(value).items() if name not in state)
         elif not isinstance(value, ModuleType):
             # An object of a library, such as a trainer's model.
-            yield from self._named((name, part) for name, part in getattr(value, "__dict__", {}).items() if _has_weights(part))
+            yield from self._named(
+                (name, part) for name, part in getattr(value, "__dict__", {}).items() if _has_weights(part)
+            )
 
     def _function(self, function: FunctionType) -> Iterator[bytes]:
         if function.__module__ != self._home:
@@ -90,7 +92,9 @@ class _Walk:
         yield from self.value((code, function.__defaults__, *(function.__kwdefaults__ or {}).items()))
         used = inspect.getclosurevars(function)
         state = _stored(code, "STORE_GLOBAL", "STORE_DEREF")
-        yield from self._named((name, part) for name, part in {**used.globals, **used.nonlocals}.items() if name not in state)
+        yield from self._named(
+            (name, part) for name, part in {**used.globals, **used.nonlocals}.items() if name not in state
+        )
 
     def _named(self, items: Named) -> Iterator[bytes]:
         for name, part in items:

@@ -1,6 +1,7 @@
 """Policies, and how the native part plays them."""
 
-from typing import Any, Callable, Mapping, Protocol, Union
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ class Policy(Protocol):
     def __call__(self, observation: Any) -> Any: ...
 
 
-PolicyLike = Union[Policy, Callable[[Any], Any], type]
+PolicyLike = Policy | Callable[[Any], Any] | type
 """A policy. A class is instantiated without arguments for each episode; an object plays all of them."""
 
 

@@ -4,7 +4,8 @@ Each episode is a Ray task, which runs on a free core of any node, and is repeat
 depends only on task, seed, episode and policy, so the results are those of :func:`fiatlux.evaluate` in one process, on any nodes.
 """
 
-from typing import TYPE_CHECKING, Any, Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ray

@@ -13,9 +13,10 @@ import argparse
 import contextlib
 import io
 import sys
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Mapping, Optional, Sequence, Union
+from typing import Any, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,19 +54,25 @@ class Model:
             from lerobot.configs.policies import PreTrainedConfig
             from lerobot.policies.factory import get_policy_class, make_pre_post_processors
         except ImportError as error:
-            raise ImportError("serve_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)") from error
+            raise ImportError(
+                "serve_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)"
+            ) from error
         self._torch = torch
         config = PreTrainedConfig.from_pretrained(folder)
         config.device = "cpu"
         if config.n_obs_steps != 1:
             raise ValueError(f"the policy needs {config.n_obs_steps} observation steps; train one with n_obs_steps=1")
-        self.images = {key.removeprefix(_IMAGES): tuple(feature.shape) for key, feature in config.image_features.items()}
+        self.images = {
+            key.removeprefix(_IMAGES): tuple(feature.shape) for key, feature in config.image_features.items()
+        }
         """Channels, height and width of each camera's pictures."""
         self.rows = len(config.action_delta_indices)
         """Number of rows in a chunk."""
         unknown = sorted(set(config.input_features) - {_IMAGES + name for name in self.images} - {_STATE})
         if unknown or _STATE not in config.input_features:
-            raise ValueError(f"the policy's inputs are {sorted(config.input_features)}; serve one of {_STATE} and {_IMAGES}NAME")
+            raise ValueError(
+                f"the policy's inputs are {sorted(config.input_features)}; serve one of {_STATE} and {_IMAGES}NAME"
+            )
         self.width = int(config.input_features[_STATE].shape[0])
         """Length of the state."""
         self._policy = get_policy_class(config.type).from_pretrained(folder, config=config).eval()
@@ -116,7 +123,9 @@ def _array(observation: Any, group: str, key: str, dtype: type, shape: tuple[int
     if not isinstance(array, np.ndarray):
         raise Refused(f"{group} has no '{key}'")
     if array.dtype != dtype or array.shape != shape:
-        raise Refused(f"{group} '{key}' is {array.dtype} {list(array.shape)}; the model takes {np.dtype(dtype)} {list(shape)}")
+        raise Refused(
+            f"{group} '{key}' is {array.dtype} {list(array.shape)}; the model takes {np.dtype(dtype)} {list(shape)}"
+        )
     return array
 
 
@@ -200,9 +209,11 @@ def serve(model: Model, host: str = "127.0.0.1", port: int = 5555) -> None:
             socket.send(answer(model, socket.recv()))
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line, and returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m fiatlux.serve_lerobot", description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m fiatlux.serve_lerobot", description=(__doc__ or "").splitlines()[0]
+    )
     parser.add_argument("checkpoint", help="folder pretrained_model of a LeRobot training run")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on; 0.0.0.0 for the whole network")
     parser.add_argument("--port", type=int, default=5555, help="port to listen on; 0 picks a free one [default: 5555]")

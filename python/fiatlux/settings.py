@@ -1,7 +1,8 @@
 """Settings of episodes: the same keys for single environments, vectors of worlds, and sessions on a server."""
 
+from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
-from typing import Any, Mapping, Sequence, TypedDict
+from typing import Any, TypedDict
 
 from ._numbers import size_of
 from .tasks import TASKS

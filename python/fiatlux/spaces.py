@@ -1,6 +1,7 @@
 """Spaces of actions and observations, and the conversion of vectors to them."""
 
-from typing import Any, Literal, Mapping, get_args
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -19,7 +20,9 @@ class Layout:
 
     def __init__(self, spec: Mapping[str, Any], form: ObservationForm) -> None:
         if form not in get_args(ObservationForm):
-            raise ValueError(f"observation is {form!r}; known ones are {', '.join(map(repr, get_args(ObservationForm)))}")
+            raise ValueError(
+                f"observation is {form!r}; known ones are {', '.join(map(repr, get_args(ObservationForm)))}"
+            )
         self.form = form
         self.fields: dict[str, tuple[slice, tuple[int, ...]]] = {}
         self._dtypes: dict[str, type] = {}
@@ -39,7 +42,9 @@ class Layout:
         self.length = start
         lengths = [field.stop - field.start for field, _ in self.fields.values()]
         lows, highs = (np.repeat([bound[side] for bound in bounds], lengths).astype(np.float32) for side in (0, 1))
-        self.space: spaces.Space[Any] = spaces.Dict(boxes) if form == "dict" else spaces.Box(lows, highs, dtype=np.float32)
+        self.space: spaces.Space[Any] = (
+            spaces.Dict(boxes) if form == "dict" else spaces.Box(lows, highs, dtype=np.float32)
+        )
         self.action_names: list[str] = spec["actions"]
         low, high = np.asarray(spec["action_range"], np.float32).T
         self.action_space = spaces.Box(low, high, dtype=np.float32)

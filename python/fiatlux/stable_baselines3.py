@@ -1,6 +1,7 @@
 """Wraps worlds as a ``VecEnv`` of Stable-Baselines3; needs the extra ``train``."""
 
-from typing import Any, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces

@@ -48,8 +48,17 @@ def submit(
         from .bag import Bag
 
         policy = Bag(next(path for name, path in files.items() if name.endswith(".mcap"))).header["policy"]
-    manifest = {"policy": policy, "version": version, "authors": list(authors), "link": link, "licence": licence, "note": note}
-    listed: list[dict[str, Any]] = [{"name": name, "bytes": path.stat().st_size, "sha256": _sha256(path)} for name, path in files.items()]
+    manifest = {
+        "policy": policy,
+        "version": version,
+        "authors": list(authors),
+        "link": link,
+        "licence": licence,
+        "note": note,
+    }
+    listed: list[dict[str, Any]] = [
+        {"name": name, "bytes": path.stat().st_size, "sha256": _sha256(path)} for name, path in files.items()
+    ]
     service = _Service(to, token)
     submission = service.ask("POST", "/api/v1/submissions", {"manifest": manifest, "files": listed})
     if submission["state"] == "uploading":
@@ -126,7 +135,9 @@ class _Service:
             if status < 500:
                 raise self._refused(status, answer)
             failure = self._refused(status, answer)
-        raise SubmissionError(f"{self._url} does not answer ({failure}); try again later: the service keeps what has arrived")
+        raise SubmissionError(
+            f"{self._url} does not answer ({failure}); try again later: the service keeps what has arrived"
+        )
 
     def send(self, submission: str, file: dict[str, Any], path: Path) -> None:
         """Sends the missing part of a file."""
@@ -157,7 +168,9 @@ class _Service:
             if there["stored"]:
                 return
             received = there["received"]
-        raise SubmissionError(f"{path} could not be sent ({failure}); try again later: the service keeps what has arrived")
+        raise SubmissionError(
+            f"{path} could not be sent ({failure}); try again later: the service keeps what has arrived"
+        )
 
     def _request(self, method: str, path: str, body: Any, length: int) -> tuple[int, Any]:
         connection = self._connect(*self._address, timeout=_PATIENCE_S)
@@ -176,7 +189,9 @@ class _Service:
     @staticmethod
     def _refused(status: int, answer: Any) -> SubmissionError:
         said = answer.get("error", {}) if isinstance(answer, dict) else {}
-        return SubmissionError(f"the leaderboard refuses ({said.get('code', status)}): {said.get('message', 'no reason given')}")
+        return SubmissionError(
+            f"the leaderboard refuses ({said.get('code', status)}): {said.get('message', 'no reason given')}"
+        )
 
 
 def _pauses() -> Iterator[float]:

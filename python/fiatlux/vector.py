@@ -1,7 +1,8 @@
 """Steps many worlds in one call, for training."""
 
 import os
-from typing import TYPE_CHECKING, Any, Literal, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError
@@ -115,7 +116,9 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             mask = np.ascontiguousarray(mask)
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
                 found = f"shape {mask.shape}, {mask.dtype}"
-                raise ValueError(f"reset_mask: {found}; give a boolean for each of {self.num_envs} worlds, some of them true")
+                raise ValueError(
+                    f"reset_mask: {found}; give a boolean for each of {self.num_envs} worlds, some of them true"
+                )
         self._batch.reset(seed, mask, self._observation)
         return self._layout.show(self._observation, self.copies), {}
 
@@ -192,9 +195,13 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
 def check_trainer(env: _Batch, wrapper: str) -> None:
     """Refuses a vector that a library for training would misread: it keeps observations, and knows one autoreset mode."""
     if not env.copies:
-        raise ValueError(f"{wrapper}: observations that the next step overwrites would be learned from; make env with copy=True")
+        raise ValueError(
+            f"{wrapper}: observations that the next step overwrites would be learned from; make env with copy=True"
+        )
     if env.autoreset_mode != AutoresetMode.SAME_STEP:
-        raise ValueError(f"{wrapper}: autoreset_mode is {env.autoreset_mode.value}; make env with autoreset_mode='same_step'")
+        raise ValueError(
+            f"{wrapper}: autoreset_mode is {env.autoreset_mode.value}; make env with autoreset_mode='same_step'"
+        )
 
 
 class VectorEnv(_Batch):

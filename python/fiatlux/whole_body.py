@@ -2,8 +2,9 @@
 
 import itertools
 import warnings
+from collections.abc import Iterable, Mapping
 from os import PathLike, fspath
-from typing import Any, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,7 +155,9 @@ class WholeBody:
             return
         played = np.asarray(observation["last_action"], np.float64)[: len(self.q0)]
         # The policy may have replaced a part of what a method returned. A target of 0 tells nothing, nor does one that is clipped.
-        for noted, part in itertools.product(self._last.values(), (slice(0, LEGS_AND_WAIST), slice(LEGS_AND_WAIST, None))):
+        for noted, part in itertools.product(
+            self._last.values(), (slice(0, LEGS_AND_WAIST), slice(LEGS_AND_WAIST, None))
+        ):
             tells = (0.01 < np.abs(noted[part])) & (np.abs(noted[part]) < 1.0)
             if tells.sum() > 1 and np.abs(played[part] - noted[part])[tells].max() < 1e-4:
                 raise ValueError(
@@ -177,4 +180,6 @@ def _read(observation: Mapping[str, Any], names: Iterable[str]) -> list[list[flo
     try:
         return [np.asarray(observation[name], np.float64).ravel().tolist() for name in names]
     except (KeyError, TypeError, IndexError) as error:
-        raise ValueError(f"observation: {error} is missing; use the form 'dict' and the sensor 'proprioception'") from error
+        raise ValueError(
+            f"observation: {error} is missing; use the form 'dict' and the sensor 'proprioception'"
+        ) from error

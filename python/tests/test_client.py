@@ -38,7 +38,9 @@ def test_a_recorded_evaluation_is_the_plain_one(tmp_path):
     for name in recorded.scores.keys() - {"score", "score_strict"}:
         assert recorded.scores[name] == plain.scores[name], name
     weights = [(seed["weight_covered"], seed["weight_total"]) for seed in plain.scores["score"]["per_seed"]]
-    for (covered, total), ours, theirs in zip(weights, plain.scores["score"]["per_seed"], recorded.scores["score"]["per_seed"]):
+    for (covered, total), ours, theirs in zip(
+        weights, plain.scores["score"]["per_seed"], recorded.scores["score"]["per_seed"]
+    ):
         assert theirs["score"] == pytest.approx(ours["score"] * covered / total)
     assert recorded.lost == () and told[-1]["done"] == told[-1]["episodes"] == 4
     for episode in recorded.episodes:

@@ -1,10 +1,8 @@
 """Tests copies and pickles of environments, snapshots and controllers, and forked processes."""
 
 import copy
-import multiprocessing
 import os
 import pickle
-import signal
 import subprocess
 import sys
 
@@ -17,13 +15,17 @@ THROUGH_A_PICKLE = [copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing
 
 
 def carriers(num_envs=2, **settings):
-    return fiatlux.VectorEnv("S05", num_envs, **{"seeds": [1000, 1001], "reward": "training", "observation": "flat", **settings})
+    return fiatlux.VectorEnv(
+        "S05", num_envs, **{"seeds": [1000, 1001], "reward": "training", "observation": "flat", **settings}
+    )
 
 
 def walkers(num_envs=3, **settings):
     ranges = {"mass": (0.9, 1.1)}
     disturbances = {"pushes": {"interval_s": (0.1, 0.3)}, "wrenches": {"interval_s": (0.1, 0.3)}}
-    return fiatlux.WalkingVectorEnv(num_envs, **{"ranges": ranges, "disturbances": disturbances, "variations": 2, **settings})
+    return fiatlux.WalkingVectorEnv(
+        num_envs, **{"ranges": ranges, "disturbances": disturbances, "variations": 2, **settings}
+    )
 
 
 def play(env, steps=40, seed=0):
@@ -122,7 +124,9 @@ def test_a_snapshot_of_other_settings_is_refused_by_name(change, named):
         assert_same(row.values(), other.row(world).values())
 
 
-@pytest.mark.parametrize("change", [{"noise": False}, {"frames": 2}, {"load_kg": 0.5}, {"ranges": {"mass": (0.9, 1.2)}}])
+@pytest.mark.parametrize(
+    "change", [{"noise": False}, {"frames": 2}, {"load_kg": 0.5}, {"ranges": {"mass": (0.9, 1.2)}}]
+)
 def test_a_snapshot_of_another_walk_is_refused_by_name(change):
     (name,) = change
     with pytest.raises(ValueError, match=f"snapshot: {'ranges.mass' if name == 'ranges' else name} is"):

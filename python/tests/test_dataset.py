@@ -21,28 +21,43 @@ class Recorded(dict):
         self.header = {
             "request": {"action_delay_ms": 20 * delay},
             **{name: "x" for name in ("policy", "task", "hands", "gains", "reward", "instruction")},
-            **{"episode_protocol": "strict", "seed": 1, "episode": 0, "joint_names": list("abc"), "domain_sample": {"mass": 1.0}},
+            **{
+                "episode_protocol": "strict",
+                "seed": 1,
+                "episode": 0,
+                "joint_names": list("abc"),
+                "domain_sample": {"mass": 1.0},
+            },
         }
         self.result = {"strict": {"success": True, "gate_progress": 1.0}}
         row = 10.0 * np.arange(ROWS + 1)
         seven = np.repeat(sent[:, None], 7, axis=1)
         said = {
-            "chunk": {"action.chunk.values": seven, "action.chunk.keys": [["navigate:3", "height:1", "torso:3"]] * ROWS},
-            "whole_body": {f"action.whole_body.{name}": sent for name in ("vx", "vy", "wz", "height", "roll", "pitch", "yaw")},
-            "some": {f"action.whole_body.{name}": sent[1:] for name in ("vx", "vy", "wz", "height", "roll", "pitch", "yaw")}
+            "chunk": {
+                "action.chunk.values": seven,
+                "action.chunk.keys": [["navigate:3", "height:1", "torso:3"]] * ROWS,
+            },
+            "whole_body": {
+                f"action.whole_body.{name}": sent for name in ("vx", "vy", "wz", "height", "roll", "pitch", "yaw")
+            },
+            "some": {
+                f"action.whole_body.{name}": sent[1:] for name in ("vx", "vy", "wz", "height", "roll", "pitch", "yaw")
+            }
             | {"action.whole_body.vx.rows": np.arange(1, ROWS)},
             None: {},
         }[commands]
-        super().__init__({
-            "/state": {"step": np.arange(ROWS + 1), "action": np.repeat(acted[:, None], JOINTS, axis=1)},
-            "/observation": {
-                "proprioception.base_height": row,
-                "proprioception.joint_position": np.repeat(row[:, None], JOINTS, axis=1),
-            },
-            "/action": {"action.step": np.array(list(answered), np.uint64), **said},
-            "/reward": {"total": np.ones(ROWS), "terms.gate.reward": np.ones(ROWS)},
-            "/camera": {},
-        })
+        super().__init__(
+            {
+                "/state": {"step": np.arange(ROWS + 1), "action": np.repeat(acted[:, None], JOINTS, axis=1)},
+                "/observation": {
+                    "proprioception.base_height": row,
+                    "proprioception.joint_position": np.repeat(row[:, None], JOINTS, axis=1),
+                },
+                "/action": {"action.step": np.array(list(answered), np.uint64), **said},
+                "/reward": {"total": np.ones(ROWS), "terms.gate.reward": np.ones(ROWS)},
+                "/camera": {},
+            }
+        )
 
 
 def column(bag, name, action="joints", stride=1):
@@ -64,7 +79,9 @@ def test_a_frame_has_the_command_that_acted(commands):
     assert column(bag, "observation.state", "command") == [10.0 * row for row in range(2, ROWS)]
     assert column(bag, "action", "command") == list(range(ROWS - 2))
     slow = list(_frames(bag, TERMS, "command", 4))
-    assert [float(frame["action"][0]) for frame in slow] == [0, 4] and [float(frame["next.reward"][0]) for frame in slow] == [4, 2]
+    assert [float(frame["action"][0]) for frame in slow] == [0, 4] and [
+        float(frame["next.reward"][0]) for frame in slow
+    ] == [4, 2]
 
 
 def test_in_real_time_an_action_that_holds_gets_older():

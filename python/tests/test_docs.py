@@ -16,7 +16,9 @@ PAGES = [ROOT / "python/README.md", *sorted((ROOT / "docs/python").glob("*.md"))
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_examples_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"(?:^<!-- needs: (\w+) -->\n)?^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+    blocks = re.findall(
+        r"(?:^<!-- needs: (\w+) -->\n)?^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL
+    )
     names = {"__name__": page.stem}
     for needs, block in blocks:
         code = compile(block, str(page), "exec")

@@ -55,7 +55,15 @@ def test_it_follows_code_and_weights(monkeypatch):
     def of_closure(observation):
         return module
 
-    policies = [linear, Recurrent, Recurrent(), of_closure, functools.partial(linear, 1), lambda o: np.zeros(3), lambda o: np.ones(3)]
+    policies = [
+        linear,
+        Recurrent,
+        Recurrent(),
+        of_closure,
+        functools.partial(linear, 1),
+        lambda o: np.zeros(3),
+        lambda o: np.ones(3),
+    ]
     digests = [digest_of(policy) for policy in policies]
     assert len(set(digests)) == len(digests) and digests == [digest_of(policy) for policy in policies]
     assert digest_of(Recurrent(2.0)) != digest_of(Recurrent())

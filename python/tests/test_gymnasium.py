@@ -34,14 +34,16 @@ def test_modes_are_known_by_gymnasiums_names():
             assert walkers(name).metadata["autoreset_mode"] == mode
     assert fiatlux.WalkingVectorEnv(1).metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
     for name in ("later", None, 3):
-        with pytest.raises(ValueError, match="autoreset_mode is .*; known ones are 'next_step', 'same_step', 'disabled'"):
+        with pytest.raises(
+            ValueError, match="autoreset_mode is .*; known ones are 'next_step', 'same_step', 'disabled'"
+        ):
             walkers(name)
 
 
 def test_the_next_step_begins_the_next_episode():
     env = walkers("next_step")
     env.reset(seed=1)
-    for episode in range(2):
+    for _episode in range(2):
         for step in range(1, STEPS + 1):
             _, _, terminated, truncated, info = env.step(zeros(env))
             assert env.row(0)["step"] == step and not terminated.any() and truncated.all() == (step == STEPS)
@@ -53,7 +55,9 @@ def test_the_next_step_begins_the_next_episode():
 
 
 def test_disabled_waits_for_a_reset_of_the_worlds_that_ended():
-    env = fiatlux.VectorEnv("S05", 3, seeds=[1000, 1001, 1002], autoreset_mode=AutoresetMode.DISABLED, observation="flat")
+    env = fiatlux.VectorEnv(
+        "S05", 3, seeds=[1000, 1001, 1002], autoreset_mode=AutoresetMode.DISABLED, observation="flat"
+    )
     env.reset(seed=1)
     for _ in range(200):
         observation, _, terminated, truncated, _ = env.step(zeros(env))
@@ -64,7 +68,7 @@ def test_disabled_waits_for_a_reset_of_the_worlds_that_ended():
     with pytest.raises(ValueError, match=r"the episode of world \d has ended; call reset\(options={\"reset_mask\""):
         env.step(zeros(env))
     begun, _ = env.reset(options={"reset_mask": terminated})
-    for world, row in enumerate(rows):
+    for world, _row in enumerate(rows):
         assert (env.row(world)["step"] == 0) == terminated[world]
         np.testing.assert_array_equal(begun[world], observation[world]) if not terminated[world] else None
     env.step(zeros(env))
@@ -87,7 +91,7 @@ def test_episode_statistics_are_right(mode):
     env = RecordEpisodeStatistics(walkers(mode))
     env.reset(seed=1)
     paid, lengths = np.zeros(WORLDS), []
-    for step in range(4 * (STEPS + 1)):
+    for _step in range(4 * (STEPS + 1)):
         _, reward, _, truncated, info = env.step(zeros(env))
         paid += reward
         if truncated.any():
@@ -144,5 +148,7 @@ def test_dictionaries_are_flattened():
 
 
 def test_make_vec_takes_the_mode():
-    env = gymnasium.make_vec("Fiatlux-Walking-v1", num_envs=2, vectorization_mode="vector_entry_point", autoreset_mode="next_step")
+    env = gymnasium.make_vec(
+        "Fiatlux-Walking-v1", num_envs=2, vectorization_mode="vector_entry_point", autoreset_mode="next_step"
+    )
     assert env.unwrapped.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP

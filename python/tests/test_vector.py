@@ -97,7 +97,9 @@ def test_episodes_begin_in_the_step_that_ends_them():
         assert ("final_obs" in info) == truncated.any()
     assert info["_final_obs"].all()
     final = info["final_obs"]["last_action"]
-    assert final.shape == (6, 4, 15) and not np.array_equal(info["final_obs"]["joint_position"], observed["joint_position"])
+    assert final.shape == (6, 4, 15) and not np.array_equal(
+        info["final_obs"]["joint_position"], observed["joint_position"]
+    )
 
 
 def test_a_saved_state_goes_on_exactly():
@@ -238,7 +240,9 @@ def test_weights_of_the_reward_can_be_given():
     ours = walkers(reward_weights={"alive": 2 * usual.reward_weights["alive"]})
     assert list(usual.reward_weights) and set(ours.reward_weights) == set(ours.reward_terms)
     place = ours.reward_terms.index("alive")
-    paid = [env.step(np.zeros(env.action_space.shape, np.float32))[4]["reward_terms"][:, place] for env in (usual, ours)]
+    paid = [
+        env.step(np.zeros(env.action_space.shape, np.float32))[4]["reward_terms"][:, place] for env in (usual, ours)
+    ]
     np.testing.assert_allclose(2 * paid[0], paid[1])
     with pytest.raises(ValueError, match="velocitty"):
         walkers(reward_weights={"velocitty": 1.0})

@@ -1,9 +1,8 @@
 """Tests a Python policy that uses the whole-body controller."""
 
+import fiatlux
 import numpy as np
 import pytest
-
-import fiatlux
 
 
 def play(steps, **command):

@@ -56,15 +56,21 @@ def main(folder, server):
 
     heard, rows, queries = [], [], []
     with zenoh.open(relaxed(f"{folder}/policy.json5")) as policy:
-        everything = policy.declare_subscriber("**", lambda sample: heard.append(str(sample.key_expr)), allowed_origin=REMOTE)
+        everything = policy.declare_subscriber(
+            "**", lambda sample: heard.append(str(sample.key_expr)), allowed_origin=REMOTE
+        )
         truth = policy.declare_subscriber(f"{ROOT}/*/s/*/truth/row", rows.append, allowed_origin=REMOTE)
-        forged = policy.declare_queryable(f"{ROOT}/{server}/describe", queries.append, complete=True, allowed_origin=REMOTE)
+        forged = policy.declare_queryable(
+            f"{ROOT}/{server}/describe", queries.append, complete=True, allowed_origin=REMOTE
+        )
         token = policy.liveliness().declare_token(f"{ROOT}/forged/alive")
         time.sleep(1.0)
         check("a policy finds the server", f"{ROOT}/{server}/alive" in alive(policy))
         with zenoh.open(relaxed(f"{folder}/recorder.json5")) as other:
             answers = [reply for reply in other.get(f"{ROOT}/{server}/describe", timeout=3.0) if reply.ok]
-            check("a policy is answered by the server", len(answers) == 1 and len(answers[0].ok.payload.to_bytes()) > 10)
+            check(
+                "a policy is answered by the server", len(answers) == 1 and len(answers[0].ok.payload.to_bytes()) > 10
+            )
             # Bytes that are not a request: the server refuses them, and its answer comes through.
             answers = [reply for reply in policy.get(f"{ROOT}/{server}/open", payload=b"\xff", timeout=5.0)]
             check("an answer comes to a forged open request", len(answers) == 1)

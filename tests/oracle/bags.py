@@ -215,8 +215,10 @@ def check(path):
     chunks = check_cuts(data, path.name)
     counts = Counter(channel.topic for channel, _ in messages)
     topics = ", ".join(f"{topic} {count}" for topic, count in sorted(counts.items()))
-    print(f"{path}: {len(data)} bytes, {chunks} chunks, {len(messages)} messages ({topics}), {frames} frames, "
-          f"{entities} frames with shapes, metadata {', '.join(record.name for record in metadata)}: fine")
+    print(
+        f"{path}: {len(data)} bytes, {chunks} chunks, {len(messages)} messages ({topics}), {frames} frames, "
+        f"{entities} frames with shapes, metadata {', '.join(record.name for record in metadata)}: fine"
+    )
 
 
 def main():

@@ -4,7 +4,6 @@ from itertools import count, islice
 
 import mujoco
 import numpy as np
-
 from motion import random_rotation
 from scene import numbers
 
@@ -44,7 +43,12 @@ def try_pair(rng, a, b):
         size = np.round(rng.uniform(0.02, 0.15, {"plane": 3, "sphere": 1, "capsule": 2, "box": 3}[kind]), 3)
         pos = np.round(rng.uniform(-0.2, 0.2, 3), 4)
         quat = random_rotation(rng)
-        shapes[key] = {"kind": kind, "size": numbers([0, 0, 1] if kind == "plane" else size), "pos": numbers(pos), "quat": numbers(quat)}
+        shapes[key] = {
+            "kind": kind,
+            "size": numbers([0, 0, 1] if kind == "plane" else size),
+            "pos": numbers(pos),
+            "quat": numbers(quat),
+        }
     text = lambda values: " ".join(repr(v) for v in values)
     fields = {f"{f}_{key}": text(s[f]) for key, s in shapes.items() for f in ("size", "pos", "quat")}
     m = mujoco.MjModel.from_xml_string(SCENE.format(a=a, b=b, margin=MARGIN / 2, **fields))

@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-
 from scene import Scene, numbers
 
 FALLEN_HEIGHT = 0.35
@@ -163,6 +162,10 @@ def firm_ankles(path=None, factor=8.0, duration=10.0):
             lowest = min(lowest, scene.qpos()[2])
         scene.check_sane()
         height = scene.qpos()[2]
-        print(f"firm_ankles: leaning {lean} rad, pelvis at {height:.4f} m after {duration:.0f} s, lowest {lowest:.4f} m")
-        cases.append({"lean": lean, "targets": numbers(targets), "height": round(height, 6), "lowest": round(lowest, 6)})
+        print(
+            f"firm_ankles: leaning {lean} rad, pelvis at {height:.4f} m after {duration:.0f} s, lowest {lowest:.4f} m"
+        )
+        cases.append(
+            {"lean": lean, "targets": numbers(targets), "height": round(height, 6), "lowest": round(lowest, 6)}
+        )
     return {"bodies": scene.names, "factor": factor, "duration": duration, "start_qpos": numbers(start), "cases": cases}

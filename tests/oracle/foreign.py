@@ -102,12 +102,22 @@ class Sonic:
     ARM = ["shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch", "wrist_yaw"]
     WAIST = ["waist_yaw", "waist_roll", "waist_pitch"]
     BODY = (
-        [f"left_{j}" for j in LEG] + [f"right_{j}" for j in LEG] + WAIST
-        + [f"left_{j}" for j in ARM] + [f"right_{j}" for j in ARM]
+        [f"left_{j}" for j in LEG]
+        + [f"right_{j}" for j in LEG]
+        + WAIST
+        + [f"left_{j}" for j in ARM]
+        + [f"right_{j}" for j in ARM]
     )
-    ISAAC = "hip_pitch waist_yaw hip_roll waist_roll hip_yaw waist_pitch knee shoulder_pitch ankle_pitch shoulder_roll " \
+    ISAAC = (
+        "hip_pitch waist_yaw hip_roll waist_roll hip_yaw waist_pitch knee shoulder_pitch ankle_pitch shoulder_roll "
         "ankle_roll shoulder_yaw elbow wrist_roll wrist_pitch wrist_yaw"
-    MOTORS = {"7520_22": (139.0, 0.025101925), "7520_14": (88.0, 0.010177520), "5020": (25.0, 0.003609725), "4010": (5.0, 0.00425)}
+    )
+    MOTORS = {
+        "7520_22": (139.0, 0.025101925),
+        "7520_14": (88.0, 0.010177520),
+        "5020": (25.0, 0.003609725),
+        "4010": (5.0, 0.00425),
+    }
 
     def __init__(self, folder):
         self.decoder = session(folder / "model_decoder.onnx")
@@ -116,8 +126,10 @@ class Sonic:
         self.order = [self.BODY.index(joint) for joint in isaac]
         self.default = np.array([self.angle(joint) for joint in isaac])
         self.scale = np.array([self.action_scale(joint) for joint in isaac])
-        self.past = {name: deque([np.zeros(n, np.float32)] * 10, maxlen=10) for name, n in
-                     [("angular_velocity", 3), ("position", 29), ("velocity", 29), ("action", 29)]}
+        self.past = {
+            name: deque([np.zeros(n, np.float32)] * 10, maxlen=10)
+            for name, n in [("angular_velocity", 3), ("position", 29), ("velocity", 29), ("action", 29)]
+        }
         self.past["gravity"] = deque([np.array([0, 0, -1], np.float32)] * 10, maxlen=10)
         self.action = np.zeros(29, np.float32)
 
@@ -129,8 +141,15 @@ class Sonic:
         return angles.get(joint.removeprefix("left_").removeprefix("right_"), 0.0)
 
     def action_scale(self, joint):
-        motors = {"hip_pitch": "7520_22", "hip_roll": "7520_22", "knee": "7520_22", "hip_yaw": "7520_14", "waist_yaw": "7520_14",
-                  "wrist_pitch": "4010", "wrist_yaw": "4010"}
+        motors = {
+            "hip_pitch": "7520_22",
+            "hip_roll": "7520_22",
+            "knee": "7520_22",
+            "hip_yaw": "7520_14",
+            "waist_yaw": "7520_14",
+            "wrist_pitch": "4010",
+            "wrist_yaw": "4010",
+        }
         effort, armature = self.MOTORS[motors.get(joint.removeprefix("left_").removeprefix("right_"), "5020")]
         return 0.25 * effort / (armature * (2 * np.pi * 10) ** 2)
 
@@ -200,8 +219,10 @@ class Network:
 
     def save(self, path, inputs, at, outputs, batch, opset):
         self.nodes.append(helper.make_node("Identity", [at], ["actions"]))
-        ports = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [batch, width])
-                 for name, width in [("obs", inputs), ("actions", outputs)]]
+        ports = [
+            helper.make_tensor_value_info(name, TensorProto.FLOAT, [batch, width])
+            for name, width in [("obs", inputs), ("actions", outputs)]
+        ]
         graph = helper.make_graph(self.nodes, "policy", ports[:1], ports[1:], self.tensors)
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
         onnx.checker.check_model(model)

@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-
 from scene import TASKS, Scene, numbers
 from timing import default_options
 
@@ -87,8 +86,12 @@ def tumble(path=None):
             for _ in range(steps if row else 0):
                 mujoco.mj_step(m, d)
                 if d.nefc or scene.saturated():
-                    raise RuntimeError(f"tumble: {d.nefc} constraints, saturated: {scene.saturated()} at {d.time:.3f} s")
-            rows.append({"time": round(0.1 * row, 3), "qpos": numbers(scene.qpos(), 12), "qvel": numbers(scene.qvel(), 12)})
+                    raise RuntimeError(
+                        f"tumble: {d.nefc} constraints, saturated: {scene.saturated()} at {d.time:.3f} s"
+                    )
+            rows.append(
+                {"time": round(0.1 * row, 3), "qpos": numbers(scene.qpos(), 12), "qvel": numbers(scene.qvel(), 12)}
+            )
         scene.check_sane()
         return rows
 

@@ -56,7 +56,10 @@ class Graph:
 
     def model(self):
         self.nodes.append(helper.make_node("Concat", [value for _, value in self.cases], ["all"], axis=1))
-        ports = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, width]) for name, width in [("x", INPUTS), ("all", None)]]
+        ports = [
+            helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, width])
+            for name, width in [("x", INPUTS), ("all", None)]
+        ]
         graph = helper.make_graph(self.nodes, "operators", ports[:1], ports[1:], self.tensors)
         sets = [helper.make_opsetid("", self.version)]
         model = helper.make_model(graph, opset_imports=sets, ir_version=8)
@@ -191,7 +194,9 @@ def results(model, names, x):
     """Values of a network, for one input."""
     del model.graph.output[:]
     model.graph.output.extend(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, None]) for name in names)
-    return onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"]).run(None, {"x": x})
+    return onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"]).run(
+        None, {"x": x}
+    )
 
 
 if __name__ == "__main__":

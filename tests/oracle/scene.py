@@ -148,7 +148,10 @@ def layout(value, indent=0):
         items = [f"{pad}{json.dumps(k)}: {layout(v, indent + 1)}" for k, v in value.items()]
         return "{\n" + ",\n".join(items) + "\n" + " " * indent + "}"
     if isinstance(value, list) and value and isinstance(value[0], (list, dict)):
-        items = [pad + (layout(v, indent + 1) if isinstance(v, list) else json.dumps(v, separators=(",", ":"))) for v in value]
+        items = [
+            pad + (layout(v, indent + 1) if isinstance(v, list) else json.dumps(v, separators=(",", ":")))
+            for v in value
+        ]
         return "[\n" + ",\n".join(items) + "\n" + " " * indent + "]"
     return json.dumps(value, separators=(",", ":"), allow_nan=False)
 

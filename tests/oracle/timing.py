@@ -8,7 +8,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-
 from scene import Scene
 
 
@@ -18,7 +17,9 @@ def add_arguments(parser):
         "--states",
         help="JSON list of {name, qpos, qvel, targets, steps} in our terms; without it the scene's own start state",
     )
-    parser.add_argument("--targets", help="JSON {hold, targets}: sets of targets, each for `hold` steps, the last for good")
+    parser.add_argument(
+        "--targets", help="JSON {hold, targets}: sets of targets, each for `hold` steps, the last for good"
+    )
     parser.add_argument("--steps", type=int, default=200, help="steps from each start where a state names none")
     parser.add_argument("--repeats", type=int, default=20, help="timed runs from the same start")
 
@@ -45,7 +46,9 @@ def run(args):
                 raise RuntimeError(f"{state['name']}, laws {laws}: {error}") from None
         cases.append(case)
     machine = f"{platform.machine()}, one thread"
-    print(json.dumps({"mujoco": mujoco.__version__, "machine": machine, "timestep": scene.m.opt.timestep, "cases": cases}))
+    print(
+        json.dumps({"mujoco": mujoco.__version__, "machine": machine, "timestep": scene.m.opt.timestep, "cases": cases})
+    )
 
 
 def default_options(m):

@@ -161,7 +161,9 @@ def starts(folder, workers):
         "`implicit`, firm contacts": ("implicit", True, FIRM),
         "`implicit`, no rated speed": ("implicit", False, None),
     }
-    print("| MuJoCo at 5 ms | diverged | lost | fastest joint, rad/s | fastest pelvis, m/s | deepest contact, mm | deep runs |")
+    print(
+        "| MuJoCo at 5 ms | diverged | lost | fastest joint, rad/s | fastest pelvis, m/s | deepest contact, mm | deep runs |"
+    )
     print("|---|---:|---:|---:|---:|---:|---:|")
     with ProcessPoolExecutor(workers) as pool:
         for name, variant in variants.items():

@@ -53,7 +53,9 @@ _whole.__name__, _positive.__name__ = "whole number", "number"
 def _parser() -> argparse.ArgumentParser:
     def add(commands: Any, name: str, text: str, epilog: str = "") -> argparse.ArgumentParser:
         form = argparse.RawDescriptionHelpFormatter
-        return commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=epilog, formatter_class=form)
+        return commands.add_parser(
+            name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=epilog, formatter_class=form
+        )
 
     parser = argparse.ArgumentParser(
         prog="python -m fiatlux.train",
@@ -63,10 +65,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest="command", required=True)
     walk = add(commands, "walk", "train the whole-body controller by PPO", WALK)
-    walk.add_argument("--out", type=Path, required=True, help="folder for checkpoints, learning curve and TensorBoard events")
+    walk.add_argument(
+        "--out", type=Path, required=True, help="folder for checkpoints, learning curve and TensorBoard events"
+    )
     walk.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
-    walk.add_argument("--minutes", type=_positive, help="begin no segment that would end after this many minutes; the first always is")
-    walk.add_argument("--device", help="PyTorch device of the networks (default: the GPU if there is one, otherwise the CPU)")
+    walk.add_argument(
+        "--minutes", type=_positive, help="begin no segment that would end after this many minutes; the first always is"
+    )
+    walk.add_argument(
+        "--device", help="PyTorch device of the networks (default: the GPU if there is one, otherwise the CPU)"
+    )
     walk.add_argument("--threads", type=_whole, help="number of threads for the worlds (default: one for each core)")
     for field in dataclasses.fields(Settings):
         value: Any = field.default
@@ -80,8 +88,12 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("checkpoint", type=Path)
     evaluate.add_argument("--episodes", type=_whole, default=1000, help="episodes of 20 s of each test (default: 1000)")
     evaluate.add_argument("--tests", nargs="+", help="names of tests (default: all)")
-    evaluate.add_argument("--scene", choices=list(SCENES), default="floor", help="where the robot walks (default: floor)")
-    evaluate.add_argument("--threads", type=_whole, help="number of threads for the worlds (default: one for each core)")
+    evaluate.add_argument(
+        "--scene", choices=list(SCENES), default="floor", help="where the robot walks (default: floor)"
+    )
+    evaluate.add_argument(
+        "--threads", type=_whole, help="number of threads for the worlds (default: one for each core)"
+    )
     evaluate.add_argument("--device", default="cpu", help="PyTorch device of the network (default: cpu)")
     evaluate.add_argument("--json", action="store_true", help="print JSON instead of the table")
     export = add(commands, "export", "write a checkpoint's policy as one file that includes its contract")
@@ -89,7 +101,9 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("file", type=Path, help="the .safetensors file to write")
     export.add_argument("--hardware", default="", help="hardware it was trained on, for the contract")
     export.add_argument("--force", action="store_true", help="overwrite the file")
-    add(commands, "terms", "list the terms of the reward with their usual weights; docs/training.md says what each pays")
+    add(
+        commands, "terms", "list the terms of the reward with their usual weights; docs/training.md says what each pays"
+    )
     return parser
 
 
@@ -98,13 +112,22 @@ def _run(arguments: argparse.Namespace) -> int:
         from .walk import train
 
         given = {field.name: getattr(arguments, field.name) for field in dataclasses.fields(Settings)}
-        given = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items() if value is not None}
+        given = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in given.items()
+            if value is not None
+        }
         return train(arguments.out, given, arguments.resume, arguments.minutes, arguments.device, arguments.threads)
     if arguments.command == "evaluate":
         from .evaluation import main as evaluate
 
         return evaluate(
-            arguments.checkpoint, arguments.episodes, arguments.tests, arguments.threads, arguments.device, arguments.scene,
+            arguments.checkpoint,
+            arguments.episodes,
+            arguments.tests,
+            arguments.threads,
+            arguments.device,
+            arguments.scene,
             arguments.json,
         )
     if arguments.command == "export":

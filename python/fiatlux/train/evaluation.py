@@ -43,8 +43,15 @@ TESTS: dict[str, dict[str, Any]] = {
 
 
 def measure(
-    actor: Any, device: str, threads: int | None, episodes: int, steps: int, seed: int, settings: dict[str, Any],
-    without: tuple[str, ...] = (), progress: Callable[[int], None] = lambda step: None,
+    actor: Any,
+    device: str,
+    threads: int | None,
+    episodes: int,
+    steps: int,
+    seed: int,
+    settings: dict[str, Any],
+    without: tuple[str, ...] = (),
+    progress: Callable[[int], None] = lambda step: None,
 ) -> dict[str, float]:
     """Plays ``episodes`` episodes in parallel, up to ``steps`` control steps each, with the policy's mean actions.
 
@@ -53,7 +60,13 @@ def measure(
     torso angles (rad). ``progress`` is called with the number of each step.
     """
     worlds = Worlds(
-        episodes, device, without, num_threads=threads, seed=seed, horizon_steps=steps + 1, **{"variations": 64, **settings}
+        episodes,
+        device,
+        without,
+        num_threads=threads,
+        seed=seed,
+        horizon_steps=steps + 1,
+        **{"variations": 64, **settings},
     )
     actor.eval()
     alive = np.ones(episodes, bool)
@@ -125,7 +138,12 @@ def score(actor: Any, device: str, threads: int | None, without: tuple[str, ...]
 
 
 def main(
-    checkpoint: Path, episodes: int, tests: list[str] | None, threads: int | None, device: str, scene: str = "floor",
+    checkpoint: Path,
+    episodes: int,
+    tests: list[str] | None,
+    threads: int | None,
+    device: str,
+    scene: str = "floor",
     as_json: bool = False,
 ) -> int:
     """Prints a table of a checkpoint's tests, a line as each ends; or, at the end, an object with one for each test."""
@@ -146,7 +164,9 @@ def main(
 
         def show(step: int, number: int = number, name: str = name) -> None:
             left = line.seconds_left(number * steps + step, len(names) * steps)
-            line.show(f"test {number + 1} of {len(names)}, {name}: {step / SECOND:.0f} of {steps // SECOND} s, {duration(left)} left")
+            line.show(
+                f"test {number + 1} of {len(names)}, {name}: {step / SECOND:.0f} of {steps // SECOND} s, {duration(left)} left"
+            )
 
         worlds = {**TESTS[name], **SCENES[scene]}
         found = measure(actor, device, threads, episodes, steps, 12345, worlds, settings.without, show)
@@ -155,7 +175,10 @@ def main(
             print(f"{'test':10}" + "".join(f"{key:>12}" for key in found))
         table[name] = {key: value if math.isfinite(value) else None for key, value in found.items()}
         if not as_json:
-            shown = ("-" if value is None else f"{value:.0f}" if key == "seconds" else f"{value:.4f}" for key, value in table[name].items())
+            shown = (
+                "-" if value is None else f"{value:.0f}" if key == "seconds" else f"{value:.4f}"
+                for key, value in table[name].items()
+            )
             print(f"{name:10}" + "".join(f"{text:>12}" for text in shown), flush=True)
     if as_json:
         print(json.dumps(table, indent=2))

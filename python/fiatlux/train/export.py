@@ -32,7 +32,9 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
     state = load_checkpoint(checkpoint)
     settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
     if settings.without:
-        raise ValueError(f"{checkpoint} was trained without {', '.join(settings.without)}; only whole controllers are exported")
+        raise ValueError(
+            f"{checkpoint} was trained without {', '.join(settings.without)}; only whole controllers are exported"
+        )
     index, sign = _join(*(FIELDS[name] for name in POLICY for _ in range(FRAMES)))
     index, sign = torch.tensor(index), torch.tensor(sign)
     # The normaliser is symmetric but for rounding; here exactly.

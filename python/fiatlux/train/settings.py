@@ -35,7 +35,9 @@ class Settings:
     epochs: int = _of(5, "passes over an iteration's samples", 1)
     batches: int = _of(4, "minibatches of a pass", 1)
     desired_kl: float = _of(0.012, "step of the policy that the learning rate is adjusted for", 1e-6)
-    entropy: float = _of(0.003, "weight of the entropy at first; it falls to a sixth over the second half of the curriculum's time", 0)
+    entropy: float = _of(
+        0.003, "weight of the entropy at first; it falls to a sixth over the second half of the curriculum's time", 0
+    )
     least_std: float = _of(0.12, "least standard deviation of an action at first; it falls likewise to 0.05", 0.01, 1)
     calm_from: int = _of(25_000_000, "samples from which entropy and least deviation fall", 0)
     calm_over: int = _of(20_000_000, "samples over which they fall", 1)
@@ -45,8 +47,14 @@ class Settings:
     most_difficult: float = _of(1.0, "where the difficulty stops growing", 0, 1)
     pushes: float = _of(0.5, "size of pushes at difficulty 0, m/s an axis; 1.0 at difficulty 1", 0)
     scene: str = _of("floor", "floor, or room: the whole scene of a task, and a robot with its fingers; half as fast")
-    without: tuple[str, ...] = _of((), "what the policy has to do without: history (earlier frames), clock (the rhythm of the feet, and what it pays), symmetry (of the networks); to see what each is worth")
-    reward: tuple[str, ...] = _of((), "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT; the command terms lists them")
+    without: tuple[str, ...] = _of(
+        (),
+        "what the policy has to do without: history (earlier frames), clock (the rhythm of the feet, and what it pays), symmetry (of the networks); to see what each is worth",
+    )
+    reward: tuple[str, ...] = _of(
+        (),
+        "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT; the command terms lists them",
+    )
     start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it", 0, 1)
     widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed", 0.01, 100)
     evaluate: int = _of(6, "checkpoints from one evaluation to the next", 1)
@@ -67,7 +75,9 @@ class Settings:
         if unknown:
             raise ValueError(f"without: {', '.join(sorted(unknown))} is not known; give some of {', '.join(PARTS)}")
         if self.batches > self.worlds * self.steps:
-            raise ValueError(f"batches is {self.batches}, but an iteration has {self.worlds * self.steps} samples; give fewer")
+            raise ValueError(
+                f"batches is {self.batches}, but an iteration has {self.worlds * self.steps} samples; give fewer"
+            )
         weights_of(self.reward)
 
 
@@ -81,7 +91,9 @@ def weights_of(given: tuple[str, ...]) -> dict[str, float]:
         try:
             weights[name] = float(weight)
         except ValueError:
-            raise ValueError(f"reward: {pair!r} has no number; give NAME=WEIGHT, such as {name}={known[name]:g}") from None
+            raise ValueError(
+                f"reward: {pair!r} has no number; give NAME=WEIGHT, such as {name}={known[name]:g}"
+            ) from None
         if not math.isfinite(weights[name]):
             raise ValueError(f"reward: the weight of {name} is {weight}; give a finite number")
     return weights

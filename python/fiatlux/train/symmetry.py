@@ -1,6 +1,7 @@
 """Reflection at the robot's median plane, and networks that obey it."""
 
-from typing import Any, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch

@@ -11,8 +11,9 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Callable, Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -188,9 +189,7 @@ class Run:
             "settings": dataclasses.asdict(self.settings),
             "ppo": self.ppo.save(),
             "learning_rate": self.ppo.learning_rate,
-            "progress": {
-                name: getattr(self, name) for name in ("segment", "samples", "seconds", "difficulty", "best")
-            },
+            "progress": {name: getattr(self, name) for name in ("segment", "samples", "seconds", "difficulty", "best")},
         }
         part = file.with_suffix(".part")
         torch.save(state, part)
@@ -217,7 +216,9 @@ def load_checkpoint(file: Path) -> dict[str, Any]:
             f"{file} does not exist: the first test comes after {segments} segments; name last.pt, or go on with --resume"
         )
     if not file.is_file():
-        raise ValueError(f"{file} does not exist; train a controller with python -m fiatlux.train walk --out {file.parent}")
+        raise ValueError(
+            f"{file} does not exist; train a controller with python -m fiatlux.train walk --out {file.parent}"
+        )
     try:
         state = torch.load(file, map_location="cpu", weights_only=True)
         settings_of(state, {})
@@ -234,7 +235,9 @@ def settings_of(state: Mapping[str, Any], given: Mapping[str, Any]) -> Settings:
     kept = {name: tuple(value) if isinstance(value, list) else value for name, value in state["settings"].items()}
     for name in FIXED:
         if given.get(name, kept[name]) != kept[name]:
-            raise ValueError(f"{name} is {given[name]}, but the checkpoint's is {kept[name]}; leave it out or begin a new run")
+            raise ValueError(
+                f"{name} is {given[name]}, but the checkpoint's is {kept[name]}; leave it out or begin a new run"
+            )
     return Settings(**{**kept, **given})
 
 
@@ -283,7 +286,9 @@ def _given(settings: Settings) -> str:
         for field in dataclasses.fields(settings)
         if (value := getattr(settings, field.name)) != field.default
     ]
-    flags = [f"--{name} {' '.join(map(str, value if isinstance(value, tuple) else (value,)))}" for name, value in differ]
+    flags = [
+        f"--{name} {' '.join(map(str, value if isinstance(value, tuple) else (value,)))}" for name, value in differ
+    ]
     return " ".join(flags) + ", others by default" if flags else "all by default"
 
 
@@ -327,7 +332,9 @@ def train(
     interrupt = _Interrupt()
     resumed_at = run.samples
     setting_up = time.monotonic() - began
-    print(f"settings: {_given(settings)}; device {device}, {run.worlds.env.num_threads} threads; set up in {setting_up:.1f} s")
+    print(
+        f"settings: {_given(settings)}; device {device}, {run.worlds.env.num_threads} threads; set up in {setting_up:.1f} s"
+    )
     steps = settings.segment * settings.steps * settings.worlds
     print(f"a line follows after each segment of {steps:,} steps; walk --help explains it", flush=True)
     stopped, line = None, Line()
@@ -352,7 +359,9 @@ def train(
             return 1
         line.show("")
         if run.segment % settings.evaluate == 0 and not interrupt.is_set:
-            row |= {f"test/{name}": value for name, value in score(run.ppo.actor, device, threads, settings.without).items()}
+            row |= {
+                f"test/{name}": value for name, value in score(run.ppo.actor, device, threads, settings.without).items()
+            }
             if row["test/score"] > run.best:
                 run.best = row["test/score"]
                 run.save(best)
@@ -376,9 +385,15 @@ def train(
             return 3
         ends = elapsed + (time.monotonic() - begin)
         if minutes is not None and ends > 60 * minutes and run.samples < settings.samples:
-            stopped = f"the next segment would end after {ends / 60:.1f} min; {last} has {run.samples / 1e6:.2f} M samples"
+            stopped = (
+                f"the next segment would end after {ends / 60:.1f} min; {last} has {run.samples / 1e6:.2f} M samples"
+            )
             break
-    print("reward a second, by term: " + " ".join(f"{name[7:]} {value:.3f}" for name, value in row.items() if name.startswith("reward/")), flush=True)
+    print(
+        "reward a second, by term: "
+        + " ".join(f"{name[7:]} {value:.3f}" for name, value in row.items() if name.startswith("reward/")),
+        flush=True,
+    )
     if stopped is not None:
         print(f"stopped: {stopped}; go on with --resume", flush=True)
     return 0

@@ -90,7 +90,10 @@ def test_an_interrupted_export_leaves_nothing_and_goes_on(run, data, tmp_path, m
     assert len(again) == len(whole) and again.meta.total_episodes == 2
     for row in (0, len(whole) // 2, len(whole) - 1):
         for name, value in whole[row].items():
-            assert value == again[row][name] if isinstance(value, str) else (value == again[row][name]).all(), (row, name)
+            assert value == again[row][name] if isinstance(value, str) else (value == again[row][name]).all(), (
+                row,
+                name,
+            )
     with pytest.raises(FileExistsError, match="exists already; name another folder"):
         fiatlux.export_lerobot(run, out, vcodec="h264")
 
@@ -294,7 +297,9 @@ def test_a_checkpoint_is_served(commands, tmp_path):
             assert says in answer["error"], answer
         assert "Unknown endpoint" in ask("kill")["error"]
         assert "cannot be read" in ask.raw(b"\xc1")["error"]
-        assert "state has no" in ask("get_action", observation=3)["error"] or "video has no" in ask("get_action")["error"]
+        assert (
+            "state has no" in ask("get_action", observation=3)["error"] or "video has no" in ask("get_action")["error"]
+        )
         ask.socket.close(linger=0)
     finally:
         process.kill()

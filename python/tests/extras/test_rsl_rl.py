@@ -14,7 +14,13 @@ pytestmark = pytest.mark.filterwarnings("default")
 
 def config(steps):
     def model(**more):
-        return {"class_name": "MLPModel", "hidden_dims": [64, 64], "activation": "elu", "obs_normalization": True, **more}
+        return {
+            "class_name": "MLPModel",
+            "hidden_dims": [64, 64],
+            "activation": "elu",
+            "obs_normalization": True,
+            **more,
+        }
 
     return {
         "seed": 1,

@@ -42,7 +42,22 @@ def test_pairs_of_units_need_even_layers():
     worlds.env.close()
 
 
-SMALL = ["--worlds", "64", "--segment", "2", "--steps", "8", "--hidden", "32", "32", "--critic", "32", "32", "--evaluate", "50"]
+SMALL = [
+    "--worlds",
+    "64",
+    "--segment",
+    "2",
+    "--steps",
+    "8",
+    "--hidden",
+    "32",
+    "32",
+    "--critic",
+    "32",
+    "32",
+    "--evaluate",
+    "50",
+]
 
 
 def run(*arguments):
@@ -98,15 +113,23 @@ def test_a_run_that_is_out_of_time_says_how_to_go_on(tmp_path):
     code, said, _ = run("walk", "--out", out, *SMALL, "--minutes", 0.001)
     assert code == 0 and "less than 1 min left" in said
     last = said.splitlines()[-1]
-    assert re.fullmatch(r"stopped: the next segment would end after \d+\.\d min; .*last\.pt has 0\.00 M samples; go on with --resume", last)
+    assert re.fullmatch(
+        r"stopped: the next segment would end after \d+\.\d min; .*last\.pt has 0\.00 M samples; go on with --resume",
+        last,
+    )
     code, _, error = run("evaluate", out / "best.pt")
-    assert code == 2 and error.strip().endswith("first test comes after 50 segments; name last.pt, or go on with --resume")
+    assert code == 2 and error.strip().endswith(
+        "first test comes after 50 segments; name last.pt, or go on with --resume"
+    )
 
 
 def test_ctrl_c_ends_a_segment_early_with_a_checkpoint(tmp_path):
     arguments = ["walk", "--out", tmp_path / "run", *SMALL, "--segment", "100000"]
     child = subprocess.Popen(
-        [sys.executable, "-m", "fiatlux.train", *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        [sys.executable, "-m", "fiatlux.train", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     )
     assert "settings: --worlds 64" in child.stdout.readline()
     assert "after each segment of 51,200,000 steps" in child.stdout.readline()
@@ -139,7 +162,11 @@ def test_wrong_settings_are_refused_before_anything_is_written(tmp_path, argumen
 def test_other_files_are_not_checkpoints(tmp_path):
     junk = tmp_path / "junk.pt"
     junk.write_bytes(b"(lp0\nno checkpoint")
-    for arguments in (["evaluate", junk], ["export", junk, tmp_path / "x.safetensors"], ["evaluate", tmp_path / "none.pt"]):
+    for arguments in (
+        ["evaluate", junk],
+        ["export", junk, tmp_path / "x.safetensors"],
+        ["evaluate", tmp_path / "none.pt"],
+    ):
         code, _, error = run(*arguments)
         assert code == 2 and error.startswith("error: ") and "Traceback" not in error
 
