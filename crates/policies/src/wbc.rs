@@ -22,7 +22,7 @@ impl Wbc {
     /// `=` is the file of other weights: `FILE,vx=0.4`.
     ///
     /// # Errors
-    /// [`PolicyError::Words`]: an unknown field, or a value that is not a number; [`PolicyError::Wbc`]: out of range, or a file
+    /// [`PolicyError::Words`]: an unknown field, or a value that is not a number; [`PolicyError::Failed`]: out of range, or a file
     /// that cannot be read or does not fit.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
         let (first, rest) = text.split_once(',').unwrap_or((text, ""));
