@@ -16,6 +16,7 @@ use fiatlux_access::{Channel, Label, RowsKey, Secrets, Side};
 use fiatlux_carrier::{BusyWait, Carrier, Declaration, Priority, Publisher, Quality, Reach};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
+use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{
     CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
     SessionInfo, look_reply, open_reply,
@@ -52,6 +53,9 @@ const LAST_OBSERVATION_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Longest time for each attempt to claim a session, s: the server closes a session that is not claimed within 2 s.
 const CLAIM_TIMEOUT_S: f64 = 0.5;
+
+/// How long to open sessions again that the server closes before they are used.
+const REOPEN_TIME: Duration = Duration::from_secs(5);
 
 /// Longest time until a requested stop is noticed.
 const STOP_PERIOD: Duration = Duration::from_millis(50);
@@ -100,11 +104,22 @@ impl Client {
         access: &Access,
     ) -> Result<Self, ClientError> {
         let server = find_server(link, server)?;
+        let start = Instant::now();
+        loop {
+            match Self::open_once(link, &server, request.clone(), access) {
+                // Others open more sessions than the server has places: it closed this one before it was used.
+                Err(ClientError::Crowded { .. }) if start.elapsed() < REOPEN_TIME => {}
+                opened => return opened,
+            }
+        }
+    }
+
+    fn open_once(link: &Carrier, server: &str, request: OpenRequest, access: &Access) -> Result<Self, ClientError> {
         let is_replay = request.replay;
-        let key = ServerKeys::new(&server).open();
+        let key = ServerKeys::new(server).open();
         let (info, secrets) = query::greet(
             link,
-            &server,
+            server,
             access,
             [&key, "OpenRequest"],
             OPEN_TIMEOUT_S,
@@ -112,7 +127,7 @@ impl Client {
             |_| Vec::new(),
             |reply| {
                 let reply = decode::<OpenReply>(&reply.as_ref().ok()?.payload, MAX_SERVER_MESSAGE);
-                Some(reply.map_err(ClientError::unreadable(&server)).and_then(|OpenReply { reply, welcome }| {
+                Some(reply.map_err(ClientError::unreadable(server)).and_then(|OpenReply { reply, welcome }| {
                     let content = match reply {
                         Some(open_reply::Reply::Session(info)) => Ok(info),
                         Some(open_reply::Reply::Refusal(refusal)) => Err(refusal),
@@ -122,9 +137,9 @@ impl Client {
                 }))
             },
         )?;
-        let mut client = Self::enter(link, &server, info, &secrets)?;
+        let mut client = Self::enter(link, server, info, &secrets)?;
         if is_replay {
-            client.rows = Some(RowsKey::of_opener(&secrets).map_err(ClientError::handshake(&server))?);
+            client.rows = Some(RowsKey::of_opener(&secrets).map_err(ClientError::handshake(server))?);
         }
         Ok(client)
     }
@@ -169,20 +184,25 @@ impl Client {
             _token: token,
             _subscribers: subscribers,
         };
-        client.claim();
+        client.claim()?;
         Ok(client)
     }
 
     /// Tells the server that the session is in use; otherwise the server soon closes it.
-    fn claim(&self) {
+    fn claim(&self) -> Result<(), ClientError> {
         let (server, key) = (&self.info.server, self.keys.observation());
         for _ in 0..3 {
             let said = self.sealing.ask(&self.link, server, &key, "observation", "", &CloseRequest {}, CLAIM_TIMEOUT_S);
-            // An answer that no episode runs will do.
-            if !matches!(said, Err(ClientError::Unanswered { .. })) {
-                return;
+            match said {
+                Err(ClientError::Unanswered { .. }) => {}
+                Err(ClientError::Refused { code: Code::Closed, .. }) => {
+                    return Err(ClientError::Crowded { server: server.clone() });
+                }
+                // An answer that no episode runs will do.
+                _ => return Ok(()),
             }
         }
+        Ok(())
     }
 
     /// Takes the key to the session's records, which only a session that is a replay has; the next call gives `None`.

@@ -10,7 +10,7 @@ use fiatlux_grading::{GradeOptions, Results, grade};
 use fiatlux_rules::Task;
 use fiatlux_server::{Server, ServerOptions};
 
-use super::lock::Lock;
+use super::lock::lock;
 use super::{EvaluateError, Outcome, folder};
 
 /// Time between two reads of the ledger.
@@ -74,7 +74,7 @@ pub fn evaluate_external(
 ) -> Result<Outcome, EvaluateError> {
     let runs = options.out.join("runs");
     std::fs::create_dir_all(&runs).map_err(|error| folder(&runs, error))?;
-    let _lock = Lock::take(&options.out)?;
+    let _lock = lock(&options.out)?;
     if let Some(journal) = find_run(&runs, &options.name)? {
         let ledger = read(&journal)?;
         if ledger.is_finished() {

@@ -21,7 +21,7 @@ use fiatlux_server::{RecorderError, ServerError, ServerOptions};
 use thiserror::Error;
 
 pub use external::{ExternalOptions, ExternalProgress, evaluate_external};
-use lock::Lock;
+use lock::lock;
 use losses::Played;
 pub use progress::Progress;
 
@@ -159,7 +159,7 @@ pub fn evaluate(
     check_tasks(policy.as_ref(), &options.tasks)?;
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
-    let _lock = Lock::take(&options.out)?;
+    let _lock = lock(&options.out)?;
     let mut jobs: Vec<Job> =
         options.tasks.iter().flat_map(|&task| options.seeds.iter().map(move |&seed| Job { task, seed })).collect();
     jobs.extend(earlier(&jobs, &bags)?);

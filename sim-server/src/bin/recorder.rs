@@ -9,6 +9,7 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::Parser;
 use fiatlux_access::RecorderKey;
+use fiatlux_bag::lock_folder;
 use fiatlux_carrier::Carrier;
 use fiatlux_link::{LinkArgs, Role, Waiting};
 use fiatlux_proto::keys::{ServerKeys, any_alive};
@@ -67,6 +68,10 @@ fn main() -> ExitCode {
 fn run(cli: Cli) -> anyhow::Result<bool> {
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for signals")?;
     std::fs::create_dir_all(&cli.out).with_context(|| format!("cannot make the folder {}", cli.out.display()))?;
+    let taken =
+        || anyhow::anyhow!("another recorder writes into {}; name another folder with --out", cli.out.display());
+    let lock = lock_folder(&cli.out, "recorder.lock");
+    let _lock = lock.with_context(|| format!("cannot lock {}", cli.out.display()))?.ok_or_else(taken)?;
     let key = RecorderKey::read(&cli.recorder_key)?;
     let session = cli.link.open_unless(Role::Client, &stop)?;
     tracing::info!("bags go to {}; Ctrl-C finishes them", cli.out.display());

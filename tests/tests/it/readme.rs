@@ -53,13 +53,13 @@ fn stage(scratch: &Scratch) -> PathBuf {
         esac\n";
     let fiatlux = format!("{fiatlux}exec {} \"$@\"\n", programs.join("fiatlux").display());
     let cargo = "case \"$*\" in\n\
-        'run --release -p fiatlux-policy --example wave') exec target/release/examples/wave ;;\n\
+        'run --release -p policy-client --example wave') exec target/release/examples/wave ;;\n\
         'run --release -p fiatlux-bench -- service') exec target/release/fiatlux-bench service --seconds 0.5 --sessions 3 ;;\n\
         'run --release -p fiatlux-bench -- sensors') exec target/release/fiatlux-bench sensors --seconds 0.5 ;;\n\
         'run --release -p fiatlux-bench -- violence') exec target/release/fiatlux-bench violence --runs 2 --starts 4 ;;\n\
         'run --release -p fiatlux-bench -- world') exec target/release/fiatlux-bench world --seconds 0.5 ;;\n\
         'run --release -- '*) shift 3; exec target/release/fiatlux \"$@\" ;;\n\
-        'build --release --workspace --bins') ;;\n\
+        'build --release --workspace --bins --features fiatlux/network') ;;\n\
         *) echo \"unexpected: cargo $*\" >&2; exit 2 ;;\n\
         esac\n";
     for (path, script) in [(release.join("fiatlux"), fiatlux.as_str()), (bin.join("cargo"), cargo)] {

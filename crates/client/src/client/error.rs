@@ -74,6 +74,15 @@ pub enum ClientError {
         #[source]
         source: DecodeError,
     },
+    /// The server closes sessions before they are used.
+    #[error(
+        "server {server} closed the session before it was used: others open more sessions than it has places; try again, or \
+         have its owner start it with --tokens or a larger --capacity"
+    )]
+    Crowded {
+        /// Name of the server.
+        server: String,
+    },
     /// The server describes a session that is not valid.
     #[error("cannot use the server's session: {reason}; use server and client of the same version")]
     Session {
