@@ -127,7 +127,7 @@ impl Snapshot {
 
     /// Refuses a batch with other settings, and names the first that differs.
     pub(crate) fn check(&self, settings: &[(String, String)]) -> Result<(), BatchError> {
-        let missing = || (String::new(), "missing".to_owned());
+        let missing = || ("missing".to_owned(), String::new());
         let rows = self.settings.len().max(settings.len());
         let pair = |index| {
             let at = |list: &[(String, String)]| list.get(index).cloned().unwrap_or_else(missing);

@@ -109,7 +109,7 @@ fn token(session: &str) -> String {
 }
 
 fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/tmp/recorder").join(name);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/tmp/recorder").join(name);
     let _ = std::fs::remove_dir_all(&folder);
     folder
 }
