@@ -79,7 +79,8 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
             self._seed, self._index = int(self.np_random.integers(*TRAINING_SEEDS)), 0
         else:
             self._index += 1
-        self._index = seed_of(options.pop("episode", self._index), "episode")
+        if "episode" in options:
+            self._index = seed_of(options.pop("episode"), "episode")
         if options:
             raise ValueError(f"options has no {next(iter(options))!r}; known keys are 'episode'")
         self._begun = False
