@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from . import _native
@@ -135,14 +136,10 @@ class Client:
             "record": list(record),
             "patience_s": patience_s,
         }
-        played: list[Player] = []
-
-        def play_one() -> Player:
-            played.append(Player(policy, observation))
-            return played[-1]
-
-        outcome = self._client.evaluate(play_one, run, asked, progress)
-        if outcome["finished"] and not played:
+        # A policy is made even if nothing is left to play.
+        begun = Event()
+        outcome = self._client.evaluate(lambda: Player(policy, observation, begun), run, asked, progress)
+        if outcome["finished"] and not begun.is_set():
             message = f"the run {outcome['run']} was finished already, so nothing was played; name another run_file for a new run"
             warnings.warn(f"{fspath(run_file)}: {message}", stacklevel=2)
         return outcome

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from . import _native
@@ -156,14 +157,11 @@ def _recorded(
         raise ValueError("tasks and seeds: give at least one each")
     asked = complete(tasks[0] if len(tasks) == 1 else None, observation, settings)
     run = {**run_of(policy, tasks, seeds, parallel, name, out / "RUN.toml"), "record": list(record)}
-    players = []
-
-    def play_one() -> Player:
-        players.append(1)
-        return Player(policy, observation)
-
+    # A policy may be made even if nothing is left to play.
+    begun = Event()
+    play_one = lambda: Player(policy, observation, begun)
     text, lost = _native.evaluate_into(fspath(out), play_one, run, asked, progress)
-    if not players and not lost:
+    if not begun.is_set() and not lost:
         message = f"{out} had all episodes already, so none was played; name another folder for a new evaluation"
         warnings.warn(message, stacklevel=3)
     results = json.loads(text)

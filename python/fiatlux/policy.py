@@ -1,6 +1,7 @@
 """Policies, and how the native part plays them."""
 
 from collections.abc import Callable, Mapping
+from threading import Event
 from typing import Any, Protocol
 
 import numpy as np
@@ -45,16 +46,19 @@ def name_of(policy: PolicyLike) -> str:
 
 
 class Player:
-    """A policy in one episode: numbers in, numbers out."""
+    """A policy in one episode: numbers in, numbers out. ``begun`` is set when the episode begins."""
 
-    def __init__(self, policy: PolicyLike, observation: ObservationForm) -> None:
+    def __init__(self, policy: PolicyLike, observation: ObservationForm, begun: Event | None = None) -> None:
         self._policy: Any = policy() if isinstance(policy, type) else policy
         self._observation = observation
+        self._begun = begun
         self._layout: Layout | None = None
 
     def begin(self, info: Mapping[str, Any], spec: Mapping[str, Any]) -> None:
         """Begins an episode whose observations have these fields."""
         self._layout = Layout(spec, self._observation)
+        if self._begun is not None:
+            self._begun.set()
         reset = getattr(self._policy, "reset", None)
         if callable(reset):
             reset(dict(info))

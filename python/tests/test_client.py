@@ -138,9 +138,9 @@ def test_bad_use_is_refused_by_name(tmp_path):
         (lambda observation: np.zeros(52), r"action: shape \(52,\) instead of \(53,\)"),
         (lambda observation: "up", "action: cannot be read as numbers"),
     ]
-    for policy, match in wrong:
+    for index, (policy, match) in enumerate(wrong):
         with pytest.raises(ValueError, match=match):
-            fiatlux.evaluate(policy, ["S05"], [0], out=tmp_path / match[:3], name="wrong")
+            fiatlux.evaluate(policy, ["S05"], [0], out=tmp_path / f"wrong{index}", name="wrong")
     with pytest.raises(ValueError, match="action of joint 'left_hip_pitch_joint' is not finite"):
         fiatlux.evaluate(lambda observation: np.full(53, np.nan), ["S05"], [0], out=tmp_path / "nan", name="nan")
     for settings, match in [

@@ -196,7 +196,7 @@ def test_bad_use_is_refused_by_name():
         ({"num_threads": 0}, "num_threads is 0"),
         ({"frames": 0}, "frames is 0"),
         ({"ranges": {"weight": 1}}, "ranges has no 'weight'"),
-        ({"ranges": {"mass": (0.0, 0.0)}}, "mass variation"),
+        ({"ranges": {"mass": (0.0, 0.0)}}, "ranges: mass must be .* above 0"),
         ({"disturbances": {"wrenches": {"link": "tail"}}}, "the robot has no 'tail'"),
         ({"disturbances": {"pushes": {"interval_s": (2, 1)}}}, "pushes.interval_s"),
     ]:

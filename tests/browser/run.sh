@@ -59,6 +59,7 @@ leaderboard() {
     "$fiatlux" evaluate --policy random --tasks all --seeds 64,65 --out "$work/random" >/dev/null 2>&1
     "$fiatlux" evaluate --policy zero --tasks all --seeds 64,65 --out "$work/zero" >/dev/null 2>&1
     "$fiatlux" evaluate --policy walk --tasks S05 --seeds 64 --out "$work/walk" >/dev/null 2>&1
+    "$scorer" admin --folder "$work/board" init >/dev/null
     "$scorer" admin --folder "$work/board" account browser >/dev/null
     (umask 077 && "$scorer" admin --folder "$work/board" token browser >"$work/token")
     port=$((20000 + RANDOM % 20000))

@@ -45,7 +45,7 @@ impl LossyProxy {
         let server_side = open(None, Some(server_port));
         let client_side = open(Some(client_port), None);
         let counts = Arc::new(Counts { loss_per_mille, ..Counts::default() });
-        pass_tokens(&server_side, &client_side, &["*/alive", "*/s/*/live"]);
+        pass_tokens(&server_side, &client_side, &["*/alive", "*/s/*/live", "*/s/*/truth/live/*"]);
         pass_tokens(&client_side, &server_side, &["*/s/*/client"]);
         pass_messages(&server_side, &client_side, &["*/s/*/observation", "*/s/*/notice", "*/s/*/truth/row"], &counts);
         pass_messages(&client_side, &server_side, &["*/s/*/action", "*/s/*/truth/ack"], &counts);

@@ -106,6 +106,7 @@ impl Batch {
             return Err(BatchError::Robots { bank, found: banks[bank].scene.robot_layout(), expected });
         }
         disturbances.check(banks[0].scene.robot.links().len())?;
+        banks.iter().try_for_each(|bank| bank.ranges.check())?;
         let ready = banks.iter().enumerate().map(|(index, bank)| ReadyBank::new(bank, index).map(Arc::new));
         let banks = ready.collect::<Result<Vec<_>, _>>()?;
         let (spec, shared) = (Arc::new(task.spec().clone()), Arc::new(Shared { disturbances, autoreset }));

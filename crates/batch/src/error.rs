@@ -55,6 +55,14 @@ pub enum BatchError {
         /// The rule that it breaks.
         rule: &'static str,
     },
+    /// A range from which worlds are drawn is not valid.
+    #[error("ranges: {field} {rule}")]
+    Range {
+        /// The field of [`Ranges`](crate::Ranges), such as `mass`.
+        field: &'static str,
+        /// The rule that it breaks.
+        rule: &'static str,
+    },
     /// The banks have robots of different sizes.
     #[error("bank {bank} has a robot of {found:?}, bank 0 one of {expected:?}; give all banks the same robot")]
     Robots {

@@ -4,6 +4,14 @@ use fiatlux_dynamics::{BodyVariation, DriveVariation, ShapeId, Variation};
 use fiatlux_world::{Random, Scene, ShapeOwner};
 use nalgebra::Vector3;
 
+use crate::BatchError;
+
+/// Upper bound of factors and coefficients of friction.
+const MAX_FACTOR: f64 = 1e6;
+
+/// Largest [`Ranges::com_shift_m`], m: more than any of the robot's bodies is long.
+const MAX_COM_SHIFT_M: f64 = 1.0;
+
 /// Ranges from which a world's differences from its scene are drawn, uniformly. Factors multiply the nominal values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranges {
@@ -13,7 +21,7 @@ pub struct Ranges {
     pub floor_friction: Option<[f64; 2]>,
     /// Factor of the mass of each of the robot's bodies, above 0.
     pub mass: [f64; 2],
-    /// Largest shift of the centre of mass of each of the robot's bodies along an axis, m.
+    /// Largest shift of the centre of mass of each of the robot's bodies along an axis, m, at most 1.
     pub com_shift_m: f64,
     /// Factor of the stiffness of each drive, at least 0.
     pub stiffness: [f64; 2],
@@ -46,6 +54,32 @@ impl Ranges {
             ("damping", format!("{:?}", self.damping)),
             ("effort_limit", format!("{:?}", self.effort_limit)),
         ]
+    }
+
+    /// Refuses ranges from which no world can be drawn, by the name of the field.
+    pub(crate) fn check(&self) -> Result<(), BatchError> {
+        let refuse = |field, rule| Err(BatchError::Range { field, rule });
+        let is_range = |[low, high]: [f64; 2]| low >= 0.0 && high >= low && high < MAX_FACTOR;
+        let from_zero = [
+            ("hand_friction", self.hand_friction),
+            ("floor_friction", self.floor_friction),
+            ("stiffness", Some(self.stiffness)),
+            ("damping", Some(self.damping)),
+        ];
+        for (field, range) in from_zero {
+            if range.is_some_and(|range| !is_range(range)) {
+                return refuse(field, "must be [least, most], at least 0 and below 1e6");
+            }
+        }
+        for (field, range) in [("mass", self.mass), ("effort_limit", self.effort_limit)] {
+            if !is_range(range) || range[0] == 0.0 {
+                return refuse(field, "must be [least, most], above 0 and below 1e6");
+            }
+        }
+        if !(0.0..=MAX_COM_SHIFT_M).contains(&self.com_shift_m) {
+            return refuse("com_shift_m", "must be from 0 to 1 m");
+        }
+        Ok(())
     }
 
     /// Draws a world's differences, and overwrites its current ones.

@@ -14,18 +14,18 @@ pub fn print(text: impl AsRef<str>) -> io::Result<()> {
     write(&plain_lines(text.as_ref()))
 }
 
-/// As [`print`], for text that has colours of our own.
+/// As [`print()`], for text that has colours of our own.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn print_styled(text: impl AsRef<str>) -> io::Result<()> {
     write(text.as_ref())
 }
 
-/// As [`print`], for a text whose first line is the result: a terminal shows that in bold.
+/// As [`print()`], for a text whose first line is the result: a terminal shows that in bold.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn print_headed(text: impl AsRef<str>) -> io::Result<()> {
     let text = plain_lines(text.as_ref());
     match text.split_once('\n') {

@@ -1,7 +1,7 @@
 //! The HTTP server, with limits on connections, headers and waiting times.
 
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -40,6 +40,8 @@ const PAUSE: Duration = Duration::from_millis(50);
 pub(crate) const SEND_BUFFER: u32 = 128 << 10;
 /// Connections that wait to be accepted.
 const BACKLOG: u32 = 1024;
+/// Most connections to the address for metrics.
+const MAX_METRICS_CONNECTIONS: usize = 16;
 
 /// Listens on an address, for [`serve`]; port 0 picks a free one.
 ///
@@ -59,7 +61,13 @@ pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
 /// # Errors
 /// The listener fails.
 pub async fn serve_metrics(service: Arc<Service>, listener: TcpListener) -> io::Result<()> {
-    axum::serve(listener, crate::metrics::router(service)).await
+    let (router, pace) = (crate::metrics::router(Arc::clone(&service)), service.options.pace);
+    let open = |_| {
+        let router = router.clone();
+        Some(move |stream, ended| answer(stream, None, router, pace, ended))
+    };
+    accept(listener, MAX_METRICS_CONNECTIONS, std::future::pending(), open).await;
+    Ok(())
 }
 
 /// Answers requests until `stop` completes; then takes no new ones, and gives open ones ten seconds to end.
@@ -74,6 +82,30 @@ pub async fn serve(
 ) -> io::Result<()> {
     let router = crate::router(Arc::clone(&service));
     let visitors = Visitors::new(Arc::clone(&service), most_connections);
+    let open = |peer| {
+        // Closed at once, if its address has its share.
+        let visit = visitors.connect(peer)?;
+        let (service, router) = (Arc::clone(&service), router.clone());
+        Some(move |stream, ended| async move {
+            service.metrics.connections.fetch_add(1, Ordering::Relaxed);
+            answer(stream, Some(visit), router, service.options.pace, ended).await;
+            service.metrics.connections.fetch_sub(1, Ordering::Relaxed);
+        })
+    };
+    accept(listener, most_connections, stop, open).await;
+    Ok(())
+}
+
+/// Accepts connections until `stop` completes. `open` says how one is answered; `None` closes it.
+async fn accept<Answer, Answering>(
+    listener: TcpListener,
+    most_connections: usize,
+    stop: impl Future<Output = ()>,
+    open: impl Fn(IpAddr) -> Option<Answer>,
+) where
+    Answer: FnOnce(TcpStream, watch::Receiver<bool>) -> Answering,
+    Answering: Future<Output = ()> + Send + 'static,
+{
     let places = Arc::new(Semaphore::new(most_connections));
     let (ending, ended) = watch::channel(false);
     let mut connections = JoinSet::new();
@@ -92,13 +124,10 @@ pub async fn serve(
         while connections.try_join_next().is_some() {}
         match accepted {
             Ok((stream, peer)) => {
-                // Closed at once, if its address has its share.
-                let Some(visit) = visitors.connect(peer.ip()) else { continue };
-                let (service, router, ended) = (Arc::clone(&service), router.clone(), ended.clone());
+                let Some(answer) = open(peer.ip()) else { continue };
+                let answering = answer(stream, ended.clone());
                 connections.spawn(async move {
-                    service.metrics.connections.fetch_add(1, Ordering::Relaxed);
-                    answer(stream, visit, router, service.options.pace, ended).await;
-                    service.metrics.connections.fetch_sub(1, Ordering::Relaxed);
+                    answering.await;
                     drop(place);
                 });
             }
@@ -114,14 +143,22 @@ pub async fn serve(
     if tokio::time::timeout(DRAIN, drained).await.is_err() {
         tracing::warn!(open = connections.len(), "connections were cut; their uploads can be resumed");
     }
-    Ok(())
 }
 
-async fn answer(stream: TcpStream, visit: Arc<Visit>, router: Router, pace: Pace, mut ended: watch::Receiver<bool>) {
+/// Answers the requests of a connection, each of which carries the visit as an extension.
+async fn answer(
+    stream: TcpStream,
+    visit: Option<Arc<Visit>>,
+    router: Router,
+    pace: Pace,
+    mut ended: watch::Receiver<bool>,
+) {
     // Small responses should not wait for each other; if this cannot be set, they do.
     drop(stream.set_nodelay(true));
     let service = service_fn(move |mut request: Request<Incoming>| {
-        request.extensions_mut().insert(Arc::clone(&visit));
+        if let Some(visit) = &visit {
+            request.extensions_mut().insert(Arc::clone(visit));
+        }
         TowerToHyperService::new(router.clone()).call(request)
     });
     let connection = http1::Builder::new()

@@ -18,13 +18,14 @@ const RECORDED: [&str; 3] = ["navigate:3", "height:1", "torso:3"];
 /// ```no_run
 /// use std::sync::Arc;
 ///
-/// use fiatlux_policies::WholeBody;
 /// use fiatlux_client::{Command, PolicyError};
+/// use fiatlux_policies::WholeBody;
 /// use fiatlux_proto::v3::{Observation, SessionInfo};
 /// use fiatlux_wbc::Network;
 ///
 /// fn start(info: &SessionInfo, first: &Observation) -> Result<WholeBody, PolicyError> {
-///     Ok(WholeBody::own("mine", Arc::new(Network::shipped()?), info, first)?.holding_arms(info)?)
+///     let network = Network::shipped().map_err(PolicyError::of("mine"))?;
+///     WholeBody::own("mine", Arc::new(network), info, first)?.holding_arms(info)
 /// }
 ///
 /// fn act(body: &mut WholeBody, observation: &Observation) -> Result<Command, PolicyError> {

@@ -240,12 +240,14 @@ fn keys_are_looked_at(installation: &Installation) {
     }
     if installation.commands[SERVER].iter().any(|arg| arg == "--recorder-key") {
         let (key, out) = (format!("{other}/recorder_key"), format!("{other}/bags"));
-        let _recorder = installation.run(RECORDER, |args| {
+        let recorder = installation.run(RECORDER, |args| {
             set(args, "--recorder-key", "--recorder-key", &key);
             set(args, "--out", "--out", &out);
         });
         played(&mut installation.client());
-        assert!(!Path::new(&out).read_dir().is_ok_and(|mut files| files.next().is_some()), "it can read no record");
+        let made = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name());
+        assert_eq!(made.collect::<Vec<_>>(), ["recorder.lock"], "it can read no record");
+        assert!(recorder.log().contains("ignoring sessions announced as server test's"), "{}", recorder.log());
     }
 }
 

@@ -1,6 +1,8 @@
 //! Bad use is refused by name, and nothing panics.
 
-use fiatlux_batch::{Bank, Batch, BatchConfig, BatchError, Control, Outcome, Outputs, Spec, Task, TaskError, Walking};
+use fiatlux_batch::{
+    Bank, Batch, BatchConfig, BatchError, Control, Outcome, Outputs, Ranges, Spec, Task, TaskError, Walking,
+};
 use fiatlux_rules::Row;
 use fiatlux_world::{Light, Random, Scene, World};
 
@@ -30,6 +32,22 @@ fn configs_that_make_no_batch() {
     assert_eq!(broken, "bank 0, start 0: no world starts there");
     let pushes = fiatlux_batch::Pushes { interval_s: [2.0, 1.0], linear: 0.1, angular: 0.0 };
     assert!(refused(&|config| config.disturbances.pushes = Some(pushes.clone())).contains("pushes.interval_s"));
+    let nominal = Ranges::NOMINAL;
+    for (ranges, expected) in [
+        (Ranges { com_shift_m: 1e300, ..nominal.clone() }, "ranges: com_shift_m must be from 0 to 1 m"),
+        (Ranges { com_shift_m: -0.01, ..nominal.clone() }, "ranges: com_shift_m must be from 0 to 1 m"),
+        (Ranges { mass: [0.0, 1.0], ..nominal.clone() }, "ranges: mass must be [least, most], above 0 and below 1e6"),
+        (
+            Ranges { stiffness: [1.1, 0.9], ..nominal.clone() },
+            "ranges: stiffness must be [least, most], at least 0 and below 1e6",
+        ),
+        (
+            Ranges { floor_friction: Some([0.5, f64::NAN]), ..nominal.clone() },
+            "ranges: floor_friction must be [least, most], at least 0 and below 1e6",
+        ),
+    ] {
+        assert_eq!(refused(&|config| config.banks[0] = bank.clone().varied(&ranges, 2, 0)), expected);
+    }
 }
 
 #[test]

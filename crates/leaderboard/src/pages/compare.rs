@@ -35,7 +35,7 @@ pub(super) async fn choose(State(pages): State<Arc<Pages>>, RawQuery(query): Raw
         [a, b] if a != b && ids.iter().all(is_id) => Ok(Redirect::to(&format!("/compare/{a}/{b}")).into_response()),
         [one] => {
             let entry = pages.open(one).await?;
-            let board = pages.board().await?;
+            let board = pages.board_with(entry.id).await?;
             Ok(page(&ChoosePage { entry: &entry, others: board.partners(entry.id) }))
         }
         _ => Err(Problem::Asked("Start with Compare in a row of the table.".into())),

@@ -54,7 +54,7 @@ struct RunPage<'a> {
 /// The page of a run.
 pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>) -> Result<Response, Problem> {
     let (entry, results) = pages.run(&id).await?;
-    let board = pages.board().await?;
+    let board = pages.board_with(entry.id).await?;
     let found = board.place(entry.id);
     let place = found.map(|(table, index)| {
         let address = format!("/?division={}", show::slug(table.version, &table.division));

@@ -74,6 +74,10 @@ pub(super) struct Board {
 }
 
 impl Board {
+    fn has(&self, id: SubmissionId) -> bool {
+        self.entries.iter().any(|entry| entry.id == id)
+    }
+
     /// The table of an entry and the index of its row; `None` if it is not ranked.
     pub fn place(&self, id: SubmissionId) -> Option<(&Table, usize)> {
         self.tables.iter().find_map(|table| {
@@ -137,26 +141,42 @@ impl Pages {
                 if let Ok(kept) = Arc::clone(&self.kept).try_lock_owned() {
                     let pages = Arc::clone(self);
                     // What fails is in the log, and the next one who asks tries again.
-                    tokio::spawn(async move { pages.renewed(kept).await.map(drop) });
+                    tokio::spawn(async move { pages.renewed(kept, None).await.map(drop) });
                 }
                 Ok(board)
             }
             _ => {
                 let kept = Arc::clone(&self.kept).lock_owned().await;
-                self.renewed(kept).await
+                self.renewed(kept, None).await
             }
         }
+    }
+
+    /// Like [`Pages::board`], but never older than an entry that was graded: the pages of a new run must not say that it
+    /// shares no episode with others.
+    pub async fn board_with(self: &Arc<Self>, id: SubmissionId) -> Result<Arc<Board>, Problem> {
+        let board = self.board().await?;
+        if board.has(id) {
+            return Ok(board);
+        }
+        let kept = Arc::clone(&self.kept).lock_owned().await;
+        self.renewed(kept, Some(id)).await
     }
 
     fn shown(&self) -> Option<(Instant, Arc<Board>)> {
         self.shown.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// The leaderboard, made anew where it is not fresh. One at a time holds what it is made of.
-    async fn renewed(&self, mut kept: OwnedMutexGuard<Kept>) -> Result<Arc<Board>, Problem> {
+    /// The leaderboard, made anew where it is not fresh or lacks a needed entry. One at a time holds what it is made of.
+    async fn renewed(
+        &self,
+        mut kept: OwnedMutexGuard<Kept>,
+        needed: Option<SubmissionId>,
+    ) -> Result<Arc<Board>, Problem> {
         let shown = self.shown();
         if let Some((made, board)) = &shown
             && made.elapsed() < FRESH
+            && needed.is_none_or(|id| board.has(id))
         {
             return Ok(Arc::clone(board));
         }

@@ -271,6 +271,14 @@ fn reader(board: &Board, bag: &str, address: &str) -> TcpStream {
     stream
 }
 
+/// Status of the answer to a [`reader`], who reads nothing after it.
+fn status(stream: &mut TcpStream) -> u16 {
+    let mut head = [0; 12];
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.read_exact(&mut head).unwrap();
+    std::str::from_utf8(&head[9..]).unwrap().parse().unwrap()
+}
+
 /// A service with a public bag that no system buffers whole, and the address of the bag.
 fn with_large_bag(name: &str, pace: Pace) -> (Board, String) {
     let board = Board::start(name, ServiceOptions { pace, ..ServiceOptions::default() });
@@ -287,12 +295,6 @@ fn with_large_bag(name: &str, pace: Pace) -> (Board, String) {
 #[test]
 fn readers_that_do_not_read_keep_nobody_out() {
     let (board, bag) = with_large_bag("idle-readers", Pace::default());
-    let status = |stream: &mut TcpStream| {
-        let mut head = [0; 12];
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        stream.read_exact(&mut head).unwrap();
-        std::str::from_utf8(&head[9..]).unwrap().parse::<u16>().unwrap()
-    };
     let quick = |what: &str| {
         let start = Instant::now();
         for page in ["/health", "/", "/about", "/api/v1/submissions"] {
@@ -325,13 +327,13 @@ fn readers_that_do_not_read_keep_nobody_out() {
 fn a_reader_that_does_not_read_is_cut() {
     let (board, bag) = with_large_bag("cut-reader", Pace { silence: Duration::from_millis(500), ..Pace::default() });
     let mut stream = reader(&board, &bag, "198.51.100.1");
+    assert_eq!(status(&mut stream), 200);
     let start = Instant::now();
     while board.metrics().contains("connections_open 1\n") {
         assert!(start.elapsed() < PATIENCE, "it is still open");
         std::thread::sleep(Duration::from_millis(100));
     }
     let mut rest = Vec::new();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     // The rest is what the system had buffered; then the connection ends, or is reset.
     drop(stream.read_to_end(&mut rest));
     assert!(rest.len() < 4 << 20, "{} bytes", rest.len());

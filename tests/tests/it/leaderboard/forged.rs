@@ -9,7 +9,7 @@ use super::lab::{Board, Lab, played_run};
 type Change = fn(&mut Parts, &Parts);
 
 /// Changes, whether the digests are made anew after them, and what the service says of each.
-const FORGED: [(&str, bool, Change, &str); 15] = [
+const FORGED: [(&str, bool, Change, &str); 16] = [
     ("a-joint", false, |parts, _| parts.states[7].joint_position[3] += 1e-9, "numbers were changed"),
     ("a-joint-sealed", true, |parts, _| parts.states[7].joint_position[3] += 1e-9, "step 7: joint_position of "),
     ("an-action", true, |parts, _| parts.actions[4].action.as_mut().unwrap().action[3] += 0.5, "step 5: "),
@@ -24,7 +24,8 @@ const FORGED: [(&str, bool, Change, &str); 15] = [
         "end.success is false by its rows",
     ),
     ("seed", false, |parts, _| parts.header.seed += 1, "header was changed"),
-    ("seed-sealed", true, |parts, _| parts.header.seed += 1, " in the second run"),
+    ("seed-sealed", true, |parts, _| parts.header.seed += 1, "seed is 0 by the request in it, and 1 in the header"),
+    ("seed-requested-sealed", true, request_other_seed, " in the second run"),
     ("rows", true, |parts, other| parts.states.clone_from(&other.states), "rows"),
     (
         "signature",
@@ -39,6 +40,11 @@ const FORGED: [(&str, bool, Change, &str); 15] = [
 
 fn move_bulb(parts: &mut Parts) {
     parts.states[9].fresh_bulb.as_mut().unwrap().body.as_mut().unwrap().position[0] += 0.1;
+}
+
+fn request_other_seed(parts: &mut Parts, _: &Parts) {
+    parts.header.seed += 1;
+    parts.header.request.as_mut().unwrap().seed += 1;
 }
 
 fn remove_steps(parts: &mut Parts, _: &Parts) {
