@@ -74,6 +74,12 @@ pub enum KeysError {
         "--host {0}: a certificate cannot name it; give an address such as 192.168.1.7 or a name such as lab.example.org"
     )]
     Host(String),
+    /// Programs would look for the router at an IPv6 address, over QUIC.
+    #[error(
+        "--host {0}: Zenoh compares no certificate with an IPv6 address; give a name that stands for it first, such as \
+         --host localhost --host {0}, or use --auth password"
+    )]
+    Ipv6(String),
     /// The text cannot be a server's name.
     #[error("--name {0}: a server's name has 1 to 64 letters, digits, - or _")]
     Server(String),
@@ -116,6 +122,12 @@ pub fn make(options: &KeysOptions) -> Result<Made, KeysError> {
     }
     if let Some(host) = options.hosts.iter().find(|host| !is_host(host)) {
         return Err(KeysError::Host(host.clone()));
+    }
+    // Zenoh 1.10 takes the address with its brackets for a server's name, which TLS refuses.
+    if let (Authentication::Certificates, Some(host)) = (options.authentication, options.hosts.first())
+        && host.parse::<std::net::Ipv6Addr>().is_ok()
+    {
+        return Err(KeysError::Ipv6(host.clone()));
     }
     let folder = |source| KeysError::Folder { path: options.out.clone(), source };
     let out = std::path::absolute(&options.out).map_err(folder)?;

@@ -61,7 +61,7 @@ def test_disabled_waits_for_a_reset_of_the_worlds_that_ended():
     env.reset(seed=1)
     # Standing robots may fall in the same step; this one falls first.
     actions = zeros(env)
-    actions[1] = 1.0
+    actions[1] = -1.0
     for _ in range(200):
         observation, _, terminated, truncated, _ = env.step(actions)
         if terminated.any():
@@ -133,7 +133,9 @@ def test_observations_are_normalised():
         NormalizeReward,
         lambda env: ClipReward(env, -1.0, 1.0),
         # Gymnasium warns of bounds that are plain numbers: they become float64.
-        lambda env: RescaleAction(env, *(np.full(env.single_action_space.shape, bound, np.float32) for bound in (-1, 1))),
+        lambda env: RescaleAction(
+            env, *(np.full(env.single_action_space.shape, bound, np.float32) for bound in (-1, 1))
+        ),
         DictInfoToList,
     ],
 )

@@ -106,3 +106,16 @@ fn a_router_listens_where_its_host_is_looked_for() {
         }
     }
 }
+
+/// Zenoh's QUIC compares no certificate with an IPv6 address: programs would wait for ever.
+#[test]
+fn an_ipv6_address_needs_a_name_beside_a_certificate() {
+    let with = |hosts: &[&str], authentication| {
+        let hosts = hosts.iter().map(ToString::to_string).collect();
+        make(&KeysOptions { hosts, ..options("ipv6", authentication) })
+    };
+    let error = with(&["::1"], Authentication::Certificates).unwrap_err().to_string();
+    assert!(error.contains("--host localhost --host ::1") && error.contains("--auth password"), "{error}");
+    let made = with(&["localhost", "::1"], Authentication::Certificates).unwrap();
+    assert!(made.commands.iter().any(|command| command.contains("router")));
+}

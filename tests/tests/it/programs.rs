@@ -80,7 +80,7 @@ fn every_program_speaks_ipv6() {
         return;
     }
     let scratch = Scratch::new("ipv6");
-    make_keys(&scratch, &["--host", "::1", "--port", &free_port().to_string()]);
+    make_keys(&scratch, &["--host", "::1", "--auth", "password", "--port", &free_port().to_string()]);
     let key = |name: &str| text(&scratch, &format!("keys/{name}"));
     let mut router = Running::start("fiatlux", &["router", "-c", &key("router.json5")], &scratch);
     router.wait_for("as a router");
@@ -88,7 +88,7 @@ fn every_program_speaks_ipv6() {
         ["server.json5", "server_identity", "server_tokens", "recorder_key"].map(key);
     let server = ["-c", &config, "--identity", &identity, "--tokens", &tokens, "--recorder-key", &recorder_key];
     let mut server = Running::start("sim-server", &server, &scratch);
-    server.wait_for("connected to quic/[::1]:");
+    server.wait_for("connected to tcp/[::1]:");
     let [config, bags] = [key("recorder.json5"), text(&scratch, "bags")];
     let recorder = ["-c", &config, "--recorder-key", &recorder_key, "--out", &bags, "--flat"];
     let mut recorder = Running::start("recorder", &recorder, &scratch);
