@@ -11,7 +11,7 @@ trap 'rm -rf "$work"' EXIT
 programs=(fiatlux sim-server recorder policy-client scorer)
 
 # One build for both, in the same target folder: the wheel shares nearly all of it with the programs.
-cargo build --release --locked --features fiatlux/network -p fiatlux -p sim-server -p policy-client -p scorer --bins
+cargo build --release --locked --features network -p fiatlux -p sim-server -p policy-client -p scorer --bins
 python3 -m venv "$work/venv"
 "$work/venv/bin/pip" install --quiet "maturin>=1.9.4,<2" "wheel>=0.45"
 "$work/venv/bin/maturin" build --release --locked --quiet -m python/Cargo.toml --out "$work"

@@ -43,7 +43,7 @@ fn build() -> PathBuf {
         "--bins",
         "--examples",
         "--features",
-        "fiatlux/network",
+        "network",
         "--target-dir",
     ]);
     cargo.arg(folder.parent().expect("target"));
