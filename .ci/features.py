@@ -18,7 +18,7 @@ ENTRIES = {
     "benchmarks": ["build", "--release", "--package", "fiatlux-bench"],
     "example of a policy": ["build", "--release", "--package", "policy-client", "--example", "wave"],
     "tests": ["test", "--workspace"],
-    "programs of tests": ["build", "--workspace", "--bins", "--features", "network"],
+    "programs of tests": ["build", "--workspace", "--bins", "--features", "network,rapier"],
     "wheel of tests": ["build", "--manifest-path", "python/Cargo.toml", "--lib"],
     "lints": ["check", "--workspace", "--all-targets"],
     "documentation": ["doc", "--workspace", "--no-deps"],

@@ -4,6 +4,7 @@ pub mod batch;
 mod case;
 mod machine;
 mod mujoco;
+#[cfg(feature = "rapier")]
 mod multibody;
 mod report;
 mod room;
@@ -16,6 +17,7 @@ mod worlds;
 
 pub use case::{Case, cases};
 pub use mujoco::{MujocoTime, Oracle};
+#[cfg(feature = "rapier")]
 pub use multibody::MultibodyWorld;
 pub use report::{CaseReport, Report, RoomReport, WorldsReport};
 pub use stats::Times;
@@ -35,6 +37,7 @@ pub enum BenchError {
         problem: String,
     },
     /// Rapier refused a joint.
+    #[cfg(feature = "rapier")]
     #[error("Rapier took no multibody joint for body '{0}'; its tree has a loop or two parents")]
     Joint(String),
     /// The script that times MuJoCo or PyTorch does not exist.

@@ -7,9 +7,12 @@ use fiatlux_dynamics::Dynamics;
 use fiatlux_world::PHYSICS_DT;
 
 use super::machine::machine;
-use super::{BenchError, Case, CaseReport, MultibodyWorld, Oracle, Report, Times, cases, room, worlds};
+#[cfg(feature = "rapier")]
+use super::MultibodyWorld;
+use super::{BenchError, Case, CaseReport, Oracle, Report, Times, cases, room, worlds};
 
 /// Rapier's multibody is slow: it is measured over this part of the time.
+#[cfg(feature = "rapier")]
 const MULTIBODY_SHARE: f64 = 0.05;
 /// Smallest number of runs from one start that are measured.
 const MIN_REPEATS: usize = 2;
@@ -49,6 +52,9 @@ pub fn run(options: &Options) -> Result<Report, BenchError> {
         }
         reports.push(report);
     }
+    #[cfg(not(feature = "rapier"))]
+    eprintln!("bench: Rapier's multibody is left out; build with --features rapier for it");
+    #[cfg(feature = "rapier")]
     for case in &cases[..3] {
         for (substeps, label) in [(Some(1), "1 substep"), (None, "default")] {
             let name = format!("{}, Rapier multibody, {label}", case.name);
@@ -105,6 +111,7 @@ impl Samples {
 
 /// The same in Rapier, which holds the first targets. The world is built afresh for every run, and its first step,
 /// which sets up the broad phase, is not timed.
+#[cfg(feature = "rapier")]
 fn time_multibody(
     case: &Case,
     name: String,

@@ -43,7 +43,7 @@ fn build() -> PathBuf {
         "--bins",
         "--examples",
         "--features",
-        "network",
+        "network,rapier",
         "--target-dir",
     ]);
     cargo.arg(folder.parent().expect("target"));
@@ -155,7 +155,8 @@ impl Running {
 
     fn spawn(name: &str, mut command: Command, folder: &Scratch) -> Self {
         static COUNT: AtomicUsize = AtomicUsize::new(0);
-        let log = folder.path().join(format!("{name}-{}.log", COUNT.fetch_add(1, Ordering::Relaxed)));
+        let file = format!("{}-{}.log", name.replace('/', "-"), COUNT.fetch_add(1, Ordering::Relaxed));
+        let log = folder.path().join(file);
         let mut child = command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

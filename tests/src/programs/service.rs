@@ -89,7 +89,7 @@ pub fn endpoint(port: u16) -> String {
 
 /// A Zenoh router that listens on that port.
 pub fn router(port: u16, folder: &Scratch) -> Running {
-    let mut router = Running::start("fiatlux-test-router", &[&port.to_string()], folder);
+    let mut router = Running::start("examples/router", &[&port.to_string()], folder);
     router.wait_for("ready");
     router
 }

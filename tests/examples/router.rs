@@ -1,4 +1,4 @@
-//! A Zenoh router on the loopback interface, in a process of its own: `router PORT`. For tests.
+//! A Zenoh router on the loopback interface, in a process of its own: `router PORT`.
 
 use zenoh::{Config, Wait};
 
