@@ -109,8 +109,11 @@ fn blocks<S: Simd, const N: usize>(
     while row + N <= left.rows.len() {
         let mut sums = [[start]; N];
         for (&tap, panel) in left.taps.iter().zip(panel.chunks_exact(left.run)) {
-            let pieces = std::array::from_fn(|n| &left.data[left.rows[row + n] + tap..][..left.run]);
-            add::<S, N, 1, true>(simd, pieces, [panel], &mut sums);
+            let mut pieces = [[].as_slice(); N];
+            for n in 0..N {
+                pieces[n] = &left.data[left.rows[row + n] + tap..][..left.run];
+            }
+            add::<S, N, 1, true>(simd, pieces, [&panel[..left.run]], &mut sums);
         }
         for n in 0..N {
             target.finish.write(simd, sums[n][0], &mut target.data[target.rows[row + n] + column..][..LANES]);
