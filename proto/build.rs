@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 23] = [
+const IN_METADATA: [&str; 24] = [
     "EpisodeHeader",
     "OpenRequest",
     "Hello",
@@ -27,6 +27,7 @@ const IN_METADATA: [&str; 23] = [
     "SceneGeometry",
     "BulbGeometry",
     "JointDrive",
+    "ContactMeasure",
 ];
 
 fn main() {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
 use fiatlux_robot::{GainSet, HandKind, Robot};
-use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_wbc::{Balance, Sensed};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
@@ -69,7 +69,7 @@ fn fall_onto_ladder(stage: &Stage) -> Result<Case, BenchError> {
     let mut state = stage.start.clone();
     let [x, y] = BEFORE_LADDER;
     let ladder_from_pelvis = Isometry3::new(Vector3::new(x, y, 0.0), Vector3::z() * std::f64::consts::FRAC_PI_2);
-    let mut world_from_pelvis = scene.world_from_ladder * ladder_from_pelvis;
+    let mut world_from_pelvis = scene.world_from(errand::LADDER) * ladder_from_pelvis;
     world_from_pelvis.translation.z = stage.world_from_pelvis.translation.z;
     state.set_pose(&scene.model, scene.robot_ids.root, &world_from_pelvis);
     let push = world_from_pelvis.rotation * Vector3::new(PUSH, 0.0, 0.0);
@@ -137,7 +137,7 @@ fn hand_closed_on_nothing(stage: &Stage) -> Result<Case, BenchError> {
 /// Stands the old bulb on the bench, since it would fall out of the socket, whose hold is not part of the engine.
 /// Returns its pose; the identity if there is no bulb or no bench.
 pub(super) fn stand_old_bulb_on_bench(scene: &Scene, state: &mut State) -> Isometry3<f64> {
-    let (Some(world_from_bench), Some(old_bulb)) = (scene.world_from_bench, scene.old_bulb) else {
+    let (Some(world_from_bench), Some(old_bulb)) = (scene.world_from_bench, scene.body(errand::OLD_BULB)) else {
         return Isometry3::identity();
     };
     let bench = &scene.config.bench;
@@ -187,9 +187,9 @@ impl Stage {
         let mut world = World::new(self.scene.clone());
         let mut row = world.row().clone();
         row.robot = BodyRow::at_rest(self.world_from_pelvis);
-        row.bulbs[Bulb::Old as usize] = BodyRow::at_rest(self.world_from_old_bulb);
+        row.things[errand::OLD_BULB] = BodyRow::at_rest(self.world_from_old_bulb);
         row.joint_position.clone_from(&self.joint_q0);
-        row.attachments = [AttachmentRow { seated: false, steps_beyond: 0 }; 2];
+        row.attachments.fill(AttachmentRow::FREE);
         world.reset_to(&row).map_err(|e| failed(e.to_string()))?;
 
         let balance = Balance::new(robot.clone(), self.scene.spec.gains.clone(), &self.joint_q0)
@@ -263,7 +263,7 @@ impl Stage {
         dynamics.contacts().iter().any(|contact| {
             let owners = [contact.shape_a, contact.shape_b].map(|shape| self.scene.owner(shape));
             let robot = owners.iter().any(|owner| matches!(owner, ShapeOwner::Robot(_)));
-            robot && owners.contains(&ShapeOwner::Ladder) && contact.force.norm() > 0.0
+            robot && owners.contains(&ShapeOwner::LADDER) && contact.force.norm() > 0.0
         })
     }
 }

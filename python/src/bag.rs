@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use fiatlux_bag::{Bag as File, BagError, Completeness, Messages};
+use fiatlux_proto::v3::{ContactMeasure, EpisodeHeader};
 use fiatlux_proto::{DESCRIPTORS, Message};
+use fiatlux_rules::manifest;
 use numpy::IntoPyArray;
 use prost::Name;
 use prost_reflect::{DescriptorPool, DynamicMessage, MapKey, ReflectMessage, Value};
@@ -60,7 +62,7 @@ impl Bag {
     /// All messages of a topic as columns.
     fn columns<'py>(&self, py: Python<'py>, topic: &str) -> PyResult<Bound<'py, PyDict>> {
         let read = || match topic {
-            "/state" => self.read(self.file.states()).map(Some),
+            "/state" => self.read(self.file.states()).map(|table| Some(table.with_parts_named(self.file.header()))),
             "/action" => self.read(self.file.actions()).map(Some),
             "/observation" => self.read(self.file.observations()).map(Some),
             "/reward" => self.read(self.file.rewards()).map(Some),
@@ -146,6 +148,26 @@ impl Table {
         column.values.extend(values);
     }
 
+    /// Columns of rows by the names of things and contact measures.
+    fn with_parts_named(mut self, header: &EpisodeHeader) -> Self {
+        let held = manifest().held_by_socket().filter_map(|thing| header.things.get(thing).cloned()).collect();
+        let columns = std::mem::take(&mut self.columns);
+        for (path, column) in columns {
+            let lists = [("things.", &header.things), ("attachments.", &held)];
+            let part = lists.iter().find_map(|(list, names)| {
+                let (index, field) = path.strip_prefix(list)?.split_once('.')?;
+                Some(format!("{}.{field}", names.get(index.parse::<usize>().ok()?)?))
+            });
+            if path == "forces" || path == "loads" {
+                let measures = header.contacts.iter().filter(|contact| contact.vectors == (path == "forces"));
+                self.columns.extend(column.split(measures));
+            } else if part.is_none() || !column.values.is_empty() {
+                self.columns.insert(part.unwrap_or(path), column);
+            }
+        }
+        self
+    }
+
     fn arrays<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
         for (path, column) in self.columns {
@@ -160,6 +182,25 @@ impl Table {
 }
 
 impl Column {
+    /// The columns of measures that follow each other in this one's lists.
+    fn split<'a>(&self, measures: impl Iterator<Item = &'a ContactMeasure>) -> impl Iterator<Item = (String, Column)> {
+        let mut first = 0;
+        measures.map(move |measure| {
+            let length = measure.parts as usize * if measure.vectors { 3 } else { 1 };
+            let mut values = self.values.as_slice();
+            let mut part = Column { rows: self.rows.clone(), ..Column::default() };
+            for row in &self.lengths {
+                let (list, rest) = values.split_at(row.unwrap_or(1));
+                let list = list.get(first..first + length).unwrap_or_default();
+                part.values.extend_from_slice(list);
+                part.lengths.push((length > 1).then_some(list.len()));
+                values = rest;
+            }
+            first += length;
+            (measure.name.clone(), part)
+        })
+    }
+
     /// An array with a row for each message if all have the same number of values; otherwise a list of lists.
     fn array<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let Self { lengths, values, .. } = self;

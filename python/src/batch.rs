@@ -8,7 +8,7 @@ use fiatlux_batch::{
     Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Buffers, Disturbances, MAX_STARTS, Rulebook,
     Snapshot as Saved, Task, Walking, WalkingOptions,
 };
-use fiatlux_rules::Row;
+use fiatlux_rules::{Motion, Row, manifest};
 use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
@@ -372,21 +372,16 @@ pub(crate) fn describe_row<'py>(py: Python<'py>, row: &Row) -> PyResult<Bound<'p
     }
     let dict = PyDict::new(py);
     dict.set_item("step", row.step)?;
-    let bodies =
-        [("robot", &row.robot), ("ladder", &row.ladder), ("old_bulb", &row.bulbs[0]), ("fresh_bulb", &row.bulbs[1])];
-    for (name, body) in bodies {
+    let things = manifest().things.iter().zip(&row.things).zip(&row.present);
+    let things = things.filter(|((thing, _), present)| **present && thing.motion == Motion::Free);
+    let things = things.map(|((thing, body), _)| (thing.name.as_str(), body));
+    for (name, body) in [("robot", &row.robot)].into_iter().chain(things) {
         let (at, turn) = (&body.pose.translation.vector, body.pose.rotation.quaternion());
         dict.set_item(format!("{name}_pose"), array(py, &[at.x, at.y, at.z, turn.w, turn.i, turn.j, turn.k]))?;
         dict.set_item(format!("{name}_linear_velocity"), array(py, body.linear_velocity.as_slice()))?;
         dict.set_item(format!("{name}_angular_velocity"), array(py, body.angular_velocity.as_slice()))?;
     }
-    for (name, numbers) in [
-        ("joint_position", &row.joint_position),
-        ("joint_velocity", &row.joint_velocity),
-        ("joint_target", &row.joint_target),
-        ("joint_effort", &row.joint_effort),
-        ("action", &row.action),
-    ] {
+    for (name, numbers) in row.by_joint() {
         dict.set_item(name, array(py, numbers))?;
     }
     Ok(dict)

@@ -25,6 +25,12 @@ def test_a_bag_has_the_rows_that_the_package_plays():
     states = bag["/state"]
     assert bag["/state"] is states
     assert states["joint_position"].shape == (recorded["steps"] + 1, 53)
+    # Things and contact measures by name; what cannot move has no velocity.
+    sizes = {"ladder.linear_velocity": 3, "crate.position": 3, "fresh_bulb.hand_force": 102, "floor_force": 12, "tread_load": 4}
+    for name, size in sizes.items():
+        assert states[name].shape == (recorded["steps"] + 1, size), name
+    assert states["old_bulb.other_force_peak"].shape == states["old_bulb.seated"].shape == (recorded["steps"] + 1,)
+    assert not any(name.startswith(("things.", "attachments.", "crate.linear", "forces")) for name in states)
 
     env = fiatlux.Env("S05")
     env.reset(seed=0)
@@ -35,6 +41,7 @@ def test_a_bag_has_the_rows_that_the_package_plays():
         ended = terminated or truncated
     np.testing.assert_array_equal(env.row()["joint_position"], states["joint_position"][-1])
     np.testing.assert_array_equal(env.row()["joint_velocity"], states["joint_velocity"][-1])
+    np.testing.assert_array_equal(env.row()["ladder_pose"][:3], states["ladder.position"][-1])
     np.testing.assert_allclose(bag["/reward"]["total"][-len(rewards) :], rewards)
     for name, value in env.summary().items():
         assert value == recorded[name], name

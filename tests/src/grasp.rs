@@ -1,6 +1,7 @@
 //! The old bulb in a rig's right hand, grasped as `[start.carry]` of the scene's config says.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
+use fiatlux_rules::errand;
 use std::f64::consts::PI;
 
 use fiatlux_world::Scene;
@@ -30,8 +31,8 @@ pub fn world_from_held_bulb(rig: &Rig) -> Isometry3<f64> {
 pub fn close_hand(rig: &mut Rig) {
     let scene = rig.scene.clone();
     let bulb = world_from_held_bulb(rig);
-    rig.place(scene.old_bulb.unwrap(), &bulb);
-    rig.lock_body(scene.old_bulb.unwrap(), true);
+    rig.place(scene.body(errand::OLD_BULB).unwrap(), &bulb);
+    rig.lock_body(scene.body(errand::OLD_BULB).unwrap(), true);
     rig.lock_robot(true);
     for (joint, target) in grip_targets(&scene) {
         let ids = &scene.robot_ids.joints[joint];
@@ -39,5 +40,5 @@ pub fn close_hand(rig: &mut Rig) {
         rig.targets[ids.drive] = target;
     }
     rig.run(scene.config.start.carry.closing_time);
-    rig.lock_body(scene.old_bulb.unwrap(), false);
+    rig.lock_body(scene.body(errand::OLD_BULB).unwrap(), false);
 }

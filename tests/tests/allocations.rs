@@ -6,7 +6,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use fiatlux_dynamics::Contact;
 use fiatlux_robot::GainSet;
-use fiatlux_rules::{Bulb, Task};
+use fiatlux_rules::{Bulb, Task, errand};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{SceneKind, ShapeOwner, StartOptions, World, start};
 use nalgebra::{Isometry3, Vector3};
@@ -38,7 +38,7 @@ fn steps(mut world: World, name: &str) -> Met {
         let contacts = world.dynamics().contacts();
         met.contacts = met.contacts.max(contacts.len());
         met.on_ladder += usize::from(contacts.iter().any(|contact| is_on_ladder(&world, contact)));
-        let held = world.row().hand_force[Bulb::Fresh as usize].iter().any(|force| force.norm() > 1.0);
+        let held = world.row().force(errand::HAND_FORCE[Bulb::Fresh as usize]).iter().any(|force| force.norm() > 1.0);
         met.bulb_held += usize::from(held);
     }
     let change = region.change();
@@ -50,7 +50,7 @@ fn steps(mut world: World, name: &str) -> Met {
 fn is_on_ladder(world: &World, contact: &Contact) -> bool {
     let owners = [contact.shape_a, contact.shape_b].map(|shape| world.scene().owner(shape));
     let robot = owners.iter().any(|owner| matches!(owner, ShapeOwner::Robot(_)));
-    robot && owners.contains(&ShapeOwner::Ladder) && contact.force.norm() > 0.0
+    robot && owners.contains(&ShapeOwner::LADDER) && contact.force.norm() > 0.0
 }
 
 /// A world whose targets are its joint angles.
@@ -68,7 +68,7 @@ fn pushed_to_ladder() -> World {
     let mut world = world();
     let mut row = world.row().clone();
     let ladder_from_pelvis = Isometry3::new(Vector3::new(0.0, -0.85, 0.0), Vector3::z() * FRAC_PI_2);
-    row.robot.pose = world.scene().world_from_ladder * ladder_from_pelvis;
+    row.robot.pose = world.scene().world_from(errand::LADDER) * ladder_from_pelvis;
     row.robot.pose.translation.z = world.scene().robot.standing_height();
     row.robot.linear_velocity = row.robot.pose.rotation * Vector3::new(0.8, 0.0, 0.0);
     world.reset_to(&row).unwrap();

@@ -1,5 +1,6 @@
 //! Exports the same starts and targets for MuJoCo: scenes and numbers that `tests/oracle/violence.py` reads.
 
+use fiatlux_rules::errand;
 use std::fs;
 use std::path::Path;
 
@@ -88,8 +89,8 @@ fn names(scene: &Scene) -> Value {
     let speed_limits: Vec<_> = model.drives().iter().map(|(_, drive)| drive.speed_limit).collect();
     json!({
         "pelvis": name(scene.robot_ids.root),
-        "ladder": scene.ladder.map(name),
-        "bulbs": [scene.old_bulb.map(name), scene.fresh_bulb.map(name)],
+        "ladder": scene.body(errand::LADDER).map(name),
+        "bulbs": [scene.body(errand::OLD_BULB).map(name), scene.body(errand::FRESH_BULB).map(name)],
         "corner": Drive::CORNER,
         "speed_limits": speed_limits,
     })

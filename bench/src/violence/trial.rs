@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{ShapeId, State};
 use fiatlux_robot::{GainSet, HandKind, Robot};
-use fiatlux_rules::{BodyRow, Row, Task, diverged};
+use fiatlux_rules::{BodyRow, Row, Task, diverged, errand};
 use fiatlux_world::{Random, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartOptions, Stream, World, start};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
@@ -134,7 +134,7 @@ impl Trials {
     }
 
     fn draw_start(&self, row: &mut Row, random: &mut Random) {
-        let ladder = self.room.world_from_ladder.translation.vector;
+        let ladder = self.room.world_from(errand::LADDER).translation.vector;
         let at = Vector3::new(
             ladder.x + random.uniform(-1.2, 1.2),
             ladder.y + random.uniform(-1.2, 1.2),

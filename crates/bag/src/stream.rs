@@ -8,7 +8,7 @@ use std::slice;
 
 use crc32fast::Hasher;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
-use fiatlux_proto::v3::{Bulb, State};
+use fiatlux_proto::v3::State;
 use fiatlux_proto::{Message, decode_onto};
 use mcap::records::op;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -197,16 +197,11 @@ impl<'a, M: Message + Name + Default> Messages<'a, M> {
 }
 
 impl Messages<'_, State> {
-    /// Takes back a state that has been read: the next one fills its lists, which saves most of the work of reading it. A
-    /// bulb that the next one lacks is then there without any of its fields.
+    /// Takes back a state that has been read: the next one fills its lists, which saves most of the work of reading it.
     pub fn reuse(&mut self, state: State) {
         let list = |mut list: Vec<f64>| {
             list.clear();
             list
-        };
-        let bulb = |bulb: Option<Bulb>| {
-            let Bulb { hand_force, hand_force_peak, .. } = bulb?;
-            Some(Bulb { hand_force: list(hand_force), hand_force_peak: list(hand_force_peak), ..Bulb::default() })
         };
         self.empty = State {
             joint_position: list(state.joint_position),
@@ -214,8 +209,8 @@ impl Messages<'_, State> {
             joint_target: list(state.joint_target),
             joint_effort: list(state.joint_effort),
             action: list(state.action),
-            old_bulb: bulb(state.old_bulb),
-            fresh_bulb: bulb(state.fresh_bulb),
+            forces: list(state.forces),
+            loads: list(state.loads),
             ..State::default()
         };
     }

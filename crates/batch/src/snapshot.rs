@@ -65,7 +65,7 @@ struct WrittenWorld {
 impl Snapshot {
     /// The snapshot as bytes, for [`Snapshot::from_bytes`] of the same build.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let layout = self.worlds[0].row.layout();
+        let layout = self.worlds[0].row.layout;
         let world = |world: &WorldState| WrittenWorld {
             row: state_message(&world.row).encode_to_vec(),
             start: world.start,

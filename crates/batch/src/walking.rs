@@ -13,7 +13,7 @@ mod state;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fiatlux_rules::{CONTROL_DT, Row, Support};
+use fiatlux_rules::{CONTROL_DT, Row, Support, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_wbc::{ACTION_CLAMP, ARMS, Clock, Command, FRAME, History, LEGS, MOVED, Sensed, Setpoint, scale};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
@@ -360,7 +360,7 @@ impl Task for Walking {
         let bodies = [local(&row.robot.linear_velocity), local(&row.robot.angular_velocity), self.slow_velocity];
         let feet = self.foot_position.map(|position| local(&(position - Vector3::new(pelvis.x, pelvis.y, 0.0))));
         let speeds = self.foot_velocity.map(|velocity| local(&velocity));
-        let loads = [Support::LeftFoot, Support::RightFoot].map(|foot| row.floor_load[foot as usize]);
+        let loads = [Support::LeftFoot, Support::RightFoot].map(|foot| row.load(errand::FLOOR_LOAD)[foot as usize]);
         let upright = [row.robot.pose.rotation.inverse_transform_vector(&Vector3::z())];
         let torso = rewards::torso(world, self.torso);
         let forces = [0, 1].map(|hand| local(&self.hands.force(hand)));

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use fiatlux_proto::v3;
-use fiatlux_rules::{Benchmark, Episode, Protocol, ROW_LAYOUT, Rate, SeedScore, Spread, SubtaskScore, Summary, Task};
+use fiatlux_rules::{Benchmark, Episode, Protocol, Rate, SeedScore, Spread, SubtaskScore, Summary, Task, manifest};
 
 use crate::conditions::compared;
 use crate::episode::Graded;
@@ -480,6 +480,6 @@ fn versions(entries: &[Entry]) -> Versions {
         server: each(|header| header.version.clone()),
         protocol: each(|header| header.protocol.as_ref().map(ToString::to_string).unwrap_or_default()),
         random: each(|header| header.random.clone()),
-        digest_layout: ROW_LAYOUT.into(),
+        digest_layout: manifest().layout.clone(),
     }
 }

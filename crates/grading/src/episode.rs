@@ -38,7 +38,7 @@ pub enum HeaderError {
     #[error("cannot read the header; the bag may come from another version")]
     Wire(#[from] WireError),
     /// The rows have a layout that this version cannot digest.
-    #[error("the bag's digest has the layout {0}, this scorer knows {known}; use the scorer of that version", known = fiatlux_rules::ROW_LAYOUT)]
+    #[error("the bag's digest has the layout {0}, this scorer knows {known}; use the scorer of that version", known = fiatlux_rules::manifest().layout)]
     Layout(String),
 }
 
@@ -103,7 +103,7 @@ impl Grader {
         if protocol.minor > PROTOCOL.minor {
             return Err(HeaderError::Newer { found: protocol });
         }
-        if !header.digest_layout.is_empty() && header.digest_layout != fiatlux_rules::ROW_LAYOUT {
+        if !header.digest_layout.is_empty() && header.digest_layout != fiatlux_rules::manifest().layout {
             return Err(HeaderError::Layout(header.digest_layout.clone()));
         }
         let identity = read_identity(header)?;

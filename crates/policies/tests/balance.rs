@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use fiatlux_robot::{GainSet, JointGains, Robot};
-use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds};
+use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_wbc::{Balance, BalanceError, Sensed};
 use fiatlux_world::{ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, World, start};
@@ -152,7 +152,7 @@ fn play(task: Task, seed: u64, episode: u64, gains: GainSet, steps: usize) -> St
             squares += row.com_velocity.norm_squared();
         }
         if let (Some(held), Some(bulb)) = (&mut held, carried(task)) {
-            let forces = row.hand_force[bulb as usize].iter().map(Vector3::norm);
+            let forces = row.force(errand::HAND_FORCE[bulb as usize]).iter().map(Vector3::norm);
             let force = forces.fold(0.0, f64::max);
             held.at_end = force > touch;
             held.at_10_s |= step == 10 * SECOND && held.at_end;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use fiatlux_rules::{CONTROL_DT, Row, Task};
+use fiatlux_rules::{CONTROL_DT, Row, Task, errand};
 use fiatlux_world::ShapeOwner;
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -60,10 +60,10 @@ impl Spot {
         Self {
             step: row.step,
             pelvis: row.robot.pose,
-            ladder: row.ladder.pose,
-            lamp: row.fixture.translation.vector,
-            fresh_bulb: row.bulbs[1].pose.translation.vector,
-            crate_: row.crate_.translation.vector,
+            ladder: row.things[errand::LADDER].pose,
+            lamp: row.things[errand::FIXTURE].pose.translation.vector,
+            fresh_bulb: row.things[errand::FRESH_BULB].pose.translation.vector,
+            crate_: row.things[errand::CRATE].pose.translation.vector,
         }
     }
 }
@@ -248,7 +248,7 @@ pub fn best_bearing(visuals: &Visuals, light: &Lighting, rows: &[Row], focus: Fo
 
 /// Whether the lamp is on a wall and is seen from behind that wall.
 fn is_behind_wall(row: &Row, bearing: f64) -> bool {
-    let out = row.fixture.rotation * Vector3::z();
+    let out = row.things[errand::FIXTURE].pose.rotation * Vector3::z();
     let towards_camera = Vector3::new(libm::cos(bearing), libm::sin(bearing), 0.0);
     out.z.abs() < 0.5 && out.dot(&towards_camera) < -0.01
 }
@@ -260,8 +260,8 @@ fn seen(renderer: &Renderer) -> f64 {
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
         match renderer.owner(x, y) {
             Some(ShapeOwner::Robot(_)) => robot += 1,
-            Some(ShapeOwner::Ladder) => ladder += 1,
-            Some(ShapeOwner::Fixture | ShapeOwner::OldBulb | ShapeOwner::FreshBulb) => lamp += 1,
+            Some(ShapeOwner::LADDER) => ladder += 1,
+            Some(ShapeOwner::FIXTURE | ShapeOwner::OLD_BULB | ShapeOwner::FRESH_BULB) => lamp += 1,
             Some(ShapeOwner::Room) => room += 1,
             _ => {}
         }

@@ -13,8 +13,8 @@ use crate::paint::Paint;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Frame {
     World,
-    Ladder,
-    Bulb(usize),
+    /// A thing of the manifest that can move.
+    Thing(usize),
     Link(usize),
 }
 

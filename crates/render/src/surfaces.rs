@@ -1,6 +1,5 @@
 //! The meshes of a scene for others that draw: what a viewer on a screen needs to show the same things in the same colours.
 
-use fiatlux_rules::Bulb;
 use fiatlux_world::ShapeOwner;
 
 use crate::Visuals;
@@ -12,10 +11,8 @@ use crate::paint::Paint;
 pub enum Carrier {
     /// Nothing: it stands in the world.
     World,
-    /// The ladder, which the robot can move.
-    Ladder,
-    /// One of the two bulbs.
-    Bulb(Bulb),
+    /// A thing that can move, by its index in the manifest.
+    Thing(usize),
     /// A link of the robot, by link index.
     Link(usize),
 }
@@ -31,9 +28,7 @@ impl<'a> Surface<'a> {
     pub fn carrier(&self) -> Carrier {
         match self.mesh.frame {
             Frame::World => Carrier::World,
-            Frame::Ladder => Carrier::Ladder,
-            Frame::Bulb(0) => Carrier::Bulb(Bulb::Old),
-            Frame::Bulb(_) => Carrier::Bulb(Bulb::Fresh),
+            Frame::Thing(thing) => Carrier::Thing(thing),
             Frame::Link(link) => Carrier::Link(link),
         }
     }

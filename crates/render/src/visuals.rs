@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Geometry, ShapeSpec};
 use fiatlux_robot::Robot;
-use fiatlux_rules::{Bulb, Row};
+use fiatlux_rules::{Bulb, Row, errand};
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
@@ -56,8 +56,7 @@ impl Visuals {
         poses.clear();
         poses.extend(self.fine.iter().map(|mesh| match mesh.frame {
             Frame::World => Some(Isometry3::identity()),
-            Frame::Ladder => Some(row.ladder.pose),
-            Frame::Bulb(bulb) => Some(row.bulbs[bulb].pose),
+            Frame::Thing(thing) => Some(row.things[thing].pose),
             Frame::Link(link) => links.get(link).copied(),
         }));
     }
@@ -66,15 +65,37 @@ impl Visuals {
 fn meshes(scene: &Scene, robot: Option<&RobotMeshes>, detail: Detail) -> Vec<Arc<Mesh>> {
     let mut meshes = vec![room::floor(scene, detail), room::walls(scene, detail)];
     meshes.push(furniture(scene, ShapeOwner::Bench, detail));
-    meshes.push(furniture(scene, ShapeOwner::Crate, detail));
+    meshes.push(furniture(scene, ShapeOwner::CRATE, detail));
     meshes.push(fixture::fixture(scene, detail));
     meshes.push(ladder::ladder(scene, detail));
     meshes.push(bulb::bulb(scene, Bulb::Old, detail));
     meshes.push(bulb::bulb(scene, Bulb::Fresh, detail));
+    meshes.extend((errand::THINGS..scene.things.len()).map(|thing| plain(scene, thing, detail)));
     let mut meshes: Vec<_> = meshes.into_iter().map(|mesh| Arc::new(mesh.finished())).collect();
     meshes.extend(robot::links(&scene.robot, robot, detail));
     meshes.retain(|mesh| !mesh.triangles.is_empty());
     meshes
+}
+
+/// Where the shapes of a thing are given: with the thing, or in the world if it cannot move.
+fn frame_of(scene: &Scene, thing: usize) -> Frame {
+    if scene.body(thing).is_some() { Frame::Thing(thing) } else { Frame::World }
+}
+
+/// A thing by its collision shapes, boxes and balls.
+fn plain(scene: &Scene, thing: usize, detail: Detail) -> Mesh {
+    let owner = ShapeOwner::Thing(thing);
+    let mut mesh = Mesh::new(frame_of(scene, thing), owner, detail);
+    for shape in shapes(scene, owner) {
+        match shape.geometry {
+            Geometry::Cuboid { half_extents } => mesh.cuboid(&shape.body_from_shape, half_extents, Paint::Tray),
+            Geometry::Sphere { radius } => {
+                mesh.egg(&shape.body_from_shape, Vector3::zeros(), Vector3::from_element(radius), 24, Paint::Tray);
+            }
+            Geometry::Capsule { .. } | Geometry::HalfSpace => {}
+        }
+    }
+    mesh
 }
 
 /// The shapes of an owner.
@@ -99,7 +120,7 @@ fn furniture(scene: &Scene, owner: ShapeOwner, detail: Detail) -> Mesh {
             mesh.cuboid(&shape.body_from_shape, half_extents, paint);
         }
         // A band around the crate's walls, half a millimetre proud, so that they read as walls.
-        if owner == ShapeOwner::Crate && shape.name.contains("wall") {
+        if owner == ShapeOwner::CRATE && shape.name.contains("wall") {
             let proud = Vector3::new(0.0005, 0.0005, 0.0);
             let band = Vector3::new(half_extents.x, half_extents.y, 0.010) + proud;
             let up = Isometry3::translation(0.0, 0.0, half_extents.z - 0.018);

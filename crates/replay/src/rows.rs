@@ -93,6 +93,6 @@ fn is_drawable(row: &Row) -> bool {
     let is_pose = |pose: &Isometry3<f64>| {
         pose.translation.vector.iter().all(is_number) && (pose.rotation.quaternion().norm() - 1.0).abs() < UNIT
     };
-    let poses = [&row.robot.pose, &row.ladder.pose, &row.bulbs[0].pose, &row.bulbs[1].pose, &row.fixture, &row.crate_];
-    poses.iter().all(|pose| is_pose(pose)) && row.joint_position.iter().all(is_number)
+    let mut bodies = [&row.robot].into_iter().chain(&row.things);
+    bodies.all(|body| is_pose(&body.pose)) && row.joint_position.iter().all(is_number)
 }

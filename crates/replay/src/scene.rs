@@ -7,13 +7,15 @@ use std::ops::Range;
 
 use fiatlux_render::{Carrier, Lighting, Visuals, paints};
 use fiatlux_robot::Robot;
-use fiatlux_rules::Bulb;
-use fiatlux_world::{Scene, ShapeOwner};
+use fiatlux_rules::{Motion, Thing, manifest};
+use fiatlux_world::Scene;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-/// Frames of things other than the robot; they come after its links.
-pub(crate) const PROPS: [&str; 3] = ["ladder", "old_bulb", "fresh_bulb"];
+/// Things that have a frame, those that can move; the frames come after the robot's links.
+pub(crate) fn framed_things() -> impl Iterator<Item = (usize, &'static Thing)> {
+    manifest().things.iter().enumerate().filter(|(_, thing)| thing.motion == Motion::Free)
+}
 
 /// A frame whose pose is in every kept row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -98,7 +100,7 @@ pub struct Light {
 /// The scene of an episode. The numbers of its vertices are in a block of bytes, see [`Stage::bytes`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stage {
-    /// Links of the robot in order, then ladder, old bulb and fresh bulb.
+    /// Links of the robot in order, then the things that can move, in the order of the manifest.
     pub frames: Vec<Frame>,
     /// Materials, in the order of [`Group::material`].
     pub materials: Vec<Material>,
@@ -108,7 +110,7 @@ pub struct Stage {
     pub vertices: usize,
     /// Number of indices of all surfaces.
     pub indices: usize,
-    /// The surfaces of the robot, which all episodes share, and those of ladder, bulbs and room.
+    /// The surfaces of the robot, which all episodes share, and those of things and room.
     pub blocks: [Block; 2],
     /// The light of this episode.
     pub light: Light,
@@ -140,13 +142,13 @@ impl Stage {
                 indices.extend(run.iter().flat_map(|(vertices, _)| *vertices));
             }
             meshes.push(Mesh {
-                part: part(surface.owner()),
+                part: surface.owner().name(),
                 frame: match surface.carrier() {
                     Carrier::World => None,
                     Carrier::Link(link) => Some(link),
-                    Carrier::Ladder => Some(links),
-                    Carrier::Bulb(Bulb::Old) => Some(links + 1),
-                    Carrier::Bulb(Bulb::Fresh) => Some(links + 2),
+                    Carrier::Thing(thing) => {
+                        framed_things().position(|(index, _)| index == thing).map(|place| links + place)
+                    }
                 },
                 first_vertex: positions.len(),
                 vertices: surface.positions().len(),
@@ -189,7 +191,7 @@ impl Stage {
 fn frames(robot: &Robot) -> Vec<Frame> {
     let joint = |joint: usize| robot.joints().get(joint).map(|joint| joint.name.clone());
     let links = robot.links().iter().map(|link| Frame { name: link.name.clone(), joint: link.joint.and_then(joint) });
-    links.chain(PROPS.iter().map(|name| Frame { name: (*name).to_owned(), joint: None })).collect()
+    links.chain(framed_things().map(|(_, thing)| Frame { name: thing.name.clone(), joint: None })).collect()
 }
 
 fn materials(lighting: &Lighting) -> Vec<Material> {
@@ -221,19 +223,5 @@ fn light(lighting: &Lighting) -> Light {
         key: lighting.key / nominal.key,
         key_colour: lighting.key_colour,
         key_direction: direction.into(),
-    }
-}
-
-fn part(owner: ShapeOwner) -> &'static str {
-    match owner {
-        ShapeOwner::Floor => "floor",
-        ShapeOwner::Room => "room",
-        ShapeOwner::Bench => "bench",
-        ShapeOwner::Crate => "crate",
-        ShapeOwner::Fixture => "fixture",
-        ShapeOwner::Ladder => "ladder",
-        ShapeOwner::OldBulb => "old_bulb",
-        ShapeOwner::FreshBulb => "fresh_bulb",
-        ShapeOwner::Robot(_) => "robot",
     }
 }

@@ -4,13 +4,15 @@
 //! many kept rows, every second one is dropped and the distance between them doubles. Conditions and the force on the
 //! hands are small and kept for every row, so that nothing that lasts for one row is lost.
 
+use std::ops::Range;
+
 use fiatlux_robot::{Robot, RobotError};
-use fiatlux_rules::{Bulb, LIMBS, Limb, Row, measure};
+use fiatlux_rules::{Bulb, Group, Measure, Partner, RobotLayout, Row, errand, manifest, measure};
 use nalgebra::{Isometry3, Vector3};
 use serde::Serialize;
 
 use crate::conditions::flag;
-use crate::scene::PROPS;
+use crate::scene::framed_things;
 
 /// First bytes of a track.
 pub const MAGIC: [u8; 4] = *b"FLTR";
@@ -64,25 +66,18 @@ pub(crate) struct Track {
     hand_force: Vec<f32>,
 }
 
+/// A force that is kept: the sum of some of a row's.
 #[derive(Debug, Clone)]
 struct Force {
     name: ForceName,
-    of: Source,
-}
-
-#[derive(Debug, Clone, Copy)]
-enum Source {
-    Floor(usize),
-    Ladder(usize),
-    /// The force of a bulb on all bodies of the right (0) or left (1) hand.
-    Hand(Bulb, usize),
+    of: Range<usize>,
 }
 
 impl Track {
     pub fn new(robot: &Robot, most: usize) -> Self {
         Self {
             most: most.max(2),
-            frames: robot.links().len() + PROPS.len(),
+            frames: robot.links().len() + framed_things().count(),
             forces: forces(robot),
             stride: 1,
             kept_steps: Vec::new(),
@@ -104,19 +99,20 @@ impl Track {
         if self.steps.len().is_multiple_of(self.stride) {
             let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
             self.kept_steps.push(step);
-            let props = [row.ladder.pose, row.bulbs[0].pose, row.bulbs[1].pose];
-            self.kept.extend(links.iter().chain(&props).flat_map(pose));
+            let things = framed_things().map(|(thing, _)| &row.things[thing].pose);
+            self.kept.extend(links.iter().chain(things).flat_map(pose));
             let joints = [&row.joint_position, &row.joint_target, &row.joint_effort];
             self.joints.extend(joints.into_iter().flatten().map(|number| *number as f32));
             for force in &self.forces {
-                self.kept.extend(force.of.read(row).iter().map(|number| *number as f32));
+                let sum: Vector3<f64> = row.forces[force.of.clone()].iter().sum();
+                self.kept.extend(sum.iter().map(|number| *number as f32));
             }
         }
         let seats = [(Bulb::Old, flag::OLD_SEATED), (Bulb::Fresh, flag::FRESH_SEATED)];
         let seated = seats.iter().filter(|(bulb, _)| row.attachments[*bulb as usize].seated);
         self.steps.push(step);
         self.flags.push(seated.fold(conditions, |flags, (_, bit)| flags | bit));
-        let force = measure::largest(row.hand_force.each_ref().map(|forces| measure::largest_norm(forces)));
+        let force = measure::largest(errand::HAND_FORCE.map(|force| measure::largest_norm(row.force(force))));
         self.hand_force.push(force as f32);
         if self.kept_steps.len() > self.most {
             self.thin_out();
@@ -189,34 +185,33 @@ impl Track {
     }
 }
 
-impl Source {
-    fn read(self, row: &Row) -> Vector3<f64> {
-        match self {
-            Source::Floor(limb) => row.floor_force[limb],
-            Source::Ladder(limb) => row.ladder_force[limb],
-            Source::Hand(bulb, side) => row.hands(bulb)[side].iter().sum(),
-        }
-    }
-}
-
-/// Forces of floor and ladder on feet and palms, and of the bulbs on the hands.
+/// All forces of the manifest: those on hand bodies summed by hand, all others part by part.
 fn forces(robot: &Robot) -> Vec<Force> {
-    let palm = |side: usize| robot.palms().get(side).copied();
-    let foot = |side: usize| robot.feet().get(side).copied();
-    let limbs: [(Limb, Option<usize>); LIMBS] =
-        [(Limb::LeftFoot, foot(0)), (Limb::RightFoot, foot(1)), (Limb::LeftPalm, palm(0)), (Limb::RightPalm, palm(1))];
+    let side = |of: &[usize], side: usize| of.get(side).copied();
+    let layout = RobotLayout { joints: robot.joints().len(), hand_bodies_per_side: robot.hand_links().len() / 2 };
     let mut forces = Vec::new();
-    let mut add = |by, frame: Option<usize>, of| {
-        forces.extend(frame.map(|frame| Force { name: ForceName { by, frame }, of }));
-    };
-    for (limb, frame) in limbs {
-        add("floor", frame, Source::Floor(limb as usize));
-        add("ladder", frame, Source::Ladder(limb as usize));
-    }
-    for (bulb, name) in [(Bulb::Old, "old_bulb"), (Bulb::Fresh, "fresh_bulb")] {
-        // In rows the right hand comes first, on the robot the left palm.
-        for (side, frame) in [palm(1), palm(0)].into_iter().enumerate() {
-            add(name, frame, Source::Hand(bulb, side));
+    for contact in manifest().contacts.iter().filter(|contact| contact.measure == Measure::Force) {
+        let by = match contact.with {
+            Partner::Floor => "floor",
+            Partner::Others => "others",
+            Partner::Thing { thing, .. } => &manifest().things[thing].name,
+        };
+        let frames = match contact.of {
+            // In rows the right hand comes first, on the robot the left palm.
+            Group::HandBodies => vec![side(robot.palms(), 1), side(robot.palms(), 0)],
+            Group::Limbs | Group::Supports => {
+                vec![side(robot.feet(), 0), side(robot.feet(), 1), side(robot.palms(), 0), side(robot.palms(), 1)]
+            }
+            Group::Thing(thing) => {
+                let place = framed_things().position(|(index, _)| index == thing);
+                vec![place.map(|place| robot.links().len() + place)]
+            }
+        };
+        let range = contact.range(layout);
+        let each = range.len() / frames.len();
+        for (part, frame) in frames.into_iter().enumerate() {
+            let first = range.start + part * each;
+            forces.extend(frame.map(|frame| Force { name: ForceName { by, frame }, of: first..first + each }));
         }
     }
     forces

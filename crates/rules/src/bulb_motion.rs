@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::errand;
 use crate::measure::GRAVITY;
 use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
 use crate::settle::{self, PoseSpeed};
@@ -40,8 +41,9 @@ struct Instant {
 impl BulbMotion {
     /// Takes a row that follows the last one, `steps` after the start; `touched` says which bulbs anything touched in it.
     pub fn advance(&mut self, row: &Row, touched: [bool; 2], steps: u64, thresholds: &Thresholds) -> Jolts {
-        let in_palms = row.bulbs.each_ref().map(|bulb| row.world_from_palm.each_ref().map(|palm| in_palm(palm, bulb)));
-        let now = Instant { bulbs: row.bulbs, in_palms, touched };
+        let bulbs = errand::BULBS.map(|bulb| *row.body(bulb));
+        let in_palms = bulbs.each_ref().map(|bulb| row.world_from_palm.each_ref().map(|palm| in_palm(palm, bulb)));
+        let now = Instant { bulbs, in_palms, touched };
         let mut jolts = Jolts::default();
         if let [Some(last), earlier] = &self.last {
             // At rest at reset and, as published, through the first step.

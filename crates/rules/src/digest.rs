@@ -1,22 +1,13 @@
 //! The digest chain over rows: what "bit for bit the same" means.
 
-use nalgebra::Isometry3;
 use sha2::{Digest, Sha256};
 
-use crate::row::{BodyRow, Row};
+use crate::errand::manifest;
+use crate::row::Row;
 
-/// Name and version of the layout below; it is hashed first, so that digests of different layouts never meet.
-pub const ROW_LAYOUT: &str = "fiatlux-row/4";
-
-/// A SHA-256 chain: `digest(k) = SHA-256(digest(k - 1), row k)`, started by `SHA-256(ROW_LAYOUT, 0, context)`.
-///
-/// A row is a sequence of little-endian f64, counts and flags included, in this order: step; counts of joints and of hand
-/// bodies; root pose and velocity; joint positions, velocities, targets, efforts; action; ladder; old bulb; fresh bulb
-/// (each pose and velocity); poses of fixture and crate; forces of the old bulb, then of the fresh one, on the hand bodies;
-/// their peaks in the same order; forces of the floor, then of the ladder, on the four limbs; per bulb seated and steps
-/// beyond; unconverged steps; velocity of the centre of mass; poses of both palms; retried steps; peak joint speed;
-/// penetration; peak force of other things on the old bulb, then on the fresh one; loads of the four limbs on the floor, then
-/// on high treads. A pose is x, y, z, then the quaternion w, x, y, z; a velocity is linear, then angular.
+/// A SHA-256 chain: `digest(k) = SHA-256(digest(k - 1), row k)`, started by `SHA-256(layout, 0, context)`. The layout is the name of
+/// [`Manifest::layout`](crate::Manifest), so that digests of different layouts never meet. A row is its numbers in the order of
+/// [`Row::visit`], as little-endian f64, counts and flags included.
 #[derive(Debug, Clone)]
 pub struct RowDigest {
     link: [u8; 32],
@@ -27,7 +18,7 @@ impl RowDigest {
     /// Starts a chain; `context` is whatever else must be equal (task, seeds, config, gains, model).
     pub fn new(context: &[u8]) -> Self {
         let mut hash = Sha256::new();
-        hash.update(ROW_LAYOUT);
+        hash.update(&manifest().layout);
         hash.update([0]);
         hash.update(context);
         Self { link: hash.finalize().into(), numbers: Vec::with_capacity(1024) }
@@ -45,7 +36,7 @@ impl RowDigest {
     pub fn push(&mut self, row: &Row) {
         self.numbers.clear();
         let numbers = &mut self.numbers;
-        visit(row, &mut |list| numbers.extend(list.iter().map(|number| number.to_le_bytes())));
+        row.visit(&mut |_, list| numbers.extend(list.iter().map(|number| number.to_le_bytes())));
         self.link = Sha256::new().chain_update(self.link).chain_update(self.numbers.as_flattened()).finalize().into();
     }
 
@@ -58,43 +49,4 @@ impl RowDigest {
     pub fn hex(&self) -> String {
         self.link.iter().map(|byte| format!("{byte:02x}")).collect()
     }
-}
-
-fn visit(row: &Row, out: &mut impl FnMut(&[f64])) {
-    let layout = row.layout();
-    out(&[row.step as f64, layout.joints as f64, layout.hand_bodies() as f64]);
-    visit_body(&row.robot, out);
-    for joints in [&row.joint_position, &row.joint_velocity, &row.joint_target, &row.joint_effort, &row.action] {
-        out(joints);
-    }
-    for body in [&row.ladder, &row.bulbs[0], &row.bulbs[1]] {
-        visit_body(body, out);
-    }
-    visit_pose(&row.fixture, out);
-    visit_pose(&row.crate_, out);
-    row.hand_force.iter().flatten().for_each(|force| out(force.as_slice()));
-    row.hand_force_peak.iter().for_each(|peaks| out(peaks));
-    for force in row.floor_force.iter().chain(&row.ladder_force) {
-        out(force.as_slice());
-    }
-    for attachment in &row.attachments {
-        out(&[f64::from(u8::from(attachment.seated)), f64::from(attachment.steps_beyond)]);
-    }
-    out(&[f64::from(row.unconverged)]);
-    out(row.com_velocity.as_slice());
-    row.world_from_palm.iter().for_each(|pose| visit_pose(pose, out));
-    out(&[f64::from(row.retried), row.joint_speed_peak, row.penetration]);
-    [&row.other_force_peak[..], &row.floor_load, &row.tread_load].into_iter().for_each(out);
-}
-
-fn visit_body(body: &BodyRow, out: &mut impl FnMut(&[f64])) {
-    visit_pose(&body.pose, out);
-    out(body.linear_velocity.as_slice());
-    out(body.angular_velocity.as_slice());
-}
-
-fn visit_pose(pose: &Isometry3<f64>, out: &mut impl FnMut(&[f64])) {
-    let q = pose.rotation.quaternion();
-    out(pose.translation.vector.as_slice());
-    out(&[q.w, q.i, q.j, q.k]);
 }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
 use crate::divergence::diverged;
+use crate::errand;
 use crate::gate::Context;
 use crate::measure;
 use crate::predicates::{at_working_height, crushed, dropped, fallen, ladder_tipped, seated};
@@ -55,8 +56,9 @@ impl Evidence {
         cx: &Context<'_>,
     ) -> Self {
         let thresholds = cx.thresholds;
-        let hand_peaks = row.hand_force_peak.each_ref().map(|peaks| measure::largest(peaks.iter().copied()));
-        let bulb_peaks = [0, 1].map(|bulb| measure::largest([hand_peaks[bulb], row.other_force_peak[bulb]]));
+        let hand_peaks = errand::HAND_FORCE_PEAK.map(|peak| measure::largest(row.load(peak).iter().copied()));
+        let bulb_peaks =
+            [0, 1].map(|bulb| measure::largest([hand_peaks[bulb], row.load(errand::OTHER_FORCE_PEAK[bulb])[0]]));
         let jolts = motion.advance(row, bulb_peaks.map(|peak| peak > 0.0), steps, thresholds);
         let parked = spec.special.bulbs_parked;
         let drops = Bulb::ALL.map(|bulb| (!parked || spec.bulbs.contains(&bulb)) && dropped(row, cx, bulb));
@@ -84,7 +86,7 @@ impl Evidence {
             has_blow: jolts.blow,
             leaps: leaps(row, cx),
             is_high: at_working_height(row, cx),
-            hand_force_n: measure::largest(row.hand_force.each_ref().map(|forces| measure::largest_norm(forces))),
+            hand_force_n: measure::largest(errand::HAND_FORCE.map(|force| measure::largest_norm(row.force(force)))),
             substep_force_n: measure::largest(hand_peaks),
             bulb_force_n: measure::largest(bulb_peaks),
             squared_action: row.action.iter().map(|a| a * a).sum(),

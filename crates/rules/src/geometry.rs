@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use crate::errand;
 use crate::measure::{self, Extent};
 use crate::row::{Bulb, Row};
 
@@ -45,23 +46,23 @@ pub struct BulbGeometry {
 impl Geometry {
     /// The ladder's top point, world, m.
     pub fn ladder_top(&self, row: &Row) -> Vector3<f64> {
-        measure::world_point(&row.ladder.pose, &Vector3::from(self.ladder_top))
+        measure::world_point(&row.body(errand::LADDER).pose, &Vector3::from(self.ladder_top))
     }
 
     /// Heights of the ladder's feet, m.
     pub fn ladder_feet(&self, row: &Row) -> [f64; 4] {
-        measure::heights(&row.ladder.pose, &self.ladder_feet.map(Vector3::from))
+        measure::heights(&row.body(errand::LADDER).pose, &self.ladder_feet.map(Vector3::from))
     }
 
     /// The socket's seat point, world, m.
     pub fn seat(&self, row: &Row) -> Vector3<f64> {
-        measure::world_point(&row.fixture, &Vector3::new(0.0, 0.0, self.seat_z))
+        measure::world_point(&row.body(errand::FIXTURE).pose, &Vector3::new(0.0, 0.0, self.seat_z))
     }
 
     /// A bulb's plug point, world, m.
     pub fn plug(&self, row: &Row, bulb: Bulb) -> Vector3<f64> {
         let plug_z = self.bulbs[bulb as usize].plug_z;
-        measure::world_point(&row.bulbs[bulb as usize].pose, &Vector3::new(0.0, 0.0, plug_z))
+        measure::world_point(&row.body(bulb.thing()).pose, &Vector3::new(0.0, 0.0, plug_z))
     }
 
     /// Distance of a bulb's plug point from the seat point, m.
@@ -71,11 +72,15 @@ impl Geometry {
 
     /// Height of a bulb's lowest point, m.
     pub fn lowest_point(&self, row: &Row, bulb: Bulb) -> f64 {
-        measure::lowest_point(&self.bulbs[bulb as usize].outline, &row.bulbs[bulb as usize].pose)
+        measure::lowest_point(&self.bulbs[bulb as usize].outline, &row.body(bulb.thing()).pose)
     }
 
     /// Extents of a bulb along the crate's axes, from its origin, m.
     pub fn extents_in_crate(&self, row: &Row, bulb: Bulb) -> [Extent; 3] {
-        measure::extents_in(&self.bulbs[bulb as usize].outline, &row.bulbs[bulb as usize].pose, &row.crate_)
+        measure::extents_in(
+            &self.bulbs[bulb as usize].outline,
+            &row.body(bulb.thing()).pose,
+            &row.body(errand::CRATE).pose,
+        )
     }
 }

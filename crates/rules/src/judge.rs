@@ -4,6 +4,7 @@ mod state;
 
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
+use crate::errand;
 use crate::evidence::Evidence;
 use crate::gate::{Context, Criteria, Gate, MAX_CRITERIA};
 use crate::geometry::Geometry;
@@ -287,7 +288,10 @@ impl Judge {
 
     /// Number of criteria as counted by a simulator that has already reset the scene, but not the contact forces.
     fn count_after_reset(&self, first: &Row, last: &Row) -> u32 {
-        let reset = Row { hand_force: last.hand_force.clone(), ..first.clone() };
+        let mut reset = first.clone();
+        for measure in errand::HAND_FORCE {
+            reset.force_mut(measure).copy_from_slice(last.force(measure));
+        }
         let context = Context::at_rest(self.task, &self.thresholds, &self.geometry);
         self.gate().evaluate(self.protocol, &reset, &context).count()
     }

@@ -6,7 +6,7 @@
 //!
 //! ```
 //! # use fiatlux_rules::{BulbGeometry, Geometry};
-//! use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Protocol, RobotLayout, Row, Task, Thresholds};
+//! use fiatlux_rules::{Cause, Judge, JudgeOptions, Protocol, RobotLayout, Row, Task, Thresholds, errand};
 //!
 //! # let bulb = BulbGeometry { plug_z: 0.036, outline: vec![[0.036, 0.008], [0.193, 0.0]] };
 //! # let geometry = Geometry {
@@ -25,7 +25,7 @@
 //! let mut judge = Judge::new(Protocol::Published, Task::S07, Thresholds::default(), geometry, JudgeOptions::default());
 //! let mut row = Row::zeros(RobotLayout { joints: 29, hand_bodies_per_side: 0 });
 //! row.robot.pose.translation.z = 0.79;
-//! row.bulbs[Bulb::Fresh as usize].pose.translation.x = 2.0;
+//! row.things[errand::FRESH_BULB].pose.translation.x = 2.0;
 //! // Facing the bulb and standing still, but not near it: two criteria of three.
 //! assert_eq!(judge.start(&row).count, 2);
 //!
@@ -45,12 +45,14 @@ mod bulb_motion;
 mod cause;
 mod digest;
 mod divergence;
+pub mod errand;
 mod evidence;
 mod gate;
 mod geometry;
 mod identity;
 mod judge;
 mod judges;
+mod manifest;
 pub mod measure;
 pub mod pins;
 pub mod predicates;
@@ -69,17 +71,19 @@ mod thresholds;
 mod verdict;
 
 pub use cause::{Cause, Causes, UnknownCause};
-pub use digest::{ROW_LAYOUT, RowDigest};
+pub use digest::RowDigest;
 pub use divergence::diverged;
+pub use errand::manifest;
 pub use gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA, Predicate};
 pub use geometry::{BulbGeometry, Geometry};
 pub use identity::{EpisodeIdentity, JointDrive};
 pub use judge::{Judge, JudgeOptions};
 pub use judges::{Judges, JudgesState};
+pub use manifest::{Contact, Group, Manifest, ManifestError, Measure, Motion, Partner, Thing};
 pub use measure::GRAVITY;
 pub use protocol::{Protocol, UnknownProtocol};
 pub use rewards::{Rewards, RewardsState, Variant};
-pub use row::{AttachmentRow, BodyRow, Bulb, CONTROL_DT, HIGH_TREAD_HEIGHT, LIMBS, Limb, RobotLayout, Row, Support};
+pub use row::{AttachmentRow, BodyRow, Bulb, By, CONTROL_DT, Field, LIMBS, Limb, RobotLayout, Row, Support};
 pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summary, wilson_interval};
 pub use seeds::{ReservedSeed, SeedOwner};
 pub use settle::PoseSpeed;

@@ -4,6 +4,7 @@
 
 use nalgebra::Vector3;
 
+use crate::errand;
 use crate::gate::Context;
 use crate::measure::{self, Extent};
 use crate::row::{Bulb, Row};
@@ -49,7 +50,7 @@ pub fn at_ladder_top(row: &Row, cx: &Context<'_>) -> bool {
 /// The pelvis is as low as on the floor, close to the ladder and not passing by.
 pub fn at_ladder_foot(row: &Row, cx: &Context<'_>) -> bool {
     row.robot.pose.translation.vector.z < cx.thresholds.floor_stance_m
-        && robot_distance(row, &row.ladder.pose.translation.vector) < cx.thresholds.ladder_near_m
+        && robot_distance(row, &row.body(errand::LADDER).pose.translation.vector) < cx.thresholds.ladder_near_m
         && row.robot.linear_velocity.norm() < cx.thresholds.climb_speed_m_s
 }
 
@@ -62,17 +63,18 @@ pub fn at_working_height(row: &Row, cx: &Context<'_>) -> bool {
 
 /// The ladder stands on its feet, or nearly so.
 pub fn ladder_upright(row: &Row, cx: &Context<'_>) -> bool {
-    measure::tilt(&row.ladder.pose) < cx.thresholds.ladder_tip_rad
+    measure::tilt(&row.body(errand::LADDER).pose) < cx.thresholds.ladder_tip_rad
 }
 
 /// The ladder leans too far.
 pub fn ladder_tipped(row: &Row, cx: &Context<'_>) -> bool {
-    measure::tilt(&row.ladder.pose) > cx.thresholds.ladder_tip_rad
+    measure::tilt(&row.body(errand::LADDER).pose) > cx.thresholds.ladder_tip_rad
 }
 
 /// The ladder's top point is close to the fixture horizontally, and the ladder upright.
 pub fn ladder_placed(row: &Row, cx: &Context<'_>) -> bool {
-    let distance = measure::horizontal_distance(&cx.geometry.ladder_top(row), &row.fixture.translation.vector);
+    let distance =
+        measure::horizontal_distance(&cx.geometry.ladder_top(row), &row.body(errand::FIXTURE).pose.translation.vector);
     distance < cx.thresholds.placement_m && ladder_upright(row, cx)
 }
 
@@ -83,20 +85,20 @@ pub fn ladder_feet_down(row: &Row, cx: &Context<'_>) -> bool {
 
 /// The ladder does not move.
 pub fn ladder_at_rest(row: &Row, cx: &Context<'_>) -> bool {
-    row.ladder.linear_velocity.norm() < cx.thresholds.rest_speed_m_s
-        && row.ladder.angular_velocity.norm() < cx.thresholds.rest_turn_rad_s
+    row.body(errand::LADDER).linear_velocity.norm() < cx.thresholds.rest_speed_m_s
+        && row.body(errand::LADDER).angular_velocity.norm() < cx.thresholds.rest_turn_rad_s
 }
 
 // ---------------------------------------------------------------- Bulbs and hands
 
 /// A body of either hand feels the bulb.
 pub fn held(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    measure::largest_norm(&row.hand_force[bulb as usize]) > cx.thresholds.touch_n
+    measure::largest_norm(row.force(errand::HAND_FORCE[bulb as usize])) > cx.thresholds.touch_n
 }
 
 /// No body of either hand feels the bulb.
 pub fn released(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    row.hand_force[bulb as usize].iter().all(|force| force.norm() < cx.thresholds.touch_n)
+    row.force(errand::HAND_FORCE[bulb as usize]).iter().all(|force| force.norm() < cx.thresholds.touch_n)
 }
 
 /// Several bodies of one hand feel the bulb.
@@ -109,12 +111,12 @@ pub fn gripped(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
 
 /// No body of either hand is pressed hard enough to break the bulb.
 pub fn handled_gently(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    row.hand_force[bulb as usize].iter().all(|force| force.norm() <= cx.thresholds.fragility_n)
+    row.force(errand::HAND_FORCE[bulb as usize]).iter().all(|force| force.norm() <= cx.thresholds.fragility_n)
 }
 
 /// A body of either hand is pressed hard enough to break the bulb.
 pub fn crushed(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    measure::largest_norm(&row.hand_force[bulb as usize]) > cx.thresholds.fragility_n
+    measure::largest_norm(row.force(errand::HAND_FORCE[bulb as usize])) > cx.thresholds.fragility_n
 }
 
 /// The socket holds the bulb.
@@ -135,7 +137,7 @@ pub fn settled(cx: &Context<'_>, bulb: Bulb) -> bool {
 
 /// The bulb's root is above its drop height.
 pub fn elevated(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    row.bulbs[bulb as usize].pose.translation.vector.z > cx.drop_height(bulb)
+    row.body(bulb.thing()).pose.translation.vector.z > cx.drop_height(bulb)
 }
 
 /// The bulb's lowest point is above the bench.
@@ -166,6 +168,6 @@ fn is_between_walls(extents_in_crate: &[Extent; 3], cx: &Context<'_>) -> bool {
 /// For that, its place above the crate's floor is enough. A bulb that is put down between the walls passes its drop
 /// height before the whole of it is below the rim.
 pub fn dropped(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    let low = row.bulbs[bulb as usize].pose.translation.vector.z < cx.drop_height(bulb);
+    let low = row.body(bulb.thing()).pose.translation.vector.z < cx.drop_height(bulb);
     low && !seated(row, bulb) && !(bulb == Bulb::Old && between_crate_walls(row, cx, bulb))
 }

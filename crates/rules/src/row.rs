@@ -1,17 +1,18 @@
 //! One row of state: everything that a gate, a reward or a metric reads, and that a world needs to continue from there.
 
+use std::fmt;
+
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
+
+use crate::errand::{Force, HAND_FORCE, Load, manifest};
+use crate::manifest::{Group, Measure, Motion};
 
 /// Length of a control step, s: the time from one row to the next.
 pub const CONTROL_DT: f64 = 0.02;
 
 /// Limbs whose contact with floor and ladder is sensed, and limbs that may carry the robot.
 pub const LIMBS: usize = 4;
-
-/// Height of the lowest tread that counts as up the ladder, m: the second of four. Standing on it lifts the pelvis to 1.26 m,
-/// above what the published gate of S02 asks for; the first tread does not.
-pub const HIGH_TREAD_HEIGHT: f64 = 0.47;
 
 /// The sizes of a row that depend on the robot. They come with the robot's data file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -122,11 +123,51 @@ impl AttachmentRow {
     pub const FREE: Self = Self { seated: false, steps_beyond: 0 };
 }
 
-/// The state after a control step; row 0 is the reset state. Lists have the lengths of the row's [`RobotLayout`].
+/// How the numbers of a field are grouped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// A single number.
+    Nothing,
+    /// By axis: x, y, z.
+    Axis,
+    /// A quaternion: w, x, y, z.
+    Quaternion,
+    /// A number for each joint.
+    Joint,
+    /// A number, or a vector, for each part of a sensed group.
+    Part {
+        /// The group.
+        of: Group,
+        /// Whether each part has a vector.
+        axes: bool,
+    },
+}
+
+/// Some numbers of a row that belong together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Field<'a> {
+    /// The body that they are of; empty for the row itself.
+    pub of: &'a str,
+    /// Name of the field.
+    pub name: &'a str,
+    /// How they are grouped.
+    pub by: By,
+}
+
+impl fmt::Display for Field<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.of.is_empty() { f.write_str(self.name) } else { write!(f, "{}.{}", self.of, self.name) }
+    }
+}
+
+/// The state after a control step; row 0 is the reset state. The robot's lists have the lengths of its [`RobotLayout`], those of
+/// things and contacts also follow the [manifest](crate::Manifest).
 #[derive(Debug, PartialEq)]
 pub struct Row {
     /// Number of control steps since reset.
     pub step: u64,
+    /// The sizes of the robot's lists.
+    pub layout: RobotLayout,
     /// Pose and velocity of the robot's pelvis.
     pub robot: BodyRow,
     /// Velocity of the robot's centre of mass, m/s.
@@ -143,32 +184,16 @@ pub struct Row {
     pub joint_effort: Vec<f64>,
     /// The action that led to this row as it was received; in row 0 the staged posture in action units.
     pub action: Vec<f64>,
-    /// Pose and velocity of the ladder.
-    pub ladder: BodyRow,
-    /// Both bulbs, by [`Bulb`].
-    pub bulbs: [BodyRow; 2],
-    /// Pose of the lamp's socket in the world, m.
-    pub fixture: Isometry3<f64>,
-    /// Pose of the disposal crate in the world, m.
-    pub crate_: Isometry3<f64>,
-    /// Contact force of each bulb on each sensed hand body in the last physics step, world axes, N.
-    pub hand_force: [Vec<Vector3<f64>>; 2],
-    /// The largest magnitude of it over the control step's physics steps, N.
-    pub hand_force_peak: [Vec<f64>; 2],
-    /// Contact force on each bulb of the one thing that pressed hardest, of all things but the sensed hand bodies (floor, ladder,
-    /// furniture with socket and walls, the other bulb, the rest of the robot), summed over its contact points without regard to
-    /// direction, N; the largest over the control step's physics steps. 0 in row 0.
-    pub other_force_peak: [f64; 2],
-    /// Upward force of the floor on each limb, by [`Support`], N; mean over the control step's physics steps. 0 in row 0.
-    pub floor_load: [f64; LIMBS],
-    /// Upward force of the ladder's treads from [`HIGH_TREAD_HEIGHT`] on and of its platform, likewise.
-    pub tread_load: [f64; LIMBS],
-    /// Contact force of the floor on each limb in the last physics step, by [`Limb`], world axes, N.
-    pub floor_force: [Vector3<f64>; LIMBS],
-    /// Contact force of the ladder on each limb in the last physics step, by [`Limb`], world axes, N.
-    pub ladder_force: [Vector3<f64>; LIMBS],
-    /// The socket's hold on each bulb.
-    pub attachments: [AttachmentRow; 2],
+    /// Whether the scene has each thing.
+    pub present: Vec<bool>,
+    /// Pose and velocity of each thing. One that the scene lacks is at the origin; rules read [`Row::body`].
+    pub things: Vec<BodyRow>,
+    /// The socket's hold on each thing that it can hold: the bulbs, by [`Bulb`].
+    pub attachments: Vec<AttachmentRow>,
+    /// Contact forces of the last physics step, world axes, N, measure by measure: [`Row::force`].
+    pub forces: Vec<Vector3<f64>>,
+    /// Other contact measures, N: [`Row::load`]. 0 in row 0, but for the peaks of the forces that it has.
+    pub loads: Vec<f64>,
     /// Physics steps of this control step whose solve did not converge, on the second try either. In row 0, as `retried`, those
     /// of the staging.
     pub unconverged: u32,
@@ -183,13 +208,14 @@ pub struct Row {
 }
 
 impl Row {
-    /// A row of step 0 with every number 0, every pose the identity, and no bulb in the socket.
+    /// A row of step 0 with every number 0, every pose the identity, everything present and no bulb in the socket.
     pub fn zeros(layout: RobotLayout) -> Self {
+        let manifest = manifest();
         let joints = vec![0.0; layout.joints];
-        let hands = layout.hand_bodies();
         let origin = BodyRow::at_rest(Isometry3::identity());
         Self {
             step: 0,
+            layout,
             robot: origin,
             com_velocity: Vector3::zeros(),
             world_from_palm: [Isometry3::identity(); 2],
@@ -198,18 +224,11 @@ impl Row {
             joint_target: joints.clone(),
             joint_effort: joints.clone(),
             action: joints,
-            ladder: origin,
-            bulbs: [origin; 2],
-            fixture: Isometry3::identity(),
-            crate_: Isometry3::identity(),
-            hand_force: [vec![Vector3::zeros(); hands], vec![Vector3::zeros(); hands]],
-            hand_force_peak: [vec![0.0; hands], vec![0.0; hands]],
-            other_force_peak: [0.0; 2],
-            floor_load: [0.0; LIMBS],
-            tread_load: [0.0; LIMBS],
-            floor_force: [Vector3::zeros(); LIMBS],
-            ladder_force: [Vector3::zeros(); LIMBS],
-            attachments: [AttachmentRow::FREE; 2],
+            present: vec![true; manifest.things.len()],
+            things: vec![origin; manifest.things.len()],
+            attachments: vec![AttachmentRow::FREE; manifest.held_by_socket().count()],
+            forces: vec![Vector3::zeros(); manifest.forces(layout)],
+            loads: vec![0.0; manifest.loads(layout)],
             unconverged: 0,
             retried: 0,
             joint_speed_peak: 0.0,
@@ -217,31 +236,134 @@ impl Row {
         }
     }
 
-    /// The sizes of its lists.
-    pub fn layout(&self) -> RobotLayout {
-        RobotLayout { joints: self.joint_position.len(), hand_bodies_per_side: self.hand_force[0].len() / 2 }
+    /// A thing as rules see it: one that the scene lacks is far from everything, at rest and upright.
+    pub fn body(&self, thing: usize) -> &BodyRow {
+        if self.present[thing] { &self.things[thing] } else { manifest().nowhere(thing) }
+    }
+
+    /// Forces of a measure on the parts of its group, N.
+    pub fn force(&self, measure: Force) -> &[Vector3<f64>] {
+        &self.forces[manifest().contacts[measure.0].range(self.layout)]
+    }
+
+    /// The same, to write.
+    pub fn force_mut(&mut self, measure: Force) -> &mut [Vector3<f64>] {
+        &mut self.forces[manifest().contacts[measure.0].range(self.layout)]
+    }
+
+    /// Numbers of a measure for the parts of its group, N.
+    pub fn load(&self, measure: Load) -> &[f64] {
+        &self.loads[manifest().contacts[measure.0].range(self.layout)]
+    }
+
+    /// The same, to write.
+    pub fn load_mut(&mut self, measure: Load) -> &mut [f64] {
+        &mut self.loads[manifest().contacts[measure.0].range(self.layout)]
     }
 
     /// Contact force of a bulb on the bodies of the right hand, then of the left hand, world axes, N.
     pub fn hands(&self, bulb: Bulb) -> [&[Vector3<f64>]; 2] {
-        let forces = &self.hand_force[bulb as usize];
+        let forces = self.force(HAND_FORCE[bulb as usize]);
         let (right, left) = forces.split_at(forces.len() / 2);
         [right, left]
     }
 
     /// Whether all its lists have the lengths of a layout.
     pub fn fits(&self, layout: RobotLayout) -> bool {
+        let manifest = manifest();
         let joints = [&self.joint_position, &self.joint_velocity, &self.joint_target, &self.joint_effort, &self.action];
-        let bodies = layout.hand_bodies();
-        joints.iter().all(|list| list.len() == layout.joints)
-            && self.hand_force.iter().all(|list| list.len() == bodies)
-            && self.hand_force_peak.iter().all(|list| list.len() == bodies)
+        let others = [
+            (self.present.len(), manifest.things.len()),
+            (self.things.len(), manifest.things.len()),
+            (self.attachments.len(), manifest.held_by_socket().count()),
+            (self.forces.len(), manifest.forces(layout)),
+            (self.loads.len(), manifest.loads(layout)),
+        ];
+        self.layout == layout
+            && joints.iter().all(|list| list.len() == layout.joints)
+            && others.iter().all(|(found, expected)| found == expected)
     }
+
+    /// Gives all its numbers field by field, counts and flags as numbers: the one list of a row's fields that digest and
+    /// comparison use. A thing that the scene lacks and the velocity of one that is fixed are left out.
+    pub fn visit<'a>(&'a self, out: &mut impl FnMut(Field<'a>, &[f64])) {
+        let manifest = manifest();
+        let mut field = |of, name, by, numbers: &[f64]| out(Field { of, name, by }, numbers);
+        field("", "step", By::Nothing, &[self.step as f64]);
+        field("", "joints", By::Nothing, &[self.layout.joints as f64]);
+        field("", "hand_bodies", By::Nothing, &[self.layout.hand_bodies() as f64]);
+        visit_pose("robot", &self.robot.pose, &mut field);
+        visit_velocity("robot", &self.robot, &mut field);
+        field("", "com_velocity", By::Axis, self.com_velocity.as_slice());
+        for (name, pose) in ["left_palm", "right_palm"].into_iter().zip(&self.world_from_palm) {
+            visit_pose(name, pose, &mut field);
+        }
+        for (name, numbers) in self.by_joint() {
+            field("", name, By::Joint, numbers);
+        }
+        for ((thing, present), body) in manifest.things.iter().zip(&self.present).zip(&self.things) {
+            field(&thing.name, "present", By::Nothing, &[flag(*present)]);
+            if *present {
+                visit_pose(&thing.name, &body.pose, &mut field);
+                if thing.motion == Motion::Free {
+                    visit_velocity(&thing.name, body, &mut field);
+                }
+            }
+        }
+        for (thing, attachment) in manifest.held_by_socket().zip(&self.attachments) {
+            let name = &manifest.things[thing].name;
+            field(name, "seated", By::Nothing, &[flag(attachment.seated)]);
+            field(name, "steps_beyond", By::Nothing, &[attachment.steps_beyond.into()]);
+        }
+        for contact in &manifest.contacts {
+            let (name, range) = (&contact.name, contact.range(self.layout));
+            if contact.measure == Measure::Force {
+                let by = By::Part { of: contact.of, axes: true };
+                self.forces[range].iter().for_each(|force| field("", name, by, force.as_slice()));
+            } else {
+                field("", name, By::Part { of: contact.of, axes: false }, &self.loads[range]);
+            }
+        }
+        for (name, number) in [
+            ("unconverged", self.unconverged.into()),
+            ("retried", self.retried.into()),
+            ("joint_speed_peak", self.joint_speed_peak),
+            ("penetration", self.penetration),
+        ] {
+            field("", name, By::Nothing, &[number]);
+        }
+    }
+
+    /// The lists by joint, with their names.
+    pub fn by_joint(&self) -> [(&'static str, &Vec<f64>); 5] {
+        [
+            ("joint_position", &self.joint_position),
+            ("joint_velocity", &self.joint_velocity),
+            ("joint_target", &self.joint_target),
+            ("joint_effort", &self.joint_effort),
+            ("action", &self.action),
+        ]
+    }
+}
+
+fn flag(value: bool) -> f64 {
+    f64::from(u8::from(value))
+}
+
+fn visit_pose<'a>(of: &'a str, pose: &Isometry3<f64>, field: &mut impl FnMut(&'a str, &'a str, By, &[f64])) {
+    let q = pose.rotation.quaternion();
+    field(of, "position", By::Axis, pose.translation.vector.as_slice());
+    field(of, "quaternion", By::Quaternion, &[q.w, q.i, q.j, q.k]);
+}
+
+fn visit_velocity<'a>(of: &'a str, body: &BodyRow, field: &mut impl FnMut(&'a str, &'a str, By, &[f64])) {
+    field(of, "linear_velocity", By::Axis, body.linear_velocity.as_slice());
+    field(of, "angular_velocity", By::Axis, body.angular_velocity.as_slice());
 }
 
 impl Clone for Row {
     fn clone(&self) -> Self {
-        let mut row = Self::zeros(self.layout());
+        let mut row = Self::zeros(self.layout);
         row.clone_from(self);
         row
     }
@@ -250,6 +372,7 @@ impl Clone for Row {
     fn clone_from(&mut self, source: &Self) {
         let Self {
             step,
+            layout,
             robot,
             com_velocity,
             world_from_palm,
@@ -258,24 +381,18 @@ impl Clone for Row {
             joint_target,
             joint_effort,
             action,
-            ladder,
-            bulbs,
-            fixture,
-            crate_,
-            hand_force,
-            hand_force_peak,
-            other_force_peak,
-            floor_load,
-            tread_load,
-            floor_force,
-            ladder_force,
+            present,
+            things,
             attachments,
+            forces,
+            loads,
             unconverged,
             retried,
             joint_speed_peak,
             penetration,
         } = self;
         *step = source.step;
+        *layout = source.layout;
         *robot = source.robot;
         *com_velocity = source.com_velocity;
         *world_from_palm = source.world_from_palm;
@@ -284,18 +401,11 @@ impl Clone for Row {
         joint_target.clone_from(&source.joint_target);
         joint_effort.clone_from(&source.joint_effort);
         action.clone_from(&source.action);
-        *ladder = source.ladder;
-        *bulbs = source.bulbs;
-        *fixture = source.fixture;
-        *crate_ = source.crate_;
-        hand_force.clone_from(&source.hand_force);
-        hand_force_peak.clone_from(&source.hand_force_peak);
-        *other_force_peak = source.other_force_peak;
-        *floor_load = source.floor_load;
-        *tread_load = source.tread_load;
-        *floor_force = source.floor_force;
-        *ladder_force = source.ladder_force;
-        *attachments = source.attachments;
+        present.clone_from(&source.present);
+        things.clone_from(&source.things);
+        attachments.clone_from(&source.attachments);
+        forces.clone_from(&source.forces);
+        loads.clone_from(&source.loads);
         *unconverged = source.unconverged;
         *retried = source.retried;
         *joint_speed_peak = source.joint_speed_peak;

@@ -3,6 +3,7 @@
 //! A strict gate is all published criteria of its task, those of this page that the task names, and [`upright`]; it holds for
 //! at least a second. Nothing may have fallen, tipped, dropped or broken before, and the robot may not have leapt.
 
+use crate::errand;
 use crate::gate::{Context, Criterion};
 use crate::measure::{self, GRAVITY};
 use crate::predicates::standing;
@@ -32,7 +33,7 @@ pub fn upright(row: &Row, cx: &Context<'_>) -> bool {
 
 /// Both feet, or one foot and both arms, stand on treads from the second on or on the platform.
 pub fn carried_by_treads(row: &Row, cx: &Context<'_>) -> bool {
-    let is_loaded = |limb: Support| row.tread_load[limb as usize] > cx.thresholds.strict_load_n;
+    let is_loaded = |limb: Support| row.load(errand::TREAD_LOAD)[limb as usize] > cx.thresholds.strict_load_n;
     let feet = [Support::LeftFoot, Support::RightFoot].map(is_loaded);
     let arms = [Support::LeftArm, Support::RightArm].map(is_loaded);
     (feet[0] && feet[1]) || ((feet[0] || feet[1]) && arms[0] && arms[1])
@@ -40,7 +41,7 @@ pub fn carried_by_treads(row: &Row, cx: &Context<'_>) -> bool {
 
 /// Both soles are on the floor and carry most of the robot's weight.
 pub fn carried_by_floor(row: &Row, cx: &Context<'_>) -> bool {
-    let soles = [Support::LeftFoot, Support::RightFoot].map(|limb| row.floor_load[limb as usize]);
+    let soles = [Support::LeftFoot, Support::RightFoot].map(|limb| row.load(errand::FLOOR_LOAD)[limb as usize]);
     let weight = cx.geometry.robot_mass * GRAVITY;
     soles.iter().all(|load| *load > cx.thresholds.strict_load_n)
         && soles.iter().sum::<f64>() >= cx.thresholds.strict_floor_share * weight
@@ -61,11 +62,11 @@ pub fn leaps(row: &Row, cx: &Context<'_>) -> bool {
 /// palm.
 pub fn in_grip(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
     let stray = cx.thresholds.strict_stray_n;
-    if row.other_force_peak[bulb as usize] > stray {
+    if row.load(errand::OTHER_FORCE_PEAK[bulb as usize])[0] > stray {
         return false;
     }
     let [right, left] = row.hands(bulb);
-    let peaks = row.hand_force_peak[bulb as usize].split_at(right.len());
+    let peaks = row.load(errand::HAND_FORCE_PEAK[bulb as usize]).split_at(right.len());
     // Rows list the left palm first, but the right hand first.
     [(right, peaks.1, 1), (left, peaks.0, 0)].into_iter().any(|(hand, of_other_hand, palm)| {
         of_other_hand.iter().all(|peak| *peak <= stray)

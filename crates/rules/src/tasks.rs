@@ -22,6 +22,7 @@ pub(crate) mod s12_climb_down;
 /// What every task file uses.
 mod page {
     pub(super) use crate::cause::{Cause, Causes};
+    pub(super) use crate::errand;
     pub(super) use crate::gate::{Context, Criterion, Gate};
     pub(super) use crate::measure;
     pub(super) use crate::predicates::*;
@@ -46,7 +47,7 @@ mod bulb_criteria {
     }
 
     pub(super) fn old_at_rest(row: &Row, cx: &Context<'_>) -> bool {
-        row.bulbs[Bulb::Old as usize].linear_velocity.norm() < cx.thresholds.rest_speed_m_s
+        row.body(errand::OLD_BULB).linear_velocity.norm() < cx.thresholds.rest_speed_m_s
     }
 
     pub(super) fn old_elevated(row: &Row, cx: &Context<'_>) -> bool {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Row, Task};
+use fiatlux_rules::{Row, Task, errand};
 use fiatlux_sensing::{Lidar, Sight};
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, start};
 use nalgebra::{Isometry3, Vector3};
@@ -24,7 +24,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let (before, platform) = (row(Task::S02)?, row(Task::S03)?);
     let mut lying = before.clone();
-    lying.robot.pose = before.ladder.pose * Isometry3::new(Vector3::new(0.7, 0.0, 0.15), Vector3::y() * 1.57);
+    lying.robot.pose =
+        before.things[errand::LADDER].pose * Isometry3::new(Vector3::new(0.7, 0.0, 0.15), Vector3::y() * 1.57);
     let mut lidar = Lidar::new(&scene, Sight::Published)?;
     for (name, row) in [("before the ladder", &before), ("on the platform", &platform), ("lying", &lying)] {
         let mut times: Vec<f64> = (0..SCANS)

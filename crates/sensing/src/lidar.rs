@@ -11,8 +11,9 @@ mod cast;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
+use fiatlux_dynamics::ShapeSpec;
 use fiatlux_robot::Robot;
-use fiatlux_rules::Row;
+use fiatlux_rules::{Row, errand};
 use fiatlux_world::{Scene, SceneError, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
@@ -37,7 +38,7 @@ pub enum Sight {
     /// Floor and ladder, as the published benchmark has it.
     #[default]
     Published,
-    /// Walls, ceiling, bench, crate and fixture too.
+    /// Walls, ceiling, bench and all fixed things too.
     Room,
 }
 
@@ -68,24 +69,25 @@ impl Lidar {
             found: 0,
             needed: 1,
         })?;
-        let world_from_fixed_ladder = scene.ladder.is_none().then_some(scene.world_from_ladder);
+        let world_from_fixed_ladder = scene.body(errand::LADDER).is_none().then(|| scene.world_from(errand::LADDER));
         let ladder_from_body = world_from_fixed_ladder.map_or_else(Isometry3::identity, |pose| pose.inverse());
-        let targets = |owner: ShapeOwner, prop_from_body: Isometry3<f64>| {
+        let targets = |is_seen: &dyn Fn(ShapeOwner) -> bool, prop_from_body: Isometry3<f64>| {
             let shapes = scene.model.shapes().iter();
-            shapes
-                .filter(move |shape| ShapeOwner::from_label(shape.label) == owner)
-                .filter_map(move |shape| Target::new(&shape.geometry, prop_from_body * shape.body_from_shape))
+            let seen = shapes.filter(|shape| is_seen(ShapeOwner::from_label(shape.label)));
+            let target = |shape: &ShapeSpec| Target::new(&shape.geometry, prop_from_body * shape.body_from_shape);
+            seen.filter_map(target).collect::<Vec<_>>()
         };
-        let room: &[ShapeOwner] = match sight {
-            Sight::Published => &[],
-            Sight::Room => &[ShapeOwner::Room, ShapeOwner::Bench, ShapeOwner::Crate, ShapeOwner::Fixture],
+        let is_room = |owner| match owner {
+            ShapeOwner::Room | ShapeOwner::Bench => sight == Sight::Room,
+            ShapeOwner::Thing(thing) => sight == Sight::Room && thing != errand::LADDER && scene.body(thing).is_none(),
+            ShapeOwner::Floor | ShapeOwner::Robot(_) => false,
         };
         Ok(Self {
             robot: Arc::clone(&scene.robot),
             link,
             world_from_fixed_ladder,
-            ladder: targets(ShapeOwner::Ladder, ladder_from_body).collect(),
-            room: room.iter().flat_map(|owner| targets(*owner, Isometry3::identity())).collect(),
+            ladder: targets(&|owner| owner == ShapeOwner::LADDER, ladder_from_body),
+            room: targets(&is_room, Isometry3::identity()),
             directions: (0..LIDAR_RAYS).map(direction).collect(),
             ranges: Box::new([LIDAR_RANGE as f32; LIDAR_RAYS]),
         })
@@ -95,7 +97,7 @@ impl Lidar {
     pub fn scan(&mut self, row: &Row) -> &[f32; LIDAR_RAYS] {
         let world_from_sensor = world_from_link(&self.robot, self.link, row);
         self.scan_floor(&world_from_sensor);
-        let world_from_ladder = self.world_from_fixed_ladder.unwrap_or(row.ladder.pose);
+        let world_from_ladder = self.world_from_fixed_ladder.unwrap_or(row.things[errand::LADDER].pose);
         let sensor_from_world = world_from_sensor.inverse();
         let sensor_from_ladder = sensor_from_world * world_from_ladder;
         let ladder = self.ladder.iter().map(|target| target.place(&sensor_from_ladder));

@@ -1,92 +1,30 @@
 //! Finds where two rows differ, by field and part.
 
-use fiatlux_proto::v3;
-
 use fiatlux_grading::Difference;
+use fiatlux_proto::v3;
+use fiatlux_rules::{By, Group, Row};
+use fiatlux_wire::{WireError, layout_of, read_row};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 const QUATERNION: [&str; 4] = ["w", "x", "y", "z"];
-const CONTACT_LIMBS: [&str; 4] = ["left foot", "right foot", "left palm", "right palm"];
+const LIMBS: [&str; 4] = ["left foot", "right foot", "left palm", "right palm"];
 const SUPPORTS: [&str; 4] = ["left foot", "right foot", "left arm", "right arm"];
 
-/// How the numbers of a field are grouped.
-#[derive(Debug, Clone, Copy)]
-enum By {
-    Joint,
-    /// A number for each hand body.
-    HandBody,
-    /// A vector for each hand body.
-    HandBodyAxis,
-    /// A vector for each limb in contact.
-    LimbAxis,
-    /// A number for each limb that can bear weight.
-    Support,
-    Axis,
-    Quaternion,
-    Nothing,
-}
-
-/// The numbers of a row, field by field.
-struct Fields(Vec<(String, By, Vec<f64>)>);
-
-impl Fields {
-    fn of(state: &v3::State) -> Self {
-        let mut fields = Self(Vec::new());
-        let flag = |value: bool| f64::from(u8::from(value));
-        fields.push("step", By::Nothing, &[state.step as f64]);
-        fields.body("robot", &state.robot);
-        for (name, numbers) in [
-            ("joint_position", &state.joint_position),
-            ("joint_velocity", &state.joint_velocity),
-            ("joint_target", &state.joint_target),
-            ("joint_effort", &state.joint_effort),
-            ("action", &state.action),
-        ] {
-            fields.push(name, By::Joint, numbers);
-        }
-        fields.body("ladder", &state.ladder);
-        for (name, bulb) in [("old_bulb", &state.old_bulb), ("fresh_bulb", &state.fresh_bulb)] {
-            let bulb = bulb.clone().unwrap_or_default();
-            fields.body(&format!("{name}.body"), &bulb.body);
-            fields.push(&format!("{name}.hand_force"), By::HandBodyAxis, &bulb.hand_force);
-            fields.push(&format!("{name}.hand_force_peak"), By::HandBody, &bulb.hand_force_peak);
-            fields.push(&format!("{name}.other_force_peak"), By::Nothing, &[bulb.other_force_peak]);
-            fields.push(&format!("{name}.seated"), By::Nothing, &[flag(bulb.seated)]);
-            fields.push(&format!("{name}.steps_beyond"), By::Nothing, &[f64::from(bulb.steps_beyond)]);
-        }
-        for (name, pose) in [
-            ("fixture", &state.fixture),
-            ("crate", &state.crate_),
-            ("left_palm", &state.left_palm),
-            ("right_palm", &state.right_palm),
-        ] {
-            let pose = pose.clone().unwrap_or_default();
-            fields.push(&format!("{name}.position"), By::Axis, &pose.position);
-            fields.push(&format!("{name}.quaternion"), By::Quaternion, &pose.quaternion);
-        }
-        fields.push("floor_force", By::LimbAxis, &state.floor_force);
-        fields.push("ladder_force", By::LimbAxis, &state.ladder_force);
-        fields.push("floor_load", By::Support, &state.floor_load);
-        fields.push("tread_load", By::Support, &state.tread_load);
-        fields.push("com_velocity", By::Axis, &state.com_velocity);
-        fields.push("unconverged", By::Nothing, &[f64::from(state.unconverged)]);
-        fields.push("retried", By::Nothing, &[f64::from(state.retried)]);
-        fields.push("joint_speed_peak", By::Nothing, &[state.joint_speed_peak]);
-        fields.push("penetration", By::Nothing, &[state.penetration]);
-        fields
-    }
-
-    fn push(&mut self, name: &str, by: By, numbers: &[f64]) {
-        self.0.push((name.to_owned(), by, numbers.to_vec()));
-    }
-
-    fn body(&mut self, name: &str, body: &Option<v3::Body>) {
-        let body = body.clone().unwrap_or_default();
-        self.push(&format!("{name}.position"), By::Axis, &body.position);
-        self.push(&format!("{name}.quaternion"), By::Quaternion, &body.quaternion);
-        self.push(&format!("{name}.linear_velocity"), By::Axis, &body.linear_velocity);
-        self.push(&format!("{name}.angular_velocity"), By::Axis, &body.angular_velocity);
-    }
+/// The numbers of a row with their names.
+fn named(row: &Row, header: &v3::EpisodeHeader) -> Vec<(String, f64)> {
+    let mut found = Vec::new();
+    // A measure of vectors comes part by part: numbers of one field count on.
+    let (mut last, mut first) = (String::new(), 0);
+    row.visit(&mut |field, numbers| {
+        let name = field.to_string();
+        first = if name == last { first } else { 0 };
+        let parts = numbers.iter().enumerate();
+        found
+            .extend(parts.map(|(index, number)| (format!("{name}{}", part(field.by, first + index, header)), *number)));
+        first += numbers.len();
+        last = name;
+    });
+    found
 }
 
 /// The first number in which two rows differ, to the last bit.
@@ -95,38 +33,47 @@ pub(super) fn first_row_difference(
     recorded: &v3::State,
     header: &v3::EpisodeHeader,
 ) -> Option<Difference> {
-    let fields = Fields::of(simulated).0.into_iter().zip(Fields::of(recorded).0);
-    for ((name, by, simulated), (_, _, recorded)) in fields {
-        let (a, b) = (simulated.len(), recorded.len());
-        if a != b {
-            return Some(Difference { field: name, found: format!("{a} numbers"), recorded: format!("{b} numbers") });
-        }
-        let pairs = simulated.iter().zip(&recorded).enumerate();
-        if let Some((index, (a, b))) = pairs.into_iter().find(|(_, (a, b))| a.to_bits() != b.to_bits()) {
-            let field = format!("{name}{}", part(by, index, header));
-            return Some(Difference { field, found: format!("{a:?}"), recorded: format!("{b:?}") });
-        }
-    }
-    None
+    let unreadable = |(found, recorded): (&Result<Row, WireError>, &Result<Row, WireError>)| {
+        let text = |row: &Result<Row, WireError>| row.as_ref().map_or_else(ToString::to_string, |_| "a row".into());
+        Some(Difference { field: "the row".into(), found: text(found), recorded: text(recorded) })
+    };
+    let rows = [simulated, recorded].map(|state| layout_of(header).and_then(|layout| read_row(state, layout)));
+    let [Ok(simulated), Ok(recorded)] = &rows else { return unreadable((&rows[0], &rows[1])) };
+    let pairs = named(simulated, header).into_iter().zip(named(recorded, header));
+    let differ =
+        |((field, a), (other, b)): &((String, f64), (String, f64))| field != other || a.to_bits() != b.to_bits();
+    pairs.into_iter().find(differ).map(|((field, found), (_, recorded))| Difference {
+        field,
+        found: format!("{found:?}"),
+        recorded: format!("{recorded:?}"),
+    })
 }
 
-/// The part that the number at this index belongs to, as a suffix of the field's name.
+/// The part that the number at this index of a field belongs to, as a suffix of the field's name.
 fn part(by: By, index: usize, header: &v3::EpisodeHeader) -> String {
-    let named = |names: &[String], index: usize| names.get(index).cloned().unwrap_or_else(|| index.to_string());
+    let of = |names: &[String], index: usize| names.get(index).cloned().unwrap_or_else(|| index.to_string());
     match by {
-        By::Joint => format!(" of {}", named(&header.joint_names, index)),
-        By::HandBody => format!(" of {}", named(&header.hand_bodies, index)),
-        By::HandBodyAxis => format!(".{} of {}", AXES[index % 3], named(&header.hand_bodies, index / 3)),
-        By::LimbAxis => format!(".{} of {}", AXES[index % 3], CONTACT_LIMBS[index / 3 % 4]),
-        By::Support => format!(" of {}", SUPPORTS[index % 4]),
+        By::Nothing => String::new(),
         By::Axis => format!(".{}", AXES[index % 3]),
         By::Quaternion => format!(".{}", QUATERNION[index % 4]),
-        By::Nothing => String::new(),
+        By::Joint => format!(" of {}", of(&header.joint_names, index)),
+        By::Part { of: group, axes } => {
+            let (axis, part) = if axes { (format!(".{}", AXES[index % 3]), index / 3) } else { (String::new(), index) };
+            match group {
+                Group::HandBodies => format!("{axis} of {}", of(&header.hand_bodies, part)),
+                Group::Limbs => format!("{axis} of {}", LIMBS[part % 4]),
+                Group::Supports => format!("{axis} of {}", SUPPORTS[part % 4]),
+                Group::Thing(_) => axis,
+            }
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use fiatlux_rules::{Limb, RobotLayout, errand};
+    use fiatlux_wire::state_message;
+
     use super::*;
 
     #[test]
@@ -136,26 +83,27 @@ mod tests {
             hand_bodies: vec!["thumb".into(), "index".into()],
             ..v3::EpisodeHeader::default()
         };
-        let bulb = v3::Bulb { hand_force: vec![0.0; 6], ..v3::Bulb::default() };
-        let recorded = v3::State {
-            joint_position: vec![0.25, 0.5],
-            fresh_bulb: Some(bulb),
-            floor_force: vec![0.0; 12],
-            ..v3::State::default()
-        };
-        assert_eq!(first_row_difference(&recorded, &recorded, &header), None);
-        let differs = |change: fn(&mut v3::State)| {
+        let mut recorded = Row::zeros(RobotLayout { joints: 2, hand_bodies_per_side: 1 });
+        recorded.joint_position = vec![0.25, 0.5];
+        let message = state_message(&recorded);
+        assert_eq!(first_row_difference(&message, &message, &header), None);
+        let differs = |change: fn(&mut Row)| {
             let mut simulated = recorded.clone();
             change(&mut simulated);
-            first_row_difference(&simulated, &recorded, &header).map(|found| (found.field, found.found, found.recorded))
+            let found = first_row_difference(&state_message(&simulated), &message, &header);
+            found.map(|found| (found.field, found.found, found.recorded))
         };
         let named = |field: &str, found: &str, recorded: &str| Some((field.into(), found.into(), recorded.into()));
         let knee = named("joint_position of right_knee_joint", "0.5000000000000001", "0.5");
-        assert_eq!(differs(|state| state.joint_position[1] = 0.500_000_000_000_000_1), knee);
+        assert_eq!(differs(|row| row.joint_position[1] = 0.500_000_000_000_000_1), knee);
         let force = named("fresh_bulb.hand_force.z of index", "-0.0", "0.0");
-        assert_eq!(differs(|state| state.fresh_bulb.as_mut().expect("a bulb").hand_force[5] = -0.0), force);
+        assert_eq!(differs(|row| row.force_mut(errand::HAND_FORCE[1])[1].z = -0.0), force);
         let palm = named("floor_force.y of left palm", "1.0", "0.0");
-        assert_eq!(differs(|state| state.floor_force[7] = 1.0), palm);
-        assert_eq!(differs(|state| state.action.push(1.0)), named("action", "1 numbers", "0 numbers"));
+        assert_eq!(differs(|row| row.force_mut(errand::FLOOR_FORCE)[Limb::LeftPalm as usize].y = 1.0), palm);
+        let press = named("old_bulb.other_force_peak", "2.0", "0.0");
+        assert_eq!(differs(|row| row.load_mut(errand::OTHER_FORCE_PEAK[0])[0] = 2.0), press);
+        assert_eq!(differs(|row| row.present[errand::CRATE] = false), named("crate.present", "0.0", "1.0"));
+        let unreadable = named("the row", "action has 3 numbers instead of 2", "a row");
+        assert_eq!(differs(|row| row.action.push(1.0)), unreadable);
     }
 }

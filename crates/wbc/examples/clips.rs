@@ -5,6 +5,7 @@
 
 mod play;
 
+use fiatlux_rules::errand;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -76,7 +77,7 @@ fn main() {
             let command = Command { velocity: (clip.velocity)(step), ..Command::default() };
             assert!(play.step(&command).is_some(), "{} falls at step {step}", clip.name);
             let row = play.world.row();
-            for (foot, load) in scene.robot.feet().iter().zip(&row.floor_load) {
+            for (foot, load) in scene.robot.feet().iter().zip(row.load(errand::FLOOR_LOAD)) {
                 if *load > LOADED_N && step >= clip.before {
                     let up = play.world.world_from_link(*foot).rotation.inverse() * Vector3::z();
                     tilt[0] += up.y.abs();

@@ -47,11 +47,3 @@ pub(crate) fn array<const N: usize>(field: &'static str, numbers: &[f64]) -> Res
     check_finite(field, numbers)?;
     numbers.try_into().map_err(|_| WireError::Length { field, found: numbers.len(), expected: N })
 }
-
-pub(crate) fn list(field: &'static str, numbers: &[f64], expected: usize) -> Result<Vec<f64>, WireError> {
-    if numbers.len() != expected {
-        return Err(WireError::Length { field, found: numbers.len(), expected });
-    }
-    check_finite(field, numbers)?;
-    Ok(numbers.to_vec())
-}

@@ -39,7 +39,7 @@ pub use error::WireError;
 pub use geometry::{geometry_message, read_geometry};
 pub use header::{drive_message, header_digest, layout_of, read_identity, reward_of};
 pub use pose::{pose_message, read_pose};
-pub use row::{read_row, state_message};
+pub use row::{contact_messages, read_row, state_message};
 
 #[cfg(feature = "world")]
 pub use domain_sample::{domain_sample_message, light_of, prop_scale, randomization};

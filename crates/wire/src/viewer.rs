@@ -1,7 +1,7 @@
 //! What a viewer shows: the scene's shapes, and where its frames are.
 //!
-//! Frames: `world`; below it `pelvis` with the robot's links in their tree, `ladder`, `old_bulb`, `fresh_bulb`, `fixture`
-//! and `crate`. What can move is drawn in its own frame, the rest in `world`.
+//! Frames: `world`; below it `pelvis` with the robot's links in their tree, and one for each thing of the manifest that the scene
+//! has. Things are drawn in their own frames, the rest in `world`.
 
 use std::collections::BTreeMap;
 
@@ -13,17 +13,11 @@ use fiatlux_proto::foxglove::{
 };
 use fiatlux_proto::{Duration, Timestamp};
 use fiatlux_robot::Robot;
-use fiatlux_rules::{CONTROL_DT, Row};
+use fiatlux_rules::{CONTROL_DT, Row, manifest};
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
 const WORLD: &str = "world";
-const LADDER: &str = "ladder";
-const OLD_BULB: &str = "old_bulb";
-const FRESH_BULB: &str = "fresh_bulb";
-const FIXTURE: &str = "fixture";
-const CRATE: &str = "crate";
-
 /// Side and thickness of the floor that is drawn, m.
 const FLOOR: [f64; 2] = [12.0, 0.02];
 
@@ -49,32 +43,39 @@ pub fn scene_update(scene: &Scene) -> SceneUpdate {
         draw(entity, &shape.link_from_shape, &shape.geometry, if dark { DARK } else { LIGHT_GREY });
     }
     for (index, shape) in scene.model.shapes().iter().enumerate() {
-        let Some((name, frame, color)) = prop(scene.owner(ShapeId(index)), &shape.name) else { continue };
-        // Shapes of the world have their pose in it, those of a body in the body, whose frame is the entity's.
-        let fixed = match frame {
-            LADDER if scene.ladder.is_none() => Some(scene.world_from_ladder),
-            FIXTURE => Some(scene.world_from_fixture),
-            CRATE => scene.world_from_crate,
-            _ => None,
+        let owner = scene.owner(ShapeId(index));
+        let Some(color) = color(owner, &shape.name) else { continue };
+        let name = owner.name();
+        // Shapes of a body have their pose in it, whose frame is the entity's; others have it in the world.
+        let (frame, frame_from_shape) = match owner {
+            ShapeOwner::Thing(thing) if scene.body(thing).is_some() => (name, shape.body_from_shape),
+            ShapeOwner::Thing(thing) => (name, scene.world_from(thing).inv_mul(&shape.body_from_shape)),
+            _ => (WORLD, shape.body_from_shape),
         };
-        let frame_from_shape = fixed.map_or(shape.body_from_shape, |pose| pose.inv_mul(&shape.body_from_shape));
         let entity = entities.entry(name).or_insert_with(|| entity(name, frame));
         draw(entity, &frame_from_shape, &shape.geometry, color);
     }
     SceneUpdate { deletions: Vec::new(), entities: entities.into_values().collect() }
 }
 
-/// Name of the entity, its frame and the colour of a shape; none for what is not drawn, or drawn as the robot's.
-fn prop(owner: ShapeOwner, shape: &str) -> Option<(&'static str, &'static str, [f64; 4])> {
+/// Colour of a shape; none for what is not drawn, or drawn as the robot's.
+fn color(owner: ShapeOwner, shape: &str) -> Option<[f64; 4]> {
     let is_step = shape.contains("tread") || shape.contains("platform");
     Some(match owner {
-        ShapeOwner::Floor => ("floor", WORLD, FLOOR_GREY),
-        ShapeOwner::Bench => ("bench", WORLD, WOOD),
-        ShapeOwner::Crate => (CRATE, CRATE, CRATE_YELLOW),
-        ShapeOwner::Fixture => (FIXTURE, FIXTURE, WHITE),
-        ShapeOwner::Ladder => (LADDER, LADDER, if is_step { TREAD } else { ALUMINIUM }),
-        ShapeOwner::OldBulb => (OLD_BULB, OLD_BULB, SPENT),
-        ShapeOwner::FreshBulb => (FRESH_BULB, FRESH_BULB, GLOWING),
+        ShapeOwner::Floor => FLOOR_GREY,
+        ShapeOwner::Bench => WOOD,
+        ShapeOwner::CRATE => CRATE_YELLOW,
+        ShapeOwner::FIXTURE => WHITE,
+        ShapeOwner::LADDER => {
+            if is_step {
+                TREAD
+            } else {
+                ALUMINIUM
+            }
+        }
+        ShapeOwner::OLD_BULB => SPENT,
+        ShapeOwner::FRESH_BULB => GLOWING,
+        ShapeOwner::Thing(_) => LIGHT_GREY,
         ShapeOwner::Room | ShapeOwner::Robot(_) => return None,
     })
 }
@@ -181,15 +182,9 @@ impl Frames {
                 &(link.parent_from_link * link.joint.map_or_else(UnitQuaternion::identity, angle)),
             )
         });
-        let props = [
-            (LADDER, row.ladder.pose),
-            (OLD_BULB, row.bulbs[0].pose),
-            (FRESH_BULB, row.bulbs[1].pose),
-            (FIXTURE, row.fixture),
-            (CRATE, row.crate_),
-        ];
-        let props = props.iter().map(|(name, pose)| frame(WORLD, name, pose));
-        FrameTransforms { transforms: links.chain(props).collect() }
+        let things = manifest().things.iter().zip(&row.things).zip(&row.present).filter(|(_, present)| **present);
+        let things = things.map(|((thing, body), _)| frame(WORLD, &thing.name, &body.pose));
+        FrameTransforms { transforms: links.chain(things).collect() }
     }
 }
 

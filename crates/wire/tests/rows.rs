@@ -5,22 +5,20 @@ mod common;
 
 use common::{Draw, LAYOUT, room};
 use fiatlux_proto::{Message, v3};
-use fiatlux_rules::{Row, RowDigest};
+use fiatlux_rules::{BodyRow, Row, RowDigest, errand, manifest};
 use fiatlux_wire::{WireError, read_row, state_message};
+use nalgebra::Isometry3;
 
 /// Everything set to something of its own.
 fn full(draw: &mut Draw, step: u64) -> Row {
     let mut row = draw.row(step);
-    row.fixture = draw.pose(2.0);
-    row.crate_ = draw.pose(2.0);
+    row.things[errand::FIXTURE].pose = draw.pose(2.0);
+    row.things[errand::CRATE].pose = draw.pose(2.0);
     row.world_from_palm = [draw.pose(1.0), draw.pose(1.0)];
-    row.other_force_peak = [draw.unit().abs(), draw.unit().abs()];
-    for load in row.floor_load.iter_mut().chain(&mut row.tread_load) {
-        *load = draw.unit();
-    }
-    for number in
-        row.joint_target.iter_mut().chain(&mut row.joint_effort).chain(row.hand_force_peak.iter_mut().flatten())
-    {
+    row.forces.fill_with(|| draw.vector(3.0));
+    row.loads.fill_with(|| draw.unit().abs());
+    row.load_mut(errand::FLOOR_LOAD)[0] = -0.5;
+    for number in row.joint_target.iter_mut().chain(&mut row.joint_effort) {
         *number = draw.unit();
     }
     row.attachments[0].steps_beyond = 3;
@@ -84,8 +82,27 @@ fn body(body: &mut Option<v3::Body>) -> &mut v3::Body {
     body.as_mut().expect("a body")
 }
 
-fn bulb(bulb: &mut Option<v3::Bulb>) -> &mut v3::Bulb {
-    bulb.as_mut().expect("a bulb")
+/// What a scene lacks comes back as lacking.
+#[test]
+fn absent_things_stay_absent() {
+    let mut row = full(&mut Draw(7), 9);
+    let whole = digest(&row);
+    for thing in [errand::LADDER, errand::CRATE] {
+        row.present[thing] = false;
+        row.things[thing] = BodyRow::at_rest(Isometry3::identity());
+    }
+    let state = v3::State::decode(&state_message(&row).encode_to_vec()[..]).expect("decodes");
+    assert_eq!(state.things[errand::LADDER], v3::Body::default());
+    let back = read_row(&state, LAYOUT).expect("a row");
+    assert_eq!(digest(&back), digest(&row));
+    assert_ne!(digest(&back), whole);
+    assert_eq!(back, row);
+}
+
+/// First place of a measure in the loads.
+fn place(name: &str) -> usize {
+    let contact = manifest().contacts.iter().find(|contact| contact.name == name).expect("a measure");
+    contact.range(LAYOUT).start
 }
 
 #[test]
@@ -94,44 +111,38 @@ fn other_shapes_are_refused() {
         ("joint_effort has a number that is not finite", |s| s.joint_effort[1] = f64::NAN),
         ("action has a number that is not finite", |s| s.action[2] = f64::NEG_INFINITY),
         ("robot has a number that is not finite", |s| body(&mut s.robot).position[0] = f64::INFINITY),
-        ("ladder_force has a number that is not finite", |s| s.ladder_force[11] = f64::INFINITY),
-        ("floor_force has a number that is not finite", |s| s.floor_force[0] = f64::NAN),
+        ("forces has a number that is not finite", |s| s.forces[11] = f64::INFINITY),
+        ("loads has a number that is not finite", |s| s.loads[0] = f64::NAN),
         ("joint_speed_peak is NaN; it must be zero or above", |s| s.joint_speed_peak = f64::NAN),
         ("joint_speed_peak is -1; it must be zero or above", |s| s.joint_speed_peak = -1.0),
         ("penetration is -0.5; it must be zero or above", |s| s.penetration = -0.5),
         ("penetration has a number that is not finite", |s| s.penetration = f64::INFINITY),
         ("robot is missing", |s| s.robot = None),
-        ("ladder is missing", |s| s.ladder = None),
-        ("old_bulb is missing", |s| s.old_bulb = None),
-        ("fresh_bulb is missing", |s| s.fresh_bulb = None),
-        ("fresh_bulb.body is missing", |s| bulb(&mut s.fresh_bulb).body = None),
-        ("fixture is missing", |s| s.fixture = None),
-        ("crate is missing", |s| s.crate_ = None),
+        ("things has 4 numbers instead of 5", |s| drop(s.things.pop())),
+        ("attachments has 3 numbers instead of 2", |s| s.attachments.push(v3::Attachment::default())),
+        ("crate has a velocity", |s| s.things[errand::CRATE].linear_velocity = vec![0.0; 3]),
+        ("ladder has a velocity", |s| {
+            let velocity = s.things[errand::LADDER].linear_velocity.clone();
+            s.things[errand::LADDER] = v3::Body { linear_velocity: velocity, ..v3::Body::default() };
+        }),
+        ("old_bulb has 0 numbers instead of 4", |s| s.things[errand::OLD_BULB].quaternion.clear()),
         ("robot has 2 numbers instead of 3", |s| shorten(&mut body(&mut s.robot).position)),
         ("robot has 5 numbers instead of 4", |s| body(&mut s.robot).quaternion.push(0.0)),
-        ("ladder has 4 numbers instead of 3", |s| body(&mut s.ladder).linear_velocity.push(0.0)),
-        ("ladder has 0 numbers instead of 3", |s| body(&mut s.ladder).angular_velocity.clear()),
-        ("fixture has 3 numbers instead of 4", |s| s.fixture.iter_mut().for_each(|pose| shorten(&mut pose.quaternion))),
+        ("ladder has 4 numbers instead of 3", |s| s.things[errand::LADDER].linear_velocity.push(0.0)),
+        ("ladder has 0 numbers instead of 3", |s| s.things[errand::LADDER].angular_velocity.clear()),
+        ("fixture has 3 numbers instead of 4", |s| shorten(&mut s.things[errand::FIXTURE].quaternion)),
         ("com_velocity has 2", |s| shorten(&mut s.com_velocity)),
         ("left_palm is missing", |s| s.left_palm = None),
         ("right_palm has 2", |s| s.right_palm.iter_mut().for_each(|pose| shorten(&mut pose.position))),
-        ("floor_load has 3", |s| shorten(&mut s.floor_load)),
-        ("tread_load has 5", |s| s.tread_load.push(0.0)),
-        ("old_bulb.other_force_peak is -1", |s| bulb(&mut s.old_bulb).other_force_peak = -1.0),
-        ("other_force_peak", |s| bulb(&mut s.fresh_bulb).other_force_peak = f64::INFINITY),
+        ("old_bulb.other_force_peak is -1", |s| s.loads[place("old_bulb.other_force_peak")] = -1.0),
+        ("fresh_bulb.hand_force_peak is -0.1", |s| s.loads[place("fresh_bulb.hand_force_peak")] = -0.1),
         ("joint_position has 52 numbers instead of 53", |s| shorten(&mut s.joint_position)),
         ("joint_velocity has 54", |s| s.joint_velocity.push(0.0)),
         ("joint_target has 0", |s| s.joint_target.clear()),
         ("joint_effort has 52", |s| shorten(&mut s.joint_effort)),
         ("action has 54", |s| s.action.push(0.0)),
-        ("hand_force has 101 numbers instead of 102", |s| shorten(&mut bulb(&mut s.old_bulb).hand_force)),
-        ("hand_force has 105", |s| bulb(&mut s.fresh_bulb).hand_force.extend([0.0; 3])),
-        ("old_bulb.hand_force_peak has 33 numbers instead of 34", |s| {
-            shorten(&mut bulb(&mut s.old_bulb).hand_force_peak);
-        }),
-        ("fresh_bulb.hand_force_peak has 35", |s| bulb(&mut s.fresh_bulb).hand_force_peak.push(0.0)),
-        ("ladder_force has 11 numbers instead of 12", |s| shorten(&mut s.ladder_force)),
-        ("floor_force has 11 numbers instead of 12", |s| shorten(&mut s.floor_force)),
+        ("forces has 227 numbers instead of 228", |s| shorten(&mut s.forces)),
+        ("loads has 79 numbers instead of 78", |s| s.loads.push(0.0)),
     ];
     for (expected, spoil) in spoils {
         let mut state = state_message(&room());

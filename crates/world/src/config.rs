@@ -3,13 +3,16 @@
 mod check;
 mod parts;
 
+use std::collections::BTreeMap;
+
+use fiatlux_rules::manifest;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use toml::de::{DeTable, DeValue};
 
 pub use parts::{
     AttachmentConfig, BenchConfig, BulbConfig, CarryConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig,
-    LayoutConfig, RobotStartConfig, RoomConfig, StartConfig, StartNoise, Surface, Surfaces,
+    LayoutConfig, RobotStartConfig, RoomConfig, StartConfig, StartNoise, Surface, Surfaces, ThingAnchor, ThingConfig,
 };
 
 use crate::SceneError;
@@ -46,6 +49,9 @@ pub struct SceneConfig {
     pub robot: RobotStartConfig,
     /// Start states of the tasks.
     pub start: StartConfig,
+    /// Things of the manifest that have no section of their own, by name; they are where there is furniture.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub things: BTreeMap<String, ThingConfig>,
 }
 
 impl Default for SceneConfig {
@@ -83,6 +89,11 @@ impl SceneConfig {
     /// SHA-256 of the config as TOML with every value written out, hexadecimal.
     pub fn digest(&self) -> String {
         Sha256::digest(self.to_toml()).iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// Those of [`SceneConfig::things`] in the order of the manifest; `None` for what has a section of its own.
+    pub(crate) fn thing_configs(&self) -> impl Iterator<Item = Option<&ThingConfig>> {
+        manifest().things.iter().map(|thing| self.things.get(&thing.name))
     }
 
     /// Checks that the numbers make a scene. Needed only after changing a config in place; [`SceneConfig::from_toml`]

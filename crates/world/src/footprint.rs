@@ -9,7 +9,7 @@ use crate::scene::Scene;
 /// A rectangle on the floor, and the heights between which a thing occupies all or part of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Footprint {
-    /// `bench`, `crate`, `fixture`, `ladder` where it cannot move, or the name of a wall, a corner or the ceiling.
+    /// `bench`, a thing that cannot move, such as `crate`, or the name of a wall, a corner or the ceiling.
     pub name: String,
     /// Corners, counter-clockwise seen from above, world, m.
     pub outline: [Vector2<f64>; 4],
@@ -27,11 +27,9 @@ impl Scene {
         for shape in self.model.shapes().iter().filter(|shape| shape.body == BodyId::WORLD) {
             let (name, yaw) = match ShapeOwner::from_label(shape.label) {
                 ShapeOwner::Room => (shape.name.trim_start_matches("room_"), heading(shape)),
-                ShapeOwner::Ladder => ("ladder", self.layout.ladder.yaw),
-                ShapeOwner::Bench => ("bench", 0.0),
-                ShapeOwner::Crate => ("crate", 0.0),
-                ShapeOwner::Fixture => ("fixture", 0.0),
-                _ => continue,
+                ShapeOwner::LADDER => ("ladder", self.layout.ladder.yaw),
+                owner @ (ShapeOwner::Bench | ShapeOwner::Thing(_)) => (owner.name(), 0.0),
+                ShapeOwner::Floor | ShapeOwner::Robot(_) => continue,
             };
             let bounds = Bounds::of(shape, yaw);
             match found.iter_mut().find(|(_, footprint)| footprint.name == name) {

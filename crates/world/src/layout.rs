@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vec
 
 use self::python_random::PythonRandom;
 use self::walls::clear_of_walls;
-use crate::parts::{LadderPart, SceneParts, absent_fixture};
+use crate::parts::{LadderPart, SceneParts};
 use crate::{SceneConfig, SceneError};
 
 /// Largest distance or angle in a recorded layout, m or rad.
@@ -117,7 +117,7 @@ impl Layout {
         let origin = Place { position: Vector2::zeros(), yaw: 0.0 };
         Self {
             mount: Mount::Ceiling,
-            world_from_fixture: absent_fixture(),
+            world_from_fixture: Isometry3::identity(),
             anchor: origin,
             ladder: origin,
             robot: origin,

@@ -53,11 +53,11 @@ pub use footprint::Footprint;
 pub use input::{AppliedWrench, ControlInput, Push, Target};
 pub use layout::{LadderStart, Layout, Mount, Place};
 pub use owner::ShapeOwner;
-pub use parts::{FAR, LadderPart, SceneKind, SceneParts};
+pub use parts::{LadderPart, SceneKind, SceneParts};
 pub use props::{LadderPoints, PropSizes};
 pub use randomize::{HandFriction, Light, PropScale, Randomization};
 pub use rng::{GENERATORS, RNG_NAME, Random, Stream};
-pub use scene::{Scene, SceneSpec};
+pub use scene::{Placed, Scene, SceneSpec};
 pub use start::{ACTION_LIMIT, ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
 

@@ -1,16 +1,9 @@
 //! The parts that scenes are composed of.
 //!
-//! A missing part still has its place in a row, because all rows have the same form. It is upright, at rest, free and
-//! untouched, [`FAR`] from the robot and from other missing parts: near nothing, held by nothing, neither tipped nor
-//! dropped, so that no criterion that needs it holds and no condition ends an episode. A missing crate is at the
-//! origin, as in `climb`: it matters only to a bulb between its walls.
+//! Rows say which things are present. A missing one has no numbers; rules see it far from everything
+//! ([`Row::body`](fiatlux_rules::Row::body)).
 
 use std::fmt;
-
-use nalgebra::Isometry3;
-
-/// Distance at which a row places missing parts, m.
-pub const FAR: f64 = 1000.0;
 
 /// How a ladder stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -91,19 +84,4 @@ impl fmt::Display for SceneParts {
         let names: Vec<&str> = ["floor"].into_iter().chain(ladder).chain(others).collect();
         f.write_str(&names.join(", "))
     }
-}
-
-/// Where rows place the ladder of a scene without one.
-pub(crate) fn absent_ladder() -> Isometry3<f64> {
-    Isometry3::translation(-FAR, 0.0, 0.0)
-}
-
-/// Where rows place the fixture of a scene without one.
-pub(crate) fn absent_fixture() -> Isometry3<f64> {
-    Isometry3::translation(FAR, 0.0, FAR)
-}
-
-/// Where rows place the old and the fresh bulb of a scene without them.
-pub(crate) fn absent_bulbs() -> [Isometry3<f64>; 2] {
-    [-FAR, FAR].map(|y| Isometry3::translation(0.0, y, FAR))
 }

@@ -7,6 +7,7 @@ mod fixture;
 mod ladder;
 mod room;
 mod sizes;
+mod thing;
 
 use fiatlux_dynamics::{BodyId, Geometry, Material, ModelBuilder, ModelError, ShapeSpec};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -17,6 +18,7 @@ pub(crate) use crate_::crate_;
 pub(crate) use fixture::fixture;
 pub(crate) use ladder::{ladder, ladder_body};
 pub(crate) use room::room;
+pub(crate) use thing::{thing, thing_body};
 
 pub use ladder::LadderPoints;
 pub use sizes::PropSizes;

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId, Variation};
 use fiatlux_robot::{BuildOptions, Gains, Robot, RobotError, RobotIds};
-use fiatlux_rules::{Bulb, BulbGeometry, Geometry, RobotLayout};
+use fiatlux_rules::{Bulb, BulbGeometry, Geometry, Motion, RobotLayout, errand, manifest};
 use nalgebra::{Isometry3, Vector2, Vector3};
 
-use crate::config::BulbConfig;
+use crate::config::{BulbConfig, ThingAnchor, ThingConfig};
 use crate::layout::{Layout, Mount};
 use crate::owner::ShapeOwner;
-use crate::parts::{LadderPart, SceneParts, absent_fixture, absent_ladder};
+use crate::parts::{LadderPart, SceneParts};
 use crate::props::{self, LadderPoints, PropSizes, add_parts};
 use crate::{PropScale, SceneConfig, SceneError};
 
@@ -43,6 +43,15 @@ impl SceneSpec {
     }
 }
 
+/// A thing of the manifest in a scene.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placed {
+    /// Its body; `None` if it cannot move.
+    pub body: Option<BodyId>,
+    /// Its pose at the start; what cannot move stays there.
+    pub world_from_thing: Isometry3<f64>,
+}
+
 /// One scene: constant, to be shared by the episodes that play in it. The model's reference state has every body in its
 /// place: the ladder as laid out, the old bulb in the fixture, the fresh one on the bench, the robot standing in its zone
 /// with every joint at 0.
@@ -62,28 +71,17 @@ pub struct Scene {
     pub model: Model,
     /// Where the robot is in the model.
     pub robot_ids: RobotIds,
-    /// The ladder's body; `None` if it cannot move.
-    pub ladder: Option<BodyId>,
-    /// The old bulb's body; `None` without bulbs.
-    pub old_bulb: Option<BodyId>,
-    /// The fresh bulb's body; `None` without bulbs.
-    pub fresh_bulb: Option<BodyId>,
-    /// Initial pose of the ladder; a fixed ladder stays there.
-    pub world_from_ladder: Isometry3<f64>,
-    /// Pose of the socket; far away if there is none.
-    pub world_from_fixture: Isometry3<f64>,
+    /// The things of the manifest, in its order; `None` for those that the scene lacks.
+    pub things: Vec<Option<Placed>>,
     /// Pose of the bench; `None` without furniture.
     pub world_from_bench: Option<Isometry3<f64>>,
-    /// Pose of the crate; `None` without furniture.
-    pub world_from_crate: Option<Isometry3<f64>>,
     /// Points of the ladder, in its frame.
     pub ladder_points: LadderPoints,
     owners: Vec<ShapeOwner>,
 }
 
 impl Scene {
-    /// Builds a scene. Bodies are in the order ladder (if it can move), old bulb, fresh bulb, robot; missing ones are
-    /// skipped.
+    /// Builds a scene. Bodies are the things that can move, in the order of the manifest, then the robot.
     ///
     /// # Errors
     /// A config that [`SceneConfig::check`] refuses, sizes out of their range, a recorded layout that is none of the kind,
@@ -112,23 +110,17 @@ impl Scene {
         let placed = placed.map_err(robot_error)?;
         let model = builder.build()?;
         let owners = model.shapes().iter().map(|shape| ShapeOwner::from_label(shape.label)).collect();
-        let parts = spec.parts;
         Ok(Self {
             robot_ids: placed.ids(&model).map_err(robot_error)?,
             spec,
             config: config.clone(),
-            world_from_fixture: if parts.fixture { layout.world_from_fixture } else { absent_fixture() },
-            world_from_ladder: parts.ladder.map_or_else(absent_ladder, |_| layout.ladder.world_from_place(0.0)),
+            things: props.things,
             world_from_bench: layout.bench.map(on_floor),
-            world_from_crate: layout.crate_.map(on_floor),
             ladder_points: LadderPoints::new(&sizes.ladder),
             sizes,
             layout,
             robot,
             model,
-            ladder: props.ladder,
-            old_bulb: props.bulbs.map(|[old, _]| old),
-            fresh_bulb: props.bulbs.map(|[_, fresh]| fresh),
             owners,
         })
     }
@@ -139,6 +131,16 @@ impl Scene {
     /// If the shape does not belong to this model.
     pub fn owner(&self, shape: ShapeId) -> ShapeOwner {
         self.owners[shape.0]
+    }
+
+    /// Body of a thing; `None` if the scene lacks it or it cannot move.
+    pub fn body(&self, thing: usize) -> Option<BodyId> {
+        self.things[thing]?.body
+    }
+
+    /// Pose of a thing at the start; the identity if the scene lacks it.
+    pub fn world_from(&self, thing: usize) -> Isometry3<f64> {
+        self.things[thing].map_or_else(Isometry3::identity, |placed| placed.world_from_thing)
     }
 
     /// Writes a friction coefficient of the hands into a variation, for [`World::set_variation`](crate::World::set_variation).
@@ -232,8 +234,7 @@ fn standing_pose(bulb: &BulbConfig, point: Vector3<f64>) -> Isometry3<f64> {
 
 /// Everything but the robot, as added to a builder.
 pub(crate) struct Props {
-    pub ladder: Option<BodyId>,
-    pub bulbs: Option<[BodyId; 2]>,
+    pub things: Vec<Option<Placed>>,
     pub next_cull_group: u16,
 }
 
@@ -253,35 +254,46 @@ impl Props {
         };
         let at_origin = Isometry3::identity();
 
-        let mut ladder = None;
+        let mut things = vec![None; manifest().things.len()];
         if let Some(stands) = with.ladder {
             let world_from_ladder = layout.ladder.world_from_place(0.0);
             let (body, body_from_ladder) = match stands {
-                LadderPart::Fixed => (BodyId::WORLD, world_from_ladder),
+                LadderPart::Fixed => (None, world_from_ladder),
                 LadderPart::Free | LadderPart::Coupled => {
                     let body = builder.add_body(props::ladder_body(&sizes.ladder, surfaces, world_from_ladder)?)?;
-                    ladder = Some(body);
-                    (body, at_origin)
+                    (Some(body), at_origin)
                 }
             };
             let parts = props::ladder(&sizes.ladder, surfaces);
-            add_parts(builder, parts, "ladder_", body, &body_from_ladder, ShapeOwner::Ladder, cull_group())?;
+            let of = body.unwrap_or(BodyId::WORLD);
+            add_parts(builder, parts, "ladder_", of, &body_from_ladder, ShapeOwner::LADDER, cull_group())?;
+            things[errand::LADDER] = Some(Placed { body, world_from_thing: world_from_ladder });
         }
 
-        let mut bulbs = None;
         if with.bulbs {
-            let mut add_bulb = |bulb, name: &str, pose, owner| -> Result<BodyId, SceneError> {
-                let body = builder.add_body(props::bulb_body(bulb, name, pose))?;
-                let parts = props::bulb(bulb, surfaces);
+            let poses = bulb_poses(config, sizes, layout, with);
+            for ((thing, bulb), world_from_thing) in errand::BULBS.into_iter().zip(&sizes.bulbs).zip(poses) {
+                let name = &manifest().things[thing].name;
+                let body = builder.add_body(props::bulb_body(bulb, name, world_from_thing))?;
+                let (parts, owner) = (props::bulb(bulb, surfaces), ShapeOwner::Thing(thing));
                 add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cull_group())?;
-                Ok(body)
-            };
-            let (world_from_old, world_from_fresh) = bulb_poses(config, sizes, layout, with);
-            let [old, fresh] = &sizes.bulbs;
-            bulbs = Some([
-                add_bulb(old, "old_bulb", world_from_old, ShapeOwner::OldBulb)?,
-                add_bulb(fresh, "fresh_bulb", world_from_fresh, ShapeOwner::FreshBulb)?,
-            ]);
+                things[thing] = Some(Placed { body: Some(body), world_from_thing });
+            }
+        }
+        if let Some(bench) = layout.bench {
+            for (index, (thing, of)) in manifest().things.iter().zip(config.thing_configs()).enumerate() {
+                let Some(of) = of else { continue };
+                let world_from_thing = thing_pose(of, layout, bench);
+                let body = match thing.motion {
+                    Motion::Free => Some(builder.add_body(props::thing_body(of, &thing.name, world_from_thing))?),
+                    Motion::Fixed => None,
+                };
+                let pose = if body.is_some() { at_origin } else { world_from_thing };
+                let (owner, prefix) = (ShapeOwner::Thing(index), format!("{}_", thing.name));
+                let body_id = body.unwrap_or(BodyId::WORLD);
+                add_parts(builder, props::thing(of), &prefix, body_id, &pose, owner, cull_group())?;
+                things[index] = Some(Placed { body, world_from_thing });
+            }
         }
 
         let mut add_fixed = |parts, prefix: &str, pose: &Isometry3<f64>, owner| {
@@ -298,37 +310,45 @@ impl Props {
             let mut fixture = props::fixture(&sizes.fixture, sizes.seat_z, surfaces, rod_length);
             // The rod is long: culled on its own, it does not keep the socket's parts awake.
             let rod = rod_length.and_then(|_| fixture.pop());
-            add_fixed(fixture, "fixture_", &layout.world_from_fixture, ShapeOwner::Fixture)?;
+            add_fixed(fixture, "fixture_", &layout.world_from_fixture, ShapeOwner::FIXTURE)?;
             if let Some(rod) = rod {
-                add_fixed(vec![rod], "fixture_", &layout.world_from_fixture, ShapeOwner::Fixture)?;
+                add_fixed(vec![rod], "fixture_", &layout.world_from_fixture, ShapeOwner::FIXTURE)?;
             }
+            things[errand::FIXTURE] = Some(Placed { body: None, world_from_thing: layout.world_from_fixture });
         }
         if let Some(center) = layout.bench {
             add_fixed(props::bench(&config.bench, surfaces), "bench_", &on_floor(center), ShapeOwner::Bench)?;
         }
         if let Some(center) = layout.crate_ {
-            add_fixed(props::crate_(&config.crate_, surfaces), "crate_", &on_floor(center), ShapeOwner::Crate)?;
+            let world_from_thing = on_floor(center);
+            add_fixed(props::crate_(&config.crate_, surfaces), "crate_", &world_from_thing, ShapeOwner::CRATE)?;
+            things[errand::CRATE] = Some(Placed { body: None, world_from_thing });
         }
-        Ok(Self { ladder, bulbs, next_cull_group })
+        Ok(Self { things, next_cull_group })
     }
 }
 
 /// The old bulb in the fixture and the fresh one on the bench; on the floor where there is no furniture, and the old one
 /// where there is no fixture.
-fn bulb_poses(
-    config: &SceneConfig,
-    sizes: &PropSizes,
-    layout: &Layout,
-    with: &SceneParts,
-) -> (Isometry3<f64>, Isometry3<f64>) {
+fn bulb_poses(config: &SceneConfig, sizes: &PropSizes, layout: &Layout, with: &SceneParts) -> [Isometry3<f64>; 2] {
     let [old_bulb, fresh_bulb] = &sizes.bulbs;
     let [old, fresh] = config.climb.bulb_parking;
     let parked = |bulb, [x, y]: [f64; 2]| standing_pose(bulb, Vector3::new(x, y, 0.0));
-    let Some(bench) = layout.bench else { return (parked(old_bulb, old), parked(fresh_bulb, fresh)) };
+    let Some(bench) = layout.bench else { return [parked(old_bulb, old), parked(fresh_bulb, fresh)] };
     let spot = bench + Vector2::from(config.bench.bulb_spot);
     let on_bench = standing_pose(fresh_bulb, Vector3::new(spot.x, spot.y, config.bench.surface_height));
     let old = if with.fixture { seated_pose(sizes, Bulb::Old, layout) } else { parked(old_bulb, old) };
-    (old, on_bench)
+    [old, on_bench]
+}
+
+fn thing_pose(config: &ThingConfig, layout: &Layout, bench: Vector2<f64>) -> Isometry3<f64> {
+    let world_from_anchor = match config.from {
+        ThingAnchor::Floor => Isometry3::identity(),
+        ThingAnchor::Bench => on_floor(bench),
+        ThingAnchor::Crate => on_floor(layout.crate_.unwrap_or_default()),
+        ThingAnchor::Ladder => layout.ladder.world_from_place(0.0),
+    };
+    world_from_anchor * Isometry3::new(config.at.into(), Vector3::z() * config.yaw)
 }
 
 #[cfg(test)]

@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::ModelError;
 use fiatlux_robot::RobotError;
-use fiatlux_rules::{AttachmentRow, Bulb, Ladder, Row, Spot, Stand, StartSpec, Task, Thresholds};
-use nalgebra::{Isometry3, Vector3};
+use fiatlux_rules::{AttachmentRow, Bulb, Ladder, Row, Spot, Stand, StartSpec, Task, Thresholds, errand};
+use nalgebra::Vector3;
 use thiserror::Error;
 
 use crate::{Scene, SceneKind, SceneParts, ShapeOwner, World, WorldError};
@@ -87,7 +87,7 @@ pub enum StartError {
     },
     /// No place is free for the robot.
     #[error(
-        "{task} seed {seed} episode {episode}: {obstacle:?} is in the robot's way, and no other place is free; give the \
+        "{task} seed {seed} episode {episode}: the {obstacle} is in the robot's way, and no other place is free; give the \
          room more space or make start.clearance smaller"
     )]
     Place {
@@ -241,12 +241,12 @@ fn put_bulbs(scene: &Scene, spec: &StartSpec, row: &mut Row) {
             Spot::Socket => scene.world_from_seated_bulb(bulb),
             Spot::Crate => {
                 let height = Vector3::z() * scene.config.crate_.placing_height;
-                let crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
+                let crate_ = scene.world_from(errand::CRATE);
                 scene.world_from_standing_bulb(bulb, crate_.translation.vector + height)
             }
-            Spot::Bench | Spot::Parked | Spot::Hand => row.bulbs[bulb as usize].pose,
+            Spot::Bench | Spot::Parked | Spot::Hand => row.things[bulb.thing()].pose,
         };
-        row.bulbs[bulb as usize].pose = pose;
+        row.things[bulb.thing()].pose = pose;
         row.attachments[bulb as usize] = AttachmentRow { seated: spot == Spot::Socket, steps_beyond: 0 };
     }
 }

@@ -6,15 +6,14 @@ mod sensed;
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, PreparedVariation, State, Variation, Wrench};
-use fiatlux_rules::{AttachmentRow, BodyRow, Row};
+use fiatlux_rules::{AttachmentRow, BodyRow, Row, errand};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use self::check::check_row;
-use self::sensed::{OTHER_THINGS, Sensed, Thing};
+use self::sensed::Sensors;
 use crate::attach::{Attachment, AttachmentState, PlugState};
 use crate::error::WorldError;
 use crate::input::{AppliedWrench, ControlInput, Push, Target};
-use crate::parts::absent_bulbs;
 use crate::scene::Scene;
 use crate::start::ACTION_LIMIT;
 
@@ -42,16 +41,9 @@ pub struct World {
     attachments: [Attachment; 2],
     targets: Vec<f64>,
     wrenches: Vec<(BodyId, Wrench)>,
+    /// Room for what presses on things in a physics step.
+    presses: Vec<f64>,
     row: Box<Row>,
-}
-
-/// What physics steps are watched for.
-#[derive(Debug)]
-struct Sensors {
-    /// What each shape counts as, by shape index.
-    shapes: Vec<Sensed>,
-    /// Degrees of freedom of the joints with a rated speed.
-    rated: Vec<usize>,
 }
 
 impl World {
@@ -67,6 +59,7 @@ impl World {
         let sensors = Arc::new(Sensors::new(&scene));
         let mut world = Self {
             row: Box::new(blank_row(&scene)),
+            presses: vec![0.0; sensors.presses()],
             sensors,
             dynamics,
             attachments: [
@@ -152,19 +145,15 @@ impl World {
     /// Takes over a row's state. What follows from it is as the row says until [`World::read_state`].
     fn set_state(&mut self, row: &Row) -> Result<(), WorldError> {
         check_row(row)?;
-        let (found, expected) = (row.layout(), self.scene.robot_layout());
+        let (found, expected) = (row.layout, self.scene.robot_layout());
         if !row.fits(expected) {
             return Err(WorldError::Layout { found, expected });
         }
         let scene = &self.scene;
         let model = &scene.model;
-        let bodies = [
-            (Some(scene.robot_ids.root), &row.robot),
-            (scene.ladder, &row.ladder),
-            (scene.old_bulb, &row.bulbs[0]),
-            (scene.fresh_bulb, &row.bulbs[1]),
-        ];
-        for (body, values) in bodies {
+        let bodies = [(Some(scene.robot_ids.root), &row.robot)];
+        let things = (0..scene.things.len()).map(|thing| scene.body(thing)).zip(&row.things);
+        for (body, values) in bodies.into_iter().chain(things) {
             let Some(body) = body else { continue };
             self.state.set_pose(model, body, &values.pose);
             let dof = model.bodies()[body.0].dof_start;
@@ -185,14 +174,7 @@ impl World {
         }
         (*self.row).clone_from(row);
         // A row of another scene does not move what stands still in this one.
-        self.row.fixture = scene.world_from_fixture;
-        self.row.crate_ = scene.world_from_crate.unwrap_or_else(Isometry3::identity);
-        if scene.ladder.is_none() {
-            self.row.ladder = BodyRow::at_rest(scene.world_from_ladder);
-        }
-        if !scene.spec.parts.bulbs {
-            self.row.bulbs = absent_bulbs().map(BodyRow::at_rest);
-        }
+        put_fixed(scene, &mut self.row);
         Ok(())
     }
 
@@ -331,24 +313,19 @@ impl World {
         (row.joint_speed_peak, row.penetration) = (0.0, 0.0);
         row.action.copy_from_slice(action);
         row.joint_effort.fill(0.0);
-        row.floor_force = Default::default();
-        row.ladder_force = Default::default();
-        (row.floor_load, row.tread_load) = Default::default();
-        row.other_force_peak = [0.0; 2];
-        for (peaks, forces) in row.hand_force_peak.iter_mut().zip(&row.hand_force) {
-            peaks.iter_mut().zip(forces).for_each(|(peak, force)| *peak = force.norm());
-        }
+        self.sensors.begin(row);
     }
 
     /// Advances both attachments from the present state and sets their wrenches.
     fn hold_bulbs(&mut self, scene: &Scene) {
         let law = &scene.config.attachment;
         self.wrenches.clear();
-        for (bulb, body) in [scene.old_bulb, scene.fresh_bulb].into_iter().enumerate() {
-            let Some(body) = body else { continue };
-            let row = &self.row.bulbs[bulb];
+        let world_from_fixture = scene.world_from(errand::FIXTURE);
+        for (bulb, thing) in errand::BULBS.into_iter().enumerate() {
+            let Some(body) = scene.body(thing) else { continue };
+            let row = &self.row.things[thing];
             let plug_z = scene.sizes.bulbs[bulb].seat_z;
-            let plug = PlugState::measure(&scene.world_from_fixture, scene.sizes.seat_z, &row.pose, plug_z);
+            let plug = PlugState::measure(&world_from_fixture, scene.sizes.seat_z, &row.pose, plug_z);
             let socket_free = !self.attachments[1 - bulb].is_seated();
             let com = row.pose.rotation * self.dynamics.center_of_mass(&scene.model, body);
             let velocity = row.linear_velocity + row.angular_velocity.cross(&com);
@@ -365,10 +342,8 @@ impl World {
     /// Runs physics steps from the state kept and notes forces, efforts and peaks. Counts of solves go on.
     fn physics(&mut self, scene: &Scene, locked: &[bool], steps: usize) {
         let row = &mut *self.row;
-        row.hand_force_peak.iter_mut().for_each(|peaks| peaks.fill(0.0));
         (row.joint_speed_peak, row.penetration) = (0.0, 0.0);
-        (row.floor_load, row.tread_load) = Default::default();
-        row.other_force_peak = [0.0; 2];
+        row.loads.fill(0.0);
         for _ in 0..steps {
             let input = Input { targets: &self.targets, wrenches: &self.wrenches, locked };
             let report = self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
@@ -395,53 +370,7 @@ impl World {
         for (effort, ids) in row.joint_effort.iter_mut().zip(&self.scene.robot_ids.joints) {
             *effort = self.dynamics.efforts()[ids.drive];
         }
-        row.hand_force.iter_mut().for_each(|forces| forces.fill(Vector3::zeros()));
-        row.floor_force = Default::default();
-        row.ladder_force = Default::default();
-        let mut on_bulbs = [[0.0; OTHER_THINGS]; 2];
-        let mut touched = false;
-        for contact in self.dynamics.contacts() {
-            let [a, b] = [contact.shape_a, contact.shape_b].map(|shape| &self.sensors.shapes[shape.0]);
-            // The contact's force acts on b.
-            for (sensed, other, force) in [(a, b, -contact.force), (b, a, contact.force)] {
-                match other.thing {
-                    Thing::Bulb(bulb) => {
-                        match sensed.hand {
-                            Some(hand) => row.hand_force[usize::from(bulb)][usize::from(hand)] += force,
-                            None => on_bulbs[usize::from(bulb)][sensed.thing.group()] += force.norm(),
-                        }
-                        touched = true;
-                    }
-                    Thing::Ladder { high } => {
-                        if let Some(limb) = sensed.limb {
-                            row.ladder_force[usize::from(limb)] += force;
-                        }
-                        if let (Some(limb), true) = (sensed.support, high) {
-                            row.tread_load[usize::from(limb)] += part * force.z;
-                        }
-                    }
-                    Thing::Floor => {
-                        if let Some(limb) = sensed.limb {
-                            row.floor_force[usize::from(limb)] += force;
-                        }
-                        if let Some(limb) = sensed.support {
-                            row.floor_load[usize::from(limb)] += part * force.z;
-                        }
-                    }
-                    Thing::Room | Thing::Robot => {}
-                }
-            }
-        }
-        if touched {
-            for (peaks, forces) in row.hand_force_peak.iter_mut().zip(&row.hand_force) {
-                for (peak, force) in peaks.iter_mut().zip(forces) {
-                    *peak = peak.max(force.norm());
-                }
-            }
-            for (peak, forces) in row.other_force_peak.iter_mut().zip(&on_bulbs) {
-                *peak = forces.iter().fold(*peak, |peak, force| peak.max(*force));
-            }
-        }
+        self.sensors.sense(self.dynamics.contacts(), part, &mut self.presses, row);
     }
 
     /// Writes the present state into the row of a step.
@@ -457,13 +386,10 @@ impl World {
         let row = &mut *self.row;
         let read = |body: BodyId| read_body(scene, &self.state, body);
         row.robot = read(scene.robot_ids.root);
-        for (values, body) in row.bulbs.iter_mut().zip([scene.old_bulb, scene.fresh_bulb]) {
-            if let Some(body) = body {
+        for (thing, values) in row.things.iter_mut().enumerate() {
+            if let Some(body) = scene.body(thing) {
                 *values = read(body);
             }
-        }
-        if let Some(ladder) = scene.ladder {
-            row.ladder = read(ladder);
         }
         for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
             row.joint_position[joint] = self.state.qpos[ids.qpos];
@@ -481,15 +407,6 @@ impl World {
     }
 }
 
-impl Sensors {
-    fn new(scene: &Scene) -> Self {
-        let shapes = scene.model.shapes().iter().map(|shape| Sensed::new(scene, shape)).collect();
-        let rated = scene.robot_ids.joints.iter();
-        let rated = rated.filter(|ids| scene.model.drives()[ids.drive].1.speed_limit.is_finite()).map(|ids| ids.dof);
-        Self { shapes, rated: rated.collect() }
-    }
-}
-
 fn read_body(scene: &Scene, state: &State, body: BodyId) -> BodyRow {
     let body = &scene.model.bodies()[body.0];
     let (q, v) = (&state.qpos[body.qpos_start..], &state.qvel[body.dof_start..]);
@@ -504,11 +421,17 @@ fn read_body(scene: &Scene, state: &State, body: BodyId) -> BodyRow {
 
 /// Zeros, with what never moves in its place.
 fn blank_row(scene: &Scene) -> Row {
-    Row {
-        ladder: BodyRow::at_rest(scene.world_from_ladder),
-        fixture: scene.world_from_fixture,
-        crate_: scene.world_from_crate.unwrap_or_else(Isometry3::identity),
-        bulbs: absent_bulbs().map(BodyRow::at_rest),
-        ..Row::zeros(scene.robot_layout())
+    let mut row = Row::zeros(scene.robot_layout());
+    put_fixed(scene, &mut row);
+    row
+}
+
+/// Says which things there are, and puts those that cannot move in their places.
+fn put_fixed(scene: &Scene, row: &mut Row) {
+    for (thing, placed) in scene.things.iter().enumerate() {
+        row.present[thing] = placed.is_some();
+        if scene.body(thing).is_none() {
+            row.things[thing] = BodyRow::at_rest(scene.world_from(thing));
+        }
     }
 }

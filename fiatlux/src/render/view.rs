@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use fiatlux_render::framing::{Aim, FOLLOW_ELEVATION, Focus, Spot, best_bearing, corners};
 use fiatlux_render::{Camera, Image, Lighting, Renderer, Visuals};
-use fiatlux_rules::{Row, Task};
+use fiatlux_rules::{Row, Task, errand};
 use fiatlux_world::Scene;
 use nalgebra::Vector3;
 
@@ -221,7 +221,7 @@ fn room(subject: &Subject<'_>, fov: f64, aspect: f64) -> Camera {
         corners(half).map(|p| center + p).collect()
     } else {
         let scene = subject.scene;
-        let ladder = scene.world_from_ladder.translation.vector;
+        let ladder = scene.world_from(errand::LADDER).translation.vector;
         let start = scene.layout.robot.position;
         let centers = [ladder, Vector3::new(start.x, start.y, 0.0)];
         centers.into_iter().flat_map(|center| corners([1.2, 1.2, 2.4]).map(move |p| center + p)).collect()

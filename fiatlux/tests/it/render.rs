@@ -1,5 +1,6 @@
 //! Clips of made-up episodes: through the program where its words and exit codes matter, through the library elsewhere.
 
+use fiatlux_rules::errand;
 use std::fs;
 use std::num::NonZeroUsize;
 use std::os::unix::fs::PermissionsExt;
@@ -182,7 +183,7 @@ fn damaged_bags() {
     let mut rows = rows(60);
     rows[3].robot.pose.translation.vector.z = f64::NAN;
     rows[4].joint_position[7] = f64::INFINITY;
-    rows[5].ladder.pose.rotation.as_mut_unchecked().w = 1e200;
+    rows[5].things[errand::LADDER].pose.rotation.as_mut_unchecked().w = 1e200;
     rows.drain(40..45);
     begin(&bag, &header(), &rows).finish_cut("the disk was full").unwrap();
     let out = folder.join("frames");

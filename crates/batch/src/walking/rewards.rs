@@ -1,6 +1,6 @@
 //! What walking pays, a second.
 
-use fiatlux_rules::{CONTROL_DT, Row, Support};
+use fiatlux_rules::{CONTROL_DT, Row, Support, errand};
 use fiatlux_wbc::{LEGS, MOVED};
 use fiatlux_world::World;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -105,7 +105,7 @@ fn feet_height(view: &View<'_>) -> f64 {
 }
 
 fn is_loaded(view: &View<'_>, foot: usize) -> bool {
-    view.row.floor_load[SUPPORTS[foot] as usize] > LOADED
+    view.row.load(errand::FLOOR_LOAD)[SUPPORTS[foot] as usize] > LOADED
 }
 
 fn feet_contact(view: &View<'_>) -> f64 {
@@ -204,7 +204,10 @@ fn foot_tilt(view: &View<'_>) -> f64 {
 
 /// Load of each foot above 500 N, by 100 N.
 fn impact(view: &View<'_>) -> f64 {
-    SUPPORTS.iter().map(|foot| ((view.row.floor_load[*foot as usize] - 500.0) / 100.0).clamp(0.0, 20.0)).sum()
+    SUPPORTS
+        .iter()
+        .map(|foot| ((view.row.load(errand::FLOOR_LOAD)[*foot as usize] - 500.0) / 100.0).clamp(0.0, 20.0))
+        .sum()
 }
 
 /// On a command to stand: legs that differ, rad, and one foot before the other, m.

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use fiatlux_bag::BagWriter;
 use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
 use fiatlux_rules::{
-    BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, ROW_LAYOUT, Rewards, Row, RowDigest, Task, Thresholds, pins,
+    BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, Rewards, Row, RowDigest, Task, Thresholds, manifest, pins,
 };
 use fiatlux_wire::{geometry_message, header_digest, judgement_message, read_identity, reward_of, state_message};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
@@ -70,7 +70,7 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         episode_protocol: Protocol::Published.name().into(),
         thresholds: Thresholds::default().entries().map(|(key, value)| (key.into(), value)).collect(),
         random: "pcg64/1".into(),
-        digest_layout: ROW_LAYOUT.into(),
+        digest_layout: manifest().layout.clone(),
         model_digest: pins::model("inspire").expect("pinned").into(),
         scene_digest: pins::SCENE.into(),
         end_on: judge(task).ends_on().iter().map(|cause| cause.name().into()).collect(),
@@ -128,7 +128,7 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
             list.iter_mut().for_each(|number| *number = 0.01 * draw.unit());
         }
         row.action.iter_mut().for_each(|number| *number = 0.3 * draw.unit());
-        for force in row.hand_force.iter_mut().flatten().filter(|force| force.norm() > 0.0) {
+        for force in room::hand_forces(&mut row).filter(|force| force.norm() > 0.0) {
             *force *= 1.0 + 0.3 * draw.unit();
         }
         if step == 0 {

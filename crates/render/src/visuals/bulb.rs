@@ -15,11 +15,11 @@ const THREAD: (f64, f64) = (0.0006, 4.5);
 
 /// A bulb: its outline turned about its axis, a threaded metal cap below and glass above.
 pub(crate) fn bulb(scene: &Scene, bulb: Bulb, detail: Detail) -> Mesh {
-    let (owner, glass) = match bulb {
-        Bulb::Old => (ShapeOwner::OldBulb, Paint::SpentGlass),
-        Bulb::Fresh => (ShapeOwner::FreshBulb, Paint::Glass),
+    let glass = match bulb {
+        Bulb::Old => Paint::SpentGlass,
+        Bulb::Fresh => Paint::Glass,
     };
-    let mut mesh = Mesh::new(Frame::Bulb(bulb as usize), owner, detail);
+    let mut mesh = Mesh::new(Frame::Thing(bulb.thing()), ShapeOwner::Thing(bulb.thing()), detail);
     let (outline, size) = (&scene.sizes.bulbs[bulb as usize].outline, scene.spec.scale.bulb(bulb));
     let (Some(&[bottom, bottom_radius]), Some(&[top, _])) = (outline.first(), outline.last()) else {
         return mesh;

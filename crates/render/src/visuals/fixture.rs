@@ -1,4 +1,5 @@
 use fiatlux_dynamics::Geometry;
+use fiatlux_rules::errand;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
@@ -9,9 +10,9 @@ use crate::paint::Paint;
 
 /// The lamp's socket: a rounded housing, the collar with its bore and the brass sleeve in it, and the rod it hangs on.
 pub(crate) fn fixture(scene: &Scene, detail: Detail) -> Mesh {
-    let mut mesh = Mesh::new(Frame::World, ShapeOwner::Fixture, detail);
+    let mut mesh = Mesh::new(Frame::World, ShapeOwner::FIXTURE, detail);
     let (config, seat) = (&scene.sizes.fixture, scene.sizes.seat_z);
-    let pose = &scene.world_from_fixture;
+    let pose = &scene.world_from(errand::FIXTURE);
     let (stop, mouth) = (seat + config.stop_height, seat + config.mouth_height);
 
     let half = Vector3::new(config.base_half[0], config.base_half[1], stop / 2.0);
@@ -36,7 +37,7 @@ pub(crate) fn fixture(scene: &Scene, detail: Detail) -> Mesh {
     let bottom = [Rim::new(stop + 0.0005, inner, [1.0, 0.0]), Rim::new(stop + 0.0005, 0.0, [1.0, 0.0])];
     mesh.revolve(pose, &bottom, 32, Paint::Tip);
 
-    for shape in shapes(scene, ShapeOwner::Fixture) {
+    for shape in shapes(scene, ShapeOwner::FIXTURE) {
         let Geometry::Capsule { radius, half_length } = shape.geometry else { continue };
         let (rod, z) = (&shape.body_from_shape, Vector3::z() * half_length);
         mesh.bar(rod, [-z, z], [radius; 2], 16, Paint::Steel);

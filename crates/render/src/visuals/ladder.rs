@@ -1,16 +1,17 @@
 use fiatlux_dynamics::{BodyId, Geometry};
+use fiatlux_rules::errand;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
-use super::shapes;
+use super::{frame_of, shapes};
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
 /// The ladder: aluminium rails, treads and platform with dark grips on them, rubber feet.
 pub(crate) fn ladder(scene: &Scene, detail: Detail) -> Mesh {
-    let frame = if scene.ladder.is_some() { Frame::Ladder } else { Frame::World };
-    let mut mesh = Mesh::new(frame, ShapeOwner::Ladder, detail);
-    for shape in shapes(scene, ShapeOwner::Ladder) {
+    let frame = frame_of(scene, errand::LADDER);
+    let mut mesh = Mesh::new(frame, ShapeOwner::LADDER, detail);
+    for shape in shapes(scene, ShapeOwner::LADDER) {
         debug_assert!((shape.body == BodyId::WORLD) == (frame == Frame::World));
         let pose = &shape.body_from_shape;
         match shape.geometry {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use fiatlux_render::{Camera, HEAD_PIXELS, Lighting, RenderError, Renderer, Visuals};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Row, Task};
+use fiatlux_rules::{Row, Task, errand};
 use fiatlux_world::{PropScale, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartOptions, start};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -54,14 +54,14 @@ fn landmarks_are_where_the_pinhole_formula_says() {
     let light = Lighting::default();
 
     // The fresh bulb on the bench, from above: its silhouette is a circle about its axis.
-    let glass = (row.bulbs[1].pose * Point3::new(0.0, 0.0, 0.155)).coords;
+    let glass = (row.things[errand::FRESH_BULB].pose * Point3::new(0.0, 0.0, 0.155)).coords;
     for away in [[0.01, 0.0], [0.30, 0.2]] {
         let mut camera = Camera::look_at(glass + Vector3::new(0.0, 0.0, 1.5), glass, 0.2, 4.0 / 3.0);
         camera.world_from_camera = Isometry3::translation(0.0, 0.0, 0.0) * camera.world_from_camera;
         camera.world_from_camera.translation.x += away[0] * 0.2;
         camera.world_from_camera.translation.y += away[1] * 0.2;
         renderer.render(&visuals, &row, &camera, &light);
-        let (center, count) = seen(&renderer, size, ShapeOwner::FreshBulb);
+        let (center, count) = seen(&renderer, size, ShapeOwner::FRESH_BULB);
         assert!(count > 1000, "{count}");
         let expected = pinhole(&camera, glass, [320.0, 240.0]);
         assert!(
@@ -71,13 +71,13 @@ fn landmarks_are_where_the_pinhole_formula_says() {
     }
 
     // The crate from above: its rim's corners are the corners of what is seen.
-    let center = scene.world_from_crate.unwrap().translation.vector;
+    let center = scene.world_from(errand::CRATE).translation.vector;
     let camera = Camera::look_at(center + Vector3::new(0.02, -0.01, 2.0), center, 0.4, 4.0 / 3.0);
     renderer.render(&visuals, &row, &camera, &light);
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for y in 0..size[1] {
         for x in 0..size[0] {
-            if renderer.owner(x, y) == Some(ShapeOwner::Crate) {
+            if renderer.owner(x, y) == Some(ShapeOwner::CRATE) {
                 low = [low[0].min(x as f64), low[1].min(y as f64)];
                 high = [high[0].max(x as f64 + 1.0), high[1].max(y as f64 + 1.0)];
             }
@@ -99,7 +99,7 @@ fn landmarks_are_where_the_pinhole_formula_says() {
 #[test]
 fn depth_is_the_distance_to_the_floor() {
     let (scene, row) = stage(Task::S02, 0);
-    let crate_ = scene.world_from_crate.unwrap().translation.vector;
+    let crate_ = scene.world_from(errand::CRATE).translation.vector;
     let eye = crate_ + Vector3::new(0.0, 0.0, 3.0);
     let camera = Camera::look_at(eye, crate_, 0.6, 1.0);
     let mut renderer = Renderer::new(64, 64);
@@ -133,15 +133,23 @@ fn nothing_is_missing() {
     let light = Lighting::default();
     let size = [160, 160];
     let mut renderer = Renderer::new(size[0], size[1]);
-    let socket = (row.fixture * Point3::new(0.0, 0.0, 0.04)).coords;
-    let out = row.fixture.rotation * Vector3::z();
+    let socket = (row.things[errand::FIXTURE].pose * Point3::new(0.0, 0.0, 0.04)).coords;
+    let out = row.things[errand::FIXTURE].pose.rotation * Vector3::z();
     let spots: [(ShapeOwner, Vector3<f64>, Vector3<f64>); 6] = [
         (ShapeOwner::Bench, scene.world_from_bench.unwrap().translation.vector, Vector3::new(0.3, 1.5, 2.5)),
-        (ShapeOwner::Crate, scene.world_from_crate.unwrap().translation.vector, Vector3::new(0.5, 0.5, 1.5)),
-        (ShapeOwner::Fixture, socket, out * 0.8 + Vector3::new(0.1, 0.2, 0.1)),
-        (ShapeOwner::Ladder, row.ladder.pose.translation.vector + Vector3::z(), Vector3::new(1.5, 1.5, 1.5)),
-        (ShapeOwner::OldBulb, row.bulbs[0].pose.translation.vector, out * 0.8 + Vector3::new(0.1, 0.2, 0.1)),
-        (ShapeOwner::FreshBulb, row.bulbs[1].pose.translation.vector, Vector3::new(0.1, 0.5, 0.6)),
+        (ShapeOwner::CRATE, scene.world_from(errand::CRATE).translation.vector, Vector3::new(0.5, 0.5, 1.5)),
+        (ShapeOwner::FIXTURE, socket, out * 0.8 + Vector3::new(0.1, 0.2, 0.1)),
+        (
+            ShapeOwner::LADDER,
+            row.things[errand::LADDER].pose.translation.vector + Vector3::z(),
+            Vector3::new(1.5, 1.5, 1.5),
+        ),
+        (
+            ShapeOwner::OLD_BULB,
+            row.things[errand::OLD_BULB].pose.translation.vector,
+            out * 0.8 + Vector3::new(0.1, 0.2, 0.1),
+        ),
+        (ShapeOwner::FRESH_BULB, row.things[errand::FRESH_BULB].pose.translation.vector, Vector3::new(0.1, 0.5, 0.6)),
     ];
     for (owner, target, from) in spots {
         let camera = Camera::look_at(target + from, target, 0.9, 1.0);
@@ -159,8 +167,8 @@ fn nothing_is_missing() {
             }
         }
         match owner {
-            ShapeOwner::Crate => assert!(sum[0] > sum[1] && sum[1] > 2.0 * sum[2], "the crate is yellow: {sum:?}"),
-            ShapeOwner::FreshBulb => assert!(sum[0] > 150.0, "the fresh bulb is bright: {sum:?}"),
+            ShapeOwner::CRATE => assert!(sum[0] > sum[1] && sum[1] > 2.0 * sum[2], "the crate is yellow: {sum:?}"),
+            ShapeOwner::FRESH_BULB => assert!(sum[0] > 150.0, "the fresh bulb is bright: {sum:?}"),
             _ => assert!(sum.iter().any(|value| *value > 30.0), "{owner:?} is not black: {sum:?}"),
         }
     }
@@ -266,10 +274,10 @@ fn scaled_props_are_seen_scaled() {
     let [x, y, z] = [1.05, 0.95, 1.1];
     let area = |renderer: &mut Renderer, fresh_bulb: f64| {
         let (scene, row) = stage_scaled(Task::S01, 0, PropScale { fresh_bulb, ladder: [x, y, z], socket: 0.9 });
-        let glass = (row.bulbs[1].pose * Point3::new(0.0, 0.0, 0.15224 * fresh_bulb)).coords;
+        let glass = (row.things[errand::FRESH_BULB].pose * Point3::new(0.0, 0.0, 0.15224 * fresh_bulb)).coords;
         let above = Camera::look_at(glass + Vector3::new(0.0, 0.0, 1.5), glass, 0.2, 4.0 / 3.0);
         renderer.render(&Visuals::new(&scene), &row, &above, &light);
-        seen(renderer, size, ShapeOwner::FreshBulb).1 as f64
+        seen(renderer, size, ShapeOwner::FRESH_BULB).1 as f64
     };
     let ratio = area(&mut renderer, 1.1) / area(&mut renderer, 0.9);
     let expected = (1.1_f64 / 0.9).powi(2);
@@ -277,7 +285,7 @@ fn scaled_props_are_seen_scaled() {
 
     let scale = PropScale { ladder: [x, y, z], ..PropScale::default() };
     let (scene, row) = stage_scaled(Task::S01, 0, scale);
-    let ladder = row.ladder.pose;
+    let ladder = row.things[errand::LADDER].pose;
     let camera =
         Camera::look_at(ladder.translation.vector + Vector3::z() * 3.9, ladder.translation.vector, 0.7, 4.0 / 3.0);
     renderer.render(&Visuals::new(&scene), &row, &camera, &light);
@@ -301,7 +309,7 @@ fn scaled_props_are_seen_scaled() {
         grow(bounds, pinhole(&camera, point, [320.0, 240.0]), radius * focal / depth)
     });
     let pixels = (0..size[1]).flat_map(|v| (0..size[0]).map(move |u| (u, v)));
-    let shown = pixels.filter(|&(u, v)| renderer.owner(u, v) == Some(ShapeOwner::Ladder));
+    let shown = pixels.filter(|&(u, v)| renderer.owner(u, v) == Some(ShapeOwner::LADDER));
     let found = shown.fold(empty, |bounds, (u, v)| grow(bounds, [u as f64 + 0.5, v as f64 + 0.5], 0.5));
     let off = |found: [f64; 2], expected: [f64; 2]| (0..2).map(|i| (found[i] - expected[i]).abs()).fold(0.0, f64::max);
     assert!(off(found.0, expected.0) < 2.0 && off(found.1, expected.1) < 2.0, "{found:?}, not {expected:?}");

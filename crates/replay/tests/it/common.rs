@@ -7,7 +7,7 @@ use fiatlux_bag::{BagWriter, topic};
 use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Judgement, Randomization};
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, ROW_LAYOUT, Row, Task};
+use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Row, Task, manifest};
 use fiatlux_wire::{Frames, domain_sample_message, drive_message, geometry_message, state_message};
 use fiatlux_world::{Episode, EpisodeSpec, GENERATORS, Scene, SceneConfig};
 
@@ -104,7 +104,7 @@ fn header(episode: &Episode) -> EpisodeHeader {
         geometry: Some(geometry_message(episode.judge().geometry())),
         benchmark_version: BENCHMARK_VERSION,
         random: GENERATORS.into(),
-        digest_layout: ROW_LAYOUT.into(),
+        digest_layout: manifest().layout.clone(),
         model_digest: robot.digest().into(),
         scene_digest: scene.config.digest(),
         joint_names: robot.joints().iter().map(|joint| joint.name.clone()).collect(),

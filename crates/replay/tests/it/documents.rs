@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fiatlux_bag::Bag;
 use fiatlux_replay::{POSE, Poster, Replay, ReplayError, flag};
-use fiatlux_rules::Task;
+use fiatlux_rules::{Task, errand};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::common::{play, read_track};
@@ -29,7 +29,8 @@ fn poses_are_those_of_the_robots_kinematics() {
     for (index, row) in played.rows.iter().enumerate() {
         assert_eq!((track.steps[index], track.kept_steps[index]), (row.step as u32, row.step as u32));
         let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose).unwrap();
-        let props = [row.ladder.pose, row.bulbs[0].pose, row.bulbs[1].pose];
+        let props =
+            [row.things[errand::LADDER].pose, row.things[errand::OLD_BULB].pose, row.things[errand::FRESH_BULB].pose];
         let expected: Vec<f32> = links.iter().chain(&props).flat_map(numbers).collect();
         let found = &track.numbers[index * track.width..][..expected.len()];
         assert_eq!(found, expected, "row {index}");
@@ -93,18 +94,19 @@ fn conditions_and_forces_are_those_of_the_rows() {
         }
         assert_eq!(track.flags[index] & flag::OLD_SEATED != 0, row.attachments[0].seated);
         assert_eq!(track.flags[index] & flag::FRESH_SEATED != 0, row.attachments[1].seated);
-        let force = row.hand_force.iter().flatten().map(|force| force.norm()).fold(0.0, f64::max);
+        let force =
+            errand::HAND_FORCE.iter().flat_map(|force| row.force(*force)).map(|force| force.norm()).fold(0.0, f64::max);
         assert_eq!(track.hand_force[index], force as f32);
-        let forces = &track.numbers[(index + 1) * track.width - 3 * document.track.forces.len()..][..3];
-        assert_eq!(document.track.forces[0].by, "floor");
-        let left_foot = row.floor_force[0].map(|number| number as f32);
+        let floor = document.track.forces.iter().position(|force| force.by == "floor").unwrap();
+        let forces = &track.numbers[(index + 1) * track.width - 3 * (document.track.forces.len() - floor)..][..3];
+        let left_foot = row.force(errand::FLOOR_FORCE)[0].map(|number| number as f32);
         assert_eq!(forces, left_foot.as_slice());
     }
     let force_frames: Vec<&str> =
         document.track.forces.iter().map(|force| document.stage.frames[force.frame].name.as_str()).collect();
     let by: Vec<&str> = document.track.forces.iter().map(|force| force.by).collect();
     assert_eq!(by.iter().filter(|by| **by == "floor").count(), 4);
-    assert!(force_frames[0].starts_with("left_ankle") && force_frames[11].contains("left"), "{force_frames:?}");
+    assert!(force_frames[4].starts_with("left_ankle") && force_frames[1].contains("left"), "{force_frames:?}");
     assert_eq!(document.rulings.len(), 2);
     assert_eq!(document.rulings[0].protocol, "strict");
     assert_eq!(document.rulings[0].end.unwrap_or("aborted"), played.cause);

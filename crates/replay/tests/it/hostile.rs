@@ -4,7 +4,7 @@ use fiatlux_bag::{Bag, BagWriter, topic};
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{Event, State};
 use fiatlux_replay::{Bags, Replay, ReplayError, standalone};
-use fiatlux_rules::Task;
+use fiatlux_rules::{Task, errand};
 use fiatlux_wire::state_message;
 
 use crate::common::{Random, folder, play, read_track};
@@ -88,7 +88,7 @@ fn rows_that_are_none_are_left_out() {
     let mut far = good(1);
     far.robot.as_mut().unwrap().position[0] = 1e9;
     let mut flat = good(2);
-    flat.ladder.as_mut().unwrap().quaternion = vec![0.0; 4];
+    flat.things[errand::LADDER].quaternion = vec![0.0; 4];
     let mut late = good(4);
     late.step = u64::MAX;
     let path = write("some.mcap", vec![good(0), far, flat, good(3), good(3), late], 2000);

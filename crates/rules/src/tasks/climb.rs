@@ -5,6 +5,7 @@
 //! Unlike S02, its gate needs the platform: the pelvis above 1.82 m.
 
 use super::page::*;
+use crate::errand;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
     short_id: "climb",
@@ -50,7 +51,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
 };
 
 fn near_ladder(row: &Row, cx: &Context<'_>) -> bool {
-    robot_distance(row, &row.ladder.pose.translation.vector) < cx.thresholds.ladder_near_m
+    robot_distance(row, &row.body(errand::LADDER).pose.translation.vector) < cx.thresholds.ladder_near_m
 }
 
 fn climbs_slowly(row: &Row, cx: &Context<'_>) -> bool {

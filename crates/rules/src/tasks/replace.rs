@@ -8,6 +8,7 @@
 
 use super::bulb_criteria::{fresh_seated, old_at_rest, old_released};
 use super::page::*;
+use crate::errand;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
     short_id: "replace",
@@ -74,6 +75,6 @@ fn old_disposed(row: &Row, cx: &Context<'_>) -> bool {
 
 /// From the old bulb to the crate, m; while it is seated, from where a seated bulb's root is.
 fn old_bulb_to_crate(row: &Row, _cx: &Context<'_>) -> f64 {
-    let root = if seated(row, Bulb::Old) { &row.fixture } else { &row.bulbs[Bulb::Old as usize].pose };
-    (root.translation.vector - row.crate_.translation.vector).norm()
+    let root = if seated(row, Bulb::Old) { &row.body(errand::FIXTURE).pose } else { &row.body(errand::OLD_BULB).pose };
+    (root.translation.vector - row.body(errand::CRATE).pose.translation.vector).norm()
 }

@@ -5,6 +5,7 @@
 
 use super::bulb_criteria::old_held;
 use super::page::*;
+use crate::errand;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
     short_id: "S05",
@@ -44,13 +45,14 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
 
 fn near_crate(row: &Row, cx: &Context<'_>) -> bool {
     let half = &cx.geometry.crate_outer_half;
-    measure::footprint_distance(&row.crate_, half, &row.robot.pose.translation.vector) < cx.thresholds.crate_near_m
+    measure::footprint_distance(&row.body(errand::CRATE).pose, half, &row.robot.pose.translation.vector)
+        < cx.thresholds.crate_near_m
 }
 
 fn facing_crate(row: &Row, cx: &Context<'_>) -> bool {
-    faces(row, cx, &row.crate_.translation.vector)
+    faces(row, cx, &row.body(errand::CRATE).pose.translation.vector)
 }
 
 fn robot_to_crate(row: &Row, _cx: &Context<'_>) -> f64 {
-    robot_distance(row, &row.crate_.translation.vector)
+    robot_distance(row, &row.body(errand::CRATE).pose.translation.vector)
 }

@@ -8,6 +8,7 @@
 
 use super::bulb_criteria::{old_at_rest, old_released};
 use super::page::*;
+use crate::errand;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
     short_id: "S06",
@@ -50,5 +51,5 @@ fn old_in_crate(row: &Row, cx: &Context<'_>) -> bool {
 }
 
 fn bulb_to_crate(row: &Row, _cx: &Context<'_>) -> f64 {
-    (row.bulbs[Bulb::Old as usize].pose.translation.vector - row.crate_.translation.vector).norm()
+    (row.body(errand::OLD_BULB).pose.translation.vector - row.body(errand::CRATE).pose.translation.vector).norm()
 }

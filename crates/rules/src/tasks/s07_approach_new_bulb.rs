@@ -6,6 +6,7 @@
 //! 0.63 m keeps the robot clear of the bench and leaves the bulb just out of reach.
 
 use super::page::*;
+use crate::errand;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
     short_id: "S07",
@@ -45,13 +46,13 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
 };
 
 fn near_fresh(row: &Row, cx: &Context<'_>) -> bool {
-    robot_distance(row, &row.bulbs[Bulb::Fresh as usize].pose.translation.vector) < cx.thresholds.bench_near_m
+    robot_distance(row, &row.body(errand::FRESH_BULB).pose.translation.vector) < cx.thresholds.bench_near_m
 }
 
 fn facing_fresh(row: &Row, cx: &Context<'_>) -> bool {
-    faces(row, cx, &row.bulbs[Bulb::Fresh as usize].pose.translation.vector)
+    faces(row, cx, &row.body(errand::FRESH_BULB).pose.translation.vector)
 }
 
 fn robot_to_fresh_bulb(row: &Row, _cx: &Context<'_>) -> f64 {
-    robot_distance(row, &row.bulbs[Bulb::Fresh as usize].pose.translation.vector)
+    robot_distance(row, &row.body(errand::FRESH_BULB).pose.translation.vector)
 }

@@ -3,6 +3,7 @@
 //! Start: the robot stands 0.63 m from the fresh bulb and faces it, hands free. The old bulb is in the crate, the
 //! socket empty.
 
+use crate::errand;
 use nalgebra::Vector3;
 
 use super::page::*;
@@ -63,6 +64,6 @@ fn fresh_handled_gently(row: &Row, cx: &Context<'_>) -> bool {
 
 /// Grows with the largest contact force on a hand body, over tens of newtons.
 fn fresh_bulb_grip(row: &Row, _cx: &Context<'_>) -> f64 {
-    let forces = row.hand_force[Bulb::Fresh as usize].iter().map(Vector3::norm);
+    let forces = row.force(errand::HAND_FORCE[Bulb::Fresh as usize]).iter().map(Vector3::norm);
     libm::tanh(forces.filter(|force| force.is_finite()).fold(0.0, f64::max) / 10.0)
 }

@@ -5,6 +5,7 @@
 
 use super::bulb_criteria::fresh_held;
 use super::page::*;
+use crate::errand;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
     short_id: "S09",
@@ -44,9 +45,9 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
 };
 
 fn near_ladder(row: &Row, cx: &Context<'_>) -> bool {
-    robot_distance(row, &row.ladder.pose.translation.vector) < cx.thresholds.mounting_m
+    robot_distance(row, &row.body(errand::LADDER).pose.translation.vector) < cx.thresholds.mounting_m
 }
 
 fn facing_ladder(row: &Row, cx: &Context<'_>) -> bool {
-    faces(row, cx, &row.ladder.pose.translation.vector)
+    faces(row, cx, &row.body(errand::LADDER).pose.translation.vector)
 }

@@ -3,6 +3,7 @@
 //! Start: the robot stands on the platform, facing the fixture, the fresh bulb in its right hand. The old bulb is in
 //! the crate, the socket empty.
 
+use crate::errand;
 use nalgebra::Vector3;
 
 use super::bulb_criteria::{fresh_released, fresh_seated};
@@ -57,6 +58,7 @@ fn fresh_settled(_row: &Row, cx: &Context<'_>) -> bool {
 
 /// 1 where the bulb's axis is that of the socket, falling off over tenths of a radian.
 fn axis_alignment(row: &Row, _cx: &Context<'_>) -> f64 {
-    let [bulb, socket] = [row.bulbs[Bulb::Fresh as usize].pose, row.fixture].map(|pose| pose.rotation * Vector3::z());
+    let [bulb, socket] =
+        [row.body(errand::FRESH_BULB).pose, row.body(errand::FIXTURE).pose].map(|pose| pose.rotation * Vector3::z());
     1.0 - libm::tanh(measure::angle_between(&bulb, &socket) / 0.3)
 }

@@ -2,6 +2,7 @@
 
 use super::motion;
 use super::term::{Kind, TermSpec, View};
+use crate::errand;
 use crate::gate::Context;
 use crate::predicates::{robot_distance, seated};
 use crate::row::{Bulb, Limb, Row};
@@ -56,7 +57,7 @@ pub(crate) fn old_bulb_clearance(row: &Row, cx: &Context<'_>) -> f64 {
 /// From the right palm to the bulb's root, m.
 pub(crate) fn palm_to_bulb(row: &Row, bulb: Bulb) -> f64 {
     let right = row.world_from_palm[1].translation.vector;
-    (right - row.bulbs[bulb as usize].pose.translation.vector).norm()
+    (right - row.body(bulb.thing()).pose.translation.vector).norm()
 }
 
 /// Part of all limbs that touch the ladder.
@@ -65,7 +66,7 @@ pub(crate) fn limb_contact(view: &View<'_>) -> f64 {
 }
 
 fn robot_to_ladder(row: &Row, _cx: &Context<'_>) -> f64 {
-    robot_distance(row, &row.ladder.pose.translation.vector)
+    robot_distance(row, &row.body(errand::LADDER).pose.translation.vector)
 }
 
 fn all_limbs(row: &Row, cx: &Context<'_>) -> f64 {

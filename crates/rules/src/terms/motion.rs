@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::term::{Kind, TermSpec, View};
+use crate::errand;
 use crate::row::{Bulb, CONTROL_DT, LIMBS, Limb, Row};
 
 /// Hips and knees in the public joint order.
@@ -85,12 +86,12 @@ pub(crate) fn right_hand_force(view: &View<'_>) -> f64 {
 
 /// Sum of squared contact forces of one bulb on the bodies of both hands, N^2.
 pub(crate) fn grip_force(row: &Row, bulb: Bulb) -> f64 {
-    row.hand_force[bulb as usize].iter().map(Vector3::norm_squared).sum()
+    row.force(errand::HAND_FORCE[bulb as usize]).iter().map(Vector3::norm_squared).sum()
 }
 
 /// Part of some limbs that touch the ladder.
 pub(crate) fn limbs_on_ladder(row: &Row, limbs: &[Limb], contact_n: f64) -> f64 {
-    let loads = limbs.iter().map(|limb| row.ladder_force[*limb as usize].norm());
+    let loads = limbs.iter().map(|limb| row.force(errand::LADDER_FORCE)[*limb as usize].norm());
     loads.filter(|load| load.is_finite() && *load > contact_n).count() as f64 / limbs.len() as f64
 }
 

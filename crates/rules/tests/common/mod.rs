@@ -4,7 +4,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_rules::{
-    AttachmentRow, BodyRow, Bulb, Judge, JudgeOptions, LIMBS, Protocol, RobotLayout, Row, Task, Thresholds,
+    AttachmentRow, BodyRow, Bulb, Judge, JudgeOptions, Protocol, RobotLayout, Row, Task, Thresholds, errand,
 };
 mod geometry;
 
@@ -45,11 +45,9 @@ pub fn room() -> Row {
     Row {
         robot: body(at([0.0, 0.0, 0.79])),
         world_from_palm: [at([0.2, 0.2, 0.7]), at([0.2, -0.2, 0.7])],
-        ladder: body(at(LADDER)),
-        bulbs: [body(fixture()), body(at(FRESH))],
-        fixture: fixture(),
-        crate_: at(CRATE),
-        attachments: [AttachmentRow { seated: true, steps_beyond: 0 }, AttachmentRow::FREE],
+        // In the order of the manifest.
+        things: [at(LADDER), fixture(), at(FRESH), fixture(), at(CRATE)].map(body).to_vec(),
+        attachments: vec![AttachmentRow { seated: true, steps_beyond: 0 }, AttachmentRow::FREE],
         ..Row::zeros(LAYOUT)
     }
 }
@@ -69,27 +67,34 @@ pub fn stand_on_platform(row: &mut Row) {
 pub fn take(row: &mut Row, bulb: usize) {
     row.attachments[bulb].seated = false;
     let world_from_bulb = row.robot.pose * rotated([0.35, -0.1, 0.2], Vector3::x(), 1.2);
-    row.bulbs[bulb] = body(world_from_bulb);
+    row.things[errand::BULBS[bulb]] = body(world_from_bulb);
     touch(row, bulb, RIGHT[0], 6.0);
     touch(row, bulb, RIGHT[1], -6.0);
 }
 
 pub fn touch(row: &mut Row, bulb: usize, hand_body: usize, newtons: f64) {
-    row.hand_force[bulb][hand_body] = Vector3::new(0.6, 0.0, -0.8) * newtons;
+    row.force_mut(errand::HAND_FORCE[bulb])[hand_body] = Vector3::new(0.6, 0.0, -0.8) * newtons;
 }
 
 pub fn let_go(row: &mut Row, bulb: usize) {
-    row.hand_force[bulb].fill(Vector3::zeros());
+    row.force_mut(errand::HAND_FORCE[bulb]).fill(Vector3::zeros());
+}
+
+/// Forces of the old, then of the fresh bulb on the hand bodies.
+pub fn hand_forces(row: &mut Row) -> impl Iterator<Item = &mut Vector3<f64>> {
+    let count = errand::HAND_FORCE.map(|measure| row.force(measure).len()).iter().sum();
+    row.forces[..count].iter_mut()
 }
 
 pub fn put_in_crate(row: &mut Row, bulb: usize) {
     row.attachments[bulb].seated = false;
-    row.bulbs[bulb] = body(rotated([CRATE[0], CRATE[1] + 0.11, 0.004 + 0.0396], Vector3::x(), FRAC_PI_2));
+    row.things[errand::BULBS[bulb]] =
+        body(rotated([CRATE[0], CRATE[1] + 0.11, 0.004 + 0.0396], Vector3::x(), FRAC_PI_2));
     let_go(row, bulb);
 }
 
 pub fn put_in_socket(row: &mut Row, bulb: usize) {
-    row.bulbs[bulb] = body(row.fixture);
+    row.things[errand::BULBS[bulb]] = body(row.things[errand::FIXTURE].pose);
     row.attachments[bulb].seated = true;
     let_go(row, bulb);
 }
@@ -103,13 +108,13 @@ pub fn topple(row: &mut Row) {
 pub fn lean_ladder(row: &mut Row) {
     let top = Vector3::new(0.0, 0.1, 1.18);
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::x() * 0.65);
-    let world_top = row.ladder.pose * nalgebra::Point3::from(top);
-    row.ladder.pose = Isometry3::from_parts((world_top.coords - rotation * top).into(), rotation);
+    let world_top = row.things[errand::LADDER].pose * nalgebra::Point3::from(top);
+    row.things[errand::LADDER].pose = Isometry3::from_parts((world_top.coords - rotation * top).into(), rotation);
 }
 
 /// The ladder leans by 0.65 rad, its root where it was.
 pub fn lean_ladder_at_root(row: &mut Row) {
-    row.ladder.pose.rotation = UnitQuaternion::from_scaled_axis(Vector3::x() * 0.65);
+    row.things[errand::LADDER].pose.rotation = UnitQuaternion::from_scaled_axis(Vector3::x() * 0.65);
 }
 
 /// The state in which a task starts.
@@ -118,7 +123,7 @@ pub fn start_of(task: Task) -> Row {
     let r = &mut row;
     match task {
         Task::S01 | Task::Replace => {
-            r.ladder = body(rotated([-1.0, 3.0, 0.0], Vector3::z(), 0.7));
+            r.things[errand::LADDER] = body(rotated([-1.0, 3.0, 0.0], Vector3::z(), 0.7));
             stand(r, [0.0, 0.0, 0.79], [-1.0, 3.0, 0.0]);
         }
         Task::S02 => stand(r, [2.0, 0.15, 0.79], LADDER),
@@ -164,9 +169,10 @@ pub fn start_of(task: Task) -> Row {
             put_in_socket(r, NEW);
         }
         Task::Climb => {
-            r.ladder = body(rotated([1.6, 0.0, 0.0], Vector3::z(), -FRAC_PI_2));
-            r.fixture = rotated([1.9, 0.0, 2.8], Vector3::y(), PI);
-            r.bulbs = [body(at([0.5, -0.6, -0.036])), body(at([0.5, -0.8, -0.036]))];
+            r.things[errand::LADDER] = body(rotated([1.6, 0.0, 0.0], Vector3::z(), -FRAC_PI_2));
+            r.things[errand::FIXTURE].pose = rotated([1.9, 0.0, 2.8], Vector3::y(), PI);
+            r.things[errand::OLD_BULB] = body(at([0.5, -0.6, -0.036]));
+            r.things[errand::FRESH_BULB] = body(at([0.5, -0.8, -0.036]));
             r.attachments[OLD].seated = false;
             stand(r, [0.75, 0.0, 0.79], [1.6, 0.0, 0.0]);
         }
@@ -179,7 +185,7 @@ pub fn goal_of(task: Task) -> Row {
     let mut row = start_of(task);
     let r = &mut row;
     match task {
-        Task::S01 => r.ladder = body(at(LADDER)),
+        Task::S01 => r.things[errand::LADDER] = body(at(LADDER)),
         Task::S02 => stand(r, [2.0, 0.75, 1.26], FIXTURE),
         Task::S03 => take(r, OLD),
         Task::S04 => {
@@ -194,7 +200,7 @@ pub fn goal_of(task: Task) -> Row {
         Task::S07 => stand(r, [FRESH[0] + 0.3, FRESH[1] + 0.55, 0.79], FRESH),
         Task::S08 => {
             take(r, NEW);
-            r.bulbs[NEW].pose.translation.vector.z += 0.15;
+            r.things[errand::BULBS[NEW]].pose.translation.vector.z += 0.15;
         }
         Task::S09 => {
             stand(r, [2.0, 0.2, 0.79], LADDER);
@@ -207,7 +213,7 @@ pub fn goal_of(task: Task) -> Row {
         Task::S11 => put_in_socket(r, NEW),
         Task::S12 => stand(r, [2.0, 0.45, 0.79], LADDER),
         Task::Replace => {
-            r.ladder = body(at(LADDER));
+            r.things[errand::LADDER] = body(at(LADDER));
             put_in_crate(r, OLD);
             put_in_socket(r, NEW);
         }
@@ -272,9 +278,10 @@ impl Draw {
         let mut row = row_at(step, &room());
         row.robot = self.body();
         row.com_velocity = self.vector(1.0);
-        row.ladder = self.body();
-        row.bulbs = [self.body(), self.body()];
-        for force in row.hand_force.iter_mut().flatten() {
+        row.things[errand::LADDER] = self.body();
+        row.things[errand::OLD_BULB] = self.body();
+        row.things[errand::FRESH_BULB] = self.body();
+        for force in hand_forces(&mut row) {
             if self.one_in(5) {
                 *force = self.vector(30.0);
             }
@@ -282,8 +289,8 @@ impl Draw {
         for q in row.joint_position.iter_mut().chain(&mut row.joint_velocity).chain(&mut row.action) {
             *q = self.unit();
         }
-        row.ladder_force = [(); LIMBS].map(|()| self.vector(3.0));
-        row.attachments = [(); 2].map(|()| AttachmentRow { seated: self.one_in(2), steps_beyond: 0 });
+        row.force_mut(errand::LADDER_FORCE).fill_with(|| self.vector(3.0));
+        row.attachments.fill_with(|| AttachmentRow { seated: self.one_in(2), steps_beyond: 0 });
         row
     }
 }

@@ -1,7 +1,7 @@
 //! How episodes end, and what is noted whether they end or not.
 
 use crate::common::*;
-use fiatlux_rules::{Cause, Causes, End, Judge, JudgeOptions, Row, Task};
+use fiatlux_rules::{Cause, Causes, End, Judge, JudgeOptions, Row, Task, errand};
 use nalgebra::Vector3;
 
 fn started(task: Task, options: JudgeOptions) -> Judge {
@@ -31,11 +31,11 @@ fn crush_fresh(row: &mut Row) {
 
 fn lower_old(row: &mut Row) {
     row.attachments[OLD].seated = false;
-    row.bulbs[OLD].pose = at([0.0, 1.0, 0.14]);
+    row.things[errand::BULBS[OLD]].pose = at([0.0, 1.0, 0.14]);
 }
 
 fn lower_fresh(row: &mut Row) {
-    row.bulbs[NEW].pose = at([0.0, 1.0, 0.39]);
+    row.things[errand::BULBS[NEW]].pose = at([0.0, 1.0, 0.39]);
     row.attachments[NEW].seated = false;
 }
 
@@ -69,7 +69,7 @@ fn each_condition_ends_its_tasks() {
 
 #[test]
 fn grabbing_has_a_drop_height_of_its_own() {
-    let lower: fn(&mut Row) = |row| row.bulbs[NEW].pose = at([0.0, 1.0, 0.49]);
+    let lower: fn(&mut Row) = |row| row.things[errand::BULBS[NEW]].pose = at([0.0, 1.0, 0.49]);
     assert_eq!(end_of(Task::S08, 3, lower).map(|end| end.cause()), Some(Cause::Drop));
     assert_eq!(end_of(Task::S10, 3, lower), None);
 }
@@ -177,7 +177,9 @@ fn rows_after_the_end_change_nothing() {
 /// 0.1962 m/s of each step is free fall.
 #[test]
 fn an_impact_is_noted_and_ends_where_asked() {
-    let strike = |row: &mut Row, jump: f64| row.bulbs[OLD].linear_velocity = Vector3::new(0.0, 0.0, -0.1962 - jump);
+    let strike = |row: &mut Row, jump: f64| {
+        row.things[errand::BULBS[OLD]].linear_velocity = Vector3::new(0.0, 0.0, -0.1962 - jump)
+    };
     let impact_ends = JudgeOptions { end_on: Some(Causes::of(&[Cause::Impact])), ..JudgeOptions::default() };
     for (options, ends) in [(JudgeOptions::default(), false), (impact_ends, true)] {
         for (step, jump, met) in [(3, 2.41, true), (3, 2.39, false), (2, 2.41, false)] {
@@ -200,11 +202,11 @@ fn a_bulb_put_into_the_crate_is_not_dropped() {
     let mut judge = started(Task::S06, JudgeOptions::default());
     for (step, z) in (1..).zip([0.3, 0.16, 0.14, 0.1, 0.05]) {
         let mut row = row_at(step, &start_of(Task::S06));
-        row.bulbs[OLD].pose = rotated([CRATE[0], CRATE[1] + 0.11, z], Vector3::x(), 1.5);
+        row.things[errand::BULBS[OLD]].pose = rotated([CRATE[0], CRATE[1] + 0.11, z], Vector3::x(), 1.5);
         assert!(!judge.advance(&row).dropped, "{z}");
     }
     let mut row = row_at(6, &start_of(Task::S06));
-    row.bulbs[OLD].pose = rotated([CRATE[0], CRATE[1] + 0.25, 0.14], Vector3::x(), 1.5);
+    row.things[errand::BULBS[OLD]].pose = rotated([CRATE[0], CRATE[1] + 0.25, 0.14], Vector3::x(), 1.5);
     assert!(judge.advance(&row).dropped);
 }
 
@@ -232,10 +234,10 @@ fn what_is_not_plausible_diverges() {
         |row| row.joint_speed_peak = 200.0,
         |row| row.joint_velocity[52] = -1000.0,
         |row| row.robot.linear_velocity = Vector3::new(12.0, -16.0, 0.0),
-        |row| row.ladder.linear_velocity.z = 20.0,
-        |row| row.bulbs[OLD].linear_velocity.x = 100.0,
-        |row| row.bulbs[NEW].linear_velocity.y = -100.0,
-        |row| row.bulbs[NEW].angular_velocity.z = 1e6,
+        |row| row.things[errand::LADDER].linear_velocity.z = 20.0,
+        |row| row.things[errand::BULBS[OLD]].linear_velocity.x = 100.0,
+        |row| row.things[errand::BULBS[NEW]].linear_velocity.y = -100.0,
+        |row| row.things[errand::BULBS[NEW]].angular_velocity.z = 1e6,
     ];
     let beyond: [Change; 14] = [
         |row| row.joint_speed_peak = 200.1,
@@ -247,11 +249,11 @@ fn what_is_not_plausible_diverges() {
         |row| row.robot.linear_velocity = Vector3::new(12.0, -16.1, 0.0),
         |row| row.robot.pose.translation.vector.x = f64::NAN,
         |row| row.robot.angular_velocity.y = f64::NEG_INFINITY,
-        |row| row.ladder.linear_velocity.z = 20.1,
-        |row| row.ladder.pose.rotation.as_mut_unchecked().w = f64::NAN,
-        |row| row.bulbs[OLD].linear_velocity.x = 100.1,
-        |row| row.bulbs[NEW].linear_velocity.y = -100.1,
-        |row| row.bulbs[NEW].pose.translation.vector.z = f64::INFINITY,
+        |row| row.things[errand::LADDER].linear_velocity.z = 20.1,
+        |row| row.things[errand::LADDER].pose.rotation.as_mut_unchecked().w = f64::NAN,
+        |row| row.things[errand::BULBS[OLD]].linear_velocity.x = 100.1,
+        |row| row.things[errand::BULBS[NEW]].linear_velocity.y = -100.1,
+        |row| row.things[errand::BULBS[NEW]].pose.translation.vector.z = f64::INFINITY,
     ];
     for task in Task::ALL {
         for (i, change) in within.into_iter().enumerate() {
@@ -324,8 +326,8 @@ fn nothing_is_carried_over_a_gap() {
             judge.advance(&row_at(before, &start_of(Task::S04)));
         }
         let mut row = row_at(step, &start_of(Task::S04));
-        row.bulbs[OLD].pose.translation.vector.x += 0.1;
-        row.bulbs[OLD].linear_velocity.x = 5.0;
+        row.things[errand::BULBS[OLD]].pose.translation.vector.x += 0.1;
+        row.things[errand::BULBS[OLD]].linear_velocity.x = 5.0;
         let impact = judge.advance(&row).conditions.contains(Cause::Impact);
         (impact, judge.context().bulb_speeds[OLD].linear > 0.0)
     };

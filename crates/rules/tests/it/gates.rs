@@ -2,7 +2,7 @@
 //! are made by moving the robot, the ladder and the bulbs.
 
 use crate::common::*;
-use fiatlux_rules::{Cause, Causes, JudgeOptions, Protocol, Row, Task};
+use fiatlux_rules::{Cause, Causes, JudgeOptions, Protocol, Row, Task, errand};
 use nalgebra::Vector3;
 
 /// A change of a goal state, k steps into the episode, that leaves one criterion unmet.
@@ -16,12 +16,14 @@ fn misses(task: Task) -> Vec<Miss> {
     const RUNNING: Miss = ("walking_slowly", |r, _| r.robot.linear_velocity.x = 1.05);
     match task {
         Task::S01 => vec![
-            ("ladder_placed", |r, _| r.ladder.pose.translation.vector.x += 0.9),
-            ("ladder_feet_down", |r, _| r.ladder.pose.translation.vector.z = 0.021),
+            ("ladder_placed", |r, _| r.things[errand::LADDER].pose.translation.vector.x += 0.9),
+            ("ladder_feet_down", |r, _| r.things[errand::LADDER].pose.translation.vector.z = 0.021),
             // One foot 29 mm up, the root within 15 mm.
-            ("ladder_feet_down", |r, _| r.ladder.pose = rotated([2.0, 1.0, 0.0145], Vector3::x(), 0.0307)),
-            ("ladder_at_rest", |r, _| r.ladder.linear_velocity.y = 0.06),
-            ("ladder_at_rest", |r, _| r.ladder.angular_velocity.y = 0.11),
+            ("ladder_feet_down", |r, _| {
+                r.things[errand::LADDER].pose = rotated([2.0, 1.0, 0.0145], Vector3::x(), 0.0307)
+            }),
+            ("ladder_at_rest", |r, _| r.things[errand::LADDER].linear_velocity.y = 0.06),
+            ("ladder_at_rest", |r, _| r.things[errand::LADDER].angular_velocity.y = 0.11),
             TOPPLED,
         ],
         Task::S02 => vec![
@@ -32,10 +34,12 @@ fn misses(task: Task) -> Vec<Miss> {
             LEANING,
         ],
         Task::S03 => vec![
-            ("old_bulb_removed", |r, _| r.bulbs[OLD].pose = r.fixture * at([0.0, 0.0, 0.09])),
+            ("old_bulb_removed", |r, _| {
+                r.things[errand::BULBS[OLD]].pose = r.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.09])
+            }),
             ("old_bulb_removed", |r, _| r.attachments[OLD].seated = true),
             ("old_bulb_held", |r, _| let_go(r, OLD)),
-            ("old_bulb_elevated", |r, _| r.bulbs[OLD].pose.translation.vector.z = 0.14),
+            ("old_bulb_elevated", |r, _| r.things[errand::BULBS[OLD]].pose.translation.vector.z = 0.14),
             TOPPLED,
             LEANING,
         ],
@@ -44,7 +48,7 @@ fn misses(task: Task) -> Vec<Miss> {
             ("at_ladder_foot", |r, _| r.robot.pose.translation.vector.y -= 0.1),
             ("at_ladder_foot", |r, _| r.robot.linear_velocity.z = -1.6),
             ("old_bulb_held", |r, _| let_go(r, OLD)),
-            ("old_bulb_elevated", |r, _| r.bulbs[OLD].pose.translation.vector.z = 0.14),
+            ("old_bulb_elevated", |r, _| r.things[errand::BULBS[OLD]].pose.translation.vector.z = 0.14),
             TOPPLED,
             LEANING_AT_ROOT,
         ],
@@ -57,10 +61,10 @@ fn misses(task: Task) -> Vec<Miss> {
         ],
         Task::S06 => vec![
             // Next to the crate; lying across its wall; standing on its cap too high.
-            ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose.translation.vector.x += 0.5),
-            ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose.translation.vector.y += 0.15),
-            ("old_bulb_in_crate", |r, _| r.bulbs[OLD].pose = at([CRATE[0], CRATE[1], -0.0222])),
-            ("old_bulb_at_rest", |r, _| r.bulbs[OLD].linear_velocity.x = 0.06),
+            ("old_bulb_in_crate", |r, _| r.things[errand::BULBS[OLD]].pose.translation.vector.x += 0.5),
+            ("old_bulb_in_crate", |r, _| r.things[errand::BULBS[OLD]].pose.translation.vector.y += 0.15),
+            ("old_bulb_in_crate", |r, _| r.things[errand::BULBS[OLD]].pose = at([CRATE[0], CRATE[1], -0.0222])),
+            ("old_bulb_at_rest", |r, _| r.things[errand::BULBS[OLD]].linear_velocity.x = 0.06),
             ("old_bulb_released", |r, _| touch(r, OLD, LEFT, 1.1)),
             TOPPLED,
         ],
@@ -70,7 +74,7 @@ fn misses(task: Task) -> Vec<Miss> {
             RUNNING,
         ],
         Task::S08 => vec![
-            ("fresh_bulb_lifted", |r, _| r.bulbs[NEW].pose = at(FRESH) * at([0.0, 0.0, 0.029])),
+            ("fresh_bulb_lifted", |r, _| r.things[errand::BULBS[NEW]].pose = at(FRESH) * at([0.0, 0.0, 0.029])),
             ("fresh_bulb_gripped", |r, _| {
                 let_go(r, NEW);
                 touch(r, NEW, RIGHT[0], 9.0);
@@ -91,15 +95,18 @@ fn misses(task: Task) -> Vec<Miss> {
             ("at_ladder_top", |r, _| r.robot.pose.translation.vector.y -= 0.3),
             ("at_ladder_top", |r, _| r.robot.linear_velocity.z = 1.6),
             ("fresh_bulb_held", |r, _| let_go(r, NEW)),
-            ("fresh_bulb_elevated", |r, _| r.bulbs[NEW].pose.translation.vector.z = 0.39),
+            ("fresh_bulb_elevated", |r, _| r.things[errand::BULBS[NEW]].pose.translation.vector.z = 0.39),
             TOPPLED,
             LEANING,
         ],
         Task::S11 => vec![
             ("fresh_bulb_seated", |r, _| r.attachments[NEW].seated = false),
-            ("fresh_bulb_settled", |r, k| r.bulbs[NEW].pose = r.fixture * at([0.0, 0.0, 0.0013 * k as f64])),
             ("fresh_bulb_settled", |r, k| {
-                r.bulbs[NEW].pose = r.fixture * rotated([0.0; 3], Vector3::z(), 0.003 * k as f64);
+                r.things[errand::BULBS[NEW]].pose = r.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.0013 * k as f64])
+            }),
+            ("fresh_bulb_settled", |r, k| {
+                r.things[errand::BULBS[NEW]].pose =
+                    r.things[errand::FIXTURE].pose * rotated([0.0; 3], Vector3::z(), 0.003 * k as f64);
             }),
             ("fresh_bulb_released", |r, _| touch(r, NEW, LEFT, 1.1)),
             TOPPLED,
@@ -115,7 +122,7 @@ fn misses(task: Task) -> Vec<Miss> {
         ],
         Task::Replace => vec![
             ("fresh_bulb_seated", |r, _| r.attachments[NEW].seated = false),
-            ("old_bulb_disposed", |r, _| r.bulbs[OLD].pose.translation.vector.x += 0.5),
+            ("old_bulb_disposed", |r, _| r.things[errand::BULBS[OLD]].pose.translation.vector.x += 0.5),
         ],
         Task::Climb => vec![
             ("at_working_height", |r, _| r.robot.pose.translation.vector.z = 1.81),
@@ -249,7 +256,7 @@ fn a_bulb_that_moves_once_settles_again() {
     for step in 1..=moved + 50 {
         let mut row = row_at(step, &goal_of(Task::S11));
         if step >= moved {
-            row.bulbs[NEW].pose = row.fixture * at([0.0, 0.0, 0.005999]);
+            row.things[errand::BULBS[NEW]].pose = row.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.005999]);
         }
         let verdict = judge.advance(&row);
         assert_eq!(verdict.criteria.all(), step != moved, "step {step}");
@@ -263,7 +270,7 @@ fn held_and_released_at_the_limit() {
     for (task, bulb, criterion) in [(Task::S03, OLD, "old_bulb_held"), (Task::S11, NEW, "fresh_bulb_released")] {
         let mut row = row_at(1, &goal_of(task));
         let_go(&mut row, bulb);
-        row.hand_force[bulb][LEFT] = Vector3::new(0.0, 1.0, 0.0);
+        row.force_mut(errand::HAND_FORCE[bulb])[LEFT] = Vector3::new(0.0, 1.0, 0.0);
         let mut judge = judge(task);
         judge.start(&start_of(task));
         let criteria = judge.advance(&row).criteria;
@@ -277,7 +284,9 @@ fn held_and_released_at_the_limit() {
 #[test]
 fn the_other_bulb_is_not_the_one_held() {
     let mut row = row_at(1, &goal_of(Task::S09));
-    row.hand_force.swap(OLD, NEW);
+    let forces: Vec<Vector3<f64>> = hand_forces(&mut row).map(|force| *force).collect();
+    let (old, new) = forces.split_at(forces.len() / 2);
+    hand_forces(&mut row).zip(new.iter().chain(old)).for_each(|(force, other)| *force = *other);
     let mut judge = judge(Task::S09);
     judge.start(&start_of(Task::S09));
     assert_eq!(judge.advance(&row).count, 4);

@@ -1,7 +1,7 @@
 //! Gate progress, its start count, effort, and rows that no simulator should give.
 
 use crate::common::*;
-use fiatlux_rules::{Cause, Causes, JudgeOptions, Rewards, Row, Task, Variant};
+use fiatlux_rules::{Cause, Causes, JudgeOptions, Rewards, Row, Task, Variant, errand};
 use nalgebra::Vector3;
 
 /// From three criteria of five: one more is half, and what is lost again stays counted.
@@ -79,15 +79,17 @@ fn junk_rows() {
         let mut judge = judge_with(task, options);
         let mut rewards = Rewards::new(&judge, Variant::Training);
         let mut spoil = |row: &mut Row| {
+            let hands = errand::HAND_FORCE.map(|measure| row.force(measure).len()).iter().sum::<usize>();
+            let limbs = row.forces.len() - row.force(errand::LADDER_FORCE).len();
             let mut numbers: Vec<&mut f64> = Vec::new();
-            for body in [&mut row.robot, &mut row.ladder].into_iter().chain(&mut row.bulbs) {
+            for body in [&mut row.robot].into_iter().chain(&mut row.things[..errand::FIXTURE]) {
                 numbers.extend(body.pose.translation.vector.iter_mut());
                 numbers.extend(body.linear_velocity.iter_mut());
                 let rotation = body.pose.rotation.as_mut_unchecked();
                 numbers.extend(rotation.coords.iter_mut());
             }
-            numbers.extend(row.hand_force.iter_mut().flatten().flat_map(|force| force.iter_mut()));
-            numbers.extend(row.ladder_force.iter_mut().flat_map(|force| force.iter_mut()));
+            let forces = row.forces.iter_mut().enumerate().filter(|(i, _)| *i < hands || *i >= limbs);
+            numbers.extend(forces.flat_map(|(_, force)| force.iter_mut()));
             numbers.extend(row.joint_position.iter_mut().chain(&mut row.action));
             for number in numbers {
                 if draw.one_in(10) {
@@ -117,9 +119,9 @@ fn a_row_without_numbers_holds_nothing() {
         let mut row = row_at(2, &goal_of(task));
         row.robot = moving;
         row.robot.pose.rotation.as_mut_unchecked().coords.fill(f64::NAN);
-        row.ladder = row.robot;
-        row.bulbs = [row.robot; 2];
-        row.hand_force.iter_mut().flatten().for_each(|force| force.fill(f64::NAN));
+        row.things[errand::LADDER] = row.robot;
+        (row.things[errand::OLD_BULB], row.things[errand::FRESH_BULB]) = (row.robot, row.robot);
+        hand_forces(&mut row).for_each(|force| force.fill(f64::NAN));
         row.attachments[NEW].seated = false;
         let mut judge = judge_with(task, JudgeOptions { end_on: Some(Causes::NONE), ..JudgeOptions::default() });
         judge.start(&start_of(task));

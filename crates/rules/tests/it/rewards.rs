@@ -8,7 +8,7 @@ mod potentials;
 mod training;
 
 use crate::common::*;
-use fiatlux_rules::{Causes, Judge, JudgeOptions, Rewards, Row, Task, Term, Variant};
+use fiatlux_rules::{Causes, Judge, JudgeOptions, Rewards, Row, Task, Term, Variant, errand};
 
 /// A judge, the reward next to it, and what each term has paid since the start.
 struct Meter {
@@ -81,14 +81,15 @@ fn close(a: f64, b: f64) -> bool {
 
 /// Puts the ladder's top point into the seat, and the ladder into the air.
 fn lift_ladder_to_seat(row: &mut Row) {
-    row.ladder = body(at([FIXTURE[0], FIXTURE[1] - 0.1, FIXTURE[2] - 0.036259 - 1.18]));
+    row.things[errand::LADDER] = body(at([FIXTURE[0], FIXTURE[1] - 0.1, FIXTURE[2] - 0.036259 - 1.18]));
 }
 
 /// Puts the old bulb's root into the crate's origin. Lying along x, the whole of it is between the walls and below the
 /// rim, and partly below the crate.
 fn sink_into_crate(row: &mut Row) {
     put_in_crate(row, OLD);
-    row.bulbs[OLD].pose = row.crate_ * rotated([0.0; 3], nalgebra::Vector3::y(), std::f64::consts::FRAC_PI_2);
+    row.things[errand::BULBS[OLD]].pose =
+        row.things[errand::CRATE].pose * rotated([0.0; 3], nalgebra::Vector3::y(), std::f64::consts::FRAC_PI_2);
 }
 
 /// A row pays the sum of its terms, and each term its value by its weight over 0.02 s, but for gate progress, which pays

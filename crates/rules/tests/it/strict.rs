@@ -4,7 +4,7 @@
 
 use crate::common::*;
 use fiatlux_rules::{
-    Bulb, Cause, GRAVITY, Judge, JudgeOptions, Judges, Protocol, Row, Support, Task, Thresholds, Verdict,
+    Bulb, Cause, GRAVITY, Judge, JudgeOptions, Judges, Protocol, Row, Support, Task, Thresholds, Verdict, errand,
 };
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -26,12 +26,12 @@ fn with_palms(mut row: Row) -> Row {
 
 fn stand_on_floor(row: &mut Row) {
     let half = 0.5 * geometry().robot_mass * GRAVITY;
-    (row.floor_load[Support::LeftFoot as usize], row.floor_load[Support::RightFoot as usize]) = (half, half);
+    row.load_mut(errand::FLOOR_LOAD)[..2].fill(half);
 }
 
 fn stand_on_treads(row: &mut Row) {
     let half = 0.5 * geometry().robot_mass * GRAVITY;
-    (row.tread_load[Support::LeftFoot as usize], row.tread_load[Support::RightFoot as usize]) = (half, half);
+    row.load_mut(errand::TREAD_LOAD)[..2].fill(half);
 }
 
 /// A state in which the strict gate of a task holds.
@@ -96,19 +96,37 @@ fn misses(task: Task) -> Vec<Miss> {
             // Its published gate asks for two bodies already.
             "fresh_bulb_in_grip" if task == Task::S08 => &GRIP_FRESH[..4],
             "carried_by_treads" => &[
-                ("carried_by_treads", "in the air", |row, _| row.tread_load = [0.0; 4]),
-                ("carried_by_treads", "on one foot", |row, _| row.tread_load[Support::RightFoot as usize] = 19.0),
-                ("carried_by_treads", "one foot, one arm", |row, _| row.tread_load = [300.0, 0.0, 30.0, 0.0]),
-                ("carried_by_treads", "hangs by both arms", |row, _| row.tread_load = [0.0, 0.0, 200.0, 200.0]),
+                ("carried_by_treads", "in the air", |row, _| {
+                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[0.0; 4])
+                }),
+                ("carried_by_treads", "on one foot", |row, _| {
+                    row.load_mut(errand::TREAD_LOAD)[Support::RightFoot as usize] = 19.0
+                }),
+                ("carried_by_treads", "one foot, one arm", |row, _| {
+                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[300.0, 0.0, 30.0, 0.0])
+                }),
+                ("carried_by_treads", "hangs by both arms", |row, _| {
+                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[0.0, 0.0, 200.0, 200.0])
+                }),
                 ("carried_by_treads", "stands on the floor", |row, _| {
-                    std::mem::swap(&mut row.tread_load, &mut row.floor_load);
+                    let loads = [errand::TREAD_LOAD, errand::FLOOR_LOAD].map(|load| row.load(load).to_vec());
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&loads[0]);
+                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&loads[1]);
                 }),
             ],
             "carried_by_floor" => &[
-                ("carried_by_floor", "in the air", |row, _| row.floor_load = [0.0; 4]),
-                ("carried_by_floor", "on one foot", |row, _| row.floor_load = [340.0, 10.0, 0.0, 0.0]),
-                ("carried_by_floor", "half on the ladder", |row, _| row.floor_load = [100.0, 100.0, 0.0, 0.0]),
-                ("carried_by_floor", "on all fours", |row, _| row.floor_load = [90.0, 90.0, 80.0, 80.0]),
+                ("carried_by_floor", "in the air", |row, _| {
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[0.0; 4])
+                }),
+                ("carried_by_floor", "on one foot", |row, _| {
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[340.0, 10.0, 0.0, 0.0])
+                }),
+                ("carried_by_floor", "half on the ladder", |row, _| {
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[100.0, 100.0, 0.0, 0.0])
+                }),
+                ("carried_by_floor", "on all fours", |row, _| {
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[90.0, 90.0, 80.0, 80.0])
+                }),
             ],
             "slow" => &[("slow", "walks past", |row, _| row.robot.linear_velocity.x = 0.5)],
             "standing" => &[("standing", "crouches too low", |row, _| {
@@ -120,7 +138,7 @@ fn misses(task: Task) -> Vec<Miss> {
                 &[("old_bulb_released", "still in the hand", |row, _| touch(row, OLD, RIGHT[0], 3.0))]
             }
             "old_bulb_at_rest" => {
-                &[("old_bulb_at_rest", "still rolls", |row, _| row.bulbs[OLD].linear_velocity.x = 0.1)]
+                &[("old_bulb_at_rest", "still rolls", |row, _| row.things[errand::BULBS[OLD]].linear_velocity.x = 0.1)]
             }
             other => panic!("{task}: no way to miss {other} in this test"),
         };
@@ -138,31 +156,31 @@ const fn grip(name: &'static str) -> [Miss; 5] {
         // The one that a hand feels.
         Bulb::ALL
             .into_iter()
-            .find(|bulb| row.hand_force[*bulb as usize].iter().any(|f| f.norm() > 0.0))
+            .find(|bulb| row.force(errand::HAND_FORCE[*bulb as usize]).iter().any(|f| f.norm() > 0.0))
             .map_or(0, |b| b as usize)
     }
     [
         (name, "pushed from one side", |row, _| {
             let i = bulb(row);
-            let one = row.hand_force[i][RIGHT[0]];
-            row.hand_force[i][RIGHT[1]] = one;
+            let one = row.force(errand::HAND_FORCE[i])[RIGHT[0]];
+            row.force_mut(errand::HAND_FORCE[i])[RIGHT[1]] = one;
         }),
         (name, "between both hands", |row, _| {
             let i = bulb(row);
-            row.hand_force_peak[i][LEFT] = 2.0;
+            row.load_mut(errand::HAND_FORCE_PEAK[i])[LEFT] = 2.0;
         }),
         (name, "leans on the body", |row, _| {
             let i = bulb(row);
-            row.other_force_peak[i] = 0.3;
+            row.load_mut(errand::OTHER_FORCE_PEAK[i])[0] = 0.3;
         }),
         (name, "slides through the hand", |row, step| {
             let i = bulb(row);
-            row.bulbs[i].pose.translation.z += if step % 2 == 0 { 0.004 } else { 0.0 };
+            row.things[errand::BULBS[i]].pose.translation.z += if step % 2 == 0 { 0.004 } else { 0.0 };
         }),
         (name, "pressed by one body, twice", |row, _| {
             let i = bulb(row);
-            row.hand_force[i][RIGHT[1]] *= 0.1;
-            row.hand_force[i][RIGHT[0]] *= 2.0;
+            row.force_mut(errand::HAND_FORCE[i])[RIGHT[1]] *= 0.1;
+            row.force_mut(errand::HAND_FORCE[i])[RIGHT[0]] *= 2.0;
         }),
     ]
 }
@@ -207,8 +225,8 @@ fn what_is_spoilt_fails_strict_alone() {
         assert!(published.success && strict.leapt && !strict.success && strict.progress < 1.0, "{task}: {strict:?}");
         for bulb in [OLD, NEW] {
             // The published rule reads the last physics step of the hands alone.
-            let pressed = play(task, each(bulb, |row, bulb| row.other_force_peak[bulb] = 50.5));
-            let pinched = play(task, each(bulb, |row, bulb| row.hand_force_peak[bulb][LEFT] = 50.5));
+            let pressed = play(task, each(bulb, |row, bulb| row.load_mut(errand::OTHER_FORCE_PEAK[bulb])[0] = 50.5));
+            let pinched = play(task, each(bulb, |row, bulb| row.load_mut(errand::HAND_FORCE_PEAK[bulb])[LEFT] = 50.5));
             for judges in [pressed, pinched] {
                 let [published, strict] = verdicts(&judges);
                 assert!(published.success && !published.broken, "{task}: {published:?}");
@@ -233,8 +251,9 @@ fn blows_break() {
             // In one row, or 1.3 m/s in each of two.
             let blows = if per_row < 2.0 { 2 } else { 1 };
             let done = step.saturating_sub(9).min(blows) as f64;
-            row.bulbs[NEW].linear_velocity = fall * step as f64 + Vector3::x() * per_row * done;
-            row.other_force_peak[NEW] = if touched && (10..10 + blows).contains(&step) { 5.0 } else { 0.0 };
+            row.things[errand::BULBS[NEW]].linear_velocity = fall * step as f64 + Vector3::x() * per_row * done;
+            row.load_mut(errand::OTHER_FORCE_PEAK[NEW])[0] =
+                if touched && (10..10 + blows).contains(&step) { 5.0 } else { 0.0 };
             judge.advance(&row);
         }
         assert_eq!(judge.verdict().broken, breaks, "{per_row} m/s a row, touched: {touched}");
@@ -273,7 +292,7 @@ fn progress_needs_a_robot_that_stands() {
             let_go(&mut row, NEW);
             if let Some(bulb) = task.spec().start.in_hand() {
                 let time = 0.02 * step as f64;
-                let height = &mut row.bulbs[bulb as usize].pose.translation.z;
+                let height = &mut row.things[bulb.thing()].pose.translation.z;
                 *height = (*height - 0.5 * GRAVITY * time * time).max(0.04);
             }
             judges.advance(&row);
@@ -345,7 +364,7 @@ fn the_published_verdict_is_that_of_an_episode_that_ended_there() {
             for step in 1..240 {
                 let mut row = row_at(step, if step < goal_at { &start } else { &goal });
                 row.action.iter_mut().for_each(|number| *number = draw.unit());
-                for force in row.hand_force.iter_mut().flatten().filter(|force| force.norm() > 0.0) {
+                for force in hand_forces(&mut row).filter(|force| force.norm() > 0.0) {
                     *force *= 1.0 + 0.5 * draw.unit();
                 }
                 if draw.one_in(60) {
@@ -355,7 +374,7 @@ fn the_published_verdict_is_that_of_an_episode_that_ended_there() {
                     topple(&mut row);
                 }
                 if draw.one_in(150) {
-                    row.other_force_peak[NEW] = 60.0;
+                    row.load_mut(errand::OTHER_FORCE_PEAK[NEW])[0] = 60.0;
                 }
                 both.advance(&row);
                 for judge in alone.iter_mut().filter(|judge| judge.verdict().end.is_none()) {

@@ -1,6 +1,6 @@
 //! What the hands feel of the bulbs.
 
-use fiatlux_rules::{Bulb, Row};
+use fiatlux_rules::{Row, errand};
 use nalgebra::Vector3;
 
 use crate::Setup;
@@ -32,6 +32,6 @@ fn terms(setup: &Setup) -> Vec<Term> {
 
 /// Force of both bulbs together on each sensed hand body, right hand first, world axes, N.
 pub fn hand_force(row: &Row) -> impl Iterator<Item = Vector3<f64>> {
-    let [old, fresh] = Bulb::ALL.map(|bulb| &row.hand_force[bulb as usize]);
+    let [old, fresh] = errand::HAND_FORCE.map(|measure| row.force(measure));
     old.iter().zip(fresh).map(|(old, fresh)| old + fresh)
 }

@@ -1,7 +1,7 @@
 //! What feet and palms feel of the ladder.
 
 use fiatlux_robot::Robot;
-use fiatlux_rules::{LIMBS, Limb, Row};
+use fiatlux_rules::{LIMBS, Limb, Row, errand};
 use nalgebra::Vector3;
 
 use crate::sensor::{Entry, Needs, Term};
@@ -31,6 +31,7 @@ fn terms(_: &Setup) -> Vec<Term> {
 /// tell it, on the palms as their contacts do.
 pub fn limb_force(robot: &Robot, row: &Row) -> [Vector3<f64>; LIMBS] {
     let [left, right] = foot_force_estimate(robot, row);
-    let [left_palm, right_palm] = [Limb::LeftPalm, Limb::RightPalm].map(|limb| row.ladder_force[limb as usize]);
+    let [left_palm, right_palm] =
+        [Limb::LeftPalm, Limb::RightPalm].map(|limb| row.force(errand::LADDER_FORCE)[limb as usize]);
     [left, right, left_palm, right_palm]
 }

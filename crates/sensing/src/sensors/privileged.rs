@@ -1,7 +1,7 @@
 //! What a policy in training may see besides what the robot senses: exact, of the things around it.
 
 use fiatlux_proto::v3;
-use fiatlux_rules::{Bulb, Geometry, Row, Task};
+use fiatlux_rules::{Bulb, Geometry, Row, Task, errand};
 use fiatlux_wire::pose_message;
 use nalgebra::{Isometry3, Vector3};
 
@@ -97,19 +97,19 @@ impl Privileged {
 
     /// Reads them off a row.
     pub fn measure(geometry: &Geometry, row: &Row) -> Self {
-        let old_bulb = row.bulbs[Bulb::Old as usize].pose;
+        let old_bulb = row.things[errand::OLD_BULB].pose;
         Self {
             robot: row.robot.pose,
-            ladder: row.ladder.pose,
-            socket: row.fixture,
-            fresh_bulb: row.bulbs[Bulb::Fresh as usize].pose,
+            ladder: row.things[errand::LADDER].pose,
+            socket: row.things[errand::FIXTURE].pose,
+            fresh_bulb: row.things[errand::FRESH_BULB].pose,
             old_bulb,
-            crate_: row.crate_,
+            crate_: row.things[errand::CRATE].pose,
             distances: [
                 (geometry.ladder_top(row) - geometry.seat(row)).norm(),
                 geometry.plug_distance(row, Bulb::Fresh),
                 geometry.plug_distance(row, Bulb::Old),
-                (old_bulb.translation.vector - row.crate_.translation.vector).norm(),
+                (old_bulb.translation.vector - row.things[errand::CRATE].pose.translation.vector).norm(),
             ],
             seated: Bulb::ALL.map(|bulb| row.attachments[bulb as usize].seated),
         }
@@ -157,7 +157,7 @@ impl ClimbPrivileged {
         Self {
             robot: row.robot.pose,
             linear_velocity: row.robot.pose.rotation.inverse_transform_vector(&row.robot.linear_velocity),
-            ladder: row.ladder.pose,
+            ladder: row.things[errand::LADDER].pose,
         }
     }
 

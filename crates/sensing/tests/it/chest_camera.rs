@@ -29,7 +29,7 @@ fn treads_and_hands_are_in_the_picture() {
         let torso = scene.robot.link_index("torso_link").unwrap();
         let hands = scene.robot.hand_links();
         assert_eq!(share(&|owner| owner == ShapeOwner::Robot(torso)), 0.0, "{task}");
-        assert_eq!(share(&|owner| owner == ShapeOwner::Ladder) > 0.05, sees_ladder, "{task}");
+        assert_eq!(share(&|owner| owner == ShapeOwner::LADDER) > 0.05, sees_ladder, "{task}");
         let hand = share(&|owner| matches!(owner, ShapeOwner::Robot(link) if hands.contains(&link)));
         assert!(hand > 0.01 || !sees_hand, "{task}: {hand}");
     }

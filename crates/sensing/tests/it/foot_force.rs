@@ -9,7 +9,7 @@ use std::sync::Arc;
 use crate::common::{document_measured, q0, scene, started};
 use fiatlux_dynamics::{Dynamics, Input, State};
 use fiatlux_robot::Robot;
-use fiatlux_rules::{GRAVITY, Row, Task};
+use fiatlux_rules::{GRAVITY, Row, Task, errand};
 use fiatlux_sensing::{foot_force_estimate, world_from_link};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene, ShapeOwner};
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -42,7 +42,7 @@ impl Stats {
     fn add(&mut self, robot: &Robot, row: &Row, feet: &[usize]) {
         let estimates = foot_force_estimate(robot, row);
         for &foot in feet {
-            let (truth, estimate) = (row.ladder_force[foot], estimates[foot]);
+            let (truth, estimate) = (row.force(errand::LADDER_FORCE)[foot], estimates[foot]);
             self.samples += 1;
             if truth.norm() > TOUCH {
                 self.touching += 1;
@@ -161,7 +161,7 @@ impl Crane {
     fn foot(scene: &Scene, side: usize, y: f64, z: f64) -> Isometry3<f64> {
         let x = if side == 0 { -0.1 } else { 0.1 };
         let facing = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2);
-        scene.world_from_ladder * Isometry3::from_parts(Translation3::new(x, y, z + SOLE), facing)
+        scene.world_from(errand::LADDER) * Isometry3::from_parts(Translation3::new(x, y, z + SOLE), facing)
     }
 
     /// Targets that put the feet into poses.
@@ -183,15 +183,15 @@ impl Crane {
             let input = Input { targets: &self.targets, wrenches: &[], locked: &self.locked };
             self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
         }
-        self.row.ladder_force = Default::default();
+        self.row.force_mut(errand::LADDER_FORCE).fill(Vector3::zeros());
         for contact in self.dynamics.contacts() {
             let owners = [contact.shape_a, contact.shape_b].map(|shape| scene.owner(shape));
             for (foot, &link) in scene.robot.feet().iter().enumerate() {
                 // The contact's force acts on its second shape.
-                if owners == [ShapeOwner::Ladder, ShapeOwner::Robot(link)] {
-                    self.row.ladder_force[foot] += contact.force;
-                } else if owners == [ShapeOwner::Robot(link), ShapeOwner::Ladder] {
-                    self.row.ladder_force[foot] -= contact.force;
+                if owners == [ShapeOwner::LADDER, ShapeOwner::Robot(link)] {
+                    self.row.force_mut(errand::LADDER_FORCE)[foot] += contact.force;
+                } else if owners == [ShapeOwner::Robot(link), ShapeOwner::LADDER] {
+                    self.row.force_mut(errand::LADDER_FORCE)[foot] -= contact.force;
                 }
             }
         }
@@ -234,7 +234,7 @@ fn swinging(scene: &Arc<Scene>, lowest: f64, swing: Swing) -> Stats {
     for step in 0..250 {
         crane.aim(feet(TAU * f64::from(step) * 0.02 / swing.period));
         let row = crane.step();
-        assert_eq!(row.ladder_force, [Vector3::zeros(); 4], "the feet are in the air");
+        assert_eq!(row.force(errand::LADDER_FORCE), [Vector3::zeros(); 4], "the feet are in the air");
         let estimates = foot_force_estimate(&scene.robot, row);
         for (side, estimate) in estimates.iter().enumerate() {
             let height = sole(&scene.robot, row, side).z;

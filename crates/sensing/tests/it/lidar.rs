@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::common::{Rig, start_row};
 use fiatlux_dynamics::Geometry;
 use fiatlux_robot::Robot;
-use fiatlux_rules::{Row, Task};
+use fiatlux_rules::{Row, Task, errand};
 use fiatlux_sensing::{LIDAR_COLUMNS, LIDAR_RAYS, LIDAR_ROWS, Lidar, Sensor, Sensors, Sight};
 use fiatlux_world::{Random, Scene, ShapeOwner, Stream};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -25,7 +25,7 @@ fn cases() -> Vec<(Arc<Scene>, Row)> {
         let mut row = start.clone();
         let mut draw = |half: f64| random.uniform(-half, half);
         let mut vector = |half: f64| Vector3::new(draw(half), draw(half), draw(half));
-        row.ladder.pose = Isometry3::new(vector(1.0) + Vector3::z(), vector(2.0));
+        row.things[errand::LADDER].pose = Isometry3::new(vector(1.0) + Vector3::z(), vector(2.0));
         row.robot.pose = Isometry3::new(vector(0.8) + Vector3::z(), vector(2.5));
         for (angle, joint) in row.joint_position.iter_mut().zip(scene.robot.joints()) {
             *angle = random.uniform(joint.lower, joint.upper);
@@ -37,8 +37,9 @@ fn cases() -> Vec<(Arc<Scene>, Row)> {
 
 /// The ladder's shapes in the world.
 fn ladder(scene: &Scene, row: &Row) -> Vec<(Isometry3<f64>, Geometry)> {
-    let shapes = scene.model.shapes().iter().filter(|s| ShapeOwner::from_label(s.label) == ShapeOwner::Ladder);
-    let world_from_body = if scene.ladder.is_some() { row.ladder.pose } else { Isometry3::identity() };
+    let shapes = scene.model.shapes().iter().filter(|s| ShapeOwner::from_label(s.label) == ShapeOwner::LADDER);
+    let world_from_body =
+        if scene.body(errand::LADDER).is_some() { row.things[errand::LADDER].pose } else { Isometry3::identity() };
     shapes.map(|shape| (world_from_body * shape.body_from_shape, shape.geometry)).collect()
 }
 
@@ -142,7 +143,7 @@ fn ranges_are_those_of_parry() {
 #[test]
 fn ranges_in_the_room_are_those_of_parry() {
     let everything = |scene: &Scene, row: &Row| {
-        let fast = [ShapeOwner::Room, ShapeOwner::Bench, ShapeOwner::Crate, ShapeOwner::Fixture];
+        let fast = [ShapeOwner::Room, ShapeOwner::Bench, ShapeOwner::CRATE, ShapeOwner::FIXTURE];
         let shapes = scene.model.shapes().iter().filter(|s| fast.contains(&ShapeOwner::from_label(s.label)));
         ladder(scene, row).into_iter().chain(shapes.map(|shape| (shape.body_from_shape, shape.geometry))).collect()
     };
@@ -204,7 +205,7 @@ fn the_sensor_hangs_upside_down_in_the_head() {
     let (scene, mut row) = start_row(Task::S01);
     row.robot.pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.79), UnitQuaternion::identity());
     row.joint_position = crate::common::q0(&scene);
-    row.ladder.pose = Isometry3::translation(0.0, 50.0, 0.0);
+    row.things[errand::LADDER].pose = Isometry3::translation(0.0, 50.0, 0.0);
     let mut lidar = Lidar::new(&scene, Sight::Published).unwrap();
     let pose = lidar.world_from_sensor(&row);
     // The published place of the mount on the standing robot.
@@ -258,7 +259,7 @@ fn a_robot_without_a_lidar_is_refused() {
 fn a_fixed_ladder_stays_and_scans_are_independent() {
     let (scene, row) = start_row(Task::Climb);
     let mut moved = row.clone();
-    moved.ladder.pose = Isometry3::identity();
+    moved.things[errand::LADDER].pose = Isometry3::identity();
     let mut lidar = Lidar::new(&scene, Sight::Published).unwrap();
     let first = *lidar.scan(&row);
     assert_eq!(first, *lidar.scan(&moved));

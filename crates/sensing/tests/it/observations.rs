@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::common::{Rig, document, q0, sensed, start_row};
 use fiatlux_features::FEATURES;
-use fiatlux_rules::{Bulb, Row, Task};
+use fiatlux_rules::{Bulb, Row, Task, errand};
 use fiatlux_sensing::{
     ClimbPrivileged, LIDAR_RAYS, NoiseSeed, Observer, Privileged, Proprioception, Sensor, Sensors, Setup, Term,
 };
@@ -25,11 +25,11 @@ fn marked(row: &Row) -> Row {
     row.robot.linear_velocity = Vector3::new(1.0, 2.0, 3.0);
     row.robot.angular_velocity = Vector3::new(4.0, 5.0, 6.0);
     for (bulb, factor) in [(Bulb::Old, 1.0), (Bulb::Fresh, 0.5)] {
-        for (body, force) in row.hand_force[bulb as usize].iter_mut().enumerate() {
+        for (body, force) in row.force_mut(errand::HAND_FORCE[bulb as usize]).iter_mut().enumerate() {
             *force = factor * Vector3::new(mark(100.0, body), mark(200.0, body), mark(300.0, body));
         }
     }
-    for (limb, force) in row.ladder_force.iter_mut().enumerate() {
+    for (limb, force) in row.force_mut(errand::LADDER_FORCE).iter_mut().enumerate() {
         *force = Vector3::new(mark(400.0, limb), mark(500.0, limb), mark(600.0, limb));
     }
     for joint in 0..JOINTS {
@@ -214,11 +214,11 @@ fn privileged_terms_have_their_places() {
     let (scene, mut row) = start_row(Task::S03);
     let pose = |k: f64| Isometry3::new(Vector3::new(k, k + 0.1, k + 0.2), Vector3::new(0.0, 0.0, 0.1 * k));
     row.robot.pose = pose(1.0);
-    row.ladder.pose = pose(2.0);
-    row.fixture = pose(3.0);
-    row.bulbs[Bulb::Fresh as usize].pose = pose(4.0);
-    row.bulbs[Bulb::Old as usize].pose = pose(5.0);
-    row.crate_ = pose(6.0);
+    row.things[errand::LADDER].pose = pose(2.0);
+    row.things[errand::FIXTURE].pose = pose(3.0);
+    row.things[errand::FRESH_BULB].pose = pose(4.0);
+    row.things[errand::OLD_BULB].pose = pose(5.0);
+    row.things[errand::CRATE].pose = pose(6.0);
     let geometry = scene.geometry();
     let flat = Privileged::measure(&geometry, &row).flat();
     for k in 1..=6 {

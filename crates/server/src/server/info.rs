@@ -3,12 +3,12 @@
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
 use fiatlux_robot::{GainSet, HandKind, JointGains, Robot};
-use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, ROW_LAYOUT, Task};
+use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, Task, manifest};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
 
 use super::plan::Plan;
-use fiatlux_wire::{domain_sample_message, drive_message, footprint_messages, geometry_message};
+use fiatlux_wire::{contact_messages, domain_sample_message, drive_message, footprint_messages, geometry_message};
 
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -134,7 +134,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         geometry: Some(geometry_message(episode.judge().geometry())),
         benchmark_version: BENCHMARK_VERSION,
         random: GENERATORS.into(),
-        digest_layout: ROW_LAYOUT.into(),
+        digest_layout: manifest().layout.clone(),
         model_digest: robot.digest().into(),
         scene_digest: scene.config.digest(),
         digest_context: episode.digest_context().hex(),
@@ -152,6 +152,8 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         reward: plan.reward_name().into(),
         drives: episode.spec().identity(scene).drives.iter().map(drive_message).collect(),
         command_timeout_s: plan.command_timeout_s,
+        things: manifest().things.iter().map(|thing| thing.name.clone()).collect(),
+        contacts: contact_messages(scene.robot_layout()),
         run: plan.ticket.clone(),
     }
 }

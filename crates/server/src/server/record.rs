@@ -4,7 +4,7 @@ use fiatlux_proto::v3::{
     ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, StepRecord,
 };
 use fiatlux_proto::{ABORTED, Message};
-use fiatlux_rules::{Bulb, Criteria, Protocol};
+use fiatlux_rules::{Criteria, Protocol, manifest};
 use fiatlux_wire::{end_message, header_digest, judgement_message, state_message};
 use fiatlux_world::Episode;
 
@@ -21,18 +21,11 @@ pub(super) struct Seen {
 pub(super) struct Record {
     header_digest: String,
     criteria: Criteria,
-    seated: [bool; 2],
+    seated: Vec<bool>,
 }
 
 fn event(step: u64, kind: &str, subject: &str, change: &str, detail: String) -> Event {
     Event { step, kind: kind.into(), subject: subject.into(), change: change.into(), detail }
-}
-
-fn bulb_name(bulb: Bulb) -> &'static str {
-    match bulb {
-        Bulb::Old => "old_bulb",
-        Bulb::Fresh => "fresh_bulb",
-    }
 }
 
 impl Record {
@@ -44,7 +37,11 @@ impl Record {
         let held: Vec<&str> = held.filter(|(_, holds)| *holds).map(|(name, _)| name).collect();
         let start = event(row.step, "start", &header.task, "", format!("holds: {}", held.join(", ")));
         let header_digest = header_digest(&header);
-        let record = Self { header_digest, criteria, seated: row.attachments.map(|attachment| attachment.seated) };
+        let record = Self {
+            header_digest,
+            criteria,
+            seated: row.attachments.iter().map(|attachment| attachment.seated).collect(),
+        };
         let first = StepRecord {
             episode: header.episode,
             step: row.step,
@@ -98,11 +95,11 @@ impl Record {
             }
             self.criteria = criteria;
         }
-        for bulb in Bulb::ALL {
-            let seated = row.attachments[bulb as usize].seated;
-            if std::mem::replace(&mut self.seated[bulb as usize], seated) != seated {
+        for ((thing, attachment), before) in manifest().held_by_socket().zip(&row.attachments).zip(&mut self.seated) {
+            let seated = attachment.seated;
+            if std::mem::replace(before, seated) != seated {
                 let change = if seated { "seated" } else { "released" };
-                out(event(row.step, "attachment", bulb_name(bulb), change, String::new()));
+                out(event(row.step, "attachment", &manifest().things[thing].name, change, String::new()));
             }
         }
         for cause in episode.newly_met() {

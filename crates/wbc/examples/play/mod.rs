@@ -1,6 +1,7 @@
 //! A robot that the controller moves on an empty floor, for the examples.
 #![allow(dead_code)] // Each of them uses a part.
 
+use fiatlux_rules::errand;
 use std::sync::Arc;
 
 use fiatlux_robot::{GainSet, Robot};
@@ -76,7 +77,7 @@ impl Play {
             push: self.push.take(),
         };
         let row = self.world.step_with(&input).unwrap();
-        self.unloaded += usize::from(row.floor_load.iter().take(2).any(|load| *load < 1.0));
+        self.unloaded += usize::from(row.load(errand::FLOOR_LOAD).iter().take(2).any(|load| *load < 1.0));
         let pelvis = row.robot.pose.translation.vector;
         let palm = self.world.world_from_link(self.world.scene().robot.palms()[1]).translation.vector;
         (pelvis.z > 0.4).then_some([pelvis, palm])

@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use fiatlux_robot::GainSet;
-use fiatlux_rules::Task;
+use fiatlux_rules::{Task, errand};
 use fiatlux_world::{SceneConfig, SceneKind, SceneSpec, StartOptions, start};
 
 use super::*;
@@ -45,7 +45,11 @@ fn frames_are_where_the_links_are() {
         let poses = in_world(&frames);
         let expected = scene.robot.forward_kinematics(&row.joint_position, &row.robot.pose).expect("kinematics");
         let links = scene.robot.links().iter().map(|link| link.name.as_str()).zip(expected);
-        let props = [(LADDER, row.ladder.pose), (OLD_BULB, row.bulbs[0].pose), (FIXTURE, row.fixture)];
+        let props = [
+            ("ladder", row.things[errand::LADDER].pose),
+            ("old_bulb", row.things[errand::OLD_BULB].pose),
+            ("fixture", row.things[errand::FIXTURE].pose),
+        ];
         for (name, pose) in links.chain(props) {
             let difference = poses[name].inv_mul(&pose);
             assert!(difference.translation.vector.norm() < 1e-5, "{name}: {difference}");
@@ -64,7 +68,7 @@ fn every_entity_has_a_frame() {
         let update = scene_update(&scene);
         let ids: BTreeSet<&str> = update.entities.iter().map(|entity| entity.id.as_str()).collect();
         assert_eq!(ids.len(), update.entities.len(), "an id stands once");
-        assert!(ids.is_superset(&["pelvis", "floor", LADDER, OLD_BULB, FRESH_BULB, FIXTURE].into()));
+        assert!(ids.is_superset(&["pelvis", "floor", "ladder", "old_bulb", "fresh_bulb", "fixture"].into()));
         for entity in &update.entities {
             assert!(names.contains(entity.frame_id.as_str()), "{} in {}", entity.id, entity.frame_id);
         }
@@ -85,9 +89,9 @@ fn boxes_are_drawn_where_the_model_has_them() {
         for (index, shape) in scene.model.shapes().iter().enumerate() {
             let world_from_body = match scene.owner(ShapeId(index)) {
                 ShapeOwner::Room | ShapeOwner::Robot(_) => continue,
-                ShapeOwner::Ladder if scene.ladder.is_some() => row.ladder.pose,
-                ShapeOwner::OldBulb => row.bulbs[0].pose,
-                ShapeOwner::FreshBulb => row.bulbs[1].pose,
+                ShapeOwner::LADDER if scene.body(errand::LADDER).is_some() => row.things[errand::LADDER].pose,
+                ShapeOwner::OLD_BULB => row.things[errand::OLD_BULB].pose,
+                ShapeOwner::FRESH_BULB => row.things[errand::FRESH_BULB].pose,
                 _ => Isometry3::identity(),
             };
             if let Geometry::Cuboid { .. } = shape.geometry {

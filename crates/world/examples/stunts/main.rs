@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Parser;
-use fiatlux_rules::{CONTROL_DT, Cause, Protocol, SeedOwner, Task, measure};
+use fiatlux_rules::{CONTROL_DT, Cause, Protocol, SeedOwner, Task, errand, measure};
 use fiatlux_world::{Episode, ShapeOwner};
 
 use self::search::Search;
@@ -165,8 +165,8 @@ fn print_row(episode: &Episode) {
         pelvis.z,
         measure::tilt(&row.robot.pose),
         row.robot.linear_velocity.norm(),
-        row.floor_load,
-        row.tread_load,
+        row.load(errand::FLOOR_LOAD),
+        row.load(errand::TREAD_LOAD),
         missed(episode).join(" ")
     );
 }

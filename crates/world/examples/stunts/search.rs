@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::ops::ControlFlow;
 
-use fiatlux_rules::{Bulb, Cause, Judge, Protocol, Row, Task, Verdict, measure, predicates, strict};
+use fiatlux_rules::{Bulb, Cause, Judge, Protocol, Row, Task, Verdict, errand, measure, predicates, strict};
 use fiatlux_world::{Episode, Random, Stream};
 
 use crate::trace::{JOINTS, Runs, Stage, Trace, is_clean_success};
@@ -233,15 +233,15 @@ fn shortfall(judge: &Judge, row: &Row) -> f64 {
     let turn = |to| measure::facing_angle(&row.robot.pose, to).abs();
     let walk = 0.2 * over(speed, limits.walk_speed_m_s);
     let climb = 0.2 * over(speed, limits.climb_speed_m_s);
-    let ladder = &row.ladder.pose.translation.vector;
+    let ladder = &row.things[errand::LADDER].pose.translation.vector;
     let top = geometry.ladder_top(row);
-    let bulb = |bulb: Bulb| row.bulbs[bulb as usize].pose.translation.vector;
+    let bulb = |bulb: Bulb| row.things[bulb.thing()].pose.translation.vector;
     let reach = |to: Bulb| {
         let gaps = row.world_from_palm.iter().map(|palm| (palm.translation.vector - bulb(to)).norm());
         gaps.fold(f64::INFINITY, f64::min)
     };
     match task {
-        Task::S01 => measure::horizontal_distance(&top, &row.fixture.translation.vector),
+        Task::S01 => measure::horizontal_distance(&top, &row.things[errand::FIXTURE].pose.translation.vector),
         Task::S02 | Task::S10 => {
             over(top.z - limits.top_slack_m, pelvis.z) + over(distance(&top), limits.ladder_near_m) + climb
         }
@@ -250,10 +250,12 @@ fn shortfall(judge: &Judge, row: &Row) -> f64 {
             over(pelvis.z, limits.floor_stance_m) + over(distance(ladder), limits.ladder_near_m) + climb
         }
         Task::S05 => {
-            let gap = measure::footprint_distance(&row.crate_, &geometry.crate_outer_half, pelvis);
-            over(gap, limits.crate_near_m) + 0.3 * over(turn(&row.crate_.translation.vector), limits.facing_rad) + walk
+            let gap = measure::footprint_distance(&row.things[errand::CRATE].pose, &geometry.crate_outer_half, pelvis);
+            over(gap, limits.crate_near_m)
+                + 0.3 * over(turn(&row.things[errand::CRATE].pose.translation.vector), limits.facing_rad)
+                + walk
         }
-        Task::S06 | Task::Replace => (bulb(Bulb::Old) - row.crate_.translation.vector).norm(),
+        Task::S06 | Task::Replace => (bulb(Bulb::Old) - row.things[errand::CRATE].pose.translation.vector).norm(),
         Task::S07 => {
             let bulb = bulb(Bulb::Fresh);
             over(distance(&bulb), limits.bench_near_m) + 0.3 * over(turn(&bulb), limits.facing_rad) + walk

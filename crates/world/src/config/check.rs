@@ -1,9 +1,12 @@
+use std::collections::BTreeMap;
 use std::fmt::Debug;
+
+use fiatlux_rules::{errand, manifest};
 
 use super::SceneConfig;
 use super::parts::{
     AttachmentConfig, BenchConfig, BulbConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig, LayoutConfig,
-    RoomConfig, StartConfig, Surfaces,
+    RoomConfig, StartConfig, Surfaces, ThingConfig,
 };
 use crate::SceneError;
 
@@ -26,7 +29,8 @@ pub(super) fn check(config: &SceneConfig) -> Checked {
     layout(&config.layout, &config.room)?;
     climb(&config.climb, &config.room)?;
     within("robot.pelvis_height", &[config.robot.pelvis_height], 0.1, 10.0)?;
-    start(&config.start)
+    start(&config.start)?;
+    things(&config.things)
 }
 
 fn refuse(field: &'static str, value: &impl Debug, rule: impl Into<String>) -> Checked {
@@ -264,6 +268,42 @@ fn attachment(c: &AttachmentConfig) -> Checked {
         ("attachment.torque_limit", c.torque_limit),
     ] {
         within(field, &[value], 0.0, 1e4)?;
+    }
+    Ok(())
+}
+
+fn things(things: &BTreeMap<String, ThingConfig>) -> Checked {
+    let others = || manifest().things.iter().skip(errand::THINGS).map(|thing| &thing.name);
+    for name in things.keys() {
+        ensure(
+            others().any(|other| other == name),
+            "things",
+            name,
+            "it must be a thing of the manifest without a section of its own",
+        )?;
+    }
+    for name in others() {
+        ensure(
+            things.contains_key(name),
+            "things",
+            name,
+            "the manifest has it; describe it in a section [things.NAME]",
+        )?;
+    }
+    for (name, thing) in things {
+        within("things.NAME.mass", &[thing.mass], 1e-3, 1000.0)?;
+        place("things.NAME.at", &thing.at)?;
+        place("things.NAME.yaw", &[thing.yaw])?;
+        within("things.NAME.surface", &[thing.surface.friction, thing.surface.static_friction], 0.0, 10.0)?;
+        for [low, high] in &thing.boxes {
+            (0..3).try_for_each(|axis| interval("things.NAME.boxes", &[low[axis], high[axis]]))?;
+        }
+        for [x, y, z, radius] in &thing.balls {
+            place("things.NAME.balls", &[*x, *y, *z])?;
+            size("things.NAME.balls", &[*radius])?;
+        }
+        let rule = "it must have boxes or balls";
+        ensure(!thing.boxes.is_empty() || !thing.balls.is_empty(), "things", name, rule)?;
     }
     Ok(())
 }

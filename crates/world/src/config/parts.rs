@@ -382,3 +382,47 @@ section! {
         grip: BTreeMap<String, f64>,
     }
 }
+
+/// Where the place of a thing counts from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ThingAnchor {
+    /// The middle of the floor.
+    #[default]
+    Floor,
+    /// The bench's origin, on the floor below the centre of its top.
+    Bench,
+    /// The crate's origin.
+    Crate,
+    /// The ladder's origin as laid out.
+    Ladder,
+}
+
+/// `[things.NAME]`: a thing of the manifest, made of boxes and balls in its own frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ThingConfig {
+    /// Mass, kg; used only if it can move. Its inertia is that of its shapes, filled evenly.
+    #[serde(default = "one")]
+    pub mass: f64,
+    /// Where `at` counts from.
+    #[serde(default)]
+    pub from: ThingAnchor,
+    /// Origin of its frame at the start, m.
+    pub at: [f64; 3],
+    /// Its turn about the vertical, rad.
+    #[serde(default)]
+    pub yaw: f64,
+    /// Friction of its surface.
+    pub surface: Surface,
+    /// Boxes, each by its low and its high corner, m.
+    #[serde(default)]
+    pub boxes: Vec<[[f64; 3]; 2]>,
+    /// Balls: centre and radius, m.
+    #[serde(default)]
+    pub balls: Vec<[f64; 4]>,
+}
+
+fn one() -> f64 {
+    1.0
+}

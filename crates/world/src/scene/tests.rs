@@ -3,7 +3,7 @@
 
 use fiatlux_dynamics::{Contact, Dynamics, Input, State, Wrench};
 use fiatlux_robot::GainSet;
-use fiatlux_rules::measure;
+use fiatlux_rules::{errand, manifest, measure};
 
 use super::*;
 use crate::SceneKind;
@@ -95,7 +95,11 @@ fn robots_that_do_not_fit_a_row_are_refused() {
 
 #[test]
 fn labels_name_their_owner() {
-    for owner in ShapeOwner::PROPS.into_iter().chain((0..100).map(ShapeOwner::Robot)) {
+    for owner in [ShapeOwner::Floor, ShapeOwner::Room, ShapeOwner::Bench]
+        .into_iter()
+        .chain((0..manifest().things.len()).map(ShapeOwner::Thing))
+        .chain((0..100).map(ShapeOwner::Robot))
+    {
         assert_eq!(ShapeOwner::from_label(owner.label()), owner);
     }
 }
@@ -110,10 +114,10 @@ fn bodies_stand_where_the_layout_says() {
             SceneKind::Climb => assert_eq!(free[..3], ["old_bulb", "fresh_bulb", "pelvis"]),
             _ => assert_eq!(free, ["ladder", "old_bulb", "fresh_bulb", "pelvis"]),
         }
-        assert_eq!(scene.ladder.is_none(), kind == SceneKind::Climb);
+        assert_eq!(scene.body(errand::LADDER).is_none(), kind == SceneKind::Climb);
         let state = model.reference_state();
         let contacts = model.contacts_at(&state.qpos, 1e-3).unwrap();
-        let ladder_shapes = (0..model.shapes().len()).filter(|&i| scene.owner(ShapeId(i)) == ShapeOwner::Ladder);
+        let ladder_shapes = (0..model.shapes().len()).filter(|&i| scene.owner(ShapeId(i)) == ShapeOwner::LADDER);
         assert_eq!(ladder_shapes.count(), 12);
         for c in &contacts {
             let owners = (scene.owner(c.shape_a), scene.owner(c.shape_b));
@@ -122,11 +126,11 @@ fn bodies_stand_where_the_layout_says() {
             assert!(robot || c.distance > -1e-6, "{kind:?}: {owners:?} overlap by {} m", -c.distance);
         }
         if kind != SceneKind::Climb {
-            assert_eq!(contacts_between(&scene, &contacts, ShapeOwner::Ladder, ShapeOwner::Floor).len(), 4);
-            assert!(!contacts_between(&scene, &contacts, ShapeOwner::FreshBulb, ShapeOwner::Bench).is_empty());
-            assert!(!contacts_between(&scene, &contacts, ShapeOwner::OldBulb, ShapeOwner::Fixture).is_empty());
+            assert_eq!(contacts_between(&scene, &contacts, ShapeOwner::LADDER, ShapeOwner::Floor).len(), 4);
+            assert!(!contacts_between(&scene, &contacts, ShapeOwner::FRESH_BULB, ShapeOwner::Bench).is_empty());
+            assert!(!contacts_between(&scene, &contacts, ShapeOwner::OLD_BULB, ShapeOwner::FIXTURE).is_empty());
         } else {
-            assert!(!contacts_between(&scene, &contacts, ShapeOwner::FreshBulb, ShapeOwner::Floor).is_empty());
+            assert!(!contacts_between(&scene, &contacts, ShapeOwner::FRESH_BULB, ShapeOwner::Floor).is_empty());
         }
     }
 }
@@ -139,10 +143,10 @@ fn a_bulb_enters_the_socket() {
         let mut nearest = |offset: Vector3<f64>, tilt: f64| {
             let seat = Isometry3::translation(0.0, 0.0, scene.config.bulb.seat_z);
             let turned = Isometry3::new(offset, Vector3::new(0.0, tilt, 0.0));
-            let pose = scene.world_from_fixture * seat * turned * seat.inverse();
-            state.set_pose(&scene.model, scene.old_bulb.unwrap(), &pose);
+            let pose = scene.world_from(errand::FIXTURE) * seat * turned * seat.inverse();
+            state.set_pose(&scene.model, scene.body(errand::OLD_BULB).unwrap(), &pose);
             let contacts = scene.model.contacts_at(&state.qpos, 0.01).unwrap();
-            let gaps = contacts_between(&scene, &contacts, ShapeOwner::OldBulb, ShapeOwner::Fixture);
+            let gaps = contacts_between(&scene, &contacts, ShapeOwner::OLD_BULB, ShapeOwner::FIXTURE);
             gaps.into_iter().fold(f64::INFINITY, f64::min)
         };
         for gap_mm in 3..60 {
@@ -188,13 +192,18 @@ impl<'a> Run<'a> {
     }
 
     fn body(&self) -> BodyId {
-        [self.scene.old_bulb.unwrap(), self.scene.fresh_bulb.unwrap()][self.bulb as usize]
+        [self.scene.body(errand::OLD_BULB).unwrap(), self.scene.body(errand::FRESH_BULB).unwrap()][self.bulb as usize]
     }
 
     fn plug(&self) -> crate::PlugState {
         let sizes = &self.scene.sizes;
         let plug_z = sizes.bulbs[self.bulb as usize].seat_z;
-        crate::PlugState::measure(&self.scene.world_from_fixture, sizes.seat_z, &self.pose(self.body()), plug_z)
+        crate::PlugState::measure(
+            &self.scene.world_from(errand::FIXTURE),
+            sizes.seat_z,
+            &self.pose(self.body()),
+            plug_z,
+        )
     }
 
     /// One control step. The socket's hold acts on the bulb if it is seated, else the force of a hand does.
@@ -229,7 +238,11 @@ mod scaled;
 fn untouched_things_stay_in_place() {
     for scene in mounted_scenes() {
         let mut run = Run::new(&scene);
-        let bodies = [scene.ladder.unwrap(), scene.old_bulb.unwrap(), scene.fresh_bulb.unwrap()];
+        let bodies = [
+            scene.body(errand::LADDER).unwrap(),
+            scene.body(errand::OLD_BULB).unwrap(),
+            scene.body(errand::FRESH_BULB).unwrap(),
+        ];
         let start = bodies.map(|body| run.pose(body));
         let mut attachment = crate::Attachment::SEATED;
         for _ in 0..200 {
@@ -241,7 +254,7 @@ fn untouched_things_stay_in_place() {
             let moved = (now.translation.vector - start.translation.vector).norm();
             let tilted = measure::angle_between(&(now.rotation * Vector3::z()), &(start.rotation * Vector3::z()));
             let mount = scene.layout.mount;
-            let sags = body == scene.old_bulb.unwrap() && mount != Mount::Ceiling;
+            let sags = body == scene.body(errand::OLD_BULB).unwrap() && mount != Mount::Ceiling;
             let (most_moved, most_tilted) = if sags { (4e-3, 0.13) } else { (1e-3, 0.01) };
             assert!(
                 moved < most_moved && tilted < most_tilted,
@@ -256,14 +269,14 @@ fn untouched_things_stay_in_place() {
 fn a_free_bulb_falls() {
     let [ceiling, _] = mounted_scenes();
     let mut run = Run::new(&ceiling);
-    let out = ceiling.world_from_fixture * Isometry3::translation(0.0, 0.0, 0.010);
-    run.place(ceiling.old_bulb.unwrap(), &out);
+    let out = ceiling.world_from(errand::FIXTURE) * Isometry3::translation(0.0, 0.0, 0.010);
+    run.place(ceiling.body(errand::OLD_BULB).unwrap(), &out);
     let mut attachment = crate::Attachment::FREE;
     for _ in 0..100 {
         run.control_step(&mut attachment, Vector3::zeros());
     }
     assert!(!attachment.is_seated());
-    assert!(run.pose(ceiling.old_bulb.unwrap()).translation.z < 2.0);
+    assert!(run.pose(ceiling.body(errand::OLD_BULB).unwrap()).translation.z < 2.0);
 }
 
 /// A free bulb that is pushed gently into either socket snaps in and stays.
@@ -271,13 +284,13 @@ fn a_free_bulb_falls() {
 fn a_pushed_bulb_seats() {
     for scene in mounted_scenes() {
         let mut run = Run::new(&scene);
-        let start = scene.world_from_fixture * Isometry3::translation(0.001, 0.0, 0.040);
-        run.place(scene.old_bulb.unwrap(), &start);
-        let axis = scene.world_from_fixture.rotation * Vector3::z();
+        let start = scene.world_from(errand::FIXTURE) * Isometry3::translation(0.001, 0.0, 0.040);
+        run.place(scene.body(errand::OLD_BULB).unwrap(), &start);
+        let axis = scene.world_from(errand::FIXTURE).rotation * Vector3::z();
         let mut attachment = crate::Attachment::FREE;
         for _ in 0..60 {
             // A hand that carries its weight and moves it inwards at 0.1 m/s.
-            let speed = run.dynamics.velocity(scene.old_bulb.unwrap()).linear;
+            let speed = run.dynamics.velocity(scene.body(errand::OLD_BULB).unwrap()).linear;
             let hand = Vector3::new(0.0, 0.0, 0.035 * 9.81) + (-0.1 * axis - speed) * 0.8;
             run.control_step(&mut attachment, hand);
         }
@@ -291,7 +304,7 @@ fn a_pushed_bulb_seats() {
 #[test]
 fn a_push_does_not_tip_the_ladder() {
     let scene = scene_of(SceneKind::FreeLadder, 0);
-    let ladder = scene.ladder.unwrap();
+    let ladder = scene.body(errand::LADDER).unwrap();
     for direction in [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y()] {
         let mut run = Run::new(&scene);
         let push = Wrench { force: run.pose(ladder).rotation * direction * 20.0, torque: Vector3::zeros() };
@@ -307,18 +320,18 @@ fn a_push_does_not_tip_the_ladder() {
 #[test]
 fn a_dropped_bulb_rests_in_the_crate() {
     let scene = scene_of(SceneKind::FreeLadder, 0);
-    let (config, world_from_crate) = (&scene.config, scene.world_from_crate.unwrap());
+    let (config, world_from_crate) = (&scene.config, scene.world_from(errand::CRATE));
     for turn in [Vector3::zeros(), Vector3::x() * 1.2, Vector3::new(0.4, 2.0, 0.3)] {
         let mut run = Run::new(&scene);
         let start = world_from_crate * Isometry3::new(Vector3::new(0.05, 0.02, 0.35), turn);
-        run.place(scene.old_bulb.unwrap(), &start);
+        run.place(scene.body(errand::OLD_BULB).unwrap(), &start);
         for _ in 0..250 {
             run.physics_steps(&[]);
         }
-        let bulb = run.pose(scene.old_bulb.unwrap());
+        let bulb = run.pose(scene.body(errand::OLD_BULB).unwrap());
         let extents = measure::extents_in(&config.bulb.outline, &bulb, &world_from_crate);
         let inside = (0..2).all(|axis| extents[axis].reach() < config.crate_.interior_half[axis] + 2e-3);
-        let speed = run.dynamics.velocity(scene.old_bulb.unwrap()).linear.norm();
+        let speed = run.dynamics.velocity(scene.body(errand::OLD_BULB).unwrap()).linear.norm();
         // Lying on its side it rests on the shrunk plug, 3 mm inside the outline.
         let floor = config.crate_.floor_height;
         assert!(inside && extents[2].max < config.crate_.rim_height, "{turn}: {extents:?}");
@@ -332,11 +345,11 @@ fn stances_are_clear() {
     let scene = scene_of(SceneKind::CoupledLadder, 0);
     let stance =
         |pelvis: Vector3<f64>, yaw: f64| crate::Place { position: pelvis.xy(), yaw }.world_from_place(pelvis.z);
-    let ladder = scene.world_from_ladder;
+    let ladder = scene.world_from(errand::LADDER);
     let facing = scene.layout.ladder.yaw + std::f64::consts::FRAC_PI_2;
     let platform = measure::world_point(&ladder, &(scene.ladder_points.top + Vector3::z() * 0.787));
     let below = measure::world_point(&ladder, &Vector3::new(0.0, -0.85, 0.79));
-    let bulb = scene.model.bodies()[scene.fresh_bulb.unwrap().0].spec.parent_from_body.translation.vector;
+    let bulb = scene.model.bodies()[scene.body(errand::FRESH_BULB).unwrap().0].spec.parent_from_body.translation.vector;
     let bench = Vector3::new(bulb.x + 0.30, bulb.y + 0.55, 0.79);
     let to_bulb = measure::bearing(&bench.xy(), &bulb.xy());
     for (name, pose) in

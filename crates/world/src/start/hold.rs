@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use fiatlux_rules::{Bulb, Row};
+use fiatlux_rules::{Bulb, Row, errand};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Start, StartError};
@@ -51,7 +51,7 @@ impl Start<'_> {
         }
         let steps = |time: f64| libm::round(time / PHYSICS_DT) as usize;
         let closed = world.stage(&row.joint_target, &locked, steps(carry.closing_time));
-        let body = if bulb == Bulb::Old { scene.old_bulb } else { scene.fresh_bulb };
+        let body = scene.body(bulb.thing());
         // A task's scene has its bulbs.
         if let Some(body) = body {
             let dof = scene.model.bodies()[body.0].dof_start;
@@ -60,7 +60,7 @@ impl Start<'_> {
         let held = world.stage(&row.joint_target, &locked, steps(carry.holding_time));
 
         let (least_n, most_n) = (self.thresholds.touch_n, self.thresholds.fragility_n);
-        let forces = &world.row().hand_force[bulb as usize];
+        let forces = world.row().force(errand::HAND_FORCE[bulb as usize]);
         let largest = forces.iter().fold(0.0, |largest: f64, force| largest.max(force.norm()));
         let force_n = if closed && held { largest } else { f64::INFINITY };
         if force_n > least_n && force_n <= most_n {

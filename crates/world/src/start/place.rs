@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_dynamics::Contact;
-use fiatlux_rules::{Bulb, Landmark, ResetNoise, Row, Stand as StandSpec, StartDistance, StartSpec, measure};
+use fiatlux_rules::{Landmark, ResetNoise, Row, Stand as StandSpec, StartDistance, StartSpec, errand, measure};
 use nalgebra::Vector2;
 
 use super::{Start, StartError, StartOffset};
@@ -52,7 +52,7 @@ fn stand(scene: &Scene, spec: StandSpec, row: &Row) -> Stand {
     let (config, layout) = (&scene.config.start, &scene.layout);
     let zone = layout.robot.position;
     let ladder = layout.ladder.position;
-    let fresh = row.bulbs[Bulb::Fresh as usize].pose.translation.vector.xy();
+    let fresh = row.things[errand::FRESH_BULB].pose.translation.vector.xy();
     let place_of = |landmark| match landmark {
         Landmark::Ladder => ladder,
         Landmark::Crate => layout.crate_.unwrap_or(zone),
@@ -68,7 +68,7 @@ fn stand(scene: &Scene, spec: StandSpec, row: &Row) -> Stand {
             facing: ladder,
         },
         StandSpec::Platform => {
-            let top = measure::world_point(&scene.world_from_ladder, &scene.ladder_points.top);
+            let top = measure::world_point(&scene.world_from(errand::LADDER), &scene.ladder_points.top);
             Stand::Platform(Place { position: top.xy(), yaw: layout.ladder.yaw + FRAC_PI_2 })
         }
         StandSpec::Beside { landmark, distance, facing } => {
@@ -187,7 +187,7 @@ impl Start<'_> {
     fn put(&self, world: &mut World, row: &mut Row, place: &Place, z: f64) -> Result<(), StartError> {
         row.robot.pose = place.world_from_place(z);
         if let Some(bulb) = self.carried {
-            row.bulbs[bulb as usize].pose = self.world_from_held_bulb(row, bulb)?;
+            row.things[bulb.thing()].pose = self.world_from_held_bulb(row, bulb)?;
         }
         Ok(world.reset_to(row)?)
     }
@@ -197,14 +197,14 @@ impl Start<'_> {
     fn obstacle(&self, world: &World, stand: &Stand) -> Result<Option<ShapeOwner>, StartError> {
         let (scene, row) = (self.scene, world.row());
         let pelvis = &row.robot.pose.translation.vector;
-        let crate_gap = measure::footprint_distance(&row.crate_, &scene.config.crate_.outer_half, pelvis);
+        let crate_gap =
+            measure::footprint_distance(&row.things[errand::CRATE].pose, &scene.config.crate_.outer_half, pelvis);
         if self.task.spec().start.away_from_crate
             && crate_gap < self.thresholds.crate_near_m + scene.config.start.head_start
         {
-            return Ok(Some(ShapeOwner::Crate));
+            return Ok(Some(ShapeOwner::CRATE));
         }
-        let in_hand =
-            self.carried.map(|bulb| if bulb == Bulb::Old { ShapeOwner::OldBulb } else { ShapeOwner::FreshBulb });
+        let in_hand = self.carried.map(|bulb| ShapeOwner::Thing(bulb.thing()));
         let is_own = |owner: ShapeOwner| matches!(owner, ShapeOwner::Robot(_)) || Some(owner) == in_hand;
         let mut pairs = nearby(world, scene.config.start.clearance)?.map(|(owners, _)| owners);
         let in_the_way = |[a, b]: &[ShapeOwner; 2]| is_own(*a) && !is_own(*b) && !stand.bears([*a, *b], scene);
@@ -215,7 +215,7 @@ impl Start<'_> {
 impl Stand {
     /// What the robot stands on.
     fn support(&self) -> ShapeOwner {
-        if matches!(self, Stand::Platform(_)) { ShapeOwner::Ladder } else { ShapeOwner::Floor }
+        if matches!(self, Stand::Platform(_)) { ShapeOwner::LADDER } else { ShapeOwner::Floor }
     }
 
     /// Whether the first is a foot and the second what it stands on.

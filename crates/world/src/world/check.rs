@@ -1,6 +1,6 @@
 //! Whether a world can start from a row.
 
-use fiatlux_rules::Row;
+use fiatlux_rules::{Motion, Row, manifest};
 
 use crate::error::WorldError;
 
@@ -9,9 +9,10 @@ pub(super) fn check_row(row: &Row) -> Result<(), WorldError> {
         Some(&value) => Err(WorldError::Row { field, value, rule: "it must be finite" }),
         None => Ok(()),
     };
-    let bodies =
-        [("robot", &row.robot), ("ladder", &row.ladder), ("old bulb", &row.bulbs[0]), ("fresh bulb", &row.bulbs[1])];
-    for (field, body) in bodies {
+    let things = manifest().things.iter().zip(&row.things);
+    let things =
+        things.filter(|(thing, _)| thing.motion == Motion::Free).map(|(thing, body)| (thing.name.as_str(), body));
+    for (field, body) in [("robot", &row.robot)].into_iter().chain(things) {
         finite(field, body.pose.translation.vector.as_slice())?;
         finite(field, body.pose.rotation.coords.as_slice())?;
         finite(field, body.linear_velocity.as_slice())?;
@@ -30,7 +31,7 @@ pub(super) fn check_row(row: &Row) -> Result<(), WorldError> {
     for attachment in &row.attachments {
         limit("attachments", attachment.steps_beyond.into(), u64::from(u32::MAX / 2))?;
     }
-    if row.attachments.iter().all(|attachment| attachment.seated) {
+    if row.attachments.iter().filter(|attachment| attachment.seated).count() > 1 {
         let rule = "bulbs are seated; the socket holds one";
         return Err(WorldError::Row { field: "attachments", value: 2.0, rule });
     }

@@ -27,19 +27,16 @@ fn force(newtons: f64) -> AppliedWrench {
 }
 
 fn numbers(row: &Row) -> Vec<f64> {
-    let bodies = [&row.robot, &row.ladder, &row.bulbs[0], &row.bulbs[1]];
     let mut numbers = vec![row.penetration];
-    for body in bodies {
+    for body in [&row.robot].into_iter().chain(&row.things) {
         numbers.extend(body.pose.translation.vector.iter().chain(body.pose.rotation.coords.iter()));
         numbers.extend(body.linear_velocity.iter().chain(body.angular_velocity.iter()));
     }
     for list in [&row.joint_position, &row.joint_velocity, &row.joint_effort, &row.joint_target, &row.action] {
         numbers.extend(list);
     }
-    for forces in row.hand_force.iter().map(Vec::as_slice).chain([&row.floor_force[..], &row.ladder_force[..]]) {
-        numbers.extend(forces.iter().flat_map(|force| force.iter()));
-    }
-    numbers.extend(row.hand_force_peak.iter().flatten());
+    numbers.extend(row.forces.iter().flat_map(|force| force.iter()));
+    numbers.extend(&row.loads);
     numbers.extend(
         row.com_velocity.iter().chain(row.world_from_palm.iter().flat_map(|palm| palm.translation.vector.iter())),
     );

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, BodyVariation, DriveVariation, PreparedVariation, Variation, Wrench};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Bulb, Cause, Judge, JudgeOptions, Limb, Protocol, Row, Task, Thresholds};
+use fiatlux_rules::{BodyRow, Cause, Judge, JudgeOptions, Limb, Protocol, Row, Task, Thresholds, errand};
 use fiatlux_world::{
-    AppliedWrench, ControlInput, FAR, LadderPart, Push, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec,
-    StartError, StartOptions, Target, World, WorldError, start,
+    AppliedWrench, ControlInput, LadderPart, Push, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec, StartError,
+    StartOptions, Target, World, WorldError, start,
 };
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
@@ -37,7 +37,7 @@ fn a_robot_on_a_floor_is_a_scene() {
         let scene = Arc::clone(world.scene());
         assert_eq!(scene.spec, SceneSpec::floor(scene.robot.gains(GainSet::Fiatlux)));
         assert_eq!((scene.model.nv(), scene.model.drives().len()), (6 + joints, joints));
-        assert_eq!((world.row().layout().joints, world.row().layout().hand_bodies_per_side), (joints, bodies));
+        assert_eq!((world.row().layout.joints, world.row().layout.hand_bodies_per_side), (joints, bodies));
         assert_eq!(scene.model.shapes().len(), 1 + scene.robot.shapes().len());
         assert!(scene.footprints().is_empty());
         for _ in 0..10 {
@@ -45,9 +45,10 @@ fn a_robot_on_a_floor_is_a_scene() {
         }
         let weight = scene.robot.total_mass() * 9.81;
         let row = world.row();
-        let feet = row.floor_force[Limb::LeftFoot as usize].z + row.floor_force[Limb::RightFoot as usize].z;
+        let feet = row.force(errand::FLOOR_FORCE)[Limb::LeftFoot as usize].z
+            + row.force(errand::FLOOR_FORCE)[Limb::RightFoot as usize].z;
         assert!((feet - weight).abs() < 0.1 * weight, "{feet} N of {weight}");
-        assert_eq!(row.ladder_force, [Vector3::zeros(); 4]);
+        assert_eq!(row.force(errand::LADDER_FORCE), [Vector3::zeros(); 4]);
     }
 }
 
@@ -94,11 +95,8 @@ fn what_a_scene_lacks_is_neutral_in_its_rows() {
     let mut rows = vec![world.row().clone()];
     rows.extend((0..5).map(|_| hold(&mut world, &[], None)));
     for row in &rows {
-        let places = [row.ladder.pose, row.bulbs[0].pose, row.bulbs[1].pose, row.fixture];
-        for (i, a) in places.iter().enumerate() {
-            assert!(a.translation.vector.norm() >= FAR);
-            assert!(places[..i].iter().all(|b| (a.translation.vector - b.translation.vector).norm() >= FAR));
-        }
+        assert!(row.present.iter().all(|present| !present));
+        assert!(row.things.iter().all(|thing| *thing == BodyRow::at_rest(Isometry3::identity())));
         assert!(row.attachments.iter().all(|attachment| !attachment.seated));
     }
     for task in Task::ALL {
@@ -121,8 +119,8 @@ fn what_a_scene_lacks_is_neutral_in_its_rows() {
     // A row of a whole scene does not bring bulbs and ladder with it.
     let other = World::new(scene_of("g1_bare", SceneKind::FreeLadder));
     world.reset_to(other.row()).unwrap();
-    assert_eq!((world.row().bulbs, world.row().ladder), (rows[0].bulbs, rows[0].ladder));
-    assert_eq!((world.row().fixture, world.row().attachments), (rows[0].fixture, rows[0].attachments));
+    assert_eq!((&world.row().present, &world.row().things), (&rows[0].present, &rows[0].things));
+    assert_eq!(world.row().attachments, rows[0].attachments);
 }
 
 #[test]
@@ -140,8 +138,11 @@ fn parts_can_be_left_out_one_by_one() {
         for prefix in ["ladder_", "old_bulb_", "fixture_", "bench_", "room_wall"] {
             assert_eq!(has(&scene, prefix), prefix != gone, "{prefix} without {gone}");
         }
-        assert_eq!(scene.ladder.is_some(), gone != "ladder_");
-        assert_eq!((scene.old_bulb.is_some(), scene.fresh_bulb.is_some()), (gone != "old_bulb_", gone != "old_bulb_"));
+        assert_eq!(scene.body(errand::LADDER).is_some(), gone != "ladder_");
+        assert_eq!(
+            (scene.body(errand::OLD_BULB).is_some(), scene.body(errand::FRESH_BULB).is_some()),
+            (gone != "old_bulb_", gone != "old_bulb_")
+        );
         let mut world = World::new(scene);
         hold(&mut world, &[], None);
         let task = Task::S02;
@@ -149,8 +150,8 @@ fn parts_can_be_left_out_one_by_one() {
         assert!(matches!(refused, Err(StartError::Scene { .. })), "{gone}");
     }
     let fixed = scene_of("g1_bare", SceneParts { ladder: Some(LadderPart::Fixed), ..SceneParts::FLOOR });
-    assert!(fixed.ladder.is_none() && has(&fixed, "ladder_"));
-    assert_eq!(fixed.world_from_ladder, scene_of("g1_bare", SceneKind::Climb).world_from_ladder);
+    assert!(fixed.body(errand::LADDER).is_none() && has(&fixed, "ladder_"));
+    assert_eq!(fixed.world_from(errand::LADDER), scene_of("g1_bare", SceneKind::Climb).world_from(errand::LADDER));
 }
 
 #[test]
@@ -310,8 +311,8 @@ fn a_reset_measures_what_follows_from_the_row() {
         let palm = scene.robot.palms()[0];
         assert_eq!(second.world_from_link(palm), row.world_from_palm[0]);
         assert_eq!(
-            (row.joint_effort.clone(), row.floor_force),
-            (first.row().joint_effort.clone(), first.row().floor_force)
+            (row.joint_effort.clone(), row.force(errand::FLOOR_FORCE)),
+            (first.row().joint_effort.clone(), first.row().force(errand::FLOOR_FORCE))
         );
     }
 }
@@ -357,7 +358,7 @@ fn a_world_can_differ_from_its_scene() {
         frictions: vec![],
     };
     let heavier = roll(Some(&variation));
-    let load = |row: &Row| row.floor_force[0].z + row.floor_force[1].z;
+    let load = |row: &Row| row.force(errand::FLOOR_FORCE)[0].z + row.force(errand::FLOOR_FORCE)[1].z;
     assert!(load(&heavier) > load(&nominal) + 10.0, "{} N, {} N", load(&heavier), load(&nominal));
 
     // The friction of the hands alone, as a scene that was built with it has it.
@@ -382,7 +383,7 @@ fn tasks_start_with_welded_fingers_where_nothing_is_held() {
     {
         let scene = scene_of("g1_bare", SceneKind::of(task));
         match start(scene, task, 0, &StartOptions::default()) {
-            Ok(world) => assert!(starts && world.row().bulbs[Bulb::Old as usize].pose.translation.x.abs() < FAR),
+            Ok(world) => assert!(starts && world.row().present[errand::OLD_BULB]),
             Err(error) => assert!(!starts && error.to_string().contains("start.carry.grip"), "{task}: {error}"),
         }
     }

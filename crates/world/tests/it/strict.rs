@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{GRAVITY, LIMBS, Protocol, Support, Task, strict};
+use fiatlux_rules::{GRAVITY, LIMBS, Protocol, Support, Task, errand, strict};
 use fiatlux_world::{Episode, EpisodeSpec, PropScale, Scene, SceneConfig};
 
 fn episode(spec: &EpisodeSpec) -> Episode {
@@ -25,7 +25,11 @@ fn bulbs_in_hand_are_in_its_grip() {
             let hold = episode.row().action.clone();
             for step in 0..=10 {
                 let in_grip = strict::in_grip(episode.row(), &episode.judges().of(Protocol::Strict).context(), bulb);
-                assert!(in_grip, "{task}, seed {seed}, row {step}: {:?}", episode.row().hand_force[bulb as usize]);
+                assert!(
+                    in_grip,
+                    "{task}, seed {seed}, row {step}: {:?}",
+                    episode.row().force(errand::HAND_FORCE[bulb as usize])
+                );
                 episode.step(&hold).unwrap();
             }
         }
@@ -41,12 +45,14 @@ fn loads_are_the_robots_weight() {
         [(Task::S07, PropScale::default(), false), (Task::S03, PropScale::default(), true), (Task::S03, taller, true)];
     for (task, scale, on_platform) in cases {
         let mut episode = episode(&EpisodeSpec { scale, ..EpisodeSpec::new(task, 4, 0) });
-        assert_eq!((episode.row().floor_load, episode.row().tread_load), ([0.0; LIMBS], [0.0; LIMBS]));
+        for load in [errand::FLOOR_LOAD, errand::TREAD_LOAD] {
+            assert_eq!(episode.row().load(load), [0.0; LIMBS]);
+        }
         let hold = episode.row().action.clone();
         let mut sums = [0.0; 2];
         for _ in 0..25 {
             let row = episode.step(&hold).unwrap().row;
-            for (sum, loads) in sums.iter_mut().zip([row.floor_load, row.tread_load]) {
+            for (sum, loads) in sums.iter_mut().zip([row.load(errand::FLOOR_LOAD), row.load(errand::TREAD_LOAD)]) {
                 *sum += loads.iter().sum::<f64>() / 25.0;
                 assert_eq!([loads[Support::LeftArm as usize], loads[Support::RightArm as usize]], [0.0; 2]);
             }

@@ -2,6 +2,7 @@
 
 use fiatlux_bag::Bag;
 use fiatlux_proto::v3::Sensor;
+use fiatlux_rules::errand;
 use fiatlux_tests::forge::Parts;
 
 use super::lab::{Board, Lab, played_run};
@@ -39,7 +40,7 @@ const FORGED: [(&str, bool, Change, &str); 16] = [
 ];
 
 fn move_bulb(parts: &mut Parts) {
-    parts.states[9].fresh_bulb.as_mut().unwrap().body.as_mut().unwrap().position[0] += 0.1;
+    parts.states[9].things[errand::FRESH_BULB].position[0] += 0.1;
 }
 
 fn request_other_seed(parts: &mut Parts, _: &Parts) {

@@ -1,5 +1,6 @@
 //! The robot dropped from 1 m in any posture onto floor and ladder, its joints chasing random targets.
 
+use fiatlux_rules::errand;
 use std::f64::consts::TAU;
 
 use fiatlux_dynamics::{BodyId, Contact, ShapeId};
@@ -37,7 +38,7 @@ fn random_rotation(random: &mut Random) -> UnitQuaternion<f64> {
 fn hang(rig: &mut Rig, random: &mut Random, above_ladder: bool) -> u32 {
     let scene = rig.scene.clone();
     let (center, floor) = if above_ladder {
-        (scene.world_from_ladder.translation.vector, scene.config.ladder.size[2])
+        (scene.world_from(errand::LADDER).translation.vector, scene.config.ladder.size[2])
     } else {
         (scene.layout.robot.world_from_place(0.0).translation.vector, 0.0)
     };

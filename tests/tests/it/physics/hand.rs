@@ -1,5 +1,6 @@
 //! A hand that closes on a bulb, wrist held fixed, with gravity from six sides.
 
+use fiatlux_rules::errand;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_robot::GainSet;
@@ -47,7 +48,7 @@ impl Grip {
     /// Force of the bulb on each link that it touches, N.
     fn forces(&self) -> Vec<(String, Vector3<f64>)> {
         let mut forces: Vec<(String, Vector3<f64>)> = Vec::new();
-        let touching = self.rig.contacts_between(|o| matches!(o, ShapeOwner::Robot(_)), |o| o == ShapeOwner::OldBulb);
+        let touching = self.rig.contacts_between(|o| matches!(o, ShapeOwner::Robot(_)), |o| o == ShapeOwner::OLD_BULB);
         for (owner, contact) in touching {
             let ShapeOwner::Robot(link) = owner else { continue };
             let name = &self.rig.scene.robot.links()[link].name;
@@ -71,7 +72,7 @@ impl Grip {
     /// The bulb in the hand's frame.
     fn hand_from_bulb(&self) -> Isometry3<f64> {
         let hand = self.rig.link_pose(&self.rig.scene.config.start.carry.hand_link);
-        hand.inverse() * self.rig.pose(self.rig.scene.old_bulb.unwrap())
+        hand.inverse() * self.rig.pose(self.rig.scene.body(errand::OLD_BULB).unwrap())
     }
 }
 

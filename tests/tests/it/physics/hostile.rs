@@ -1,7 +1,7 @@
 //! Rows and targets from outside: absurd ones are refused or survived, never a panic.
 
 use fiatlux_robot::GainSet;
-use fiatlux_rules::Row;
+use fiatlux_rules::{Row, errand};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{SceneKind, World};
 use nalgebra::Vector3;
@@ -26,7 +26,7 @@ fn rows_that_no_world_can_start_from_are_refused() {
     };
     refused(&|row| row.robot.pose.translation.z = f64::NAN, "robot");
     refused(&|row| row.robot.pose.rotation.as_mut_unchecked().w = 3.0, "length 1");
-    refused(&|row| row.bulbs[1].angular_velocity.x = f64::INFINITY, "fresh bulb");
+    refused(&|row| row.things[errand::FRESH_BULB].angular_velocity.x = f64::INFINITY, "fresh bulb");
     refused(&|row| row.joint_velocity[7] = f64::NAN, "joint_velocity");
     refused(&|row| row.step = u64::MAX, "step");
     refused(&|row| row.attachments[0].steps_beyond = u32::MAX, "attachments");
@@ -52,7 +52,7 @@ fn absurd_but_finite_states_do_not_panic() {
         let edits: [&dyn Fn(&mut Row); 5] = [
             &|row| row.robot.pose.translation.vector = Vector3::repeat(size),
             &|row| row.robot.linear_velocity = Vector3::new(0.0, size, -size),
-            &|row| row.bulbs[0].angular_velocity = Vector3::new(size, 0.0, size),
+            &|row| row.things[errand::OLD_BULB].angular_velocity = Vector3::new(size, 0.0, size),
             &|row| row.joint_velocity.fill(size),
             &|row| row.joint_position.fill(-size),
         ];

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::BodyId;
 use fiatlux_robot::{GainSet, Gains, JointGains, Robot};
-use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, GRAVITY, LIMBS, Row, measure};
+use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, GRAVITY, LIMBS, Row, errand, measure};
 use fiatlux_tests::grasp::close_hand;
 use fiatlux_tests::posture::held_targets;
 use fiatlux_tests::{Rig, robot, scaled_gains};
@@ -44,7 +44,7 @@ fn gains(robot: &Robot, with_bulb: bool) -> Gains {
 
 /// Corners of both soles in the ladder's frame.
 fn soles(rig: &Rig) -> Vec<Point3<f64>> {
-    let ladder_from_world = rig.pose(rig.scene.ladder.unwrap()).inverse();
+    let ladder_from_world = rig.pose(rig.scene.body(errand::LADDER).unwrap()).inverse();
     let robot = &rig.scene.robot;
     let corners = [[-0.063, -0.033], [-0.063, 0.033], [0.139, -0.033], [0.139, 0.033]];
     robot
@@ -59,7 +59,7 @@ fn soles(rig: &Rig) -> Vec<Point3<f64>> {
 
 /// Middles of both palms in the ladder's frame.
 fn palms(rig: &Rig) -> Vec<Point3<f64>> {
-    let ladder_from_world = rig.pose(rig.scene.ladder.unwrap()).inverse();
+    let ladder_from_world = rig.pose(rig.scene.body(errand::LADDER).unwrap()).inverse();
     let robot = &rig.scene.robot;
     let origin = |&palm: &usize| ladder_from_world * rig.link_pose(&robot.links()[palm].name) * Point3::origin();
     robot.palms().iter().map(origin).collect()
@@ -72,13 +72,13 @@ fn farthest(now: &[Point3<f64>], before: &[Point3<f64>]) -> f64 {
 
 /// Upward force on the robot by all of the ladder, N.
 fn carried(rig: &Rig) -> f64 {
-    let on_robot = rig.contacts_between(|o| matches!(o, ShapeOwner::Robot(_)), |by| by == ShapeOwner::Ladder);
+    let on_robot = rig.contacts_between(|o| matches!(o, ShapeOwner::Robot(_)), |by| by == ShapeOwner::LADDER);
     on_robot.iter().map(|(_, contact)| contact.force.z).sum()
 }
 
 /// Upward force on the ladder by the floor, N.
 fn floor_load(rig: &Rig) -> f64 {
-    let on_ladder = rig.contacts_between(|o| o == ShapeOwner::Ladder, |by| by == ShapeOwner::Floor);
+    let on_ladder = rig.contacts_between(|o| o == ShapeOwner::LADDER, |by| by == ShapeOwner::Floor);
     on_ladder.iter().map(|(_, contact)| contact.force.z).sum()
 }
 
@@ -92,15 +92,17 @@ fn reported(rig: &Rig) -> Row {
         BodyRow { pose: rig.pose(id), linear_velocity: velocity.linear, angular_velocity: velocity.angular }
     };
     row.robot = body(scene.robot_ids.root);
-    row.ladder = body(scene.ladder.unwrap());
-    row.bulbs = [body(scene.old_bulb.unwrap()), body(scene.fresh_bulb.unwrap())];
+    row.things[errand::LADDER] = body(scene.body(errand::LADDER).unwrap());
+    for bulb in errand::BULBS {
+        row.things[bulb] = body(scene.body(bulb).unwrap());
+    }
     let mut targets = [0.0; JOINTS];
     for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
         row.joint_position[joint] = rig.state.qpos[ids.qpos];
         row.joint_velocity[joint] = rig.state.qvel[ids.dof];
         targets[joint] = rig.targets[ids.drive];
     }
-    row.attachments = [AttachmentRow { seated: false, steps_beyond: 0 }; 2];
+    row.attachments.fill(AttachmentRow::FREE);
     world.reset_to(&row).unwrap();
     world.step(&[0.0; JOINTS], &targets).unwrap().clone()
 }
@@ -153,10 +155,10 @@ fn room(gains: Gains) -> Arc<Scene> {
 fn stand(place: &Place, with_bulb: bool, gains: Gains, press: f64) -> Stand {
     let robot = robot();
     let scene = room(gains);
-    let ladder = scene.ladder.unwrap();
+    let ladder = scene.body(errand::LADDER).unwrap();
     let mut rig = Rig::new(&scene);
     // A rig has no socket that would hold the bulb.
-    rig.lock_body(scene.old_bulb.unwrap(), true);
+    rig.lock_body(scene.body(errand::OLD_BULB).unwrap(), true);
     let hands: &[usize] = if with_bulb { &[0] } else { &[0, 1] };
     let start = find_posture(&mut rig, place, hands, 0.0, None);
     let pressed = find_posture(&mut rig, place, hands, PRESS, Some(&start));
@@ -205,8 +207,8 @@ fn stand(place: &Place, with_bulb: bool, gains: Gains, press: f64) -> Stand {
         weight_with_ladder: weight + scene.config.ladder.mass * GRAVITY,
         carried: carried(&rig),
         floor_load: floor_load(&rig),
-        reported: row.ladder_force,
-        grip: row.hand_force[Bulb::Old as usize].iter().map(Vector3::norm).fold(0.0, f64::max),
+        reported: std::array::from_fn(|limb| row.force(errand::LADDER_FORCE)[limb]),
+        grip: row.force(errand::HAND_FORCE[Bulb::Old as usize]).iter().map(Vector3::norm).fold(0.0, f64::max),
         unconverged: rig.unconverged,
     }
 }

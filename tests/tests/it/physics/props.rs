@@ -5,7 +5,7 @@ use fiatlux_dynamics::{
     Wrench,
 };
 use fiatlux_robot::GainSet;
-use fiatlux_rules::GRAVITY;
+use fiatlux_rules::{GRAVITY, errand};
 use fiatlux_tests::{Rig, robot, scene};
 use fiatlux_world::{PHYSICS_DT, Scene, SceneKind, ShapeOwner};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
@@ -50,14 +50,14 @@ fn stays(rig: &mut Rig, body: BodyId, settle_secs: f64) {
 #[test]
 fn a_ladder_alone_stays() {
     let mut rig = rig();
-    let ladder = rig.scene.ladder.unwrap();
+    let ladder = rig.scene.body(errand::LADDER).unwrap();
     stays(&mut rig, ladder, 0.0);
 }
 
 #[test]
 fn a_bulb_standing_on_the_bench_stays() {
     let mut rig = rig();
-    let bulb = rig.scene.fresh_bulb.unwrap();
+    let bulb = rig.scene.body(errand::FRESH_BULB).unwrap();
     stays(&mut rig, bulb, 0.0);
 }
 
@@ -66,8 +66,8 @@ fn a_bulb_standing_on_the_bench_stays() {
 fn a_bulb_lying_in_the_crate_stays() {
     for yaw in [0.0, 1.0, 2.5] {
         let mut rig = rig();
-        let bulb = rig.scene.fresh_bulb.unwrap();
-        let (world_from_crate, config) = (rig.scene.world_from_crate.unwrap(), &rig.scene.config);
+        let bulb = rig.scene.body(errand::FRESH_BULB).unwrap();
+        let (world_from_crate, config) = (rig.scene.world_from(errand::CRATE), &rig.scene.config);
         let lying = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw)
             * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);
         let height = config.crate_.floor_height + config.bulb.lying_height + 1e-3;
@@ -95,14 +95,14 @@ const BLOCK_HALF: f64 = 0.09;
 impl Loaded {
     fn new(scene: &Scene) -> Self {
         let mut builder = ModelBuilder::new();
-        let original = scene.ladder.unwrap();
+        let original = scene.body(errand::LADDER).unwrap();
         let mut spec = scene.model.bodies()[original.0].spec.clone();
         spec.parent_from_body = Isometry3::identity();
         let ladder = builder.add_body(spec).unwrap();
         let mut floor = None;
         for shape in scene.model.shapes() {
             match ShapeOwner::from_label(shape.label) {
-                ShapeOwner::Ladder => {
+                ShapeOwner::LADDER => {
                     builder.add_shape(ShapeSpec { body: ladder, ..shape.clone() }).unwrap();
                 }
                 ShapeOwner::Floor => floor = Some(shape.clone()),

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, ShapeId, Wrench};
 use fiatlux_robot::GainSet;
-use fiatlux_rules::GRAVITY;
+use fiatlux_rules::{GRAVITY, errand};
 use fiatlux_tests::{Rig, robot, scene};
 use fiatlux_world::config::AttachmentConfig;
 use fiatlux_world::{
@@ -50,11 +50,11 @@ impl Trial {
     fn new(scene: &Arc<Scene>, socket_from_bulb: &Isometry3<f64>) -> Self {
         let mut rig = Rig::new(scene);
         rig.lock_robot(true);
-        rig.place(scene.old_bulb.unwrap(), &Isometry3::translation(0.0, 0.0, 20.0));
-        rig.lock_body(scene.old_bulb.unwrap(), true);
-        rig.place(scene.fresh_bulb.unwrap(), &(scene.world_from_fixture * socket_from_bulb));
+        rig.place(scene.body(errand::OLD_BULB).unwrap(), &Isometry3::translation(0.0, 0.0, 20.0));
+        rig.lock_body(scene.body(errand::OLD_BULB).unwrap(), true);
+        rig.place(scene.body(errand::FRESH_BULB).unwrap(), &(scene.world_from(errand::FIXTURE) * socket_from_bulb));
         Self {
-            bulb: scene.fresh_bulb.unwrap(),
+            bulb: scene.body(errand::FRESH_BULB).unwrap(),
             law: scene.config.attachment.clone(),
             rig,
             attachment: Attachment::FREE,
@@ -65,13 +65,13 @@ impl Trial {
     }
 
     fn axis(&self) -> Vector3<f64> {
-        self.rig.scene.world_from_fixture.rotation * Vector3::z()
+        self.rig.scene.world_from(errand::FIXTURE).rotation * Vector3::z()
     }
 
     fn plug(&self) -> PlugState {
         let scene = &self.rig.scene;
         let seat_z = scene.config.bulb.seat_z;
-        PlugState::measure(&scene.world_from_fixture, seat_z, &self.rig.pose(self.bulb), seat_z)
+        PlugState::measure(&scene.world_from(errand::FIXTURE), seat_z, &self.rig.pose(self.bulb), seat_z)
     }
 
     fn center(&self) -> Vector3<f64> {
@@ -331,12 +331,12 @@ fn a_trial_is_stepped_like_a_world() {
     let mut world = World::new(Arc::clone(&scene));
     let mut trial = Trial::new(&scene, &Isometry3::identity());
     trial.rig = Rig::new(&scene);
-    trial.bulb = scene.old_bulb.unwrap();
+    trial.bulb = scene.body(errand::OLD_BULB).unwrap();
     let target = scene.robot.q0().to_vec();
     for step in 0..50 {
         world.step(&[0.0; JOINTS], &target).unwrap();
         trial.run(SUBSTEPS as f64 * PHYSICS_DT, None);
-        let (there, here) = (&world.row().bulbs[0].pose, trial.rig.pose(trial.bulb));
+        let (there, here) = (&world.row().things[errand::OLD_BULB].pose, trial.rig.pose(trial.bulb));
         let apart = (there.translation.vector - here.translation.vector).norm();
         let turned = there.rotation.angle_to(&here.rotation);
         assert!(apart < 1e-9 && turned < 1e-7, "control step {step}: {apart} m, {turned} rad");

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_dynamics::Contact;
 use fiatlux_robot::GainSet;
-use fiatlux_rules::{Bulb, Judge, JudgeOptions, Protocol, Row, RowDigest, Task, Thresholds, measure};
+use fiatlux_rules::{Bulb, Judge, JudgeOptions, Protocol, Row, RowDigest, Task, Thresholds, errand, measure};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{
     ACTION_SCALE, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartError, StartOptions, World, start,
@@ -120,7 +120,7 @@ fn check_hold(task: Task, row: &Row, at: &str) -> Option<f64> {
     let limits = Thresholds::default();
     let mut largest = None;
     for bulb in Bulb::ALL {
-        let forces: Vec<f64> = row.hand_force[bulb as usize].iter().map(Vector3::norm).collect();
+        let forces: Vec<f64> = row.force(errand::HAND_FORCE[bulb as usize]).iter().map(Vector3::norm).collect();
         let most = forces.iter().fold(0.0, |a: f64, b| a.max(*b));
         if carried(task) == Some(bulb) {
             assert!(most > limits.touch_n && most < limits.fragility_n, "{at}: {most} N");
@@ -142,15 +142,18 @@ fn starts_without_noise_are_nominal() {
         let robot = &row.robot.pose;
         let from = |to: Vector3<f64>| measure::horizontal_distance(&robot.translation.vector, &to);
         let [ladder, crate_, fresh] =
-            [row.ladder.pose, row.crate_, row.bulbs[1].pose].map(|pose| pose.translation.vector);
-        let top = measure::world_point(&row.ladder.pose, &scene.ladder_points.top);
+            [row.things[errand::LADDER].pose, row.things[errand::CRATE].pose, row.things[errand::FRESH_BULB].pose]
+                .map(|pose| pose.translation.vector);
+        let top = measure::world_point(&row.things[errand::LADDER].pose, &scene.ladder_points.top);
         let zone = scene.layout.robot.world_from_place(0.0).translation.vector;
         let bench = scene.world_from_bench.map(|pose| pose.translation.vector).unwrap_or_default();
 
         let (distance, expected, faced) = match task {
             Task::S01 => (from(zone), 0.0, ladder),
             Task::S02 | Task::S10 | Task::Climb => (from(ladder), 0.85, ladder),
-            Task::S03 | Task::S04 | Task::S11 | Task::S12 => (from(top), 0.0, row.fixture.translation.vector),
+            Task::S03 | Task::S04 | Task::S11 | Task::S12 => {
+                (from(top), 0.0, row.things[errand::FIXTURE].pose.translation.vector)
+            }
             Task::S05 => (from(ladder), 0.85, crate_),
             Task::S06 => (from(crate_), 0.5, crate_),
             Task::S07 => (from(crate_), 0.7507, fresh),
@@ -172,8 +175,9 @@ fn starts_without_noise_are_nominal() {
             Task::S12 => [false, true],
             _ => [false, false],
         };
-        assert_eq!(row.attachments.map(|attachment| attachment.seated), seated, "{task}");
-        let velocities = [&row.robot, &row.ladder, &row.bulbs[0], &row.bulbs[1]];
+        assert!(row.attachments.iter().map(|attachment| attachment.seated).eq(seated), "{task}");
+        let velocities =
+            [&row.robot, &row.things[errand::LADDER], &row.things[errand::OLD_BULB], &row.things[errand::FRESH_BULB]];
         assert!(
             velocities.iter().all(|b| b.linear_velocity.norm() == 0.0 && b.angular_velocity.norm() == 0.0),
             "{task}"
@@ -230,7 +234,7 @@ fn noise_is_as_published() {
 fn sole_gap(world: &World) -> f64 {
     let scene = world.scene();
     let is_foot = |owner| matches!(owner, ShapeOwner::Robot(link) if scene.robot.feet().contains(&link));
-    let is_support = |owner| matches!(owner, ShapeOwner::Floor | ShapeOwner::Ladder);
+    let is_support = |owner| matches!(owner, ShapeOwner::Floor | ShapeOwner::LADDER);
     let contacts = scene.model.contacts_at(&world.state().qpos, 0.01).unwrap();
     let owners = |c: &Contact| [scene.owner(c.shape_a), scene.owner(c.shape_b)];
     let below = contacts.iter().filter(|c| owners(c).into_iter().any(is_foot) && owners(c).into_iter().any(is_support));

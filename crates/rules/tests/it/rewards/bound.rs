@@ -1,6 +1,7 @@
 //! The published bound of the full errand: no sequence of rows earns more than 55.
 
 use super::*;
+use fiatlux_rules::errand;
 
 /// What a term can earn in an episode: weight x 0.02 s, in the order of the terms (paper).
 const BOUNDS: [(&str, f64); 9] = [
@@ -52,13 +53,15 @@ fn adversarial(draw: &mut Draw, mood: Mood, step: u64) -> Row {
     let start = start_of(Task::Replace);
     let anything = draw.row(step);
     let mut row = if mood.calm { row_at(step, &start) } else { anything.clone() };
-    (row.ladder, row.bulbs, row.attachments) = (anything.ladder, anything.bulbs, anything.attachments);
+    row.things[..errand::FIXTURE].copy_from_slice(&anything.things[..errand::FIXTURE]);
+    row.attachments.clone_from(&anything.attachments);
     if draw.one_in(mood.start) {
-        row.ladder = start.ladder;
+        row.things[errand::LADDER] = start.things[errand::LADDER];
     }
     for bulb in [OLD, NEW] {
         if draw.one_in(mood.start) {
-            (row.bulbs[bulb], row.attachments[bulb]) = (start.bulbs[bulb], start.attachments[bulb]);
+            (row.things[errand::BULBS[bulb]], row.attachments[bulb]) =
+                (start.things[errand::BULBS[bulb]], start.attachments[bulb]);
         }
     }
     if step == 0 && !draw.one_in(4) {
@@ -81,14 +84,16 @@ fn adversarial(draw: &mut Draw, mood: Mood, step: u64) -> Row {
         row.attachments[OLD].seated = draw.one_in(6);
     }
     if draw.one_in(12) {
-        row.bulbs[OLD] = body(row.fixture * at([0.0, 0.0, 0.1 + 1e-9 * draw.unit()]));
+        row.things[errand::BULBS[OLD]] =
+            body(row.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.1 + 1e-9 * draw.unit()]));
     }
     if draw.one_in(12) {
-        row.ladder.pose.rotation = rotated([0.0; 3], nalgebra::Vector3::x(), 0.6 + 1e-9 * draw.unit()).rotation;
+        row.things[errand::LADDER].pose.rotation =
+            rotated([0.0; 3], nalgebra::Vector3::x(), 0.6 + 1e-9 * draw.unit()).rotation;
     }
     if draw.one_in(20) {
-        row.crate_.translation.vector += draw.vector(0.5);
-        row.fixture.translation.vector += draw.vector(0.5);
+        row.things[errand::CRATE].pose.translation.vector += draw.vector(0.5);
+        row.things[errand::FIXTURE].pose.translation.vector += draw.vector(0.5);
     }
     spoil(draw, mood.junk, &mut row);
     row
@@ -99,15 +104,17 @@ fn spoil(draw: &mut Draw, one_in: u64, row: &mut Row) {
         return;
     }
     let mut numbers: Vec<&mut f64> = Vec::new();
-    for body in [&mut row.robot, &mut row.ladder].into_iter().chain(&mut row.bulbs) {
+    let hands = errand::HAND_FORCE.map(|measure| row.force(measure).len()).iter().sum();
+    let (free, fixed) = row.things.split_at_mut(errand::FIXTURE);
+    for body in [&mut row.robot].into_iter().chain(free) {
         numbers.extend(body.pose.translation.vector.iter_mut());
         numbers.extend(body.pose.rotation.as_mut_unchecked().coords.iter_mut());
     }
-    for pose in [&mut row.fixture, &mut row.crate_] {
-        numbers.extend(pose.translation.vector.iter_mut());
+    for body in fixed {
+        numbers.extend(body.pose.translation.vector.iter_mut());
     }
     numbers.extend(row.com_velocity.iter_mut().chain(&mut row.action).chain(&mut row.joint_velocity));
-    numbers.extend(row.hand_force.iter_mut().flatten().flat_map(|force| force.iter_mut()));
+    numbers.extend(row.forces[..hands].iter_mut().flat_map(|force| force.iter_mut()));
     for _ in 0..=draw.bits() % 3 {
         let number = (draw.bits() as usize) % numbers.len();
         // The numbers of the poses come first and are few.
@@ -171,7 +178,8 @@ fn the_bound_is_reached() {
     sink_into_crate(&mut done);
     let start = start_of(Task::Replace);
     let mut half = start.clone();
-    (half.ladder, half.bulbs[NEW], half.attachments[NEW]) = (done.ladder, done.bulbs[NEW], done.attachments[NEW]);
+    (half.things[errand::LADDER], half.things[errand::BULBS[NEW]], half.attachments[NEW]) =
+        (done.things[errand::LADDER], done.things[errand::BULBS[NEW]], done.attachments[NEW]);
     for states in [vec![&start, &done], vec![&start, &half, &start, &done, &start, &half, &done, &done]] {
         let meter = play(Task::Replace, Variant::Benchmark, &states);
         for (name, bound) in BOUNDS {

@@ -1,6 +1,6 @@
 //! What a row pays that ends `replace` or `climb` or completes a part of the errand, and from which figure on it does.
 
-use fiatlux_rules::Cause;
+use fiatlux_rules::{Cause, errand};
 use nalgebra::Vector3;
 
 use super::*;
@@ -24,7 +24,7 @@ fn limits() -> Vec<Limit> {
             Tip,
             "ladder_tipped",
             -4.0,
-            |row, a| row.ladder.pose.rotation *= rotated([0.0; 3], Vector3::x(), a).rotation,
+            |row, a| row.things[errand::LADDER].pose.rotation *= rotated([0.0; 3], Vector3::x(), a).rotation,
             [0.599, 0.601],
         ),
         (
@@ -32,7 +32,7 @@ fn limits() -> Vec<Limit> {
             Drop,
             "fresh_bulb_dropped",
             -2.0,
-            |row, z| row.bulbs[NEW].pose.translation.vector.z = z,
+            |row, z| row.things[errand::BULBS[NEW]].pose.translation.vector.z = z,
             [0.401, 0.399],
         ),
         (
@@ -42,7 +42,7 @@ fn limits() -> Vec<Limit> {
             -2.0,
             |row, z| {
                 row.attachments[OLD].seated = false;
-                row.bulbs[OLD].pose = at([0.5, 0.5, z]);
+                row.things[errand::BULBS[OLD]].pose = at([0.5, 0.5, z]);
             },
             [0.151, 0.149],
         ),
@@ -54,7 +54,7 @@ fn limits() -> Vec<Limit> {
             -2.0,
             |row, aside| {
                 put_in_crate(row, OLD);
-                row.bulbs[OLD].pose.translation.vector.x += aside;
+                row.things[errand::BULBS[OLD]].pose.translation.vector.x += aside;
             },
             [0.2, 0.4],
         ),
@@ -66,7 +66,7 @@ fn limits() -> Vec<Limit> {
             |row, z| {
                 *row = row_at(row.step, &goal_of(Replace));
                 // It lies along the crate's y, 0.03956 m thick, and the rim is at 0.17 m.
-                row.bulbs[OLD].pose.translation.vector.z = z;
+                row.things[errand::BULBS[OLD]].pose.translation.vector.z = z;
             },
             [0.1306, 0.1302],
         ),
@@ -108,14 +108,19 @@ type Completion = (&'static str, f64, fn(&mut Row, f64), [f64; 2]);
 
 const COMPLETIONS: [Completion; 6] = [
     // The ladder's top point is 0.1 m to the side of its root.
-    ("ladder_ready", 2.0, |row, d| row.ladder.pose = at([FIXTURE[0] + d, FIXTURE[1] - 0.1, 0.0]), [0.671, 0.669]),
-    ("ladder_ready", 2.0, |row, a| row.ladder.pose = rotated(FIXTURE, Vector3::x(), a), [0.601, 0.599]),
+    (
+        "ladder_ready",
+        2.0,
+        |row, d| row.things[errand::LADDER].pose = at([FIXTURE[0] + d, FIXTURE[1] - 0.1, 0.0]),
+        [0.671, 0.669],
+    ),
+    ("ladder_ready", 2.0, |row, a| row.things[errand::LADDER].pose = rotated(FIXTURE, Vector3::x(), a), [0.601, 0.599]),
     (
         "old_bulb_removed",
         3.0,
         |row, d| {
             row.attachments[OLD].seated = false;
-            row.bulbs[OLD].pose = row.fixture * at([0.0, 0.0, d]);
+            row.things[errand::BULBS[OLD]].pose = row.things[errand::FIXTURE].pose * at([0.0, 0.0, d]);
         },
         [0.0999, 0.1001],
     ),
@@ -124,7 +129,7 @@ const COMPLETIONS: [Completion; 6] = [
         3.0,
         |row, free| {
             row.attachments[OLD].seated = free < 0.5;
-            row.bulbs[OLD].pose = row.fixture * at([0.0, 0.0, 0.15]);
+            row.things[errand::BULBS[OLD]].pose = row.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.15]);
         },
         [0.0, 1.0],
     ),
@@ -134,7 +139,7 @@ const COMPLETIONS: [Completion; 6] = [
         5.0,
         |row, z| {
             put_in_crate(row, OLD);
-            row.bulbs[OLD].pose.translation.vector.z = z;
+            row.things[errand::BULBS[OLD]].pose.translation.vector.z = z;
         },
         [0.1306, 0.1302],
     ),
@@ -170,7 +175,8 @@ fn success_of_the_errand_takes_both_bulbs() {
     let [start, goal] = [start_of(Task::Replace), goal_of(Task::Replace)];
     let swapped = |bulb: usize| {
         let mut row = goal.clone();
-        (row.bulbs[bulb], row.attachments[bulb]) = (start.bulbs[bulb], start.attachments[bulb]);
+        (row.things[errand::BULBS[bulb]], row.attachments[bulb]) =
+            (start.things[errand::BULBS[bulb]], start.attachments[bulb]);
         row
     };
     for bulb in [OLD, NEW] {
@@ -224,8 +230,8 @@ fn success_and_failures_pay_once() {
     let mut bad = start.clone();
     topple(&mut bad);
     lean_ladder_at_root(&mut bad);
-    bad.bulbs[NEW].pose = at([0.0, 0.0, 0.3]);
-    bad.bulbs[OLD].pose = at([0.0, 0.0, 0.1]);
+    bad.things[errand::BULBS[NEW]].pose = at([0.0, 0.0, 0.3]);
+    bad.things[errand::BULBS[OLD]].pose = at([0.0, 0.0, 0.1]);
     bad.attachments[OLD].seated = false;
     let meter = play(Task::Replace, Variant::Benchmark, &[&start, &bad, &bad, &goal, &goal, &start, &bad, &goal]);
     for (name, pays) in [

@@ -1,6 +1,6 @@
 //! Penalties on how the robot moves and on what its hands feel, one step of each.
 
-use fiatlux_rules::Limb;
+use fiatlux_rules::{Limb, errand};
 use nalgebra::Vector3;
 
 use super::*;
@@ -63,10 +63,10 @@ fn ankle_limits() {
 fn force_penalties() {
     let start = start_of(Task::Replace);
     let mut row = start.clone();
-    row.hand_force[OLD][3] = Vector3::new(3.0, 0.0, 0.0);
-    row.hand_force[NEW][3] = Vector3::new(-1.0, 4.0, 0.0);
-    row.hand_force[NEW][16] = Vector3::new(0.0, 0.0, 2.0);
-    row.hand_force[NEW][17] = Vector3::new(0.0, 7.0, 0.0);
+    row.force_mut(errand::HAND_FORCE[OLD])[3] = Vector3::new(3.0, 0.0, 0.0);
+    row.force_mut(errand::HAND_FORCE[NEW])[3] = Vector3::new(-1.0, 4.0, 0.0);
+    row.force_mut(errand::HAND_FORCE[NEW])[16] = Vector3::new(0.0, 0.0, 2.0);
+    row.force_mut(errand::HAND_FORCE[NEW])[17] = Vector3::new(0.0, 7.0, 0.0);
     let meter = play(Task::Replace, Variant::Benchmark, &[&start, &row]);
     assert!(close(meter.paid("contact_penalty"), -1e-3 * 0.02 * 24.0));
 }
@@ -82,7 +82,7 @@ fn limbs_on_the_ladder_pay_each_step() {
         (Limb::LeftPalm, 2.0, 3.0),
         (Limb::RightPalm, 1.001, 4.0),
     ] {
-        row.ladder_force[limb as usize] = Vector3::new(0.6 * load, 0.0, -0.8 * load);
+        row.force_mut(errand::LADDER_FORCE)[limb as usize] = Vector3::new(0.6 * load, 0.0, -0.8 * load);
         let meter = play(Task::Climb, Variant::Benchmark, &[&row, &row, &row]);
         assert!(close(meter.paid("limb_contact"), 2.0 * 0.02 * 0.25 * limbs / 4.0), "{limb:?} {load}");
     }

@@ -30,13 +30,13 @@ impl Script {
             let mut row = row_at(self.rows.len() as u64, &self.now);
             change(&mut row, k as f64 / count);
             if let Some(bulb) = self.carried {
-                row.bulbs[bulb] = in_hand(&row);
+                row.things[errand::BULBS[bulb]] = in_hand(&row);
             }
             self.rows.push(row);
         }
         self.now = self.rows.last().expect("row 0").clone();
         self.now.com_velocity = Vector3::zeros();
-        for body in [&mut self.now.robot, &mut self.now.ladder].into_iter().chain(&mut self.now.bulbs) {
+        for body in [&mut self.now.robot].into_iter().chain(&mut self.now.things[..errand::FIXTURE]) {
             *body = crate::common::body(body.pose);
         }
         self.now.joint_velocity.fill(0.0);
@@ -79,9 +79,9 @@ impl Script {
     /// Moves a bulb, leaning on one ankle at its limit and bent at the waist.
     fn work(&mut self, bulb: usize, to: nalgebra::Isometry3<f64>, seconds: f64) {
         self.carried = None;
-        let from = self.now.bulbs[bulb].pose;
+        let from = self.now.things[errand::BULBS[bulb]].pose;
         self.play(seconds, |row, part| {
-            row.bulbs[bulb].pose = from.lerp_slerp(&to, part);
+            row.things[errand::BULBS[bulb]].pose = from.lerp_slerp(&to, part);
             row.joint_position[LEFT_ANKLE_ROLL] = 0.2618;
             row.joint_position[WAIST_PITCH] = 0.3;
         });
@@ -132,11 +132,11 @@ fn errand() -> Vec<Row> {
     let s = &mut script;
     // To the ladder and with it under the fixture.
     s.walk([-1.2, 1.6, 0.79], 4.0);
-    let (robot, ladder) = (s.now.robot, s.now.ladder.pose);
+    let (robot, ladder) = (s.now.robot, s.now.things[errand::LADDER].pose);
     s.play(10.0, |row, part| {
         go(robot, [1.8, -0.4, 0.79], 10.0)(row, part);
-        row.ladder.pose = ladder.lerp_slerp(&at(LADDER), part);
-        row.ladder.linear_velocity = row.robot.linear_velocity;
+        row.things[errand::LADDER].pose = ladder.lerp_slerp(&at(LADDER), part);
+        row.things[errand::LADDER].linear_velocity = row.robot.linear_velocity;
     });
     s.face(NORTH);
     s.walk([2.0, 0.15, 0.79], 2.0);
@@ -153,11 +153,11 @@ fn errand() -> Vec<Row> {
     // Over the crate, and let go.
     let mut resting = room();
     put_in_crate(&mut resting, OLD);
-    let resting = resting.bulbs[OLD].pose;
+    let resting = resting.things[errand::BULBS[OLD]].pose;
     s.work(OLD, at([0.0, 0.0, 0.2]) * resting, 2.0);
     s.release(OLD);
-    let falling = s.now.bulbs[OLD].pose;
-    s.play(0.2, |row, part| row.bulbs[OLD].pose = falling.lerp_slerp(&resting, part * part));
+    let falling = s.now.things[errand::BULBS[OLD]].pose;
+    s.play(0.2, |row, part| row.things[errand::BULBS[OLD]].pose = falling.lerp_slerp(&resting, part * part));
     // The fresh bulb from the bench into the socket.
     s.walk([-1.8, -1.17, 0.79], 5.0);
     s.grip(NEW);
@@ -168,7 +168,7 @@ fn errand() -> Vec<Row> {
     s.work(NEW, fixture() * at([0.0, 0.0, 0.2]), 1.0);
     s.work(NEW, fixture(), 2.0);
     let last = script.rows.last_mut().expect("row 0");
-    last.bulbs[NEW] = body(fixture());
+    last.things[errand::FRESH_BULB] = body(fixture());
     last.attachments[NEW].seated = true;
     script.rows
 }
@@ -244,7 +244,7 @@ fn perfect_errand() {
 fn perfect_climb() {
     let mut start = start_of(Task::Climb);
     for limb in [Limb::LeftFoot, Limb::RightFoot, Limb::LeftPalm] {
-        start.ladder_force[limb as usize].z = 80.0;
+        start.force_mut(errand::LADDER_FORCE)[limb as usize].z = 80.0;
     }
     let mut script = Script::from(start);
     script.walk([1.0, 0.0, 1.3], 4.0);

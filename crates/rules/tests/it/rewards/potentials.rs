@@ -1,5 +1,6 @@
 //! Potentials and records: what they pay is the way between two rows, whatever lies between.
 
+use fiatlux_rules::errand;
 use nalgebra::{Point3, Vector3};
 
 use super::*;
@@ -16,17 +17,21 @@ fn errand_potentials() -> [Potential; 4] {
         (1.0 - last / first).max(0.0)
     }
     fn ladder(row: &Row) -> f64 {
-        (row.ladder.pose * TOP - row.fixture * SEAT).norm()
+        (row.things[errand::LADDER].pose * TOP - row.things[errand::FIXTURE].pose * SEAT).norm()
     }
     fn plug(row: &Row, bulb: usize) -> f64 {
-        (row.bulbs[bulb].pose * SEAT - row.fixture * SEAT).norm()
+        (row.things[errand::BULBS[bulb]].pose * SEAT - row.things[errand::FIXTURE].pose * SEAT).norm()
     }
     fn clearance(row: &Row) -> f64 {
         if row.attachments[OLD].seated { 0.0 } else { (10.0 * plug(row, OLD)).min(1.0) }
     }
     fn from_crate(row: &Row) -> f64 {
-        let root = if row.attachments[OLD].seated { row.fixture } else { row.bulbs[OLD].pose };
-        (root.translation.vector - row.crate_.translation.vector).norm()
+        let root = if row.attachments[OLD].seated {
+            row.things[errand::FIXTURE].pose
+        } else {
+            row.things[errand::BULBS[OLD]].pose
+        };
+        (root.translation.vector - row.things[errand::CRATE].pose.translation.vector).norm()
     }
     [
         ("ladder_progress", |first, last| 5.0 * approached(ladder(first), ladder(last))),
@@ -55,7 +60,7 @@ const TRAINING_POTENTIALS: [&str; 11] = [
 fn anywhere(draw: &mut Draw, step: u64) -> Row {
     let mut row = draw.row(step);
     if !draw.one_in(3) {
-        row.bulbs[OLD].pose = row.fixture * at([0.0, 0.0, 0.12 * draw.unit()]);
+        row.things[errand::BULBS[OLD]].pose = row.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.12 * draw.unit()]);
     }
     row
 }
@@ -124,14 +129,14 @@ fn is_potential(task: Task, name: &str) -> bool {
 fn retreat_pays_the_negative_of_the_advance() {
     let start = start_of(Task::Replace);
     let mut near = start.clone();
-    near.ladder.pose.translation.vector += Vector3::new(1.1, -0.3, 0.0);
-    near.bulbs[NEW].pose.translation.vector += Vector3::new(0.9, 0.7, 0.4);
+    near.things[errand::LADDER].pose.translation.vector += Vector3::new(1.1, -0.3, 0.0);
+    near.things[errand::BULBS[NEW]].pose.translation.vector += Vector3::new(0.9, 0.7, 0.4);
     near.attachments[OLD].seated = false;
-    near.bulbs[OLD] = body(near.fixture * at([0.0, 0.0, 0.07]));
+    near.things[errand::BULBS[OLD]] = body(near.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.07]));
     let mut nearer = near.clone();
-    nearer.ladder.pose.translation.vector += Vector3::new(0.7, -0.2, 0.0);
-    nearer.bulbs[NEW].pose.translation.vector += Vector3::new(0.3, 0.7, 0.1);
-    nearer.bulbs[OLD] = body(near.fixture * at([0.03, 0.0, 0.08]));
+    nearer.things[errand::LADDER].pose.translation.vector += Vector3::new(0.7, -0.2, 0.0);
+    nearer.things[errand::BULBS[NEW]].pose.translation.vector += Vector3::new(0.3, 0.7, 0.1);
+    nearer.things[errand::BULBS[OLD]] = body(near.things[errand::FIXTURE].pose * at([0.03, 0.0, 0.08]));
     let mut meter = Meter::endless(Task::Replace, Variant::Benchmark, &start);
     meter.show(&row_at(1, &near));
     for step in 1..4 {
@@ -154,12 +159,12 @@ fn payment_does_not_depend_on_the_start_distance() {
     // A goal at the origin, so that a millimetre is not lost in metres.
     let away = |distance: f64| {
         let mut row = start_of(Task::Replace);
-        row.fixture = at([0.0, 0.0, -0.036259]);
-        row.crate_ = at([0.0; 3]);
-        row.ladder = body(at((way * distance - Vector3::new(0.0, 0.1, 1.18)).into()));
-        row.bulbs[NEW] = body(at((way * distance - Vector3::new(0.0, 0.0, 0.036259)).into()));
-        row.bulbs[OLD] = body(at((way * distance).into()));
-        row.attachments = [fiatlux_rules::AttachmentRow { seated: false, steps_beyond: 0 }; 2];
+        row.things[errand::FIXTURE].pose = at([0.0, 0.0, -0.036259]);
+        row.things[errand::CRATE].pose = at([0.0; 3]);
+        row.things[errand::LADDER] = body(at((way * distance - Vector3::new(0.0, 0.1, 1.18)).into()));
+        row.things[errand::BULBS[NEW]] = body(at((way * distance - Vector3::new(0.0, 0.0, 0.036259)).into()));
+        row.things[errand::BULBS[OLD]] = body(at((way * distance).into()));
+        row.attachments.fill(fiatlux_rules::AttachmentRow::FREE);
         row
     };
     let approaches = [("ladder_progress", 0.5), ("fresh_bulb_progress", 1.0), ("old_bulb_disposal_progress", 1.0)];
@@ -192,7 +197,7 @@ fn payment_does_not_depend_on_the_start_distance() {
 fn removal_starts_from_its_own_clearance() {
     let with = |clearance: f64, seated: bool| {
         let mut row = start_of(Task::Replace);
-        row.bulbs[OLD] = body(row.fixture * at([0.0, 0.0, clearance]));
+        row.things[errand::BULBS[OLD]] = body(row.things[errand::FIXTURE].pose * at([0.0, 0.0, clearance]));
         row.attachments[OLD].seated = seated;
         row
     };
@@ -241,10 +246,11 @@ fn what_is_not_finite_pays_nothing() {
             let mut spoilt = start.clone();
             spoilt.com_velocity.fill(junk);
             spoilt.world_from_palm.iter_mut().for_each(|palm| palm.translation.vector = Vector3::repeat(junk));
-            spoilt.hand_force.iter_mut().flatten().chain(&mut spoilt.ladder_force).for_each(|force| force.fill(junk));
+            hand_forces(&mut spoilt).for_each(|force| force.fill(junk));
+            spoilt.force_mut(errand::LADDER_FORCE).iter_mut().for_each(|force| force.fill(junk));
             spoilt.action.fill(junk);
             let mut wild = spoilt.clone();
-            for body in [&mut wild.robot, &mut wild.ladder].into_iter().chain(&mut wild.bulbs) {
+            for body in [&mut wild.robot].into_iter().chain(&mut wild.things[..errand::FIXTURE]) {
                 body.pose.translation.vector.fill(junk);
                 body.pose.rotation.as_mut_unchecked().coords.fill(junk);
                 body.angular_velocity.fill(junk);
@@ -286,7 +292,7 @@ fn an_infinite_clearance_pays_nothing() {
         let mut lost = start.clone();
         lost.attachments[OLD].seated = false;
         for junk in [f64::INFINITY, f64::NEG_INFINITY] {
-            lost.bulbs[OLD].pose.translation.vector.z = junk;
+            lost.things[errand::BULBS[OLD]].pose.translation.vector.z = junk;
             let meter = play(task, Variant::Training, &[&start, &lost]);
             assert_eq!(meter.paid("old_bulb_removal"), 0.0, "{task} {junk}");
         }

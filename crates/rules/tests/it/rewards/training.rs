@@ -1,6 +1,6 @@
 //! The training variants of the twelve subtasks.
 
-use fiatlux_rules::{Cause, Limb};
+use fiatlux_rules::{Cause, Limb, errand};
 use nalgebra::Vector3;
 
 use super::*;
@@ -19,7 +19,7 @@ fn own_terms(task: Task) -> Vec<Own> {
     let free_limbs: Own = ("limb_contact", 100.0, |r| load(r, &[Limb::LeftFoot, Limb::RightPalm]), 2.0 / 3.0);
     let old_force: Own = ("hand_force", -1e-4, |r| press(r, OLD), -1e-4 * 0.02 * 58.0);
     let fresh_force: Own = ("hand_force", -1e-4, |r| press(r, NEW), -1e-4 * 0.02 * 58.0);
-    let part_way_to_ladder: fn(&mut Row) = |r| go_towards(r, r.ladder.pose.translation.vector, 0.5);
+    let part_way_to_ladder: fn(&mut Row) = |r| go_towards(r, r.things[errand::LADDER].pose.translation.vector, 0.5);
     match task {
         Task::S01 => vec![
             ("robot_to_ladder", 500.0, part_way_to_ladder, 5.0),
@@ -33,7 +33,7 @@ fn own_terms(task: Task) -> Vec<Own> {
                 500.0,
                 |r| {
                     r.attachments[OLD].seated = false;
-                    r.bulbs[OLD] = body(r.fixture * at([0.0, 0.0, 0.04]));
+                    r.things[errand::BULBS[OLD]] = body(r.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.04]));
                 },
                 4.0,
             ),
@@ -41,18 +41,29 @@ fn own_terms(task: Task) -> Vec<Own> {
         ],
         Task::S04 => vec![down, free_limbs, old_force],
         Task::S05 => {
-            vec![("robot_to_crate", 500.0, |r| go_towards(r, r.crate_.translation.vector, 0.25), 2.5)]
+            vec![(
+                "robot_to_crate",
+                500.0,
+                |r| go_towards(r, r.things[errand::CRATE].pose.translation.vector, 0.25),
+                2.5,
+            )]
         }
         Task::S06 => vec![(
             "bulb_to_crate",
             500.0,
             |r| {
-                let (bulb, goal) = (&mut r.bulbs[OLD].pose.translation.vector, r.crate_.translation.vector);
+                let goal = r.things[errand::CRATE].pose.translation.vector;
+                let bulb = &mut r.things[errand::OLD_BULB].pose.translation.vector;
                 *bulb = bulb.lerp(&goal, 0.5);
             },
             5.0,
         )],
-        Task::S07 => vec![("robot_to_bulb", 500.0, |r| go_towards(r, r.bulbs[NEW].pose.translation.vector, 0.75), 7.5)],
+        Task::S07 => vec![(
+            "robot_to_bulb",
+            500.0,
+            |r| go_towards(r, r.things[errand::BULBS[NEW]].pose.translation.vector, 0.75),
+            7.5,
+        )],
         Task::S08 => vec![
             ("hand_to_bulb", 500.0, |r| reach(r, NEW, 0.5), 5.0),
             // The largest force on one body, of either hand.
@@ -70,12 +81,17 @@ fn own_terms(task: Task) -> Vec<Own> {
         Task::S09 => vec![("robot_to_ladder", 500.0, part_way_to_ladder, 5.0)],
         Task::S10 => vec![up, free_limbs, fresh_force],
         Task::S11 => vec![
-            ("fresh_bulb_to_seat", 500.0, |r| r.bulbs[NEW] = body(r.fixture), 10.0),
+            (
+                "fresh_bulb_to_seat",
+                500.0,
+                |r| r.things[errand::BULBS[NEW]] = body(r.things[errand::FIXTURE].pose),
+                10.0,
+            ),
             // 0.3 rad off the axis in place of a start that is far off; turning about the axis costs nothing.
             (
                 "axis_alignment",
                 100.0,
-                |r| r.bulbs[NEW].pose.rotation = off_axis(r, 0.3),
+                |r| r.things[errand::BULBS[NEW]].pose.rotation = off_axis(r, 0.3),
                 2.0 * (1.0 - TANH_1) - 2.0 * (1.0 - libm::tanh((std::f64::consts::PI - 1.2) / 0.3)),
             ),
             fresh_force,
@@ -115,12 +131,12 @@ fn charges(task: Task) -> &'static [&'static str] {
 }
 
 fn load(row: &mut Row, limbs: &[Limb]) {
-    limbs.iter().for_each(|limb| row.ladder_force[*limb as usize] = Vector3::new(0.0, 0.0, 50.0));
+    limbs.iter().for_each(|limb| row.force_mut(errand::LADDER_FORCE)[*limb as usize] = Vector3::new(0.0, 0.0, 50.0));
 }
 
 /// A bulb presses on either hand by 3 N and 7 N, and the other bulb harder.
 fn press(row: &mut Row, bulb: usize) {
-    row.hand_force.iter_mut().for_each(|forces| forces.fill(Vector3::zeros()));
+    hand_forces(row).for_each(|force| force.fill(0.0));
     touch(row, bulb, RIGHT[0], 3.0);
     touch(row, bulb, LEFT, 7.0);
     touch(row, 1 - bulb, LEFT, 9.0);
@@ -136,7 +152,7 @@ fn go_towards(row: &mut Row, goal: Vector3<f64>, part: f64) {
 
 /// The right palm part of its way to a bulb's root, the left one there.
 fn reach(row: &mut Row, bulb: usize, part: f64) {
-    let goal = row.bulbs[bulb].pose.translation.vector;
+    let goal = row.things[errand::BULBS[bulb]].pose.translation.vector;
     let [left, right] = &mut row.world_from_palm;
     left.translation.vector = goal;
     right.translation.vector = right.translation.vector.lerp(&goal, part);
@@ -144,7 +160,7 @@ fn reach(row: &mut Row, bulb: usize, part: f64) {
 
 fn off_axis(row: &Row, angle: f64) -> nalgebra::UnitQuaternion<f64> {
     let twist = rotated([0.0; 3], Vector3::z(), 2.0);
-    (row.fixture * rotated([0.0; 3], Vector3::x(), angle) * twist).rotation
+    (row.things[errand::FIXTURE].pose * rotated([0.0; 3], Vector3::x(), angle) * twist).rotation
 }
 
 #[test]
@@ -190,7 +206,9 @@ fn failures_are_charged_once() {
                 "robot_fall" => topple(&mut bad),
                 "ladder_tipped" => lean_ladder(&mut bad),
                 "bulb_crushed" => [OLD, NEW].into_iter().for_each(|bulb| touch(&mut bad, bulb, LEFT, 50.5)),
-                "bulb_dropped" => bad.bulbs = [body(at([0.0, 1.0, 0.14])); 2],
+                "bulb_dropped" => {
+                    errand::BULBS.into_iter().for_each(|bulb| bad.things[bulb] = body(at([0.0, 1.0, 0.14])))
+                }
                 "bulb_unseated" => bad.attachments[NEW].seated = false,
                 "diverged" => bad.joint_speed_peak = 201.0,
                 other => panic!("{other}"),

@@ -1,6 +1,7 @@
 //! Sockets and bulbs of other sizes.
 
 use super::*;
+use fiatlux_rules::errand;
 
 fn scaled(socket: f64, fresh_bulb: f64, mount: Mount) -> Scene {
     let config = SceneConfig::default();
@@ -17,10 +18,10 @@ fn scaled(socket: f64, fresh_bulb: f64, mount: Mount) -> Scene {
 fn fresh_at_socket<'a>(scene: &'a Scene, seated_from_bulb: &Isometry3<f64>) -> Run<'a> {
     let mut run = Run::new(scene);
     run.bulb = Bulb::Fresh;
-    let dof = scene.model.bodies()[scene.old_bulb.unwrap().0].dof_start;
+    let dof = scene.model.bodies()[scene.body(errand::OLD_BULB).unwrap().0].dof_start;
     run.locked[dof..dof + 6].fill(true);
-    run.place(scene.old_bulb.unwrap(), &Isometry3::translation(0.0, 0.0, 20.0));
-    run.place(scene.fresh_bulb.unwrap(), &(scene.world_from_seated_bulb(Bulb::Fresh) * seated_from_bulb));
+    run.place(scene.body(errand::OLD_BULB).unwrap(), &Isometry3::translation(0.0, 0.0, 20.0));
+    run.place(scene.body(errand::FRESH_BULB).unwrap(), &(scene.world_from_seated_bulb(Bulb::Fresh) * seated_from_bulb));
     run
 }
 
@@ -34,10 +35,10 @@ fn a_pushed_bulb_seats_where_its_plug_fits() {
         {
             let scene = scaled(socket, fresh, mount);
             let mut run = fresh_at_socket(&scene, &Isometry3::translation(0.001, 0.0, 0.038 * socket));
-            let axis = scene.world_from_fixture.rotation * Vector3::z();
+            let axis = scene.world_from(errand::FIXTURE).rotation * Vector3::z();
             let mut attachment = crate::Attachment::FREE;
             for step in 0..100 {
-                let speed = run.dynamics.velocity(scene.fresh_bulb.unwrap()).linear;
+                let speed = run.dynamics.velocity(scene.body(errand::FRESH_BULB).unwrap()).linear;
                 let along = speed.dot(&axis);
                 let push = ((-0.1 - along) * (0.8 + 0.1 * f64::from(step))).clamp(-5.0, 5.0);
                 let hand = Vector3::z() * (0.035 * 9.81) + push * axis - (speed - along * axis) * 0.8;

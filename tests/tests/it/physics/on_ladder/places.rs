@@ -1,5 +1,6 @@
 //! Where the robot can stand, and the postures for it.
 
+use fiatlux_rules::errand;
 use std::f64::consts::FRAC_PI_2;
 
 use fiatlux_dynamics::Geometry;
@@ -117,7 +118,7 @@ struct Task<'a> {
 impl Task<'_> {
     fn residuals(&self, near: &[Nearness], posture: &Posture, poses: &[Isometry3<f64>]) -> Vec<f64> {
         let (robot, place) = (&self.scene.robot, self.place);
-        let ladder_from_world = self.scene.world_from_ladder.inverse();
+        let ladder_from_world = self.scene.world_from(errand::LADDER).inverse();
         let mut all = Vec::new();
         for (side, &foot) in robot.feet().iter().enumerate() {
             let pose = ladder_from_world * poses[foot];
@@ -178,14 +179,14 @@ pub fn find_posture(rig: &mut Rig, place: &Place, hands: &[usize], press: f64, s
     }
     let pelvis = Vector3::new(0.0, place.ankle_y, place.height + 0.78 - 0.1 * place.knee);
     let pelvis = Isometry3::from_parts(pelvis.into(), facing());
-    let first = Posture { world_from_pelvis: scene.world_from_ladder * pelvis, joints: nominal.clone() };
+    let first = Posture { world_from_pelvis: scene.world_from(errand::LADDER) * pelvis, joints: nominal.clone() };
     let mut posture = start.unwrap_or(&first).clone();
     let task = Task { scene: &scene, place, hands, press, nominal: &nominal };
     let limb = |link: usize| robot.feet().contains(&link) || robot.palms().contains(&link);
     for round in 0..150 {
         posture.apply(rig);
         let near = nearby(rig, 0.03, |a, b| match (a, b) {
-            (ShapeOwner::Ladder, ShapeOwner::Robot(link)) | (ShapeOwner::Robot(link), ShapeOwner::Ladder) => {
+            (ShapeOwner::LADDER, ShapeOwner::Robot(link)) | (ShapeOwner::Robot(link), ShapeOwner::LADDER) => {
                 let hand = robot.hand_links().contains(&link);
                 // A thumb may pass through its bar on the way.
                 let counts = !(limb(link) || hand && start.is_none() && round < 60);
