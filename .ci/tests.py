@@ -9,6 +9,7 @@ import unittest
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
+import circles
 import features
 import licences
 
@@ -78,6 +79,63 @@ class Features(unittest.TestCase):
         self.assertEqual(features.differences(full, full), ([], 1))
         self.assertEqual(features.differences(bare, full), (["registry#syn@3.0.0: without ['fold'], with []"], 1))
         self.assertEqual(features.differences({}, full), ([], 0))
+
+
+class Circles(unittest.TestCase):
+    def found(self, files, needs, root=""):
+        """The circles among files, which are given by path and text; modules of names joined by dots."""
+        with tempfile.TemporaryDirectory() as folder:
+            for path, text in files.items():
+                file = Path(folder) / path
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(text)
+            graph = needs(Path(folder) / root)
+        return [[".".join(module) for module in group] for group in circles.circles(graph)]
+
+    def rust(self, **files):
+        """Files by their module, such as `a__b` for `a/b.rs`, of a crate whose root names a and b."""
+        named = {f"{name.replace('__', '/')}.rs": text for name, text in files.items()}
+        files = {"lib.rs": "mod a;\nmod b;\nmod c;\npub use a::*;\npub use b::{B, make};\npub use c::*;\n", "a.rs": "", "b.rs": "", "c.rs": "", **named}
+        return self.found(files, lambda root: circles.Crate(root).needs(), "lib.rs")
+
+    def test_two_files_that_need_each_other(self):
+        b = "pub struct B;\npub fn make() {}\n"
+        self.assertEqual(self.rust(a="use crate::B;\nstruct A(B);", b=b), [])
+        for back in [
+            "use crate::a::A;",
+            "use super::{a::A, self};",
+            "use crate::{\n    a::{self as other},\n};",
+            "use crate::A;",
+            "fn f(a: &crate::a::A) {}",
+        ]:
+            with self.subTest(back):
+                self.assertEqual(self.rust(a="use crate::B;\npub struct A(B);", b=b + back), [["a", "b"]])
+
+    def test_comments_strings_and_tests_are_no_need(self):
+        b = "pub struct B;\npub fn make() {}\n"
+        for other in [
+            "// use crate::a::A;",
+            "/* crate::a::A */",
+            'const S: &str = "crate::a::A \\" crate::a::A";',
+            "#[cfg(test)]\nmod tests {\n    use crate::a::A;\n    fn f() { let c = '}'; }\n}",
+            "#[cfg(test)]\nmod tests;",
+        ]:
+            with self.subTest(other):
+                self.assertEqual(self.rust(a="use crate::B;\npub struct A(B);", b=b + other, b__tests="use crate::A;"), [])
+
+    def test_a_submodule_may_take_types_of_its_parent_and_not_functions(self):
+        a = "mod c;\npub struct A;\npub const N: u8 = 1;\npub fn f() { c::g() }\n"
+        self.assertEqual(self.rust(a=a, a__c="use super::{A, N};\npub fn g() {}\nimpl A {}"), [])
+        self.assertEqual(self.rust(a=a, a__c="pub fn g() { super::f() }"), [["a", "a.c"]])
+
+    def test_python(self):
+        def python(**files):
+            named = {f"p/{name.replace('__', '/')}.py": text for name, text in files.items()}
+            return self.found({"p/__init__.py": "from .a import A\nfrom .b import B\n", **named}, circles.python_needs, "p")
+
+        self.assertEqual(python(a="from .b import B", b="import json"), [])
+        self.assertEqual(python(a="from . import b", b="def f():\n    from .a import A"), [["p.a", "p.b"]])
+        self.assertEqual(python(a="from p import B", b="import p.a"), [["p.a", "p.b"]])
 
 
 class Run(unittest.TestCase):

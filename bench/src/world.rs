@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 use fiatlux_dynamics::Dynamics;
 use fiatlux_world::PHYSICS_DT;
 
-use super::machine::machine;
 #[cfg(feature = "rapier")]
 use super::MultibodyWorld;
+use super::machine::machine;
 use super::{BenchError, Case, CaseReport, Oracle, Report, Times, cases, room, worlds};
 
 /// Rapier's multibody is slow: it is measured over this part of the time.

@@ -1,17 +1,18 @@
 //! The command `fiatlux evaluate`.
 
 mod external;
+mod outcome;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::Args;
 use fiatlux_cli::ProgressLine;
 use fiatlux_client::{SeedList, SessionArgs, TaskList};
-use fiatlux_grading::{report, tables};
 use fiatlux_rules::{CONTROL_DT, Task};
-use fiatlux_runs::{EvaluateOptions, Outcome, Progress, evaluate};
+use fiatlux_runs::{EvaluateOptions, Progress, evaluate};
+use outcome::finish;
 
 /// Shown below the options.
 pub const EXAMPLES: &str = "Examples:
@@ -65,6 +66,14 @@ pub struct EvaluateArgs {
     session: SessionArgs,
 }
 
+impl EvaluateArgs {
+    /// Number of threads, or of episodes at once.
+    fn workers(&self) -> usize {
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        self.workers.map_or_else(cores, usize::from)
+    }
+}
+
 fn policy(name: &str) -> Result<String, String> {
     if name.starts_with("replay:") {
         return Err(
@@ -86,7 +95,7 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
         tasks: args.tasks.as_ref().map_or_else(|| Task::SUBTASKS.to_vec(), |tasks| tasks.0.clone()),
         seeds: args.seeds.as_ref().map_or_else(|| (0..=3).collect(), |seeds| seeds.0.clone()),
         out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(folder)),
-        workers: workers(args),
+        workers: args.workers(),
         weights: session.split_weights(),
         meshes: args.meshes.clone(),
         session,
@@ -96,36 +105,7 @@ pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     let outcome = evaluate(&options, &stop, &mut |progress| line.show(|| look(&line, progress)));
     line.clear();
     let outcome = outcome?;
-    finish(args, &options.out, &outcome, "the same command goes on from here")
-}
-
-/// Number of threads, or of episodes at once.
-fn workers(args: &EvaluateArgs) -> usize {
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    args.workers.map_or_else(cores, usize::from)
-}
-
-/// Writes and prints the outcome of an evaluation, and says how to continue if it was stopped.
-fn finish(args: &EvaluateArgs, out: &Path, outcome: &Outcome, goes_on: &str) -> anyhow::Result<ExitCode> {
-    write_results(out, outcome)?;
-    if args.json {
-        fiatlux_cli::print(outcome.results.to_json()?)?;
-    } else {
-        fiatlux_cli::print_headed(tables::text(&outcome.results))?;
-    }
-    for lost in &outcome.lost {
-        fiatlux_cli::report(format!("lost: {lost}"));
-    }
-    let folder = out.display();
-    if outcome.resumed > 0 {
-        eprintln!("{} episodes were already in {folder} and were not run again", outcome.resumed);
-    }
-    eprintln!("bags, results.json and report.html are in {folder}");
-    if outcome.stopped {
-        eprintln!("stopped before the end; {goes_on}");
-    }
-    let whole = outcome.lost.is_empty() && !outcome.stopped;
-    Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(3) })
+    finish(args.json, &options.out, &outcome, "the same command goes on from here")
 }
 
 fn look(line: &ProgressLine, progress: &Progress) -> String {
@@ -136,13 +116,4 @@ fn look(line: &ProgressLine, progress: &Progress) -> String {
         text += &format!("  {task}/{seed} at {:.0} s", *step as f64 * CONTROL_DT);
     }
     text
-}
-
-fn write_results(out: &Path, outcome: &Outcome) -> anyhow::Result<()> {
-    let page = report::html_in(&outcome.results, out);
-    for (name, text) in [("results.json", outcome.results.to_json()?), ("report.html", page)] {
-        let path = out.join(name);
-        fiatlux_cli::write_whole(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
 }

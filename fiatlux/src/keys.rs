@@ -14,6 +14,7 @@ use std::net::IpAddr;
 use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
+use data_encoding::HEXLOWER;
 use fiatlux_access::{AccessError, Grant, Identity, KnownServers, RecorderKey, Token, Tokens, random, write_new};
 use fiatlux_proto::keys::is_name;
 use serde::Serialize;
@@ -182,7 +183,7 @@ fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<Made, KeysE
             let mut list = String::new();
             for role in Role::ALL {
                 let (name, purpose) = config(role);
-                let password: String = random::<32>()?.iter().map(|byte| format!("{byte:02x}")).collect();
+                let password: String = HEXLOWER.encode(&random::<32>()?);
                 if role != Role::Router {
                     list += &format!("{}:{password}\n", role.name());
                 }
@@ -237,11 +238,6 @@ fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<Made, KeysE
 fn is_host(host: &str) -> bool {
     let fits = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
     host.parse::<IpAddr>().is_ok() || !host.is_empty() && host.chars().all(fits)
-}
-
-/// Whether only this machine is named.
-fn is_local(hosts: &[String]) -> bool {
-    hosts.iter().all(|host| host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback()))
 }
 
 #[cfg(test)]

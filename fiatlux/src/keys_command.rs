@@ -67,7 +67,13 @@ pub fn keys(args: KeysArgs) -> anyhow::Result<()> {
         sessions: args.sessions,
     };
     let made = make(&options)?;
-    crate::show(&Report { folder: options.out, made }, args.json)
+    let report = Report { folder: options.out, made };
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        print!("{report}");
+    }
+    Ok(())
 }
 
 #[derive(serde::Serialize)]

@@ -6,11 +6,9 @@ mod network;
 mod render_command;
 mod view_command;
 
-use std::fmt::Display;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use serde::Serialize;
 
 /// Fiatlux on one machine.
 #[derive(Debug, Parser)]
@@ -64,15 +62,6 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
-}
-
-fn show(report: &(impl Serialize + Display), as_json: bool) -> anyhow::Result<()> {
-    if as_json {
-        println!("{}", serde_json::to_string_pretty(report)?);
-    } else {
-        print!("{report}");
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -39,7 +39,7 @@ enum Subcommand {
     Run(Box<RunArgs>),
     /// Play a whole run: a policy through all tasks and seeds, on servers elsewhere
     Evaluate(Box<evaluate::EvaluateArgs>),
-    /// Show what a policy receives in a session: live, and as pictures
+    /// List what a policy receives in a session, and what each sensor costs
     Inspect(Box<cli::inspect::InspectArgs>),
     /// Ask a model server for its contract and for one chunk; nothing moves
     Probe(Box<cli::probe::ProbeArgs>),

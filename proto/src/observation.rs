@@ -163,6 +163,19 @@ impl Observation {
         }
     }
 
+    /// The fields that sensors have filled, with their sizes in a message, bytes.
+    pub fn sizes(&self) -> BTreeMap<&'static str, usize> {
+        let (bytes, mut sizes) = (self.encode_to_vec(), BTreeMap::new());
+        let known = messages().get(OBSERVATION);
+        for raw in Fields(&bytes) {
+            if let Some(field) = known.and_then(|fields| fields.get(&raw.number)) {
+                *sizes.entry(field.name.as_str()).or_default() += raw.whole.len();
+            }
+        }
+        sizes.retain(|name, _| !NO_SENSORS.contains(name));
+        sizes
+    }
+
     /// The numbers of a field by its path, as [`ObservationTerm`] has it; none where the observation lacks it.
     pub fn numbers(&self, field: &str) -> Vec<f64> {
         let bytes = self.encode_to_vec();
@@ -325,6 +338,8 @@ mod tests {
         assert_eq!(seen().numbers("verdict.criteria"), [1.0, 0.0]);
         assert_eq!(seen().numbers("verdict.gate_progress"), [0.5]);
         assert!(seen().numbers("features.values").is_empty() && seen().numbers("smell").is_empty());
+        // Keys, lengths and the sides of the image; `step` is no sensor's.
+        assert_eq!(seen().sizes(), BTreeMap::from([("camera", 14), ("lidar", 10), ("verdict", 15)]));
         assert!(is_of_images("camera") && is_of_images("flat") && !is_of_images("lidar") && !is_of_images("smell"));
     }
 

@@ -13,7 +13,7 @@ use pyo3::exceptions::{PyFileNotFoundError, PyKeyError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
-use crate::{failed, guarded};
+use crate::fault::{failed, guarded};
 
 /// Names of the topics that can be read as columns.
 const TOPICS: [&str; 6] = ["/state", "/action", "/observation", "/reward", "/event", "/camera"];

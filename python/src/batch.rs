@@ -15,8 +15,9 @@ use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
+use crate::build;
+use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::{self, Settings};
-use crate::{build, failed, guarded, not_contiguous, refused};
 
 /// Time between two checks for Ctrl-C during a step.
 const SIGNALS: Duration = Duration::from_millis(50);

@@ -8,7 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::refused;
+use crate::fault::refused;
 
 /// The tasks: short id, environment id, name, instruction, horizon.
 #[pyfunction]

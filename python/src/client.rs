@@ -20,9 +20,10 @@ use pyo3::exceptions::{PyConnectionError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::build;
+use crate::fault::{check_process, failed, not_contiguous, refused};
 use crate::settings::Settings;
 use crate::watch::watch;
-use crate::{build, check_process, failed, not_contiguous, refused};
 
 /// A link to one server or several.
 #[pyclass(module = "fiatlux._native", frozen)]

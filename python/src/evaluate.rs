@@ -13,9 +13,9 @@ use fiatlux_runs::{EvaluateError, ExternalOptions, ExternalProgress, Outcome, ev
 use pyo3::prelude::*;
 
 use crate::client::{Failure, Run, play, tell};
+use crate::fault::{FiatluxError, check_process};
 use crate::settings::Settings;
 use crate::watch::watch;
-use crate::{FiatluxError, check_process};
 
 /// Name of the server in this process.
 const SERVER: &str = "evaluate";

@@ -13,7 +13,7 @@ use fiatlux_sensing::{Sensor, Sensors};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::refused;
+use crate::fault::refused;
 
 /// Seed of the network's weights if no file is named, the same as a server's.
 const WEIGHTS_SEED: u64 = 0;

@@ -7,7 +7,7 @@ use fiatlux_wbc::{ARMS, Arms, Command, Controller, MOVED, Network, Sensed};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::{failed, refused};
+use crate::fault::{failed, refused};
 
 /// The controller that this version ships, or another one, for one robot.
 #[pyclass(module = "fiatlux._native")]

@@ -28,14 +28,10 @@ pub enum AccessError {
     },
     /// The file exists already; keys are never overwritten.
     #[error("{} exists and will not be overwritten; move it away or name another file", path.display())]
-    Exists {
-        /// Path that is already taken.
-        path: PathBuf,
-    },
+    Exists { path: PathBuf },
     /// Others on this machine can read or change a secret.
     #[error("{} has mode {mode:04o}, so others can read the secret in it; run `chmod 600 {}`, and make a new one if they may have read it", path.display(), path.display())]
     Exposed {
-        /// Path of the exposed file.
         path: PathBuf,
         /// Permission bits of the file, such as 0o644.
         mode: u32,
@@ -51,7 +47,6 @@ pub enum AccessError {
         field: &'static str,
         /// What is wrong with it; never repeats a secret.
         problem: String,
-        /// How to write it correctly.
         remedy: &'static str,
     },
     /// The system's random source failed, so no key can be made.

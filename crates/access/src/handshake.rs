@@ -45,7 +45,6 @@ pub enum HandshakeError {
     Server {
         /// The key that the client knows for this server.
         expected: PublicKey,
-        /// The key that signed the reply.
         found: PublicKey,
     },
     /// One of the two ephemeral keys gives no shared secret.
@@ -79,7 +78,6 @@ impl Side {
 pub struct Reply<'a> {
     /// The request it answers, byte for byte as it was sent.
     pub request: &'a [u8],
-    /// Name of the server.
     pub server: &'a str,
     /// Id of the session or the link; empty if the request is refused.
     pub id: &'a str,

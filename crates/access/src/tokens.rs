@@ -5,6 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
+use data_encoding::{HEXLOWER, HEXLOWER_PERMISSIVE};
 use fiatlux_proto::keys::is_name;
 use subtle::ConstantTimeEq as _;
 
@@ -56,7 +57,7 @@ impl Token {
     /// # Errors
     /// [`AccessError::Exists`] or [`AccessError::Write`].
     pub fn write(&self, path: &Path) -> Result<(), AccessError> {
-        write_new(path, &format!("{}:{}\n", self.id, hex(&self.secret)), 0o600)
+        write_new(path, &format!("{}:{}\n", self.id, HEXLOWER.encode(&self.secret)), 0o600)
     }
 
     /// The public id of its owner.
@@ -152,7 +153,7 @@ impl Tokens {
     /// # Errors
     /// [`AccessError::Exists`] or [`AccessError::Write`].
     pub fn write(&self, path: &Path) -> Result<(), AccessError> {
-        let line = |grant: &Grant| format!("{} {} {}\n", grant.id(), hex(grant.secret()), grant.limit);
+        let line = |grant: &Grant| format!("{} {} {}\n", grant.id(), HEXLOWER.encode(grant.secret()), grant.limit);
         let lines: String = self.0.values().map(line).collect();
         write_new(path, &format!("# ID SECRET LIMIT: who may open sessions, and how many at once\n{lines}"), 0o600)
     }
@@ -200,18 +201,7 @@ fn id_of(id: &str) -> Result<String, FormatError> {
     }
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 fn secret_of(text: &str) -> Result<[u8; SECRET_BYTES], FormatError> {
-    let refuse = || FormatError::new("SECRET", "it is not 64 hexadecimal digits", TOKEN_REMEDY);
-    if text.len() != 2 * SECRET_BYTES || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-        return Err(refuse());
-    }
-    let mut secret = [0; SECRET_BYTES];
-    for (index, byte) in secret.iter_mut().enumerate() {
-        *byte = u8::from_str_radix(&text[2 * index..2 * index + 2], 16).map_err(|_| refuse())?;
-    }
-    Ok(secret)
+    let secret = HEXLOWER_PERMISSIVE.decode(text.as_bytes()).ok().and_then(|bytes| bytes.try_into().ok());
+    secret.ok_or_else(|| FormatError::new("SECRET", "it is not 64 hexadecimal digits", TOKEN_REMEDY))
 }

@@ -146,7 +146,7 @@ impl Bag {
     }
 
     fn messages<M: Message + Name + Default>(&self, topic: &'static str) -> Messages<'_, M> {
-        Messages::new(self, topic)
+        Messages::new(self.path(), self.chunks(), self.reader(), topic)
     }
 
     pub(crate) fn chunks(&self) -> &[ChunkAt] {

@@ -5,8 +5,11 @@ use std::collections::BTreeMap;
 use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_proto::{PROTOCOL, plain};
 
-use crate::scan::{MAX_CHANNELS, take_text, take_u16};
+use crate::take::{take_text, take_u16};
 use crate::topic::{self, TOPICS};
+
+/// Most channels of a file.
+pub(crate) const MAX_CHANNELS: usize = 256;
 
 /// The channels of a file by their ids. The first record of an id counts.
 #[derive(Debug, Clone, Default)]

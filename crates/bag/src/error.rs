@@ -24,10 +24,7 @@ pub enum BagError {
     },
     /// A bag of that name exists already.
     #[error("{path} exists already; move it away or choose another name")]
-    Exists {
-        /// Path that is already taken.
-        path: PathBuf,
-    },
+    Exists { path: PathBuf },
     /// The MCAP writer failed.
     #[error("cannot write {path}; free some space and record the episode again")]
     Write {
@@ -39,10 +36,7 @@ pub enum BagError {
     },
     /// A topic that bags do not have.
     #[error("bags have no topic {topic}; use one of fiatlux_bag::topic")]
-    Topic {
-        /// The topic that was asked for.
-        topic: String,
-    },
+    Topic { topic: String },
     /// A header or result that metadata cannot hold.
     #[error("the {what} does not read back as it was given; its numbers must be finite")]
     Values {
@@ -65,7 +59,6 @@ pub enum BagError {
     Version {
         /// Path of the bag, for the message.
         path: PathBuf,
-        /// Version of the bag.
         found: Version,
     },
     /// The reader's [`Patience`](crate::Patience) is over.
@@ -80,9 +73,7 @@ pub enum BagError {
          again, or record the episode again"
     )]
     Damaged {
-        /// Path of the damaged bag.
         path: PathBuf,
-        /// Where the record starts.
         offset: u64,
         /// What is wrong with the record there.
         reason: String,
@@ -92,7 +83,6 @@ pub enum BagError {
     Disagrees {
         /// Path of the bag that was changed.
         path: PathBuf,
-        /// What disagrees, with both values.
         what: String,
     },
     /// A message that cannot be read.
@@ -100,7 +90,6 @@ pub enum BagError {
     Message {
         /// Path of the bag, for the message.
         path: PathBuf,
-        /// Topic of the message.
         topic: &'static str,
         /// Control step that the message belongs to.
         step: u64,

@@ -29,6 +29,7 @@
 //! # std::fs::remove_dir_all(&folder).ok();
 //! # Ok::<(), BagError>(())
 //! ```
+#![allow(missing_docs)] // Used in this repository alone.
 mod bag;
 mod channels;
 mod check;
@@ -41,6 +42,7 @@ mod resume;
 pub mod run;
 mod scan;
 mod stream;
+mod take;
 pub mod topic;
 mod writer;
 

@@ -79,7 +79,6 @@ pub struct Registration {
     pub version: String,
     /// Name of the server that keeps this journal.
     pub server: String,
-    /// Name of the run.
     pub run: String,
     /// SHA-256 of the run's key, hexadecimal.
     pub key_sha256: String,
@@ -111,7 +110,6 @@ pub enum Event {
         episode: u32,
         /// Number of the attempt, from 1.
         attempt: u32,
-        /// Id of the session.
         session: String,
         /// When, ms since 1970.
         unix_ms: u64,
@@ -122,7 +120,6 @@ pub enum Event {
         episode: u32,
         /// Number of the attempt, from 1.
         attempt: u32,
-        /// Id of the session.
         session: String,
         /// File name of the bag, in the journal's folder.
         bag: String,
@@ -142,7 +139,6 @@ pub enum Event {
         episode: u32,
         /// Number of the attempt, from 1.
         attempt: u32,
-        /// Id of the session.
         session: String,
         /// Step of the last row.
         steps: u64,

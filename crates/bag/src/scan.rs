@@ -10,7 +10,8 @@ use mcap::records::op;
 
 use fiatlux_proto::plain;
 
-use crate::channels::Channels;
+use crate::channels::{Channels, MAX_CHANNELS};
+use crate::take::{take, take_bytes, take_map, take_text, take_u16, take_u64};
 use crate::writer::LIBRARY;
 use crate::{BagError, metadata};
 
@@ -19,9 +20,6 @@ const MAX_RECORD: u64 = 1 << 20;
 
 /// Most chunks of a file. An errand of 72,000 rows has about 1,200.
 const MAX_CHUNKS: usize = 1 << 16;
-
-/// Most channels of a file.
-pub(crate) const MAX_CHANNELS: usize = 256;
 
 /// Operation code and length.
 const HEAD: u64 = 9;
@@ -275,40 +273,4 @@ fn read(reader: &mut impl Read, length: u64) -> std::io::Result<Vec<u8>> {
     let mut bytes = vec![0; length as usize];
     reader.read_exact(&mut bytes)?;
     Ok(bytes)
-}
-
-fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
-    let (first, rest) = bytes.split_first_chunk::<N>()?;
-    *bytes = rest;
-    Some(*first)
-}
-
-pub(crate) fn take_u16(bytes: &mut &[u8]) -> Option<u16> {
-    take(bytes).map(u16::from_le_bytes)
-}
-
-pub(crate) fn take_u64(bytes: &mut &[u8]) -> Option<u64> {
-    take(bytes).map(u64::from_le_bytes)
-}
-
-/// Bytes with their number before them.
-fn take_bytes<'a>(bytes: &mut &'a [u8]) -> Option<&'a [u8]> {
-    let length = u32::from_le_bytes(take(bytes)?);
-    let (taken, rest) = bytes.split_at_checked(length as usize)?;
-    *bytes = rest;
-    Some(taken)
-}
-
-pub(crate) fn take_text(bytes: &mut &[u8]) -> Option<String> {
-    String::from_utf8(take_bytes(bytes)?.to_vec()).ok()
-}
-
-fn take_map(bytes: &mut &[u8]) -> Option<BTreeMap<String, String>> {
-    let mut entries = take_bytes(bytes)?;
-    let mut map = BTreeMap::new();
-    while !entries.is_empty() {
-        let (name, value) = (take_text(&mut entries)?, take_text(&mut entries)?);
-        map.insert(name, value);
-    }
-    Some(map)
 }

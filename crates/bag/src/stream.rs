@@ -15,9 +15,10 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Name;
 
 use crate::channels::Channels;
-use crate::scan::{ChunkAt, MAX_CHUNK, take_u16, take_u64};
+use crate::scan::{ChunkAt, MAX_CHUNK};
+use crate::take::{take_u16, take_u64};
 use crate::writer::STEP_NS;
-use crate::{Bag, BagError, Patience, topic};
+use crate::{BagError, Patience, topic};
 
 /// A message in a chunk.
 pub(crate) struct Found<'a> {
@@ -160,9 +161,13 @@ pub struct Messages<'a, M> {
 }
 
 impl<'a, M: Message + Name + Default> Messages<'a, M> {
-    pub(crate) fn new(bag: &'a Bag, topic: &'static str) -> Self {
-        let (path, chunks) = (bag.path(), bag.chunks());
-        let (reader, error) = match bag.reader() {
+    pub(crate) fn new(
+        path: &'a Path,
+        chunks: &'a [ChunkAt],
+        reader: Result<ChunkReader, BagError>,
+        topic: &'static str,
+    ) -> Self {
+        let (reader, error) = match reader {
             Ok(reader) => (Some(reader), None),
             Err(error) => (None, Some(error)),
         };

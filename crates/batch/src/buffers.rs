@@ -1,6 +1,6 @@
 //! Buffers for the results of a step.
 
-use crate::{Batch, BatchError, Spec};
+use crate::{BatchError, Spec};
 
 /// Buffers of the caller, which receive the results of a step. Arrays are in the order of worlds; the numbers of a
 /// world are in the order of [`Spec`](crate::Spec).
@@ -37,11 +37,6 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Buffers of zeros for all worlds of a batch.
-    pub fn new(batch: &Batch) -> Self {
-        Self::of(batch.spec(), batch.worlds())
-    }
-
     pub(crate) fn of(spec: &Spec, worlds: usize) -> Self {
         let numbers = |each: usize| vec![0.0; worlds * each];
         let flags = || vec![false; worlds];

@@ -36,6 +36,7 @@
 mod bank;
 mod batch;
 mod buffers;
+mod config;
 mod disturbance;
 mod error;
 mod ranges;
@@ -48,8 +49,9 @@ mod walking;
 mod workers;
 
 pub use bank::{Bank, Start};
-pub use batch::{Autoreset, Batch, BatchConfig, MAX_STARTS, MAX_THREADS, MAX_WORLDS};
+pub use batch::Batch;
 pub use buffers::{Buffers, Outputs};
+pub use config::{Autoreset, BatchConfig, MAX_STARTS, MAX_THREADS, MAX_WORLDS};
 pub use disturbance::{Disturbances, Pushes, Wrenches};
 pub use error::{BankError, BatchError, TaskError};
 pub use ranges::Ranges;

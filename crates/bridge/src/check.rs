@@ -2,71 +2,7 @@
 
 use std::fmt;
 
-use crate::{BridgeError, Contract, Mapping, ModelChunk};
-
-/// What a [`Mismatch`] is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum MismatchKind {
-    /// A camera that only one side has.
-    Camera,
-    /// The size of a picture.
-    Size,
-    /// Number or age of the frames of a camera or of the state.
-    Frames,
-    /// A key of the state that only one side has.
-    State,
-    /// A key of the actions that only one side has.
-    Action,
-    /// The number of values of a key.
-    Dimension,
-    /// The number of rows of a chunk.
-    Horizon,
-    /// Whether actions are absolute, delta or relative.
-    Representation,
-    /// The key of the instruction.
-    Language,
-}
-
-impl MismatchKind {
-    /// The words for it in a message.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Camera => "camera",
-            Self::Size => "picture size",
-            Self::Frames => "frames",
-            Self::State => "state key",
-            Self::Action => "action key",
-            Self::Dimension => "dimension",
-            Self::Horizon => "horizon",
-            Self::Representation => "representation",
-            Self::Language => "language key",
-        }
-    }
-}
-
-/// A difference between mapping and server.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Mismatch {
-    /// What it is about.
-    pub kind: MismatchKind,
-    /// The key that differs; empty if the difference belongs to none.
-    pub key: String,
-    /// The server's value, in words.
-    pub server: String,
-    /// The mapping's value, in words.
-    pub mapping: String,
-}
-
-impl fmt::Display for Mismatch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { kind, key, server, mapping } = self;
-        write!(f, "{}", kind.name())?;
-        if !key.is_empty() {
-            write!(f, " '{key}'")?;
-        }
-        write!(f, ": the server has {server}, the mapping has {mapping}")
-    }
-}
+use crate::{BridgeError, Contract, Mapping, Mismatch, MismatchKind, ModelChunk};
 
 /// Collects all differences, so that one error names them all.
 struct Found(Vec<Mismatch>);

@@ -2,11 +2,12 @@
 
 mod gr00t;
 mod openpi;
+mod tables;
 
 use std::str::FromStr;
 
-use crate::mapping::Representation;
 use crate::net::Timeouts;
+use crate::representation::Representation;
 use crate::{BridgeError, Tensor};
 
 /// The wire protocol of a model server.
@@ -177,39 +178,6 @@ impl ModelOptions {
             Dialect::Openpi | Dialect::Behavior | Dialect::Roboarena => Box::new(openpi::Openpi::new(self)?),
         })
     }
-}
-
-/// Reads a table of an answer: shape (rows, width) or (1, rows, width), all numbers finite.
-fn table(key: &str, tensor: &Tensor) -> Result<(String, usize, usize, Vec<f64>), BridgeError> {
-    let what = || format!("the action '{key}'");
-    let (rows, width) = match *tensor.shape() {
-        [rows, width] | [1, rows, width] => (rows, width),
-        [width] => (1, width),
-        ref other => {
-            return Err(BridgeError::malformed(what(), format!("its shape is {other:?}, not (rows, numbers)")));
-        }
-    };
-    if rows == 0 || width == 0 {
-        return Err(BridgeError::malformed(what(), "it is empty"));
-    }
-    let numbers = tensor.numbers();
-    if let Some(at) = numbers.iter().position(|number| !number.is_finite()) {
-        let (row, column) = (at / width, at % width);
-        return Err(BridgeError::malformed(what(), format!("number {column} of row {row} is {}", numbers[at])));
-    }
-    Ok((key.into(), rows, width, numbers))
-}
-
-/// Joins tables into a chunk; all must have the same number of rows.
-fn chunk(tables: Vec<(String, usize, usize, Vec<f64>)>, server_s: Option<f64>) -> Result<ModelChunk, BridgeError> {
-    let Some(&(_, rows, ..)) = tables.first() else {
-        return Err(BridgeError::malformed("an answer", "it has no actions"));
-    };
-    if let Some((key, other, ..)) = tables.iter().find(|(_, other, ..)| *other != rows) {
-        return Err(BridgeError::malformed("an answer", format!("'{key}' has {other} rows, others have {rows}")));
-    }
-    let parts = tables.into_iter().map(|(key, _, width, numbers)| (key, width, numbers)).collect();
-    Ok(ModelChunk { rows, parts, server_s: server_s.filter(|time| time.is_finite() && *time >= 0.0) })
 }
 
 #[cfg(test)]

@@ -12,16 +12,10 @@ pub enum BridgeError {
         "cannot read '{given}' as the address of a model server; write {scheme}://HOST:PORT{}",
         if given.starts_with("wss:") { "; for TLS run a proxy on this side, and name the server with --model-host" } else { "" }
     )]
-    Address {
-        /// The text that was given.
-        given: String,
-        /// Scheme that the dialect needs.
-        scheme: &'static str,
-    },
+    Address { given: String, scheme: &'static str },
     /// Nobody accepts a connection at the address.
     #[error("cannot connect to the model server at {address}; start it, or correct --model")]
     Connect {
-        /// Host and port of the server.
         address: String,
         /// The system's error, which says why.
         #[source]
@@ -30,11 +24,9 @@ pub enum BridgeError {
     /// The other side does not complete the dialect's handshake.
     #[error("the server at {address} does not speak {transport}: {problem}; compare --dialect and --model with it")]
     Handshake {
-        /// Host and port of the server.
         address: String,
         /// Transport of the dialect: `ZeroMQ` or `WebSocket`.
         transport: &'static str,
-        /// What the other side did instead.
         problem: String,
     },
     /// The other side accepts a connection, and does not complete the handshake within the time-out.
@@ -45,11 +37,9 @@ pub enum BridgeError {
         waited.as_secs_f64()
     )]
     Silent {
-        /// Host and port of the server.
         address: String,
         /// Transport of the dialect: `ZeroMQ` or `WebSocket`.
         transport: &'static str,
-        /// How long the client waited.
         waited: Duration,
     },
     /// No answer to the question before the first episode.
@@ -58,26 +48,13 @@ pub enum BridgeError {
          more with --warm-up-timeout",
         waited.as_secs_f64()
     )]
-    ColdStart {
-        /// How long the client waited.
-        waited: Duration,
-    },
+    ColdStart { waited: Duration },
     /// No answer within the time-out.
     #[error("the model server did not answer '{question}' within {:.1} s; allow more with --reply-timeout", waited.as_secs_f64())]
-    Timeout {
-        /// Name of the request.
-        question: String,
-        /// How long the client waited.
-        waited: Duration,
-    },
+    Timeout { question: String, waited: Duration },
     /// The connection broke during a request.
     #[error("the connection to the model server was lost during '{question}': {problem}")]
-    Lost {
-        /// Name of the request.
-        question: String,
-        /// What happened to the connection.
-        problem: String,
-    },
+    Lost { question: String, problem: String },
     /// The server announced a message over the limit.
     #[error("the model server sends {size} bytes; the limit is {most}")]
     TooLarge {
@@ -91,13 +68,11 @@ pub enum BridgeError {
     Malformed {
         /// Which part of the message was being read.
         what: String,
-        /// Why it cannot be read.
         problem: String,
     },
     /// The server reports an error.
     #[error("the model server refuses '{question}': {text}")]
     Server {
-        /// Name of the request.
         question: String,
         /// The server's own words, shortened.
         text: String,
@@ -107,7 +82,6 @@ pub enum BridgeError {
     Mapping {
         /// Its name, or the path of its file.
         name: String,
-        /// Name of the field at fault.
         field: String,
         /// What is wrong, and how to correct it.
         problem: String,
@@ -115,7 +89,6 @@ pub enum BridgeError {
     /// Mapping and server do not match. Nothing has moved.
     #[error("the mapping {mapping} does not fit the model server; correct either:\n  {}", mismatches.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n  "))]
     Contract {
-        /// Name of the mapping.
         mapping: String,
         /// Everything that does not match, by key.
         mismatches: Vec<crate::Mismatch>,
@@ -125,22 +98,10 @@ pub enum BridgeError {
         "the mapping {mapping} commands the body by motion tokens ('{key}', {width} numbers), but no decoder is given; \
          name the folder of the GEAR-SONIC decoder (ONNX, 994 inputs, 29 outputs) with --controller sonic:DIR"
     )]
-    NoDecoder {
-        /// Name of the mapping.
-        mapping: String,
-        /// The action key with the tokens.
-        key: String,
-        /// How many numbers a token has.
-        width: usize,
-    },
+    NoDecoder { mapping: String, key: String, width: usize },
     /// The session lacks something that the mapping needs.
     #[error("the mapping needs {what}, which the session does not provide; {remedy}")]
-    Sensed {
-        /// The missing data, in words.
-        what: String,
-        /// What the user should do.
-        remedy: &'static str,
-    },
+    Sensed { what: String, remedy: &'static str },
 }
 
 impl BridgeError {

@@ -6,30 +6,35 @@
 //! A [`Player`] says which row applies to a step. This crate knows no simulator.
 //!
 //! Whatever arrives is limited in size and time, and every number is checked. Pickles are neither read nor written.
+#![allow(missing_docs)] // Used in this repository alone.
 mod check;
 mod dialect;
 mod error;
 mod hands;
 mod image;
 mod mapping;
+mod mismatch;
 mod net;
 mod observe;
 mod pack;
 mod play;
 mod reach;
+mod representation;
 mod rows;
 mod tensor;
 mod websocket;
 mod zmq;
 
-pub use check::{Mismatch, MismatchKind, check_chunk, check_contract};
+pub use check::{check_chunk, check_contract};
 pub use dialect::{ActionTerms, CameraTerms, Contract, Dialect, Model, ModelChunk, ModelObservation, ModelOptions};
 pub use error::BridgeError;
 pub use hands::{Hands, Side};
 pub use image::{Picture, Resize};
-pub use mapping::{Body, Camera, Key, Mapping, Part, Representation, WAIST, default_mapping, shipped_names};
+pub use mapping::{Body, Camera, Key, Mapping, Part, WAIST, default_mapping, shipped_names};
+pub use mismatch::{Mismatch, MismatchKind};
 pub use net::{MAX_REPLY, Timeouts};
 pub use observe::{Frames, Sensed};
 pub use play::{Play, Played, Player};
+pub use representation::Representation;
 pub use rows::Row;
 pub use tensor::{Dtype, Form, Tensor};

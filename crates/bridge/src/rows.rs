@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use fiatlux_robot::Robot;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::mapping::{Body, Key, Mapping, Part, Representation, WAIST};
+use crate::mapping::{Body, Key, Mapping, Part, WAIST};
 use crate::reach::{pose, reach, wrist};
+use crate::representation::Representation;
 use crate::{BridgeError, ModelChunk};
 
 /// Targets and commands of one row of a chunk; `None` or empty where the model gives none.

@@ -14,14 +14,6 @@ pub fn print(text: impl AsRef<str>) -> io::Result<()> {
     write(&plain_lines(text.as_ref()))
 }
 
-/// As [`print()`], for text that has colours of our own.
-///
-/// # Errors
-/// As [`print()`].
-pub fn print_styled(text: impl AsRef<str>) -> io::Result<()> {
-    write(text.as_ref())
-}
-
 /// As [`print()`], for a text whose first line is the result: a terminal shows that in bold.
 ///
 /// # Errors

@@ -42,9 +42,7 @@ pub enum FeatureError {
     Number {
         /// Name of the tensor in the file.
         tensor: String,
-        /// What is allowed there.
         expected: &'static str,
-        /// The number found at that index.
         found: f32,
         /// Where, counted through the tensor.
         index: usize,
@@ -71,7 +69,6 @@ pub enum FeatureError {
         width: usize,
         /// Rows of pixels in the image.
         height: usize,
-        /// Three for each pixel.
         expected: usize,
         /// Number of bytes that were given.
         found: usize,
@@ -83,7 +80,6 @@ pub enum FeatureError {
         label: String,
         /// Index of the first feature that overflows.
         index: usize,
-        /// The value that it came to.
         found: f32,
     },
 }

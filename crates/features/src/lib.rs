@@ -25,6 +25,7 @@
 //! assert_eq!(network.features(&grey, 64, 64)?, &features[..]);
 //! # Ok::<(), FeatureError>(())
 //! ```
+#![allow(missing_docs)] // Used in this repository alone.
 mod direct;
 mod error;
 mod folded;

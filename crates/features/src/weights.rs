@@ -3,6 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
+use data_encoding::HEXLOWER;
 use fiatlux_safetensors::File;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
@@ -59,7 +60,7 @@ impl Weights {
         if let Some(name) = file.names().find(|name| !known(name)) {
             return Err(FeatureError::Unexpected { tensor: name.into() });
         }
-        let digest: String = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        let digest: String = HEXLOWER.encode(&Sha256::digest(bytes));
         Ok(Self { network, label: format!("safetensors:{digest}") })
     }
 

@@ -2,20 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{ForeignError, Model};
-
-/// A file of a controller and the network that it must hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ModelFile {
-    /// Accepted file names; the first that exists is read.
-    pub names: &'static [&'static str],
-    /// Size of the network's input.
-    pub inputs: usize,
-    /// Size of the network's output.
-    pub outputs: usize,
-    /// Where its makers publish the file.
-    pub source: &'static str,
-}
+use crate::{ForeignError, Model, ModelFile};
 
 /// Networks of GEAR's decoupled controller: one for standing, one for walking.
 pub const GEAR_FILES: [ModelFile; 2] = [

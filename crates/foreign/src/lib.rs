@@ -8,6 +8,7 @@
 //! Sensor data and commands have the types of our own controller, [`fiatlux_wbc::Sensed`] and [`fiatlux_wbc::Command`].
 //! A [`Plant`] says what a controller was made for (joints, control step and gains), and refuses a session that differs
 //! with the name of the difference. Where two public sources of a controller disagree, a [`Reading`] selects one.
+#![allow(missing_docs)] // Used in this repository alone.
 mod error;
 mod files;
 mod gear;
@@ -23,9 +24,9 @@ mod token;
 pub use fiatlux_wbc::BODY;
 
 pub use error::ForeignError;
-pub use files::{DECODER, GEAR_FILES, ModelFile, SHA256_LIST};
+pub use files::{DECODER, GEAR_FILES, SHA256_LIST};
 pub use gear::{Gear, HEIGHT, Reading};
-pub use model::Model;
+pub use model::{Model, ModelFile};
 pub use plant::{GainsRule, Plant};
 pub use sonic::Sonic;
 pub use token::{FixedToken, RecordedTokens, TOKEN, TOKEN_LIMIT, Token, TokenSource, token_of};

@@ -4,15 +4,29 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
+use data_encoding::HEXLOWER;
 use sha2::{Digest, Sha256};
 
+use crate::ForeignError;
 use crate::onnx::{Network, Refusal};
-use crate::{ForeignError, ModelFile};
 
 /// Largest file that is read: three times the size of GEAR-SONIC's decoder.
 const FILE_LIMIT: u64 = 128 << 20;
 /// First bytes of a file that Git LFS did not fetch.
 const LFS_POINTER: &[u8] = b"version https://git-lfs";
+
+/// A file of a controller and the network that it must hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ModelFile {
+    /// Accepted file names; the first that exists is read.
+    pub names: &'static [&'static str],
+    /// Size of the network's input.
+    pub inputs: usize,
+    /// Size of the network's output.
+    pub outputs: usize,
+    /// Where its makers publish the file.
+    pub source: &'static str,
+}
 
 /// A network that was run once on zeros and gave finite numbers. Any number of runners can share it.
 #[derive(Debug, Clone)]
@@ -64,7 +78,7 @@ impl Model {
                 ForeignError::Shape { path: path.into(), side, expected: format!("f32 [1, {width}]"), found }
             }
         })?;
-        let digest = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        let digest = HEXLOWER.encode(&Sha256::digest(bytes));
         let model = Self { network: Arc::new(network), file: *file, digest };
         let ran = model.runner().run(&vec![0.0; file.inputs], &mut vec![0.0; file.outputs]);
         ran.map_err(|problem| ForeignError::Onnx { path: path.into(), problem })?;

@@ -1,6 +1,6 @@
 //! Grades bags, several at a time.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
@@ -12,35 +12,12 @@ use crate::assemble::{Judged, assemble, assemble_run};
 use crate::find::{find_bags, relative, run_of};
 use crate::results::{Fault, Results};
 use crate::run::Run;
-use crate::{ScoreError, bag};
-
-/// Options of [`grade`]. By default a bag is judged as it was recorded.
-#[derive(Debug, Clone, Default)]
-pub struct GradeOptions {
-    /// Thresholds in place of the recorded ones, as `key=value`.
-    pub set: Vec<String>,
-    /// Whether to count criteria as the published numbers do.
-    pub published_counting: bool,
-    /// Number of threads; 0 means one for each core.
-    pub workers: usize,
-    /// Longest time to read one bag; `None` means no limit. Of a bag that takes longer only the beginning counts, so it is
-    /// excluded.
-    pub time_limit: Option<Duration>,
-    /// The folder of the results, to which names of bags are relative; empty means the current one.
-    pub relative_to: PathBuf,
-}
+use crate::{GradeOptions, ScoreError, bag};
 
 /// Patience that ends so long after reading began.
 pub fn patience(limit: Duration) -> Patience {
     let end = OnceLock::new();
     Patience::new(move || Instant::now() < *end.get_or_init(|| Instant::now() + limit))
-}
-
-impl GradeOptions {
-    /// The folder to which names of bags are relative.
-    pub(crate) fn folder(&self) -> &Path {
-        if self.relative_to.as_os_str().is_empty() { Path::new(".") } else { &self.relative_to }
-    }
 }
 
 /// How far a grading has come.

@@ -39,6 +39,7 @@ mod error;
 mod find;
 mod flaw;
 mod grade;
+mod options;
 pub mod report;
 mod request;
 mod results;
@@ -54,7 +55,8 @@ pub use episode::{Graded, Grader, HeaderError};
 pub use error::ScoreError;
 pub use find::find_bags;
 pub use flaw::{Difference, Flaw, first_difference};
-pub use grade::{GradeOptions, Progress, grade, patience};
+pub use grade::{Progress, grade, patience};
+pub use options::GradeOptions;
 pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, Scores,
     SeedRow, TaskResult, Versions,

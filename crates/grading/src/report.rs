@@ -8,21 +8,23 @@ mod markup;
 mod overview;
 mod sections;
 mod site;
+mod style;
+mod summary;
 
 use std::fmt::Write;
 use std::path::Path;
 
 use episodes::Place;
-use markup::{escape, share};
+use markup::escape;
+use summary::{run_lines, subtasks, summary};
 
-use crate::tables::{conditions_line, count, coverage, missing, run_line, seed_count};
-use crate::{Fault, RateRow, Results, Score};
+use crate::Results;
+use crate::tables::{conditions_line, count, seed_count};
 
+pub use episodes::Site;
 pub use markup::cause_class;
-pub use site::{Site, SiteReport, episode_figure, site, task_cards};
-
-/// The page's style sheet, for other pages that should look like it.
-pub const STYLE: &str = include_str!("report/style.css");
+pub use site::{SiteReport, episode_figure, site, task_cards};
+pub use style::STYLE;
 
 /// The report as one HTML page without links to replays.
 pub fn html(results: &Results) -> String {
@@ -74,133 +76,4 @@ fn headline(out: &mut String, results: &Results) {
     );
     run_lines(out, results);
     summary(out, results);
-}
-
-/// Writes how far a run is, and what its journals say.
-fn run_lines(out: &mut String, results: &Results) {
-    if let Some(run) = &results.run {
-        for line in std::iter::once(&run_line(run)).chain(&run.notes) {
-            let _ = writeln!(out, "<p class=\"soft\">{}.</p>", escape(line));
-        }
-    }
-}
-
-/// Writes the warnings, and the numbers that count.
-fn summary(out: &mut String, results: &Results) {
-    warnings(out, results);
-    out.push_str("<div class=\"cards\">\n");
-    let overall = &results.overall;
-    if overall.episodes > 0 {
-        if let (Some(score), Some(success)) = (&results.score_strict, &overall.strict_success) {
-            score_card(out, "Score S, strict", score, "big");
-            rate_card(out, "Success, strict", success, overall.episodes, "big");
-        }
-        score_card(out, "Score S, published", &results.score, "mid");
-        rate_card(out, "Clean, published", &overall.clean_success, overall.episodes, "mid");
-        violations_card(out, results);
-    }
-    out.push_str("</div>\n");
-    if overall.episodes > 0 {
-        let _ = writeln!(
-            out,
-            "<p class=\"soft small\"><b>Published</b> is the paper's rulebook; <b>strict</b> also asks that a gate holds for \
-             a second, that the robot stands upright on what carries it, and that a bulb is in the grip of one hand: \
-             stunts pass the first and not the second. Rankings go by strict. <b>Clean</b> is a success with no bulb broken \
-             (a hand body above {} N at any step) and none dropped; a strict success always is. <b>S</b> is the mean of the \
-             subtasks' scores s, weighted by difficulty; s is half the success rate and half the mean gate progress. At 0 \
-             nothing was reached that the start did not give; an episode whose gate never fires adds at most half of its \
-             weight; at 1 every gate fired. The spread is the sample standard deviation over layout seeds: scores under \
-             different seeds do not compare, for the layout sets the difficulty.</p>",
-            results.conditions.thresholds.get("fragility_n").copied().unwrap_or_default()
-        );
-    }
-}
-
-/// Writes what a reader must know before the first number.
-fn warnings(out: &mut String, results: &Results) {
-    let mut warn = |title: &str, text: &str| {
-        let _ = writeln!(out, "<div class=\"panel warn\"><b>{title}</b> {}</div>", escape(text));
-    };
-    if !results.conditions.ranked {
-        let text = format!("{}.", results.conditions.deviations.join("; "));
-        warn("Not ranked: this run is not played as the benchmark has it.", &text);
-    }
-    let lacking = missing(results);
-    if !lacking.is_empty() {
-        let lines: Vec<String> = std::iter::once(format!("S is {}", coverage(results))).chain(lacking).collect();
-        warn("Missing subtasks.", &format!("{}.", lines.join(". ")));
-    }
-    if let Some(lost) = results.lost_journal() {
-        warn("Journal missing.", &format!("{lost}."));
-    }
-    if results.excluded.iter().any(|bag| bag.reason != Fault::Duplicate) {
-        let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));
-        warn("Data loss.", &text);
-    }
-}
-
-fn rate_card(out: &mut String, name: &str, rate: &RateRow, episodes: u64, size: &str) {
-    let (value, [low, high]) = (rate.rate.unwrap_or_default(), rate.interval.unwrap_or([0.0, 1.0]));
-    let _ = writeln!(
-        out,
-        "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{}</div>\
-         <div class=\"card-note\">{} of {episodes} episodes<br>95\u{202f}% interval {} to {}</div></div>",
-        share(value),
-        rate.hits,
-        share(low),
-        share(high)
-    );
-}
-
-fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
-    let Some(mean) = score.mean else { return };
-    let spread =
-        score.std.map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
-    let seeds: Vec<_> = score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
-    // The numbers that a server draws say nothing to a reader.
-    let is_drawn = score.per_seed.iter().any(|seed| seed.seed > 99_999);
-    let shown = match seeds.len() {
-        count if is_drawn || count > 12 => format!("over {count} seeds"),
-        _ => format!("by seed {}", seeds.join(", ")),
-    };
-    let _ = writeln!(
-        out,
-        "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{spread}</div>\
-         <div class=\"card-note\">over {} of 12 subtasks<br>of 1, mean \u{b1} std<br>{shown}</div></div>",
-        score.subtasks
-    );
-}
-
-fn violations_card(out: &mut String, results: &Results) {
-    let rate = |rate: &RateRow| share(rate.rate.unwrap_or_default());
-    let overall = &results.overall;
-    let _ = writeln!(
-        out,
-        "<div class=\"panel\"><div class=\"card-name\">Broken / dropped</div><div class=\"mid\">{} / {}</div>\
-         <div class=\"card-note\">{} with a broken bulb<br>{} with a dropped one</div></div>",
-        rate(&overall.broken),
-        rate(&overall.dropped),
-        count(overall.broken.hits as usize, "episode"),
-        overall.dropped.hits
-    );
-}
-
-fn subtasks(out: &mut String, results: &Results) {
-    out.push_str("<h2>Subtasks</h2>\n<div class=\"panel wide scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Subtasks as a figure\">");
-    out.push_str(&overview::figure(results));
-    let (protocol, success) = match results.score_strict {
-        Some(_) => ("strict", "strict success"),
-        None => ("published", "published clean success"),
-    };
-    let _ = write!(
-        out,
-        "<div class=\"legend\"><span><i class=\"k-accent\"></i>{protocol} score s, with its standard deviation over the \
-         seeds</span><span><i class=\"k-dot\"></i>{success} with Wilson interval</span><span><i class=\"k-ring\"></i>published \
-         success</span><span><i class=\"k-held\"></i>mean {protocol} gate progress</span></div>"
-    );
-    out.push_str(&overview::causes(results));
-    out.push_str("</div>\n");
-    out.push_str("<div class=\"panel scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Subtasks as a table\">");
-    sections::task_table(out, &results.subtasks, true);
-    out.push_str("</div>\n");
 }

@@ -12,6 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use data_encoding::HEXLOWER;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
@@ -114,7 +115,7 @@ fn main() {
     let (mut all, mut taken) = (Vec::new(), Duration::ZERO);
     for round in 0..rounds {
         let contents: Vec<Arc<Vec<u8>>> = (0..UPLOADS).map(|place| Arc::new(content(round, place))).collect();
-        let hex = |bytes: &[u8]| Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+        let hex = |bytes: &[u8]| HEXLOWER.encode(&Sha256::digest(bytes));
         let files: Vec<Value> = (0..).zip(&contents)
             .map(|(place, bytes): (usize, _)| json!({ "name": format!("{place:02}.mcap"), "bytes": BYTES, "sha256": hex(bytes) }))
             .collect();

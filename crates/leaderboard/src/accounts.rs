@@ -3,6 +3,7 @@
 //! A token is `fiatlux_ID_SECRET`: 16 and 64 hexadecimal digits. The store keeps its SHA-256; the secret is 256 random
 //! bits, so a digest gives nothing away and needs no salt.
 
+use data_encoding::HEXLOWER;
 use fiatlux_proto::keys::is_name;
 use subtle::ConstantTimeEq as _;
 use thiserror::Error;
@@ -30,10 +31,7 @@ pub enum AccountError {
     },
     /// An account of this name exists already.
     #[error("the account '{name}' exists already; choose another name, or change it with `scorer admin change`")]
-    Exists {
-        /// Name of the existing account.
-        name: String,
-    },
+    Exists { name: String },
     /// No account has this name.
     #[error("there is no account '{name}'; `scorer admin accounts` lists all of them")]
     NoAccount {
@@ -143,7 +141,7 @@ impl Store {
         }
         let mut random = [0; 40];
         getrandom::fill(&mut random).map_err(StoreError::Random)?;
-        let hex: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        let hex: String = HEXLOWER.encode(&random);
         let (id, secret) = hex.split_at(16);
         let token = format!("{PREFIX}{id}_{secret}");
         let created_ms = now_ms();

@@ -44,7 +44,6 @@ pub enum SubmitError {
     /// A file of the submission cannot be opened or read.
     #[error("cannot read {}", path.display())]
     Read {
-        /// File that could not be read.
         path: PathBuf,
         /// The operating system's error.
         #[source]
@@ -52,14 +51,10 @@ pub enum SubmitError {
     },
     /// The folder to submit holds no bags.
     #[error("there is no bag in {}; name the folder of a run, or of *.mcap files", path.display())]
-    NoBags {
-        /// Folder that was searched.
-        path: PathBuf,
-    },
+    NoBags { path: PathBuf },
     /// The folder to submit holds several runs; a submission is one run.
     #[error("{} holds {runs} runs; submit each of them separately", path.display())]
     Runs {
-        /// Folder that was searched.
         path: PathBuf,
         /// Number of runs in it, 2 or more.
         runs: usize,
@@ -84,7 +79,6 @@ pub enum SubmitError {
     /// The service did not answer, after several tries.
     #[error("{url} does not answer ({reason}); start again later: the service keeps what has arrived")]
     Unanswered {
-        /// Address of the service.
         url: String,
         /// What went wrong with the last try.
         reason: String,
@@ -99,18 +93,10 @@ pub enum SubmitError {
     },
     /// The answer is not one of a leaderboard of this version.
     #[error("{url} is not a leaderboard, or runs another version: {reason}")]
-    Unreadable {
-        /// Address of the service.
-        url: String,
-        /// What is wrong with the answer.
-        reason: String,
-    },
+    Unreadable { url: String, reason: String },
     /// A file changed while it was sent.
     #[error("{} was changed while it was sent; submit again", path.display())]
-    Changed {
-        /// File that changed on disk.
-        path: PathBuf,
-    },
+    Changed { path: PathBuf },
     /// The caller asked to stop.
     #[error("stopped; run the same command again to resume")]
     Stopped,

@@ -24,10 +24,7 @@ pub enum StoreError {
         "{} has no leaderboard; name the folder of `scorer serve`, or make a new leaderboard with `scorer admin init`",
         folder.display()
     )]
-    Nothing {
-        /// The folder that was named.
-        folder: PathBuf,
-    },
+    Nothing { folder: PathBuf },
     /// A statement failed in the database.
     #[error("the database cannot {action}; check the free disk space, and that nothing else writes to the folder")]
     Database {
@@ -49,7 +46,6 @@ pub enum StoreError {
     /// The database was written by a later version of the program.
     #[error("the database has version {found}, this program knows up to {known}; start the version that wrote it")]
     Newer {
-        /// Version of the database.
         found: i64,
         /// Latest version that this program can read.
         known: i64,
@@ -59,7 +55,6 @@ pub enum StoreError {
     Corrupt {
         /// What is damaged, with its id where it has one.
         what: String,
-        /// What is wrong with it.
         reason: String,
     },
     /// The system's random source failed, so no token can be made.

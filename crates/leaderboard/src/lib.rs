@@ -8,16 +8,19 @@
 //!
 //! Grading never links the simulator; this crate does, through `fiatlux-replay`, and only to show pictures. Verifying is
 //! the work of a sim-server on the other side of a Zenoh link.
+#![allow(missing_docs)] // Used in this repository alone.
 
 mod accounts;
 mod api;
 mod client;
+mod counts;
 mod error;
 mod jobs;
 mod metrics;
 mod paced;
 mod pages;
 mod paper;
+mod routes;
 mod serve;
 mod service;
 mod standings;
@@ -29,8 +32,9 @@ pub use accounts::{AccountError, MAX_DAYS, Quota};
 pub use client::{Submit, SubmitError, SubmitProgress, Submitted, Upload};
 pub use error::StoreError;
 pub use jobs::{Jobs, Verifier};
+pub use routes::router;
 pub use serve::{listen, serve, serve_metrics};
-pub use service::{Pace, Service, ServiceOptions, router};
+pub use service::{Pace, Service, ServiceOptions};
 pub use store::{Account, AuditRow, Store, TokenRow};
 pub use submission::{
     Badge, Division, Entry, Limits, Manifest, ManifestError, Observations, State, SubmissionId, Time, WordError,

@@ -19,7 +19,7 @@ use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
 
 use crate::paced::Paced;
-use crate::visitors::{Visit, Visitors};
+use crate::visitors::{SEND_BUFFER, Visit, Visitors};
 use crate::{Pace, Service};
 
 /// Longest head of a request, bytes, and the most that is buffered of what a client sends ahead.
@@ -35,9 +35,6 @@ const DRAIN: Duration = Duration::from_secs(10);
 /// Wait after the system has refused a connection, for example because file handles ran out.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// What the system buffers of an answer that its client does not take, bytes. A fixed size makes progress of a slow client
-/// visible, and bounds what all of them take together.
-pub(crate) const SEND_BUFFER: u32 = 128 << 10;
 /// Connections that wait to be accepted.
 const BACKLOG: u32 = 1024;
 /// Most connections to the address for metrics.

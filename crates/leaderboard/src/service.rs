@@ -4,14 +4,12 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use axum::Router;
-use axum::middleware::{from_fn, from_fn_with_state};
 use fiatlux_access::KnownServers;
 use tokio::sync::{Notify, Semaphore};
 
-use crate::metrics::Metrics;
+use crate::counts::Metrics;
 use crate::submission::Limits;
-use crate::{Store, SubmissionId, api, metrics, pages, visitors};
+use crate::{Store, SubmissionId};
 
 /// Most uploads whose content is compared with its digest at once: half of the cores are left to those who read pages.
 const MOST_SEALERS: usize = 4;
@@ -111,10 +109,4 @@ impl Drop for Claim {
     fn drop(&mut self) {
         self.service.busy.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.what);
     }
-}
-
-/// Routes of the whole service: `/api/...`, `/health`, `/ready` and the pages.
-pub fn router(service: Arc<Service>) -> Router {
-    let measured = from_fn_with_state(Arc::clone(&service), metrics::measure);
-    api::router(Arc::clone(&service)).merge(pages::router(service)).layer(from_fn(visitors::admit)).layer(measured)
 }

@@ -24,8 +24,11 @@ const SHARE_OF_ADDRESS: usize = 8;
 const LEAST_OF_ADDRESS: usize = 4;
 /// Uploads and large answers may have this share of all connections. The rest is kept for small pages.
 const SHARE_OF_LARGE: usize = 2;
+/// What the system buffers of an answer that its client does not take, bytes. A fixed size makes progress of a slow client
+/// visible, and bounds what all of them take together.
+pub(crate) const SEND_BUFFER: u32 = 128 << 10;
 /// Bodies up to this size are small, bytes: the system's buffer takes them, whether their reader reads or not.
-const SMALL: u64 = super::serve::SEND_BUFFER as u64;
+const SMALL: u64 = SEND_BUFFER as u64;
 /// Wrong tokens that an address may send before it is slowed.
 const FREE_DENIALS: u32 = 3;
 /// Pause after the first wrong token that is slowed. It doubles with each further one.

@@ -1,18 +1,10 @@
 //! The options of a session on the command line: the names are those of Zenoh's own tools.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use zenoh::Wait;
 
-use crate::config::{self, Role};
-use crate::{Link, LinkError, Waiting, exposure};
-
-/// How often a program that opens its session looks for a signal.
-const POLL: Duration = Duration::from_millis(20);
+use crate::endpoints::{advise, check_endpoint};
 
 /// Where a program finds the others.
 #[derive(Debug, Clone, Default, Args)]
@@ -46,7 +38,7 @@ pub struct LinkArgs {
 /// # Errors
 /// What is wrong with the endpoint, and how to write it.
 pub fn parse_endpoint(text: &str) -> Result<String, String> {
-    config::check_endpoint(text).map(|()| text.into()).map_err(|reason| config::advise(&reason))
+    check_endpoint(text).map(|()| text.into()).map_err(|reason| advise(&reason))
 }
 
 /// Role of a program in the Zenoh network.
@@ -58,55 +50,6 @@ pub enum LinkMode {
     Client,
     /// Passes messages on between other programs.
     Router,
-}
-
-impl LinkArgs {
-    /// Opens the session. Blocks for at most [`crate::CONNECT_TIMEOUT_S`] if a client has to connect first, and until somebody
-    /// answers if a server has to; a wait is said in the log. A connection that is lost later recovers by itself.
-    ///
-    /// # Errors
-    /// [`LinkError`]: a wrong config or endpoint, or nothing answers.
-    pub fn open(&self, role: Role) -> Result<Link, LinkError> {
-        self.open_unless(role, &AtomicBool::new(false))
-    }
-
-    /// As [`LinkArgs::open`]; setting `stop` ends the wait.
-    ///
-    /// # Errors
-    /// [`LinkError`], also where it was stopped.
-    pub fn open_unless(&self, role: Role, stop: &AtomicBool) -> Result<Link, LinkError> {
-        let config = config::layered(self, role)?;
-        for endpoint in exposure::exposed(&config) {
-            tracing::warn!("{}", exposure::warning(&endpoint, self.asks_tokens));
-        }
-        let plan = config::Plan::of(&config);
-        // Zenoh tries for ever where a server has to connect, so another thread does that.
-        let (opened, session) = mpsc::channel();
-        let open = move || opened.send(zenoh::open(config).wait());
-        let thread = std::thread::Builder::new().name("open".into()).spawn(open);
-        thread.map_err(|source| LinkError::Open { reason: source.to_string() })?;
-        let mut waiting = Waiting::default();
-        loop {
-            match session.recv_timeout(POLL) {
-                Ok(session) => return session.map(Link).map_err(|source| plan.explain(&source.to_string())),
-                Err(RecvTimeoutError::Disconnected) => {
-                    return Err(LinkError::Open { reason: "a thread panicked".into() });
-                }
-                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Err(plan.stopped()),
-                Err(RecvTimeoutError::Timeout) if plan.is_patient() => waiting.say(|| plan.peers()),
-                Err(RecvTimeoutError::Timeout) => {}
-            }
-        }
-    }
-
-    /// Where others find a program that opened its session with these options: `listening on ENDPOINT` or `connected to
-    /// ENDPOINT`.
-    ///
-    /// # Errors
-    /// [`LinkError`]: a wrong config or endpoint.
-    pub fn place(&self, role: Role) -> Result<String, LinkError> {
-        config::layered(self, role).map(|config| config::place(&config))
-    }
 }
 
 #[cfg(test)]

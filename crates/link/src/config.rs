@@ -1,12 +1,14 @@
 //! Config of a session: Zenoh's defaults, then a file, then ours where the file is silent, then the flags.
 
-use std::net::{Ipv6Addr, TcpStream, ToSocketAddrs};
+use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use serde_json::{Value, json};
 use zenoh::Config;
-use zenoh::config::EndPoint;
 
+use crate::endpoints::{
+    CONNECT, LISTEN, advise, check_endpoint, endpoints, get, is_encrypted, is_silent, unknown_host,
+};
 use crate::honoured;
 use crate::{CONNECT_TIMEOUT_S, DEFAULT_ENDPOINT, LinkArgs, LinkError, LinkMode};
 
@@ -22,15 +24,12 @@ pub enum Role {
 /// Largest message that is assembled from parts, bytes: twice the limit of a message.
 const MAX_MESSAGE: usize = 2 * fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 
-/// Protocols that are built in. `quic` needs certificates in the config.
-const PROTOCOLS: &[&str] = &["tcp", "quic", "unixsock-stream"];
-
 const MODE: &str = "mode";
-pub const CONNECT: &str = "connect/endpoints";
+
 const CONNECT_TIMEOUT: &str = "connect/timeout_ms";
 const CONNECT_EXIT: &str = "connect/exit_on_failure";
 const CONNECT_RETRY: &str = "connect/retry";
-pub const LISTEN: &str = "listen/endpoints";
+
 const MULTICAST: &str = "scouting/multicast/enabled";
 const GOSSIP: &str = "scouting/gossip/enabled";
 const MESSAGE_SIZE: &str = "transport/link/rx/max_message_size";
@@ -144,11 +143,6 @@ fn check_certificates(config: &Config) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// Whether traffic over an endpoint is encrypted.
-pub fn is_encrypted(endpoint: &str) -> bool {
-    endpoint.starts_with("quic/")
-}
-
 /// Where a session with this config listens, or else where it connects.
 pub fn place(config: &Config) -> String {
     let [listens, connects] = [LISTEN, CONNECT].map(|key| endpoints(&get(config, key)).join(", "));
@@ -242,62 +236,6 @@ impl Plan {
     }
 }
 
-/// Says what is wrong with an endpoint.
-pub fn check_endpoint(endpoint: &str) -> Result<(), String> {
-    let parsed: EndPoint = endpoint.parse().map_err(|_| "is not an endpoint".to_string())?;
-    let protocol = parsed.protocol();
-    check_protocol(protocol.as_str())?;
-    if protocol.as_str() == "unixsock-stream" { Ok(()) } else { check_address(parsed.address().as_str()) }
-}
-
-/// Says what is wrong with a host and a port.
-fn check_address(address: &str) -> Result<(), String> {
-    let (host, port) = address.rsplit_once(':').ok_or_else(|| format!("{address} has no port"))?;
-    port.parse::<u16>().map_err(|_| format!("the port '{port}' is not a number from 0 to 65535"))?;
-    match host.strip_prefix('[').and_then(|host| host.strip_suffix(']')) {
-        Some(ip) => ip.parse::<Ipv6Addr>().map(drop).map_err(|_| format!("the host '[{ip}]' is not an IPv6 address")),
-        None if host.contains(':') => Err(format!("the host '{host}' needs brackets: [{host}]:{port}")),
-        None if host.is_empty() => Err("the host is missing".into()),
-        None => Ok(()),
-    }
-}
-
-/// The first host in a list of endpoints that the system does not know.
-fn unknown_host(endpoints: &str) -> Option<(&str, &str)> {
-    endpoints.split(", ").find_map(|endpoint| {
-        let (_, address) = endpoint.split_once('/').filter(|(protocol, _)| !protocol.starts_with("unix"))?;
-        let address = address.split(['?', '#']).next().unwrap_or(address);
-        address
-            .to_socket_addrs()
-            .is_err()
-            .then(|| (endpoint, address.rsplit_once(':').map_or(address, |(host, _)| host)))
-    })
-}
-
-/// Says why a protocol is not built in.
-pub fn check_protocol(protocol: &str) -> Result<(), String> {
-    let why = match protocol {
-        // Zenoh 1.10 reads and writes one TLS connection from two threads without a lock, which rustls forbids: programs died
-        // of it under load (eclipse-zenoh/zenoh, issue 2557).
-        "tls" => " (Zenoh's TLS link corrupts memory; quic/ is TLS 1.3 with the same certificates)",
-        // Zenoh retransmits nothing over UDP, not even its own declarations.
-        "udp" => " (Zenoh does not retransmit over it; use quic/)",
-        _ if PROTOCOLS.contains(&protocol) => return Ok(()),
-        _ => "",
-    };
-    Err(format!("the protocol {protocol} is not built in{why}, only {}", PROTOCOLS.join(", ")))
-}
-
-/// A message about an endpoint, with how to write one.
-pub fn advise(reason: &str) -> String {
-    format!("{reason}; write tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
-}
-
-/// Whether the config has only Zenoh's defaults there.
-pub fn is_silent(config: &Config, key: &str) -> bool {
-    get(config, key) == get(&Config::default(), key)
-}
-
 fn set_where_silent(config: &mut Config, key: &'static str, value: Value) -> Result<(), LinkError> {
     if is_silent(config, key) { set(config, key, &value) } else { Ok(()) }
 }
@@ -305,23 +243,6 @@ fn set_where_silent(config: &mut Config, key: &'static str, value: Value) -> Res
 fn set(config: &mut Config, key: &'static str, value: &Value) -> Result<(), LinkError> {
     let value = value.to_string();
     config.insert_json5(key, &value).map_err(|source| LinkError::Setting { key, value, reason: source.to_string() })
-}
-
-pub fn get(config: &Config, key: &str) -> Value {
-    config.get_json(key).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
-}
-
-/// All endpoints in a setting, in any of Zenoh's forms.
-pub fn endpoints(setting: &Value) -> Vec<String> {
-    match setting {
-        Value::String(endpoint) => vec![endpoint.clone()],
-        Value::Array(parts) => parts.iter().flat_map(endpoints).collect(),
-        // By mode, or as a group of locators with its strategy.
-        Value::Object(parts) => {
-            parts.iter().filter(|(key, _)| *key != "strategy").flat_map(|(_, part)| endpoints(part)).collect()
-        }
-        _ => Vec::new(),
-    }
 }
 
 #[cfg(test)]

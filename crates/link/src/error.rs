@@ -10,7 +10,6 @@ pub enum LinkError {
     /// The config file cannot be read, or is not a Zenoh config.
     #[error("{}: cannot read it as a Zenoh config: {reason}; write json5 with the keys of Zenoh's own tools", path.display())]
     ConfigFile {
-        /// Path of the config file.
         path: PathBuf,
         /// What Zenoh says is wrong with it.
         reason: String,
@@ -18,9 +17,7 @@ pub enum LinkError {
     /// Zenoh refuses a setting.
     #[error("Zenoh refuses {key} = {value}: {reason}; check the value in the config file or on the command line")]
     Setting {
-        /// Path of the setting.
         key: &'static str,
-        /// Value that was refused, as JSON.
         value: String,
         /// What Zenoh says is wrong with it.
         reason: String,
@@ -28,7 +25,6 @@ pub enum LinkError {
     /// The config asks for something that this build lacks, or that would have no effect.
     #[error("{key}: {reason}; {remedy}")]
     NotHonoured {
-        /// Path of the setting.
         key: &'static str,
         /// Why this build does not honour it.
         reason: String,
@@ -40,12 +36,7 @@ pub enum LinkError {
         "{endpoint} needs a certificate, but the config has no {key}; \
          `fiatlux keys --out DIR` makes certificates and configs: start with -c DIR/CONFIG.json5"
     )]
-    Certificate {
-        /// The endpoint, as it was given.
-        endpoint: String,
-        /// Path of the setting.
-        key: String,
-    },
+    Certificate { endpoint: String, key: String },
     /// Certificates cannot be read, or the other side refuses them.
     #[error(
         "no TLS connection at {endpoints} ({reason}); both sides need certificates of the same `fiatlux keys --out DIR`, \
@@ -54,7 +45,6 @@ pub enum LinkError {
     Tls {
         /// The endpoints that were tried, separated by commas.
         endpoints: String,
-        /// What Zenoh says went wrong.
         reason: String,
     },
     /// An endpoint cannot be parsed, or its protocol is not built in.
@@ -62,7 +52,6 @@ pub enum LinkError {
     Endpoint {
         /// The flag or setting that it was given with.
         flag: &'static str,
-        /// The endpoint, as it was given.
         endpoint: String,
         /// What is wrong, and how it is written.
         reason: String,
@@ -77,7 +66,6 @@ pub enum LinkError {
         endpoints: String,
         /// How long the session tried, s.
         timeout_s: f64,
-        /// What Zenoh says went wrong.
         reason: String,
     },
     /// Something answers where the session should connect, but lets it in no further.
@@ -103,19 +91,12 @@ pub enum LinkError {
     Listen {
         /// Endpoints to listen on, separated by commas.
         endpoints: String,
-        /// What Zenoh says went wrong.
         reason: String,
     },
     /// Any other failure that Zenoh reports.
     #[error("cannot open a Zenoh session: {reason}; RUST_LOG=zenoh=debug shows more")]
-    Open {
-        /// What Zenoh says went wrong.
-        reason: String,
-    },
+    Open { reason: String },
     /// Zenoh cannot close the session.
     #[error("cannot close the Zenoh session: {reason}")]
-    Close {
-        /// What Zenoh says went wrong.
-        reason: String,
-    },
+    Close { reason: String },
 }

@@ -4,7 +4,7 @@ use std::net::IpAddr;
 
 use zenoh::Config;
 
-use crate::config::{self, LISTEN, endpoints, get};
+use crate::endpoints::{LISTEN, endpoints, get, is_encrypted};
 
 const DICTIONARY: &str = "transport/auth/usrpwd/dictionary_file";
 const MTLS: &str = "transport/link/tls/enable_mtls";
@@ -17,13 +17,13 @@ pub fn exposed(config: &Config) -> Vec<String> {
         return Vec::new();
     }
     let mutual = get(config, MTLS) == true;
-    let is_open = |endpoint: &String| !(is_local(endpoint) || mutual && config::is_encrypted(endpoint));
+    let is_open = |endpoint: &String| !(is_local(endpoint) || mutual && is_encrypted(endpoint));
     endpoints(&get(config, LISTEN)).into_iter().filter(is_open).collect()
 }
 
 /// A warning about such an endpoint, with the remedy. `asks_tokens`: only holders of a token can open sessions.
 pub fn warning(endpoint: &str, asks_tokens: bool) -> String {
-    let lack = if config::is_encrypted(endpoint) { "client certificates" } else { "encryption" };
+    let lack = if is_encrypted(endpoint) { "client certificates" } else { "encryption" };
     let risk = match asks_tokens {
         true => format!(
             "without {lack}: others on the network can read observations and pose as the server to clients without \

@@ -6,7 +6,7 @@ use serde_json::Value;
 use zenoh::Config;
 
 use crate::LinkError;
-use crate::config::{self, check_protocol, get, is_silent};
+use crate::endpoints::{self, check_protocol, get, is_silent};
 
 /// Sections that Zenoh parses in any build but uses only in some, with the remedy. Each is accepted with the values of
 /// [`Config::default`], which ask for nothing.
@@ -47,12 +47,12 @@ pub fn check(config: &Config) -> Result<(), LinkError> {
     for protocol in get(config, LINK_PROTOCOLS).as_array().into_iter().flatten().filter_map(Value::as_str) {
         check_protocol(protocol).map_err(|reason| refused(LINK_PROTOCOLS, &reason, "name only these"))?;
     }
-    for key in [config::CONNECT, config::LISTEN] {
-        for endpoint in config::endpoints(&get(config, key)) {
-            config::check_endpoint(&endpoint).map_err(|reason| LinkError::Endpoint {
+    for key in [endpoints::CONNECT, endpoints::LISTEN] {
+        for endpoint in endpoints::endpoints(&get(config, key)) {
+            endpoints::check_endpoint(&endpoint).map_err(|reason| LinkError::Endpoint {
                 flag: key,
                 endpoint,
-                reason: config::advise(&reason),
+                reason: endpoints::advise(&reason),
             })?;
         }
     }

@@ -3,11 +3,14 @@
 //!
 //! Nothing leaves the loopback interface unless a flag or a config file asks for it: without them a server listens on
 //! [`DEFAULT_ENDPOINT`], a client connects to it, and neither scouts.
+#![allow(missing_docs)] // Used in this repository alone.
 mod args;
 mod config;
+mod endpoints;
 mod error;
 mod exposure;
 mod honoured;
+mod open;
 mod over_zenoh;
 mod ports;
 mod waiting;

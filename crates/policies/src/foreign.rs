@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use fiatlux_foreign::{
-    FixedToken, GainsRule, Gear as GearController, HEIGHT, Model, Plant, Reading, RecordedTokens,
-    Sonic as SonicController, Token, TokenSource,
+    FixedToken, GainsRule, Gear as GearController, Model, Plant, Reading, RecordedTokens, Sonic as SonicController,
+    Token, TokenSource,
 };
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
 
 use super::body::{self, Senses};
-use super::whole_body::WholeBody;
+use super::whole_body::{UPRIGHT, WholeBody};
 use fiatlux_client::{Command, Policy, PolicyError};
 
 /// Words that each of `gear`, a carrier of a model's commands, and `sonic` accepts.
@@ -28,10 +28,6 @@ pub(super) struct GearFiles {
 }
 
 impl GearFiles {
-    /// Command for the fields that the user leaves out.
-    pub const UPRIGHT: fiatlux_wbc::Command =
-        fiatlux_wbc::Command { velocity: [0.0; 3], height: HEIGHT, torso: [0.0; 3] };
-
     /// Reads `DIR[,reading=nvidia|lerobot][,gains=own|any]`.
     ///
     /// # Errors
@@ -187,7 +183,7 @@ impl Gear {
     /// # Errors
     /// [`PolicyError::Words`], or networks that cannot be loaded.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
-        let mut command = GearFiles::UPRIGHT;
+        let mut command = UPRIGHT;
         let files = GearFiles::open_with(text, GEAR_FIELDS, |name, value| body::set(&mut command, name, value))?;
         let [stands, walks] = &files.networks;
         let name = body::label("gear", text, &[stands.digest(), walks.digest()]);
@@ -201,7 +197,7 @@ impl Policy for Gear {
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        self.body = Some(WholeBody::gear("gear", &self.files, info, first)?);
+        self.body = Some(WholeBody::gear("gear", self.files.controller("gear", info)?, info, first)?);
         Ok(())
     }
 

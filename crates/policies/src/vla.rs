@@ -211,7 +211,10 @@ impl Policy for Vla {
             Some(Carrier::Own(network)) => {
                 shared.body(WholeBody::own("vla", Arc::clone(network), info, first)?, info)?
             }
-            Some(Carrier::Gear(files)) => shared.body(WholeBody::gear("vla", files, info, first)?, info)?,
+            Some(Carrier::Gear(files)) => {
+                let controller = files.controller("vla", info)?;
+                shared.body(WholeBody::gear("vla", controller, info, first)?, info)?
+            }
             Some(Carrier::Sonic(files)) => Driven::Tokens(Box::new(files.begin("vla", info, first)?)),
         };
         let asker = Asker::new(shared.options.model().map_err(PolicyError::of("vla"))?, shared.patience);

@@ -2,16 +2,19 @@
 
 use std::sync::Arc;
 
-use fiatlux_foreign::Gear;
+use fiatlux_foreign::{Gear, HEIGHT};
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
 use fiatlux_wbc::{ARMS, Arms, BODY, CONTROL_DT, Controller, MOVED, Network};
 
 use super::body::{self, Senses};
-use super::foreign::GearFiles;
 use fiatlux_client::{Command, PolicyError};
 
 /// A command's parts in the record, as KEY:NUMBERS, in the order of [`fiatlux_wbc::Command::numbers`].
 const RECORDED: [&str; 3] = ["navigate:3", "height:1", "torso:3"];
+
+/// Command of GEAR for the fields that the user leaves out.
+pub(super) const UPRIGHT: fiatlux_wbc::Command =
+    fiatlux_wbc::Command { velocity: [0.0; 3], height: HEIGHT, torso: [0.0; 3] };
 
 /// Legs and waist follow a whole-body controller; arms and hands keep their targets.
 ///
@@ -72,15 +75,15 @@ impl WholeBody {
     /// Starts an episode with GEAR's controller.
     ///
     /// # Errors
-    /// As for [`WholeBody::own`], or gains other than the controller's.
+    /// As for [`WholeBody::own`].
     pub(super) fn gear(
         policy: &'static str,
-        files: &GearFiles,
+        controller: Gear,
         info: &SessionInfo,
         first: &Observation,
     ) -> Result<Self, PolicyError> {
         let targets = body::staged(policy, info, first)?;
-        Ok(Self::on(policy, Moves::Gear(Box::new(files.controller(policy, info)?)), targets))
+        Ok(Self::on(policy, Moves::Gear(Box::new(controller)), targets))
     }
 
     fn on(policy: &'static str, controller: Moves, targets: Vec<f64>) -> Self {
@@ -100,7 +103,7 @@ impl WholeBody {
     pub fn upright(&self) -> fiatlux_wbc::Command {
         match self.controller {
             Moves::Own(_) => fiatlux_wbc::Command::default(),
-            Moves::Gear(_) => GearFiles::UPRIGHT,
+            Moves::Gear(_) => UPRIGHT,
         }
     }
 

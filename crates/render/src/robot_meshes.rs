@@ -9,6 +9,7 @@ mod tests;
 use std::path::Path;
 use std::sync::Arc;
 
+use data_encoding::HEXLOWER;
 use fiatlux_robot::Robot;
 use fiatlux_world::ShapeOwner;
 use sha2::{Digest, Sha256};
@@ -76,7 +77,7 @@ impl RobotMeshes {
             }
             links[file.link] = Some(LinkMeshes::new(&surface, file.link, robot));
         }
-        let hex = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+        let hex = HEXLOWER.encode(&hash.finalize());
         Ok(Self { label: format!("meshes:{hex}"), links })
     }
 

@@ -6,14 +6,17 @@ mod g1;
 mod ladder;
 pub(crate) mod robot;
 mod room;
+mod shapes;
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Geometry, ShapeSpec};
+use fiatlux_dynamics::{BodyId, Geometry};
 use fiatlux_robot::Robot;
 use fiatlux_rules::{Bulb, Row, errand};
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
+
+use shapes::{frame_of, shapes};
 
 use crate::RobotMeshes;
 use crate::mesh::{Detail, Frame, Mesh};
@@ -77,11 +80,6 @@ fn meshes(scene: &Scene, robot: Option<&RobotMeshes>, detail: Detail) -> Vec<Arc
     meshes
 }
 
-/// Where the shapes of a thing are given: with the thing, or in the world if it cannot move.
-fn frame_of(scene: &Scene, thing: usize) -> Frame {
-    if scene.body(thing).is_some() { Frame::Thing(thing) } else { Frame::World }
-}
-
 /// A thing by its collision shapes, boxes and balls.
 fn plain(scene: &Scene, thing: usize, detail: Detail) -> Mesh {
     let owner = ShapeOwner::Thing(thing);
@@ -96,11 +94,6 @@ fn plain(scene: &Scene, thing: usize, detail: Detail) -> Mesh {
         }
     }
     mesh
-}
-
-/// The shapes of an owner.
-fn shapes(scene: &Scene, owner: ShapeOwner) -> impl Iterator<Item = &ShapeSpec> {
-    scene.model.shapes().iter().filter(move |shape| ShapeOwner::from_label(shape.label) == owner)
 }
 
 /// The fixed boxes of bench or crate.

@@ -16,7 +16,7 @@ use tokio::fs::File;
 
 use crate::Packed;
 use crate::page::Page;
-use crate::serve::Shelf;
+use crate::shelf::Shelf;
 use crate::shown::Shown;
 use crate::site::{for_ever, guarded, page_part, whole_file};
 

@@ -20,7 +20,6 @@ pub enum ReplayError {
     /// No scene can be built from the bag's header.
     #[error("cannot show {}", bag.display())]
     Header {
-        /// Path of the bag.
         bag: PathBuf,
         /// What in the header prevents it.
         #[source]
@@ -29,21 +28,16 @@ pub enum ReplayError {
     /// No row of the bag can be drawn.
     #[error("cannot show {}: it has no row that can be drawn{details}; record the episode again", bag.display())]
     Empty {
-        /// Path of the bag.
         bag: PathBuf,
         /// What is wrong with its rows, each fault on its own line.
         details: String,
     },
     /// Drawing was stopped before there was a picture.
     #[error("drawing {} took longer than it may", bag.display())]
-    Stopped {
-        /// Path of the bag.
-        bag: PathBuf,
-    },
+    Stopped { bag: PathBuf },
     /// A picture cannot be drawn.
     #[error("cannot draw {}", bag.display())]
     Picture {
-        /// Path of the bag.
         bag: PathBuf,
         /// Why not.
         #[source]
@@ -51,16 +45,12 @@ pub enum ReplayError {
     },
     /// The folder holds no bag.
     #[error("there is no bag in {}; name an .mcap file, or a folder with some", folder.display())]
-    NoBags {
-        /// The folder that was searched.
-        folder: PathBuf,
-    },
+    NoBags { folder: PathBuf },
     /// A file or folder cannot be read or written.
     #[error("cannot {action} {}; check that it exists, and its permissions", path.display())]
     Io {
         /// The attempted action: `read` or `write`, to follow "cannot".
         action: &'static str,
-        /// Path of the file or folder.
         path: PathBuf,
         /// The system's error, which says why.
         #[source]
@@ -69,7 +59,6 @@ pub enum ReplayError {
     /// The server cannot listen on its port.
     #[error("cannot listen on {address}; choose another port with --port, or 0 for a free one")]
     Listen {
-        /// Address that was asked for.
         address: SocketAddr,
         /// The system's error, which says why.
         #[source]

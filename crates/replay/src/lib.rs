@@ -25,6 +25,7 @@
 //! viewer.serve(&std::sync::atomic::AtomicBool::new(false))?;
 //! # Ok::<(), fiatlux_replay::ReplayError>(())
 //! ```
+#![allow(missing_docs)] // Used in this repository alone.
 mod answers;
 mod bags;
 mod conditions;
@@ -37,6 +38,7 @@ mod replay;
 mod rows;
 mod scene;
 mod serve;
+mod shelf;
 mod shown;
 pub mod site;
 mod standalone;

@@ -5,6 +5,7 @@
 
 use std::ops::Range;
 
+use data_encoding::HEXLOWER;
 use fiatlux_render::{Carrier, Lighting, Visuals, paints};
 use fiatlux_robot::Robot;
 use fiatlux_rules::{Motion, Thing, manifest};
@@ -169,7 +170,7 @@ impl Stage {
         let parts = [(0..robot.0, 0..robot.1), (robot.0..positions.len(), robot.1..indices.len())];
         let block_bytes = parts.clone().map(|(vertices, indices)| pack(vertices, indices));
         let [of_robot, of_room] = [0, 1].map(|part| Block {
-            digest: Sha256::digest(&block_bytes[part]).iter().map(|byte| format!("{byte:02x}")).collect(),
+            digest: HEXLOWER.encode(&Sha256::digest(&block_bytes[part])),
             vertices: parts[part].0.len(),
             indices: parts[part].1.len(),
         });

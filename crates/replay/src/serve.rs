@@ -6,8 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crate::answers::router;
-use crate::page::Page;
-use crate::shown::{Desk, Shown};
+use crate::shelf::Shelf;
 use crate::{Bags, ReplayError};
 
 /// How often the server checks whether it should stop.
@@ -65,26 +64,5 @@ impl Viewer {
 async fn stopped(stop: &AtomicBool) {
     while !stop.load(Ordering::Relaxed) {
         tokio::time::sleep(LOOK).await;
-    }
-}
-
-/// The bags, their pages, and recently requested replays.
-#[derive(Debug)]
-pub(crate) struct Shelf {
-    pub bags: Bags,
-    pub list: Page,
-    pub replay: Page,
-    pub desk: Desk,
-}
-
-impl Shelf {
-    fn new(bags: Bags) -> Self {
-        let replay = Page::replay(bags.count() > 1);
-        Self { bags, list: Page::list(), replay, desk: Desk::default() }
-    }
-
-    /// The replay of the bag at an index; `None` if there is no such bag.
-    pub fn show(&self, index: usize) -> Option<Result<Shown, ReplayError>> {
-        self.bags.file(index).map(|path| self.desk.show(path, None, None))
     }
 }

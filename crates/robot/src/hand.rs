@@ -2,6 +2,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::RobotError;
+use crate::names::HANDS;
 
 /// The hands that a robot carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
@@ -18,10 +19,7 @@ impl HandKind {
     pub const ALL: [HandKind; 2] = [HandKind::Inspire, HandKind::Bare];
 
     fn name(self) -> &'static str {
-        match self {
-            HandKind::Inspire => "inspire",
-            HandKind::Bare => "bare",
-        }
+        HANDS[self as usize]
     }
 }
 

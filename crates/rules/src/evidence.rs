@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
+use crate::context::Context;
 use crate::divergence::diverged;
 use crate::errand;
-use crate::gate::Context;
 use crate::measure;
 use crate::predicates::{at_working_height, crushed, dropped, fallen, ladder_tipped, seated};
 use crate::row::{Bulb, Row};

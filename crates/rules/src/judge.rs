@@ -4,9 +4,10 @@ mod state;
 
 use crate::bulb_motion::BulbMotion;
 use crate::cause::{Cause, Causes};
+use crate::context::Context;
 use crate::errand;
 use crate::evidence::Evidence;
-use crate::gate::{Context, Criteria, Gate, MAX_CRITERIA};
+use crate::gate::{Criteria, Gate, MAX_CRITERIA};
 use crate::geometry::Geometry;
 use crate::predicates::standing;
 use crate::protocol::Protocol;
@@ -169,7 +170,7 @@ impl Judge {
     /// Context in which predicates read the row last shown.
     pub fn context(&self) -> Context<'_> {
         let Evidence { bulb_speeds, grip_speeds, .. } = self.evidence;
-        Context { bulb_speeds, grip_speeds, ..Context::at_rest(self.task, &self.thresholds, &self.geometry) }
+        Context { bulb_speeds, grip_speeds, ..at_rest(self.task, &self.thresholds, &self.geometry) }
     }
 
     /// Starts over with row 0, the reset state, whatever its number. Neither gate nor terminations read it, apart from
@@ -208,7 +209,7 @@ impl Judge {
             self.motion = BulbMotion::default();
         }
         let steps = self.steps_at(row.step);
-        let cx = Context::at_rest(self.task, &self.thresholds, &self.geometry);
+        let cx = at_rest(self.task, &self.thresholds, &self.geometry);
         Evidence::of(row, follows, steps, &mut self.motion, self.task.spec(), &cx)
     }
 
@@ -292,7 +293,7 @@ impl Judge {
         for measure in errand::HAND_FORCE {
             reset.force_mut(measure).copy_from_slice(last.force(measure));
         }
-        let context = Context::at_rest(self.task, &self.thresholds, &self.geometry);
+        let context = at_rest(self.task, &self.thresholds, &self.geometry);
         self.gate().evaluate(self.protocol, &reset, &context).count()
     }
 
@@ -364,4 +365,9 @@ impl Judge {
             self.verdict.end = Some(End { step, causes: ending });
         }
     }
+}
+
+/// The context of a task, with bulbs that do not move.
+fn at_rest<'a>(task: Task, thresholds: &'a Thresholds, geometry: &'a Geometry) -> Context<'a> {
+    Context::at_rest((task.spec().special.fresh_drop_m)(thresholds), thresholds, geometry)
 }

@@ -43,6 +43,7 @@ pub const BENCHMARK_VERSION: u32 = 5;
 
 mod bulb_motion;
 mod cause;
+mod context;
 mod digest;
 mod divergence;
 pub mod errand;
@@ -71,10 +72,11 @@ mod thresholds;
 mod verdict;
 
 pub use cause::{Cause, Causes, UnknownCause};
+pub use context::{Context, Criterion, Predicate};
 pub use digest::RowDigest;
 pub use divergence::diverged;
 pub use errand::manifest;
-pub use gate::{Context, Criteria, Criterion, Gate, MAX_CRITERIA, Predicate};
+pub use gate::{Criteria, Gate, MAX_CRITERIA};
 pub use geometry::{BulbGeometry, Geometry};
 pub use identity::{EpisodeIdentity, JointDrive};
 pub use judge::{Judge, JudgeOptions};

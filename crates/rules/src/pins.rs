@@ -7,6 +7,7 @@
 
 use std::fmt::Write;
 
+use data_encoding::HEXLOWER;
 use sha2::{Digest, Sha256};
 
 use crate::divergence;
@@ -79,5 +80,5 @@ pub fn rules_digest() -> String {
             }
         }
     }
-    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+    HEXLOWER.encode(&Sha256::digest(text))
 }

@@ -4,8 +4,8 @@
 
 use nalgebra::Vector3;
 
+use crate::context::Context;
 use crate::errand;
-use crate::gate::Context;
 use crate::measure::{self, Extent};
 use crate::row::{Bulb, Row};
 

@@ -5,7 +5,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::cause::{Cause, Causes};
-use crate::gate::Context;
+use crate::context::Context;
 use crate::judge::Judge;
 use crate::row::Row;
 use crate::spec::RewardSpec;

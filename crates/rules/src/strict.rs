@@ -3,8 +3,8 @@
 //! A strict gate is all published criteria of its task, those of this page that the task names, and [`upright`]; it holds for
 //! at least a second. Nothing may have fallen, tipped, dropped or broken before, and the robot may not have leapt.
 
+use crate::context::{Context, Criterion};
 use crate::errand;
-use crate::gate::{Context, Criterion};
 use crate::measure::{self, GRAVITY};
 use crate::predicates::standing;
 use crate::row::{Bulb, Row, Support};

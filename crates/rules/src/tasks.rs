@@ -22,8 +22,9 @@ pub(crate) mod s12_climb_down;
 /// What every task file uses.
 mod page {
     pub(super) use crate::cause::{Cause, Causes};
+    pub(super) use crate::context::{Context, Criterion};
     pub(super) use crate::errand;
-    pub(super) use crate::gate::{Context, Criterion, Gate};
+    pub(super) use crate::gate::Gate;
     pub(super) use crate::measure;
     pub(super) use crate::predicates::*;
     pub(super) use crate::row::{Bulb, Row};

@@ -11,7 +11,7 @@ use fiatlux_robot::{HandKind, Robot};
 use fiatlux_wire::hands_named;
 use fiatlux_world::SceneConfig;
 
-use super::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
+use crate::job::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
 
 /// Jobs without a bag that can be scored. Bags that are cut, damaged, aborted, or of another version or model are
 /// removed, so that their episodes are played again. Two builds of one version count as the same.

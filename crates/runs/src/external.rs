@@ -23,7 +23,6 @@ const FAREWELL: Duration = Duration::from_millis(500);
 /// How to wait for a run from elsewhere.
 #[derive(Debug, Clone)]
 pub struct ExternalOptions {
-    /// Name of the server.
     pub name: String,
     /// Folder for bags, results and report. It holds one run; an unfinished one is resumed.
     pub out: PathBuf,
@@ -42,7 +41,6 @@ pub enum ExternalProgress {
     Waiting,
     /// A run is under way.
     Playing {
-        /// Name of the run.
         run: String,
         /// Name of its policy.
         policy: String,

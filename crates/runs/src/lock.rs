@@ -5,7 +5,7 @@ use std::path::Path;
 
 use fiatlux_bag::lock_folder;
 
-use super::{EvaluateError, folder};
+use crate::job::{EvaluateError, folder};
 
 /// Name of the lock file.
 const NAME: &str = "evaluate.lock";

@@ -12,7 +12,9 @@ use fiatlux_server::{
     BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom, RecordsTo, Server, ServerOptions,
 };
 
-use super::{EvaluateError, EvaluateOptions, Job, Played, Progress, SERVER};
+use crate::job::{EvaluateError, EvaluateOptions, Job, SERVER};
+use crate::losses::Played;
+use crate::progress::Progress;
 
 /// How often progress is reported.
 const REPORT_PERIOD: Duration = Duration::from_millis(250);

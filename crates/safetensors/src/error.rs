@@ -16,7 +16,6 @@ pub enum SafetensorsError {
     Missing {
         /// Name of the tensor that is missing.
         tensor: String,
-        /// The shape that the network needs.
         shape: Vec<usize>,
     },
     /// A tensor has another shape.
@@ -26,9 +25,7 @@ pub enum SafetensorsError {
     Shape {
         /// Name of the tensor in the file.
         tensor: String,
-        /// The shape that the network needs.
         expected: Vec<usize>,
-        /// The shape that the file has.
         found: Vec<u64>,
     },
     /// A tensor has another type of number.
@@ -53,9 +50,7 @@ pub enum SafetensorsError {
         expected: u64,
         /// Bytes behind the header.
         data: u64,
-        /// Where the header says it begins.
         begin: u64,
-        /// Where the header says it ends.
         end: u64,
     },
 }

@@ -10,6 +10,7 @@
 //! assert!(matches!(file.tensor("bias", &[3]), Err(SafetensorsError::Shape { .. })));
 //! # Ok::<(), SafetensorsError>(())
 //! ```
+#![allow(missing_docs)] // Used in this repository alone.
 mod error;
 mod file;
 

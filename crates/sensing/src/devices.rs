@@ -7,7 +7,7 @@ use fiatlux_render::{Camera, Image, Lighting, RenderError, Renderer, Visuals};
 use fiatlux_world::{Scene, SceneError};
 use thiserror::Error;
 
-use crate::{Lidar, NoiseSeed, Observer, Proprioception, Sensors, Sight, View};
+use crate::{Lidar, NoiseSeed, Observer, Proprioception, Sight, View};
 
 /// Why a sensor has nothing to say.
 #[derive(Debug, Error)]
@@ -97,7 +97,8 @@ impl Devices {
 
     pub fn begin(
         &mut self,
-        sensors: Sensors,
+        scans: bool,
+        cameras: impl Iterator<Item = &'static str>,
         scene: &Scene,
         noise: Option<NoiseSeed>,
         visuals: impl FnOnce() -> Arc<Visuals>,
@@ -106,23 +107,24 @@ impl Devices {
         let observer = Observer::new(scene.robot.q0().to_vec(), noise);
         self.body = Some(Made::new((observer, Proprioception::zeros(scene.robot_layout().joints))));
         self.lidars.clear();
-        if sensors.meets(Sensors::WITH_SCAN) {
+        if scans {
             self.lidars.push((Sight::Published, Made::new(Lidar::new(scene, Sight::Published)?)));
             if self.sight != Sight::Published {
                 self.lidars.push((self.sight, Made::new(Lidar::new(scene, self.sight)?)));
             }
         }
-        if sensors.meets(Sensors::WITH_IMAGE) {
+        let mut cameras = cameras.peekable();
+        if cameras.peek().is_some() {
             let [width, height] = self.image_size;
             let mut old = self.studio.take().map(|studio| studio.cameras).unwrap_or_default();
-            let mut cameras: Vec<(_, Made<Renderer>)> = Vec::new();
-            for name in sensors.iter().filter_map(|sensor| sensor.camera()) {
-                if !cameras.iter().any(|(other, _)| *other == name) {
+            let mut renderers: Vec<(_, Made<Renderer>)> = Vec::new();
+            for name in cameras {
+                if !renderers.iter().any(|(other, _)| *other == name) {
                     let renderer = old.pop().map_or_else(|| Renderer::new(width, height), |(_, made)| made.by);
-                    cameras.push((name, Made::new(renderer)));
+                    renderers.push((name, Made::new(renderer)));
                 }
             }
-            self.studio = Some(Studio { visuals: visuals(), lighting, cameras });
+            self.studio = Some(Studio { visuals: visuals(), lighting, cameras: renderers });
         }
         if let Some(network) = &mut self.network {
             network.step = None;

@@ -58,7 +58,8 @@ impl SensorSuite {
         visuals: impl FnOnce() -> Arc<Visuals>,
         lighting: Lighting,
     ) -> Result<(), SenseError> {
-        self.devices.begin(self.sensors, scene, noise, visuals, lighting)
+        let cameras = self.sensors.iter().filter_map(Sensor::camera);
+        self.devices.begin(self.sensors.meets(Sensors::WITH_SCAN), cameras, scene, noise, visuals, lighting)
     }
 
     /// Another episode begins in the same scene. Allocates nothing.

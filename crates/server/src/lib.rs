@@ -5,6 +5,7 @@
 //!
 //! The rules of a session are in `fiatlux_session`, what is simulated in `fiatlux_world`; this crate joins the two and carries
 //! their messages.
+#![allow(missing_docs)] // Used in this repository alone.
 #[cfg(test)]
 mod rebuild_tests;
 mod recorder;

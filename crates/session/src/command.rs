@@ -32,18 +32,13 @@ pub enum Command {
 pub enum CommandError {
     /// The message must have exactly one of the two lists.
     #[error("{} filled", if *.both { "both action and joint_target are" } else { "neither action nor joint_target is" })]
-    Form {
-        /// Both are filled; otherwise neither is.
-        both: bool,
-    },
+    Form { both: bool },
     /// The list does not have one number for each joint.
     #[error("{field} has {found} numbers instead of {expected}")]
     Length {
         /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
-        /// Length of the list.
         found: usize,
-        /// Number of joints of the robot.
         expected: usize,
     },
     /// A number is NaN or infinite; without a bound in the session also a joint target that is infinite in action units.
@@ -51,11 +46,8 @@ pub enum CommandError {
     NotFinite {
         /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
-        /// Index of the joint.
         joint: usize,
-        /// Name of the joint.
         name: String,
-        /// The number that was commanded.
         value: f64,
     },
     /// A number is beyond the bound that `SessionInfo.action_limit` sets.
@@ -63,13 +55,9 @@ pub enum CommandError {
     Range {
         /// Which of the two lists: `action` or `joint_target`.
         field: &'static str,
-        /// Index of the joint.
         joint: usize,
-        /// Name of the joint.
         name: String,
-        /// The number that was commanded.
         value: f64,
-        /// Smallest number that the session accepts.
         low: f64,
         /// Largest number that the session accepts.
         high: f64,
@@ -85,19 +73,14 @@ pub enum CommandError {
     WholeBody {
         /// Name of the number, such as `whole_body.vx`.
         field: &'static str,
-        /// The number that was commanded.
         value: f64,
-        /// Smallest number that the session accepts.
         low: f64,
         /// Largest number that the session accepts.
         high: f64,
     },
     /// The description of the model's chunk is not valid.
     #[error("chunk {problem}")]
-    Chunk {
-        /// What is wrong with the chunk.
-        problem: &'static str,
-    },
+    Chunk { problem: &'static str },
 }
 
 impl CommandError {

@@ -63,6 +63,7 @@
 //! }
 //! assert_eq!(shown, [0, 1]);
 //! ```
+#![allow(missing_docs)] // Used in this repository alone.
 
 mod command;
 mod machine;

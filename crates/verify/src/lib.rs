@@ -1,4 +1,5 @@
 //! Runs a recorded episode again on a server, and compares.
+#![allow(missing_docs)] // Used in this repository alone.
 
 mod records;
 mod rows;
@@ -29,10 +30,7 @@ use rows::first_row_difference;
 pub enum VerifyError {
     /// The bag is cut, aborted or changed, so no second run is needed.
     #[error("the bag cannot be verified: {reason}")]
-    Bag {
-        /// What is wrong with it.
-        reason: String,
-    },
+    Bag { reason: String },
     /// The bag changed while it was being read.
     #[error("the bag cannot be read again")]
     Reread(#[from] BagError),
@@ -47,10 +45,7 @@ pub enum VerifyError {
     Follow(#[source] CarrierError),
     /// The second run cannot be compared row by row.
     #[error("record {next_seq} of the second run is lost, so it cannot be compared; run verify again")]
-    Lost {
-        /// Number of the first missing record.
-        next_seq: u64,
-    },
+    Lost { next_seq: u64 },
 }
 
 impl VerifyError {

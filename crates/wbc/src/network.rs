@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use data_encoding::HEXLOWER;
 use fiatlux_nets::{Dense, Rounding, elu};
 use fiatlux_safetensors::File;
 use sha2::{Digest, Sha256};
@@ -88,7 +89,7 @@ impl Network {
         let expected = finite(&file, "check.action", &[MOVED])?;
         let frames = contract.frames;
         let standing = Standing::new(&contract.joints)?;
-        let digest = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        let digest = HEXLOWER.encode(&Sha256::digest(bytes));
         let network = Self { contract, digest, layers, mirror: mirror(frames), standing };
         let mut found = [0.0; MOVED];
         network.run(&example, &mut network.scratch(), &mut found);

@@ -1,5 +1,6 @@
 //! What a bag's header says of the rows that follow it.
 
+use data_encoding::HEXLOWER;
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{self, EpisodeHeader};
 use fiatlux_rules::{Cause, Causes, EpisodeIdentity, JointDrive, RobotLayout, Thresholds, Variant};
@@ -29,7 +30,7 @@ pub fn layout_of(header: &EpisodeHeader) -> Result<RobotLayout, WireError> {
 
 /// SHA-256 over the header as it is encoded, hexadecimal: what [`EpisodeResult`](v3::EpisodeResult) says of its header.
 pub fn header_digest(header: &EpisodeHeader) -> String {
-    Sha256::digest(header.encode_to_vec()).iter().map(|byte| format!("{byte:02x}")).collect()
+    HEXLOWER.encode(&Sha256::digest(header.encode_to_vec()))
 }
 
 /// The reward that an episode pays.

@@ -5,6 +5,7 @@ mod parts;
 
 use std::collections::BTreeMap;
 
+use data_encoding::HEXLOWER;
 use fiatlux_rules::manifest;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -88,7 +89,7 @@ impl SceneConfig {
 
     /// SHA-256 of the config as TOML with every value written out, hexadecimal.
     pub fn digest(&self) -> String {
-        Sha256::digest(self.to_toml()).iter().map(|byte| format!("{byte:02x}")).collect()
+        HEXLOWER.encode(&Sha256::digest(self.to_toml()))
     }
 
     /// Those of [`SceneConfig::things`] in the order of the manifest; `None` for what has a section of its own.

@@ -27,6 +27,7 @@
 //! assert!(row.step == 1 && row.com_velocity.x > 0.1);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+mod action;
 mod attach;
 pub mod config;
 mod domain_sample;
@@ -44,6 +45,7 @@ mod scene;
 mod start;
 mod world;
 
+pub use action::{ACTION_LIMIT, ACTION_SCALE};
 pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
 pub use config::SceneConfig;
 pub use domain_sample::DomainSample;
@@ -58,7 +60,7 @@ pub use props::{LadderPoints, PropSizes};
 pub use randomize::{HandFriction, Light, PropScale, Randomization};
 pub use rng::{GENERATORS, RNG_NAME, Random, Stream};
 pub use scene::{Placed, Scene, SceneSpec};
-pub use start::{ACTION_LIMIT, ACTION_SCALE, StartError, StartOffset, StartOptions, start, start_drawn};
+pub use start::{StartError, StartOffset, StartOptions, start, start_drawn};
 pub use world::{PHYSICS_DT, SUBSTEPS, World};
 
 // The rulebook's control step and gravity are the world's.

@@ -19,14 +19,7 @@ use fiatlux_rules::{AttachmentRow, Bulb, Ladder, Row, Spot, Stand, StartSpec, Ta
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use crate::{Scene, SceneKind, SceneParts, ShapeOwner, World, WorldError};
-
-/// Radians of joint target per unit of action: target = q0 + 0.5 action.
-pub const ACTION_SCALE: f64 = 0.5;
-
-/// Largest size of a number of an action, in action units: far beyond any joint's range, and small enough that the control
-/// effort and every reward stay finite.
-pub const ACTION_LIMIT: f64 = 1e3;
+use crate::{ACTION_SCALE, Scene, SceneKind, SceneParts, ShapeOwner, World, WorldError};
 
 /// Options for the start of an episode.
 #[derive(Debug, Clone, PartialEq)]

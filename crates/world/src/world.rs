@@ -11,11 +11,11 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vect
 
 use self::check::check_row;
 use self::sensed::Sensors;
+use crate::action::ACTION_LIMIT;
 use crate::attach::{Attachment, AttachmentState, PlugState};
 use crate::error::WorldError;
 use crate::input::{AppliedWrench, ControlInput, Push, Target};
 use crate::scene::Scene;
-use crate::start::ACTION_LIMIT;
 
 /// Length of a physics step, s.
 pub const PHYSICS_DT: f64 = 0.005;

@@ -9,7 +9,8 @@ use fiatlux_proto::keys::is_name;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_runs::{EvaluateError, ExternalOptions, ExternalProgress, evaluate_external};
 
-use super::{EvaluateArgs, finish, workers};
+use super::EvaluateArgs;
+use super::outcome::finish;
 
 /// Parses the name of a server.
 pub(super) fn name(text: &str) -> Result<String, String> {
@@ -34,7 +35,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     let options = ExternalOptions {
         name: args.name.clone(),
         out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(&args.name)),
-        workers: workers(args),
+        workers: args.workers(),
         weights,
         meshes: args.meshes.clone(),
     };
@@ -70,7 +71,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     {
         eprintln!("stopped before the end; {again}");
     }
-    finish(args, &options.out, &outcome?, &again)
+    finish(args.json, &options.out, &outcome?, &again)
 }
 
 /// Prints what is wrong with the flags, as clap does.

@@ -1,6 +1,7 @@
 //! The Zenoh configs of all parts. A config holds its own certificate and key, so a machine needs only this file, and
 //! programs in other languages read the same file.
 
+use std::net::IpAddr;
 use std::path::Path;
 
 use base64::Engine as _;
@@ -9,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::certificates::Credentials;
 use super::roles::access_control;
-use super::{KeysOptions, Role, is_local};
+use super::{KeysOptions, Role};
 
 /// A config with mutual TLS over QUIC.
 pub fn with_certificates(role: Role, options: &KeysOptions, credentials: &Credentials) -> String {
@@ -72,4 +73,9 @@ fn addresses(hosts: &[String]) -> Vec<&'static str> {
         (false, true) => vec!["[::]"],
         (false, false) => vec!["0.0.0.0"],
     }
+}
+
+/// Whether only this machine is named.
+fn is_local(hosts: &[String]) -> bool {
+    hosts.iter().all(|host| host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback()))
 }

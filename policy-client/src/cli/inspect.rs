@@ -1,35 +1,31 @@
 //! The command `policy-client inspect`.
 
-use std::path::PathBuf;
-
 use clap::Args;
-use fiatlux_cli::in_full;
 use fiatlux_client::{AccessArgs, Policy, SessionArgs};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_policies::Replay;
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, policy};
-use crate::inspect::{self, Inspection};
+use crate::inspect::{self, Format, Inspection};
 
 /// Options of the command `inspect`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "A policy drives the robot while you watch. On a terminal the view is drawn live; at the end, which is
---seconds, the episode's end or Ctrl-C, it is printed once more in full, and DIR has
-  camera.png        the last image, twice its size
-  lidar.png         the last scan: ranges around the robot, near ones bright, and their hits from above
-  observation.json  the last observation, all numbers
+    after_help = "Lists every term of the observation with its shape, unit and numbers, and each sensor's rate, size and cost.
+To see the robot, show a bag in the browser with `fiatlux view`; `run --record camera,lidar` adds pictures and scans
+to a bag, for Foxglove.
 
 Without --sensors the session has the body's sensors, privileged and verdict in every step, lidar and camera at 10 Hz,
-and features and flat on request: lidar, camera, features and flat are each requested alone three times, once in real
-time, so that you see what one costs. The policy of a bag or of a ranked run gets neither privileged nor verdict.
+and features and flat on request: each large sensor is requested alone three times, once in real time, so that you see
+what one costs. The policy of a bag or of a ranked run gets neither privileged nor verdict.
 
 Examples:
   policy-client inspect --task S05
-  policy-client inspect --task S02 --policy stand --seconds 60 --real-time
+  policy-client inspect --task S02 --policy stand --seconds 60 --real-time --joints
   policy-client inspect --task climb --sensors proprioception,last_action,lidar@25,camera@look --image 512x512
-  policy-client inspect --task S11 --json --out s11 --force | jq '.sensors[] | {name, rate_hz, bytes}'"
+  policy-client inspect --task S11 --json | jq '.sensors[] | {name, rate_hz, bytes}'
+  policy-client inspect --task S05 --json --values > observation.json"
 )]
 pub struct InspectArgs {
     /// Task: S01 to S12, replace, climb
@@ -42,14 +38,8 @@ pub struct InspectArgs {
     /// Simulated time to play, s
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = seconds)]
     seconds: f64,
-    /// Folder for the pictures and the observation [default: inspect-TASK]
-    #[arg(short, long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Write into a folder that is not empty; files of the same names are replaced
-    #[arg(long)]
-    force: bool,
     /// List the joints: angles of the standing posture, limits, gains
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     joints: bool,
     /// Seed of the layout
     #[arg(short, long, default_value_t = 0, value_parser = fiatlux_client::parse_seed, allow_hyphen_values = true)]
@@ -66,6 +56,9 @@ pub struct InspectArgs {
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
+    /// Include all numbers of the last observation
+    #[arg(long, requires = "json")]
+    values: bool,
     #[command(flatten)]
     session: SessionArgs,
     #[command(flatten)]
@@ -77,13 +70,12 @@ pub struct InspectArgs {
 /// Shows a session; always returns true on success.
 pub fn inspect(args: &InspectArgs) -> Result<bool, Failure> {
     let (policy, base, episode) = driver(args)?;
-    let folder = args.out.clone().unwrap_or_else(|| format!("inspect-{}", args.task).into());
-    inspect::check(&folder, args.force).map_err(|error| Failure::Usage(in_full(&error)))?;
     let request = request(args, policy.as_ref(), base);
     let link = args.link.open(Role::Client)?.carrier();
     let (server, access) = (args.server.clone(), args.access.read()?);
-    let (seconds, joints, json) = (args.seconds, args.joints, args.json);
-    inspect::inspect(Inspection { policy, request, episode, server, access, seconds, folder, joints, json }, &link)?;
+    let format = if args.json { Format::Json { values: args.values } } else { Format::Text { joints: args.joints } };
+    let seconds = args.seconds;
+    inspect::inspect(Inspection { policy, request, episode, server, access, seconds, format }, &link)?;
     Ok(true)
 }
 

@@ -119,7 +119,7 @@ def _run(arguments: argparse.Namespace) -> int:
         }
         return train(arguments.out, given, arguments.resume, arguments.minutes, arguments.device, arguments.threads)
     if arguments.command == "evaluate":
-        from .evaluation import main as evaluate
+        from .report import main as evaluate
 
         return evaluate(
             arguments.checkpoint,

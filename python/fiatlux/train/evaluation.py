@@ -1,16 +1,12 @@
 """Measures how well a policy walks: survival, and errors of one-second means."""
 
-import json
-import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from .._progress import Line, duration
-from .settings import SCENES, worlds_of
+from .settings import worlds_of
 from .worlds import Worlds
 
 SECOND = 50
@@ -135,51 +131,3 @@ def score(actor: Any, device: str, threads: int | None, without: tuple[str, ...]
         "torso": torso,
         "score": total,
     }
-
-
-def main(
-    checkpoint: Path,
-    episodes: int,
-    tests: list[str] | None,
-    threads: int | None,
-    device: str,
-    scene: str = "floor",
-    as_json: bool = False,
-) -> int:
-    """Prints a table of a checkpoint's tests, a line as each ends; or, at the end, an object with one for each test."""
-    from .walk import device_of, load_checkpoint, models, settings_of
-
-    unknown = [name for name in tests or () if name not in TESTS]
-    if unknown:
-        raise ValueError(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
-    state = load_checkpoint(checkpoint)
-    settings = settings_of(state, {})
-    device = device_of(device)
-    actor, _ = models(Worlds(1, device, settings.without), settings)
-    actor.load_state_dict(state["ppo"]["actor_state_dict"])
-    actor.to(device)
-    table: dict[str, dict[str, float | None]] = {}
-    names, steps, line = tests or list(TESTS), 1000, Line()
-    for number, name in enumerate(names):
-
-        def show(step: int, number: int = number, name: str = name) -> None:
-            left = line.seconds_left(number * steps + step, len(names) * steps)
-            line.show(
-                f"test {number + 1} of {len(names)}, {name}: {step / SECOND:.0f} of {steps // SECOND} s, {duration(left)} left"
-            )
-
-        worlds = {**TESTS[name], **SCENES[scene]}
-        found = measure(actor, device, threads, episodes, steps, 12345, worlds, settings.without, show)
-        line.show("")
-        if not table and not as_json:
-            print(f"{'test':10}" + "".join(f"{key:>12}" for key in found))
-        table[name] = {key: value if math.isfinite(value) else None for key, value in found.items()}
-        if not as_json:
-            shown = (
-                "-" if value is None else f"{value:.0f}" if key == "seconds" else f"{value:.4f}"
-                for key, value in table[name].items()
-            )
-            print(f"{name:10}" + "".join(f"{text:>12}" for text in shown), flush=True)
-    if as_json:
-        print(json.dumps(table, indent=2))
-    return 0

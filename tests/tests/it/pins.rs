@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use data_encoding::HEXLOWER;
 use fiatlux_robot::{HandKind, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, Protocol, RobotLayout, Task, pins};
 use fiatlux_sensing::{Sensor, Setup};
@@ -26,7 +27,7 @@ fn sensors_digest() -> String {
             }
         }
     }
-    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+    HEXLOWER.encode(&Sha256::digest(text))
 }
 
 /// Guards that a new sensor does not make runs with it *other* by being forgotten.

@@ -11,7 +11,6 @@ pub enum LedgerError {
     Io {
         /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
-        /// Path that it was tried on.
         path: PathBuf,
         /// What the operating system says.
         #[source]
@@ -19,10 +18,7 @@ pub enum LedgerError {
     },
     /// The journal exists already.
     #[error("{path} exists already; give the run another name, or move its folder away")]
-    Exists {
-        /// Path of the journal that exists.
-        path: PathBuf,
-    },
+    Exists { path: PathBuf },
     /// A line that no server wrote so.
     #[error(
         "{path}, line {line}: {reason}; bring back the file as its server left it, or read it with the version that wrote \
@@ -33,7 +29,6 @@ pub enum LedgerError {
         path: PathBuf,
         /// Number of the line, from 1.
         line: usize,
-        /// What is wrong with the line.
         reason: String,
     },
     /// An event that does not follow from what was before. Nothing was written.
@@ -41,7 +36,6 @@ pub enum LedgerError {
     Event {
         /// Path of the journal, for the message.
         path: PathBuf,
-        /// Why the event cannot follow.
         reason: String,
     },
     /// An earlier write failed, and what of it is in the file is not known.

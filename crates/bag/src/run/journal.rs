@@ -4,6 +4,7 @@ use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use data_encoding::HEXLOWER;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
@@ -79,7 +80,7 @@ pub(super) struct Chain {
 impl Chain {
     fn link_of(&self, members: &[u8]) -> String {
         let hash = Sha256::new().chain_update(&self.link).chain_update(members).finalize();
-        hash.iter().map(|byte| format!("{byte:02x}")).collect()
+        HEXLOWER.encode(&hash)
     }
 
     /// The line of an entry, and the chain after it; `None` where the entry is longer than a line may be.

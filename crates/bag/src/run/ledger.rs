@@ -14,10 +14,7 @@ pub enum State {
     /// Not begun, or to be begun again.
     Waiting,
     /// This session has it. In a journal without a server it is what the server died over.
-    Open {
-        /// Id of the session.
-        session: String,
-    },
+    Open { session: String },
     /// Played to its end and on disk.
     Played(Played),
     /// It counts as a failure, for this reason.
@@ -30,7 +27,6 @@ pub enum State {
 /// An episode that was played to its end.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Played {
-    /// Id of the session.
     pub session: String,
     /// File name of the bag, in the journal's folder; never a path.
     pub bag: String,

@@ -2,12 +2,11 @@
 
 use rmpv::Value;
 
-use super::{
-    ActionTerms, CameraTerms, Contract, Dialect, Model, ModelChunk, ModelObservation, ModelOptions, chunk, table,
-};
-use crate::mapping::Representation;
+use super::tables::{chunk, table};
+use super::{ActionTerms, CameraTerms, Contract, Dialect, Model, ModelChunk, ModelObservation, ModelOptions};
 use crate::net::{Address, Timeouts};
 use crate::pack::{as_text, decode, described, encode, entry, map, text};
+use crate::representation::Representation;
 use crate::websocket::shortened;
 use crate::zmq::Req;
 use crate::{BridgeError, Form, Tensor};

@@ -2,7 +2,8 @@
 
 use rmpv::Value;
 
-use super::{ActionTerms, Contract, Dialect, Model, ModelChunk, ModelObservation, ModelOptions, chunk, table};
+use super::tables::{chunk, table};
+use super::{ActionTerms, Contract, Dialect, Model, ModelChunk, ModelObservation, ModelOptions};
 use crate::net::{Address, Timeouts};
 use crate::pack::{as_text, decode, described, encode, entry, text};
 use crate::websocket::{Frame, Socket, shortened};

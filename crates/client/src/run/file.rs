@@ -4,6 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
+use data_encoding::HEXLOWER;
 use fiatlux_proto::v3::RunSpec;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -122,12 +123,11 @@ impl RunFile {
     fn draw(spec: &RunSpec) -> std::io::Result<Self> {
         let mut bytes = [0; KEY_BYTES + 4];
         File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-        let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
         let (key, tail) = bytes.split_at(KEY_BYTES);
         let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
         let policy: String = spec.policy.chars().map(plain).take(40).collect();
-        let run = format!("{policy}-{}", hex(tail));
-        Ok(Self { run, key: hex(key), policy_digest: String::new(), spec: spec.clone() })
+        let run = format!("{policy}-{}", HEXLOWER.encode(tail));
+        Ok(Self { run, key: HEXLOWER.encode(key), policy_digest: String::new(), spec: spec.clone() })
     }
 
     /// Writes a new file, never over an existing one.

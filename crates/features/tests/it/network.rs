@@ -1,5 +1,6 @@
 //! What holds of the network whatever the weights: repeatable bytes, any fitting size, and errors for the rest.
 
+use data_encoding::HEXLOWER;
 use fiatlux_features::{FEATURES, FeatureError, ResNet18, Weights};
 use sha2::{Digest, Sha256};
 
@@ -16,7 +17,7 @@ fn bits(features: &[f32; FEATURES]) -> Vec<u32> {
 fn seeded_weights_are_pinned() {
     let digest = |seed| {
         let digest = Sha256::digest(Weights::seeded(seed).to_safetensors());
-        digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>()
+        HEXLOWER.encode(&digest)
     };
     assert_eq!(digest(0), "0b7785e8319f4b55716f0fb34dac3de27b35608072cfd3199bf2a5923e3d6486");
     assert_eq!(digest(1), "6d18271901b9a3ad834203e0c75a1c4ae826d0554596f034be2fda8f5eeeb1ae");

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use data_encoding::HEXLOWER;
 use fiatlux_features::{FEATURES, ResNet18, Weights};
 use serde::Deserialize;
 use serde_json::Value;
@@ -66,7 +67,7 @@ fn with_norms(mut file: Vec<u8>) -> Vec<u8> {
 fn features_are_those_of_pytorch() {
     let fixture: Fixture = serde_json::from_slice(&std::fs::read(FIXTURE).unwrap()).unwrap();
     let file = Weights::seeded(0).to_safetensors();
-    let digest: String = Sha256::digest(&file).iter().map(|byte| format!("{byte:02x}")).collect();
+    let digest: String = HEXLOWER.encode(&Sha256::digest(&file));
     assert_eq!(digest, fixture.weights_sha256, "the fixture is of other weights");
     let mut compared = 0;
     for (case, expected) in &fixture.cases {

@@ -4,11 +4,22 @@ use std::fmt::Write;
 
 use fiatlux_rules::{CONTROL_DT, Protocol, Task, TaskSpec};
 
-use super::Site;
 use super::figure::{WIDTH, figure, height};
 use super::markup::{cause_class, escape, link, words};
 use crate::tables::count;
 use crate::{EpisodeRow, Results};
+
+/// Addresses for an episode. They are escaped where they are written.
+pub struct Site<'a> {
+    /// Address of the episode's page, which has the replay.
+    pub episode: &'a dyn Fn(&EpisodeRow) -> String,
+    /// Address of its figure as an SVG picture, see [`episode_figure`](super::episode_figure).
+    pub figure: &'a dyn Fn(&EpisodeRow) -> String,
+    /// Address of the page with all episodes of a task, by the task's id.
+    pub task: &'a dyn Fn(&str) -> String,
+    /// The largest number of episodes shown of each task.
+    pub most: usize,
+}
 
 /// Where a page finds the figures and replays of its episodes.
 #[derive(Clone, Copy)]

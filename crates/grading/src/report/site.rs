@@ -4,23 +4,13 @@ use std::path::Path;
 
 use fiatlux_bag::Patience;
 
-use super::episodes::{Place, cards, gate, legend, limit, section};
+use super::episodes::{Place, Site, cards, gate, legend, limit, section};
 use super::figure::figure;
-use super::{STYLE, run_lines, sections, subtasks, summary};
+use super::sections;
+use super::style::STYLE;
+use super::summary::{run_lines, subtasks, summary};
 use crate::bag::read;
 use crate::{EpisodeRow, GradeOptions, Results};
-
-/// Addresses for an episode. They are escaped where they are written.
-pub struct Site<'a> {
-    /// Address of the episode's page, which has the replay.
-    pub episode: &'a dyn Fn(&EpisodeRow) -> String,
-    /// Address of its figure as an SVG picture, see [`episode_figure`].
-    pub figure: &'a dyn Fn(&EpisodeRow) -> String,
-    /// Address of the page with all episodes of a task, by the task's id.
-    pub task: &'a dyn Fn(&str) -> String,
-    /// The largest number of episodes shown of each task.
-    pub most: usize,
-}
 
 /// The report in parts, as HTML without scripts or styles. Text from a bag is escaped.
 #[derive(Debug, Clone, PartialEq, Eq)]

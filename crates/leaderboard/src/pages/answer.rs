@@ -6,6 +6,7 @@ use askama::Template;
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use data_encoding::HEXLOWER;
 use sha2::{Digest, Sha256};
 
 use crate::StoreError;
@@ -109,7 +110,7 @@ pub(super) fn content(kind: &'static str, body: impl Into<Body>) -> Response {
 
 /// A file that is compiled in. Browsers ask whether it has changed, and get it only if so.
 pub(super) fn unchanging(asked: &HeaderMap, kind: &'static str, text: &'static str) -> Response {
-    let digest: String = Sha256::digest(text).iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let digest: String = HEXLOWER.encode(&Sha256::digest(text)[..8]);
     let tag = format!("\"{digest}\"");
     let is_known = asked.get(header::IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == tag.as_bytes());
     let mut answer = match is_known {

@@ -16,7 +16,6 @@ const CHANGE: &str = "store pictures";
 pub(crate) struct Picture {
     /// Layout seed of the episode.
     pub seed: u64,
-    /// Index of the episode.
     pub episode: u64,
     /// A PNG file.
     pub still: Digest,

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use data_encoding::HEXLOWER;
 use fiatlux_leaderboard::{Jobs, Quota, Service, ServiceOptions, Store};
 use fiatlux_rules::Task;
 use serde_json::{Value, json};
@@ -178,7 +179,7 @@ pub fn wish(manifest: &Value, files: &[PathBuf]) -> Value {
 }
 
 pub fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    HEXLOWER.encode(&Sha256::digest(bytes))
 }
 
 pub fn manifest() -> Value {

@@ -3,7 +3,7 @@ use fiatlux_rules::errand;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
-use super::shapes;
+use super::shapes::shapes;
 use crate::mesh::solids::Rim;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;

@@ -3,7 +3,7 @@ use fiatlux_rules::errand;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
-use super::{frame_of, shapes};
+use super::shapes::{frame_of, shapes};
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 

@@ -2,7 +2,7 @@ use fiatlux_dynamics::Geometry;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
-use super::shapes;
+use super::shapes::shapes;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 

@@ -2,8 +2,8 @@
 
 use super::motion;
 use super::term::{Kind, TermSpec, View};
+use crate::context::Context;
 use crate::errand;
-use crate::gate::Context;
 use crate::predicates::{robot_distance, seated};
 use crate::row::{Bulb, Limb, Row};
 

@@ -1,7 +1,7 @@
 //! What a reward term is, and the state that it keeps.
 
 use crate::cause::Cause;
-use crate::gate::Context;
+use crate::context::Context;
 use crate::row::{CONTROL_DT, Row};
 use crate::verdict::Verdict;
 

@@ -1,11 +1,11 @@
 //! Clients that ask for something, and how the server greets them.
 
-use fiatlux_access::{Identity, Reply, Secrets, is_proof, welcome};
+use std::sync::Arc;
+
+use fiatlux_access::{Identity, RecorderKey, Reply, Secrets, Tokens, is_proof, welcome};
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Hello, Refusal, Version, Welcome};
 use fiatlux_proto::{Message, PROTOCOL};
-
-use super::shared::Shared;
 
 /// A client that has identified itself, with its request.
 pub(super) struct Guest<'a> {
@@ -36,7 +36,20 @@ impl<'a> Guest<'a> {
     }
 }
 
-impl Shared {
+/// The server's keys, and whom it knows.
+pub(super) struct Credentials {
+    pub identity: Arc<Identity>,
+    /// The server's identity if one was given, so that it outlives the process: it signs results.
+    pub signer: Option<Arc<Identity>>,
+    /// Who may open sessions; `None` if everybody may.
+    pub tokens: Option<Tokens>,
+    /// Key shared with recorders in other processes, with which records are sealed.
+    pub recorder_key: Option<RecorderKey>,
+    /// Key by which recorders know the tokens of its sessions; `None` without a recorder.
+    pub token_key: Option<RecorderKey>,
+}
+
+impl Credentials {
     /// Admits a client, or says why not. `proof` is the proof of its token.
     pub fn admit<'a>(
         &self,
@@ -73,9 +86,9 @@ impl Shared {
 
     /// Signs a refusal, so that nobody else can refuse in the server's place; only a request with a hello can be
     /// answered this way.
-    pub fn sign(&self, hello: Option<&Hello>, request: &[u8], refusal: &Refusal) -> Option<Welcome> {
+    pub fn sign(&self, server: &str, hello: Option<&Hello>, request: &[u8], refusal: &Refusal) -> Option<Welcome> {
         let content = refusal.encode_to_vec();
         let guest = Guest { hello: hello?, request, peer: String::new(), limit: None };
-        guest.welcome(&self.identity, &self.name, "", &content).ok().map(|(welcome, _)| welcome)
+        guest.welcome(&self.identity, server, "", &content).ok().map(|(welcome, _)| welcome)
     }
 }

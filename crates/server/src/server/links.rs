@@ -1,31 +1,24 @@
-//! Requests to runs: a client greets the server once, and proves later requests with the keys of that link.
+//! Links of clients to runs, and what they ask for.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex};
 
-use fiatlux_access::{Channel, PublicKey, SIGNATURE_BYTES, Side as End, registration};
-use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::run_request::Ask;
-use fiatlux_proto::v3::{Refusal, RunFinish, RunReply, RunRequest, RunStatus, Welcome, run_reply};
-use fiatlux_proto::{Bytes, Message};
+use fiatlux_proto::Bytes;
+use fiatlux_proto::v3::RunRequest;
 
 use super::gate::Gate;
-use super::guest::Guest;
 use super::lock;
-use super::opens::{Begun, Digest};
-use super::plan;
+use super::opens::Digest;
 use super::runs::Run;
-use super::shared::Shared;
 
 /// Largest number of links to keep; a client whose link is forgotten greets again.
 const MAX_LINKS: usize = 1024;
 
 /// A client of a run that has proved that it holds the run's key.
 pub(super) struct Link {
-    run: Arc<Run>,
-    peer: String,
-    limit: Option<usize>,
+    pub run: Arc<Run>,
+    pub peer: String,
+    pub limit: Option<usize>,
     pub gate: Gate,
 }
 
@@ -45,7 +38,7 @@ impl Links {
         lock(&self.0).links.get(id).cloned()
     }
 
-    fn add(&self, id: String, link: Link) {
+    pub fn add(&self, id: String, link: Link) {
         let Known { links, order } = &mut *lock(&self.0);
         links.insert(id.clone(), Arc::new(link));
         order.push_back(id);
@@ -63,108 +56,4 @@ pub(super) enum RunJob {
     Greeting(Box<RunRequest>, Bytes, Vec<u8>, Digest),
     /// A request over a link, with its payload and number.
     Ask(Box<RunRequest>, Bytes, Arc<Link>, u64),
-}
-
-type Answered = Result<(run_reply::Reply, Option<Welcome>), Refusal>;
-
-impl Shared {
-    /// Serves requests to runs; the body of a thread.
-    pub fn serve_runs(&self) {
-        while let Some(job) = self.run_requests.next() {
-            let carry_out = || match &job {
-                RunJob::Greeting(request, payload, attachment, _) => self.greet(request, payload, attachment),
-                RunJob::Ask(request, payload, link, _) => self.run_request(request, payload, link),
-            };
-            let answer: Answered = catch_unwind(AssertUnwindSafe(carry_out)).unwrap_or_else(|_| {
-                tracing::error!("a request to a run failed; please report this");
-                Err(Refusal::new(Code::Busy, "", "the server failed in this request; see its log"))
-            });
-            if let Err(refusal) = &answer {
-                tracing::info!(refusal.field, refusal.message, "request to a run refused");
-            }
-            match job {
-                RunJob::Greeting(request, payload, _, digest) => {
-                    let (reply, welcome) = answer.unwrap_or_else(|refusal| {
-                        let welcome = self.sign(request.hello.as_ref(), &payload, &refusal);
-                        (run_reply::Reply::Refusal(refusal), welcome)
-                    });
-                    let bytes = RunReply { reply: Some(reply), welcome }.encode_to_vec().into();
-                    let begun = Begun { message: "RunReply", bytes, attachment: None };
-                    self.answer_all(digest, &self.keys.run(), begun);
-                }
-                RunJob::Ask(_, _, link, number) => {
-                    let (reply, welcome) = answer.unwrap_or_else(|refusal| (run_reply::Reply::Refusal(refusal), None));
-                    let bytes = RunReply { reply: Some(reply), welcome }.encode_to_vec().into();
-                    self.answer_client(&link.gate, "run", number, "RunReply", bytes);
-                }
-            }
-        }
-    }
-
-    /// Registers or resumes a run, for a client that holds its key.
-    fn greet(&self, request: &RunRequest, payload: &[u8], attachment: &[u8]) -> Answered {
-        plan::check_version(request.protocol.as_ref())?;
-        let (signature, proof) = attachment.split_at(attachment.len().min(SIGNATURE_BYTES));
-        let guest = self.admit(request.hello.as_ref(), request.protocol.as_ref(), payload, proof)?;
-        let runs = self.runs.as_ref().ok_or_else(|| {
-            let message = "this server keeps no runs; start it with --record DIR, or use another one";
-            Refusal::new(Code::Unknown, "run", message)
-        })?;
-        let key: PublicKey =
-            request.key.parse().map_err(|error| Refusal::new(Code::Value, "key", format!("{error}")))?;
-        if !key.verify(&registration(&self.name, payload), signature) {
-            let message =
-                "the request is not signed by the run's key; sign what is sent, for the server that it is sent to";
-            return Err(Refusal::new(Code::Denied, "key", message));
-        }
-        let run = match &request.ask {
-            Some(Ask::Register(spec)) => runs.register(&request.run, &request.key, spec.clone())?,
-            Some(Ask::Status(RunStatus {})) => runs.find(&request.run, &request.key)?,
-            Some(Ask::Open(_) | Ask::Finish(_)) => return Err(no_link()),
-            None => return Err(asks_nothing()),
-        };
-        let random = fiatlux_access::random::<16>().map_err(|error| Refusal::new(Code::Busy, "", error.to_string()))?;
-        let id: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
-        let mut info = run.info()?;
-        info.link.clone_from(&id);
-        let (welcome, secrets) = guest.welcome(&self.identity, &self.name, &id, &info.encode_to_vec())?;
-        let channel = Channel::new(&secrets, End::Server);
-        let channel = channel.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
-        let link = Link { run, peer: guest.peer, limit: guest.limit, gate: Gate::new(channel) };
-        self.links.add(id, link);
-        Ok((run_reply::Reply::Run(info), Some(welcome)))
-    }
-
-    fn run_request(&self, request: &RunRequest, payload: &[u8], link: &Link) -> Answered {
-        match request.ask.as_ref().ok_or_else(asks_nothing)? {
-            Ask::Open(index) => {
-                let Some(hello) = &request.hello else {
-                    return Err(Refusal::new(
-                        Code::Value,
-                        "hello",
-                        "a session needs a hello; draw one for each request",
-                    ));
-                };
-                let guest = Guest::again(hello, payload, &link.peer, link.limit);
-                let (plan, seat) = link.run.plan(*index)?;
-                let (info, welcome) = self.try_open(plan, Some(&seat), &guest)?;
-                return Ok((run_reply::Reply::Session(info), Some(welcome)));
-            }
-            Ask::Finish(RunFinish {}) => link.run.finish(self.signer.as_deref())?,
-            Ask::Status(RunStatus {}) => {}
-            Ask::Register(_) => {
-                return Err(Refusal::new(Code::Value, "link", "a run is registered without a link; leave it out"));
-            }
-        }
-        Ok((run_reply::Reply::Run(link.run.info()?), None))
-    }
-}
-
-/// The refusal of a request whose link is missing or unknown.
-pub(super) fn no_link() -> Refusal {
-    Refusal::new(Code::Closed, "link", "there is no such link; register the run or ask for its status, which gives one")
-}
-
-fn asks_nothing() -> Refusal {
-    Refusal::new(Code::Value, "ask", "the request asks for nothing; use register, status, open or finish")
 }

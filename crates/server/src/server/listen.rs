@@ -15,10 +15,11 @@ use fiatlux_session::server::Input;
 
 use super::actor::{Actor, Asker, Side};
 use super::gate::{Asked, Gate, Sealed};
-use super::links::{RunJob, no_link};
+use super::links::RunJob;
 use super::lock;
 use super::opens::{Begun, Opens, Taken};
 use super::pool::{AnswerKind, Job};
+use super::run_requests::no_link;
 use super::shared::{Shared, names_one_server, refuse, reply};
 use super::shell::{Server, ServerError, refused};
 
@@ -35,12 +36,13 @@ impl Server {
         let any = keys.session("*");
         let (describe, open, run) = (keys.describe(), keys.open(), keys.run());
         // Only a recorder with the key, or one in this process, may say what is on disk.
-        let acks_from = if self.shared.recorder_key.is_none() { Reach::ThisProcess } else { Reach::Everywhere };
+        let acks_from =
+            if self.shared.credentials.recorder_key.is_none() { Reach::ThisProcess } else { Reach::Everywhere };
         let jobs =
-            |shared: &Shared| shared.queue.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))));
-        self.serve(describe, jobs, |shared, query| shared.queue.push(Job::Describe(query)))?;
+            |shared: &Shared| shared.queues.jobs.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))));
+        self.serve(describe, jobs, |shared, query| shared.queues.jobs.push(Job::Describe(query)))?;
         self.serve(open, jobs, take_open)?;
-        let requests = |shared: &Shared| shared.run_requests.fold(0, |count, _| count + 1);
+        let requests = |shared: &Shared| shared.queues.runs.fold(0, |count, _| count + 1);
         self.serve(run, requests, take_run)?;
         self.subscribe(any.action(), Reach::Everywhere, take_action)?;
         self.subscribe(any.truth_ack(), acks_from, take_ack)?;
@@ -188,7 +190,7 @@ impl Server {
 
 fn session_of(shared: &Shared, key: &str) -> Option<Arc<Actor>> {
     let (_, _, id) = keys::SessionKeys::of(key)?;
-    shared.find(id)
+    shared.sessions.find(id)
 }
 
 /// Takes in a request to open a session.
@@ -200,7 +202,7 @@ fn take_open(shared: &Shared, query: Query) {
     let (payload, attachment) = parts(&query);
     let digest = Opens::digest(&payload, &attachment);
     match shared.opens.take(digest, query) {
-        Taken::New => shared.queue.push(Job::Open(payload, attachment, digest)),
+        Taken::New => shared.queues.jobs.push(Job::Open(payload, attachment, digest)),
         Taken::Again(begun, query) => begin_again(shared, &key, *begun, query),
         Taken::Joined => {}
     }
@@ -220,7 +222,7 @@ fn take_run(shared: &Shared, query: Query) {
     if request.link.is_empty() {
         let digest = Opens::digest(&payload, &attachment);
         match shared.opens.take(digest, query) {
-            Taken::New => shared.run_requests.push(RunJob::Greeting(request, payload, attachment, digest)),
+            Taken::New => shared.queues.runs.push(RunJob::Greeting(request, payload, attachment, digest)),
             Taken::Again(begun, query) => begin_again(shared, &key, *begun, query),
             Taken::Joined => {}
         }
@@ -228,7 +230,7 @@ fn take_run(shared: &Shared, query: Query) {
     }
     let Some(link) = shared.links.get(&request.link) else { return reject_with(&query, no_link()) };
     match link.gate.ask("run", &payload, query) {
-        Asked::New(number) => shared.run_requests.push(RunJob::Ask(request, payload, link, number)),
+        Asked::New(number) => shared.queues.runs.push(RunJob::Ask(request, payload, link, number)),
         Asked::Again(sealed, query) => answer_again(shared, *sealed, query),
         Asked::Nothing | Asked::Foreign(_) => {}
     }
@@ -294,9 +296,7 @@ fn begin_again(shared: &Shared, key: &str, begun: Begun, query: Query) {
 /// best-effort basis.
 fn tell_it_is_over(shared: &Shared, label: &'static str, bytes: &[u8], query: Query) {
     let refusal = Refusal::new(Code::Closed, "", "there is no such session; open one");
-    let former = keys::SessionKeys::of(query.key.as_str()).and_then(|(_, _, id)| {
-        lock(&shared.former).iter().find(|(former, _)| former == id).map(|(_, gate)| Arc::clone(gate))
-    });
+    let former = keys::SessionKeys::of(query.key.as_str()).and_then(|(_, _, id)| shared.sessions.former(id));
     let Some(gate) = former.filter(|_| bytes.len() <= MAX_CHECKED) else { return reject_with(&query, refusal) };
     match gate.ask(label, bytes, query) {
         Asked::New(number) => answer_refusal(shared, &gate, label, number, refusal),

@@ -27,7 +27,7 @@ use super::info::VERSION;
 use super::lock;
 use super::plan::{self, Plan};
 pub(super) use attempt::Attempt;
-use siblings::Siblings;
+use siblings::{Siblings, lock_of};
 
 /// Largest number of runs on a server.
 const MAX_RUNS: usize = 1000;
@@ -49,18 +49,12 @@ pub enum RecordError {
     #[error(
         "another server named '{server}' records into {folder}; stop it, or give this one another --name or --record"
     )]
-    Taken {
-        /// Name that both servers have.
-        server: String,
-        /// The folder that both record into.
-        folder: PathBuf,
-    },
+    Taken { server: String, folder: PathBuf },
     /// The folder or its lock cannot be used.
     #[error("cannot {action} {path}; check that it exists, its permissions, and the free space")]
     Io {
         /// What was attempted: a verb for the message, such as `open`.
         action: &'static str,
-        /// Path of the file or folder.
         path: PathBuf,
         /// The operating system's error.
         #[source]
@@ -447,11 +441,6 @@ impl Seat {
         state.open.insert(*episode, Arc::clone(&attempt));
         Ok(attempt)
     }
-}
-
-/// The lock that a server holds while it records into the folder.
-fn lock_of(folder: &Path, server: &str) -> PathBuf {
-    folder.join(format!("{server}.lock"))
 }
 
 /// The log says why. The client stops, because nothing could be played that would count.

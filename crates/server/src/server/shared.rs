@@ -1,36 +1,30 @@
 //! State shared by all parts of a server, and the work of its workers.
 
-use std::collections::BTreeMap;
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
-use fiatlux_access::{Channel, Identity, RecorderKey, RowsKey, Side as End, Tokens};
 use fiatlux_carrier::{BusyWait, Carrier, Publisher, Query};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{OpenReply, OpenRequest, Refusal, ServerInfo, SessionInfo, Welcome, open_reply};
-use fiatlux_proto::{Bytes, Message, decode, limits, record_seq};
+use fiatlux_proto::v3::{Refusal, ServerInfo};
+use fiatlux_proto::{Bytes, record_seq};
 use fiatlux_session::Machine;
 use fiatlux_session::server::{Input, Output, Timeouts};
 
-use super::actor::{Actor, Asker, Session, Side, Wire};
+use super::actor::{Actor, Asker, Side, Wire};
 use super::gate::Gate;
-use super::guest::Guest;
-use super::host::Simulation;
+use super::guest::Credentials;
 use super::links::{Links, RunJob};
 use super::lock;
 use super::networks::Networks;
-use super::opens::{Begun, Digest, Opens};
-use super::places::{CLAIM_TIME, NoPlace, Places};
-use super::plan::{self, Plan};
+use super::opens::Opens;
 use super::pool::{Answer, AnswerKind, Job, Queue, Timer};
-use super::runs::{Runs, Seat};
+use super::runs::Runs;
 use super::scenes::Scenes;
+use super::sessions::Sessions;
 use crate::recorder::{BagEnd, BagReport};
-use fiatlux_sensing::Sensors;
 
 /// Largest number of inputs that a worker handles before other sessions get their turn, and the longest time for them.
 const TURN: usize = 256;
@@ -41,52 +35,47 @@ const MOST_SKIPPED: u32 = 8;
 /// Largest number of replies that wait to be sent, and their size in bytes.
 const MAX_ANSWERS: usize = 1024;
 const MAX_ANSWER_BYTES: usize = 64 << 20;
-/// Number of closed sessions to remember, whose clients may still ask.
-const MAX_FORMER: usize = 256;
-/// Number of sessions that may wait for their recorder, for each one that may be open.
-const DRAINING_PER_OPEN: usize = 3;
 
 pub(super) struct Shared {
     pub name: String,
     pub keys: ServerKeys,
     pub carrier: Carrier,
     pub timeouts: Timeouts,
-    pub capacity: usize,
     pub scenes: Scenes,
     pub networks: Networks,
     pub info: ServerInfo,
-    pub queue: Queue<Job>,
-    /// A reply on a congested link waits for up to the time-out of its query, so separate threads send replies.
-    pub answers: Queue<Answer>,
-    pub timer: Timer,
+    pub queues: Queues,
     /// `None` without a folder to record into.
     pub runs: Option<Runs>,
-    /// Requests to runs. They wait for the disk, so they have their own thread.
-    pub run_requests: Queue<RunJob>,
-    pub sessions: RwLock<BTreeMap<String, Arc<Actor>>>,
-    /// Gates of closed sessions, oldest first: their clients are told that the session is over.
-    pub former: Mutex<VecDeque<(String, Arc<Gate>)>>,
-    /// The places of open sessions.
-    pub places: Places,
-    pub identity: Arc<Identity>,
-    /// The server's identity if one was given, so that it outlives the process: it signs results.
-    pub signer: Option<Arc<Identity>>,
-    /// Who may open sessions; `None` if everybody may.
-    pub tokens: Option<Tokens>,
-    /// Key shared with recorders in other processes, with which records are sealed.
-    pub recorder_key: Option<RecorderKey>,
-    /// Key by which recorders know the tokens of its sessions; `None` without a recorder.
-    pub token_key: Option<RecorderKey>,
+    pub sessions: Sessions,
+    pub credentials: Credentials,
     /// Requests that start something.
     pub opens: Opens,
     pub links: Links,
     /// Number of messages to sessions that were refused because they did not come from the client.
     pub refused: AtomicU64,
     pub closing: AtomicBool,
-    /// Distinguishes the ids of sessions from those of an earlier server of the same name.
-    pub id_prefix: String,
-    pub next_id: AtomicU64,
     pub start: Instant,
+}
+
+/// Work for the server's threads.
+#[derive(Default)]
+pub(super) struct Queues {
+    pub jobs: Queue<Job>,
+    /// A reply on a congested link waits for up to the time-out of its query, so separate threads send replies.
+    pub answers: Queue<Answer>,
+    pub timer: Timer,
+    /// Requests to runs. They wait for the disk, so they have their own thread.
+    pub runs: Queue<RunJob>,
+}
+
+impl Queues {
+    pub fn stop(&self) {
+        self.jobs.stop();
+        self.answers.stop();
+        self.runs.stop();
+        self.timer.stop();
+    }
 }
 
 impl Shared {
@@ -94,27 +83,17 @@ impl Shared {
         self.start.elapsed()
     }
 
-    pub fn find(&self, id: &str) -> Option<Arc<Actor>> {
-        let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner);
-        sessions.get(id).cloned()
-    }
-
-    pub fn all(&self) -> Vec<Arc<Actor>> {
-        let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner);
-        sessions.values().cloned().collect()
-    }
-
     /// Gives a session an input, and schedules the session.
     pub fn send(&self, actor: &Arc<Actor>, side: Side, input: Input<Asker>) {
         if actor.push(side, input) {
-            self.queue.push(Job::Run(Arc::clone(actor)));
+            self.queues.jobs.push(Job::Run(Arc::clone(actor)));
         }
     }
 
     /// Runs sessions; the body of a worker's thread.
     pub fn work(&self) {
         let mut busy = BusyWait::default();
-        while let Some(job) = self.queue.next_soon(&mut busy) {
+        while let Some(job) = self.queues.jobs.next_soon(&mut busy) {
             let done = catch_unwind(AssertUnwindSafe(|| match &job {
                 Job::Run(actor) => self.run(actor),
                 Job::Open(payload, attachment, digest) => self.open(payload, attachment, *digest),
@@ -161,7 +140,7 @@ impl Shared {
                 if let Some(at) = actor.wake_at(&session, self.now())
                     && actor.wakes_earlier(at)
                 {
-                    self.timer.set(at, actor);
+                    self.queues.timer.set(at, actor);
                 }
                 // An answer that arrived meanwhile, as from a client in the same process, is handled at once.
                 parked = !done && actor.park();
@@ -190,7 +169,7 @@ impl Shared {
         if done {
             self.remove(actor);
         } else if !parked {
-            self.queue.push(Job::Run(Arc::clone(actor)));
+            self.queues.jobs.push(Job::Run(Arc::clone(actor)));
         }
     }
 
@@ -225,7 +204,7 @@ impl Shared {
             Output::Refuse(Asker::Client(_, number), bytes) => {
                 self.answer_client(&actor.gate, "refusal", number, "Refusal", bytes);
             }
-            Output::Closed => self.places.leave(&actor.id),
+            Output::Closed => self.sessions.places.leave(&actor.id),
             Output::Done => return true,
         }
         false
@@ -242,15 +221,16 @@ impl Shared {
 
     /// Queues replies; those over the limit are dropped: the client asks again.
     pub fn answer(&self, query: Query, kind: AnswerKind) {
-        let (waiting, bytes) = self.answers.fold((0, 0), |(count, bytes), answer| (count + 1, bytes + answer.bytes()));
+        let (waiting, bytes) =
+            self.queues.answers.fold((0, 0), |(count, bytes), answer| (count + 1, bytes + answer.bytes()));
         if waiting < MAX_ANSWERS && bytes < MAX_ANSWER_BYTES {
-            self.answers.push(Answer { query, kind });
+            self.queues.answers.push(Answer { query, kind });
         }
     }
 
     /// Sends replies; the body of a thread.
     pub fn send_answers(&self) {
-        while let Some(Answer { query, kind }) = self.answers.next() {
+        while let Some(Answer { query, kind }) = self.queues.answers.next() {
             match kind {
                 AnswerKind::Replies(message, replies) => {
                     replies.into_iter().for_each(|bytes| reply(&query, message, bytes));
@@ -264,22 +244,12 @@ impl Shared {
     }
 
     fn remove(&self, actor: &Actor) {
-        let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
-        let removed = sessions.remove(&actor.id);
-        drop(sessions);
-        self.places.leave(&actor.id);
-        actor.gate.forget_all();
-        let mut former = lock(&self.former);
-        if former.len() >= MAX_FORMER {
-            former.pop_front();
-        }
-        former.push_back((actor.id.clone(), Arc::clone(&actor.gate)));
-        drop(former);
+        let was_open = self.sessions.remove(actor);
         let wire = lock(&actor.wire).take();
         if let Some(attempt) = &actor.attempt {
             attempt.settle();
         }
-        if removed.is_some() && wire.is_some() {
+        if was_open && wire.is_some() {
             tracing::info!(session = actor.id, "session is over");
         }
     }
@@ -295,146 +265,6 @@ impl Shared {
             }
         }));
         self.remove(actor);
-    }
-
-    fn describe(&self, query: &Query) {
-        let open_sessions = u32::try_from(self.places.count()).unwrap_or(u32::MAX);
-        let info = ServerInfo { open_sessions, ..self.info.clone() };
-        self.answer(
-            query.clone(),
-            AnswerKind::Own(self.keys.describe(), "ServerInfo", info.encode_to_vec().into(), None),
-        );
-    }
-
-    fn open(&self, payload: &[u8], attachment: &[u8], digest: Digest) {
-        let request = decode::<OpenRequest>(payload, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error));
-        let hello = request.as_ref().ok().and_then(|request| request.hello.clone());
-        let opened = request.and_then(|request| {
-            plan::check_version(request.protocol.as_ref())?;
-            let guest = self.admit(hello.as_ref(), request.protocol.as_ref(), payload, attachment)?;
-            self.try_open(plan::check(&OpenRequest { hello: None, ..request })?, None, &guest)
-        });
-        let answer = match opened {
-            Ok((info, welcome)) => OpenReply { reply: Some(open_reply::Reply::Session(info)), welcome: Some(welcome) },
-            Err(refusal) => {
-                tracing::info!(refusal.message, "open refused");
-                let welcome = self.sign(hello.as_ref(), payload, &refusal);
-                OpenReply { reply: Some(open_reply::Reply::Refusal(refusal)), welcome }
-            }
-        };
-        let bytes = answer.encode_to_vec().into();
-        self.answer_all(digest, &self.keys.open(), Begun { message: "OpenReply", bytes, attachment: None });
-    }
-
-    /// Answers a request that starts something, and all copies of it.
-    pub fn answer_all(&self, digest: Digest, key: &str, begun: Begun) {
-        for query in self.opens.answer(digest, begun.clone()) {
-            let Begun { message, bytes, attachment } = begun.clone();
-            self.answer(query, AnswerKind::Own(key.into(), message, bytes, attachment));
-        }
-    }
-
-    /// Opens a session for a guest, and returns the welcome for it.
-    pub fn try_open(
-        &self,
-        mut plan: Plan,
-        seat: Option<&Seat>,
-        guest: &Guest<'_>,
-    ) -> Result<(SessionInfo, Welcome), Refusal> {
-        if plan.request.replay {
-            plan.recorded = false;
-        } else if self.runs.is_some() {
-            plan.recorded = true;
-        } else if plan.recorded && self.token_key.is_none() {
-            let message = "this server has no recorder; start it with --record DIR, or with --recorder-key FILE and a \
-                           recorder that has the same key, or leave `recorded` out";
-            return Err(Refusal::new(Code::Value, "recorded", message));
-        }
-        if self.closing.load(Ordering::Relaxed) {
-            return Err(Refusal::new(Code::Closed, "", "the server shuts down; open a session on another one"));
-        }
-        let sessions = self.sessions.read().unwrap_or_else(PoisonError::into_inner).len();
-        if sessions > self.capacity * DRAINING_PER_OPEN {
-            let message =
-                "the server is busy: too many closed sessions still wait for their recorder; try again in 10 s";
-            return Err(Refusal::new(Code::Busy, "", message));
-        }
-        let id = format!("{}-{}", self.id_prefix, self.next_id.fetch_add(1, Ordering::Relaxed));
-        let is_claimed = |id: &str| self.find(id).is_some_and(|actor| actor.gate.is_claimed());
-        let place = self.places.take(&id, &guest.peer, guest.limit, is_claimed, self.now());
-        let leaves = place.map_err(|why| Refusal::new(Code::Busy, "", no_place(why, self.capacity)))?;
-        if let Some(actor) = leaves.and_then(|id| self.find(&id)) {
-            self.send(
-                &actor,
-                Side::Server,
-                Input::Terminate("nobody has claimed it, and another session needs its place"),
-            );
-        }
-        let opened = self.open_reserved(plan, seat, guest, &id);
-        if opened.is_err() {
-            self.places.leave(&id);
-        }
-        opened
-    }
-
-    fn open_reserved(
-        &self,
-        plan: Plan,
-        seat: Option<&Seat>,
-        guest: &Guest<'_>,
-        id: &str,
-    ) -> Result<(SessionInfo, Welcome), Refusal> {
-        let gains = self.scenes.robot(plan.hands).gains(plan.gains);
-        let built = self.scenes.get(plan.hands, plan.episode(0).scene(gains));
-        let built = built.map_err(|error| plan.does_not_start("seed", &error))?;
-        let keys = self.keys.session(id);
-        let network =
-            plan.sensors.all().meets(Sensors::WITH_FEATURES).then(|| self.networks.get(&plan.request.weights));
-        let network = network.transpose()?;
-        let is_replay = plan.request.replay;
-        let is_sealed = is_replay || self.recorder_key.is_some();
-        // A replay has no token, so no recorder follows it.
-        let mut tokens = if is_replay { Vec::new() } else { vec![keys.live()] };
-        if let Some(key) = self.token_key.as_ref().filter(|_| !is_replay) {
-            let rows = RowsKey::of_recorder(key, &self.name, id);
-            let rows = rows.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
-            tokens.push(keys.truth_live(&rows.token()));
-        }
-        let wire = Wire::declare(&self.carrier, &keys, is_sealed, &tokens)
-            .map_err(|error| Refusal::new(Code::Busy, "", format!("the session's keys are refused: {error}")))?;
-        let (task, seed, policy) = (plan.task, plan.seed, plan.request.policy.clone());
-        let now = self.now();
-        let recorded = plan.recorded;
-        let attempt = seat.zip(plan.ticket.as_ref()).map(|(seat, ticket)| seat.begin(id, ticket)).transpose()?;
-        let simulation = Simulation::new(&self.name, id, plan, built, network);
-        let simulation = simulation.of_run(attempt.clone()).signed_by(self.signer.clone());
-        let info = simulation.info();
-        let session = Session::new(simulation, info, recorded, self.timeouts, now);
-        let info = session.info().clone();
-        let (welcome, secrets) = guest.welcome(&self.identity, &self.name, id, &info.encode_to_vec())?;
-        let rows = match &self.recorder_key {
-            _ if is_replay => Some(RowsKey::of_opener(&secrets)),
-            Some(key) => Some(RowsKey::of_recorder(key, &self.name, id)),
-            None => None,
-        };
-        let rows = rows.transpose().map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
-        let channel = Channel::new(&secrets, End::Server);
-        let channel = channel.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
-        let mut actor = Actor::new(id.into(), session, wire, Gate::new(channel), self.now() + CLAIM_TIME);
-        (actor.attempt, actor.rows, actor.is_replay) = (attempt, rows, is_replay);
-        let actor = Arc::new(actor);
-        let mut sessions = self.sessions.write().unwrap_or_else(PoisonError::into_inner);
-        sessions.insert(id.into(), Arc::clone(&actor));
-        drop(sessions);
-        // The first check of a session sets its timer.
-        let ends = !self.places.has(id);
-        self.send(
-            &actor,
-            Side::Server,
-            if ends { Input::Terminate("another session needs its place") } else { Input::Tick },
-        );
-        tracing::info!(session = id, %task, seed, policy, "opened a session");
-        Ok((info, welcome))
     }
 
     /// Takes in a report of the server's own recorder on a bag.
@@ -456,7 +286,7 @@ impl Shared {
                 false
             }
         };
-        if !is_kept && let Some(actor) = self.find(session) {
+        if !is_kept && let Some(actor) = self.sessions.find(session) {
             self.send(
                 &actor,
                 Side::Server,
@@ -471,22 +301,6 @@ fn sealed(actor: &Actor, record: Bytes) -> Bytes {
     match &actor.rows {
         Some(rows) => rows.seal(record_seq(&record), &record).into(),
         None => record,
-    }
-}
-
-fn no_place(why: NoPlace, capacity: usize) -> String {
-    match why {
-        NoPlace::Full => format!(
-            "the server is busy: its places, {capacity}, are all taken; close a session, try again later, or \
-             start it with a larger --capacity"
-        ),
-        NoPlace::Kept => format!(
-            "the server is busy: half of its {capacity} places are reserved for clients that have none; close a session, try \
-             again later, or start it with a larger --capacity"
-        ),
-        NoPlace::Limit(limit) => format!(
-            "the token allows {limit} sessions, and that many are open; close one, or ask the server's owner for more"
-        ),
     }
 }
 

@@ -1,12 +1,11 @@
 //! A server on a carrier.
 
-use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, RwLock};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use fiatlux_access::{AccessError, Identity, RecorderKey, Tokens};
 use fiatlux_carrier::{Carrier, CarrierError, Declaration};
@@ -18,16 +17,17 @@ use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
 
 use super::actor::{Actor, Side};
+use super::guest::Credentials;
 use super::info;
 use super::links::Links;
 use super::lock;
 use super::networks::Networks;
 use super::opens::Opens;
-use super::places::Places;
-use super::pool::{Job, Queue, Timer};
+use super::pool::Job;
 use super::runs::{RecordError, Runs};
 use super::scenes::{Robots, Scenes};
-use super::shared::Shared;
+use super::sessions::Sessions;
+use super::shared::{Queues, Shared};
 use crate::recorder::{Naming, Recorder, RecorderError, RecorderOptions, RecordsFrom};
 
 /// Number of threads that answer: a reply to a client that does not read blocks its thread for seconds, until Zenoh
@@ -140,7 +140,6 @@ pub enum ServerError {
     /// The carrier refused a key.
     #[error("{key} is refused: {source}; is the link still open?")]
     Carrier {
-        /// The key that was refused.
         key: String,
         /// The carrier's message, which says why.
         source: CarrierError,
@@ -198,8 +197,6 @@ impl Server {
             RecordsTo::ThisProcess(key) => (Some(key), None),
             RecordsTo::Recorders(key) => (Some(key.clone()), Some(key)),
         };
-        // Milliseconds since 1970, which no earlier server of this name can have used.
-        let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let shared = Arc::new(Shared {
             info: info::server(&options.name, options.capacity, robot, &options.scene),
             name: options.name,
@@ -211,35 +208,23 @@ impl Server {
                 resend: options.resend,
                 recorder: options.recorder_timeout,
             },
-            capacity: options.capacity,
             scenes: Scenes::new(options.scene, robots, meshes),
             networks: Networks::new(options.weights),
-            queue: Queue::default(),
-            answers: Queue::default(),
-            timer: Timer::default(),
+            queues: Queues::default(),
             runs,
-            run_requests: Queue::default(),
-            sessions: RwLock::new(BTreeMap::new()),
-            former: Mutex::new(VecDeque::new()),
-            places: Places::new(options.capacity),
-            identity,
-            signer,
-            tokens: options.tokens,
-            recorder_key,
-            token_key,
+            sessions: Sessions::new(options.capacity),
+            credentials: Credentials { identity, signer, tokens: options.tokens, recorder_key, token_key },
             opens: Opens::default(),
             links: Links::default(),
             refused: AtomicU64::new(0),
             closing: AtomicBool::new(false),
-            id_prefix: format!("{:x}", since_epoch.as_millis()),
-            next_id: AtomicU64::new(1),
             start: Instant::now(),
         });
         let (threads, endpoints, alive) = (Vec::new(), Vec::new(), Vec::new());
         let mut server = Self { shared, threads, endpoints, alive, recorder: None, _lock: lock };
         server.start_threads(options.workers).map_err(ServerError::Thread)?;
         if let Some(out) = options.record
-            && let Some(key) = server.shared.token_key.clone()
+            && let Some(key) = server.shared.credentials.token_key.clone()
         {
             server.record(out, key)?;
         }
@@ -258,7 +243,7 @@ impl Server {
 
     /// Number of sessions that are open now.
     pub fn open_sessions(&self) -> usize {
-        self.shared.places.count()
+        self.shared.sessions.places.count()
     }
 
     /// Number of messages since the start that did not come from a session's client, or came a second time.
@@ -271,14 +256,14 @@ impl Server {
         self.shared.closing.store(true, Ordering::Relaxed);
         self.alive.clear();
         let until = Instant::now() + deadline;
-        for actor in self.shared.all() {
+        for actor in self.shared.sessions.all() {
             self.shared.send(&actor, Side::Server, Input::Terminate("the server shuts down"));
         }
         let settled = |actor: &Arc<Actor>| lock(&actor.session).is_settled();
         loop {
-            let whole = self.shared.all().iter().all(settled);
+            let whole = self.shared.sessions.all().iter().all(settled);
             if whole || Instant::now() >= until {
-                for actor in self.shared.all().iter().filter(|actor| !settled(actor)) {
+                for actor in self.shared.sessions.all().iter().filter(|actor| !settled(actor)) {
                     let session = lock(&actor.session).info().session.clone();
                     tracing::error!(session, "a recorder has not taken all records of a session");
                 }
@@ -306,10 +291,10 @@ impl Server {
         let wake = move || {
             let wake = |actor: Arc<Actor>| {
                 if actor.tick() {
-                    shared.queue.push(Job::Run(actor));
+                    shared.queues.jobs.push(Job::Run(actor));
                 }
             };
-            shared.timer.run(|| shared.now(), wake);
+            shared.queues.timer.run(|| shared.now(), wake);
         };
         self.threads.push(std::thread::Builder::new().name("timer".into()).spawn(wake)?);
         Ok(())
@@ -339,15 +324,12 @@ impl Drop for Server {
         self.recorder = None;
         self.alive.clear();
         self.endpoints.clear();
-        self.shared.queue.stop();
-        self.shared.answers.stop();
-        self.shared.run_requests.stop();
-        self.shared.timer.stop();
+        self.shared.queues.stop();
         for thread in self.threads.drain(..) {
             // Workers catch failures of sessions, so there is nothing left to report.
             let _ = thread.join();
         }
-        for actor in self.shared.all() {
+        for actor in self.shared.sessions.all() {
             drop(lock(&actor.wire).take());
         }
     }
@@ -404,14 +386,15 @@ mod tests {
         }
         let mut channels = channels.into_iter();
         let mut seal = || channels.next().unwrap().seal(Label::Message("reset"), b"").to_vec();
-        let [faulty, other] = <[_; 2]>::try_from(server.shared.all()).unwrap_or_else(|_| panic!("two sessions"));
+        let [faulty, other] =
+            <[_; 2]>::try_from(server.shared.sessions.all()).unwrap_or_else(|_| panic!("two sessions"));
         let key = server.shared.keys.session(&faulty.id).reset();
         let _unanswered = ask(key, Vec::new(), seal());
         let until = Instant::now() + Duration::from_secs(10);
-        while server.shared.find(&faulty.id).is_some() && Instant::now() < until {
+        while server.shared.sessions.find(&faulty.id).is_some() && Instant::now() < until {
             std::thread::sleep(Duration::from_millis(1));
         }
-        assert_eq!((server.shared.all().len(), server.open_sessions()), (1, 1));
+        assert_eq!((server.shared.sessions.all().len(), server.open_sessions()), (1, 1));
         let key = server.shared.keys.session(&other.id).reset();
         let reply = ask(key, Vec::new(), seal()).next().unwrap().unwrap();
         let reply = ResetReply::decode(reply.payload).unwrap();

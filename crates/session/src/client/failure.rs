@@ -10,7 +10,6 @@ pub enum SessionFailure {
     /// The server refuses to start the episode.
     #[error("the server refuses to start episode {episode}: {message}")]
     Reset {
-        /// Index of the episode.
         episode: u64,
         /// The server's reason, in its own words.
         message: String,
@@ -20,7 +19,6 @@ pub enum SessionFailure {
     Command {
         /// The field of the action with the error, such as `joint_target`.
         field: &'static str,
-        /// What is wrong with the command.
         problem: String,
         /// Step of the observation that the command answers.
         step: u64,
@@ -42,7 +40,6 @@ pub enum SessionFailure {
     Lost {
         /// The reason, from the server or from this client.
         message: String,
-        /// What the user should do.
         remedy: String,
     },
     /// Several messages of the server could not be read.
@@ -50,7 +47,6 @@ pub enum SessionFailure {
     Unreadable {
         /// Kind of the message, such as `observation`.
         what: &'static str,
-        /// What is wrong with the message.
         reason: String,
     },
     /// In lockstep, the server is ahead of this client, so somebody else must have sent actions.
@@ -58,25 +54,17 @@ pub enum SessionFailure {
         "expected observation {expected}, but received {found}: someone else sends actions to this session; \
          open a new session"
     )]
-    Order {
-        /// Step that was expected.
-        expected: u64,
-        /// Step of the observation that came.
-        found: u64,
-    },
+    Order { expected: u64, found: u64 },
     /// The server did not answer in time.
     #[error(
         "server {server} has not answered {waited_for} within {silence_s} s, after {tries} tries{problem}; check that it \
          runs and can be reached (`policy-client list`), then start again"
     )]
     Silent {
-        /// Name of the server.
         server: String,
-        /// What the server should have answered.
         waited_for: String,
         /// How long the server was silent, s.
         silence_s: f64,
-        /// How often the message was sent.
         tries: u32,
         /// The last thing that went wrong; may be empty.
         problem: String,

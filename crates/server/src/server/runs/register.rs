@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use data_encoding::HEXLOWER;
 use fiatlux_bag::run::{MAX_EPISODES, Planned};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::refusal::Code;
@@ -24,7 +25,7 @@ const HOSTED_BITS: u32 = 53;
 
 /// SHA-256 of a run's public key, hexadecimal.
 pub(super) fn key_digest(key: &str) -> String {
-    Sha256::digest(key).iter().map(|byte| format!("{byte:02x}")).collect()
+    HEXLOWER.encode(&Sha256::digest(key))
 }
 
 /// Compares in a time that does not reveal where the two differ.

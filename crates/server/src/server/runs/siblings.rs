@@ -114,6 +114,11 @@ fn episode_at<'a>(ledger: &'a Ledger, index: usize, planned: &Planned) -> Option
 /// Whether the server of that name holds its lock. Open episodes of a dead server are free.
 fn is_alive(run_folder: &Path, server: &str) -> bool {
     let Some(folder) = run_folder.parent() else { return false };
-    let Ok(file) = File::open(super::lock_of(folder, server)) else { return false };
+    let Ok(file) = File::open(lock_of(folder, server)) else { return false };
     matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock))
+}
+
+/// The lock that a server holds while it records into the folder.
+pub(super) fn lock_of(folder: &Path, server: &str) -> PathBuf {
+    folder.join(format!("{server}.lock"))
 }

@@ -1,0 +1,40 @@
+//! Writes and prints the outcome of an evaluation.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use fiatlux_grading::{report, tables};
+use fiatlux_runs::Outcome;
+
+/// Writes and prints the outcome of an evaluation, and says how to continue if it was stopped.
+pub(super) fn finish(as_json: bool, out: &Path, outcome: &Outcome, goes_on: &str) -> anyhow::Result<ExitCode> {
+    write_results(out, outcome)?;
+    if as_json {
+        fiatlux_cli::print(outcome.results.to_json()?)?;
+    } else {
+        fiatlux_cli::print_headed(tables::text(&outcome.results))?;
+    }
+    for lost in &outcome.lost {
+        fiatlux_cli::report(format!("lost: {lost}"));
+    }
+    let folder = out.display();
+    if outcome.resumed > 0 {
+        eprintln!("{} episodes were already in {folder} and were not run again", outcome.resumed);
+    }
+    eprintln!("bags, results.json and report.html are in {folder}");
+    if outcome.stopped {
+        eprintln!("stopped before the end; {goes_on}");
+    }
+    let whole = outcome.lost.is_empty() && !outcome.stopped;
+    Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(3) })
+}
+
+fn write_results(out: &Path, outcome: &Outcome) -> anyhow::Result<()> {
+    let page = report::html_in(&outcome.results, out);
+    for (name, text) in [("results.json", outcome.results.to_json()?), ("report.html", page)] {
+        let path = out.join(name);
+        fiatlux_cli::write_whole(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}
