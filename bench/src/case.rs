@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
-use fiatlux_robot::{GainSet, HandKind, Robot};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_wbc::{Balance, Sensed};
@@ -162,7 +162,7 @@ struct Stage {
 
 impl Stage {
     fn new() -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(|e| BenchError::Scene(e.into()))?);
+        let robot = Arc::new(Robot::g1_inspire().map_err(|e| BenchError::Scene(e.into()))?);
         let config = SceneConfig::default();
         let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, robot.gains(GainSet::Fiatlux));
         let scene = Scene::build(&config, robot.clone(), spec).map_err(|e| BenchError::Scene(e.into()))?;

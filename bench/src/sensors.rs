@@ -11,7 +11,7 @@ use fiatlux_features::{ResNet18, Weights};
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_render::{Lighting, Visuals};
-use fiatlux_robot::{GainSet, HandKind, Robot};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_server::joints;
@@ -118,7 +118,7 @@ struct Stage {
 
 impl Stage {
     fn new(task: Task, sensors: Sensors, network: &ResNet18) -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(scene)?);
+        let robot = Arc::new(Robot::g1_inspire().map_err(scene)?);
         let gains = robot.gains(GainSet::Fiatlux);
         let spec = EpisodeSpec::new(task, 0, 0);
         let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).map_err(scene)?);
@@ -149,7 +149,7 @@ impl Stage {
 /// Takes control steps as a session does, except for sending messages: policy, physics, rules, sensors, encoding.
 fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> Result<StepCase, BenchError> {
     let mut stage = Stage::new(TASK, sensors, network)?;
-    let mut policy = fiatlux_policies::by_name(POLICY).map_err(scene)?;
+    let mut policy = fiatlux_policies::Policies::default().make(POLICY).map_err(scene)?;
     let mut observation = stage.observe(sensors)?;
     let info =
         SessionInfo { joints: joints(stage.episode.scene()), action_scale: ACTION_SCALE, ..SessionInfo::default() };

@@ -175,7 +175,7 @@ fn one_session(name: &str, over_tcp: bool, recorded: bool) -> Result<ServiceCase
         }
     };
     let request = OpenRequest { task: TASK.into(), policy: POLICY.into(), recorded, ..OpenRequest::default() };
-    let mut policy = fiatlux_policies::by_name(POLICY).map_err(text)?;
+    let mut policy = fiatlux_policies::Policies::default().make(POLICY).map_err(text)?;
     let mut client = Client::open(&link, Some(SERVER), request).map_err(text)?;
     let mut start = Instant::now();
     let mut first_step = |step| {

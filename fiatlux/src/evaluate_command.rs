@@ -10,6 +10,8 @@ use anyhow::Context;
 use clap::Args;
 use fiatlux_cli::ProgressLine;
 use fiatlux_client::{SeedList, SessionArgs, TaskList};
+use fiatlux_policies::Policies;
+use fiatlux_proto::plain;
 use fiatlux_rules::{CONTROL_DT, Task};
 use fiatlux_runs::{EvaluateOptions, Progress, evaluate};
 use outcome::finish;
@@ -28,7 +30,7 @@ Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with episodes that are missing."
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
     /// Policy: zero, random, hold, stand, wbc, walk or another of those that `policy-client list --policies` lists.
-    #[arg(long, value_parser = policy, required_unless_present = "external")]
+    #[arg(long, required_unless_present = "external")]
     policy: Option<String>,
     /// Serve a policy that connects from elsewhere: start a server that records, print the command for its client, wait
     /// for the run, and grade it at the end.
@@ -74,23 +76,32 @@ impl EvaluateArgs {
     }
 }
 
-fn policy(name: &str) -> Result<String, String> {
-    if name.starts_with("replay:") {
-        return Err(
-            "a bag holds one episode; replay it with policy-client run, or compare it with scorer verify".into()
+/// Exit code for a wrong command line.
+const USAGE: u8 = 2;
+
+/// Why a policy cannot be evaluated.
+fn unfit(policies: &Policies, name: &str) -> Option<String> {
+    if fiatlux_policies::replayed_bag(name).is_some() {
+        return Some(
+            "a bag holds one episode; replay it with policy-client run, or compare it with scorer verify".into(),
         );
     }
-    fiatlux_policies::by_name(name).map(|_| name.into()).map_err(|error| format!("{:#}", anyhow::Error::new(error)))
+    policies.make(name).err().map(|error| format!("{:#}", anyhow::Error::new(error)))
 }
 
 /// Runs the command: evaluates a policy, or waits for one that connects from elsewhere.
-pub fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
+pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> {
     fiatlux_cli::init_quiet_log();
     let Some(policy) = &args.policy else { return external::run(args) };
+    if let Some(problem) = unfit(&policies, policy) {
+        fiatlux_cli::print_error(format!("--policy {}: {problem}", plain(policy)));
+        return Ok(ExitCode::from(USAGE));
+    }
     // The name of a policy may be a path.
     let folder = policy.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
     let mut session = args.session.clone();
     let options = EvaluateOptions {
+        policies,
         policy: policy.clone(),
         tasks: args.tasks.as_ref().map_or_else(|| Task::SUBTASKS.to_vec(), |tasks| tasks.0.clone()),
         seeds: args.seeds.as_ref().map_or_else(|| (0..=3).collect(), |seeds| seeds.0.clone()),

@@ -3,8 +3,8 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
+use crate::keys::{Authentication, KeysOptions, Made, make};
 use clap::{Args, ValueEnum};
-use fiatlux::keys::{Authentication, KeysOptions, Made, make};
 use fiatlux_cli::whole;
 
 /// Text below the options of `keys`.

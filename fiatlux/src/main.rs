@@ -1,76 +1,9 @@
-//! The command `fiatlux`. Results on stdout, progress and errors on stderr; exit code 0 ok, 1 failed, 2 usage, 3 finished
-//! with data loss.
-mod evaluate_command;
-mod keys_command;
-mod network;
-mod render_command;
-mod view_command;
+//! The command `fiatlux`, with the built-in policies.
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
-
-/// Fiatlux on one machine.
-#[derive(Debug, Parser)]
-#[command(name = env!("CARGO_BIN_NAME"), version)]
-struct Cli {
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    /// Plays a policy through tasks and seeds, records every episode and grades it.
-    ///
-    /// Server, recorder, policy and scorer run in this process. Bags,
-    /// results.json and report.html go to the output folder; the table goes to stdout. Ctrl-C stops cleanly and grades
-    /// what is finished; the same command then continues.
-    #[command(after_help = evaluate_command::EXAMPLES)]
-    Evaluate(Box<evaluate_command::EvaluateArgs>),
-    /// Makes a video, a folder of pictures or a still of recorded episodes.
-    ///
-    /// Needs no graphics driver. A video needs ffmpeg in PATH; without it the frames are written as PNG files. Ctrl-C
-    /// ends the clip early and keeps the frames drawn so far.
-    #[command(after_help = render_command::EXAMPLES)]
-    Render(render_command::RenderArgs),
-    /// Shows recorded episodes in the browser: in 3D, with a time bar, conditions that light up as they hold, and contact forces.
-    ///
-    /// Serves only this machine, on 127.0.0.1, until Ctrl-C; needs no account and no network.
-    #[command(after_help = view_command::EXAMPLES)]
-    View(view_command::ViewArgs),
-    /// Makes keys, certificates and Zenoh configs, so that each program can do its part on a network and nothing else.
-    #[command(after_help = keys_command::EXAMPLES)]
-    Keys(keys_command::KeysArgs),
-    /// Passes messages on between programs, and enforces the access control in its config.
-    ///
-    /// When it is ready it prints one line on stdout; on an interrupt (SIGINT, SIGTERM) it exits with 0.
-    Router(network::RouterArgs),
-}
+use fiatlux_policies::Policies;
 
 fn main() -> ExitCode {
-    let done = match fiatlux_cli::parse::<Cli>().command {
-        Command::Evaluate(args) => evaluate_command::run(&args),
-        Command::Render(args) => render_command::run(&args),
-        Command::View(args) => view_command::run(&args),
-        Command::Keys(args) => keys_command::keys(args).map(|()| ExitCode::SUCCESS),
-        Command::Router(args) => network::router(args).map(|()| ExitCode::SUCCESS),
-    };
-    match done {
-        Ok(code) => code,
-        Err(error) => {
-            fiatlux_cli::print_error(format!("{error:#}"));
-            ExitCode::FAILURE
-        }
-    }
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn whole_numbers_name_their_range() {
-        fiatlux_cli::check_whole_numbers::<Cli>().unwrap();
-    }
+    fiatlux::run(Policies::default())
 }

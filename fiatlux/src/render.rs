@@ -18,7 +18,7 @@ use fiatlux_bag::{Bag, BagError, Completeness};
 use fiatlux_render::framing::Spot;
 use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
 use fiatlux_replay::{Rows, differences};
-use fiatlux_robot::{HandKind, Robot, RobotError};
+use fiatlux_robot::{Robot, RobotError};
 use fiatlux_rules::{CONTROL_DT, Row};
 use fiatlux_wire::{RebuildError, light_of, robot_of, scene_of};
 use fiatlux_world::Scene;
@@ -180,7 +180,7 @@ impl Clip {
     pub fn open(options: RenderOptions) -> Result<Self, RenderError> {
         options.output.check(options.force)?;
         // The robots differ in joints, not in links.
-        let robot = Robot::with_hands(HandKind::default())?;
+        let robot = Robot::g1_inspire()?;
         let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
         let mut warnings = Vec::new();
         let mut episodes = Vec::new();

@@ -4,9 +4,9 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use crate::render::{Clip, Outcome, Output, Picture, RenderOptions, Span, View, find_ffmpeg, join_command, stride};
 use anyhow::Context;
 use clap::Args;
-use fiatlux::render::{Clip, Outcome, Output, Picture, RenderOptions, Span, View, find_ffmpeg, join_command, stride};
 use fiatlux_cli::ProgressLine;
 use nalgebra::Vector3;
 

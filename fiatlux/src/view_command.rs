@@ -5,9 +5,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
+use crate::part_of;
 use anyhow::{Context, bail};
 use clap::Args;
-use fiatlux::part_of;
 use fiatlux_replay::{Bags, Replay, Viewer, standalone};
 
 /// Shown below the options.

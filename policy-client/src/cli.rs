@@ -9,11 +9,11 @@ mod report;
 pub mod run;
 
 use fiatlux_client::{Policy, PolicyError};
-use fiatlux_policies::{VlaArgs, VlaSource};
+use fiatlux_policies::{Policies, VlaArgs, VlaSource};
 
 /// Makes the policy that a flag names.
 fn policy(name: &str) -> Result<Box<dyn Policy>, Failure> {
-    fiatlux_policies::by_name(name).map_err(usage)
+    Policies::default().make(name).map_err(usage)
 }
 
 /// Opens the model server of the policy `vla`, and checks its contract before anything moves.

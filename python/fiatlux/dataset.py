@@ -22,7 +22,7 @@ ROWS_PER_SECOND = 50
 _CHOSEN = {
     "policy": "policy",
     "task": "task",
-    "robot": "hands",
+    "robot": "robot",
     "gains": "gains",
     "reward": "reward",
     "protocol": "episode_protocol",
@@ -245,7 +245,7 @@ def _features(
             "shape": (height, width, 3),
             "names": ["height", "width", "channels"],
         }
-    return features, f"g1_{header['hands']}"
+    return features, header["robot"]
 
 
 def _commands(bag: Bag) -> NDArray[np.float32] | None:

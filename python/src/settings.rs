@@ -106,7 +106,7 @@ impl Settings {
     pub(crate) fn request(&self, record: &[String]) -> PyResult<OpenRequest> {
         let (robot, _) = self.robot()?;
         let mut request = OpenRequest {
-            hands: robot.hand().to_string(),
+            robot: robot.name().into(),
             gains: self.gains.clone(),
             reward: self.reward.clone(),
             episode_protocol: self.protocol.clone(),

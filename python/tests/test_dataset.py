@@ -20,7 +20,7 @@ class Recorded(dict):
         acted = np.concatenate((np.full(delay + 1, -1.0), sent[: ROWS - delay]))
         self.header = {
             "request": {"action_delay_ms": 20 * delay},
-            **{name: "x" for name in ("policy", "task", "hands", "gains", "reward", "instruction")},
+            **{name: "x" for name in ("policy", "task", "robot", "gains", "reward", "instruction")},
             **{
                 "episode_protocol": "strict",
                 "seed": 1,

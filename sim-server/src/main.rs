@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use fiatlux_mjcf::{ExportScene, MjcfOptions, OptionSet, to_mjcf};
-use fiatlux_robot::HandKind;
+use fiatlux_robot::Robot;
 use fiatlux_rules::Task;
 
 /// Simulates the errand's scenes for policies.
@@ -56,9 +56,9 @@ struct Export {
     /// With --robot-only: add a floor under its feet.
     #[arg(long, requires = "robot_only")]
     floor: bool,
-    /// Hands of the robot: inspire or bare.
-    #[arg(long, default_value_t)]
-    hands: HandKind,
+    /// Robot.
+    #[arg(long, default_value = Robot::NAMES[0], value_parser = Robot::NAMES)]
+    robot: String,
     /// Length of a physics step, s.
     #[arg(long, default_value_t = 0.005, value_parser = timestep)]
     timestep: f64,
@@ -105,8 +105,8 @@ fn main() -> ExitCode {
 
 fn run_export(export: &Export) -> anyhow::Result<()> {
     let scene = match export.task {
-        Some(task) => ExportScene::task(task, export.seed, export.hands)?,
-        None => ExportScene::robot_only(export.hands, export.floor)?,
+        Some(task) => ExportScene::task(task, export.seed, &export.robot)?,
+        None => ExportScene::robot_only(&export.robot, export.floor)?,
     };
     let Format::Mjcf = export.format;
     let options = MjcfOptions {

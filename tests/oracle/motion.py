@@ -22,7 +22,7 @@ def dynamics(path=None):
 
 def dynamics_bare(path=None):
     """The same of the G1 with welded fingers."""
-    return dynamics_of(Scene.export(path, "--robot-only", "--hands", "bare"))
+    return dynamics_of(Scene.export(path, "--robot-only", "--robot", "g1_bare"))
 
 
 def dynamics_of(scene):

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{Dynamics, Input, Joint, Model, ModelBuilder, ModelError, State};
-use fiatlux_robot::{GainSet, HandKind, Robot};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_world::{PHYSICS_DT, Random, Scene, SceneConfig, SceneSpec, Stream};
 use nalgebra::Vector3;
 
@@ -50,7 +50,7 @@ pub(super) fn starts(model: &Model, joint_speed: f64) -> impl Iterator<Item = St
 
 /// The robot without drives, joint limits, shapes and gravity.
 pub(super) fn robot_in_space() -> Result<Model, BenchError> {
-    let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(|e| BenchError::Scene(e.into()))?);
+    let robot = Arc::new(Robot::g1_inspire().map_err(|e| BenchError::Scene(e.into()))?);
     let spec = SceneSpec::floor(robot.gains(GainSet::Fiatlux));
     let scene = Scene::build(&SceneConfig::default(), robot, spec).map_err(|e| BenchError::Scene(e.into()))?;
     let build = || -> Result<Model, ModelError> {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use fiatlux_dynamics::{ShapeId, State};
-use fiatlux_robot::{GainSet, HandKind, Robot};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BodyRow, Row, Task, diverged, errand};
 use fiatlux_world::{Random, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartOptions, Stream, World, start};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -85,7 +85,7 @@ pub(super) struct Trials {
 
 impl Trials {
     pub fn new() -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::with_hands(HandKind::default()).map_err(|e| BenchError::Scene(e.into()))?);
+        let robot = Arc::new(Robot::g1_inspire().map_err(|e| BenchError::Scene(e.into()))?);
         let config = SceneConfig::default();
         let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, robot.gains(GainSet::Fiatlux));
         let room = Scene::build(&config, Arc::clone(&robot), spec).map_err(|e| BenchError::Scene(e.into()))?;

@@ -13,9 +13,9 @@ pub struct SessionArgs {
     /// Set of gains for the joints' drives: fiatlux, sonic, gear or gear-lerobot
     #[arg(long, value_name = "NAME")]
     gains: Option<String>,
-    /// Hands of the robot: inspire, or bare for welded fingers and a robot of 29 joints
+    /// Robot: g1_inspire, or g1_bare, whose fingers are welded: 29 joints [default: g1_inspire]
     #[arg(long, value_name = "NAME")]
-    hands: Option<String>,
+    robot: Option<String>,
     /// Sensors, such as proprioception,lidar@10,camera@look: with a rate in Hz, or only when the policy looks; by
     /// default in every observation. proprioception, hand_contact, limb_contact, last_action, lidar (lidar+room also
     /// sees bench, crate and walls), camera, chest_camera, features, flat, privileged, verdict
@@ -94,7 +94,7 @@ impl SessionArgs {
             }
         };
         set(&mut request.gains, &self.gains);
-        set(&mut request.hands, &self.hands);
+        set(&mut request.robot, &self.robot);
         set(&mut request.weights, &self.weights);
         set(&mut request.reward, &self.reward);
         set(&mut request.episode_protocol, &self.protocol);

@@ -39,7 +39,8 @@ fn lost_actions_are_sent_again() {
 
 fn run_two_episodes(link: &Session, server: &FakeServer) {
     let mut client = Client::open(&fiatlux_link::carrier(link), None, request()).expect("opens");
-    let (mut policy, stop) = (fiatlux_policies::by_name("zero").expect("known"), AtomicBool::new(false));
+    let (mut policy, stop) =
+        (fiatlux_policies::Policies::default().make("zero").expect("known"), AtomicBool::new(false));
     for episode in [0, 1] {
         let mut steps = Vec::new();
         let end = client.run_episode(episode, policy.as_mut(), &mut |step| steps.push(step), &stop).expect("ends");
@@ -113,7 +114,7 @@ fn a_policy_that_gives_up_or_a_stop_ends_the_run() {
     let stop = AtomicBool::new(false);
     let error = client.run_episode(0, &mut Late, &mut |_| {}, &stop).expect_err("gives up").to_string();
     assert_eq!(error, "policy late commands action of 1 numbers, not 2, in step 5; correct the policy");
-    let mut policy = fiatlux_policies::by_name("zero").expect("known");
+    let mut policy = fiatlux_policies::Policies::default().make("zero").expect("known");
     let mut at = |step| stop.store(step == 3, Ordering::Relaxed);
     assert!(matches!(client.run_episode(1, policy.as_mut(), &mut at, &stop), Err(ClientError::Stopped)));
 }
@@ -124,7 +125,7 @@ fn a_server_that_is_gone_is_told() {
     let link = Link::embedded().expect("opens").session().clone();
     let server = Mutex::new(Some(FakeServer::new(&link, "lab", 0)));
     let mut client = Client::open(&fiatlux_link::carrier(&link), None, request()).expect("opens");
-    let mut policy = fiatlux_policies::by_name("zero").expect("known");
+    let mut policy = fiatlux_policies::Policies::default().make("zero").expect("known");
     let mut at = |step| {
         if step == 20 {
             server.lock().expect("is whole").take();

@@ -32,8 +32,8 @@ pub struct Conditions {
     pub time: String,
     /// Name of the set of gains, such as `fiatlux`.
     pub gains: String,
-    /// Name of the hands, such as `inspire`.
-    pub hands: String,
+    /// Name of the robot, such as `g1_inspire`.
+    pub robot: String,
     /// Whether the start state and the sensors are noisy.
     pub noise: bool,
     /// What the benchmark varies and these episodes kept fixed: `layout`, `start`, `hand_friction`, `light`, `tint`,
@@ -85,7 +85,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
         ("seeds", seeds(header).into()),
         ("time", time(header).into()),
         ("gains", gains(header).into()),
-        ("hands", hands(header).into()),
+        ("robot", robot(header).into()),
         ("fixed", listed(&fixed(header))),
         ("prop_scale", prop_scale(header)),
         ("sensors", listed(&comparable_sensors(header))),
@@ -123,10 +123,10 @@ impl Conditions {
         if gains(header) != "fiatlux" {
             deviations.push(format!("gains are {}", quoted(gains(header))));
         }
-        if hands(header) != "inspire" {
-            deviations.push(format!("hands are {}", quoted(hands(header))));
+        if robot(header) != ROBOT {
+            deviations.push(format!("the robot is {}", quoted(robot(header))));
         }
-        if pins::model(hands(header)).is_some_and(|pinned| pinned != header.model_digest) {
+        if pins::model(robot(header)).is_some_and(|pinned| pinned != header.model_digest) {
             deviations.push("the robot is not the pinned one".into());
         }
         deviations.extend(fixed(header).into_iter().map(|what| match what {
@@ -172,7 +172,7 @@ impl Conditions {
             observations: observations(header).into(),
             time: time(header).into(),
             gains: gains(header).into(),
-            hands: hands(header).into(),
+            robot: robot(header).into(),
             noise: !fixed(header).iter().any(|what| ["start", "sensors"].contains(what)),
             fixed: fixed(header).into_iter().map(str::to_owned).collect(),
             prop_scale: prop_scale(header),
@@ -267,12 +267,15 @@ fn time(header: &v3::EpisodeHeader) -> &'static str {
     }
 }
 
+/// The benchmark's robot.
+const ROBOT: &str = pins::RANKED_ROBOTS[0];
+
 fn gains(header: &v3::EpisodeHeader) -> &str {
     if header.gains.is_empty() { "fiatlux" } else { &header.gains }
 }
 
-fn hands(header: &v3::EpisodeHeader) -> &str {
-    if header.hands.is_empty() { "inspire" } else { &header.hands }
+fn robot(header: &v3::EpisodeHeader) -> &str {
+    if header.robot.is_empty() { ROBOT } else { &header.robot }
 }
 
 /// Value of `prop_scale` for props of the benchmark's sizes.
@@ -380,7 +383,7 @@ mod tests {
         v3::EpisodeHeader {
             benchmark_version: BENCHMARK_VERSION,
             episode_protocol: "strict".into(),
-            model_digest: pins::model("inspire").unwrap_or_default().into(),
+            model_digest: pins::model(ROBOT).unwrap_or_default().into(),
             scene_digest: pins::SCENE.into(),
             ..v3::EpisodeHeader::default()
         }

@@ -7,7 +7,7 @@ use crate::flaw::{Difference, first_difference};
 
 /// What stands in a header for what a request leaves out.
 const GAINS: &str = "fiatlux";
-const HANDS: &str = "inspire";
+const ROBOT: &str = "g1_inspire";
 const REWARD: &str = "benchmark";
 const IMAGE_SIDE: u32 = 256;
 
@@ -39,7 +39,7 @@ fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
         seed: request.seed,
         mode: if request.mode == 0 { Mode::Lockstep.into() } else { request.mode },
         gains: or(&request.gains, GAINS),
-        hands: or(&request.hands, HANDS),
+        robot: or(&request.robot, ROBOT),
         episode_protocol: or(protocol, Protocol::default().name()),
         reward: or(&request.reward, REWARD),
         randomization: Some(randomization),
@@ -96,7 +96,7 @@ mod tests {
             seed: 7,
             mode: Mode::Lockstep.into(),
             gains: "fiatlux".into(),
-            hands: "inspire".into(),
+            robot: ROBOT.into(),
             episode_protocol: "strict".into(),
             reward: "benchmark".into(),
             randomization: Some(Randomization::default()),
@@ -136,7 +136,7 @@ mod tests {
             (OpenRequest { seed: 8, ..request() }, "seed"),
             (OpenRequest { mode: Mode::RealTime.into(), ..request() }, "mode"),
             (OpenRequest { gains: "sonic".into(), ..request() }, "gains"),
-            (OpenRequest { hands: "bare".into(), ..request() }, "hands"),
+            (OpenRequest { robot: "g1_bare".into(), ..request() }, "robot"),
             (OpenRequest { episode_protocol: "published".into(), ..request() }, "episode_protocol"),
             (OpenRequest { reward: "training".into(), ..request() }, "reward"),
             (OpenRequest { image_width: 64, ..request() }, "image_width"),

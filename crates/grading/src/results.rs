@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Conditions, Series};
 
 /// Version of the form of `results.json`. A new field does not change it; renaming or removing one does.
-pub const RESULTS_VERSION: u32 = 2;
+pub const RESULTS_VERSION: u32 = 3;
 
 /// Results of one policy, from loose bags or from a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

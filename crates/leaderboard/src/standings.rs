@@ -297,7 +297,7 @@ pub(crate) mod tests {
             },
             "conditions": {
                 "benchmark_version": 4, "protocol": "strict", "seeds": "public", "observations": "standard",
-                "time": "lockstep", "gains": "fiatlux", "hands": "inspire", "noise": true, "end_on_overridden": [],
+                "time": "lockstep", "gains": "fiatlux", "robot": "g1_inspire", "noise": true, "end_on_overridden": [],
                 "ranked": true, "deviations": [], "thresholds": {}, "thresholds_set": [], "published_counting": false,
                 "model_digest": "", "scene_digest": "",
             },

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use fiatlux_grading::{Conditions, Results};
 use fiatlux_proto::is_unseen;
+use fiatlux_rules::pins;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -133,9 +134,6 @@ fn is_link(text: &str) -> bool {
     rest.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_alphanumeric()) && rest.chars().all(is_plain))
 }
 
-/// Hands that have divisions of their own.
-pub(crate) const RANKED_HANDS: [&str; 2] = ["inspire", "dex3"];
-
 /// Whether the world waited for the policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -163,8 +161,8 @@ pub struct Division {
     pub time: Time,
     /// What the policy could sense.
     pub observations: Observations,
-    /// The robot's hands: `inspire` or `dex3`.
-    pub hands: String,
+    /// The robot, one of `fiatlux_rules::pins::RANKED_ROBOTS`.
+    pub robot: String,
 }
 
 impl Division {
@@ -188,11 +186,11 @@ impl Division {
             "privileged" => Observations::Privileged,
             _ => return None,
         };
-        // Other hands are a division of their own, not a deviation.
-        let is_hands = |deviation: &String| deviation.starts_with("hands are ");
-        let ranked = conditions.deviations.iter().all(is_hands) && conditions.protocol == "strict";
-        let is_known = RANKED_HANDS.contains(&conditions.hands.as_str());
-        (ranked && is_known).then(|| Self { time, observations, hands: conditions.hands.clone() })
+        // Another robot is a division of its own, not a deviation.
+        let is_robot = |deviation: &String| deviation.starts_with("the robot is '");
+        let ranked = conditions.deviations.iter().all(is_robot) && conditions.protocol == "strict";
+        let is_known = pins::RANKED_ROBOTS.contains(&conditions.robot.as_str());
+        (ranked && is_known).then(|| Self { time, observations, robot: conditions.robot.clone() })
     }
 
     /// Why results are not ranked, as text for the page; empty if they are.
@@ -209,7 +207,7 @@ impl Division {
             reasons.push("the episodes were not played by protocol strict".into());
         }
         if reasons.is_empty() {
-            reasons.push(format!("observations are '{}', hands '{}'", conditions.observations, conditions.hands));
+            reasons.push(format!("observations are '{}', the robot '{}'", conditions.observations, conditions.robot));
         }
         reasons.join("; ")
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Geometry, Material, Model, ModelBuilder, ModelError, ShapeSpec, State};
-use fiatlux_robot::{BuildOptions, GainSet, HandKind, Robot, RobotError, RobotIds};
+use fiatlux_robot::{BuildOptions, GainSet, Robot, RobotError, RobotIds};
 use fiatlux_rules::Task;
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec, StartError, StartOptions, start};
 use nalgebra::Isometry3;
@@ -45,8 +45,8 @@ impl ExportScene {
     ///
     /// # Errors
     /// [`ExportError`].
-    pub fn task(task: Task, seed: u64, hands: HandKind) -> Result<Self, ExportError> {
-        let robot = Arc::new(Robot::with_hands(hands)?);
+    pub fn task(task: Task, seed: u64, robot: &str) -> Result<Self, ExportError> {
+        let robot = Arc::new(Robot::by_name(robot)?);
         let gains = robot.gains(GainSet::default());
         let spec = SceneSpec::new(SceneKind::of(task), seed, gains);
         let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec)?);
@@ -64,8 +64,8 @@ impl ExportScene {
     ///
     /// # Errors
     /// [`ExportError`].
-    pub fn robot_only(hands: HandKind, floor: bool) -> Result<Self, ExportError> {
-        let robot = Robot::with_hands(hands)?;
+    pub fn robot_only(robot: &str, floor: bool) -> Result<Self, ExportError> {
+        let robot = Robot::by_name(robot)?;
         let mut builder = ModelBuilder::new();
         let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot))?;
         if floor {

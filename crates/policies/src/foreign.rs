@@ -12,6 +12,23 @@ use super::body::{self, Senses};
 use super::whole_body::{UPRIGHT, WholeBody};
 use fiatlux_client::{Command, Policy, PolicyError};
 
+use crate::entry::Entry;
+
+/// As a program makes it.
+pub(crate) const GEAR: Entry = Entry {
+    name: "gear:DIR",
+    does: "GEAR's decoupled whole-body controller from the ONNX files in DIR, on one command: gear:DIR,vx=0.4; \
+           reading=lerobot for the other reading of its sources, gains=any to play on other gains",
+    make: |text| Ok(Box::new(Gear::new(text)?)),
+};
+
+/// As a program makes it.
+pub(crate) const SONIC: Entry = Entry {
+    name: "sonic:DIR",
+    does: "the decoder of GEAR-SONIC from the ONNX file in DIR, on a recorded sequence of tokens: sonic:DIR,token=FILE",
+    make: |text| Ok(Box::new(Sonic::new(text)?)),
+};
+
 /// Words that each of `gear`, a carrier of a model's commands, and `sonic` accepts.
 const GEAR_FIELDS: &str = "reading, gains, vx, vy, wz, height, roll, pitch, yaw";
 const GEAR_FILE_FIELDS: &str = "reading, gains";

@@ -4,6 +4,12 @@ use fiatlux_proto::v3::{Observation, SessionInfo};
 
 use fiatlux_client::{Command, Policy, PolicyError};
 
+use crate::entry::Entry;
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry =
+    Entry { name: "hold", does: "keeps the posture of the start", make: |_| Ok(Box::new(Hold::default())) };
+
 /// Keeps the staged posture: repeats the last action of observation 0.
 #[derive(Debug, Default)]
 pub struct Hold {

@@ -6,6 +6,15 @@ use rand_pcg::rand_core::Rng as _;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 
+use crate::entry::Entry;
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry = Entry {
+    name: "random",
+    does: "uniform in [-1, 1], drawn from the session's seed and the episode's index",
+    make: |_| Ok(Box::new(Random::default())),
+};
+
 /// Actions drawn uniformly from [-1, 1]. They depend only on the session's seed and the episode's index.
 #[derive(Debug)]
 pub struct Random {

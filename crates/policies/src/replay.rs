@@ -7,6 +7,15 @@ use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, Mode, Observation, OpenReq
 
 use fiatlux_client::{Command, Policy, PolicyError};
 
+use crate::entry::Entry;
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry = Entry {
+    name: "replay:BAG",
+    does: "sends the actions of a recorded episode again, exactly as they were received",
+    make: |bag| Ok(Box::new(Replay::open(Path::new(bag))?)),
+};
+
 /// Most actions that are read. An errand has 72,000.
 const MAX_ACTIONS: usize = 1 << 20;
 
@@ -52,7 +61,7 @@ impl Replay {
             seed: header.seed,
             mode: Mode::Lockstep.into(),
             gains: header.gains,
-            hands: header.hands,
+            robot: header.robot,
             randomization: header.randomization,
             end_on: if header.end_on_overridden { header.end_on } else { Vec::new() },
             thresholds: header.thresholds,

@@ -7,7 +7,16 @@ use fiatlux_robot::{Gains, JointGains, Robot};
 
 use super::body;
 use fiatlux_client::{Command, Policy, PolicyError};
+
+use crate::entry::Entry;
 use fiatlux_wbc::{Balance, Sensed};
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry = Entry {
+    name: "stand",
+    does: "keeps the robot upright on level ground by closing a loop over its centre of mass",
+    make: |_| Ok(Box::new(Stand::default())),
+};
 
 /// Keeps the robot upright on level ground; see [`fiatlux_wbc::balance`].
 #[derive(Debug, Default)]

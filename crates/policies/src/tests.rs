@@ -10,7 +10,7 @@ use fiatlux_wbc::{BODY, MOVED, Network};
 
 use super::whole_body::WholeBody;
 use super::*;
-use fiatlux_client::Command;
+use fiatlux_client::{Command, Policy, PolicyError};
 
 fn session(seed: u64) -> SessionInfo {
     SessionInfo { seed, joints: vec![Joint::default(); 4], ..SessionInfo::default() }
@@ -30,9 +30,9 @@ fn commands(policy: &mut dyn Policy, seed: u64, episode: u64, last_action: &[f32
 
 #[test]
 fn zero_and_hold() {
-    let mut zero = by_name("zero").expect("known");
+    let mut zero = Policies::default().make("zero").expect("known");
     assert_eq!(commands(zero.as_mut(), 0, 0, &[]), vec![Command::Action(vec![0.0; 4]); 3]);
-    let mut hold = by_name("hold").expect("known");
+    let mut hold = Policies::default().make("hold").expect("known");
     let staged = [0.25, -0.5, 1.5, 0.0];
     let expected = Command::Action(staged.map(f64::from).to_vec());
     assert_eq!(commands(hold.as_mut(), 0, 0, &staged), vec![expected; 3]);
@@ -69,21 +69,40 @@ fn random_is_uniform_in_the_box() {
 }
 
 #[test]
+fn a_program_adds_policies_and_may_hide_built_in_ones() {
+    let entry = |name| Entry { name, does: "", make: |_| Ok(Box::new(Hold::default())) };
+    let policies = Policies::default().with(entry("mine:DIR")).with(entry("zero"));
+    assert_eq!(policies.entries().len(), Policies::default().entries().len() + 1);
+    assert_eq!(policies.make("zero").expect("known").name(), "hold");
+    assert_eq!(policies.make("mine:here").expect("known").name(), "hold");
+    for slip in ["mine", "mine:", "zero:", "zero:fast", "walk:", "replay:"] {
+        assert!(matches!(policies.make(slip), Err(PolicyError::Unknown { .. })), "{slip}");
+    }
+}
+
+#[test]
 fn an_unknown_name_is_answered_with_the_known_ones() {
     for name in ["waddle", "", "replay:", "replay", "gear", "gear:", "sonic:"] {
-        let message = by_name(name).err().expect("refused").to_string();
+        let message = Policies::default().make(name).err().expect("refused").to_string();
         assert!(
-            message.contains("zero, random, hold, stand, wbc, walk, vla, gear:DIR, sonic:DIR, replay:BAG"),
+            message.contains(
+                "zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], vla, gear:DIR, sonic:DIR, replay:BAG"
+            ),
             "{message}"
         );
     }
-    assert!(matches!(by_name("replay:/nowhere.mcap"), Err(PolicyError::Failed { policy: "replay", .. })));
+    assert!(matches!(
+        Policies::default().make("replay:/nowhere.mcap"),
+        Err(PolicyError::Failed { policy: "replay", .. })
+    ));
 }
 
 /// Other weights under the same file name are another policy; a checkpoint is told from an exported file.
 #[test]
 fn the_name_says_which_weights_and_which_command() {
-    let name = |text: &str| by_name(text).map(|policy| policy.name()).map_err(|error| fiatlux_cli::in_full(&error));
+    let name = |text: &str| {
+        Policies::default().make(text).map(|policy| policy.name()).map_err(|error| fiatlux_cli::in_full(&error))
+    };
     assert_eq!(name("wbc").as_deref(), Ok("wbc"));
     assert_eq!(name("walk").as_deref(), Ok("walk"));
     assert_eq!(name("wbc:vx=0.4,wz=0.2").as_deref(), Ok("wbc:vx=0.4,wz=0.2"));
@@ -122,7 +141,7 @@ fn replay_sends_what_was_recorded_and_no_more() {
     }
     bag.finish(&EpisodeResult::default()).expect("finishes");
 
-    let mut replay = by_name(&format!("replay:{}", path.display())).expect("opens");
+    let mut replay = Policies::default().make(&format!("replay:{}", path.display())).expect("opens");
     std::fs::remove_file(path).expect("removes");
     assert_eq!(replay.name(), "replay:old");
     replay.reset(&session(0), &Observation::default()).expect("resets");
@@ -170,7 +189,7 @@ fn stand_answers_with_targets_of_all_joints() {
     let robot = Robot::g1_inspire().expect("loads");
     let (info, first) = standing(&robot, GainSet::default());
     let count = info.joints.len();
-    let mut stand = by_name("stand").expect("known");
+    let mut stand = Policies::default().make("stand").expect("known");
     stand.reset(&info, &first).expect("resets");
     let Command::JointTarget(targets) = stand.act(&first).expect("acts") else { panic!("actions") };
     assert_eq!(targets.len(), count);
@@ -192,7 +211,7 @@ fn foreign_targets(words: &str, robot: &Robot, gains: GainSet) -> Result<Vec<f64
         Some(source) => format!("{error}: {source}"),
         None => error.to_string(),
     };
-    let mut policy = by_name(&format!("{kind}:{NETWORKS},{words}")).map_err(said)?;
+    let mut policy = Policies::default().make(&format!("{kind}:{NETWORKS},{words}")).map_err(said)?;
     let (info, mut first) = standing(robot, gains);
     first.last_action.fill(0.5);
     policy.reset(&info, &first).map_err(said)?;
@@ -232,7 +251,7 @@ fn commands_are_recorded() {
     let (info, first) = standing(&robot, GainSet::Fiatlux);
     for (name, height) in [("wbc:vx=0.25,wz=-0.5".to_owned(), 0.75), (format!("gear:{NETWORKS},vx=0.25,wz=-0.5"), 0.74)]
     {
-        let mut policy = by_name(&name).expect("known");
+        let mut policy = Policies::default().make(&name).expect("known");
         policy.reset(&info, &first).expect("resets");
         assert_eq!(policy.source(), None, "nothing is commanded yet");
         for index in 0..2 {
@@ -287,7 +306,7 @@ fn foreign_controllers_refuse_what_does_not_fit() {
         let message = foreign_targets(words, &robot, gains).expect_err(words);
         assert!(message.contains(said), "{words}: {message}");
     }
-    let error = by_name("gear:/nowhere").err().expect("refused");
+    let error = Policies::default().make("gear:/nowhere").err().expect("refused");
     let source = std::error::Error::source(&error).expect("a cause").to_string();
     assert!(source.contains("/nowhere/Balance.onnx") && source.contains("weights are not shipped"), "{source}");
 }

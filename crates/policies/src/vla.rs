@@ -23,7 +23,19 @@ use super::foreign::{GearFiles, SonicBody, SonicFiles};
 use super::whole_body::WholeBody;
 pub use args::VlaArgs;
 use fiatlux_client::{Command, Policy, PolicyError};
+
+use crate::entry::Entry;
 pub use probe::{Answer, Probed};
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry = Entry {
+    name: "vla",
+    does: "plays the chunks of a model server: --dialect and --model say which, --map what its keys are on this robot",
+    make: |_| {
+        let reason = "it needs a model server; give --dialect and --model".into();
+        Err(PolicyError::Unfit { policy: "vla", reason })
+    },
+};
 
 /// Rate of the cameras in a real-time session's observations, Hz; a look would come too late there.
 const REAL_TIME_CAMERA_HZ: f64 = 10.0;

@@ -14,6 +14,16 @@ use super::body;
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
 
+use crate::entry::Entry;
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry = Entry {
+    name: "walk[:FILE]",
+    does: "walks to the crate (S05), the fresh bulb (S07) or the ladder (S09) by their exact poses, and stands there; \
+           walk:FILE with weights of your own",
+    make: |file| Ok(Box::new(Walk::new(file)?)),
+};
+
 /// Control steps between plans.
 const REPLAN: u64 = 25;
 /// How far ahead on its path the robot aims, m.

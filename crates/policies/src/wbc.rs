@@ -9,6 +9,17 @@ use super::body::{self, COMMAND};
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
 
+use crate::entry::Entry;
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry = Entry {
+    name: "wbc[:COMMAND]",
+    does: "walks, turns and bends on one command, such as wbc:vx=0.4,wz=0.2 (vx -0.5 to 1.0 m/s, vy -0.4 to 0.4 m/s, wz -1.0 to \
+           1.0 rad/s, height 0.65 to 0.79 m, roll, pitch, yaw of the torso in rad); the arms keep the posture of the start; \
+           wbc:FILE,vx=0.4 with weights of your own",
+    make: |command| Ok(Box::new(Wbc::new(command)?)),
+};
+
 /// Follows one command; the arms keep the staged posture.
 pub struct Wbc {
     name: String,

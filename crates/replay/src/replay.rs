@@ -65,8 +65,8 @@ pub struct EpisodeInfo {
     pub episode: String,
     /// Name of the policy that played it.
     pub policy: String,
-    /// Name of the robot's hands, such as `inspire`.
-    pub hands: String,
+    /// Name of the robot, such as `g1_inspire`.
+    pub robot: String,
     /// Version of the benchmark that it was played in.
     pub benchmark_version: u32,
     /// Control steps until time-out.
@@ -252,7 +252,7 @@ impl EpisodeInfo {
             seed: header.seed.to_string(),
             episode: header.episode.to_string(),
             policy: short(&header.policy),
-            hands: short(&header.hands),
+            robot: short(&header.robot),
             benchmark_version: header.benchmark_version,
             horizon_steps: header.horizon_steps,
         }

@@ -1,7 +1,7 @@
 use fiatlux_dynamics::ModelError;
 use thiserror::Error;
 
-use crate::names::{HANDS, ROBOTS};
+use crate::names::NAMES;
 
 /// Why a robot file or a request about a robot was refused.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -28,14 +28,11 @@ pub enum RobotError {
         /// What is wrong and what to do.
         problem: String,
     },
-    /// A hand that this version has no figures for.
-    #[error("hand '{0}' is not supported yet; use one of {known}", known = HANDS.map(|hand| format!("'{hand}'")).join(", "))]
-    Hand(String),
     /// A robot that does not exist.
-    #[error("robot '{0}' is unknown; use one of {known}", known = ROBOTS.map(|name| format!("'{name}'")).join(", "))]
+    #[error("robot '{0}' is unknown; use one of {known}", known = NAMES.map(|name| format!("'{name}'")).join(", "))]
     Name(String),
     /// Joints that belong to none of the known robots.
-    #[error("no known robot has these {found} joints in this order; the known ones are {known}", known = ROBOTS.join(", "))]
+    #[error("no known robot has these {found} joints in this order; the known ones are {known}", known = NAMES.join(", "))]
     Joints {
         /// How many joints were named.
         found: usize,

@@ -1,11 +1,11 @@
 //! Robots from their files: those that come with the library, and others.
 
-use crate::names::ROBOTS;
-use crate::{HandKind, Robot, RobotError};
+use crate::names::{NAMES, ROBOTS};
+use crate::{Robot, RobotError};
 
 impl Robot {
-    /// Names of the robots that [`Robot::by_name`] knows.
-    pub const NAMES: [&str; 2] = ROBOTS;
+    /// Names of the robots that [`Robot::by_name`] knows, one for each file of `robots/`. The first is the benchmark's.
+    pub const NAMES: [&str; ROBOTS.len()] = NAMES;
 
     /// Reads and checks a robot file: a whole robot, as `g1_inspire.toml`, or one made from a known robot, as `g1_bare.toml`.
     /// The headers of these files describe the formats.
@@ -24,15 +24,16 @@ impl Robot {
         Self::from_toml(text_of(name)?)
     }
 
-    /// The G1 with these hands.
+    /// The name of a known robot as [`Robot::NAMES`] has it; of the benchmark's where none is given.
     ///
     /// # Errors
-    /// None that a test would not have found: the files come with the library.
-    pub fn with_hands(hand: HandKind) -> Result<Self, RobotError> {
-        Self::by_name(match hand {
-            HandKind::Inspire => "g1_inspire",
-            HandKind::Bare => "g1_bare",
-        })
+    /// [`RobotError::Name`] for any other name, with those that there are.
+    pub fn known(name: &str) -> Result<&'static str, RobotError> {
+        match NAMES.into_iter().find(|known| *known == name) {
+            None if name.is_empty() => Ok(NAMES[0]),
+            None => Err(RobotError::Name(name.into())),
+            Some(known) => Ok(known),
+        }
     }
 
     /// The robot that has these joints in this order, for peers that are told of joints alone.
@@ -54,17 +55,14 @@ impl Robot {
     /// # Errors
     /// As [`Robot::from_toml`].
     pub fn g1_inspire() -> Result<Self, RobotError> {
-        Self::by_name("g1_inspire")
+        Self::by_name(NAMES[0])
     }
 }
 
 /// The embedded file of a known robot.
 fn text_of(name: &str) -> Result<&'static str, RobotError> {
-    match name {
-        "g1_inspire" => Ok(include_str!("../g1_inspire.toml")),
-        "g1_bare" => Ok(include_str!("../g1_bare.toml")),
-        _ => Err(RobotError::Name(name.into())),
-    }
+    let known = ROBOTS.into_iter().find(|(known, _)| *known == name);
+    known.map(|(_, text)| text).ok_or_else(|| RobotError::Name(name.into()))
 }
 
 /// Whether a text says that it is made from another robot. One that is not TOML says nothing; its reader will complain.

@@ -9,7 +9,7 @@ use crate::kinematics::pose;
 use crate::locate::{Step, line_at};
 use crate::refuse::Refuse;
 use crate::shape::Surface;
-use crate::{CameraMount, HandKind, Robot, RobotError};
+use crate::{CameraMount, Robot, RobotError};
 
 /// Mass may differ from that of the file by this, kg.
 const MASS_TOLERANCE: f64 = 1e-3;
@@ -22,8 +22,6 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         problem: error.message().trim_end().into(),
     })?;
     let refuse = Refuse { text, robot: &file.name };
-    let hand: HandKind =
-        file.hand.parse().map_err(|e: RobotError| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
     let links = crate::tree::links(&file, &refuse)?;
     let (joints, links) = crate::tree::joints(&file, links, &refuse)?;
     let surfaces = surfaces(&file, &refuse)?;
@@ -51,7 +49,7 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         q0: vec![0.0; joints.len()],
         sonic: Gains(joints.iter().map(|j| j.gains).collect()),
         name: file.name.clone(),
-        hand,
+        hand: file.hand.clone(),
         digest: sha256_hex(&[text]),
         links,
         joints,

@@ -1,4 +1,15 @@
-//! Names of the robots that come with the library, and of their hands.
+//! The robots that come with the library.
 
-pub(crate) const ROBOTS: [&str; 2] = ["g1_inspire", "g1_bare"];
-pub(crate) const HANDS: [&str; 2] = ["inspire", "bare"];
+// `ROBOTS`: name and text of each file of `robots/`; the build script writes the list.
+include!(concat!(env!("OUT_DIR"), "/robots.rs"));
+
+/// Their names. The first is the benchmark's.
+pub(crate) const NAMES: [&str; ROBOTS.len()] = {
+    let mut names = [""; ROBOTS.len()];
+    let mut index = 0;
+    while index < names.len() {
+        names[index] = ROBOTS[index].0;
+        index += 1;
+    }
+    names
+};

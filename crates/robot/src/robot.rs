@@ -1,7 +1,7 @@
 use fiatlux_dynamics::Drive;
 use nalgebra::{Isometry3, Matrix3, UnitVector3, Vector3};
 
-use crate::{GainSet, Gains, HandKind, JointGains, Shape, Surface};
+use crate::{GainSet, Gains, JointGains, Shape, Surface};
 
 /// A rigid part of a robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,7 +60,7 @@ pub struct CameraMount {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     pub(crate) name: String,
-    pub(crate) hand: HandKind,
+    pub(crate) hand: String,
     pub(crate) digest: String,
     pub(crate) links: Vec<Link>,
     pub(crate) joints: Vec<Joint>,
@@ -83,9 +83,9 @@ impl Robot {
         &self.name
     }
 
-    /// The hands that it carries.
-    pub fn hand(&self) -> HandKind {
-        self.hand
+    /// The hands that it carries, such as `inspire`, as its file calls them.
+    pub fn hand(&self) -> &str {
+        &self.hand
     }
 
     /// SHA-256 of the text that the robot was read from, hexadecimal; of one made from another robot, its text and then the

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use crate::digest::sha256_hex;
 use crate::locate::{Step, line_at};
 use crate::refuse::Refuse;
-use crate::{Gains, HandKind, Robot, RobotError};
+use crate::{Gains, Robot, RobotError};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -35,8 +35,6 @@ pub(crate) fn load(
         problem: error.message().trim_end().into(),
     })?;
     let refuse = Refuse { text, robot: &file.name };
-    let hand: HandKind =
-        file.hand.parse().map_err(|e: RobotError| refuse.at(&[Step::Key("hand")], "hand", e.to_string()))?;
     let base_text = text_of(&file.base).map_err(|e| refuse.at(&[Step::Key("base")], "base", e.to_string()))?;
     let base = crate::load::load(base_text)?;
     let names: Vec<&str> = base.links.iter().map(|link| link.name.as_str()).collect();
@@ -45,7 +43,12 @@ pub(crate) fn load(
         let path = [Step::Key("weld_below"), Step::Index(i)];
         roots.push(refuse.find(&names, name, "link", "weld_below", &path)?);
     }
-    let robot = Robot { name: file.name.clone(), hand, digest: sha256_hex(&[text, base_text]), ..weld(base, &roots) };
+    let robot = Robot {
+        name: file.name.clone(),
+        hand: file.hand,
+        digest: sha256_hex(&[text, base_text]),
+        ..weld(base, &roots)
+    };
     for (key, stated, found) in [
         ("joint_count", file.checks.joint_count, robot.joints.len()),
         ("hand_links", file.checks.hand_links, robot.hand_links.len()),

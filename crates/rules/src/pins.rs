@@ -22,11 +22,14 @@ use crate::thresholds::Thresholds;
 /// alone is still fit.
 pub const ENGINE_VERSION: u32 = 4;
 
-/// Digest of each robot's file, by its hands.
+/// Digest of each robot's file, by its name. Robots that are not here play, but are not ranked.
 pub const MODELS: [(&str, &str); 2] = [
-    ("inspire", "b2c649989718ecf5c08c5f5268b2af303eedeb5a13cff2650a4033147c12f058"),
-    ("bare", "eb20f17cf29daa79b2af0194fb277aba4151e1f95192c4710795cd49fc456861"),
+    ("g1_inspire", "b2c649989718ecf5c08c5f5268b2af303eedeb5a13cff2650a4033147c12f058"),
+    ("g1_bare", "eb20f17cf29daa79b2af0194fb277aba4151e1f95192c4710795cd49fc456861"),
 ];
+
+/// Robots that results are ranked by, each in divisions of its own. The first is the benchmark's.
+pub const RANKED_ROBOTS: [&str; 1] = ["g1_inspire"];
 
 /// Digest of the scene config with the published values.
 pub const SCENE: &str = "15b1a3ebd992c8e16ff02aadea2810b2d0764b5f7de915680e972f3ed3d9de38";
@@ -37,9 +40,9 @@ pub const RULES: &str = "2e36985e9b96ac3a5c5765adc8e2d414f5dab6decfa2dfc7508ea40
 /// Digest of the sensors' terms: names, fields, shapes, units, ranges, scales and noise. The test says how it is made.
 pub const SENSORS: &str = "2f989348700329cc438a9afac1da77995ce3b2cff2e038aeffba30ca9f0d825a";
 
-/// The pinned digest of the robot with these hands; `None` for hands that the benchmark does not know.
-pub fn model(hands: &str) -> Option<&'static str> {
-    MODELS.into_iter().find(|(name, _)| *name == hands).map(|(_, digest)| digest)
+/// The pinned digest of a robot; `None` for one that the benchmark does not know.
+pub fn model(robot: &str) -> Option<&'static str> {
+    MODELS.into_iter().find(|(name, _)| *name == robot).map(|(_, digest)| digest)
 }
 
 /// SHA-256 over the rules as data, hexadecimal: the default thresholds, the bounds of divergence, and for each task its

@@ -7,8 +7,7 @@ use fiatlux_client::Policy;
 use fiatlux_proto::ABORTED;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest};
 use fiatlux_render::RobotMeshes;
-use fiatlux_robot::{HandKind, Robot};
-use fiatlux_wire::hands_named;
+use fiatlux_robot::Robot;
 use fiatlux_world::SceneConfig;
 
 use crate::job::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
@@ -25,7 +24,7 @@ pub(super) fn not_done(
     options: &EvaluateOptions,
     policy: &dyn Policy,
 ) -> Result<Vec<Job>, EvaluateError> {
-    let robots = HandKind::ALL.map(Robot::with_hands).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let robots = Robot::NAMES.map(Robot::by_name).into_iter().collect::<Result<Vec<_>, _>>()?;
     // The robots differ in joints, not in links, so one robot's meshes serve all.
     let robot = &robots[0];
     let scene = SceneConfig::default().digest();
@@ -43,8 +42,8 @@ pub(super) fn not_done(
             Ok(bag) => {
                 let wanted = options.request(job, policy);
                 check_same(bag.header(), &path, &wanted, meshes)?;
-                let hands = hands_named(&wanted.hands)?;
-                let model = robots.iter().find(|robot| robot.hand() == hands).map_or("", Robot::digest);
+                let name = Robot::known(&wanted.robot)?;
+                let model = robots.iter().find(|robot| robot.name() == name).map_or("", Robot::digest);
                 if is_current(&bag, model, &scene) { kept.push(job) } else { remove(&path)? }
             }
             Err(error @ BagError::Version { .. }) => {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use fiatlux_client::{Policy, PolicyError, SessionArgs};
 use fiatlux_grading::{GradeOptions, Results, ScoreError, grade};
+use fiatlux_policies::Policies;
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_rules::Task;
@@ -16,7 +17,9 @@ pub(super) const SERVER: &str = "evaluate";
 /// What to evaluate, where to put it, and how.
 #[derive(Debug, Clone)]
 pub struct EvaluateOptions {
-    /// Name of the policy, in the form that `policy-client` accepts.
+    /// What can be played.
+    pub policies: Policies,
+    /// Name of the one that is, such as `zero`.
     pub policy: String,
     /// Tasks to play, each once.
     pub tasks: Vec<Task>,

@@ -49,7 +49,7 @@ pub fn evaluate(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, EvaluateError> {
     // Report a wrong name before anything is played.
-    let policy = fiatlux_policies::by_name(&options.policy)?;
+    let policy = options.policies.make(&options.policy)?;
     check_tasks(policy.as_ref(), &options.tasks)?;
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;

@@ -93,7 +93,7 @@ fn play_one(
     on_step: &mut dyn FnMut(u64),
     stop: &AtomicBool,
 ) -> Result<(), ClientError> {
-    let mut policy = fiatlux_policies::by_name(&options.policy)?;
+    let mut policy = options.policies.make(&options.policy)?;
     let mut client = Client::open(link, Some(SERVER), options.request(job, policy.as_ref()))?;
     client.run_episode(0, policy.as_mut(), on_step, stop)?;
     // The episode is over, and a session that is not closed ends by itself.

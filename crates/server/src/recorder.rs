@@ -18,7 +18,7 @@ use fiatlux_access::{RecorderKey, RowsKey};
 use fiatlux_carrier::{Carrier, CarrierError, Declaration, Reach};
 use fiatlux_proto::keys::{SessionKeys, any_truth_live, any_truth_row, is_name};
 use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
-use fiatlux_robot::{HandKind, Robot, RobotError};
+use fiatlux_robot::{Robot, RobotError};
 use thiserror::Error;
 
 use fiatlux_wire::Frames;
@@ -122,7 +122,7 @@ struct Shared {
     /// When the log last told of sessions of unknown servers.
     told_at: Mutex<Option<Instant>>,
     /// Frames of the robot with each kind of hands.
-    frames: BTreeMap<HandKind, Frames>,
+    frames: BTreeMap<&'static str, Frames>,
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
     on_loss: OnLoss,
     inlets: Inlets,
@@ -172,8 +172,8 @@ impl Recorder {
         if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
             return Err(RecorderError::Name(server.clone()));
         }
-        let frames_of = |hand| Ok((hand, Frames::new(&Robot::with_hands(hand)?)));
-        let frames = HandKind::ALL.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
+        let frames_of = |name| Ok((name, Frames::new(&Robot::by_name(name)?)));
+        let frames = Robot::NAMES.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
         let (inlets, told_at) = (Inlets::default(), Mutex::default());
         let shared =
             Arc::new(Shared { out, name, naming, reach, key, is_sealed, told_at, frames, on_bag, on_loss, inlets });

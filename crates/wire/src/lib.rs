@@ -46,6 +46,6 @@ pub use domain_sample::{domain_sample_message, light_of, prop_scale, randomizati
 #[cfg(feature = "world")]
 pub use footprint::footprint_messages;
 #[cfg(feature = "world")]
-pub use scene::{RebuildError, hands_named, robot_of, scene_of};
+pub use scene::{RebuildError, robot_of, scene_of};
 #[cfg(feature = "world")]
 pub use viewer::{Frames, frame_of, point_cloud, scene_update, time_of};

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_proto::v3;
-use fiatlux_robot::{GainSet, HandKind, Robot, RobotError};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec};
 use thiserror::Error;
@@ -28,24 +28,16 @@ impl RebuildError {
     }
 }
 
-/// The hands of that name; the Inspire hands where a message leaves them empty.
-///
-/// # Errors
-/// [`RobotError::Hand`] for hands that are not known here.
-pub fn hands_named(name: &str) -> Result<HandKind, RobotError> {
-    if name.is_empty() { Ok(HandKind::default()) } else { name.parse() }
-}
-
-fn header_hands(header: &v3::EpisodeHeader) -> Result<HandKind, RebuildError> {
-    hands_named(&header.hands).map_err(|error| RebuildError::header("hands", error))
+fn robot_name(header: &v3::EpisodeHeader) -> Result<&'static str, RebuildError> {
+    Robot::known(&header.robot).map_err(|error| RebuildError::header("robot", error))
 }
 
 /// The robot of a recorded episode.
 ///
 /// # Errors
-/// [`RebuildError::Header`] for hands that are not known here.
+/// [`RebuildError::Header`] for a robot that is not known here.
 pub fn robot_of(header: &v3::EpisodeHeader) -> Result<Robot, RebuildError> {
-    Robot::with_hands(header_hands(header)?).map_err(|error| RebuildError::header("hands", error))
+    Robot::by_name(robot_name(header)?).map_err(|error| RebuildError::header("robot", error))
 }
 
 /// The scene of a recorded episode, from what was drawn for it: nothing is drawn again.
@@ -55,9 +47,9 @@ pub fn robot_of(header: &v3::EpisodeHeader) -> Result<Robot, RebuildError> {
 pub fn scene_of(header: &v3::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, RebuildError> {
     let task: Task = header.task.parse().map_err(|error| RebuildError::header("task", error))?;
     let gains: GainSet = header.gains.parse().map_err(|error| RebuildError::header("gains", error))?;
-    if header_hands(header)? != robot.hand() {
-        let problem = format!("they are {}, the robot {} has {}", header.hands, robot.name(), robot.hand());
-        return Err(RebuildError::header("hands", problem));
+    if robot_name(header)? != robot.name() {
+        let problem = format!("it is '{}', not '{}'", header.robot, robot.name());
+        return Err(RebuildError::header("robot", problem));
     }
     let sample = header.domain_sample.as_ref().ok_or(WireError::Missing { field: "domain_sample" })?;
     let config = match header.scene_config.as_str() {

@@ -36,7 +36,7 @@ pub fn header() -> EpisodeHeader {
         protocol: Some(PROTOCOL),
         task: "S05".into(),
         gains: "fiatlux".into(),
-        hands: "inspire".into(),
+        robot: "g1_inspire".into(),
         model_digest: Robot::g1_inspire().unwrap().digest().into(),
         scene_digest: SceneConfig::default().digest(),
         ..EpisodeHeader::default()

@@ -85,7 +85,7 @@ fn play(
         ..RunOptions::new(RunFile::open(&out.join("RUN.toml"), &spec).unwrap())
     };
     let wait = Duration::from_millis(wait_ms);
-    let make = || Ok(Box::new(Slow(fiatlux_policies::by_name("zero")?, wait)) as Box<dyn Policy>);
+    let make = || Ok(Box::new(Slow(fiatlux_policies::Policies::default().make("zero")?, wait)) as Box<dyn Policy>);
     Client::evaluate(&fiatlux_link::carrier(&link), &options, make, progress, stop).unwrap()
 }
 

@@ -203,7 +203,7 @@ fn bags_that_give_no_picture() {
     };
     let headers = [
         (EpisodeHeader { task: "S99".into(), ..header() }, rows(2), "S99"),
-        (EpisodeHeader { hands: "dex3".into(), ..header() }, rows(2), "hands"),
+        (EpisodeHeader { robot: "g2".into(), ..header() }, rows(2), "robot"),
         (EpisodeHeader { gains: "soft".into(), ..header() }, rows(2), "gains"),
         (header(), nan(), "no row that can be drawn"),
     ];

@@ -359,7 +359,7 @@ fn walk_plays_hosted_rooms_as_public_ones() {
     let play = |name: &str, spec: RunSpec| {
         let file = RunFile::open(&folder.join(name), &spec).unwrap();
         let options = RunOptions { server: Some("lab".into()), ..RunOptions::new(file) };
-        let make = || fiatlux_policies::by_name("walk");
+        let make = || fiatlux_policies::Policies::default().make("walk");
         let carrier = fiatlux_link::carrier(&link);
         Client::evaluate(&carrier, &options, make, &mut |_| (), &AtomicBool::new(false)).unwrap()
     };

@@ -12,7 +12,7 @@ use fiatlux_client::{
     AccessArgs, Client, Policy, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs, TaskList,
 };
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_policies::VlaArgs;
+use fiatlux_policies::{Policies, VlaArgs};
 use fiatlux_rules::CONTROL_DT;
 
 use super::{Failure, model_server};
@@ -120,7 +120,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     let line = ProgressLine::default();
     let make_policy = || match &model {
         Some(source) => Ok(Box::new(source.policy()) as Box<dyn Policy>),
-        None => fiatlux_policies::by_name(&args.policy),
+        None => Policies::default().make(&args.policy),
     };
     let mut progress = |progress: &RunProgress| line.show(|| look(&line, progress, options.file.protocol()));
     let outcome = Client::evaluate(&link.carrier(), &options, make_policy, &mut progress, &stop);

@@ -4,6 +4,7 @@ use clap::Args;
 use fiatlux_cli::print;
 use fiatlux_client::describe_servers;
 use fiatlux_link::{LinkArgs, Role};
+use fiatlux_policies::{Entry, Policies};
 use fiatlux_proto::plain;
 use fiatlux_proto::v3::ServerInfo;
 use serde_json::{Value, json};
@@ -52,10 +53,10 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
 
 fn list_policies(json: bool) -> std::io::Result<()> {
     if json {
-        let policy = |(name, does): &(&str, &str)| json!({ "policy": name, "does": does });
-        return print(format!("{:#}\n", Value::Array(fiatlux_policies::NAMES.iter().map(policy).collect())));
+        let policy = |Entry { name, does, .. }: &Entry| json!({ "policy": name, "does": does });
+        return print(format!("{:#}\n", Value::Array(Policies::default().entries().iter().map(policy).collect())));
     }
-    fiatlux_policies::NAMES.iter().try_for_each(|(name, does)| print(format!("{name:<12}{does}\n")))
+    Policies::default().entries().iter().try_for_each(|Entry { name, does, .. }| print(format!("{name:<16}{does}\n")))
 }
 
 fn as_json(server: &ServerInfo) -> Value {

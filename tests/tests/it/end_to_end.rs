@@ -55,11 +55,11 @@ fn joint_targets_go_all_the_way() {
 /// takes its sizes from there.
 #[test]
 fn welded_fingers_go_all_the_way() {
-    let args = ["--policy", "stand", "--task", "S01", "--seed", "2", "--hands", "bare"];
+    let args = ["--policy", "stand", "--task", "S01", "--seed", "2", "--robot", "g1_bare"];
     let service = goes_all_the_way("bare", &[&args[..], &["--set", "fall_tilt_rad=0.05"]].concat());
     let bag = Bag::open(&service.folder.files(".mcap")[0]).unwrap();
     let header = bag.header();
-    assert_eq!((header.hands.as_str(), header.joint_names.len(), header.hand_bodies.len()), ("bare", 29, 10));
+    assert_eq!((header.robot.as_str(), header.joint_names.len(), header.hand_bodies.len()), ("g1_bare", 29, 10));
 }
 
 /// Guards the whole way with every sensor and with props of other sizes: the bag has each large sensor as often as was

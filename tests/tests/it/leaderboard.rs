@@ -35,7 +35,7 @@ fn runs_get_the_badges_that_they_earn() {
     let listed = board.get("/api/v1/submissions");
     let divisions: Vec<&Value> =
         listed["submissions"].as_array().unwrap().iter().map(|entry| &entry["division"]).collect();
-    let division = serde_json::json!({ "time": "lockstep", "observations": "standard", "hands": "inspire" });
+    let division = serde_json::json!({ "time": "lockstep", "observations": "standard", "robot": "g1_inspire" });
     assert_eq!(divisions, [&division, &division], "{listed}");
 
     // Bags whose journal is left out are loose ones: replayed at most.

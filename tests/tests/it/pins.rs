@@ -3,20 +3,20 @@
 use std::fmt::Write;
 
 use data_encoding::HEXLOWER;
-use fiatlux_robot::{HandKind, Robot};
+use fiatlux_robot::Robot;
 use fiatlux_rules::{BENCHMARK_VERSION, Protocol, RobotLayout, Task, pins};
 use fiatlux_sensing::{Sensor, Setup};
 use fiatlux_world::SceneConfig;
 use sha2::{Digest, Sha256};
 
-/// SHA-256 over the terms of all sensors, for each robot in a task of the room and in `climb`, hexadecimal.
+/// SHA-256 over the terms of all sensors, for each pinned robot in a task of the room and in `climb`, hexadecimal.
 fn sensors_digest() -> String {
     let mut text = String::new();
-    for hands in HandKind::ALL {
-        let robot = Robot::with_hands(hands).unwrap();
+    for (name, _) in pins::MODELS {
+        let robot = Robot::by_name(name).unwrap();
         let layout = RobotLayout { joints: robot.joints().len(), hand_bodies_per_side: robot.hand_links().len() / 2 };
         for task in [Task::S01, Task::Climb] {
-            writeln!(text, "{hands} {task:?}").unwrap();
+            writeln!(text, "{} {task:?}", robot.hand()).unwrap();
             for sensor in Sensor::ALL {
                 writeln!(text, "{} {:?} {:?}", sensor.name(), sensor.cost(), sensor.camera()).unwrap();
                 for term in sensor.terms(&Setup { task, protocol: Protocol::Strict, layout, image_size: [256; 2] }) {
@@ -46,9 +46,8 @@ fn the_benchmark_is_the_pinned_one() {
         ("RULES".to_owned(), pins::rules_digest(), pins::RULES),
         ("SENSORS".to_owned(), sensors_digest(), pins::SENSORS),
     ];
-    for hands in HandKind::ALL {
-        let pinned = pins::model(&hands.to_string()).unwrap_or_default();
-        found.push((format!("MODELS, {hands}"), Robot::with_hands(hands).unwrap().digest().to_owned(), pinned));
+    for (name, pinned) in pins::MODELS {
+        found.push((format!("MODELS, {name}"), Robot::by_name(name).unwrap().digest().to_owned(), pinned));
     }
     let changed: Vec<_> = found.iter().filter(|(_, found, pinned)| found != pinned).collect();
     assert!(
@@ -57,4 +56,13 @@ fn the_benchmark_is_the_pinned_one() {
          before. If that is meant, raise BENCHMARK_VERSION in crates/rules/src/lib.rs, once a release, and ENGINE_VERSION with it \
          unless the rules alone changed; then set in crates/rules/src/pins.rs (constant, digest found, digest pinned): {changed:#?}"
     );
+}
+
+/// Guards against a division of a robot that nobody can play.
+#[test]
+fn ranked_robots_are_known_and_pinned() {
+    assert_eq!(pins::RANKED_ROBOTS[0], Robot::NAMES[0]);
+    for name in pins::RANKED_ROBOTS {
+        assert!(Robot::known(name).is_ok() && pins::model(name).is_some(), "{name}");
+    }
 }

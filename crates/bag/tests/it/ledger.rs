@@ -12,7 +12,7 @@ use fiatlux_proto::v3::{OpenRequest, PropScale, RunSpec, Sensor};
 
 fn registration() -> Registration {
     let scale = PropScale { socket: 0.1 + 0.2, ..PropScale::default() };
-    let session = OpenRequest { hands: "bare".into(), prop_scale: Some(scale), ..OpenRequest::default() };
+    let session = OpenRequest { robot: "g1_bare".into(), prop_scale: Some(scale), ..OpenRequest::default() };
     Registration {
         protocol: PROTOCOL,
         version: "1.2.3".into(),

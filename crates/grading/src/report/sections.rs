@@ -141,7 +141,7 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
             ("Layout seeds", seeds(&results.seeds)),
             ("Protocol, seeds", format!("{}, {}", c.protocol, c.seeds)),
             ("Observations, time", format!("{}, {}", c.observations, c.time)),
-            ("Gains, hands", format!("{}, {}", c.gains, c.hands)),
+            ("Gains, robot", format!("{}, {}", c.gains, c.robot)),
             ("Sensors", list(&c.sensors)),
             ("Feature weights, meshes", format!("{}, {}", or(&c.weights, "none"), or(&c.meshes, "own shapes"))),
             ("Noise", if c.noise { "on" } else { "off" }.into()),

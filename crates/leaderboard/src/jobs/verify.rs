@@ -19,7 +19,6 @@ use tokio::runtime::Handle;
 
 use super::Verifier;
 use crate::store::{Digest, EpisodeJob, Verdict};
-use crate::submission::RANKED_HANDS;
 use crate::{Service, StoreError};
 
 /// How often an idle worker looks for work.
@@ -265,7 +264,7 @@ fn of_verification(verification: &Verification) -> Outcome {
 /// set up for the benchmark, and nothing is wrong with the bag.
 fn is_pinned(field: &str, recorded: &str) -> bool {
     match field {
-        "model_digest" => RANKED_HANDS.into_iter().any(|hands| pins::model(hands) == Some(recorded)),
+        "model_digest" => pins::RANKED_ROBOTS.into_iter().any(|robot| pins::model(robot) == Some(recorded)),
         "scene_digest" => recorded == pins::SCENE,
         "benchmark_version" => recorded == BENCHMARK_VERSION.to_string(),
         _ => false,

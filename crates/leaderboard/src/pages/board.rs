@@ -87,8 +87,8 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
     let slug = table.map(slug_of).unwrap_or_default();
     let choices = choices.map(|choice| Choice { is_shown: choice.slug == slug, ..choice }).collect();
     let is_papers = |division: &Division| {
-        (division.time, division.observations, division.hands.as_str())
-            == (Time::Lockstep, Observations::Standard, "inspire")
+        (division.time, division.observations, division.robot.as_str())
+            == (Time::Lockstep, Observations::Standard, "g1_inspire")
     };
     let has_paper = table.is_none_or(|table| is_papers(&table.division));
     let part = show::part(table.map_or(&[][..], |table| &table.places), ROWS, query);
@@ -203,7 +203,7 @@ mod tests {
         let results = results(1);
         let table =
             &tables(vec![(entry(1, "a", &results), Standing::of(&results, Badge::Replayed).expect("a place"))])[0];
-        assert_eq!(show::slug(table.version, &table.division), "4-lockstep-standard-inspire");
-        assert_eq!(show::division(&table.division), "Lockstep, standard observations, Inspire hands");
+        assert_eq!(show::slug(table.version, &table.division), "4-lockstep-standard-g1_inspire");
+        assert_eq!(show::division(&table.division), "Lockstep, standard observations, G1 with Inspire hands");
     }
 }

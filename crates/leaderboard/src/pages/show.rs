@@ -1,6 +1,7 @@
 //! Formats numbers and words for the templates.
 
 use fiatlux_grading::EpisodeRow;
+use fiatlux_rules::pins;
 
 use crate::standings::Rooms;
 use crate::{Badge, Division, Entry, Observations, Time};
@@ -106,20 +107,19 @@ pub(super) fn observations(observations: Observations) -> &'static str {
     }
 }
 
-/// Name of the hands, such as `Inspire`; unknown ones keep their id.
-pub(super) fn hands(hands: &str) -> &str {
-    match hands {
-        "inspire" => "Inspire",
-        "dex3" => "Dex3-1",
+/// A robot in words, such as `G1 with Inspire hands`; one without words keeps its name.
+pub(super) fn robot(name: &str) -> &str {
+    match name {
+        "g1_inspire" => "G1 with Inspire hands",
         other => other,
     }
 }
 
-/// A division in words, such as `Lockstep, standard observations, Inspire hands`.
+/// A division in words, such as `Lockstep, standard observations, G1 with Inspire hands`.
 pub(super) fn division(division: &Division) -> String {
     let mut time = time(division.time).to_owned();
     time[..1].make_ascii_uppercase();
-    format!("{time}, {} observations, {} hands", observations(division.observations), hands(&division.hands))
+    format!("{time}, {} observations, {}", observations(division.observations), robot(&division.robot))
 }
 
 /// A division in a few words, such as `privileged`: what is not the most usual.
@@ -128,16 +128,16 @@ pub(super) fn brief(division: &Division) -> String {
     if division.time != Time::Lockstep {
         words.push(time(division.time));
     }
-    if division.hands != "inspire" {
-        words.push(hands(&division.hands));
+    if division.robot != pins::RANKED_ROBOTS[0] {
+        words.push(robot(&division.robot));
     }
     words.join(", ")
 }
 
-/// A division in an address, such as `7-lockstep-standard-inspire`; the number is the benchmark's version.
+/// A division in an address, such as `7-lockstep-standard-g1_inspire`; the number is the benchmark's version.
 pub(super) fn slug(version: u32, division: &Division) -> String {
     let time = time(division.time).replace(' ', "-");
-    format!("{version}-{time}-{}-{}", observations(division.observations), division.hands)
+    format!("{version}-{time}-{}-{}", observations(division.observations), division.robot)
 }
 
 /// The day an entry was received, UTC, such as `2026-11-23`.

@@ -125,7 +125,7 @@ fn other_addresses_are_refused() {
         "/page/..%2fstyle.css".into(),
         "/page/nothing.js".into(),
         "/style/..%2f..%2fCargo.toml".into(),
-        "/?division=9-lockstep-standard-inspire".into(),
+        "/?division=9-lockstep-standard-g1_inspire".into(),
     ];
     for address in none {
         let (head, body) = answer(&board, &address);

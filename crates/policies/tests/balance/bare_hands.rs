@@ -46,7 +46,7 @@ fn stand_stands_for_120_seconds() {
 
         let mut observer = Observer::new(robot.q0().to_vec(), Some(NoiseSeed { seed, episode: 0 }));
         let mut sensed = Sensed::zeros(29);
-        let mut policy = fiatlux_policies::by_name("stand").unwrap();
+        let mut policy = fiatlux_policies::Policies::default().make("stand").unwrap();
         for step in 0..STEPS {
             observer.observe(world.row(), &mut sensed);
             let list = |values: &[f64]| values.iter().map(|value| *value as f32).collect();

@@ -98,7 +98,7 @@ fn header(episode: &Episode) -> EpisodeHeader {
         instruction: spec.task.instruction().into(),
         seed: spec.seed,
         gains: GainSet::default().to_string(),
-        hands: robot.hand().to_string(),
+        robot: "g1_inspire".into(),
         end_on: episode.judge().ends_on().iter().map(|cause| cause.name().to_owned()).collect(),
         thresholds: spec.thresholds.entries().map(|(name, value)| (name.to_owned(), value)).collect(),
         geometry: Some(geometry_message(episode.judge().geometry())),

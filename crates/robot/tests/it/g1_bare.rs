@@ -1,10 +1,10 @@
 //! The G1 with welded fingers against the one it is made from.
 
 use fiatlux_dynamics::{Geometry, ModelBuilder};
-use fiatlux_robot::{BuildOptions, GainSet, HandKind, Robot, RobotError};
+use fiatlux_robot::{BuildOptions, GainSet, Robot, RobotError};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-const FILE: &str = include_str!("../../g1_bare.toml");
+const FILE: &str = include_str!("../../robots/g1_bare.toml");
 
 fn pair() -> (Robot, Robot) {
     (Robot::by_name("g1_inspire").unwrap(), Robot::by_name("g1_bare").unwrap())
@@ -13,7 +13,7 @@ fn pair() -> (Robot, Robot) {
 #[test]
 fn body_joints_and_gains_are_those_of_the_whole_robot() {
     let (whole, bare) = pair();
-    assert_eq!((bare.name(), bare.hand(), bare.joints().len()), ("g1_bare", HandKind::Bare, 29));
+    assert_eq!((bare.name(), bare.hand(), bare.joints().len()), ("g1_bare", "bare", 29));
     for (joint, (ours, base)) in bare.joints().iter().zip(whole.joints()).enumerate() {
         assert_eq!((&ours.name, ours.gains, ours.link), (&base.name, base.gains, base.link));
         assert_eq!(bare.links()[ours.link].joint, Some(joint));
@@ -81,7 +81,6 @@ fn broken_files_are_refused_with_the_line_at_fault() {
     for (old, new, at, expected) in [
         ("base = \"g1_inspire\"", "base = \"h1\"", "base", "robot 'h1' is unknown; use one of 'g1_inspire', 'g1_bare'"),
         ("\"left_hand_base_link\"", "\"left_paw\"", "left_paw", "names link 'left_paw'"),
-        ("hand = \"bare\"", "hand = \"claw\"", "hand", "'claw' is not supported yet; use one of 'inspire', 'bare'"),
         ("joint_count = 29", "joint_count = 30", "joint_count", "joint_count is 30, the rules leave 29"),
         ("hand_links = 10", "hand_links = 34", "hand_links", "hand_links is 34, the rules leave 10"),
         ("joint_count = 29", "joint_cuont = 29", "joint_cuont", "unknown field `joint_cuont`"),
@@ -98,14 +97,15 @@ fn broken_files_are_refused_with_the_line_at_fault() {
 }
 
 #[test]
-fn robots_are_found_by_name_by_hands_and_by_joints() {
+fn robots_are_found_by_name_and_by_joints() {
     for name in Robot::NAMES {
         let robot = Robot::by_name(name).unwrap();
         assert_eq!(robot.name(), name);
-        assert_eq!(Robot::with_hands(robot.hand()).unwrap(), robot);
+        assert_eq!(Robot::known(name), Ok(name));
         assert_eq!(Robot::with_joints(robot.joints().iter().map(|joint| joint.name.as_str())).unwrap(), robot);
     }
-    assert_eq!(HandKind::ALL.len(), Robot::NAMES.len());
+    assert_eq!(Robot::known(""), Ok("g1_inspire"));
+    assert_eq!(Robot::known("g1"), Err(RobotError::Name("g1".into())));
     assert_eq!(Robot::by_name("g1"), Err(RobotError::Name("g1".into())));
     let error = Robot::with_joints(["knee"].into_iter()).unwrap_err();
     assert!(error.to_string().contains("g1_inspire, g1_bare"), "{error}");

@@ -244,7 +244,7 @@ fn points_are_the_hits() {
 
 #[test]
 fn a_robot_without_a_lidar_is_refused() {
-    let published = include_str!("../../../robot/g1_inspire.toml");
+    let published = include_str!("../../../robot/robots/g1_inspire.toml");
     let without = published.replace("lidar = \"mid360_link\"\n", "");
     assert!(without.len() < published.len());
     let robot = Arc::new(Robot::from_toml(&without).unwrap());

@@ -11,13 +11,13 @@ use fiatlux_proto::keys::is_name;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{EpisodeHeader, RunTicket, State, StepRecord};
 use fiatlux_proto::{Message, decode};
-use fiatlux_robot::HandKind;
+use fiatlux_robot::Robot;
 use fiatlux_rules::Task;
 use fiatlux_session::recorder::Write;
 use tracing::warn;
 
 use super::{BagEnd, BagReport, Naming, Shared};
-use fiatlux_wire::{Frames, hands_named, layout_of, read_row};
+use fiatlux_wire::{Frames, layout_of, read_row};
 
 /// Number of rows from one set of poses to the next: 25 Hz.
 const ROWS_PER_FRAMES: u64 = 2;
@@ -196,12 +196,12 @@ fn is_whole(path: &Path, header: &EpisodeHeader) -> bool {
 }
 
 /// Encoded poses of a row; `None` if the record has no readable row, or the robot is unknown here.
-fn frames(known: &BTreeMap<HandKind, Frames>, header: &EpisodeHeader, state: &[u8]) -> Option<Vec<u8>> {
+fn frames(known: &BTreeMap<&'static str, Frames>, header: &EpisodeHeader, state: &[u8]) -> Option<Vec<u8>> {
     if state.is_empty() {
         return None;
     }
     let state: State = decode(state, MAX_SERVER_MESSAGE).ok()?;
     let row = read_row(&state, layout_of(header).ok()?).ok()?;
-    let frames = known.get(&hands_named(&header.hands).ok()?)?;
+    let frames = known.get(Robot::known(&header.robot).ok()?)?;
     Some(frames.transforms(&row).encode_to_vec())
 }

@@ -2,7 +2,7 @@
 
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
-use fiatlux_robot::{GainSet, HandKind, JointGains, Robot};
+use fiatlux_robot::{GainSet, JointGains, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, Task, manifest};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
@@ -26,7 +26,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
         open_sessions: 0,
         model_digest: robot.digest().into(),
         scene_digest: scene.digest(),
-        hands: HandKind::ALL.map(|hand| hand.to_string()).into(),
+        robots: Robot::NAMES.map(str::to_owned).into(),
     }
 }
 
@@ -122,7 +122,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         episode: episode.spec().episode,
         mode: plan.mode().into(),
         gains: plan.gains.to_string(),
-        hands: plan.hands.to_string(),
+        robot: robot.name().into(),
         sensors: plan.sensors.messages(),
         image_width: plan.image_size[0] as u32,
         image_height: plan.image_size[1] as u32,

@@ -112,8 +112,8 @@ impl Shared {
         guest: &Guest<'_>,
         id: &str,
     ) -> Result<(SessionInfo, Welcome), Refusal> {
-        let gains = self.scenes.robot(plan.hands).gains(plan.gains);
-        let built = self.scenes.get(plan.hands, plan.episode(0).scene(gains));
+        let gains = self.scenes.robot(plan.robot).gains(plan.gains);
+        let built = self.scenes.get(plan.robot, plan.episode(0).scene(gains));
         let built = built.map_err(|error| plan.does_not_start("seed", &error))?;
         let keys = self.keys.session(id);
         let network =

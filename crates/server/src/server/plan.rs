@@ -10,7 +10,7 @@ use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Mode, OpenRequest, Refusal, RunTicket, Version};
 use fiatlux_proto::{PROTOCOL, is_compatible, is_unseen, limits};
 use fiatlux_render::HEAD_PIXELS;
-use fiatlux_robot::{GainSet, HandKind};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
 
 use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
@@ -43,7 +43,7 @@ pub(super) struct Plan {
     /// Width and height of the camera's image, pixels.
     pub image_size: [usize; 2],
     pub gains: GainSet,
-    pub hands: HandKind,
+    pub robot: &'static str,
     pub randomize: Randomization,
     pub scale: PropScale,
     pub recorded: bool,
@@ -139,7 +139,7 @@ pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         image_size: image_size(request, &sensors)?,
         sensors,
         gains: gains(&request.gains)?,
-        hands: hands(&request.hands)?,
+        robot: robot(&request.robot)?,
         randomize,
         scale: prop_scale(request, &randomize)?,
         recorded: request.recorded,
@@ -272,13 +272,8 @@ fn gains(name: &str) -> Result<GainSet, Refusal> {
     name.parse().map_err(unknown)
 }
 
-fn hands(name: &str) -> Result<HandKind, Refusal> {
-    let unknown = |_| {
-        let names = HandKind::ALL.map(|hand| hand.to_string());
-        let what = if name.eq_ignore_ascii_case("dex3") { "are not supported yet" } else { "do not exist" };
-        Refusal::new(Code::Unknown, "hands", format!("hands '{name}' {what}; use one of {}", names.join(", ")))
-    };
-    wire::hands_named(name).map_err(unknown)
+fn robot(name: &str) -> Result<&'static str, Refusal> {
+    Robot::known(name).map_err(|error| Refusal::new(Code::Unknown, "robot", error.to_string()))
 }
 
 fn protocol(name: &str) -> Result<Protocol, Refusal> {
@@ -348,7 +343,7 @@ mod tests {
             reward: "training".into(),
             episode_protocol: "published".into(),
             gains: "sonic".into(),
-            hands: "inspire".into(),
+            robot: "g1_inspire".into(),
             end_on: vec!["fall".into(), "time-out".into()],
             thresholds: [("fragility_n".into(), 30.0), ("grip_bodies".into(), 3.0)].into(),
             mode: Mode::RealTime.into(),
@@ -434,8 +429,12 @@ mod tests {
             (expires(10_020), Code::Value, "command_timeout_ms", "at most 10000 ms"),
             (OpenRequest { reward: "more".into(), ..request() }, Code::Unknown, "reward", "benchmark, training"),
             (OpenRequest { gains: "soft".into(), ..request() }, Code::Unknown, "gains", "fiatlux, sonic"),
-            (OpenRequest { hands: "dex3".into(), ..request() }, Code::Unknown, "hands", "not supported yet"),
-            (OpenRequest { hands: "claw".into(), ..request() }, Code::Unknown, "hands", "use one of inspire, bare"),
+            (
+                OpenRequest { robot: "claw".into(), ..request() },
+                Code::Unknown,
+                "robot",
+                "use one of 'g1_inspire', 'g1_bare'",
+            ),
             (
                 OpenRequest { episode_protocol: "lenient".into(), ..request() },
                 Code::Unknown,

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use fiatlux_proto::Message;
 use fiatlux_render::{RobotMeshes, Visuals};
-use fiatlux_robot::{HandKind, Robot, RobotError};
+use fiatlux_robot::{Robot, RobotError};
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneSpec};
 
 use super::lock;
@@ -53,24 +53,27 @@ impl Built {
     }
 }
 
-/// The G1 with every kind of hands.
+/// Every robot that comes with the library, in the order of `Robot::NAMES`.
 #[derive(Debug)]
-pub(super) struct Robots {
-    inspire: Arc<Robot>,
-    bare: Arc<Robot>,
-}
+pub(super) struct Robots([Arc<Robot>; Robot::NAMES.len()]);
 
 impl Robots {
     pub fn load() -> Result<Self, RobotError> {
-        let with = |hand| Robot::with_hands(hand).map(Arc::new);
-        Ok(Self { inspire: with(HandKind::Inspire)?, bare: with(HandKind::Bare)? })
+        let mut robots = Vec::new();
+        for name in Robot::NAMES {
+            robots.push(Arc::new(Robot::by_name(name)?));
+        }
+        Ok(Self(robots.try_into().expect("one for each name")))
     }
 
-    pub fn get(&self, hands: HandKind) -> &Arc<Robot> {
-        match hands {
-            HandKind::Inspire => &self.inspire,
-            HandKind::Bare => &self.bare,
-        }
+    /// The benchmark's.
+    pub fn first(&self) -> &Arc<Robot> {
+        &self.0[0]
+    }
+
+    /// The one of that name, which is one of `Robot::NAMES`.
+    pub fn get(&self, name: &'static str) -> &Arc<Robot> {
+        self.0.iter().find(|robot| robot.name() == name).expect("every known robot was loaded")
     }
 }
 
@@ -89,18 +92,19 @@ impl Scenes {
         Self { config, robots, meshes, kept: Mutex::default() }
     }
 
-    pub fn robot(&self, hands: HandKind) -> &Arc<Robot> {
-        self.robots.get(hands)
+    /// The robot of that name, which is one of `Robot::NAMES`.
+    pub fn robot(&self, name: &'static str) -> &Arc<Robot> {
+        self.robots.get(name)
     }
 
     /// A scene with the hands' nominal friction.
-    pub fn get(&self, hands: HandKind, spec: SceneSpec) -> Result<Built, SceneError> {
+    pub fn get(&self, robot: &'static str, spec: SceneSpec) -> Result<Built, SceneError> {
         let spec = SceneSpec { hand_friction: None, ..spec };
-        if let Some(built) = self.find(hands, &spec) {
+        if let Some(built) = self.find(robot, &spec) {
             return Ok(built);
         }
         // Two sessions may build the same scene at once; that only costs time.
-        let scene = Arc::new(Scene::build(&self.config, Arc::clone(self.robot(hands)), spec)?);
+        let scene = Arc::new(Scene::build(&self.config, Arc::clone(self.robot(robot)), spec)?);
         let built = Built::new(scene, self.meshes.clone());
         let mut kept = lock(&self.kept);
         if kept.len() >= KEPT {
@@ -110,9 +114,9 @@ impl Scenes {
         Ok(built)
     }
 
-    fn find(&self, hands: HandKind, spec: &SceneSpec) -> Option<Built> {
+    fn find(&self, robot: &str, spec: &SceneSpec) -> Option<Built> {
         let mut kept = lock(&self.kept);
-        let is_same = |scene: &Scene| scene.robot.hand() == hands && scene.spec == *spec;
+        let is_same = |scene: &Scene| scene.robot.name() == robot && scene.spec == *spec;
         let found = kept.iter().position(|built| is_same(&built.scene))?;
         let built = kept.remove(found)?;
         kept.push_back(built.clone());

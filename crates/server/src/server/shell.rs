@@ -11,7 +11,7 @@ use fiatlux_access::{AccessError, Identity, RecorderKey, Tokens};
 use fiatlux_carrier::{Carrier, CarrierError, Declaration};
 use fiatlux_proto::keys::{self, ServerKeys};
 use fiatlux_render::{MeshError, RobotMeshes};
-use fiatlux_robot::{HandKind, RobotError};
+use fiatlux_robot::RobotError;
 use fiatlux_session::server::{Input, Timeouts};
 use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
@@ -180,7 +180,7 @@ impl Server {
         }
         options.scene.check()?;
         let robots = Robots::load()?;
-        let robot = robots.get(HandKind::default());
+        let robot = robots.first();
         let meshes = options.meshes.map(|folder| RobotMeshes::open(folder, robot)).transpose()?.map(Arc::new);
         let server_keys = ServerKeys::new(&options.name);
         if is_taken(&carrier, &server_keys.alive())? {

@@ -290,7 +290,7 @@ fn a_header_gives_the_start_of_the_chain() {
             ..request("S07")
         },
         OpenRequest { episode_protocol: "published".into(), ..request("S08") },
-        OpenRequest { hands: "bare".into(), ..request("S01") },
+        OpenRequest { robot: "g1_bare".into(), ..request("S01") },
         OpenRequest { gains: "sonic".into(), ..request("S01") },
     ];
     for request in requests {

@@ -56,7 +56,7 @@ fn geometry_is_the_rulebooks() {
 /// A robot with other joints has rows of its own size; one with other parts than a row's is refused, with both numbers.
 #[test]
 fn robots_that_do_not_fit_a_row_are_refused() {
-    let published = include_str!("../../../robot/g1_inspire.toml");
+    let published = include_str!("../../../robot/robots/g1_inspire.toml");
     let finger = "name = \"L_pinky_intermediate_joint\"";
     let moving = "axis = [0, 0, -1]\nlower = 0\nupper = 1.7\neffort_limit = 0.5\nstiffness = 3\ndamping = 1\n\
                   armature = 0.0001\n";

@@ -134,7 +134,7 @@ fn hostile_requests_to_open() {
             "weights",
             &["--weights DIR"],
         ),
-        (OpenRequest { hands: "dex3".into(), ..request("S01") }, Refused::Unknown, "hands", &["not supported yet"]),
+        (OpenRequest { robot: "h1".into(), ..request("S01") }, Refused::Unknown, "robot", &["use one of 'g1_inspire'"]),
         (OpenRequest { gains: "soft".into(), ..request("S01") }, Refused::Unknown, "gains", &["sonic"]),
         (
             OpenRequest { thresholds: set("fragility", 1.0), ..request("S01") },

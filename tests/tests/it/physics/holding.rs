@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 
 use fiatlux_dynamics::{Dynamics, Input, Model};
 use fiatlux_mjcf::ExportScene;
-use fiatlux_robot::HandKind;
 use fiatlux_world::PHYSICS_DT;
 use nalgebra::Vector3;
 use serde::Deserialize;
@@ -80,7 +79,7 @@ fn every_task_goes_on_for_a_second_as_in_mujoco() {
     let mut failed = Vec::new();
     for held in &fixture.tasks {
         let task = &held.task;
-        let scene = ExportScene::task(task.parse().unwrap(), 0, HandKind::Inspire).unwrap();
+        let scene = ExportScene::task(task.parse().unwrap(), 0, "g1_inspire").unwrap();
         let mut state = scene.state.clone();
         if let Some(bulb) = &held.left_out {
             state.qpos[pose_start(&scene.model, bulb) + 2] += 100.0;

@@ -6,7 +6,7 @@ use fiatlux_dynamics::{
     BodyId, BodySpec, Dynamics, Geometry, Input, Joint, Material, Model, ModelBuilder, ShapeSpec, State,
 };
 use fiatlux_mjcf::ExportScene;
-use fiatlux_robot::{BuildOptions, HandKind, Robot};
+use fiatlux_robot::{BuildOptions, Robot};
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -51,17 +51,17 @@ struct DynamicsState {
 
 #[test]
 fn mass_matrix_and_bias_force_are_those_of_mujoco() {
-    check_dynamics(HandKind::Inspire, "dynamics");
+    check_dynamics("g1_inspire", "dynamics");
 }
 
 /// MuJoCo has the welded fingers' masses as ours merges them into the wrists' bodies.
 #[test]
 fn those_of_the_robot_with_welded_fingers_too() {
-    check_dynamics(HandKind::Bare, "dynamics_bare");
+    check_dynamics("g1_bare", "dynamics_bare");
 }
 
-fn check_dynamics(hands: HandKind, name: &str) {
-    let scene = ExportScene::robot_only(hands, false).unwrap();
+fn check_dynamics(robot: &str, name: &str) {
+    let scene = ExportScene::robot_only(robot, false).unwrap();
     let fixture: DynamicsFixture = fixture(name);
     check_bodies(&scene.model, &fixture.bodies);
     assert_eq!(fixture.states.len(), 20);
@@ -107,7 +107,7 @@ struct TumbleRow {
 
 /// The robot in the air without contacts: MuJoCo's tumble has them disabled.
 fn robot_without_shapes() -> Model {
-    let with_shapes = ExportScene::robot_only(HandKind::Inspire, false).unwrap().model;
+    let with_shapes = ExportScene::robot_only("g1_inspire", false).unwrap().model;
     let mut builder = ModelBuilder::new();
     for body in &with_shapes.bodies()[1..] {
         builder.add_body(body.spec.clone()).unwrap();
@@ -163,7 +163,7 @@ fn robot_on_floor(ankles: f64) -> Model {
     options.gains.scale((0..robot.joints().len()).filter(|j| robot.joints()[*j].name.contains("ankle")), ankles);
     let mut builder = ModelBuilder::new();
     let placed = robot.add_to(&mut builder, &options).unwrap();
-    let exported = ExportScene::robot_only(HandKind::Inspire, true).unwrap().model;
+    let exported = ExportScene::robot_only("g1_inspire", true).unwrap().model;
     let floor = exported.shapes().iter().find(|shape| shape.geometry == Geometry::HalfSpace).unwrap();
     builder.add_shape(ShapeSpec { cull_group: placed.next_cull_group, ..floor.clone() }).unwrap();
     builder.build().unwrap()
@@ -336,7 +336,7 @@ fn every_task_holds_in_mujoco_what_it_holds_here() {
     let fixture: TasksFixture = fixture("tasks");
     assert_eq!(fixture.scenes.len(), 14);
     for theirs in &fixture.scenes {
-        let model = ExportScene::task(theirs.task.parse().unwrap(), 0, HandKind::Inspire).unwrap().model;
+        let model = ExportScene::task(theirs.task.parse().unwrap(), 0, "g1_inspire").unwrap().model;
         let mass: f64 = model.bodies().iter().map(|body| body.spec.mass).sum();
         let ours = [model.bodies().len() - 1, model.nv(), model.drives().len(), model.shapes().len()];
         let theirs_counted = [theirs.bodies, theirs.dofs, theirs.drives, theirs.shapes].map(|count| count as usize);

@@ -158,13 +158,13 @@ fn bags_have_large_sensors_at_their_own_rate() {
     }
 }
 
-/// The robot of a session follows from the hands that were asked for; what stands still is told with it.
+/// A session has the robot that was asked for by name; what stands still is told with it.
 #[test]
 fn a_session_says_which_robot_and_room_it_has() {
-    for (hands, joints, bodies) in [("", 53, 34), ("inspire", 53, 34), ("bare", 29, 10)] {
-        let harness = without_client(OpenRequest { hands: hands.into(), ..OpenRequest::default() });
+    for (robot, joints, bodies) in [("", 53, 34), ("g1_inspire", 53, 34), ("g1_bare", 29, 10)] {
+        let harness = without_client(OpenRequest { robot: robot.into(), ..OpenRequest::default() });
         let info = harness.session.info();
-        assert_eq!((info.joints.len(), info.hand_bodies.len()), (joints, bodies), "hands '{hands}'");
+        assert_eq!((info.joints.len(), info.hand_bodies.len()), (joints, bodies), "robot '{robot}'");
         let names: Vec<&str> = info.footprints.iter().map(|footprint| footprint.name.as_str()).collect();
         for name in ["bench", "crate", "fixture", "wall_west"] {
             assert!(names.contains(&name), "{name} in {names:?}");
