@@ -52,13 +52,27 @@ async function replay(name, url, settings) {
   const moment = Number.parseFloat(new URL(page.url()).hash.replace("#t=", ""));
   check(Math.abs(moment - Number.parseFloat(await clock(page))) < 0.011, `${name}: the address has the moment`, page.url());
 
+  const seen = () => page.locator(".seen canvas").evaluate((canvas) => canvas.toDataURL());
+  const sees = (text) => page.waitForFunction((at) => document.querySelector(".seen figcaption").textContent === at, `Head camera at ${text}`);
+  await seek(page, 0);
+  await sees("0.00 s");
+  const first = await seen();
+  await page.evaluate(() => {
+    location.hash = "t=1.5";
+  });
+  await sees("1.40 s");
+  check(first.length > 2000 && (await seen()) !== first, `${name}: the head camera's picture of the moment`);
+
   await page.locator(".joints summary").click();
   await page.waitForFunction(() => document.querySelector(".plot-name span").textContent.includes("rad"));
   const plots = await page.locator(".plot").evaluateAll((list) => list.map((plot) => plot.getAttribute("aria-label")));
   check(plots.length === 3 && plots[2].includes("N m of"), `${name}: angle, tracking and effort of a joint`, plots.join("; "));
   await page.screenshot({ path: `${screenshots}/${name}-joints.png`, fullPage: true });
   await page.locator(".joints summary").click();
-  await page.evaluate(() => scrollTo(0, 0));
+  await page.evaluate(() => {
+    scrollTo(0, 0);
+    document.getElementById("panel").scrollTop = 0;
+  });
 
   await seek(page, 0.5);
   const lit = await page.locator(".lamp.on").count();

@@ -43,7 +43,7 @@ replays() {
     local bags="${FIATLUX_BAGS:-}" first
     if [ -z "$bags" ]; then
         bags="$work/run"
-        "$fiatlux" evaluate --policy walk --tasks S05,S09 --seeds 64 --out "$bags" >/dev/null 2>&1
+        "$fiatlux" evaluate --policy walk --tasks S05,S09 --seeds 64 --record camera@5 --out "$bags" >/dev/null 2>&1
     fi
     first="$(find "$bags" -name '*.mcap' | sort | head -n 1)"
     "$fiatlux" view "$first" --out "$work/replay.html" >/dev/null

@@ -317,9 +317,13 @@ impl Client {
     /// The server does not answer, or has already closed the session.
     pub fn close(self) -> Result<(), ClientError> {
         let (server, key) = (&self.info.server, self.keys.close());
-        let bytes =
-            self.sealing.ask(&self.link, server, &key, "close", "CloseRequest", &CloseRequest {}, CLOSE_TIMEOUT_S)?;
-        let reply = decode::<CloseReply>(&bytes, MAX_SERVER_MESSAGE);
+        let closed =
+            self.sealing.ask(&self.link, server, &key, "close", "CloseRequest", &CloseRequest {}, CLOSE_TIMEOUT_S);
+        // That the recording of the last episode is lost may be known only now.
+        while let Some(input) = self.mailbox.take() {
+            self.tell_of(&input);
+        }
+        let reply = decode::<CloseReply>(&closed?, MAX_SERVER_MESSAGE);
         match reply.map_err(ClientError::unreadable(&self.info.server))?.refusal {
             Some(refusal) => Err(ClientError::refused(&self.info.server, refusal)),
             None => Ok(()),

@@ -4,6 +4,7 @@ mod fake;
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use fiatlux_client::{
     Client, ClientError, Command, Policy, PolicyError, SessionFailure, describe_servers, find_server,
@@ -70,6 +71,24 @@ fn servers_are_found_by_name_or_alone() {
     assert_eq!(names.collect::<Vec<_>>(), ["a", "b"]);
     drop(b);
     assert_eq!(find_server(&fiatlux_link::carrier(&link), None).expect("is alone"), "a");
+}
+
+/// A session that the server gave away before it was used is opened again for some seconds; then the remedy is named.
+#[test]
+fn who_is_crowded_out_tries_again() {
+    let link = Link::embedded().expect("opens").session().clone();
+    let server = FakeServer::new(&link, "lab", 0);
+    let open = || Client::open(&fiatlux_link::carrier(&link), None, request());
+    server.evictions.store(3, Ordering::Relaxed);
+    open().expect("opens at the fourth attempt").close().expect("closes");
+    assert_eq!(server.evictions.load(Ordering::Relaxed), 0);
+    server.evictions.store(u64::MAX, Ordering::Relaxed);
+    let start = Instant::now();
+    let error = open().map(|_| ()).expect_err("there is no place");
+    assert!((5..20).contains(&start.elapsed().as_secs()), "{:?}", start.elapsed());
+    assert!(matches!(&error, ClientError::Crowded { server } if server == "lab"), "{error}");
+    let text = error.to_string();
+    assert!(text.contains("--tokens") && text.contains("--capacity"), "{text}");
 }
 
 /// Only its token is there, below the old root.

@@ -27,12 +27,22 @@ pub fn seeds(seeds: &[u64]) -> String {
     parts.into_iter().map(part).collect::<Vec<_>>().join(", ")
 }
 
+/// Longest list of seeds that is shown, bytes.
+const MAX_LIST: usize = 200;
+
 /// Number and list of the layout seeds, such as `4 layout seeds (0..3)`.
 pub(crate) fn seed_count(results: &Results) -> String {
-    let list = seeds(&results.seeds);
-    match results.seeds.len() {
-        1 => format!("layout seed {list}"),
-        n => format!("{n} layout seeds ({list})"),
+    counted(&results.seeds)
+}
+
+fn counted(list: &[u64]) -> String {
+    let (count, ends) = (list.len(), list.iter().min().zip(list.iter().max()));
+    let list = seeds(list);
+    match (count, ends) {
+        (1, _) => format!("layout seed {list}"),
+        // Hosted seeds are drawn one by one, and have up to 16 digits.
+        (n, Some((least, most))) if list.len() > MAX_LIST => format!("{n} layout seeds (from {least} to {most})"),
+        (n, _) => format!("{n} layout seeds ({list})"),
     }
 }
 
@@ -119,5 +129,8 @@ mod tests {
         for (list, expected) in [(&[0, 1, 2, 3][..], "0..3"), (&[0, 1, 5], "0, 1, 5"), (&[7], "7"), (&[], "")] {
             assert_eq!(seeds(list), expected);
         }
+        assert_eq!((counted(&[7]), counted(&[0, 1])), ("layout seed 7".into(), "2 layout seeds (0, 1)".into()));
+        let hosted: Vec<u64> = (1..=64).map(|seed| seed * 100_000_000_000_003).collect();
+        assert_eq!(counted(&hosted), "64 layout seeds (from 100000000000003 to 6400000000000192)");
     }
 }

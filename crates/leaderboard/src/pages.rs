@@ -48,6 +48,7 @@ pub(crate) fn router(service: Arc<Service>) -> Router {
         .route("/runs/{id}/episodes/{key}/meshes.bin", get(episode::meshes))
         .route("/runs/{id}/episodes/{key}/track.bin", get(episode::track))
         .route("/runs/{id}/episodes/{key}/joints.bin", get(episode::joints))
+        .route("/runs/{id}/episodes/{key}/pictures.bin", get(episode::pictures))
         .route("/runs/{id}/episodes/{key}/bag", get(episode::bag))
         .route("/runs/{id}/episodes/{key}/figure.svg", get(episode::figure))
         .route("/shapes/{digest}", get(episode::shapes))

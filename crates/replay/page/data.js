@@ -148,7 +148,8 @@ class Track {
   }
 }
 
-function lastUpTo(sorted, value) {
+// Index of the last of a rising list that is not beyond a value.
+export function lastUpTo(sorted, value) {
   let [low, high] = [0, sorted.length];
   while (low < high) {
     const middle = (low + high) >> 1;

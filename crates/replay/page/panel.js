@@ -1,6 +1,7 @@
 // What stands next to the picture: the episode, its verdicts, conditions that light up, forces, events, notes.
 
 import { isFile } from "./data.js";
+import { Pictures } from "./pictures.js";
 import { Plots } from "./plots.js";
 import { element, seconds, words } from "./words.js";
 
@@ -33,7 +34,9 @@ export class Panel {
     this.track = track;
     this.lamps = [];
     this.gates = [];
-    root.append(this.head(), this.verdicts(seek));
+    root.append(this.head());
+    this.pictures = doc.pictures > 0 ? new Pictures(root, track, address) : null;
+    root.append(this.verdicts(seek));
     if (doc.notes.length > 0)
       root.append(section("Notes", element("ul", { className: "notes" }, ...doc.notes.map((note) => element("li", {}, note)))));
     if (doc.conditions) root.append(this.conditions());
@@ -239,6 +242,7 @@ export class Panel {
       if (reading.textContent !== value) reading.textContent = value;
     });
     this.plots.show(step);
+    this.pictures?.show(step);
     return { freshSeated: (flags & FLAG.freshSeated) !== 0 };
   }
 }

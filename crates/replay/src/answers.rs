@@ -34,6 +34,7 @@ pub(crate) fn router(shelf: Arc<Shelf>, port: u16) -> Router {
         .route("/episode/{index}/meshes.bin", get(meshes))
         .route("/episode/{index}/track.bin", get(track))
         .route("/episode/{index}/joints.bin", get(joints))
+        .route("/episode/{index}/pictures.bin", get(pictures))
         .route("/episode/{index}/bag", get(bag))
         .route("/shapes/{digest}", get(shapes))
         .route("/page/{file}", get(page_file))
@@ -95,6 +96,10 @@ async fn shapes(State(shelf): State<Arc<Shelf>>, asked: HeaderMap, Path(digest):
 
 async fn joints(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
     part(state, asked, index, BYTES, |shown| shown.joints).await
+}
+
+async fn pictures(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+    part(state, asked, index, BYTES, |shown| shown.pictures).await
 }
 
 async fn part(

@@ -33,6 +33,7 @@ mod error;
 mod events;
 mod packed;
 mod page;
+mod pictures;
 mod poster;
 mod replay;
 mod rows;

@@ -22,7 +22,7 @@ macro_rules! asset {
 pub(crate) const STYLE: Asset = asset!("page", "style.css");
 
 /// JavaScript modules: ours, and those of three.js.
-pub(crate) const MODULES: [Asset; 16] = [
+pub(crate) const MODULES: [Asset; 17] = [
     asset!("page", "arrows.js"),
     asset!("page", "bar.js"),
     asset!("page", "controls.js"),
@@ -32,6 +32,7 @@ pub(crate) const MODULES: [Asset; 16] = [
     asset!("page", "main.js"),
     asset!("page", "pair.js"),
     asset!("page", "panel.js"),
+    asset!("page", "pictures.js"),
     asset!("page", "player.js"),
     asset!("page", "plots.js"),
     asset!("page", "stage.js"),

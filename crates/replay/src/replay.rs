@@ -14,6 +14,7 @@ use serde::Serialize;
 use crate::ReplayError;
 use crate::conditions::{Conditions, Referee, Ruling};
 use crate::events::{Happening, happenings};
+use crate::pictures::{bytes_of, pictures};
 use crate::rows::Rows;
 use crate::scene::Stage;
 use crate::text::short;
@@ -42,6 +43,8 @@ pub struct Document {
     pub rulings: Vec<Ruling>,
     /// Recorded cause of the end; `None` if the bag has no result.
     pub recorded_end: Option<String>,
+    /// Number of pictures of the head camera, see [`Replay::pictures`].
+    pub pictures: usize,
     /// Recorded events, sorted by step.
     pub events: Vec<Happening>,
     /// Remarks for the viewer on what is missing or differs.
@@ -102,11 +105,12 @@ pub struct Replay {
     document: Document,
     track: Vec<u8>,
     joints: Vec<u8>,
+    pictures: Vec<u8>,
 }
 
 impl Replay {
     /// Reads a bag, whole or cut. [`Document::notes`] lists what cannot be shown. It takes 2.6 kB of memory for each
-    /// row, and at most 65 MB. It does not check whether the bag proves what it shows; grading does.
+    /// row, at most 65 MB, and 24 MB of pictures. It does not check whether the bag proves what it shows; grading does.
     ///
     /// # Errors
     /// [`ReplayError`]: the bag cannot be opened, its header gives no scene, or none of its rows can be drawn.
@@ -144,6 +148,7 @@ impl Replay {
             ));
         }
         let events = happenings(&bag, &mut notes);
+        let pictures = pictures(&bag, &mut notes);
         if patience.is_some_and(|patience| !patience.goes_on()) {
             return Err(BagError::Slow { path: path.into() }.into());
         }
@@ -165,10 +170,11 @@ impl Replay {
             conditions: referee.as_ref().map(Referee::conditions),
             rulings: referee.as_ref().map_or_else(Vec::new, Referee::rulings),
             recorded_end: bag.result().and_then(|result| result.end.as_ref()).map(|end| short(&end.cause)),
+            pictures: pictures.len(),
             events,
             notes,
         };
-        Ok(Self { document, track: track.bytes(), joints: track.joint_bytes() })
+        Ok(Self { document, track: track.bytes(), joints: track.joint_bytes(), pictures: bytes_of(&pictures) })
     }
 
     /// Changes the name under which the bag's file is shown.
@@ -206,6 +212,12 @@ impl Replay {
     /// efforts (N m) of all joints.
     pub fn joints(&self) -> &[u8] {
         &self.joints
+    }
+
+    /// The pictures of the head camera that the session recorded, little-endian: for each its control step and its length
+    /// (u32 each), then the bytes of a PNG. Of more than 24 MB only every second one, or fewer.
+    pub fn pictures(&self) -> &[u8] {
+        &self.pictures
     }
 }
 

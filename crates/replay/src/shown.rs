@@ -11,7 +11,7 @@ use fiatlux_bag::Patience;
 use crate::track::MOST_KEPT as MOST_ROWS;
 use crate::{Packed, Replay, ReplayError};
 
-/// Default number of replays to keep in memory, of at most 50 MB each.
+/// Default number of replays to keep in memory, of at most 75 MB each.
 const MOST_KEPT: usize = 2;
 
 /// Number of blocks of shapes to keep, of at most 1 MB each.
@@ -30,6 +30,8 @@ pub struct Shown {
     pub track: Packed,
     /// The joints as bytes, see [`Replay::joints`].
     pub joints: Packed,
+    /// The head camera's pictures as bytes, see [`Replay::pictures`].
+    pub pictures: Packed,
 }
 
 /// The file that a replay was made of, and its state then: a bag may still be growing.
@@ -57,7 +59,7 @@ impl Default for Desk {
 }
 
 impl Desk {
-    /// Keeps up to `most` replays, of at most 50 MB each.
+    /// Keeps up to `most` replays, of at most 75 MB each.
     pub fn keeping(most: usize) -> Self {
         Self { most: most.max(1), kept: Mutex::default(), blocks: Mutex::default() }
     }
@@ -115,6 +117,7 @@ impl From<Replay> for Shown {
             meshes: Packed::new(replay.meshes()),
             track: Packed::new(replay.track()),
             joints: Packed::new(replay.joints()),
+            pictures: Packed::new(replay.pictures()),
         }
     }
 }

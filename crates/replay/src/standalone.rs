@@ -15,6 +15,7 @@ pub fn standalone(replay: &Replay) -> String {
         ("meshes.bin", replay.meshes()),
         ("track.bin", replay.track()),
         ("joints.bin", replay.joints()),
+        ("pictures.bin", replay.pictures()),
     ] {
         data.push_str(&format!("<script type=\"application/octet-stream\" id=\"block-{name}\">"));
         STANDARD.encode_string(bytes, &mut data);

@@ -37,7 +37,8 @@ pub enum Input {
     OnDisk(u64),
     /// The last write failed, and its bag is given up: the rest of its episode is dropped and not acknowledged. These rows are
     /// skipped once a later episode has its bag.
-    WriteFailed,
+    /// Says why, for the server and its client.
+    WriteFailed(String),
     /// Nothing has arrived; only time has passed.
     Tick,
 }
@@ -79,6 +80,14 @@ struct OpenBag {
     next_step: u64,
 }
 
+/// A bag that could not be written.
+#[derive(Debug)]
+struct Loss {
+    /// No record from this one on is acknowledged.
+    from: u64,
+    problem: String,
+}
+
 /// Puts the records of one session into bags.
 #[derive(Debug)]
 pub struct RecorderSession {
@@ -100,8 +109,10 @@ pub struct RecorderSession {
     acked: u64,
     /// Number of the record after the last bag that ended.
     whole_to: u64,
-    /// Set when a bag could not be written: nothing beyond this is acknowledged until another bag is open.
-    lost_from: Option<u64>,
+    /// Episode of the last bag.
+    episode: u64,
+    /// Set when the last bag could not be written, until another one is open.
+    lost: Option<Loss>,
     ack_at: Duration,
     /// A bag has ended since the last acknowledgement.
     bag_ended: bool,
@@ -128,8 +139,9 @@ impl Machine for RecorderSession {
                     self.whole_to = self.order.next_seq();
                 }
             }
-            Input::WriteFailed => {
-                self.lost_from = Some(self.acked.max(self.whole_to));
+            Input::WriteFailed(problem) => {
+                self.lost = Some(Loss { from: self.acked.max(self.whole_to), problem });
+                self.ack_at = now;
                 self.open = None;
                 self.first_seq = None;
                 self.bag_ended = false;
@@ -182,7 +194,8 @@ impl RecorderSession {
             told_lost: false,
             acked: 0,
             whole_to: 0,
-            lost_from: None,
+            episode: 0,
+            lost: None,
             ack_at: now,
             bag_ended: false,
             now,
@@ -200,6 +213,7 @@ impl RecorderSession {
         Self {
             order: Order::new(true, now),
             open: Some(OpenBag { episode: header.episode, next_step }),
+            episode: header.episode,
             resumed: Some(header),
             ..Self::new(name, now)
         }
@@ -215,7 +229,8 @@ impl RecorderSession {
         if is_due && next_seq != self.acked || self.now >= self.ack_at {
             self.acked = next_seq;
             self.ack_at = self.now + self.order.pace(ACK_PERIOD / 2, self.now);
-            let ack = StepRecordAck { recorder: self.name.clone(), next_seq };
+            let problem = self.lost.as_ref().map(|lost| lost.problem.clone()).unwrap_or_default();
+            let ack = StepRecordAck { recorder: self.name.clone(), next_seq, problem, lost_episode: self.episode };
             return Some(Output::Ack(ack.encode_to_vec().into()));
         }
         let gone_for = self.now.saturating_sub(self.gone_at?);
@@ -238,8 +253,8 @@ impl RecorderSession {
 
     /// Number of the first record that is not on disk.
     fn next_seq(&self) -> u64 {
-        if let Some(lost_from) = self.lost_from {
-            return lost_from;
+        if let Some(lost) = &self.lost {
+            return lost.from;
         }
         match (self.open, self.first_seq) {
             (None, _) => self.order.next_seq(),
@@ -270,7 +285,8 @@ impl RecorderSession {
             let (true, Some(header)) = (begins, record.header.take()) else { return };
             self.open = Some(OpenBag { episode: record.episode, next_step: 0 });
             self.on_disk = 0;
-            self.lost_from = None;
+            self.episode = record.episode;
+            self.lost = None;
             self.writes.push_back(Write::Open(Box::new(header)));
         }
         self.resumed = None;

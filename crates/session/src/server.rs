@@ -88,6 +88,8 @@ pub struct ServerSession<H, R> {
     window: RecordWindow,
     deferred: Option<Deferred<R>>,
     recording: Recording,
+    /// Where the reply to `close` goes, which waits for the recorder.
+    closing: Option<R>,
     notices: NoticeLimiter,
     /// When the client's token went away.
     client_gone: Option<Duration>,
@@ -99,6 +101,9 @@ pub struct ServerSession<H, R> {
     refused: u64,
     outputs: VecDeque<Output<R>>,
 }
+
+/// Longest time for which the reply to `close` waits until all records are on disk; clients wait for 3 s.
+const CLOSE_WAIT: Duration = Duration::from_secs(2);
 
 /// Most events between two rows that are recorded one by one; further ones are only counted.
 pub const MAX_EVENTS: usize = 16;
@@ -158,7 +163,10 @@ impl<H: Host, R> Machine for ServerSession<H, R> {
         let mut at = |time: Option<Duration>| wake = wake.into_iter().chain(time).min();
         match self.phase {
             Phase::Done => return None,
-            Phase::Draining(_) => at(self.drained_at()),
+            Phase::Draining(since) => {
+                at(self.drained_at());
+                at(self.closing.as_ref().map(|_| since + CLOSE_WAIT));
+            }
             Phase::Open => {
                 at(self.client_gone.map(|since| since + timeouts.grace));
                 at(self.recording.waiting_since.map(|since| since + timeouts.recorder));
@@ -193,6 +201,7 @@ impl<H: Host, R> ServerSession<H, R> {
             window: RecordWindow::default(),
             deferred: None,
             recording: Recording::default(),
+            closing: None,
             notices: NoticeLimiter::default(),
             client_gone: Some(now),
             client_silent: now,
@@ -240,7 +249,14 @@ impl<H: Host, R> ServerSession<H, R> {
     }
 
     fn finish_draining(&mut self, now: Duration) {
-        if matches!(self.phase, Phase::Draining(_)) && self.drained_at().is_none_or(|at| now >= at) {
+        let Phase::Draining(since) = self.phase else { return };
+        let is_drained = self.drained_at().is_none_or(|at| now >= at);
+        if (is_drained || self.recording.is_lost() || now >= since + CLOSE_WAIT)
+            && let Some(to) = self.closing.take()
+        {
+            self.reply(to, "CloseReply", &CloseReply::default());
+        }
+        if is_drained {
             self.phase = Phase::Done;
             self.run = None;
             self.outputs.push_back(Output::Done);
@@ -299,6 +315,10 @@ impl<H: Host, R> ServerSession<H, R> {
             Ok(_) if self.phase != Phase::Open => Some(closed()),
             Ok(_) => {
                 self.shut("the client closed the session", now);
+                if self.recorded {
+                    self.closing = Some(to);
+                    return;
+                }
                 None
             }
         };
@@ -380,7 +400,7 @@ impl<H: Host, R> ServerSession<H, R> {
     }
 
     fn notify(&mut self, code: NoticeCode, count: u64, field: &str, message: String, remedy: &str, now: Duration) {
-        let (episode, step) = self.run.as_ref().map_or((0, 0), |run| (run.episode, run.step));
+        let (episode, step) = self.run.as_ref().map_or((self.recording.episode, 0), |run| (run.episode, run.step));
         let (field, remedy) = (field.to_owned(), remedy.to_owned());
         let notice = Notice { code: code.into(), episode, step, field, message, remedy, count };
         let offered = self.notices.offer(notice, now);

@@ -71,6 +71,12 @@ impl Service {
         record(self.port, &self.folder)
     }
 
+    /// As [`Service::record`]; the system lets it write no file of more than that many times 512 bytes.
+    pub fn record_limited(&self, blocks: u32) -> Running {
+        let args = recorder_args(self.port, &self.folder);
+        Running::start_limited("recorder", &args.each_ref().map(String::as_str), &self.folder, blocks)
+    }
+
     /// A policy client of this server: `run --json` with these options.
     pub fn client(&self, args: &[&str]) -> Running {
         client(self.port, args, &self.folder)
@@ -105,9 +111,13 @@ fn recorder_key(folder: &Scratch) -> PathBuf {
 
 /// A recorder that connects to that port; its bags go to `bags` in the folder.
 pub fn record(port: u16, folder: &Scratch) -> Running {
-    let bags = folder.path().join("bags").display().to_string();
-    let key = recorder_key(folder).display().to_string();
-    Running::start("recorder", &["--out", &bags, "--recorder-key", &key, "-e", &endpoint(port)], folder)
+    Running::start("recorder", &recorder_args(port, folder).each_ref().map(String::as_str), folder)
+}
+
+fn recorder_args(port: u16, folder: &Scratch) -> [String; 6] {
+    let path = |path: PathBuf| path.display().to_string();
+    let (bags, key) = (path(folder.path().join("bags")), path(recorder_key(folder)));
+    ["--out".into(), bags, "--recorder-key".into(), key, "-e".into(), endpoint(port)]
 }
 
 /// A policy client that connects to that port: `run --json` with these options.

@@ -162,7 +162,7 @@ fn cheats_in_vain(installation: &Installation) {
     let (session, _, name) = fiatlux_proto::keys::SessionKeys::of(&first).unwrap();
     assert_eq!(ServerKeys::new("test").session(name), session);
     let forged = Notice { message: "forged".into(), ..Notice::default() }.encode_to_vec();
-    let ack = StepRecordAck { recorder: "liar".into(), next_seq: 1 << 32 }.encode_to_vec();
+    let ack = StepRecordAck { recorder: "liar".into(), next_seq: 1 << 32, ..StepRecordAck::default() }.encode_to_vec();
     let observation = Observation { episode: 0, step: 5, ..Observation::default() }.encode_to_vec();
     while client.is_running() {
         stranger.put(session.notice(), forged.clone()).wait().unwrap();

@@ -8,6 +8,7 @@ use std::time::Duration;
 use fiatlux_access::{Channel, Identity, Label, Reply, Side, welcome};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::ServerKeys;
+use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{
     Action, CloseReply, EpisodeEnd, Image, Joint, LookReply, LookRequest, Mode, Observation, ObservationTerm,
     OpenReply, OpenRequest, Refusal, ResetReply, ResetRequest, ServerInfo, SessionInfo, TaskInfo, Verdict, look_reply,
@@ -47,6 +48,8 @@ pub fn tcp() -> ([Session; 2], String) {
 pub struct FakeServer {
     pub steps: Arc<AtomicU64>,
     pub closed: Arc<AtomicBool>,
+    /// Number of sessions that it closes before they are used.
+    pub evictions: Arc<AtomicU64>,
     _alive: LivelinessToken,
     _queryables: Vec<Queryable<()>>,
     _actions: Subscriber<()>,
@@ -107,7 +110,15 @@ impl FakeServer {
             flag.store(true, Ordering::Relaxed);
             CloseReply::default().encode_to_vec()
         };
+        let evictions = Arc::new(AtomicU64::new(0));
+        let left = Arc::clone(&evictions);
         let (last, seen) = (present.clone(), present.clone());
+        let last = move |_: &[u8]| {
+            let evicts = left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_ok();
+            let gone =
+                Refusal { code: Code::Closed.into(), message: "there is no such session".into(), ..Refusal::default() };
+            if evicts { Err(gone) } else { Ok(last().encode_to_vec()) }
+        };
         let look = move |bytes: &[u8]| {
             let request: LookRequest = decode(bytes, 1 << 16).expect("a request");
             let lidar = if request.sensors.iter().any(|name| name == "lidar") { vec![1.5; 5760] } else { Vec::new() };
@@ -117,10 +128,10 @@ impl FakeServer {
         let queryables = vec![
             queryable(link, keys.describe(), move |_| info.encode_to_vec()),
             queryable(link, keys.open(), open),
-            sealed(link, session.reset(), &sealing, reset),
-            sealed(link, session.observation(), &sealing, move |_| last().encode_to_vec()),
-            sealed(link, session.look(), &sealing, look),
-            sealed(link, session.close(), &sealing, close),
+            sealed(link, session.reset(), &sealing, move |bytes| Ok(reset(bytes))),
+            sealed(link, session.observation(), &sealing, last),
+            sealed(link, session.look(), &sealing, move |bytes| Ok(look(bytes))),
+            sealed(link, session.close(), &sealing, move |bytes| Ok(close(bytes))),
         ];
         let publisher = link.declare_publisher(session.observation()).express(true).wait().expect("declares");
         let counted = Arc::clone(&steps);
@@ -143,6 +154,7 @@ impl FakeServer {
         Self {
             steps,
             closed,
+            evictions,
             _alive: link.liveliness().declare_token(keys.alive()).wait().expect("declares"),
             _queryables: queryables,
             _actions: link.declare_subscriber(session.action()).callback(act).wait().expect("declares"),
@@ -157,7 +169,7 @@ fn sealed(
     link: &Session,
     key: String,
     sealing: &Sealing,
-    answer: impl Fn(&[u8]) -> Vec<u8> + Send + Sync + 'static,
+    answer: impl Fn(&[u8]) -> Result<Vec<u8>, Refusal> + Send + Sync + 'static,
 ) -> Queryable<()> {
     let (sealing, label) = (Arc::clone(sealing), key.rsplit('/').next().expect("a part").to_owned());
     let reply = move |query: Query| {
@@ -165,8 +177,11 @@ fn sealed(
         let attachment = query.attachment().map(|bytes| bytes.to_bytes().into_owned()).unwrap_or_default();
         let number = with(&sealing, |channel| channel.open(Label::Message(&label), &bytes, &attachment));
         let Ok(number) = number else { return };
-        let answer = answer(&bytes);
-        let attachment = with(&sealing, |channel| channel.seal(Label::Reply(&label, number), &answer));
+        let (label, answer) = match answer(&bytes) {
+            Ok(answer) => (label.as_str(), answer),
+            Err(refusal) => ("refusal", refusal.encode_to_vec()),
+        };
+        let attachment = with(&sealing, |channel| channel.seal(Label::Reply(label, number), &answer));
         query.reply(query.key_expr().clone(), answer).attachment(attachment.to_vec()).wait().expect("replies");
     };
     link.declare_queryable(key).callback(reply).wait().expect("declares")

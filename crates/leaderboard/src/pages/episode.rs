@@ -142,6 +142,15 @@ pub(super) async fn joints(
     part(state, asked, path, BYTES, |shown| shown.joints).await
 }
 
+/// The head camera's pictures, as the replay page reads them.
+pub(super) async fn pictures(
+    state: State<Arc<Pages>>,
+    asked: HeaderMap,
+    path: Path<(String, String)>,
+) -> Result<Response, Problem> {
+    part(state, asked, path, BYTES, |shown| shown.pictures).await
+}
+
 async fn part(
     State(pages): State<Arc<Pages>>,
     asked: HeaderMap,

@@ -2,12 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_bag::Bag;
+use fiatlux_bag::{Bag, BagWriter, topic};
+use fiatlux_proto::Message;
+use fiatlux_proto::foxglove::CompressedImage;
+use fiatlux_proto::v3::{EpisodeHeader, Sensor};
 use fiatlux_replay::{POSE, Poster, Replay, ReplayError, flag};
 use fiatlux_rules::{Task, errand};
+use fiatlux_wire::{state_message, time_of};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use crate::common::{play, read_track};
+use crate::common::{Random, play, read_track};
 
 /// Error of single precision for a position of a few metres, m, and for a unit quaternion.
 const CLOSE: f32 = 2e-6;
@@ -133,6 +137,40 @@ fn long_episodes_are_thinned_out() {
 }
 
 /// The shapes are those that clips show, each in an existing frame and with valid indices.
+/// The head camera's pictures stand at their steps. What goes back in time or is no PNG is left out, and too many are thinned.
+#[test]
+fn pictures_are_those_of_the_bag() {
+    let played = play("pictures", Task::S05, 8);
+    let header = Bag::open(&played.bag).unwrap().header().clone();
+    let mut random = Random(1);
+    let mut record = |name: &str, sensors: Vec<Sensor>, pictures: &[(u64, &str, usize)]| {
+        let bag = played.folder.join(name);
+        let mut writer = BagWriter::create(&bag, &EpisodeHeader { sensors, ..header.clone() }).unwrap();
+        writer.message(topic::STATE, 0, &state_message(&played.rows[0]).encode_to_vec()).unwrap();
+        for (step, format, length) in pictures {
+            // What packs well is refused as a bomb.
+            let data = (0..*length).map(|_| random.below(256) as u8).collect();
+            let timestamp = Some(time_of(*step));
+            let image = CompressedImage { timestamp, data, format: (*format).into(), ..CompressedImage::default() };
+            writer.message(topic::CAMERA, *step, &image.encode_to_vec()).unwrap();
+        }
+        writer.finish_cut("enough").unwrap();
+        Replay::open(&bag).unwrap()
+    };
+    let camera = || vec![Sensor { name: "camera".into(), recorded: true, ..Sensor::default() }];
+    let few = record("few.mcap", camera(), &[(0, "png", 3), (5, "jpeg", 3), (10, "png", 2), (10, "png", 9)]);
+    assert_eq!(few.document().pictures, 2);
+    assert_eq!(
+        (&few.pictures()[..8], &few.pictures()[11..19]),
+        (&[0, 0, 0, 0, 3, 0, 0, 0][..], &[10, 0, 0, 0, 2, 0, 0, 0][..])
+    );
+    assert_eq!(few.pictures().len(), 8 + 3 + 8 + 2);
+    let large: Vec<_> = (0..300).map(|step| (step, "png", 100_000)).collect();
+    let many = record("many.mcap", camera(), &large);
+    assert_eq!((many.document().pictures, many.pictures().len()), (150, 150 * 100_008));
+    assert_eq!(record("none.mcap", Vec::new(), &[]).document().pictures, 0);
+}
+
 #[test]
 fn shapes_fit_their_description() {
     let played = play("shapes", Task::S05, 0);

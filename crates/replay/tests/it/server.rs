@@ -78,6 +78,7 @@ fn one_bag_is_served_with_all_its_parts() {
     assert_eq!(serving.get("/episode/0/document.json").2, replay.document_json().as_bytes());
     assert_eq!(serving.get("/episode/0/meshes.bin").2, replay.meshes());
     assert_eq!(serving.get("/episode/0/track.bin").2, replay.track());
+    assert_eq!(serving.get("/episode/0/pictures.bin").2, replay.pictures());
     let (status, head, bag) = serving.get("/episode/0/bag");
     assert_eq!(status, 200);
     assert!(head.contains("content-disposition: attachment; filename=\"s05.mcap\""), "{head}");

@@ -94,8 +94,11 @@ impl Bags {
         self.open.map(|open| part_of(open.writer.path()))
     }
 
-    /// Writes; returns `false` if the open bag had to be given up, which is also reported.
-    pub fn write(&mut self, write: Write) -> bool {
+    /// Writes.
+    ///
+    /// # Errors
+    /// The open bag had to be given up; this is also reported.
+    pub fn write(&mut self, write: Write) -> Result<(), BagError> {
         let done = match write {
             Write::Open(header) => self.start(&header),
             Write::Row(record) => self.row(&record),
@@ -105,7 +108,7 @@ impl Bags {
         if let Err(error) = &done {
             self.fail(error);
         }
-        done.is_ok()
+        done
     }
 
     fn start(&mut self, header: &EpisodeHeader) -> Result<(), BagError> {
@@ -153,8 +156,8 @@ impl Bags {
         writer.push(record)
     }
 
-    fn end(&mut self, end: BagEnd) -> bool {
-        let Some(OpenBag { header, writer }) = self.open.take() else { return true };
+    fn end(&mut self, end: BagEnd) -> Result<(), BagError> {
+        let Some(OpenBag { header, writer }) = self.open.take() else { return Ok(()) };
         let part = part_of(writer.path());
         let done = match &end {
             BagEnd::Whole(result) => writer.finish(result),
@@ -165,10 +168,10 @@ impl Bags {
             Err(error) => {
                 let end = BagEnd::Cut(in_full(&error));
                 (self.shared.on_bag)(BagReport { path: part, header, end });
-                return false;
+                return Err(error);
             }
         }
-        true
+        Ok(())
     }
 
     /// Reports a bag that cannot be written; its file stays unfinished.

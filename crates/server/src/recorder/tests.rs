@@ -20,6 +20,8 @@ struct FakeSession {
     /// By number; those below the acknowledged one are gone.
     kept: Arc<Mutex<BTreeMap<u64, StepRecord>>>,
     acked: Arc<Mutex<u64>>,
+    /// Why the recorder cannot write, as it said last.
+    problem: Arc<Mutex<String>>,
     token: Option<Declaration>,
     rows: Publisher,
     _rows: Declaration,
@@ -39,13 +41,15 @@ impl FakeSession {
                 query.reply(&key, "StepRecord", truth.encode_to_vec().into(), Vec::new()).expect("a reply");
             }
         });
-        let (held, seen) = (Arc::clone(&kept), Arc::clone(&acked));
+        let problem: Arc<Mutex<String>> = Arc::default();
+        let (held, seen, why) = (Arc::clone(&kept), Arc::clone(&acked), Arc::clone(&problem));
         let acks = carrier.subscribe(&keys.truth_ack(), Reach::Everywhere, move |message| {
             let ack = StepRecordAck::decode(message.payload).expect("an acknowledgement");
             let mut kept = held.lock().expect("a lock");
             *kept = kept.split_off(&ack.next_seq);
             let mut acked = seen.lock().expect("a lock");
             *acked = ack.next_seq.max(*acked);
+            *why.lock().expect("a lock") = ack.problem;
         });
         let publisher = carrier.publisher(&keys.truth_row(), "StepRecord", Quality::default(), Reach::Everywhere);
         let token = carrier.token(&keys.truth_live(&token(session))).expect("a token");
@@ -53,6 +57,7 @@ impl FakeSession {
             rows: publisher.expect("a publisher"),
             kept,
             acked,
+            problem,
             token: Some(token),
             _rows: rows.expect("a queryable"),
             _acks: acks.expect("a subscriber"),
@@ -244,7 +249,7 @@ fn a_server_that_goes_away_leaves_a_cut_bag() {
     recorder.stop();
 }
 
-/// A bag that cannot be written is reported, and the server is not told that it may forget the rows.
+/// A bag that cannot be written is reported, and the server is told why, and not that it may forget the rows.
 #[test]
 fn what_is_on_no_disk_is_not_acknowledged() {
     let carrier = fiatlux_carrier::memory();
@@ -258,9 +263,12 @@ fn what_is_on_no_disk_is_not_acknowledged() {
     assert!(matches!(&report.end, BagEnd::Cut(reason) if reason.contains("space")), "{:?}", report.end);
     thread::sleep(Duration::from_millis(1500));
     assert_eq!(*session.acked.lock().expect("a lock"), 0);
+    let problem = session.problem.lock().expect("a lock").clone();
+    assert!(problem.contains("os error") && !problem.contains("lab/7"), "{problem}");
     std::fs::remove_file(out.join("lab/7")).expect("a file");
     session.send(&episode(300, 1, 10), |_| true);
     assert!(matches!(next(&reports).end, BagEnd::Whole(_)));
     wait_for_ack(&session, 310);
+    assert_eq!(*session.problem.lock().expect("a lock"), "");
     recorder.stop();
 }

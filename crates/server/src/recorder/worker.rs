@@ -1,6 +1,7 @@
 //! A thread that follows some of the sessions and writes their bags; the carrier's callbacks only put events into its queue.
 
 use std::collections::BTreeMap;
+use std::error::Error;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
@@ -217,9 +218,11 @@ impl Worker {
                 Output::Lost(records) => (self.shared.on_loss)(&session.inlet.key, records),
                 Output::Done => return false,
                 Output::Write(write) => {
-                    let written = session.bags.write(write);
-                    let next_step = session.bags.next_step_on_disk();
-                    session.state.handle(if written { Input::OnDisk(next_step) } else { Input::WriteFailed }, now);
+                    let written = match session.bags.write(write) {
+                        Ok(()) => Input::OnDisk(session.bags.next_step_on_disk()),
+                        Err(error) => Input::WriteFailed(root_cause(&error)),
+                    };
+                    session.state.handle(written, now);
                 }
             }
         }
@@ -254,4 +257,9 @@ impl Worker {
             warn!(key = %session.inlet.key, %error, "cannot acknowledge records");
         }
     }
+}
+
+/// Why a bag cannot be written, without its path: clients get to know it.
+fn root_cause(error: &dyn Error) -> String {
+    error.source().map_or_else(|| error.to_string(), root_cause)
 }

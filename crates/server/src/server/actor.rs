@@ -47,8 +47,8 @@ pub(super) struct Actor {
     pub claim_by: Duration,
     /// The client's token was withdrawn since its last message, not necessarily by the client.
     pub token_gone: AtomicBool,
-    /// The furthest acknowledgement so far.
-    pub acknowledged: Mutex<Option<u64>>,
+    /// The furthest acknowledgement so far, and the last episode that its recorder could not write.
+    pub acknowledged: Mutex<Option<(u64, Option<u64>)>>,
     /// Number of the next record.
     pub next_seq: AtomicU64,
 }

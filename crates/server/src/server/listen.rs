@@ -247,7 +247,8 @@ fn take_action(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
     shared.send(actor, Side::Client, if is_small { Input::Action(bytes) } else { Input::TooLarge(length) });
 }
 
-/// Only an acknowledgement that goes further than earlier ones is news; anybody can resend an old one.
+/// Only an acknowledgement that goes further than earlier ones, or says that another episode is lost, is news; anybody can
+/// resend an old one.
 fn take_ack(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
     let bytes = sample.payload.clone();
     if bytes.len() > limits::MAX_CLIENT_MESSAGE || actor.is_replay {
@@ -258,11 +259,13 @@ fn take_ack(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
         if !rows.is_proved("ack", &bytes, &sample.attachment) || ack.next_seq > actor.next_seq.load(Ordering::Relaxed) {
             return;
         }
+        let lost = (!ack.problem.is_empty()).then_some(ack.lost_episode);
         let mut acknowledged = lock(&actor.acknowledged);
-        if acknowledged.is_some_and(|before| ack.next_seq <= before) {
+        if acknowledged.is_some_and(|(next_seq, before)| ack.next_seq <= next_seq && lost <= before) {
             return;
         }
-        *acknowledged = Some(ack.next_seq);
+        let before = acknowledged.and_then(|(_, before)| before);
+        *acknowledged = Some((ack.next_seq, lost.max(before)));
     }
     shared.send(actor, Side::Recorder, Input::Ack(bytes));
 }

@@ -222,7 +222,7 @@ fn an_episode_survives_a_bad_client() {
         assert_eq!((end.cause.as_str(), end.steps, end.digest), ("aborted", step, digest));
     }
     let next_seq = client.truths(0, 1)[0].seq + 1000;
-    let ack = |next_seq| StepRecordAck { recorder: "r".into(), next_seq }.encode_to_vec();
+    let ack = |next_seq| StepRecordAck { recorder: "r".into(), next_seq, ..StepRecordAck::default() }.encode_to_vec();
     zenoh.put(client.keys.truth_ack(), ack(next_seq)).wait().unwrap();
     assert_eq!(client.truths(0, 1).len(), 1, "nobody has what does not exist");
     let end = step + 1 + u64::from(last.end.is_none());

@@ -70,7 +70,8 @@ fn nobody_reads_a_truth() {
                     assert_eq!(reply.unwrap_err().code(), Code::Closed);
                 }
             }
-            let ack = StepRecordAck { recorder: "liar".into(), next_seq: 5 }.encode_to_vec();
+            let ack =
+                StepRecordAck { recorder: "liar".into(), next_seq: 5, ..StepRecordAck::default() }.encode_to_vec();
             link.put(victim.keys.truth_ack(), ack).wait().unwrap();
             for reply in link.get("**").payload(asked).timeout(Duration::from_secs(2)).wait().unwrap() {
                 let Ok(sample) = reply.result() else { continue };
@@ -156,7 +157,8 @@ fn nobody_else_is_recorded() {
                 stranger.put(key.clone(), payload).wait().unwrap();
             }
         }
-        let ack = StepRecordAck { recorder: "liar".into(), next_seq: step + 1 }.encode_to_vec();
+        let ack =
+            StepRecordAck { recorder: "liar".into(), next_seq: step + 1, ..StepRecordAck::default() }.encode_to_vec();
         for proof in [Vec::new(), vec![9; 16]] {
             stranger.put(victim.keys.truth_ack(), ack.clone()).attachment(proof).wait().unwrap();
         }

@@ -296,7 +296,7 @@ fn a_server_that_is_gone_leaves_a_cut_bag_and_its_session_is_done() {
 fn a_bag_that_cannot_be_written_is_given_up() {
     let mut recorder = Harness::new();
     recorder.take(episode(0, 0, 9).into_iter().take(3));
-    recorder.give(Input::WriteFailed);
+    recorder.give(Input::WriteFailed("full".into()));
     recorder.take(episode(0, 0, 9).into_iter().skip(3));
     recorder.take(episode(9, 1, 2));
     assert_eq!(recorder.written(), "o0 0 1 2 o1 0 1 f");
@@ -327,7 +327,10 @@ fn what_could_not_be_written_is_not_acknowledged() {
                         // Only this many rows of an open bag are on disk.
                         let on_disk = if (5..304).contains(&seq) { rows_before } else { 0 };
                         let fails = name == fails_at && seq >= 4;
-                        session.handle(if fails { Input::WriteFailed } else { Input::OnDisk(on_disk) }, now);
+                        session.handle(
+                            if fails { Input::WriteFailed("full".into()) } else { Input::OnDisk(on_disk) },
+                            now,
+                        );
                     }
                     Output::Ack(bytes) => acked = StepRecordAck::decode(bytes).expect("an acknowledgement").next_seq,
                     _ => {}

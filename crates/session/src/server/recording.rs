@@ -19,12 +19,28 @@ pub(super) struct Recording {
     lost: bool,
     /// When an acknowledgement last freed a record.
     last_progress: Duration,
+    /// Episode of the last record.
+    pub episode: u64,
+    /// The episode whose bag the recorder cannot write.
+    failed: Option<u64>,
+}
+
+impl Recording {
+    /// Whether no recorder takes the present episode's records.
+    pub fn is_lost(&self) -> bool {
+        self.lost || self.has_failed()
+    }
+
+    /// Whether the present episode's bag cannot be written.
+    fn has_failed(&self) -> bool {
+        self.failed == Some(self.episode)
+    }
 }
 
 impl<H: Host, R> ServerSession<H, R> {
     /// Whether the next row has to wait for the recorder; starts the wait if so.
     pub(super) fn must_wait(&mut self, now: Duration) -> bool {
-        let waits = self.recorded && !self.is_real_time() && !self.recording.lost && self.window.is_full();
+        let waits = self.recorded && !self.is_real_time() && !self.recording.is_lost() && self.window.is_full();
         if waits {
             self.recording.waiting_since.get_or_insert(now);
         }
@@ -37,8 +53,9 @@ impl<H: Host, R> ServerSession<H, R> {
     }
 
     pub(super) fn publish_record(&mut self, mut record: StepRecord, now: Duration) {
-        let waits = self.recorded && !self.is_real_time() && !self.recording.lost;
-        if self.recorded && self.is_real_time() && self.window.is_full() && !self.recording.lost {
+        self.recording.episode = record.episode;
+        let waits = self.recorded && !self.is_real_time() && !self.recording.is_lost();
+        if self.recorded && self.is_real_time() && self.window.is_full() && !self.recording.is_lost() {
             self.lose_recorder("the recorder is too slow for real time", now);
         }
         let bytes = self.window.push(&mut record, !waits);
@@ -66,7 +83,13 @@ impl<H: Host, R> ServerSession<H, R> {
         if self.window.acknowledge(&ack) > 0 {
             self.recording.last_progress = now;
         }
-        if !self.window.is_full() {
+        let StepRecordAck { problem, lost_episode, .. } = ack;
+        let failed = (!problem.is_empty()).then_some(lost_episode);
+        if std::mem::replace(&mut self.recording.failed, failed) != failed && failed.is_some() {
+            let why = format!("the recorder cannot write the bag of episode {lost_episode}: {problem}");
+            self.tell_lost(&why, "have its owner see to the recorder's disk, and play the episode again", now);
+        }
+        if !self.window.is_full() || self.recording.is_lost() {
             self.go_on(now);
         }
     }
@@ -95,14 +118,18 @@ impl<H: Host, R> ServerSession<H, R> {
     /// When a closed session stops waiting for its recorder; `None` if everything is acknowledged.
     pub(super) fn drained_at(&self) -> Option<Duration> {
         let Phase::Draining(since) = self.phase else { return None };
-        (!self.window.is_empty()).then(|| since.max(self.recording.last_progress) + self.timeouts.recorder)
+        (!self.window.is_empty() && !self.recording.has_failed())
+            .then(|| since.max(self.recording.last_progress) + self.timeouts.recorder)
     }
 
     fn lose_recorder(&mut self, why: &str, now: Duration) {
         self.recording.lost = true;
+        self.tell_lost(why, "start a recorder for this server, with the same --recorder-key", now);
+    }
+
+    fn tell_lost(&mut self, why: &str, remedy: &str, now: Duration) {
         self.note("lost", "recorder", why.into());
         let message = format!("{why}: the episode goes on, but its recording is cut");
-        let remedy = "start a recorder for this server, with the same --recorder-key";
         self.notify(NoticeCode::Lost, 1, "recorded", message, remedy, now);
     }
 

@@ -61,6 +61,25 @@ fn the_server_dies() {
     assert_eq!(recorder.finish(PATIENCE).0.code(), Some(3), "data was lost");
 }
 
+/// Guards that a client hears why its episode has no bag, also where that is known only after the last step.
+#[test]
+fn a_recorder_cannot_write() {
+    let service = Service::start("recorder-full", &[]);
+    for (blocks, policy) in [(16, "zero"), (64, "stand")] {
+        let mut recorder = service.record_limited(blocks);
+        let args = ["--policy", policy, "--task", "S07", "--seed", "1000", "--recorded"];
+        let mut client = service.client(&args);
+        let (status, _) = client.finish(PATIENCE);
+        assert_eq!(status.code(), Some(3), "{policy}: {}", client.log());
+        let said =
+            "the recorder cannot write the bag of episode 0: File too large (os error 27): the episode goes on, but";
+        let cut = client.log().lines().find(|line| line.starts_with("recording cut: ")).unwrap_or_default().to_owned();
+        assert!(cut.contains(said), "{policy}: {}", client.log());
+        recorder.signal("TERM");
+        assert_eq!(recorder.finish(PATIENCE).0.code(), Some(3), "data was lost");
+    }
+}
+
 /// Guards that a recorder that dies loses nothing: the session waits for the next one, which takes the bag up.
 #[test]
 fn the_recorder_dies() {

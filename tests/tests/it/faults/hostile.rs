@@ -186,7 +186,7 @@ fn a_hostile_recorder() {
     let keys = fiatlux_proto::keys::ServerKeys::new("test").session(&session);
     for round in 0..100 {
         for next_seq in [u64::MAX, u64::MAX / 2, 1 << 32, 100_000] {
-            let ack = StepRecordAck { recorder: "liar".into(), next_seq }.encode_to_vec();
+            let ack = StepRecordAck { recorder: "liar".into(), next_seq, ..StepRecordAck::default() }.encode_to_vec();
             link.put(keys.truth_ack(), ack).wait().unwrap();
         }
         for garbage in [noise(round, 60), vec![0xff; 10], vec![0; 100_000], Vec::new()] {
@@ -197,7 +197,7 @@ fn a_hostile_recorder() {
     let rows = RowsKey::of_recorder(&key, "test", &session).unwrap();
     // One that has the key lies no better.
     for next_seq in [u64::MAX, u64::MAX / 2, 1 << 32, 100_000] {
-        let ack = StepRecordAck { recorder: "liar".into(), next_seq }.encode_to_vec();
+        let ack = StepRecordAck { recorder: "liar".into(), next_seq, ..StepRecordAck::default() }.encode_to_vec();
         let proof = rows.prove("ack", &ack).to_vec();
         link.put(keys.truth_ack(), ack).attachment(proof).wait().unwrap();
     }

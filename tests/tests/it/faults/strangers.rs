@@ -23,7 +23,7 @@ fn interfere(stranger: &Session, keys: &keys::SessionKeys, round: u64) {
     let ended = Observation { step: round, end: Some(end), ..Observation::default() };
     let header = Some(EpisodeHeader { task: "S08".into(), ..EpisodeHeader::default() });
     let row = StepRecord { seq: round, header, result: Some(result), ..StepRecord::default() };
-    let ack = StepRecordAck { recorder: "liar".into(), next_seq: 1 << 32 };
+    let ack = StepRecordAck { recorder: "liar".into(), next_seq: 1 << 32, ..StepRecordAck::default() };
     for (key, payload) in [
         (keys.action(), action(0, round).encode_to_vec()),
         (keys.notice(), lost.encode_to_vec()),

@@ -99,7 +99,11 @@ impl Harness {
     }
 
     fn ack(&mut self, next_seq: u64) -> Vec<Sent> {
-        self.give(Input::Ack(StepRecordAck { recorder: "r".into(), next_seq }.encode_to_vec().into()))
+        self.hear(&StepRecordAck { recorder: "r".into(), next_seq, ..StepRecordAck::default() })
+    }
+
+    fn hear(&mut self, ack: &StepRecordAck) -> Vec<Sent> {
+        self.give(Input::Ack(ack.encode_to_vec().into()))
     }
 
     /// Lets time pass up to just before and then to the time that the session asked for.

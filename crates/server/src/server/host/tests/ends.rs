@@ -122,6 +122,61 @@ fn lockstep_waits_for_its_recorder() {
     assert_eq!(harness.ack(10), [record(next + 4), Reply(1), record(next + 5)]);
 }
 
+/// The client hears why its episode has no bag, the session does not wait for a recorder that cannot write, and the next
+/// episode is recorded again.
+#[test]
+fn a_recorder_that_cannot_write_says_why() {
+    let window = limits::RECORDING_WINDOW;
+    let ends = vec!["time-out".to_owned()];
+    let mut harness = harness(OpenRequest { recorded: true, end_on: ends, ..OpenRequest::default() });
+    harness.reset(0);
+    (0..window - 1).for_each(|step| drop(harness.act(0, step)));
+    assert_eq!(harness.act(0, window - 1), [], "512 rows are not on disk");
+    let full = |lost_episode| StepRecordAck {
+        recorder: "r".into(),
+        next_seq: 0,
+        problem: "No space left on device".into(),
+        lost_episode,
+    };
+    let first = harness.hear(&full(0));
+    assert_eq!(first, [notice_of(notice::Code::Lost), observation(window), record(window)]);
+    let notice = harness.notice();
+    let message = "the recorder cannot write the bag of episode 0: No space left on device: the episode goes on, but its \
+                   recording is cut";
+    assert_eq!((notice.field.as_str(), notice.message.as_str(), notice.episode), ("recorded", message, 0));
+    assert!(notice.remedy.contains("disk"), "{}", notice.remedy);
+    assert_eq!(harness.hear(&full(0)), [], "it is said once");
+    assert_eq!(harness.act(0, window).len(), 2, "no wait");
+    harness.reset(1);
+    assert!(matches!(harness.reset_reply(), reset_reply::Reply::Observation(_)));
+    assert_eq!(harness.hear(&full(0)), [], "this was said of the episode before");
+    harness.ack(window + 3);
+    (0..window - 1).for_each(|step| drop(harness.act(1, step)));
+    assert_eq!(harness.act(1, window - 1), [], "it is waited for again");
+}
+
+/// A recording that fails after the last step is known before the client has closed.
+#[test]
+fn the_end_waits_for_the_disk() {
+    let recorded = || harness(OpenRequest { recorded: true, ..OpenRequest::default() });
+    let mut kept = recorded();
+    kept.reset(0);
+    assert_eq!(kept.close(), [record(1), Closed]);
+    assert_eq!(kept.ack(2), [Reply(2), Done]);
+
+    let mut lost = recorded();
+    lost.reset(0);
+    lost.close();
+    let full = StepRecordAck { problem: "No space left on device".into(), ..StepRecordAck::default() };
+    assert_eq!(lost.hear(&full), [notice_of(notice::Code::Lost), Reply(2), Done]);
+
+    let mut slow = recorded();
+    slow.reset(0);
+    slow.close();
+    assert_eq!(slow.sleep(), [Reply(2)], "a client does not wait for ever");
+    assert_eq!(slow.sleep(), [Done]);
+}
+
 #[test]
 fn without_a_recorder_nothing_waits() {
     let ends = vec!["time-out".to_owned()];
