@@ -67,8 +67,12 @@ impl Oracle {
     /// Python, MuJoCo or the script is missing or fails.
     pub fn time(&self, case: &Case, repeats: usize) -> Result<MujocoTime, BenchError> {
         let scene = self.folder.join("scene.xml");
-        let options =
-            MjcfOptions { name: case.name.replace(' ', "-"), timestep: PHYSICS_DT, option_set: OptionSet::Nearest };
+        let options = MjcfOptions {
+            name: case.name.replace(' ', "-"),
+            timestep: PHYSICS_DT,
+            option_set: OptionSet::Nearest,
+            sites: Vec::new(),
+        };
         let write = |path: &Path, text: String| {
             fs::write(path, text)
                 .map_err(|source| BenchError::Io { what: format!("write '{}'", path.display()), source })

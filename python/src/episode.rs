@@ -217,6 +217,7 @@ impl Episode {
             name: self.play.spec().task.short_id().into(),
             timestep: PHYSICS_DT,
             option_set: if nearest { OptionSet::Nearest } else { OptionSet::Defaults },
+            sites: scene.sites(),
         };
         guarded(|| to_mjcf(&scene.model, self.play.world().state(), &targets, &options))
     }

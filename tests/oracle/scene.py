@@ -63,7 +63,7 @@ class Scene:
             return cls.load(path)
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "scene.xml"
-            command = ["cargo", "run", "--release", "--quiet", "-p", "fiatlux-sim", "--bin", "sim-server", "--"]
+            command = ["cargo", "run", "--release", "--quiet", "-p", "sim-server", "--bin", "sim-server", "--"]
             command += ["export", "--format", "mjcf", *flags, "-o", str(file)]
             subprocess.run(command, check=True, cwd=HERE.parent.parent)
             return cls.load(file)

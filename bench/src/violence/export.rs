@@ -97,7 +97,12 @@ fn names(scene: &Scene) -> Value {
 }
 
 fn mjcf(model: &Model, state: &State, targets: &[f64]) -> String {
-    let options = MjcfOptions { name: "violence".into(), timestep: PHYSICS_DT, option_set: OptionSet::Nearest };
+    let options = MjcfOptions {
+        name: "violence".into(),
+        timestep: PHYSICS_DT,
+        option_set: OptionSet::Nearest,
+        sites: Vec::new(),
+    };
     to_mjcf(model, state, targets, &options)
 }
 

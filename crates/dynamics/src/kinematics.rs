@@ -63,41 +63,48 @@ impl Kinematics {
 
     /// Computes everything for a state.
     pub fn update(&mut self, model: &Model, state: &State) {
-        for (index, node) in model.nodes.iter().enumerate().skip(1) {
-            let (q, v, parent) = (node.qpos, node.dof, node.parent);
-            let Some(hinge) = &self.hinges[index] else {
-                let qpos = &state.qpos[q..q + 7];
-                let quaternion = Quaternion::new(qpos[3], qpos[4], qpos[5], qpos[6]);
-                let position = V3::new(qpos[0], qpos[1], qpos[2]);
-                let qvel = &state.qvel[v..v + 6];
-                self.rotation[index] = *UnitQuaternion::new_normalize(quaternion).to_rotation_matrix().matrix();
-                self.position[index] = position;
-                self.origin[index] = position;
-                for k in 0..3 {
-                    let unit = V3::ith(k, 1.0);
-                    self.axes[v + k] = Motion { angular: V3::zeros(), linear: unit };
-                    self.axes[v + 3 + k] = Motion { angular: unit, linear: V3::zeros() };
-                }
-                self.motion[index] =
-                    Motion { angular: V3::new(qvel[3], qvel[4], qvel[5]), linear: V3::new(qvel[0], qvel[1], qvel[2]) };
-                continue;
-            };
-            let (sine, cosine) = libm::sincos(state.qpos[q]);
-            let parent_rotation = self.rotation[parent];
-            let rotation = parent_rotation * (hinge.fixed + hinge.sine * sine + hinge.cosine * cosine);
-            let position = self.position[parent] + parent_rotation * hinge.position;
-            // A tree that hangs on the world by a hinge takes its root's constant position.
-            let origin = if parent == 0 { position } else { self.origin[parent] };
-            let angular = rotation * hinge.axis;
-            let axis = Motion { angular, linear: (position - origin).cross(&angular) };
-            let mut motion = self.motion[parent];
-            motion.add_scaled(&axis, state.qvel[v]);
-            self.rotation[index] = rotation;
-            self.position[index] = position;
-            self.origin[index] = origin;
-            self.axes[v] = axis;
-            self.motion[index] = motion;
+        for index in 1..model.nodes.len() {
+            self.place(model, state, index);
         }
+    }
+
+    /// Computes everything of one body, whose parent is up to date.
+    #[inline(always)]
+    pub fn place(&mut self, model: &Model, state: &State, index: usize) {
+        let node = &model.nodes[index];
+        let (q, v, parent) = (node.qpos, node.dof, node.parent);
+        let Some(hinge) = &self.hinges[index] else {
+            let qpos = &state.qpos[q..q + 7];
+            let quaternion = Quaternion::new(qpos[3], qpos[4], qpos[5], qpos[6]);
+            let position = V3::new(qpos[0], qpos[1], qpos[2]);
+            let qvel = &state.qvel[v..v + 6];
+            self.rotation[index] = *UnitQuaternion::new_normalize(quaternion).to_rotation_matrix().matrix();
+            self.position[index] = position;
+            self.origin[index] = position;
+            for k in 0..3 {
+                let unit = V3::ith(k, 1.0);
+                self.axes[v + k] = Motion { angular: V3::zeros(), linear: unit };
+                self.axes[v + 3 + k] = Motion { angular: unit, linear: V3::zeros() };
+            }
+            self.motion[index] =
+                Motion { angular: V3::new(qvel[3], qvel[4], qvel[5]), linear: V3::new(qvel[0], qvel[1], qvel[2]) };
+            return;
+        };
+        let (sine, cosine) = libm::sincos(state.qpos[q]);
+        let parent_rotation = self.rotation[parent];
+        let rotation = parent_rotation * (hinge.fixed + hinge.sine * sine + hinge.cosine * cosine);
+        let position = self.position[parent] + parent_rotation * hinge.position;
+        // A tree that hangs on the world by a hinge takes its root's constant position.
+        let origin = if parent == 0 { position } else { self.origin[parent] };
+        let angular = rotation * hinge.axis;
+        let axis = Motion { angular, linear: (position - origin).cross(&angular) };
+        let mut motion = self.motion[parent];
+        motion.add_scaled(&axis, state.qvel[v]);
+        self.rotation[index] = rotation;
+        self.position[index] = position;
+        self.origin[index] = origin;
+        self.axes[v] = axis;
+        self.motion[index] = motion;
     }
 
     pub fn world_from_body(&self, body: usize) -> Isometry3<f64> {

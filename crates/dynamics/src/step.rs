@@ -6,12 +6,11 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::collide::Collider;
 use crate::contact::Contact;
-use crate::equation_of_motion::EquationOfMotion;
 use crate::error::ModelError;
 use crate::input::Input;
-use crate::kinematics::{Kinematics, integrate};
+use crate::kinematics::integrate;
+use crate::mechanics::Mechanics;
 use crate::model::{Model, State};
-use crate::parameters::Parameters;
 use crate::solve::{Problem, Solver, StepReport, TOLERANCE};
 use crate::spatial::Velocity;
 use crate::spec::BodyId;
@@ -32,8 +31,7 @@ const FIRST_TOLERANCE: f64 = 1e-2;
 /// was stepped before.
 #[derive(Debug, Clone)]
 pub struct Dynamics {
-    kin: Kinematics,
-    equation: EquationOfMotion,
+    mechanics: Mechanics,
     collider: Collider,
     solver: Solver,
     contacts: Vec<Contact>,
@@ -43,16 +41,13 @@ pub struct Dynamics {
     turning: Vec<f64>,
     /// The state at the start of the step, for a second try.
     before: State,
-    /// In place of the model's nominal parameters.
-    varied: Option<Arc<Parameters>>,
 }
 
 impl Dynamics {
     /// Memory for that model.
     pub fn new(model: &Model) -> Self {
         Self {
-            kin: Kinematics::new(model),
-            equation: EquationOfMotion::new(model),
+            mechanics: Mechanics::new(model),
             collider: Collider::new(model),
             solver: Solver::new(model),
             contacts: Vec::with_capacity(512),
@@ -60,7 +55,6 @@ impl Dynamics {
             mean_velocity: vec![0.0; model.nv],
             turning: vec![0.0; model.bodies.len()],
             before: model.reference_state(),
-            varied: None,
         }
     }
 
@@ -73,7 +67,7 @@ impl Dynamics {
     /// A body, shape or drive that the model lacks, or a number that is not finite or out of range. The world then keeps
     /// what it had.
     pub fn set_variation(&mut self, model: &Model, variation: &Variation) -> Result<(), ModelError> {
-        self.varied = variation.prepare(model)?.0;
+        self.mechanics.varied = variation.prepare(model)?.0;
         Ok(())
     }
 
@@ -83,17 +77,14 @@ impl Dynamics {
     /// If it was prepared for a model with other bodies or shapes.
     pub fn vary(&mut self, variation: &PreparedVariation) {
         if let Some(varied) = &variation.0 {
-            let fits = varied.inverse_weights.dofs.len() == self.mean_velocity.len()
-                && varied.bodies.len() == self.turning.len()
-                && varied.drives.len() == self.efforts.len();
-            assert!(fits, "a variation prepared for this model");
+            assert_eq!(varied.drives.len(), self.efforts.len(), "a variation prepared for this model");
         }
-        self.varied.clone_from(&variation.0);
+        self.mechanics.vary(variation);
     }
 
     /// Whether this world differs from its model by just this variation.
     pub fn has_variation(&self, variation: &PreparedVariation) -> bool {
-        match (&self.varied, &variation.0) {
+        match (&self.mechanics.varied, &variation.0) {
             (None, None) => true,
             (Some(ours), Some(other)) => Arc::ptr_eq(ours, other),
             _ => false,
@@ -102,7 +93,7 @@ impl Dynamics {
 
     /// Computes poses and velocities of a state, to read without a step.
     pub fn update(&mut self, model: &Model, state: &State) {
-        self.kin.update(model, state);
+        self.mechanics.update(model, state);
     }
 
     /// Advances `state` by `dt` s and leaves contact forces and efforts to read, both as their mean over the step. Poses and
@@ -185,15 +176,15 @@ impl Dynamics {
         mean_bias: bool,
         report: &mut StepReport,
     ) {
-        let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
-        self.kin.update(model, state);
+        let Mechanics { kin, equation, varied, .. } = &mut self.mechanics;
+        let parameters = varied.as_deref().unwrap_or(&model.nominal);
+        kin.update(model, state);
         let first_contact = self.contacts.len();
-        self.collider.update(&self.kin, dt);
+        self.collider.update(kin, dt);
         self.collider.find(model, &parameters.materials, dt, &mut self.contacts);
         let contacts = &mut self.contacts[first_contact..];
         let free_twigs = self.solver.find_free_twigs(model, contacts);
-        self.equation.update(model, parameters, &self.kin, input.wrenches, &state.qvel, free_twigs);
-        let (equation, kin) = (&self.equation, &self.kin);
+        equation.update(model, parameters, kin, input.wrenches, &state.qvel, free_twigs);
         let mut problem = Problem { model, parameters, kin, equation, input, dt };
         self.solver.start(&problem, state, contacts);
         if mean_bias {
@@ -203,8 +194,8 @@ impl Dynamics {
             {
                 *mean = 0.5 * (before + after);
             }
-            self.equation.update_bias(model, parameters, &self.kin, input.wrenches, &self.mean_velocity);
-            problem = Problem { model, parameters, kin: &self.kin, equation: &self.equation, input, dt };
+            equation.update_bias(model, parameters, kin, input.wrenches, &self.mean_velocity);
+            problem = Problem { model, parameters, kin, equation, input, dt };
         }
         report.converged &= self.solver.minimise(&problem, TOLERANCE, report);
         self.solver.finish(dt, part, state, contacts, &mut self.efforts, report);
@@ -212,12 +203,12 @@ impl Dynamics {
 
     /// Pose of a body at the state last given to [`Dynamics::update`].
     pub fn world_from_body(&self, body: BodyId) -> Isometry3<f64> {
-        self.kin.world_from_body(body.0)
+        self.mechanics.world_from_body(body)
     }
 
     /// Velocity of a body at the state last given to [`Dynamics::update`].
     pub fn velocity(&self, body: BodyId) -> Velocity {
-        self.kin.velocity(body.0)
+        self.mechanics.velocity(body)
     }
 
     /// Centre of mass of a body in its frame, m, this world's variation included.
@@ -225,19 +216,12 @@ impl Dynamics {
     /// # Panics
     /// If the model has no such body.
     pub fn center_of_mass(&self, model: &Model, body: BodyId) -> Vector3<f64> {
-        self.varied.as_deref().unwrap_or(&model.nominal).bodies[body.0].com
+        self.mechanics.body_com(model, body)
     }
 
     /// Velocity of the centre of mass of all bodies of one tree at the state last given to [`Dynamics::update`], m/s.
     pub fn com_velocity(&self, model: &Model, root: BodyId) -> Vector3<f64> {
-        let (mut momentum, mut mass) = (Vector3::zeros(), 0.0);
-        let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
-        for (index, _) in model.bodies.iter().enumerate().filter(|(_, body)| body.root == root) {
-            let inertial = &parameters.bodies[index];
-            momentum += self.kin.velocity_at(index, &inertial.com) * inertial.mass;
-            mass += inertial.mass;
-        }
-        if mass > 0.0 { momentum / mass } else { momentum }
+        self.mechanics.com_velocity(model, root)
     }
 
     /// Contacts of all substeps of the last step: points where they were in the middle of the substep, each with its part of
@@ -249,32 +233,5 @@ impl Dynamics {
     /// Mean efforts of the drives over the last step, N m, in the order of [`Model::drives`].
     pub fn efforts(&self) -> &[f64] {
         &self.efforts
-    }
-
-    /// Mass matrix of a state, `nv * nv` numbers, row-major, armature included.
-    pub fn mass_matrix(&mut self, model: &Model, state: &State) -> Vec<f64> {
-        self.update_equation(model, state);
-        let nv = model.nv;
-        let mut full = vec![0.0; nv * nv];
-        for (row, &body) in model.dof_body.iter().enumerate() {
-            for (&value, &column) in self.equation.mass_matrix[model.row(row)].iter().zip(&model.chains[body]) {
-                let column = usize::from(column);
-                full[row * nv + column] = value;
-                full[column * nv + row] = value;
-            }
-        }
-        full
-    }
-
-    /// Generalised force that holds a state's accelerations at zero: Coriolis, centrifugal and gravity terms, `nv` numbers.
-    pub fn bias_force(&mut self, model: &Model, state: &State) -> Vec<f64> {
-        self.update_equation(model, state);
-        self.equation.bias.clone()
-    }
-
-    fn update_equation(&mut self, model: &Model, state: &State) {
-        let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
-        self.kin.update(model, state);
-        self.equation.update(model, parameters, &self.kin, &[], &state.qvel, 0);
     }
 }

@@ -3,7 +3,7 @@
 //! The model is exported as it is; what MuJoCo itself does differently is the softness of its contacts and limits. What
 //! acts on a model from outside is not part of it: the socket's hold on a bulb, a wrench law, stays with the world, so a
 //! seated bulb drops out of a ceiling socket in MuJoCo.
-//! Bodies, joints, actuators and geoms keep their names. MuJoCo orders bodies depth first, so the tuple `bodies` lists
+//! Bodies, joints, actuators, geoms and sites keep their names. MuJoCo orders bodies depth first, so the tuple `bodies` lists
 //! them in the order of [`Model::bodies`], and actuators are in the order of [`Model::drives`].
 
 mod scene;
@@ -12,7 +12,7 @@ mod tests;
 
 use std::fmt::Display;
 
-use fiatlux_dynamics::{BodyId, Geometry, Hinge, Joint, Model, ShapeSpec, State};
+use fiatlux_dynamics::{BodyId, Geometry, Hinge, Joint, Model, ShapeSpec, Site, State};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 pub use scene::{ExportError, ExportScene};
@@ -42,6 +42,8 @@ pub struct MjcfOptions {
     pub timestep: f64,
     /// Options for friction and damping.
     pub option_set: OptionSet,
+    /// Named frames to export as sites.
+    pub sites: Vec<(String, Site)>,
 }
 
 /// Writes a model, with `state` and `targets` as its keyframe `start`.
@@ -128,10 +130,14 @@ impl Writer<'_> {
         self.xml.close("asset");
     }
 
-    /// Shapes of a body, then the bodies below it.
+    /// Shapes and sites of a body, then the bodies below it.
     fn contents(&mut self, index: usize) {
         for shape in std::mem::take(&mut self.shapes[index]) {
             self.shape(shape);
+        }
+        for (name, site) in self.options.sites.iter().filter(|(_, site)| site.body.0 == index) {
+            let (pos, quat) = pose(&site.body_from_site);
+            self.xml.leaf("site", &[("name", name), ("pos", &pos), ("quat", &quat)]);
         }
         for child in std::mem::take(&mut self.children[index]) {
             self.body(child);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Geometry, Material, Model, ModelBuilder, ModelError, ShapeSpec, State};
+use fiatlux_dynamics::{BodyId, Geometry, Material, Model, ModelBuilder, ModelError, ShapeSpec, Site, State};
 use fiatlux_robot::{BuildOptions, GainSet, Robot, RobotError, RobotIds};
 use fiatlux_rules::Task;
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec, StartError, StartOptions, start};
@@ -37,6 +37,8 @@ pub struct ExportScene {
     pub state: State,
     /// Joint targets, rad, in the order of [`Model::drives`].
     pub targets: Vec<f64>,
+    /// Named frames: of the robot, and of the scene where there is one.
+    pub sites: Vec<(String, Site)>,
 }
 
 impl ExportScene {
@@ -57,7 +59,7 @@ impl ExportScene {
             targets[ids.drive] = *target;
         }
         let name = format!("{} seed {seed}", task.short_id());
-        Ok(Self { name, model: scene.model.clone(), state: world.state().clone(), targets })
+        Ok(Self { name, model: scene.model.clone(), state: world.state().clone(), targets, sites: scene.sites() })
     }
 
     /// The robot alone in its standing posture, soles at z = 0, over a floor of friction 1 or in the air.
@@ -91,6 +93,7 @@ impl ExportScene {
             state.qpos[joint.qpos] = *q0;
             targets[joint.drive] = *q0;
         }
-        Self { name, model, state, targets }
+        let sites = robot.sites().into_iter().map(|site| (site.name.clone(), ids.site(&site))).collect();
+        Self { name, model, state, targets, sites }
     }
 }

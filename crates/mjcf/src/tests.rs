@@ -56,7 +56,9 @@ fn export(option_set: OptionSet) -> String {
     state.set_pose(&model, BodyId(1), &pose);
     state.qpos[7..].copy_from_slice(&[0.1, 0.2, 0.3]);
     state.qvel.copy_from_slice(&[1.0, 2.0, 3.0, 0.0, 4.0, 0.0, 0.4, 0.5, 0.6]);
-    to_mjcf(&model, &state, &[0.7, -0.7], &MjcfOptions { name: "small".into(), timestep: 0.005, option_set })
+    let site = |body, x| Site { body: BodyId(body), body_from_site: Isometry3::translation(x, 0.0, 0.5) };
+    let sites = vec![("tip".into(), site(4, 0.1)), ("mark".into(), site(0, 2.0))];
+    to_mjcf(&model, &state, &[0.7, -0.7], &MjcfOptions { name: "small".into(), timestep: 0.005, option_set, sites })
 }
 
 #[track_caller]
@@ -115,7 +117,8 @@ fn a_tilted_inertia_is_written_in_full() {
     };
     builder.add_body(spec).expect("a valid model");
     let model = builder.build().expect("a valid model");
-    let options = MjcfOptions { name: "block".into(), timestep: 1e-3, option_set: OptionSet::Nearest };
+    let options =
+        MjcfOptions { name: "block".into(), timestep: 1e-3, option_set: OptionSet::Nearest, sites: Vec::new() };
     let xml = to_mjcf(&model, &model.reference_state(), &[], &options);
     let inertial = r#"<inertial pos="0 0 0" mass="1" fullinertia="0.3 0.2 0.25 0.01 0.02 0.03"/>"#;
     check_contains(
@@ -123,6 +126,16 @@ fn a_tilted_inertia_is_written_in_full() {
         &[inertial, r#"<option timestep="0.001" gravity="0 0 -9.81" integrator="implicitfast" cone="elliptic"/>"#],
     );
     assert!(!xml.contains("ctrl") && !xml.contains("<actuator"), "nothing is driven:\n{xml}");
+}
+
+/// Each within the tag of its body; a site of the world comes before all bodies.
+#[test]
+fn sites() {
+    let xml = export(OptionSet::Nearest);
+    let place = |text: &str| xml.find(text).unwrap_or_else(|| panic!("missing {text} in\n{xml}"));
+    let tip = place(r#"<site name="tip" pos="0.1 0 0.5" quat="1 0 0 0"/>"#);
+    assert!(tip > place(r#"<body name="hand""#) && tip < place(r#"<body name="right""#));
+    assert!(place(r#"<site name="mark" pos="2 0 0.5" quat="1 0 0 0"/>"#) < place("<body "));
 }
 
 #[test]

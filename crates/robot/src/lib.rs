@@ -42,6 +42,7 @@ mod names;
 mod refuse;
 mod robot;
 mod shape;
+mod sites;
 mod tree;
 mod variant;
 
@@ -50,3 +51,4 @@ pub use error::RobotError;
 pub use gains::{GainSet, Gains, JointGains};
 pub use robot::{CameraMount, Joint, Link, Robot};
 pub use shape::{Shape, Surface};
+pub use sites::{RobotSite, Sole};

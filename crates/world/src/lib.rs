@@ -42,6 +42,7 @@ mod props;
 mod randomize;
 mod rng;
 mod scene;
+mod sites;
 mod start;
 mod world;
 

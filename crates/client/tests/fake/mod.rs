@@ -49,6 +49,7 @@ pub struct FakeServer {
     pub steps: Arc<AtomicU64>,
     pub closed: Arc<AtomicBool>,
     /// Number of sessions that it closes before they are used.
+    #[allow(dead_code, reason = "the tests of the program share this server, and nothing is crowded out there")]
     pub evictions: Arc<AtomicU64>,
     _alive: LivelinessToken,
     _queryables: Vec<Queryable<()>>,

@@ -3,6 +3,8 @@
 use fiatlux_dynamics::*;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, UnitQuaternion, Vector3};
 
+use crate::mass_matrix;
+
 const DT: f64 = 0.005;
 
 /// A floating arm of ten joints with a hand: a finger of three links, one of a single link, and one that branches.
@@ -61,8 +63,10 @@ fn a_step_without_contact_solves_the_dense_equation() {
     middle.set_pose(&model, BodyId(1), &world_from_root);
 
     let n = model.nv();
-    let mass = DMatrix::from_row_slice(n, n, &dynamics.mass_matrix(&model, &middle));
-    let bias = DVector::from_vec(dynamics.bias_force(&model, &middle));
+    let mut mechanics = Mechanics::new(&model);
+    mechanics.update_equation(&model, &middle);
+    let mass = DMatrix::from_row_slice(n, n, &mass_matrix(&model, &middle));
+    let bias = DVector::from_column_slice(mechanics.bias_force());
     let before = DVector::from_column_slice(&state.qvel);
     let (mut hessian, mut momentum) = (mass.clone(), &mass * &before - bias * DT);
     for ((&(body, drive), target), k) in model.drives().iter().zip(&targets).zip(0..) {

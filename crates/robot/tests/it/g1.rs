@@ -272,3 +272,31 @@ fn efforts_that_hold_the_links_are_the_slope_of_the_potential_energy() {
     }
     assert!(robot.holding_efforts(&q, [0.0, f64::NAN, 0.0]).is_err());
 }
+
+/// Soles and palms where the data sheets have them; a fingertip is the far end of its finger.
+#[test]
+fn sites_are_palms_soles_and_fingertips() {
+    let robot = g1();
+    let names: Vec<String> = robot.sites().into_iter().map(|site| site.name).collect();
+    let fingers = ["thumb", "index", "middle", "ring", "pinky"];
+    let tips = ["left", "right"].iter().flat_map(|side| fingers.map(|finger| format!("{side}_{finger}_tip")));
+    let others = ["left_palm", "right_palm", "left_sole", "right_sole"].map(String::from);
+    assert_eq!(names, others.into_iter().chain(tips).collect::<Vec<_>>());
+
+    let at_rest = Isometry3::translation(0.0, 0.0, robot.standing_height());
+    let poses = robot.forward_kinematics(robot.q0(), &at_rest).unwrap();
+    for sole in robot.soles() {
+        for corner in sole.corners() {
+            assert!((poses[sole.site.link] * nalgebra::Point3::from(corner)).z.abs() < 1e-9);
+        }
+        assert_eq!(sole.half_extents, [0.101, 0.033]);
+    }
+    for site in robot.sites().iter().filter(|site| site.name.ends_with("_tip")) {
+        let palm = robot.palms()[usize::from(site.name.starts_with("right"))];
+        let from_palm = |pose: Isometry3<f64>| (pose.translation.vector - poses[palm].translation.vector).norm();
+        let (tip, knuckle) = (from_palm(poses[site.link] * site.link_from_site), from_palm(poses[site.link]));
+        assert!(tip > knuckle + 0.01 && tip < 0.15, "{}: {tip} {knuckle}", site.name);
+    }
+    let bare = Robot::by_name("g1_bare").unwrap().sites();
+    assert_eq!(bare.len(), 4, "welded fingers have no shapes");
+}

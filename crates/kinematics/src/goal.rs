@@ -1,0 +1,137 @@
+//! What inverse kinematics is asked for, and what it answers.
+
+use fiatlux_dynamics::{BodyId, Site};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use thiserror::Error;
+
+/// What is brought to its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Part {
+    /// A site.
+    Site(Site),
+    /// The centre of mass of the tree.
+    CenterOfMass,
+}
+
+/// Where a part is wanted. A weight of 0 leaves an axis free.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Goal {
+    /// What is brought there.
+    pub part: Part,
+    /// The wanted pose; a centre of mass has no rotation.
+    pub world_from_part: Isometry3<f64>,
+    /// Weight of the position error along each of the world's axes.
+    pub position: [f64; 3],
+    /// Weight of the rotation error about each of the world's axes, m/rad: at 0.3, 0.1 rad count as 3 cm.
+    pub rotation: [f64; 3],
+}
+
+impl Goal {
+    /// A whole pose of a site.
+    pub fn pose(site: Site, world_from_site: Isometry3<f64>) -> Self {
+        Self { part: Part::Site(site), world_from_part: world_from_site, position: [1.0; 3], rotation: [0.3; 3] }
+    }
+
+    /// The position of a site, m; its rotation is free.
+    pub fn position(site: Site, position: Vector3<f64>) -> Self {
+        let world_from_part = Isometry3::from_parts(position.into(), UnitQuaternion::identity());
+        Self { part: Part::Site(site), world_from_part, position: [1.0; 3], rotation: [0.0; 3] }
+    }
+
+    /// x and y of the centre of mass, m; its height is free.
+    pub fn com_over(x: f64, y: f64) -> Self {
+        let world_from_part = Isometry3::translation(x, y, 0.0);
+        Self { part: Part::CenterOfMass, world_from_part, position: [1.0, 1.0, 0.0], rotation: [0.0; 3] }
+    }
+}
+
+/// How long it tries, and what counts as reached.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchOptions {
+    /// Largest position error that counts as reached, m.
+    pub position_tolerance: f64,
+    /// Largest rotation error that counts as reached, rad.
+    pub rotation_tolerance: f64,
+    /// Most postures that it starts from; the first is the one given.
+    pub tries: usize,
+    /// Most steps from each of them.
+    pub steps: usize,
+    /// Joints keep this distance from their limits, rad.
+    pub limit_margin: f64,
+    /// Part of the way to the rest posture that each step takes where the goals leave it free, from 0 to 1.
+    pub rest_pull: f64,
+}
+
+impl Default for SearchOptions {
+    fn default() -> Self {
+        Self {
+            position_tolerance: 1e-4,
+            rotation_tolerance: 1e-3,
+            tries: 40,
+            steps: 60,
+            limit_margin: 0.0,
+            rest_pull: 0.0,
+        }
+    }
+}
+
+/// How it ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// All goals are reached.
+    Reached,
+    /// The best posture found has a joint at a limit that keeps it from the goals.
+    Limit {
+        /// Body below that joint.
+        body: BodyId,
+    },
+    /// The goals are out of reach, or contradict each other.
+    OutOfReach,
+}
+
+/// The result; the state has the posture that it belongs to, the best that was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Whether the goals are reached, and if not why.
+    pub outcome: Outcome,
+    /// Largest position error of a goal, m, over the axes that have a weight.
+    pub position_error: f64,
+    /// Largest rotation error of a goal, rad, over the axes that have a weight.
+    pub rotation_error: f64,
+    /// Postures that it started from.
+    pub tries: usize,
+    /// Steps of all tries.
+    pub steps: usize,
+}
+
+/// Why a solver cannot be made, or cannot start.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum KinematicsError {
+    /// A body that is not a joint of that tree.
+    #[error("body {body} is not a hinge below root {root}; name bodies of one robot")]
+    Joint {
+        /// Index of the body.
+        body: usize,
+        /// Index of the root.
+        root: usize,
+    },
+    /// A root that does not float.
+    #[error("body {0} is not a free root; leave the base fixed, or name the robot's root")]
+    Root(usize),
+    /// A number that is not finite.
+    #[error("{field} has a number that is not finite")]
+    NotFinite {
+        /// What the number belongs to.
+        field: &'static str,
+    },
+    /// An array of another length.
+    #[error("{field} has {found} numbers where {expected} are needed")]
+    Length {
+        /// Name of the array.
+        field: &'static str,
+        /// Length that is needed.
+        expected: usize,
+        /// Length that it has.
+        found: usize,
+    },
+}

@@ -1,0 +1,427 @@
+//! Inverse kinematics: joint angles, on request with the pose of a floating base, at which sites are where they are wanted.
+//!
+//! Damped least squares: each step minimises the weighted error of the goals to first order, damped by the error itself, so
+//! that it is short far away and near singular postures, and Newton's close to the goal \[1\]. Joints that press against a
+//! limit are left out of a step. Where a try gets stuck, the next one starts from another posture of a fixed table.
+//!
+//! \[1\] T. Sugihara, Solvability-Unconcerned Inverse Kinematics by the Levenberg-Marquardt Method, IEEE T-RO 2011.
+
+use std::f64::consts::PI;
+
+use fiatlux_dynamics::{BodyId, Joint, Mechanics, Model, State};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+use crate::cholesky::{add_scaled, dot, factor, solve};
+use crate::goal::{Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
+
+/// Rows of a goal: a position and a rotation.
+const ROWS: usize = 6;
+/// Damping that stays where the error is 0, m^2.
+const DAMPING: f64 = 1e-6;
+/// Longest change of a joint or turn of the base in one step, rad.
+const STEP: f64 = 0.6;
+/// A try ends where this many steps did not halve the error.
+const PATIENCE: usize = 6;
+/// Range in which a joint without limits starts, rad.
+const UNLIMITED: f64 = PI;
+
+/// A joint that may move.
+#[derive(Debug, Clone)]
+struct Variable {
+    body: BodyId,
+    qpos: usize,
+    lower: f64,
+    upper: f64,
+    /// Where it rests.
+    rest: f64,
+    /// Stride through its range from one try to the next.
+    stride: f64,
+}
+
+/// A solver for one choice of joints. Results depend on the arguments alone; memory grows with the number of goals and is
+/// reused.
+#[derive(Debug, Clone)]
+pub struct InverseKinematics {
+    mechanics: Mechanics,
+    root: BodyId,
+    floating: bool,
+    variables: Vec<Variable>,
+    /// Column of each degree of freedom that may move.
+    column: Vec<Option<u16>>,
+    /// How long it tries.
+    pub options: SearchOptions,
+    /// Bodies to place anew after a step.
+    touched: Vec<BodyId>,
+    is_above_goal: Vec<bool>,
+    /// Entries of `qpos` that may change, their values at the start and in the best posture.
+    entries: Vec<usize>,
+    start: Vec<f64>,
+    best: Vec<f64>,
+    error: Vec<f64>,
+    /// A column of the Jacobian after the other.
+    jacobian: Vec<f64>,
+    normal: Vec<f64>,
+    force: Vec<f64>,
+    change: Vec<f64>,
+    is_held: Vec<bool>,
+}
+
+/// Errors of a posture.
+#[derive(Debug, Clone, Copy)]
+struct Errors {
+    /// Half the weighted sum of squares.
+    cost: f64,
+    position: f64,
+    rotation: f64,
+}
+
+impl Errors {
+    fn report(&self, outcome: Outcome, tries: usize, steps: usize) -> Found {
+        Found { outcome, position_error: self.position, rotation_error: self.rotation, tries, steps }
+    }
+}
+
+impl InverseKinematics {
+    /// For the joints above these bodies of the tree of `root`; with `floating`, the pose of the root too. Joints rest where
+    /// the middle of their range is ([`Self::set_rest`]).
+    ///
+    /// # Errors
+    /// A body that is not a hinge of the tree, or a root that is not free.
+    pub fn new(model: &Model, root: BodyId, joints: &[BodyId], floating: bool) -> Result<Self, KinematicsError> {
+        let bodies = model.bodies();
+        let is_root = |id: BodyId| bodies.get(id.0).is_some_and(|body| id != BodyId::WORLD && body.root == id);
+        if !is_root(root) || floating && bodies[root.0].spec.joint != Joint::Free {
+            return Err(KinematicsError::Root(root.0));
+        }
+        let mut column = vec![None; model.nv()];
+        let first = if floating { 6 } else { 0 };
+        (0..first).for_each(|k| column[bodies[root.0].dof_start + k] = Some(k as u16));
+        // The solution of x^(n + 1) = x + 1 gives strides whose multiples fill n dimensions evenly.
+        let golden = (0..64).fold(1.5_f64, |x, _| libm::pow(1.0 + x, 1.0 / (joints.len() as f64 + 1.0)));
+        let mut variables = Vec::with_capacity(joints.len());
+        for (index, &id) in joints.iter().enumerate() {
+            let not_a_joint = KinematicsError::Joint { body: id.0, root: root.0 };
+            let body = bodies.get(id.0).filter(|body| body.root == root).ok_or(not_a_joint.clone())?;
+            let Joint::Hinge(hinge) = &body.spec.joint else { return Err(not_a_joint) };
+            column[body.dof_start] = Some((first + index) as u16);
+            let (lower, upper) = (hinge.lower.max(-1e3), hinge.upper.min(1e3));
+            variables.push(Variable {
+                body: id,
+                qpos: body.qpos_start,
+                lower,
+                upper,
+                rest: (lower.max(-UNLIMITED) + upper.min(UNLIMITED)) / 2.0,
+                stride: libm::pow(golden, -(index as f64 + 1.0)),
+            });
+        }
+        let count = first + variables.len();
+        let at = bodies[root.0].qpos_start;
+        let of_base = at..at + if floating { 7 } else { 0 };
+        let entries: Vec<usize> = of_base.chain(variables.iter().map(|variable| variable.qpos)).collect();
+        Ok(Self {
+            mechanics: Mechanics::new(model),
+            root,
+            floating,
+            column,
+            options: SearchOptions::default(),
+            touched: Vec::with_capacity(bodies.len()),
+            is_above_goal: vec![false; bodies.len()],
+            start: vec![0.0; entries.len()],
+            best: vec![0.0; entries.len()],
+            entries,
+            error: Vec::new(),
+            jacobian: Vec::new(),
+            normal: Vec::new(),
+            force: Vec::new(),
+            change: vec![0.0; count],
+            is_held: vec![false; count],
+            variables,
+        })
+    }
+
+    /// Sets the angles that joints go to where the goals leave them free, rad, in the order of the joints. It takes effect with
+    /// [`SearchOptions::rest_pull`].
+    ///
+    /// # Errors
+    /// An array of another length than the joints, or a number that is not finite.
+    pub fn set_rest(&mut self, angles: &[f64]) -> Result<(), KinematicsError> {
+        let (expected, found) = (self.variables.len(), angles.len());
+        if expected != found {
+            return Err(KinematicsError::Length { field: "the rest posture", expected, found });
+        }
+        check_finite("the rest posture", angles)?;
+        self.variables.iter_mut().zip(angles).for_each(|(variable, angle)| variable.rest = *angle);
+        Ok(())
+    }
+
+    /// Moves the chosen joints of a state to the goals. The state's own posture is tried first; velocities do not matter and
+    /// stay.
+    ///
+    /// # Errors
+    /// A state or a goal with a number that is not finite, or a state of another model. A goal that cannot be reached is not
+    /// an error: see [`Found::outcome`].
+    pub fn solve(&mut self, model: &Model, state: &mut State, goals: &[Goal]) -> Result<Found, KinematicsError> {
+        let (expected, found) = (model.nq(), state.qpos.len());
+        if expected != found {
+            return Err(KinematicsError::Length { field: "qpos", expected, found });
+        }
+        check_finite("qpos", &state.qpos)?;
+        for goal in goals {
+            let pose = goal.world_from_part;
+            check_finite("a goal", pose.translation.vector.as_slice())?;
+            check_finite("a goal", pose.rotation.coords.as_slice())?;
+            check_finite("a goal's weight", &goal.position)?;
+            check_finite("a goal's weight", &goal.rotation)?;
+        }
+        self.mechanics.update(model, state);
+        self.find_touched(model, goals);
+        let rows = ROWS * goals.len();
+        self.error.resize(rows, 0.0);
+        self.force.resize(rows, 0.0);
+        self.jacobian.resize(rows * self.change.len(), 0.0);
+        self.normal.resize(rows * rows, 0.0);
+        let (mut least, mut tries, mut steps) = (f64::INFINITY, 0, 0);
+        copy(&self.entries, &state.qpos, &mut self.start);
+        while tries < self.options.tries.max(1) {
+            self.place_start(state, tries);
+            tries += 1;
+            let (mut mark, mut since) = (f64::INFINITY, 0);
+            for _ in 0..=self.options.steps {
+                self.mechanics.update_bodies(model, state, &self.touched);
+                let errors = self.measure(model, goals);
+                if errors.cost < least {
+                    least = errors.cost;
+                    copy(&self.entries, &state.qpos, &mut self.best);
+                }
+                if errors.position <= self.options.position_tolerance
+                    && errors.rotation <= self.options.rotation_tolerance
+                {
+                    return Ok(errors.report(Outcome::Reached, tries, steps));
+                }
+                since += 1;
+                if errors.cost < 0.5 * mark {
+                    (mark, since) = (errors.cost, 0);
+                } else if since > PATIENCE {
+                    break;
+                }
+                self.linearise(model, goals);
+                self.step(model, state, errors.cost);
+                steps += 1;
+            }
+        }
+        for (entry, value) in self.entries.iter().zip(&self.best) {
+            state.qpos[*entry] = *value;
+        }
+        self.mechanics.update_bodies(model, state, &self.touched);
+        let errors = self.measure(model, goals);
+        self.linearise(model, goals);
+        Ok(errors.report(self.obstacle(state), tries, steps))
+    }
+
+    /// Bodies between what moves and the goals.
+    fn find_touched(&mut self, model: &Model, goals: &[Goal]) {
+        let bodies = model.bodies();
+        self.is_above_goal.fill(false);
+        for goal in goals {
+            match goal.part {
+                Part::Site(site) => self.is_above_goal[site.body.0] = true,
+                Part::CenterOfMass => (1..bodies.len())
+                    .filter(|index| bodies[*index].root == self.root)
+                    .for_each(|index| self.is_above_goal[index] = true),
+            }
+        }
+        for index in (1..bodies.len()).rev().filter(|index| bodies[*index].root == self.root) {
+            if self.is_above_goal[index] {
+                self.is_above_goal[bodies[index].spec.parent.0] = true;
+            }
+        }
+        // What hangs on a joint that moves, itself included; the marks are those of the list being built.
+        self.touched.clear();
+        for (index, body) in bodies.iter().enumerate().skip(1).filter(|(_, body)| body.root == self.root) {
+            let moves = self.column[body.dof_start].is_some() || self.touched.contains(&body.spec.parent);
+            if moves && self.is_above_goal[index] {
+                self.touched.push(BodyId(index));
+            }
+        }
+    }
+
+    /// Puts the joints where a try starts: as they were given, then on a table that fills their ranges evenly.
+    fn place_start(&self, state: &mut State, tried: usize) {
+        for (entry, value) in self.entries.iter().zip(&self.start) {
+            state.qpos[*entry] = *value;
+        }
+        for variable in &self.variables {
+            let (lower, upper) = self.range(variable);
+            let angle = &mut state.qpos[variable.qpos];
+            if tried > 0 {
+                let part = (0.5 + (tried - 1) as f64 * variable.stride).fract();
+                *angle = lower.max(-UNLIMITED) + part * (upper.min(UNLIMITED) - lower.max(-UNLIMITED));
+            }
+            *angle = angle.clamp(lower, upper);
+        }
+    }
+
+    /// Range of a joint, rad; its middle where the margins leave nothing.
+    fn range(&self, variable: &Variable) -> (f64, f64) {
+        let margin = self.options.limit_margin.max(0.0).min(0.5 * (variable.upper - variable.lower));
+        (variable.lower + margin, variable.upper - margin)
+    }
+
+    /// Writes the weighted errors of the goals.
+    fn measure(&mut self, model: &Model, goals: &[Goal]) -> Errors {
+        let (mut position, mut rotation) = (0.0_f64, 0.0_f64);
+        for (goal, rows) in goals.iter().zip(self.error.chunks_mut(ROWS)) {
+            let (shift, turn) = match goal.part {
+                Part::Site(site) => {
+                    let world_from_site = self.mechanics.world_from_site(&site);
+                    let shift = goal.world_from_part.translation.vector - world_from_site.translation.vector;
+                    let turns = goal.rotation != [0.0; 3];
+                    let turn = || (goal.world_from_part.rotation * world_from_site.rotation.inverse()).scaled_axis();
+                    (shift, if turns { turn() } else { Vector3::zeros() })
+                }
+                Part::CenterOfMass => {
+                    let com = self.mechanics.center_of_mass(model, self.root).1;
+                    (goal.world_from_part.translation.vector - com, Vector3::zeros())
+                }
+            };
+            let counted = |error: &Vector3<f64>, weights: &[f64; 3]| {
+                error.iter().zip(weights).filter(|(_, weight)| **weight != 0.0).map(|(e, _)| e * e).sum::<f64>().sqrt()
+            };
+            position = position.max(counted(&shift, &goal.position));
+            rotation = rotation.max(counted(&turn, &goal.rotation));
+            for axis in 0..3 {
+                rows[axis] = goal.position[axis] * shift[axis];
+                rows[3 + axis] = goal.rotation[axis] * turn[axis];
+            }
+        }
+        Errors { cost: 0.5 * dot(&self.error, &self.error), position, rotation }
+    }
+
+    /// Writes the columns of the Jacobian of all goals, weighted as their errors.
+    fn linearise(&mut self, model: &Model, goals: &[Goal]) {
+        let rows = self.error.len();
+        self.jacobian.fill(0.0);
+        for (index, goal) in goals.iter().enumerate() {
+            let (column, jacobian) = (&self.column, &mut self.jacobian);
+            let mut write = |dof: usize, at: usize, values: &Vector3<f64>, weights: &[f64; 3]| {
+                if let Some(column) = column[dof] {
+                    let entries = &mut jacobian[usize::from(column) * rows + ROWS * index + at..][..3];
+                    entries
+                        .iter_mut()
+                        .zip(values.iter().zip(weights))
+                        .for_each(|(entry, (value, w))| *entry = w * value);
+                }
+            };
+            match goal.part {
+                Part::Site(site) => {
+                    let point = self.mechanics.world_point(site.body, &site.body_from_site.translation.vector);
+                    for (dof, velocity) in self.mechanics.point_columns(model, site.body, point) {
+                        write(dof, 0, &velocity.linear, &goal.position);
+                        write(dof, 3, &velocity.angular, &goal.rotation);
+                    }
+                }
+                Part::CenterOfMass => {
+                    for (dof, velocity) in self.mechanics.com_columns(model, self.root) {
+                        write(dof, 0, &velocity, &goal.position);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Takes one damped step along what was linearised.
+    fn step(&mut self, model: &Model, state: &mut State, cost: f64) {
+        let (rows, first) = (self.error.len(), self.change.len() - self.variables.len());
+        self.is_held.fill(false);
+        // Each pass may find joints that would leave their range; the others then make up for them.
+        for _ in 0..4 {
+            self.normal.fill(0.0);
+            self.force.copy_from_slice(&self.error);
+            for index in 0..self.change.len() {
+                self.change[index] = 0.0;
+                if self.is_held[index] {
+                    continue;
+                }
+                let column = &self.jacobian[index * rows..][..rows];
+                for row in (0..rows).filter(|row| column[*row] != 0.0) {
+                    add_scaled(&mut self.normal[row * rows..=row * rows + row], column, column[row]);
+                }
+                if let Some(variable) = index.checked_sub(first).map(|at| &self.variables[at]) {
+                    self.change[index] = self.options.rest_pull * (variable.rest - state.qpos[variable.qpos]);
+                    add_scaled(&mut self.force, column, -self.change[index]);
+                }
+            }
+            for row in 0..rows {
+                self.normal[row * rows + row] += cost + DAMPING;
+            }
+            if !factor(&mut self.normal, rows) {
+                return;
+            }
+            solve(&self.normal, rows, &mut self.force);
+            let mut is_done = true;
+            for index in 0..self.change.len() {
+                if self.is_held[index] {
+                    continue;
+                }
+                self.change[index] += dot(&self.jacobian[index * rows..][..rows], &self.force);
+                if let Some(variable) = index.checked_sub(first).map(|at| &self.variables[at]) {
+                    let (lower, upper) = self.range(variable);
+                    let (angle, change) = (state.qpos[variable.qpos], self.change[index]);
+                    self.is_held[index] = angle <= lower && change < 0.0 || angle >= upper && change > 0.0;
+                    is_done &= !self.is_held[index];
+                }
+            }
+            if is_done {
+                break;
+            }
+        }
+        self.apply(model, state);
+    }
+
+    /// Changes the state by the step, shortened where it is too long.
+    fn apply(&mut self, model: &Model, state: &mut State) {
+        let first = self.change.len() - self.variables.len();
+        let longest =
+            self.change[first.saturating_sub(3)..].iter().fold(0.0_f64, |most, change| most.max(change.abs()));
+        let scale = if longest > STEP { STEP / longest } else { 1.0 };
+        if self.floating {
+            let part = |at: usize| Vector3::from_column_slice(&self.change[at..at + 3]) * scale;
+            let at = model.bodies()[self.root.0].qpos_start;
+            let q = &state.qpos[at..at + 7];
+            let rotation = UnitQuaternion::new_normalize(Quaternion::new(q[3], q[4], q[5], q[6]));
+            let position = Vector3::new(q[0], q[1], q[2]) + part(0);
+            let world_from_root = Isometry3::from_parts(
+                Translation3::from(position),
+                UnitQuaternion::from_scaled_axis(part(3)) * rotation,
+            );
+            state.set_pose(model, self.root, &world_from_root);
+        }
+        for (variable, change) in self.variables.iter().zip(&self.change[first..]) {
+            let (lower, upper) = self.range(variable);
+            let angle = &mut state.qpos[variable.qpos];
+            *angle = (*angle + scale * change).clamp(lower, upper);
+        }
+    }
+
+    /// What keeps the posture from the goals: the joint at a limit that the error presses most against it.
+    fn obstacle(&self, state: &State) -> Outcome {
+        let (rows, first) = (self.error.len(), self.change.len() - self.variables.len());
+        let mut most = (Outcome::OutOfReach, 1e-9);
+        for (index, variable) in self.variables.iter().enumerate() {
+            let press = dot(&self.jacobian[(first + index) * rows..][..rows], &self.error);
+            let ((lower, upper), angle) = (self.range(variable), state.qpos[variable.qpos]);
+            if (angle <= lower && press < 0.0 || angle >= upper && press > 0.0) && press.abs() > most.1 {
+                most = (Outcome::Limit { body: variable.body }, press.abs());
+            }
+        }
+        most.0
+    }
+}
+
+fn copy(entries: &[usize], from: &[f64], to: &mut [f64]) {
+    entries.iter().zip(to).for_each(|(entry, to)| *to = from[*entry]);
+}
+
+fn check_finite(field: &'static str, values: &[f64]) -> Result<(), KinematicsError> {
+    if values.iter().all(|value| value.is_finite()) { Ok(()) } else { Err(KinematicsError::NotFinite { field }) }
+}
