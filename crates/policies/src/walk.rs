@@ -1,13 +1,13 @@
 //! The policy `walk`: walks to the crate, the fresh bulb or the ladder with the whole-body controller, and stands
-//! there.
+//! there. Arms whose hand holds nothing hang and swing.
 
 mod path;
 
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
-use fiatlux_rules::Task;
-use fiatlux_wbc::Network;
+use fiatlux_rules::{Task, Thresholds};
+use fiatlux_wbc::{Network, Swing};
 
 use self::path::{Map, Point, distance};
 use super::body;
@@ -79,7 +79,7 @@ impl Goal {
     }
 }
 
-/// Walks to a goal and stands there; the arms keep the staged posture.
+/// Walks to a goal and stands there. An arm whose hand holds something keeps the staged posture.
 pub struct Walk {
     name: String,
     network: Arc<Network>,
@@ -89,6 +89,9 @@ pub struct Walk {
 /// State of one episode: the controller, the goal, and the path to it.
 struct Trip {
     body: WholeBody,
+    swing: Swing,
+    /// Hands that no bulb has touched yet, left first.
+    is_free: [bool; 2],
     goal: Goal,
     map: Map,
     path: Vec<Point>,
@@ -137,7 +140,9 @@ impl Policy for Walk {
         // The ladder has no footprint, because it can be moved.
         let map = Map::new(outlines.chain([("ladder".into(), ladder(seen)?)]));
         self.trip = Some(Trip {
+            swing: Swing::new(&body.targets),
             body,
+            is_free: [true; 2],
             goal,
             map,
             path: Vec::new(),
@@ -154,6 +159,9 @@ impl Policy for Walk {
         let trip = self.trip.as_mut().ok_or_else(|| PolicyError::not_reset("walk"))?;
         let wanted = trip.command(observation.step, privileged(observation)?)?;
         let command = trip.gently(wanted, observation.step);
+        let touched = touched(&observation.hand_contact_force);
+        trip.is_free.iter_mut().zip(touched).for_each(|(is_free, touched)| *is_free &= !touched);
+        trip.swing.step(&command, trip.body.stride(), trip.is_free, &mut trip.body.targets);
         trip.body.step(observation, &command)
     }
 
@@ -231,6 +239,13 @@ fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {
     observation.privileged.as_ref().ok_or(PolicyError::Sensor { policy: "walk", sensor: "privileged" })
 }
 
+/// Whether a bulb touches the hands, left first, by the sensor `hand_contact`, which has the right hand first.
+fn touched(forces: &[f32]) -> [bool; 2] {
+    let (right, left) = forces.split_at(forces.len() / 2);
+    let force = |body: &[f32; 3]| body.iter().map(|part| f64::from(*part).powi(2)).sum::<f64>().sqrt();
+    [left, right].map(|hand| hand.as_chunks().0.iter().any(|body| force(body) > Thresholds::default().touch_n))
+}
+
 /// Angle between the robot's heading and a point, rad.
 fn turn(heading: f64, here: Point, there: Point) -> f64 {
     let angle = libm::atan2(there[1] - here[1], there[0] - here[0]) - heading;
@@ -255,4 +270,21 @@ fn planar(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
     };
     let heading = libm::atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k));
     Ok(([x, y], heading))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::touched;
+
+    #[test]
+    fn a_hand_that_a_bulb_presses_is_told_from_the_other() {
+        let mut forces = [0.0; 2 * 3 * 3];
+        assert_eq!(touched(&forces), [false, false]);
+        forces[4] = -1.2;
+        assert_eq!(touched(&forces), [false, true]);
+        forces[4] = 0.9;
+        forces[17] = 5.0;
+        assert_eq!(touched(&forces), [true, false]);
+        assert_eq!(touched(&[]), [false, false]);
+    }
 }

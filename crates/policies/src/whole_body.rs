@@ -107,6 +107,14 @@ impl WholeBody {
         }
     }
 
+    /// Where the left foot is due in its stride, as of [`fiatlux_wbc::Clock::stride`]; 0 with GEAR's controller.
+    pub(super) fn stride(&self) -> f64 {
+        match &self.controller {
+            Moves::Own(controller) => controller.stride(),
+            Moves::Gear(_) => 0.0,
+        }
+    }
+
     /// Answers an observation with the next command.
     ///
     /// # Errors

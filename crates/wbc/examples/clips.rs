@@ -1,6 +1,7 @@
-//! What the controller looks like: a contact sheet of each of some short clips, and how flat the feet are that bear a load.
+//! What the controller looks like: a contact sheet of each of some short clips; how flat the feet are that bear a load, how far
+//! apart to the side two of them are, and how the torso leans.
 //!
-//!     cargo run --release -p fiatlux-wbc --example clips -- OUT_DIR
+//!     cargo run --release -p fiatlux-wbc --example clips -- OUT_DIR [WEIGHTS.safetensors]
 #![allow(clippy::unwrap_used)]
 
 mod play;
@@ -11,7 +12,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::Wrench;
 use fiatlux_render::{Camera, Image, Lighting, Renderer, Visuals};
-use fiatlux_wbc::{Command, Network};
+use fiatlux_wbc::{Command, Network, Swing};
 use fiatlux_world::{AppliedWrench, Push, Target};
 use nalgebra::Vector3;
 
@@ -57,12 +58,17 @@ const CLIPS: [Clip; 6] = [
 fn main() {
     let out = std::env::args().nth(1).unwrap_or_else(|| "target/clips".into());
     std::fs::create_dir_all(&out).unwrap();
-    let (scene, network) = (floor(), Arc::new(Network::shipped().unwrap()));
+    let network = std::env::args().nth(2).map_or_else(Network::shipped, |file| Network::read(Path::new(&file)));
+    let (scene, network) = (floor(), Arc::new(network.unwrap()));
     let visuals = Visuals::new(&scene);
     let mut renderer = Renderer::supersampled(SIZE[0], SIZE[1], 2);
-    println!("{:10}{:>12}{:>12}{:>12}", "clip", "roll, rad", "pitch, rad", "pelvis, m");
+    println!(
+        "{:10}{:>11}{:>11}{:>11}{:>11}{:>11}",
+        "clip", "roll, rad", "pitch, rad", "apart, m", "torso, rad", "pelvis, m"
+    );
     for clip in CLIPS {
         let mut play = Play::new(&scene, &network, 1, false);
+        let (mut swing, is_free) = (Swing::new(&play.targets), [true, clip.load_kg == 0.0]);
         if clip.load_kg > 0.0 {
             let wrench = Wrench { force: -9.81 * clip.load_kg * Vector3::z(), torque: Vector3::zeros() };
             play.wrenches.push(AppliedWrench { target: Target::Link(scene.robot.palms()[1]), point: None, wrench });
@@ -70,13 +76,23 @@ fn main() {
         let mut sheet = Image::black(SIZE[0] * IN_A_ROW, SIZE[1] * PICTURES.div_ceil(IN_A_ROW));
         // Of the soles that bear a load: number, sums of the magnitudes of roll and pitch.
         let (mut loaded, mut tilt) = (0, [0.0; 2]);
+        // Of the steps on both feet: number, sum of their distance to the side. Of all steps: sum of the torso's pitch.
+        let (mut on_both, mut apart, mut lean) = (0, 0.0, 0.0);
         for step in 0..clip.before + clip.every * PICTURES {
             if step == clip.before {
                 play.push = clip.push.map(|[x, y]| Push { linear: Vector3::new(x, y, 0.0), angular: Vector3::zeros() });
             }
             let command = Command { velocity: (clip.velocity)(step), ..Command::default() };
+            swing.step(&command, play.controller.stride(), is_free, &mut play.targets);
             assert!(play.step(&command).is_some(), "{} falls at step {step}", clip.name);
             let row = play.world.row();
+            if step >= clip.before {
+                lean += play.torso()[1];
+                if row.load(errand::FLOOR_LOAD).iter().take(2).all(|load| *load > LOADED_N) {
+                    apart += play.feet_apart();
+                    on_both += 1;
+                }
+            }
             for (foot, load) in scene.robot.feet().iter().zip(row.load(errand::FLOOR_LOAD)) {
                 if *load > LOADED_N && step >= clip.before {
                     let up = play.world.world_from_link(*foot).rotation.inverse() * Vector3::z();
@@ -100,7 +116,9 @@ fn main() {
             }
         }
         let [roll, pitch] = tilt.map(|sum| sum / f64::from(loaded.max(1)));
-        println!("{:10}{roll:>12.3}{pitch:>12.3}{:>12.3}", clip.name, play.world.row().robot.pose.translation.z);
+        let (apart, lean) = (apart / f64::from(on_both.max(1)), lean / (clip.every * PICTURES) as f64);
+        let pelvis = play.world.row().robot.pose.translation.z;
+        println!("{:10}{roll:>11.3}{pitch:>11.3}{apart:>11.3}{lean:>11.3}{pelvis:>11.3}", clip.name);
         std::fs::write(Path::new(&out).join(format!("{}.png", clip.name)), sheet.to_png().unwrap()).unwrap();
     }
 }

@@ -63,6 +63,12 @@ impl Clock {
         SWING_HEIGHT * lift * lift
     }
 
+    /// Where the left foot is due in its stride: 1 at the back, where it lifts, to -1 at the front; the right foot's is the
+    /// negative. It stays as it is while the clock stands.
+    pub fn stride(&self) -> f64 {
+        libm::cos(std::f64::consts::TAU * self.phase)
+    }
+
     /// As the controller observes it: cosine and sine of each foot's phase; zeros while it stands.
     pub fn signal(&self) -> [f64; 4] {
         if self.stands {

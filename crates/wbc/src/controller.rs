@@ -111,6 +111,11 @@ impl Controller {
         self.clock.stands()
     }
 
+    /// Where the left foot is due in its stride; see [`Clock::stride`].
+    pub fn stride(&self) -> f64 {
+        self.clock.stride()
+    }
+
     /// Whether it keeps the robot over its feet where they are, without the network.
     pub fn is_standing(&self) -> bool {
         self.standing.has_taken_over()

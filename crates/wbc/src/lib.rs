@@ -4,7 +4,7 @@
 //! sets in, the rhythm of the feet ([`Clock`]), and what is observed ([`History`]). A [`Network`] comes from a file with its
 //! [`Contract`] inside, which says what robot and engine it fits; a [`Controller`] plays it, and
 //! stands by [`balance`] where nothing asks for steps. [`Arms`] adds
-//! to the targets of the arms what their weight takes away.
+//! to the targets of the arms what their weight takes away; [`Swing`] swings free arms with the legs.
 mod arms;
 pub mod balance;
 mod clock;
@@ -16,6 +16,7 @@ mod frame;
 mod network;
 mod senses;
 mod standing;
+mod swing;
 
 pub use arms::Arms;
 pub use balance::{Balance, BalanceError};
@@ -29,6 +30,7 @@ pub use frame::{
 };
 pub use network::Network;
 pub use senses::{SensedTerms, Senses};
+pub use swing::Swing;
 
 /// Length of a control step, s.
 pub const CONTROL_DT: f64 = fiatlux_rules::CONTROL_DT;

@@ -4,7 +4,7 @@
 use std::alloc::System;
 use std::sync::Arc;
 
-use fiatlux_wbc::{ARMS, Command, Controller, MOVED, Network, Sensed};
+use fiatlux_wbc::{ARMS, Command, Controller, MOVED, Network, Sensed, Swing};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]
@@ -16,11 +16,13 @@ fn walking_allocates_nothing() {
     let zeros = [0.0; MOVED + ARMS];
     let sensed = Sensed::upright(&zeros, &zeros);
     let command = Command { velocity: [0.4, 0.0, 0.2], ..Command::default() };
-    let mut targets = [0.0; MOVED];
+    let mut targets = [0.0; MOVED + ARMS];
+    let mut swing = Swing::new(&targets);
     // The first step is one of standing, which looks where the links are.
     controller.step(&sensed, &command, &mut targets).unwrap();
     let region = Region::new(ALLOCATOR);
     for _ in 0..100 {
+        swing.step(&command, controller.stride(), [true, false], &mut targets);
         controller.step(&sensed, &command, &mut targets).unwrap();
     }
     assert_eq!(region.change().allocations, 0);

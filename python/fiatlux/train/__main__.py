@@ -29,8 +29,9 @@ which best.pt is chosen.
 Ctrl-C ends the run after the iteration it is in, with a checkpoint; once more ends it at once, and the last checkpoint stands."""
 
 EVALUATE = """columns: share of episodes without a fall; errors of means over a second, of the velocities (m/s, rad/s), the pelvis's
-height (m) and the torso's angles (rad); share of standing steps with an unloaded foot; speed of the joints while standing
-(rad/s); number of seconds that count, which begin 1.5 s after a command. '-': no robot stood long enough."""
+height (m) and the torso's angles (rad); distance of the feet to the side (m) while both stand and the robot walks; share of
+standing steps with an unloaded foot; speed of the joints while standing (rad/s); number of seconds that count, which begin
+1.5 s after a command. '-': no robot stood long enough."""
 
 
 def _whole(text: str) -> int:

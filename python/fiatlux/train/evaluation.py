@@ -11,6 +11,8 @@ from .worlds import Worlds
 
 SECOND = 50
 """Control steps in a second."""
+LOADED = 50.0
+"""Load from which a foot stands, N."""
 SETTLES = 75
 """Control steps after a new command during which errors do not count."""
 
@@ -53,7 +55,8 @@ def measure(
 
     ``survived`` is a share. The others are means over the worlds that have not fallen, and over the seconds that begin at least
     one and a half seconds after a command: the absolute error of the one-second mean of velocity (m/s, rad/s), height (m) and
-    torso angles (rad). ``progress`` is called with the number of each step.
+    torso angles (rad). ``apart`` is the feet's distance to the side, m, while both stand and the robot walks. ``progress`` is
+    called with the number of each step.
     """
     worlds = Worlds(
         episodes,
@@ -71,7 +74,7 @@ def measure(
     commands = worlds.field("command").copy()
     errors: list[np.ndarray] = []
     stood: list[np.ndarray] = []
-    unloaded = standing = jitter = 0.0
+    unloaded = standing = jitter = apart = on_both = 0.0
     with torch.inference_mode():
         for step in range(steps):
             progress(step)
@@ -93,9 +96,13 @@ def measure(
             errors.append(means)
             stood.append(~command[done, :3].any(axis=1))
             sums[(since - SETTLES) % SECOND == 0] = 0.0
+            feet, loads = worlds.field("privileged.foot_position"), worlds.field("privileged.foot_load")
             still = alive & counts & ~command[:, :3].any(axis=1)
             standing += still.sum()
-            unloaded += (worlds.field("privileged.foot_load")[still] < 1.0).any(axis=1).sum()
+            unloaded += (loads[still] < 1.0).any(axis=1).sum()
+            both = alive & counts & command[:, :3].any(axis=1) & (loads > LOADED).all(axis=1)
+            on_both += both.sum()
+            apart += (feet[both, 1] - feet[both, 4]).sum()
             jitter += np.square(worlds.field("privileged.joint_velocity")[still, :15]).mean(axis=1).sum()
     worlds.env.close()
     table = np.concatenate(errors) if errors else np.zeros((0, 7))
@@ -109,6 +116,7 @@ def measure(
         "roll": float(mean[4]),
         "pitch": float(mean[5]),
         "yaw": float(mean[6]),
+        "apart": float(apart / on_both) if on_both else np.nan,
         "unloaded": float(unloaded / standing) if standing else np.nan,
         "still_speed": float(np.sqrt(jitter / standing)) if standing else np.nan,
         "seconds": float(len(table)),

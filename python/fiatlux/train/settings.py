@@ -55,6 +55,9 @@ class Settings:
         (),
         "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT; the command terms lists them",
     )
+    start: str = _of(
+        "", "an exported controller (.safetensors) to go on from; in the first segment its new critic learns alone"
+    )
     start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it", 0, 1)
     widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed", 0.01, 100)
     evaluate: int = _of(6, "checkpoints from one evaluation to the next", 1)

@@ -24,6 +24,7 @@ from rsl_rl.storage import RolloutStorage
 from .._progress import Line, duration
 from .evaluation import score
 from .settings import SCENES, Settings, weights_of, worlds_of
+from .start import begin_with
 from .symmetry import MOVED, Mirror, SymmetricModel
 from .worlds import Worlds
 
@@ -33,8 +34,8 @@ VELOCITY = ("velocity", "slow_velocity")
 STOP_KL = 1.0
 """A policy that moves so far in one iteration has broken, but for the first ones, in which the normaliser has yet to settle."""
 SETTLES = 5
-
-
+START_RATE = 3e-5
+"""Learning rate with which a policy that has learned already goes on, before it is adjusted."""
 FIXED = ("hidden", "critic", "without")
 """Settings that a resumed run cannot change: its networks have these forms."""
 
@@ -112,6 +113,9 @@ class Run:
         start = time.monotonic()
         ppo, settings, worlds = self.ppo, self.settings, self.worlds
         ppo.train_mode()
+        if settings.start:
+            ppo.actor.requires_grad_(self.segment > 0).train(self.segment > 0)
+            ppo.learning_rate = START_RATE if self.segment == 1 else ppo.learning_rate
         self.calm()
         totals = {"reward": 0.0, "falls": 0.0, "timeouts": 0.0, "rollout_s": 0.0, "kl": 0.0, "value_loss": 0.0}
         terms = np.zeros(len(worlds.env.reward_terms))
@@ -323,6 +327,8 @@ def train(
         raise ValueError(f"{last} exists; go on with --resume or name another --out")
     else:
         run = Run(out, Settings(**given), device, threads)
+        if run.settings.start:
+            begin_with(run, Path(run.settings.start))
         out.mkdir(parents=True, exist_ok=True)
     settings = run.settings
     if run.samples >= settings.samples:

@@ -18,6 +18,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
 from fiatlux.train.settings import Settings  # noqa: E402
+from fiatlux.train.start import read  # noqa: E402
 from fiatlux.train.walk import load_checkpoint, models  # noqa: E402
 from fiatlux.train.worlds import Worlds  # noqa: E402
 
@@ -106,6 +107,26 @@ def test_a_run_goes_on_is_tested_and_exported(tmp_path):
     assert run("export", out / "last.pt", file, "--force")[0] == 0
     code, _, error = run("walk", "--out", out, "--resume", "--hidden", 64, 64)
     assert code == 2 and error.startswith("error: hidden is (64, 64)")
+
+
+def test_a_run_goes_on_from_an_exported_controller(tmp_path):
+    out, other, file, again = (tmp_path / name for name in ("run", "other", "one.safetensors", "two.safetensors"))
+    assert run("walk", "--out", out, *SMALL, "--samples", 1024)[0] == 0
+    assert run("export", out / "last.pt", file)[0] == 0
+    # In the first segment the critic learns alone: what is exported is what was read. Then the policy learns too.
+    assert run("walk", "--out", other, *SMALL, "--start", file, "--samples", 2048)[0] == 0
+    assert run("export", other / "last.pt", again)[0] == 0
+    one, two = read(file), read(again)
+    for given, kept in zip(one[0], two[0]):
+        torch.testing.assert_close(kept, given, atol=1e-4, rtol=1e-4)
+    assert two[1]["training"]["samples"] == 2048
+    assert run("walk", "--out", other, "--resume", "--samples", 3072)[0] == 0
+    assert run("export", other / "last.pt", again, "--force")[0] == 0
+    assert (read(again)[0][0] - one[0][0]).abs().max() > 1e-3
+    code, _, error = run("walk", "--out", tmp_path / "third", *SMALL, "--hidden", 64, 64, "--start", file)
+    assert code == 2 and "with hidden layers 32 32; give --hidden 32 32" in error
+    code, _, error = run("walk", "--out", tmp_path / "third", *SMALL, "--start", out / "last.pt")
+    assert code == 2 and "is not an exported controller" in error
 
 
 def test_a_run_that_is_out_of_time_says_how_to_go_on(tmp_path):

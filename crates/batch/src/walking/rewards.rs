@@ -35,7 +35,7 @@ pub(super) const TERMS: [TermOf; 30] = [
     ("knees", -2.0, knees),
     ("torso", 1.2, |view| libm::exp(-torso_error(view) / 0.05)),
     ("torso_error", -1.5, |view| torso_error(view).sqrt()),
-    ("pelvis_tilt", -8.0, pelvis_tilt),
+    ("pelvis_tilt", -40.0, pelvis_tilt),
     ("vertical_velocity", -0.5, |view| square(view.row.robot.linear_velocity.z)),
     ("roll_and_pitch_rate", -0.05, roll_and_pitch_rate),
     ("effort", -1.5e-5, |view| squares(&view.row.joint_effort[..MOVED])),
@@ -56,7 +56,7 @@ pub(super) const TERMS: [TermOf; 30] = [
 /// Part of a joint's range, about its middle, that is free.
 const FREE_RANGE: f64 = 0.95;
 /// Least and greatest distance between the feet, m.
-const APART: [f64; 2] = [0.19, 0.40];
+const APART: [f64; 2] = [0.21, 0.40];
 /// From this load on a foot stands, N.
 const LOADED: f64 = 20.0;
 const SUPPORTS: [Support; 2] = [Support::LeftFoot, Support::RightFoot];

@@ -83,12 +83,21 @@ impl Play {
         (pelvis.z > 0.4).then_some([pelvis, palm])
     }
 
+    fn heading(&self) -> UnitQuaternion<f64> {
+        let ahead = self.world.row().robot.pose.rotation * Vector3::x();
+        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), ahead.y.atan2(ahead.x))
+    }
+
     pub fn torso(&self) -> [f64; 3] {
-        let row = self.world.row();
         let link = self.world.scene().robot.link_index("torso_link").unwrap();
-        let ahead = row.robot.pose.rotation * Vector3::x();
-        let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), ahead.y.atan2(ahead.x));
-        let (roll, pitch, yaw) = (heading.inverse() * self.world.world_from_link(link).rotation).euler_angles();
+        let (roll, pitch, yaw) = (self.heading().inverse() * self.world.world_from_link(link).rotation).euler_angles();
         [roll, pitch, yaw]
+    }
+
+    /// Distance between the feet to the side, m.
+    pub fn feet_apart(&self) -> f64 {
+        let [left, right] =
+            [0, 1].map(|side| self.world.world_from_link(self.world.scene().robot.feet()[side]).translation.vector);
+        self.heading().inverse_transform_vector(&(left - right)).y
     }
 }

@@ -3,3 +3,4 @@
 
 mod shipped;
 mod standing;
+mod swing;
