@@ -26,7 +26,13 @@ def test_a_bag_has_the_rows_that_the_package_plays():
     assert bag["/state"] is states
     assert states["joint_position"].shape == (recorded["steps"] + 1, 53)
     # Things and contact measures by name; what cannot move has no velocity.
-    sizes = {"ladder.linear_velocity": 3, "crate.position": 3, "fresh_bulb.hand_force": 102, "floor_force": 12, "tread_load": 4}
+    sizes = {
+        "ladder.linear_velocity": 3,
+        "crate.position": 3,
+        "fresh_bulb.hand_force": 102,
+        "floor_force": 12,
+        "tread_load": 4,
+    }
     for name, size in sizes.items():
         assert states[name].shape == (recorded["steps"] + 1, size), name
     assert states["old_bulb.other_force_peak"].shape == states["old_bulb.seated"].shape == (recorded["steps"] + 1,)

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::errand;
 use crate::measure::GRAVITY;
-use crate::row::{BodyRow, Bulb, CONTROL_DT, Row};
+use crate::parts::{BodyRow, Bulb};
+use crate::row::{CONTROL_DT, Row};
 use crate::settle::{self, PoseSpeed};
 use crate::thresholds::Thresholds;
 

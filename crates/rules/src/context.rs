@@ -1,7 +1,8 @@
 //! What predicates of rows see, and the criteria that are made of them.
 
 use crate::geometry::Geometry;
-use crate::row::{Bulb, Row};
+use crate::parts::Bulb;
+use crate::row::Row;
 use crate::settle::PoseSpeed;
 use crate::thresholds::Thresholds;
 

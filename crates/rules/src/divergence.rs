@@ -4,7 +4,8 @@
 
 use crate::errand::manifest;
 use crate::manifest::Thing;
-use crate::row::{BodyRow, Row};
+use crate::parts::BodyRow;
+use crate::row::Row;
 
 /// Speed of a joint with a rated speed, rad/s. Motors are rated at 20 to 37 rad/s; impacts drive joints to a few times that.
 const RATED_JOINT_SPEED: f64 = 200.0;

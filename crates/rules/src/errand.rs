@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use crate::manifest::{Manifest, Measure};
-use crate::row::Bulb;
+use crate::parts::Bulb;
 
 /// A measure of a row whose numbers are vectors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

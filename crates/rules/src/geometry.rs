@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::errand;
 use crate::measure::{self, Extent};
-use crate::row::{Bulb, Row};
+use crate::parts::Bulb;
+use crate::row::Row;
 
 /// Sizes and points of the things in the room, in their own frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
-use crate::row::{BodyRow, LIMBS, RobotLayout};
+use crate::parts::{BodyRow, LIMBS, RobotLayout};
 
 /// Largest number of things, and of contact measures: sets of them are bits.
 pub const MAX_PARTS: usize = 64;

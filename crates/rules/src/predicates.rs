@@ -7,7 +7,8 @@ use nalgebra::Vector3;
 use crate::context::Context;
 use crate::errand;
 use crate::measure::{self, Extent};
-use crate::row::{Bulb, Row};
+use crate::parts::Bulb;
+use crate::row::Row;
 
 // ---------------------------------------------------------------- Robot
 

@@ -2,7 +2,7 @@
 
 use crate::cause::Causes;
 use crate::gate::Gate;
-use crate::row::Bulb;
+use crate::parts::Bulb;
 use crate::terms::term::TermSpec;
 use crate::thresholds::Thresholds;
 

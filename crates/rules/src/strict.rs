@@ -6,8 +6,9 @@
 use crate::context::{Context, Criterion};
 use crate::errand;
 use crate::measure::{self, GRAVITY};
+use crate::parts::{Bulb, Support};
 use crate::predicates::standing;
-use crate::row::{Bulb, Row, Support};
+use crate::row::Row;
 
 /// Pelvis upright: a robot on its way to the floor passes through most postures.
 pub(crate) const UPRIGHT: Criterion = Criterion { name: "upright", holds: upright };

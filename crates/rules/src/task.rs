@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
-use crate::row::Bulb;
+use crate::parts::Bulb;
 use crate::spec::TaskSpec;
 use crate::tasks;
 

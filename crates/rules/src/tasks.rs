@@ -26,8 +26,9 @@ mod page {
     pub(super) use crate::errand;
     pub(super) use crate::gate::Gate;
     pub(super) use crate::measure;
+    pub(super) use crate::parts::Bulb;
     pub(super) use crate::predicates::*;
-    pub(super) use crate::row::{Bulb, Row};
+    pub(super) use crate::row::Row;
     pub(super) use crate::spec::*;
     pub(super) use crate::strict::{DOWN, FRESH_GRIP, OLD_GRIP, SLOW, STANDING, UP};
     pub(super) use crate::terms::hints::*;

@@ -3,13 +3,10 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from safetensors import safe_open
-
-if TYPE_CHECKING:
-    from .walk import Run
 
 DEVIATION = 0.18
 """Standard deviation of each action at the start, as at the end of the shipped controller's training; no file holds it."""
@@ -34,8 +31,8 @@ def read(file: Path) -> tuple[list[torch.Tensor], dict[str, Any]]:
     return parts, contract
 
 
-def begin_with(run: "Run", file: Path) -> None:
-    """Gives a new run the policy of an exported controller, and counts on from its samples and minutes. The critic is new.
+def begin_with(run: Any, file: Path) -> None:
+    """Gives a new `walk.Run` the policy of an exported controller, and counts on from its samples and minutes. The critic is new.
 
     Raises:
         ValueError: The file is not an exported controller, or its networks differ from the settings.

@@ -4,8 +4,9 @@ use super::motion;
 use super::term::{Kind, TermSpec, View};
 use crate::context::Context;
 use crate::errand;
+use crate::parts::{Bulb, Limb};
 use crate::predicates::{robot_distance, seated};
-use crate::row::{Bulb, Limb, Row};
+use crate::row::Row;
 
 /// Weight of a term that brings the robot or a thing nearer to its goal.
 pub(crate) const TOWARDS: f64 = 500.0;

@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 
 use super::term::{Kind, TermSpec, View};
 use crate::errand;
-use crate::row::{Bulb, CONTROL_DT, LIMBS, Limb, Row};
+use crate::parts::{Bulb, LIMBS, Limb};
+use crate::row::{CONTROL_DT, Row};
 
 /// Hips and knees in the public joint order.
 const HIPS_AND_KNEES: [usize; 8] = [0, 1, 2, 3, 6, 7, 8, 9];
