@@ -9,6 +9,7 @@ use zenoh::Config;
 use crate::endpoints::{
     CONNECT, LISTEN, advise, check_endpoint, endpoints, get, is_encrypted, is_silent, unknown_host,
 };
+use crate::error::reason_of;
 use crate::honoured;
 use crate::{CONNECT_TIMEOUT_S, DEFAULT_ENDPOINT, LinkArgs, LinkError, LinkMode};
 
@@ -56,7 +57,7 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
         None => Config::default(),
         Some(path) => {
             let config = Config::from_file(path)
-                .map_err(|source| LinkError::ConfigFile { path: path.clone(), reason: source.to_string() })?;
+                .map_err(|source| LinkError::ConfigFile { path: path.clone(), reason: reason_of(&source) })?;
             honoured::check_keys(path, &config)?;
             config
         }
@@ -202,7 +203,7 @@ impl Plan {
 
     /// Turns Zenoh's message into an error with a remedy.
     pub fn explain(&self, reason: &str) -> LinkError {
-        let reason = reason.split(" at /").next().unwrap_or(reason).to_string();
+        let reason = reason_of(&reason);
         let text = reason.to_lowercase();
         if TLS_FAILURES.iter().any(|part| text.contains(part)) {
             return LinkError::Tls {
@@ -242,7 +243,7 @@ fn set_where_silent(config: &mut Config, key: &'static str, value: Value) -> Res
 
 fn set(config: &mut Config, key: &'static str, value: &Value) -> Result<(), LinkError> {
     let value = value.to_string();
-    config.insert_json5(key, &value).map_err(|source| LinkError::Setting { key, value, reason: source.to_string() })
+    config.insert_json5(key, &value).map_err(|source| LinkError::Setting { key, value, reason: reason_of(&source) })
 }
 
 #[cfg(test)]

@@ -100,3 +100,23 @@ pub enum LinkError {
     #[error("cannot close the Zenoh session: {reason}")]
     Close { reason: String },
 }
+
+/// What Zenoh says, without the place in its sources that it ends with.
+pub(crate) fn reason_of(source: &impl ToString) -> String {
+    let said = source.to_string();
+    match said.split_once(" at /") {
+        Some((reason, place)) if place.contains(".rs:") => reason.into(),
+        _ => said,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::reason_of;
+
+    #[test]
+    fn a_reason_names_no_place_in_zenoh() {
+        assert_eq!(reason_of(&"no such file at /crates/zenoh-config-1.10.2/src/lib.rs:1507."), "no such file");
+        assert_eq!(reason_of(&"cannot read the key at /etc/keys/a.pem"), "cannot read the key at /etc/keys/a.pem");
+    }
+}

@@ -18,6 +18,8 @@ mod waiting;
 use fiatlux_carrier::Carrier;
 use zenoh::{Session, Wait};
 
+use error::reason_of;
+
 pub use args::{LinkArgs, LinkMode, parse_endpoint};
 pub use config::Role;
 pub use error::LinkError;
@@ -47,7 +49,7 @@ impl Link {
     /// [`LinkError::Open`]: Zenoh could not start its threads.
     pub fn embedded() -> Result<Self, LinkError> {
         let session = zenoh::open(config::embedded()?).wait();
-        session.map(Self).map_err(|source| LinkError::Open { reason: source.to_string() })
+        session.map(Self).map_err(|source| LinkError::Open { reason: reason_of(&source) })
     }
 
     /// Carries the messages of sessions over this link.
@@ -65,6 +67,6 @@ impl Link {
     /// # Errors
     /// [`LinkError::Open`]: Zenoh reports a failure.
     pub fn close(self) -> Result<(), LinkError> {
-        self.0.close().wait().map_err(|source| LinkError::Close { reason: source.to_string() })
+        self.0.close().wait().map_err(|source| LinkError::Close { reason: reason_of(&source) })
     }
 }

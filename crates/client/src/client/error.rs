@@ -25,7 +25,7 @@ pub enum ClientError {
         found: Vec<String>,
     },
     /// Only other servers answer.
-    #[error("server '{name}' was not found within {waited_s} s; found {}", if found.is_empty() { "none".into() } else { found.join(", ") })]
+    #[error("server '{}' was not found within {waited_s} s; found {}", plain(name), if found.is_empty() { "none".into() } else { found.join(", ") })]
     NotThere {
         /// The name that was requested.
         name: String,
