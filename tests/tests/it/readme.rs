@@ -57,7 +57,7 @@ fn stage(scratch: &Scratch) -> PathBuf {
         'run --release -p fiatlux-bench -- service') exec target/release/fiatlux-bench service --seconds 0.5 --sessions 3 ;;\n\
         'run --release -p fiatlux-bench -- sensors') exec target/release/fiatlux-bench sensors --seconds 0.5 ;;\n\
         'run --release -p fiatlux-bench -- violence') exec target/release/fiatlux-bench violence --runs 2 --starts 4 ;;\n\
-        'run --release -p fiatlux-bench -- world') exec target/release/fiatlux-bench world --seconds 0.5 ;;\n\
+        'run --release -p fiatlux-bench --features rapier -- world') exec target/release/fiatlux-bench world --seconds 0.5 ;;\n\
         'run --release -- '*) shift 3; exec target/release/fiatlux \"$@\" ;;\n\
         'build --release --workspace --bins --features network') ;;\n\
         *) echo \"unexpected: cargo $*\" >&2; exit 2 ;;\n\

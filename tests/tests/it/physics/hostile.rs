@@ -26,7 +26,7 @@ fn rows_that_no_world_can_start_from_are_refused() {
     };
     refused(&|row| row.robot.pose.translation.z = f64::NAN, "robot");
     refused(&|row| row.robot.pose.rotation.as_mut_unchecked().w = 3.0, "length 1");
-    refused(&|row| row.things[errand::FRESH_BULB].angular_velocity.x = f64::INFINITY, "fresh bulb");
+    refused(&|row| row.things[errand::FRESH_BULB].angular_velocity.x = f64::INFINITY, "fresh_bulb");
     refused(&|row| row.joint_velocity[7] = f64::NAN, "joint_velocity");
     refused(&|row| row.step = u64::MAX, "step");
     refused(&|row| row.attachments[0].steps_beyond = u32::MAX, "attachments");

@@ -289,7 +289,7 @@ fn impossible_starts_are_refused() {
         ("[start.carry]\narm.elbow = 0.1", "'elbow'"),
         ("[start.carry]\nhand_link = 'hook'", "'hook'"),
         (open, "N, not between 1 and 50 N; check start.carry"),
-        (blocked, "Bench is in the robot's way"),
+        (blocked, "the bench is in the robot's way"),
     ] {
         let message = refused(scene_with(Task::S09, text), Task::S09).to_string();
         assert!(message.contains(named), "{text}: {message}");
