@@ -77,7 +77,7 @@ mod tests {
             let text = format!(
                 "mass = 2.0\nat = [0.0, 0.0, 0.0]\nsurface = {{ static_friction = 1.0, friction = 1.0, priority = 0 }}\nboxes = {boxes}"
             );
-            thing_body(&toml::from_str(&text).unwrap(), "block", Isometry3::identity())
+            thing_body(&toml::from_str(&text).expect("a thing"), "block", Isometry3::identity())
         };
         let whole = of("[[[0.0, 0.0, 0.0], [0.2, 0.4, 0.6]]]");
         let cut = of("[[[0.0, 0.0, 0.0], [0.2, 0.1, 0.6]], [[0.0, 0.1, 0.0], [0.2, 0.4, 0.6]]]");
