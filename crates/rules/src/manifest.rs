@@ -348,7 +348,7 @@ mod tests {
                 "things, entry 'a': name is taken",
             ),
         ] {
-            let error = Manifest::from_toml(&text).unwrap_err().to_string();
+            let error = Manifest::from_toml(&text).expect_err("refused").to_string();
             assert!(error.contains(expected), "{error}");
         }
         assert!(matches!(Manifest::from_toml("things = 1"), Err(ManifestError::Toml(_))));

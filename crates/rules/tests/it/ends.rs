@@ -178,7 +178,7 @@ fn rows_after_the_end_change_nothing() {
 #[test]
 fn an_impact_is_noted_and_ends_where_asked() {
     let strike = |row: &mut Row, jump: f64| {
-        row.things[errand::BULBS[OLD]].linear_velocity = Vector3::new(0.0, 0.0, -0.1962 - jump)
+        row.things[errand::BULBS[OLD]].linear_velocity = Vector3::new(0.0, 0.0, -0.1962 - jump);
     };
     let impact_ends = JudgeOptions { end_on: Some(Causes::of(&[Cause::Impact])), ..JudgeOptions::default() };
     for (options, ends) in [(JudgeOptions::default(), false), (impact_ends, true)] {

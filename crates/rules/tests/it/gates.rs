@@ -20,7 +20,7 @@ fn misses(task: Task) -> Vec<Miss> {
             ("ladder_feet_down", |r, _| r.things[errand::LADDER].pose.translation.vector.z = 0.021),
             // One foot 29 mm up, the root within 15 mm.
             ("ladder_feet_down", |r, _| {
-                r.things[errand::LADDER].pose = rotated([2.0, 1.0, 0.0145], Vector3::x(), 0.0307)
+                r.things[errand::LADDER].pose = rotated([2.0, 1.0, 0.0145], Vector3::x(), 0.0307);
             }),
             ("ladder_at_rest", |r, _| r.things[errand::LADDER].linear_velocity.y = 0.06),
             ("ladder_at_rest", |r, _| r.things[errand::LADDER].angular_velocity.y = 0.11),
@@ -35,7 +35,7 @@ fn misses(task: Task) -> Vec<Miss> {
         ],
         Task::S03 => vec![
             ("old_bulb_removed", |r, _| {
-                r.things[errand::BULBS[OLD]].pose = r.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.09])
+                r.things[errand::BULBS[OLD]].pose = r.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.09]);
             }),
             ("old_bulb_removed", |r, _| r.attachments[OLD].seated = true),
             ("old_bulb_held", |r, _| let_go(r, OLD)),
@@ -102,7 +102,7 @@ fn misses(task: Task) -> Vec<Miss> {
         Task::S11 => vec![
             ("fresh_bulb_seated", |r, _| r.attachments[NEW].seated = false),
             ("fresh_bulb_settled", |r, k| {
-                r.things[errand::BULBS[NEW]].pose = r.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.0013 * k as f64])
+                r.things[errand::BULBS[NEW]].pose = r.things[errand::FIXTURE].pose * at([0.0, 0.0, 0.0013 * k as f64]);
             }),
             ("fresh_bulb_settled", |r, k| {
                 r.things[errand::BULBS[NEW]].pose =

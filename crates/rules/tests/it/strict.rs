@@ -97,16 +97,16 @@ fn misses(task: Task) -> Vec<Miss> {
             "fresh_bulb_in_grip" if task == Task::S08 => &GRIP_FRESH[..4],
             "carried_by_treads" => &[
                 ("carried_by_treads", "in the air", |row, _| {
-                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[0.0; 4])
+                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[0.0; 4]);
                 }),
                 ("carried_by_treads", "on one foot", |row, _| {
-                    row.load_mut(errand::TREAD_LOAD)[Support::RightFoot as usize] = 19.0
+                    row.load_mut(errand::TREAD_LOAD)[Support::RightFoot as usize] = 19.0;
                 }),
                 ("carried_by_treads", "one foot, one arm", |row, _| {
-                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[300.0, 0.0, 30.0, 0.0])
+                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[300.0, 0.0, 30.0, 0.0]);
                 }),
                 ("carried_by_treads", "hangs by both arms", |row, _| {
-                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[0.0, 0.0, 200.0, 200.0])
+                    row.load_mut(errand::TREAD_LOAD).copy_from_slice(&[0.0, 0.0, 200.0, 200.0]);
                 }),
                 ("carried_by_treads", "stands on the floor", |row, _| {
                     let loads = [errand::TREAD_LOAD, errand::FLOOR_LOAD].map(|load| row.load(load).to_vec());
@@ -116,16 +116,16 @@ fn misses(task: Task) -> Vec<Miss> {
             ],
             "carried_by_floor" => &[
                 ("carried_by_floor", "in the air", |row, _| {
-                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[0.0; 4])
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[0.0; 4]);
                 }),
                 ("carried_by_floor", "on one foot", |row, _| {
-                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[340.0, 10.0, 0.0, 0.0])
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[340.0, 10.0, 0.0, 0.0]);
                 }),
                 ("carried_by_floor", "half on the ladder", |row, _| {
-                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[100.0, 100.0, 0.0, 0.0])
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[100.0, 100.0, 0.0, 0.0]);
                 }),
                 ("carried_by_floor", "on all fours", |row, _| {
-                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[90.0, 90.0, 80.0, 80.0])
+                    row.load_mut(errand::FLOOR_LOAD).copy_from_slice(&[90.0, 90.0, 80.0, 80.0]);
                 }),
             ],
             "slow" => &[("slow", "walks past", |row, _| row.robot.linear_velocity.x = 0.5)],

@@ -207,7 +207,7 @@ fn failures_are_charged_once() {
                 "ladder_tipped" => lean_ladder(&mut bad),
                 "bulb_crushed" => [OLD, NEW].into_iter().for_each(|bulb| touch(&mut bad, bulb, LEFT, 50.5)),
                 "bulb_dropped" => {
-                    errand::BULBS.into_iter().for_each(|bulb| bad.things[bulb] = body(at([0.0, 1.0, 0.14])))
+                    errand::BULBS.into_iter().for_each(|bulb| bad.things[bulb] = body(at([0.0, 1.0, 0.14])));
                 }
                 "bulb_unseated" => bad.attachments[NEW].seated = false,
                 "diverged" => bad.joint_speed_peak = 201.0,
