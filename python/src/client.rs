@@ -259,11 +259,12 @@ pub(crate) struct Failure {
 
 impl Failure {
     fn note(&self, error: PyErr) -> PolicyError {
-        let reason = error.to_string();
+        // It is no refusal of a task, which would end the run as a failure: the same call goes on later.
+        let failed = PolicyError::Failed { policy: "of Python", source: error.to_string().into() };
         // The first exception causes the others.
         self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         self.stop.store(true, Ordering::Relaxed);
-        PolicyError::Unfit { policy: "of Python", reason }
+        failed
     }
 
     /// Raises the exception, if there is one.
