@@ -2,7 +2,7 @@
 """Finds circles of modules: files of one crate, or of the Python package, that need each other.
 
 A file needs another if a path in it leads to an item that the other defines. Re-exports (`pub use`, imports of an
-`__init__.py`) are followed to where an item is defined and are no need of their own, so a root may hand out what its
+`__init__.py`) are followed to where an item is defined and do not count themselves, so a root may hand out what its
 submodules define. A submodule may take types, traits and constants from the files above it, which are its header: a type
 with its parts in several files is one idea. If it calls a function of theirs while they need it, that is a circle.
 

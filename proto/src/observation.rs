@@ -338,7 +338,7 @@ mod tests {
         assert_eq!(seen().numbers("verdict.criteria"), [1.0, 0.0]);
         assert_eq!(seen().numbers("verdict.gate_progress"), [0.5]);
         assert!(seen().numbers("features.values").is_empty() && seen().numbers("smell").is_empty());
-        // Keys, lengths and the sides of the image; `step` is no sensor's.
+        // Keys, lengths and the sides of the image; `step` belongs to no sensor.
         assert_eq!(seen().sizes(), BTreeMap::from([("camera", 14), ("lidar", 10), ("verdict", 15)]));
         assert!(is_of_images("camera") && is_of_images("flat") && !is_of_images("lidar") && !is_of_images("smell"));
     }

@@ -259,7 +259,7 @@ pub(crate) struct Failure {
 
 impl Failure {
     fn note(&self, error: PyErr) -> PolicyError {
-        // It is no refusal of a task, which would end the run as a failure: the same call goes on later.
+        // Not `Unfit`, by which a policy refuses a task: that ends the run as a failure, and here the same call goes on later.
         let failed = PolicyError::Failed { policy: "of Python", source: error.to_string().into() };
         // The first exception causes the others.
         self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);

@@ -384,8 +384,9 @@ fn subtract_two_scaled(target: &mut [f64], sources: [&[f64]; 2], scales: [f64; 2
     }
 }
 
+/// Product of two arrays of one length, summed in four lanes so that it vectorises; the order of sums is fixed.
 #[inline(always)]
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a_chunks, a_rest) = a.as_chunks::<4>();
     let (b_chunks, b_rest) = b.as_chunks::<4>();
     let mut lanes = [0.0; 4];

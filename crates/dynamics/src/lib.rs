@@ -108,6 +108,7 @@ mod variation;
 pub use builder::{DEFAULT_GRAVITY, ModelBuilder};
 pub use contact::Contact;
 pub use error::{ModelError, check_array};
+pub use factor::dot;
 pub use input::Input;
 pub use mechanics::{Mechanics, Site};
 pub use model::{Body, MAX_DOFS, Model, State};

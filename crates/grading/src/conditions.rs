@@ -268,7 +268,7 @@ fn time(header: &v3::EpisodeHeader) -> &'static str {
 }
 
 /// The benchmark's robot.
-const ROBOT: &str = pins::RANKED_ROBOTS[0];
+pub(crate) const ROBOT: &str = pins::RANKED_ROBOTS[0];
 
 fn gains(header: &v3::EpisodeHeader) -> &str {
     if header.gains.is_empty() { "fiatlux" } else { &header.gains }

@@ -3,11 +3,11 @@
 use fiatlux_proto::v3::{EpisodeHeader, Mode, OpenRequest, PropScale};
 use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds};
 
+use crate::conditions::ROBOT;
 use crate::flaw::{Difference, first_difference};
 
 /// What stands in a header for what a request leaves out.
 const GAINS: &str = "fiatlux";
-const ROBOT: &str = "g1_inspire";
 const REWARD: &str = "benchmark";
 const IMAGE_SIDE: u32 = 256;
 

@@ -1,5 +1,7 @@
 //! A dense Cholesky factor, in place.
 
+use fiatlux_dynamics::dot;
+
 /// Factors a symmetric matrix of `n` rows into `L L'`; reads and writes the lower triangle alone. False if a pivot is not
 /// positive: the matrix is not positive definite.
 pub(crate) fn factor(matrix: &mut [f64], n: usize) -> bool {
@@ -30,20 +32,6 @@ pub(crate) fn solve(factor: &[f64], n: usize, x: &mut [f64]) {
         let (head, tail) = x.split_at_mut(i);
         add_scaled(head, &row[..i], -tail[0]);
     }
-}
-
-#[inline(always)]
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a_chunks, a_rest) = a.as_chunks::<4>();
-    let (b_chunks, b_rest) = b.as_chunks::<4>();
-    let mut lanes = [0.0; 4];
-    for (a, b) in a_chunks.iter().zip(b_chunks) {
-        for k in 0..4 {
-            lanes[k] += a[k] * b[k];
-        }
-    }
-    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
-    (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]) + rest
 }
 
 #[inline(always)]

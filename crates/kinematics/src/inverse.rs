@@ -8,10 +8,10 @@
 
 use std::f64::consts::PI;
 
-use fiatlux_dynamics::{BodyId, Joint, Mechanics, Model, State};
+use fiatlux_dynamics::{BodyId, Joint, Mechanics, Model, State, dot};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use crate::cholesky::{add_scaled, dot, factor, solve};
+use crate::cholesky::{add_scaled, factor, solve};
 use crate::goal::{Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
 
 /// Rows of a goal: a position and a rotation.

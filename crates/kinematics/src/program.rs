@@ -7,9 +7,10 @@
 //! D. Goldfarb, A. Idnani, A numerically stable dual method for solving strictly convex quadratic programs, Mathematical
 //! Programming 27, 1983.
 
+use fiatlux_dynamics::dot;
 use thiserror::Error;
 
-use crate::cholesky::{add_scaled, dot, factor};
+use crate::cholesky::{add_scaled, factor};
 
 /// Violations below this, of a row of length 1 and relative to the numbers in it, count as met.
 const TOLERANCE: f64 = 1e-11;

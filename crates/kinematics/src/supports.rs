@@ -5,11 +5,10 @@
 //! is a quadratic program: three variables a support; six equations of the floating base; four sides of a friction pyramid for
 //! each support, which lies within the cone; and two limits for each drive that a support loads.
 
-use fiatlux_dynamics::{BodyId, Drive, Joint, Mechanics, Model, State};
+use fiatlux_dynamics::{BodyId, Drive, Joint, Mechanics, Model, State, dot};
 use nalgebra::{Unit, Vector3};
 use thiserror::Error;
 
-use crate::cholesky::dot;
 use crate::program::{Program, ProgramError, ProgramSolver};
 
 /// A point of the robot that bears on something firm, such as the corner of a sole or a palm on a rail.

@@ -5,7 +5,7 @@ use crate::{ARMS, CONTROL_DT, Command, MOVED};
 
 /// Shoulder pitch, shoulder roll and elbow in an arm.
 const JOINTS: [usize; 3] = [0, 1, 3];
-/// How a left arm hangs, rad: beside the thigh, the forearm down. Turns about the forward axis are mirrored on the right.
+/// How a left arm hangs, rad: next to the thigh, the forearm down. Turns about the forward axis are mirrored on the right.
 const HANGS: [f64; 3] = [0.15, 0.2, 0.8];
 /// How fast it comes to hang, rad/s.
 const HANG_RATE: f64 = 1.0;
@@ -14,7 +14,7 @@ const SWING: [f64; 2] = [0.5, 0.24];
 /// Swing of each joint in that of the shoulder's pitch: the elbow bends as the arm comes forwards.
 const SHARE: [f64; 3] = [-1.0, 0.0, -0.5];
 /// Part of the swing while the other hand is not free.
-const BESIDE_LOAD: f64 = 0.5;
+const LOADED_SHARE: f64 = 0.5;
 /// Time constant with which the swing follows the speed, s.
 const FOLLOWS_S: f64 = 0.4;
 
@@ -41,8 +41,8 @@ impl Swing {
     pub fn step(&mut self, command: &Command, stride: f64, is_free: [bool; 2], targets: &mut [f64]) {
         let (walks, [speed, ..]) = (command.walks(), command.velocity);
         for side in 0..2 {
-            let beside = if is_free[1 - side] { 1.0 } else { BESIDE_LOAD };
-            let wanted = if is_free[side] { beside * (SWING[0] * speed).clamp(-SWING[1], SWING[1]) } else { 0.0 };
+            let share = if is_free[1 - side] { 1.0 } else { LOADED_SHARE };
+            let wanted = if is_free[side] { share * (SWING[0] * speed).clamp(-SWING[1], SWING[1]) } else { 0.0 };
             self.width[side] += (wanted - self.width[side]) * (CONTROL_DT / FOLLOWS_S);
             let [out, back] = if side == 0 { [1.0, stride] } else { [-1.0, -stride] };
             for (part, rest) in self.rest[side].iter_mut().enumerate() {

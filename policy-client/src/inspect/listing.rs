@@ -87,7 +87,7 @@ fn short(number: f64) -> Value {
     json!(if is_exact { single.to_string().parse().unwrap_or(number) } else { number })
 }
 
-/// As text, of which no line needs more than 100 columns; with `joints`, it lists them.
+/// As text, in lines of at most 100 columns; with `joints`, it lists them.
 pub fn text(seen: &Seen, joints: bool) -> String {
     let (info, mut out) = (&seen.info, String::new());
     let task = info.task.clone().unwrap_or_default();
