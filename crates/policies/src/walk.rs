@@ -38,8 +38,9 @@ const SETTLES: u64 = 25;
 /// what they hold would hit what it stands at.
 const ROOM_M: f64 = 0.65;
 const LEAVES: u64 = 250;
-/// Half extents of the ladder on the floor, x and y of its own frame, m: to the middle of its rails.
-const LADDER_HALF: [f64; 2] = [0.29, 0.48];
+/// Half extents of the ladder on the floor, x and y of its own frame, m: to the middle of its rails, 0.29 and 0.48, and 0.12
+/// more for the bulb that the robot carries ahead of it. So it comes to the rails straight and not past a corner.
+const LADDER_HALF: [f64; 2] = [0.41, 0.60];
 /// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere.
 const AT_RAILS: f64 = 0.25;
 /// How fast it steps away, m/s.
@@ -74,7 +75,7 @@ impl Goal {
         match self {
             Self::Crate => 0.42,
             Self::FreshBulb => 0.57,
-            Self::Ladder => 0.82,
+            Self::Ladder => 0.845,
         }
     }
 }

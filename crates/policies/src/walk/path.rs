@@ -13,8 +13,8 @@ const CLEAR_M: f64 = 0.45;
 /// How far ahead a direction with more room is looked for, m, and how much more room it must give.
 const LOOK_M: f64 = 0.15;
 const MORE_M: f64 = 0.03;
-/// Number of cells from the robot to the grid's edge in each direction: 6 m.
-const REACH: i32 = 120;
+/// Number of cells from the robot to the grid's edge in each direction: 8 m, the longer side of the floor that layouts use.
+const REACH: i32 = 160;
 
 pub(super) fn distance(one: Point, other: Point) -> f64 {
     libm::hypot(one[0] - other[0], one[1] - other[1])
