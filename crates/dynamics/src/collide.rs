@@ -227,6 +227,17 @@ impl Collider {
 }
 
 impl Model {
+    /// Pairs of shapes that may touch: not those of one body, of bodies joined by a joint, or excluded.
+    pub fn shape_pairs(&self) -> impl Iterator<Item = (ShapeId, ShapeId)> + '_ {
+        self.pairs.iter().flat_map(|pair| {
+            pair.rows.iter().flat_map(move |(shape, range)| {
+                let partners = pair.partners[range.clone()].iter();
+                partners.map(move |partner| if pair.by_b { (partner, shape) } else { (shape, partner) })
+            })
+        })
+        .map(|(a, b)| (ShapeId(usize::from(*a)), ShapeId(usize::from(*b))))
+    }
+
     /// Every contact of a configuration with a gap of at most `margin` m, shapes unmoved. Allocates; for building and
     /// checking scenes, not for stepping.
     ///
@@ -239,15 +250,9 @@ impl Model {
         let mut collider = Collider::new(self);
         collider.update(&kin, 0.0);
         let mut found = Vec::new();
-        for pair in &self.pairs {
-            for (shape, range) in &pair.rows {
-                for partner in &pair.partners[range.clone()] {
-                    let (a, b) = if pair.by_b { (partner, shape) } else { (shape, partner) };
-                    let (a, b) = (usize::from(*a), usize::from(*b));
-                    let (placed, manifold) = (&collider.placed, &mut collider.manifold);
-                    collide_pair(self, &self.nominal.materials, placed, manifold, a, b, margin, &mut found);
-                }
-            }
+        for (a, b) in self.shape_pairs() {
+            let (placed, manifold) = (&collider.placed, &mut collider.manifold);
+            collide_pair(self, &self.nominal.materials, placed, manifold, a.0, b.0, margin, &mut found);
         }
         Ok(found)
     }
@@ -276,7 +281,7 @@ fn grow(target: &mut Aabb, other: &Aabb) {
 }
 
 /// Farthest point of a geometry from its own frame's origin.
-fn extent(geometry: &Geometry) -> f64 {
+pub(crate) fn extent(geometry: &Geometry) -> f64 {
     match geometry {
         Geometry::HalfSpace => 0.0,
         Geometry::Sphere { radius } => *radius,

@@ -89,6 +89,7 @@ mod check;
 mod collide;
 mod contact;
 mod contact_law;
+mod distance;
 mod equation_of_motion;
 mod error;
 mod factor;
@@ -107,6 +108,7 @@ mod variation;
 
 pub use builder::{DEFAULT_GRAVITY, ModelBuilder};
 pub use contact::Contact;
+pub use distance::Nearest;
 pub use error::{ModelError, check_array};
 pub use factor::dot;
 pub use input::Input;

@@ -1,6 +1,6 @@
 //! What inverse kinematics is asked for, and what it answers.
 
-use fiatlux_dynamics::{BodyId, Site};
+use fiatlux_dynamics::{BodyId, ShapeId, Site};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
@@ -58,6 +58,8 @@ pub struct SearchOptions {
     pub steps: usize,
     /// Joints keep this distance from their limits, rad.
     pub limit_margin: f64,
+    /// Part of each joint's range, about its rest, that the postures are spread over which it starts from: 1 for all of it.
+    pub spread: f64,
     /// Part of the way to the rest posture that each step takes where the goals leave it free, from 0 to 1.
     pub rest_pull: f64,
 }
@@ -70,9 +72,19 @@ impl Default for SearchOptions {
             tries: 40,
             steps: 60,
             limit_margin: 0.0,
+            spread: 1.0,
             rest_pull: 0.0,
         }
     }
+}
+
+/// Two shapes that are kept apart.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clearance {
+    /// The shapes; at least one moves with the robot.
+    pub shapes: (ShapeId, ShapeId),
+    /// Smallest gap between them, m; below 0 they may overlap by so much.
+    pub margin: f64,
 }
 
 /// How it ended.
@@ -98,6 +110,8 @@ pub struct Found {
     pub position_error: f64,
     /// Largest rotation error of a goal, rad, over the axes that have a weight.
     pub rotation_error: f64,
+    /// Most that two shapes are nearer to each other than their margin, m.
+    pub clearance_error: f64,
     /// Postures that it started from.
     pub tries: usize,
     /// Steps of all tries.
@@ -118,6 +132,9 @@ pub enum KinematicsError {
     /// A root that does not float.
     #[error("body {0} is not a free root; leave the base fixed, or name the robot's root")]
     Root(usize),
+    /// A pair of shapes that cannot be kept apart.
+    #[error("clearance {0} names a shape that the model does not have; take both from this model")]
+    Shape(usize),
     /// A number that is not finite.
     #[error("{field} has a number that is not finite")]
     NotFinite {

@@ -2,17 +2,18 @@
 //!
 //! Damped least squares: each step minimises the weighted error of the goals to first order, damped by the error itself, so
 //! that it is short far away and near singular postures, and Newton's close to the goal \[1\]. Joints that press against a
-//! limit are left out of a step. Where a try gets stuck, the next one starts from another posture of a fixed table.
+//! limit are left out of a step. Two shapes that a step would bring nearer than their margin add a row to it, as a goal does:
+//! the growth of their distance that the margin needs. Where a try gets stuck, the next one starts from another posture of a fixed table.
 //!
 //! \[1\] T. Sugihara, Solvability-Unconcerned Inverse Kinematics by the Levenberg-Marquardt Method, IEEE T-RO 2011.
 
 use std::f64::consts::PI;
 
-use fiatlux_dynamics::{BodyId, Joint, Mechanics, Model, State, dot};
+use fiatlux_dynamics::{BodyId, Joint, Mechanics, Model, Nearest, State, dot};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::cholesky::{add_scaled, factor, solve};
-use crate::goal::{Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
+use crate::goal::{Clearance, Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
 
 /// Rows of a goal: a position and a rotation.
 const ROWS: usize = 6;
@@ -22,6 +23,10 @@ const DAMPING: f64 = 1e-6;
 const STEP: f64 = 0.6;
 /// A try ends where this many steps did not halve the error.
 const PATIENCE: usize = 6;
+/// A step minds shapes that are farther apart than their margin by at most this, m.
+const FORESIGHT: f64 = 0.05;
+/// Most times that one step is solved, each with the joints and shapes that the solution before was about to press.
+const PASSES: usize = 6;
 /// Range in which a joint without limits starts, rad.
 const UNLIMITED: f64 = PI;
 
@@ -50,6 +55,11 @@ pub struct InverseKinematics {
     column: Vec<Option<u16>>,
     /// How long it tries.
     pub options: SearchOptions,
+    clearances: Vec<Clearance>,
+    /// Those that the step minds, by index, with the nearest points.
+    close: Vec<(usize, Nearest)>,
+    /// Which of them have a part in it.
+    is_pressed: Vec<bool>,
     /// Bodies to place anew after a step.
     touched: Vec<BodyId>,
     is_above_goal: Vec<bool>,
@@ -73,11 +83,17 @@ struct Errors {
     cost: f64,
     position: f64,
     rotation: f64,
+    clearance: f64,
 }
 
 impl Errors {
     fn report(&self, outcome: Outcome, tries: usize, steps: usize) -> Found {
-        Found { outcome, position_error: self.position, rotation_error: self.rotation, tries, steps }
+        let (position_error, rotation_error, clearance_error) = (self.position, self.rotation, self.clearance);
+        Found { outcome, position_error, rotation_error, clearance_error, tries, steps }
+    }
+
+    fn are_within(&self, options: &SearchOptions) -> bool {
+        self.position.max(self.clearance) <= options.position_tolerance && self.rotation <= options.rotation_tolerance
     }
 }
 
@@ -124,6 +140,9 @@ impl InverseKinematics {
             floating,
             column,
             options: SearchOptions::default(),
+            clearances: Vec::new(),
+            close: Vec::new(),
+            is_pressed: Vec::new(),
             touched: Vec::with_capacity(bodies.len()),
             is_above_goal: vec![false; bodies.len()],
             start: vec![0.0; entries.len()],
@@ -154,6 +173,25 @@ impl InverseKinematics {
         Ok(())
     }
 
+    /// Sets which shapes are kept apart, such as shins and treads, from the next call of [`Self::solve`] on.
+    /// [`Model::shape_pairs`] has all that may touch; those that touch in every posture, as soles do what they stand on, are
+    /// best left out.
+    ///
+    /// # Errors
+    /// A shape that the model does not have, or a margin that is not finite.
+    pub fn set_clearances(&mut self, model: &Model, clearances: &[Clearance]) -> Result<(), KinematicsError> {
+        for (index, clearance) in clearances.iter().enumerate() {
+            let (a, b) = clearance.shapes;
+            if a.0.max(b.0) >= model.shapes().len() {
+                return Err(KinematicsError::Shape(index));
+            }
+            check_finite("a clearance", &[clearance.margin])?;
+        }
+        self.clearances.clear();
+        self.clearances.extend_from_slice(clearances);
+        Ok(())
+    }
+
     /// Moves the chosen joints of a state to the goals. The state's own posture is tried first; velocities do not matter and
     /// stay.
     ///
@@ -175,11 +213,6 @@ impl InverseKinematics {
         }
         self.mechanics.update(model, state);
         self.find_touched(model, goals);
-        let rows = ROWS * goals.len();
-        self.error.resize(rows, 0.0);
-        self.force.resize(rows, 0.0);
-        self.jacobian.resize(rows * self.change.len(), 0.0);
-        self.normal.resize(rows * rows, 0.0);
         let (mut least, mut tries, mut steps) = (f64::INFINITY, 0, 0);
         copy(&self.entries, &state.qpos, &mut self.start);
         while tries < self.options.tries.max(1) {
@@ -193,9 +226,7 @@ impl InverseKinematics {
                     least = errors.cost;
                     copy(&self.entries, &state.qpos, &mut self.best);
                 }
-                if errors.position <= self.options.position_tolerance
-                    && errors.rotation <= self.options.rotation_tolerance
-                {
+                if errors.are_within(&self.options) {
                     return Ok(errors.report(Outcome::Reached, tries, steps));
                 }
                 since += 1;
@@ -215,6 +246,7 @@ impl InverseKinematics {
         self.mechanics.update_bodies(model, state, &self.touched);
         let errors = self.measure(model, goals);
         self.linearise(model, goals);
+        self.error[ROWS * goals.len()..].iter_mut().for_each(|lacks| *lacks = lacks.max(0.0));
         Ok(errors.report(self.obstacle(state), tries, steps))
     }
 
@@ -229,6 +261,9 @@ impl InverseKinematics {
                     .filter(|index| bodies[*index].root == self.root)
                     .for_each(|index| self.is_above_goal[index] = true),
             }
+        }
+        for Clearance { shapes: (a, b), .. } in &self.clearances {
+            [a, b].into_iter().for_each(|shape| self.is_above_goal[model.shapes()[shape.0].body.0] = true);
         }
         for index in (1..bodies.len()).rev().filter(|index| bodies[*index].root == self.root) {
             if self.is_above_goal[index] {
@@ -255,7 +290,11 @@ impl InverseKinematics {
             let angle = &mut state.qpos[variable.qpos];
             if tried > 0 {
                 let part = (0.5 + (tried - 1) as f64 * variable.stride).fract();
-                *angle = lower.max(-UNLIMITED) + part * (upper.min(UNLIMITED) - lower.max(-UNLIMITED));
+                let (lower, upper, spread) = (lower.max(-UNLIMITED), upper.min(UNLIMITED), self.options.spread);
+                *angle = lower + part * (upper - lower);
+                if spread != 1.0 {
+                    *angle = variable.rest + spread * (*angle - variable.rest);
+                }
             }
             *angle = angle.clamp(lower, upper);
         }
@@ -267,9 +306,11 @@ impl InverseKinematics {
         (variable.lower + margin, variable.upper - margin)
     }
 
-    /// Writes the weighted errors of the goals.
+    /// Writes the weighted errors of the goals, and of shapes that are near each other.
     fn measure(&mut self, model: &Model, goals: &[Goal]) -> Errors {
-        let (mut position, mut rotation) = (0.0_f64, 0.0_f64);
+        let (mut position, mut rotation, mut clearance) = (0.0_f64, 0.0_f64, 0.0_f64);
+        self.error.clear();
+        self.error.resize(ROWS * goals.len(), 0.0);
         for (goal, rows) in goals.iter().zip(self.error.chunks_mut(ROWS)) {
             let (shift, turn) = match goal.part {
                 Part::Site(site) => {
@@ -294,13 +335,25 @@ impl InverseKinematics {
                 rows[3 + axis] = goal.rotation[axis] * turn[axis];
             }
         }
-        Errors { cost: 0.5 * dot(&self.error, &self.error), position, rotation }
+        let mut cost = 0.5 * dot(&self.error, &self.error);
+        self.close.clear();
+        for (index, Clearance { shapes: (a, b), margin }) in self.clearances.iter().enumerate() {
+            if let Some(nearest) = self.mechanics.nearest(model, *a, *b, margin + FORESIGHT) {
+                let lacks = margin - nearest.distance;
+                self.close.push((index, nearest));
+                self.error.push(lacks);
+                clearance = clearance.max(lacks);
+                cost += 0.5 * lacks.max(0.0).powi(2);
+            }
+        }
+        Errors { cost, position, rotation, clearance }
     }
 
-    /// Writes the columns of the Jacobian of all goals, weighted as their errors.
+    /// Writes the columns of the Jacobian of all goals and distances, weighted as their errors.
     fn linearise(&mut self, model: &Model, goals: &[Goal]) {
         let rows = self.error.len();
-        self.jacobian.fill(0.0);
+        self.jacobian.clear();
+        self.jacobian.resize(rows * self.change.len(), 0.0);
         for (index, goal) in goals.iter().enumerate() {
             let (column, jacobian) = (&self.column, &mut self.jacobian);
             let mut write = |dof: usize, at: usize, values: &Vector3<f64>, weights: &[f64; 3]| {
@@ -327,16 +380,33 @@ impl InverseKinematics {
                 }
             }
         }
+        let of_goals = ROWS * goals.len();
+        for (row, (index, nearest)) in (of_goals..rows).zip(&self.close) {
+            let (a, b) = self.clearances[*index].shapes;
+            for (shape, point, sign) in [(a, nearest.points[0], -1.0), (b, nearest.points[1], 1.0)] {
+                for (dof, velocity) in self.mechanics.point_columns(model, model.shapes()[shape.0].body, point) {
+                    if let Some(column) = self.column[dof] {
+                        self.jacobian[usize::from(column) * rows + row] += sign * nearest.normal.dot(&velocity.linear);
+                    }
+                }
+            }
+        }
     }
 
     /// Takes one damped step along what was linearised.
     fn step(&mut self, model: &Model, state: &mut State, cost: f64) {
         let (rows, first) = (self.error.len(), self.change.len() - self.variables.len());
+        let of_goals = rows - self.close.len();
         self.is_held.fill(false);
-        // Each pass may find joints that would leave their range; the others then make up for them.
-        for _ in 0..4 {
-            self.normal.fill(0.0);
-            self.force.copy_from_slice(&self.error);
+        self.is_pressed.clear();
+        self.is_pressed.extend(self.error[of_goals..].iter().map(|lacks| *lacks > 0.0));
+        // Each pass may find joints that would leave their range, and shapes that would come too near; the other joints then
+        // make up for them.
+        for _ in 0..PASSES {
+            self.normal.clear();
+            self.normal.resize(rows * rows, 0.0);
+            self.force.clear();
+            self.force.extend_from_slice(&self.error);
             for index in 0..self.change.len() {
                 self.change[index] = 0.0;
                 if self.is_held[index] {
@@ -350,6 +420,11 @@ impl InverseKinematics {
                     self.change[index] = self.options.rest_pull * (variable.rest - state.qpos[variable.qpos]);
                     add_scaled(&mut self.force, column, -self.change[index]);
                 }
+            }
+            for row in (of_goals..rows).filter(|row| !self.is_pressed[row - of_goals]) {
+                self.normal[row * rows..][..row].fill(0.0);
+                (row + 1..rows).for_each(|below| self.normal[below * rows + row] = 0.0);
+                self.force[row] = 0.0;
             }
             for row in 0..rows {
                 self.normal[row * rows + row] += cost + DAMPING;
@@ -369,6 +444,13 @@ impl InverseKinematics {
                     let (angle, change) = (state.qpos[variable.qpos], self.change[index]);
                     self.is_held[index] = angle <= lower && change < 0.0 || angle >= upper && change > 0.0;
                     is_done &= !self.is_held[index];
+                }
+            }
+            for (row, is_pressed) in (of_goals..rows).zip(&mut self.is_pressed) {
+                let growth = (0..self.change.len()).map(|index| self.jacobian[index * rows + row] * self.change[index]);
+                if !*is_pressed && growth.sum::<f64>() < self.error[row] {
+                    *is_pressed = true;
+                    is_done = false;
                 }
             }
             if is_done {

@@ -93,10 +93,12 @@ mod cholesky;
 mod goal;
 mod inverse;
 mod program;
+mod stance;
 mod supports;
 
-pub use fiatlux_dynamics::{Mechanics, Site};
-pub use goal::{Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
+pub use fiatlux_dynamics::{Mechanics, Nearest, Site};
+pub use goal::{Clearance, Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
 pub use inverse::InverseKinematics;
 pub use program::{Program, ProgramError, ProgramSolver};
+pub use stance::{Stance, StanceController, StanceGains};
 pub use supports::{Acceleration, Support, SupportError, SupportSolver, driven_angles};

@@ -55,6 +55,14 @@ pub enum SupportError {
         /// What is wrong, and what to do.
         reason: &'static str,
     },
+    /// A posture of another length.
+    #[error("the posture has {found} angles; it needs one for each of the {expected} drives")]
+    Length {
+        /// Drives of the model.
+        expected: usize,
+        /// Angles given.
+        found: usize,
+    },
     /// The supports cannot carry the robot so, whatever its motors do.
     #[error(
         "the supports cannot bear this: the robot tips or slides, or one bears too much; move the centre of mass or add one"

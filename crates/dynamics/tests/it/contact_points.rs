@@ -4,22 +4,22 @@ use fiatlux_dynamics::*;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 /// A small linear congruential generator: the cases are the same on every machine.
-struct Random(u64);
+pub struct Random(pub u64);
 
 impl Random {
-    fn uniform(&mut self, low: f64, high: f64) -> f64 {
+    pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         low + (high - low) * (self.0 >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn pose(&mut self, spread: f64) -> Isometry3<f64> {
+    pub fn pose(&mut self, spread: f64) -> Isometry3<f64> {
         let mut four = || self.uniform(-1.0, 1.0);
         let rotation = UnitQuaternion::new_normalize(Quaternion::new(four(), four(), four(), four()));
         let mut three = || self.uniform(-spread, spread);
         Isometry3::from_parts(Vector3::new(three(), three(), three()).into(), rotation)
     }
 
-    fn geometry(&mut self, kind: usize) -> Geometry {
+    pub fn geometry(&mut self, kind: usize) -> Geometry {
         match kind {
             0 => Geometry::Sphere { radius: self.uniform(0.02, 0.1) },
             1 => Geometry::Capsule { radius: self.uniform(0.02, 0.06), half_length: self.uniform(0.02, 0.15) },
@@ -31,20 +31,22 @@ impl Random {
     }
 }
 
-fn two_shapes(a: Geometry, b: Geometry) -> Model {
+pub fn free_body(name: &str) -> BodySpec {
+    BodySpec {
+        name: name.into(),
+        parent: BodyId::WORLD,
+        parent_from_body: Isometry3::identity(),
+        joint: Joint::Free,
+        mass: 1.0,
+        com: Vector3::zeros(),
+        inertia: Matrix3::identity(),
+    }
+}
+
+pub fn two_shapes(a: Geometry, b: Geometry) -> Model {
     let mut builder = ModelBuilder::new();
     for (name, geometry) in [("a", a), ("b", b)] {
-        let body = builder
-            .add_body(BodySpec {
-                name: name.into(),
-                parent: BodyId::WORLD,
-                parent_from_body: Isometry3::identity(),
-                joint: Joint::Free,
-                mass: 1.0,
-                com: Vector3::zeros(),
-                inertia: Matrix3::identity(),
-            })
-            .unwrap();
+        let body = builder.add_body(free_body(name)).unwrap();
         builder
             .add_shape(ShapeSpec {
                 name: name.into(),
@@ -60,7 +62,7 @@ fn two_shapes(a: Geometry, b: Geometry) -> Model {
     builder.build().unwrap()
 }
 
-fn parry_shape(geometry: Geometry) -> Box<dyn parry3d_f64::shape::Shape> {
+pub fn parry_shape(geometry: Geometry) -> Box<dyn parry3d_f64::shape::Shape> {
     match geometry {
         Geometry::Sphere { radius } => Box::new(parry3d_f64::shape::Ball::new(radius)),
         Geometry::Capsule { radius, half_length } => Box::new(parry3d_f64::shape::Capsule::new_z(half_length, radius)),
@@ -71,7 +73,7 @@ fn parry_shape(geometry: Geometry) -> Box<dyn parry3d_f64::shape::Shape> {
     }
 }
 
-fn parry_pose(pose: &Isometry3<f64>) -> parry3d_f64::math::Pose {
+pub fn parry_pose(pose: &Isometry3<f64>) -> parry3d_f64::math::Pose {
     let (p, q) = (pose.translation.vector, pose.rotation);
     parry3d_f64::math::Pose {
         rotation: parry3d_f64::math::Rotation::from_xyzw(q.i, q.j, q.k, q.w),

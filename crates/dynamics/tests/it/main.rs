@@ -4,6 +4,7 @@
 mod closed_forms;
 mod contact_points;
 mod dense;
+mod distances;
 mod mechanics;
 mod refused;
 mod variation;

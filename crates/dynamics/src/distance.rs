@@ -1,0 +1,168 @@
+//! Signed distances and nearest points between shapes, for planners. Balls and capsules are points and segments with a radius
+//! around them, so that parry's general convex query only meets polytopes, on which it is exact.
+
+use nalgebra::Isometry3;
+use parry3d_f64::math::{Pose, Rotation, Vector};
+use parry3d_f64::query::details::{
+    contact_support_map_support_map, intersection_test_support_map_support_map as intersect,
+};
+use parry3d_f64::shape::{Cuboid, Segment, SupportMap};
+
+use crate::collide::extent;
+use crate::mechanics::Mechanics;
+use crate::model::Model;
+use crate::spatial::V3;
+use crate::spec::{Geometry, ShapeId};
+
+/// Where two shapes are nearest to each other; where they overlap, how to part them by the shortest way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearest {
+    /// Gap, m; negative when the shapes overlap.
+    pub distance: f64,
+    /// The nearest point of each surface, world, m.
+    pub points: [V3; 2],
+    /// Unit vector from the first shape to the second, world: the distance grows fastest when the second moves along it.
+    pub normal: V3,
+}
+
+/// What is left of a shape without its radius.
+enum Core {
+    Segment(Segment),
+    Cuboid(Cuboid),
+}
+
+impl Core {
+    /// The core and the radius around it; none for a half-space.
+    fn of(geometry: &Geometry) -> Option<(Self, f64)> {
+        let segment = |half: f64| Core::Segment(Segment::new(Vector::new(0.0, 0.0, -half), Vector::new(0.0, 0.0, half)));
+        match *geometry {
+            Geometry::HalfSpace => None,
+            Geometry::Sphere { radius } => Some((segment(0.0), radius)),
+            Geometry::Capsule { radius, half_length } => Some((segment(half_length), radius)),
+            Geometry::Cuboid { half_extents: h } => Some((Core::Cuboid(Cuboid::new(Vector::new(h.x, h.y, h.z))), 0.0)),
+        }
+    }
+
+    fn map(&self) -> &dyn SupportMap {
+        match self {
+            Core::Segment(segment) => segment,
+            Core::Cuboid(cuboid) => cuboid,
+        }
+    }
+
+    /// The point that is farthest in a direction, both in the world.
+    fn support(&self, world_from_core: &Isometry3<f64>, direction: &V3) -> V3 {
+        let local = world_from_core.inverse_transform_vector(direction);
+        let point = self.map().local_support_point(Vector::new(local.x, local.y, local.z));
+        (world_from_core * nalgebra::Point3::new(point.x, point.y, point.z)).coords
+    }
+}
+
+impl Mechanics {
+    /// Pose of a shape.
+    ///
+    /// # Panics
+    /// If the model has no such shape.
+    pub fn world_from_shape(&self, model: &Model, shape: ShapeId) -> Isometry3<f64> {
+        let spec = &model.shapes[shape.0];
+        self.world_from_body(spec.body) * spec.body_from_shape
+    }
+
+    /// Signed distance and nearest points of two shapes, of one tree or not; none if the gap is wider than `most`, m, which may
+    /// be infinite. Two shapes that may never touch have a distance, too. Allocates only where boxes overlap.
+    ///
+    /// # Panics
+    /// If the model has no such shape.
+    pub fn nearest(&self, model: &Model, a: ShapeId, b: ShapeId, most: f64) -> Option<Nearest> {
+        let cores = [a, b].map(|shape| Core::of(&model.shapes[shape.0].geometry));
+        let poses = || [a, b].map(|shape| self.world_from_shape(model, shape));
+        match cores {
+            [None, None] => None,
+            [None, Some(core)] => {
+                let [plane, other] = poses();
+                above_plane(&plane, &core, &other, most)
+            }
+            [Some(core), None] => {
+                let [other, plane] = poses();
+                above_plane(&plane, &core, &other, most).map(Nearest::reversed)
+            }
+            [Some(core_a), Some(core_b)] => {
+                let extent = |shape: ShapeId| extent(&model.shapes[shape.0].geometry);
+                let center = |shape: ShapeId| {
+                    let spec = &model.shapes[shape.0];
+                    self.world_point(spec.body, &spec.body_from_shape.translation.vector)
+                };
+                let gap = (center(b) - center(a)).norm() - extent(a) - extent(b);
+                if gap > most { None } else { between(poses(), core_a, core_b, most) }
+            }
+        }
+    }
+
+    /// The nearest two of some pairs of shapes, by their place in the list; none if all gaps are wider than `most`, m.
+    ///
+    /// # Panics
+    /// If the model does not have one of the shapes.
+    pub fn nearest_pair(&self, model: &Model, pairs: &[(ShapeId, ShapeId)], most: f64) -> Option<(usize, Nearest)> {
+        let mut best: Option<(usize, Nearest)> = None;
+        for (index, &(a, b)) in pairs.iter().enumerate() {
+            let most = best.map_or(most, |(_, nearest)| nearest.distance);
+            if let Some(nearest) = self.nearest(model, a, b, most).filter(|nearest| nearest.distance <= most) {
+                best = Some((index, nearest));
+            }
+        }
+        best
+    }
+}
+
+impl Nearest {
+    fn reversed(self) -> Self {
+        let [a, b] = self.points;
+        Self { distance: self.distance, points: [b, a], normal: -self.normal }
+    }
+
+    /// From the nearest points of two cores.
+    fn around(points: [V3; 2], normal: V3, distance: f64, radii: [f64; 2]) -> Self {
+        let points = [points[0] + normal * radii[0], points[1] - normal * radii[1]];
+        Self { distance: distance - radii[0] - radii[1], points, normal }
+    }
+}
+
+fn above_plane(
+    plane: &Isometry3<f64>,
+    (core, radius): &(Core, f64),
+    other: &Isometry3<f64>,
+    most: f64,
+) -> Option<Nearest> {
+    let normal = plane.rotation * V3::z();
+    let lowest = core.support(other, &-normal);
+    let height = (lowest - plane.translation.vector).dot(&normal);
+    let nearest = Nearest::around([lowest - normal * height, lowest], normal, height, [0.0, *radius]);
+    (nearest.distance <= most).then_some(nearest)
+}
+
+fn between(
+    [a, b]: [Isometry3<f64>; 2],
+    (core_a, radius_a): (Core, f64),
+    (core_b, radius_b): (Core, f64),
+    most: f64,
+) -> Option<Nearest> {
+    let a_from_b = a.inv_mul(&b);
+    let (t, q) = (a_from_b.translation.vector, a_from_b.rotation);
+    let pose =
+        Pose { rotation: Rotation::from_xyzw(q.i, q.j, q.k, q.w), translation: Vector::new(t.x, t.y, t.z) };
+    let radii = [radius_a, radius_b];
+    let most = most + radius_a + radius_b;
+    let vector = |v: Vector| V3::new(v.x, v.y, v.z);
+    if let Some(found) = contact_support_map_support_map(&pose, core_a.map(), core_b.map(), most) {
+        let world = |iso: &Isometry3<f64>, point: Vector| (iso * nalgebra::Point3::from(vector(point))).coords;
+        let points = [world(&a, found.point1), world(&b, found.point2)];
+        return Some(Nearest::around(points, a.rotation * vector(found.normal1), found.dist, radii));
+    }
+    if !intersect(&pose, core_a.map(), core_b.map()) {
+        return None;
+    }
+    // Cores that just meet, as two crossing segments do, have no normal of their own.
+    let normal = (b.translation.vector - a.translation.vector).try_normalize(1e-12).unwrap_or_else(V3::z);
+    let meets = core_b.support(&b, &-normal);
+    Some(Nearest::around([meets; 2], normal, 0.0, radii))
+}

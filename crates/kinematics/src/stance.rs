@@ -1,0 +1,124 @@
+//! Balance over a stance: contact forces that pull centre of mass and trunk back to their places, as joint targets.
+//!
+//! The feedback is that of virtual springs and dampers on the centre of mass and on the trunk. [`SupportSolver`] distributes
+//! their pull over the supports, and the drives get the targets that make them produce the efforts.
+
+use fiatlux_dynamics::{BodyId, Mechanics, Model, State};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::supports::{Acceleration, Support, SupportError, SupportSolver, driven_angles};
+
+/// Shares of the wanted acceleration that are tried in turn, where the supports cannot give all of it.
+const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
+
+/// A posture on its supports.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stance {
+    /// Angles of the driven joints, rad, in the order of [`Model::drives`].
+    pub posture: Vec<f64>,
+    /// Where the centre of mass is wanted, world, m.
+    pub com: Vector3<f64>,
+    /// How the root is wanted to be turned.
+    pub world_from_trunk: UnitQuaternion<f64>,
+    /// What bears the robot.
+    pub supports: Vec<Support>,
+}
+
+impl Stance {
+    /// The stance of a state, which [`InverseKinematics`](crate::InverseKinematics) may have found.
+    pub fn new(model: &Model, root: BodyId, state: &State, supports: Vec<Support>) -> Self {
+        let mut mechanics = Mechanics::new(model);
+        mechanics.update(model, state);
+        let mut posture = vec![0.0; model.drives().len()];
+        driven_angles(model, state, &mut posture);
+        let com = mechanics.center_of_mass(model, root).1;
+        Self { posture, com, world_from_trunk: mechanics.world_from_body(root).rotation, supports }
+    }
+}
+
+/// How strongly centre of mass and trunk are pulled back: 1/s^2 for each metre or radian, and 1/s for their speed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StanceGains {
+    /// Of the centre of mass.
+    pub com: [f64; 2],
+    /// Of the trunk.
+    pub trunk: [f64; 2],
+}
+
+impl Default for StanceGains {
+    fn default() -> Self {
+        Self { com: [15.0, 6.0], trunk: [30.0, 8.0] }
+    }
+}
+
+/// Keeps a robot on its supports. It needs a model of the robot, alone or in a scene, and its true state, once a control step.
+/// A result depends on its arguments alone, but for the efforts that are kept where the supports can do nothing more.
+#[derive(Debug, Clone)]
+pub struct StanceController {
+    root: BodyId,
+    mechanics: Mechanics,
+    solver: SupportSolver,
+    targets: Vec<f64>,
+    /// How strongly it pulls.
+    pub gains: StanceGains,
+}
+
+impl StanceController {
+    /// For the robot of that root.
+    ///
+    /// # Errors
+    /// [`SupportError::Root`] for a root that is not free.
+    pub fn new(model: &Model, root: BodyId) -> Result<Self, SupportError> {
+        let solver = SupportSolver::new(model, root)?;
+        let targets = vec![0.0; model.drives().len()];
+        Ok(Self { root, mechanics: Mechanics::new(model), solver, targets, gains: StanceGains::default() })
+    }
+
+    /// Joint targets for the next control step, rad, in the order of [`Model::drives`]; they may lie beyond the joints' limits.
+    /// Where the supports cannot give the wanted acceleration, they give a part of it. Where they cannot even bear the robot
+    /// at rest, the efforts of the last call are kept.
+    ///
+    /// # Errors
+    /// [`SupportError::Support`]: a support makes no sense; [`SupportError::Length`]: the posture does not have one angle per
+    /// drive; or the first call finds no forces at all.
+    pub fn targets(&mut self, model: &Model, state: &State, stance: &Stance) -> Result<&[f64], SupportError> {
+        let (expected, found) = (self.targets.len(), stance.posture.len());
+        if expected != found {
+            return Err(SupportError::Length { expected, found });
+        }
+        self.mechanics.update_equation(model, state);
+        let wanted = self.acceleration(model, stance);
+        let mut result = Ok(());
+        for share in SHARES {
+            let part = Acceleration { com: wanted.com * share, trunk: wanted.trunk * share };
+            result = self.solver.solve(model, &mut self.mechanics, &stance.supports, &part);
+            match result {
+                Err(SupportError::Unsupported | SupportError::Effort(_)) => {}
+                _ => break,
+            }
+        }
+        match result {
+            Err(SupportError::Unsupported | SupportError::Effort(_)) if !self.solver.forces().is_empty() => {}
+            other => other?,
+        }
+        self.solver.targets(model, &self.mechanics, &stance.posture, &mut self.targets);
+        Ok(&self.targets)
+    }
+
+    /// What springs and dampers ask for.
+    fn acceleration(&mut self, model: &Model, stance: &Stance) -> Acceleration {
+        let ([spring, damper], [turn_spring, turn_damper]) = (self.gains.com, self.gains.trunk);
+        let shift = stance.com - self.mechanics.center_of_mass(model, self.root).1;
+        let turn = stance.world_from_trunk * self.mechanics.world_from_body(self.root).rotation.inverse();
+        let velocity = self.mechanics.com_velocity(model, self.root);
+        Acceleration {
+            com: shift * spring - velocity * damper,
+            trunk: turn.scaled_axis() * turn_spring - self.mechanics.velocity(self.root).angular * turn_damper,
+        }
+    }
+
+    /// Forces of the supports that the last targets go with, world, N, and efforts of the drives, N m.
+    pub fn forces(&self) -> (&[Vector3<f64>], &[f64]) {
+        (self.solver.forces(), self.solver.efforts())
+    }
+}
