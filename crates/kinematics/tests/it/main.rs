@@ -3,6 +3,7 @@
 
 mod holding;
 mod inverse;
+mod ladder_stances;
 mod oracle;
 mod program;
 mod stances;
