@@ -229,13 +229,15 @@ impl Collider {
 impl Model {
     /// Pairs of shapes that may touch: not those of one body, of bodies joined by a joint, or excluded.
     pub fn shape_pairs(&self) -> impl Iterator<Item = (ShapeId, ShapeId)> + '_ {
-        self.pairs.iter().flat_map(|pair| {
-            pair.rows.iter().flat_map(move |(shape, range)| {
-                let partners = pair.partners[range.clone()].iter();
-                partners.map(move |partner| if pair.by_b { (partner, shape) } else { (shape, partner) })
+        self.pairs
+            .iter()
+            .flat_map(|pair| {
+                pair.rows.iter().flat_map(move |(shape, range)| {
+                    let partners = pair.partners[range.clone()].iter();
+                    partners.map(move |partner| if pair.by_b { (partner, shape) } else { (shape, partner) })
+                })
             })
-        })
-        .map(|(a, b)| (ShapeId(usize::from(*a)), ShapeId(usize::from(*b))))
+            .map(|(a, b)| (ShapeId(usize::from(*a)), ShapeId(usize::from(*b))))
     }
 
     /// Every contact of a configuration with a gap of at most `margin` m, shapes unmoved. Allocates; for building and

@@ -34,7 +34,8 @@ enum Core {
 impl Core {
     /// The core and the radius around it; none for a half-space.
     fn of(geometry: &Geometry) -> Option<(Self, f64)> {
-        let segment = |half: f64| Core::Segment(Segment::new(Vector::new(0.0, 0.0, -half), Vector::new(0.0, 0.0, half)));
+        let segment =
+            |half: f64| Core::Segment(Segment::new(Vector::new(0.0, 0.0, -half), Vector::new(0.0, 0.0, half)));
         match *geometry {
             Geometry::HalfSpace => None,
             Geometry::Sphere { radius } => Some((segment(0.0), radius)),
@@ -148,8 +149,7 @@ fn between(
 ) -> Option<Nearest> {
     let a_from_b = a.inv_mul(&b);
     let (t, q) = (a_from_b.translation.vector, a_from_b.rotation);
-    let pose =
-        Pose { rotation: Rotation::from_xyzw(q.i, q.j, q.k, q.w), translation: Vector::new(t.x, t.y, t.z) };
+    let pose = Pose { rotation: Rotation::from_xyzw(q.i, q.j, q.k, q.w), translation: Vector::new(t.x, t.y, t.z) };
     let radii = [radius_a, radius_b];
     let most = most + radius_a + radius_b;
     let vector = |v: Vector| V3::new(v.x, v.y, v.z);

@@ -43,22 +43,28 @@ pub struct StanceGains {
     pub com: [f64; 2],
     /// Of the trunk.
     pub trunk: [f64; 2],
+    /// Part by which the wanted acceleration goes to the new one in each step, above 0 and at most 1: less than 1 averages the
+    /// noise of joint speeds.
+    pub share: f64,
 }
 
 impl Default for StanceGains {
     fn default() -> Self {
-        Self { com: [15.0, 6.0], trunk: [30.0, 8.0] }
+        Self { com: [15.0, 6.0], trunk: [30.0, 8.0], share: 0.3 }
     }
 }
 
-/// Keeps a robot on its supports. It needs a model of the robot, alone or in a scene, and its true state, once a control step.
-/// A result depends on its arguments alone, but for the efforts that are kept where the supports can do nothing more.
+/// Keeps a robot on its supports. It needs a model of the robot, alone or in a scene, and poses and velocities of pelvis and
+/// joints, once a control step of 20 ms.
 #[derive(Debug, Clone)]
 pub struct StanceController {
     root: BodyId,
     mechanics: Mechanics,
     solver: SupportSolver,
     targets: Vec<f64>,
+    is_borne: bool,
+    /// Averaged.
+    wanted: Option<Acceleration>,
     /// How strongly it pulls.
     pub gains: StanceGains,
 }
@@ -71,38 +77,59 @@ impl StanceController {
     pub fn new(model: &Model, root: BodyId) -> Result<Self, SupportError> {
         let solver = SupportSolver::new(model, root)?;
         let targets = vec![0.0; model.drives().len()];
-        Ok(Self { root, mechanics: Mechanics::new(model), solver, targets, gains: StanceGains::default() })
+        Ok(Self {
+            root,
+            mechanics: Mechanics::new(model),
+            solver,
+            targets,
+            is_borne: false,
+            wanted: None,
+            gains: StanceGains::default(),
+        })
+    }
+
+    /// Forgets what was averaged, before another episode.
+    pub fn restart(&mut self) {
+        self.wanted = None;
     }
 
     /// Joint targets for the next control step, rad, in the order of [`Model::drives`]; they may lie beyond the joints' limits.
     /// Where the supports cannot give the wanted acceleration, they give a part of it. Where they cannot even bear the robot
-    /// at rest, the efforts of the last call are kept.
+    /// at rest, the efforts stay as they were: see [`Self::is_borne`].
     ///
     /// # Errors
     /// [`SupportError::Support`]: a support makes no sense; [`SupportError::Length`]: the posture does not have one angle per
-    /// drive; or the first call finds no forces at all.
+    /// drive.
     pub fn targets(&mut self, model: &Model, state: &State, stance: &Stance) -> Result<&[f64], SupportError> {
         let (expected, found) = (self.targets.len(), stance.posture.len());
         if expected != found {
             return Err(SupportError::Length { expected, found });
         }
         self.mechanics.update_equation(model, state);
-        let wanted = self.acceleration(model, stance);
-        let mut result = Ok(());
+        let new = self.acceleration(model, stance);
+        let wanted = self.wanted.get_or_insert(new);
+        wanted.com += (new.com - wanted.com) * self.gains.share;
+        wanted.trunk += (new.trunk - wanted.trunk) * self.gains.share;
+        let wanted = *wanted;
+        self.is_borne = false;
         for share in SHARES {
             let part = Acceleration { com: wanted.com * share, trunk: wanted.trunk * share };
-            result = self.solver.solve(model, &mut self.mechanics, &stance.supports, &part);
-            match result {
+            match self.solver.solve(model, &mut self.mechanics, &stance.supports, &part) {
+                Ok(()) => {
+                    self.is_borne = true;
+                    break;
+                }
                 Err(SupportError::Unsupported | SupportError::Effort(_)) => {}
-                _ => break,
+                Err(error) => return Err(error),
             }
-        }
-        match result {
-            Err(SupportError::Unsupported | SupportError::Effort(_)) if !self.solver.forces().is_empty() => {}
-            other => other?,
         }
         self.solver.targets(model, &self.mechanics, &stance.posture, &mut self.targets);
         Ok(&self.targets)
+    }
+
+    /// Whether the supports bore the robot when the last targets were made, within their friction and the motors' efforts.
+    pub fn is_borne(&self) -> bool {
+        self.is_borne
     }
 
     /// What springs and dampers ask for.

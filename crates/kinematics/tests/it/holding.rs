@@ -2,10 +2,9 @@
 //! targets that follow from its state every 20 ms. The controller knows the robot alone.
 
 use fiatlux_dynamics::{Contact, Dynamics, Input, Model, ModelBuilder, State};
-use fiatlux_kinematics::{Mechanics, Site, Stance, StanceController, SupportError};
+use fiatlux_kinematics::{Mechanics, Site, StanceController};
 use fiatlux_robot::{BuildOptions, RobotIds};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene};
-use nalgebra::{Isometry3, Vector3};
 
 use crate::Draws;
 use crate::ladder_stances::{Feet, Placed};
@@ -38,20 +37,12 @@ impl Own {
         }
     }
 
-    /// Adds what sensors of poses and velocities might be wrong by.
-    fn blur(&mut self, draws: &mut Draws, noise: f64) {
-        let root = self.ids.root;
-        let turn = Vector3::from_vec(draws.many(3, 0.01 * noise));
-        let at = self.ids.root_qpos;
-        let position = Vector3::from_column_slice(&self.state.qpos[at..at + 3]) + Vector3::from_vec(draws.many(3, 0.005 * noise));
-        let q = &self.state.qpos[at + 3..at + 7];
-        let rotation = nalgebra::Quaternion::new(q[0], q[1], q[2], q[3]);
-        let rotation = nalgebra::UnitQuaternion::from_scaled_axis(turn) * nalgebra::UnitQuaternion::new_normalize(rotation);
-        self.state.set_pose(&self.model, root, &Isometry3::from_parts(position.into(), rotation));
+    /// Adds the benchmark's noise to angles and speeds of the joints; where the pelvis is, a privileged policy sees as it is.
+    fn blur(&mut self, draws: &mut Draws) {
         for joint in &self.ids.joints {
-            self.state.qpos[joint.qpos] += 0.01 * noise * draws.one();
+            self.state.qpos[joint.qpos] += 0.01 * draws.one();
+            self.state.qvel[joint.dof] += 1.5 * draws.one();
         }
-        self.state.qvel.iter_mut().for_each(|speed| *speed += 0.1 * noise * draws.one());
     }
 }
 
@@ -70,8 +61,7 @@ struct Held {
     lifted: f64,
 }
 
-/// Holds a stance; `noise` is part of what sensors might be wrong by.
-fn hold(scene: &Scene, placed: &Placed, seconds: f64, noise: f64) -> Held {
+fn hold(scene: &Scene, placed: &Placed, seconds: f64, noise: bool) -> Held {
     let (model, robot, ids) = (&scene.model, &scene.robot, &scene.robot_ids);
     let (mut own, mut draws) = (Own::new(scene), Draws(7));
     let mut controller = StanceController::new(&own.model, own.ids.root).unwrap();
@@ -87,7 +77,9 @@ fn hold(scene: &Scene, placed: &Placed, seconds: f64, noise: f64) -> Held {
     let mut held = Held::default();
     for _ in 0..(seconds / (PHYSICS_DT * SUBSTEPS as f64)) as usize {
         own.see(scene, &state);
-        own.blur(&mut draws, noise);
+        if noise {
+            own.blur(&mut draws);
+        }
         let own_targets = controller.targets(&own.model, &own.state, &placed.stance).unwrap();
         for (own, there) in own.ids.joints.iter().zip(&ids.joints) {
             targets[there.drive] = own_targets[own.drive];
@@ -105,7 +97,8 @@ fn hold(scene: &Scene, placed: &Placed, seconds: f64, noise: f64) -> Held {
             [contact.shape_a, contact.shape_b].iter().any(|shape| model.shapes()[shape.0].body == left)
         };
         if placed.feet.lift > 0.0 {
-            let forces = dynamics.contacts().iter().filter(|contact| on_left(contact)).map(|contact| contact.force.norm());
+            let forces =
+                dynamics.contacts().iter().filter(|contact| on_left(contact)).map(|contact| contact.force.norm());
             held.lifted = held.lifted.max(forces.sum());
         }
         mechanics.update(model, &state);
@@ -115,7 +108,9 @@ fn hold(scene: &Scene, placed: &Placed, seconds: f64, noise: f64) -> Held {
             let most = if index < 2 { &mut held.sole } else { &mut held.ladder };
             *most = most.max(moved);
         }
-        assert!(held.com < 0.3, "{:?}: fell", placed.feet);
+        if held.com > 0.1 {
+            break;
+        }
     }
     held
 }
@@ -127,8 +122,7 @@ fn stances_hold_for_30_s() {
     let is_slow = std::env::var_os("FIATLUX_SLOW_TESTS").is_some();
     for feet in Feet::all() {
         let placed = feet.place(&scene).unwrap_or_else(|| panic!("{feet:?}: no posture"));
-        let is_narrow = feet.lift > 0.0 && feet.surfaces[0] != feet.surfaces[1];
-        let held = hold(&scene, &placed, if is_slow || is_narrow { 30.0 } else { 2.0 }, 0.0);
+        let held = hold(&scene, &placed, if is_slow || feet.is_narrow() { 30.0 } else { 2.0 }, false);
         let (effort, joint) = &held.effort;
         println!(
             "{feet:?}: soles {:.2} mm, centre of mass {:.2} mm, ladder {:.2} mm, {joint} at {:.0} %",
@@ -140,4 +134,24 @@ fn stances_hold_for_30_s() {
         assert!(held.sole < 1e-3 && held.com < 2e-3 && held.ladder < 1e-3, "{feet:?}: {held:?}");
         assert!(*effort < 0.9 && held.lifted == 0.0, "{feet:?}: {held:?}");
     }
+}
+
+#[test]
+fn stances_hold_with_noise_in_many_rooms() {
+    let is_slow = std::env::var_os("FIATLUX_SLOW_TESTS").is_some();
+    let (mut count, mut fell) = (0, Vec::new());
+    for room in 1000..if is_slow { 1020 } else { 1001 } {
+        let scene = ladder(room);
+        for feet in Feet::all().into_iter().filter(|feet| is_slow || feet.is_narrow()) {
+            let placed = feet.place(&scene).unwrap_or_else(|| panic!("room {room}, {feet:?}: no posture"));
+            let held = hold(&scene, &placed, 30.0, true);
+            count += 1;
+            if held.com > 0.05 || held.ladder > 0.001 {
+                println!("room {room}, {feet:?}: {held:?}");
+                fell.push(feet);
+            }
+        }
+    }
+    println!("{} of {count} held", count - fell.len());
+    assert!(count > 7 && fell.len() * 20 <= count, "{} of {count} fell", fell.len());
 }

@@ -11,8 +11,7 @@ use crate::holding::Own;
 use crate::stances::{soles, world_from_tread};
 
 /// What the feet stand on, by height.
-const SURFACES: [&str; 5] =
-    ["ladder_tread_0", "ladder_tread_1", "ladder_tread_2", "ladder_tread_3", "ladder_platform"];
+const SURFACES: [&str; 5] = ["ladder_tread_0", "ladder_tread_1", "ladder_tread_2", "ladder_tread_3", "ladder_platform"];
 const PLATFORM: usize = 4;
 /// Half the depth of a tread and of the platform, m.
 const HALF_DEPTH: [f64; 2] = [0.045, 0.2];
@@ -63,6 +62,11 @@ impl Feet {
             }
         }
         all
+    }
+
+    /// Whether it is on the upper foot of two alone.
+    pub fn is_narrow(&self) -> bool {
+        self.lift > 0.0 && self.surfaces[0] != self.surfaces[1]
     }
 
     /// A posture in which shapes keep apart and the supports bear the robot.
@@ -141,7 +145,13 @@ impl Feet {
         (world_from_tread(scene, mechanics, SURFACES[surface]) * tread_from_sole, range)
     }
 
-    fn try_place(&self, scene: &Scene, inverse: &mut InverseKinematics, behind: [f64; 2], aside: f64) -> Option<Placed> {
+    fn try_place(
+        &self,
+        scene: &Scene,
+        inverse: &mut InverseKinematics,
+        behind: [f64; 2],
+        aside: f64,
+    ) -> Option<Placed> {
         let (model, robot, ids) = (&scene.model, &scene.robot, &scene.robot_ids);
         let mut state = model.reference_state();
         let mut mechanics = Mechanics::new(model);
@@ -173,7 +183,7 @@ impl Feet {
         }
         let stance = Stance::new(&own.model, own.ids.root, &own.state, supports);
         let mut controller = StanceController::new(&own.model, own.ids.root).unwrap();
-        controller.targets(&own.model, &own.state, &stance).ok()?;
-        Some(Placed { feet: *self, state, stance })
+        controller.targets(&own.model, &own.state, &stance).unwrap();
+        controller.is_borne().then_some(Placed { feet: *self, state, stance })
     }
 }
