@@ -8,7 +8,7 @@ use fiatlux_world::Scene;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::holding::Own;
-use crate::stances::{soles, world_from_tread};
+use crate::stances::{ladder, soles, world_from_tread};
 
 /// What the feet stand on, by height.
 const SURFACES: [&str; 5] = ["ladder_tread_0", "ladder_tread_1", "ladder_tread_2", "ladder_tread_3", "ladder_platform"];
@@ -116,18 +116,23 @@ impl Feet {
             ..SearchOptions::default()
         };
         inverse.set_rest(&self.rest(scene)).unwrap();
-        // All that may touch but each sole and what it stands on.
-        let soles: Vec<_> = scene.robot.soles().iter().map(|sole| ids.site(&sole.site).body).collect();
-        let shape = |shape: ShapeId| &model.shapes()[shape.0];
-        let is_robot = |id: ShapeId| model.bodies()[shape(id).body.0].root == ids.root;
-        let stands = |a: ShapeId, b: ShapeId| {
-            (0..2).any(|side| shape(a).body == soles[side] && shape(b).name == SURFACES[self.surfaces[side]])
-        };
-        let pairs = model.shape_pairs().filter(|&(a, b)| is_robot(a) || is_robot(b));
-        let apart = pairs.filter(|&(a, b)| !stands(a, b) && !stands(b, a));
+        let apart = model.shape_pairs().filter(|&(a, b)| self.keeps_apart(scene, a, b));
         let clearances: Vec<_> = apart.map(|shapes| Clearance { shapes, margin: MARGIN }).collect();
         inverse.set_clearances(model, &clearances).unwrap();
         inverse
+    }
+
+    /// Whether two shapes are to keep apart: of the robot, or of it and something else, but for a sole and what it stands on.
+    fn keeps_apart(&self, scene: &Scene, a: ShapeId, b: ShapeId) -> bool {
+        let (model, ids) = (&scene.model, &scene.robot_ids);
+        let shape = |id: ShapeId| &model.shapes()[id.0];
+        let is_robot = |id: ShapeId| model.bodies()[shape(id).body.0].root == ids.root;
+        let soles = scene.robot.soles();
+        let stands = |a: ShapeId, b: ShapeId| {
+            let sole = soles.iter().position(|sole| ids.site(&sole.site).body == shape(a).body);
+            sole.is_some_and(|side| shape(b).name == SURFACES[self.surfaces[side]])
+        };
+        (is_robot(a) || is_robot(b)) && !stands(a, b) && !stands(b, a)
     }
 
     fn foothold(&self, scene: &Scene, mechanics: &Mechanics, side: usize, behind: f64, aside: f64) -> Foothold {
@@ -186,4 +191,23 @@ impl Feet {
         controller.targets(&own.model, &own.state, &stance).unwrap();
         controller.is_borne().then_some(Placed { feet: *self, state, stance })
     }
+}
+
+#[test]
+fn shins_keep_their_margin_from_the_next_tread() {
+    let scene = ladder(5);
+    let feet = Feet { surfaces: [2, 3], out: 0.0, share: 0.9, lift: 0.0 };
+    let nearer = |state: &State| {
+        let contacts = scene.model.contacts_at(&state.qpos, MARGIN - 2e-4).unwrap();
+        contacts.into_iter().filter(|contact| feet.keeps_apart(&scene, contact.shape_a, contact.shape_b)).count()
+    };
+    assert_eq!(nearer(&feet.place(&scene).unwrap().state), 0);
+    // Without margins the shin goes through the tread.
+    let mut inverse = feet.inverse_kinematics(&scene);
+    inverse.set_clearances(&scene.model, &[]).unwrap();
+    let heedless = feet.try_place(&scene, &mut inverse, [0.012; 2], 0.1).unwrap();
+    assert!(nearer(&heedless.state) > 0);
+    let (model, none) = (&scene.model, ShapeId(9999));
+    let refused = inverse.set_clearances(model, &[Clearance { shapes: (none, ShapeId(0)), margin: 0.0 }]).unwrap_err();
+    assert!(refused.to_string().contains("clearance 0 names a shape"), "{refused}");
 }
