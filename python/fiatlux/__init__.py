@@ -16,6 +16,7 @@ from .client import Client
 from .dataset import export_lerobot
 from .env import Env
 from .evaluation import Evaluation, evaluate
+from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
 from .settings import Settings
 from .submission import SubmissionError, submit
@@ -36,6 +37,7 @@ __all__ = [
     "Env",
     "Evaluation",
     "FiatluxError",
+    "Kinematics",
     "Policy",
     "PolicyLike",
     "Settings",

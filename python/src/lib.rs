@@ -8,6 +8,7 @@ mod client;
 mod episode;
 mod evaluate;
 mod fault;
+mod kinematics;
 mod score;
 mod settings;
 mod watch;
@@ -30,6 +31,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<batch::Snapshot>()?;
     module.add_class::<client::Client>()?;
     module.add_class::<episode::Episode>()?;
+    module.add_class::<kinematics::Kinematics>()?;
     module.add_class::<wbc::WholeBody>()?;
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;

@@ -94,7 +94,8 @@ impl Mechanics {
                     self.world_point(spec.body, &spec.body_from_shape.translation.vector)
                 };
                 let gap = (center(b) - center(a)).norm() - extent(a) - extent(b);
-                if gap > most { None } else { between(poses(), core_a, core_b, most) }
+                // A gap that is not a number is none.
+                if gap <= most { between(poses(), core_a, core_b, most) } else { None }
             }
         }
     }

@@ -77,6 +77,9 @@ pub enum WbcError {
     /// An angle for an arm's joint is NaN or infinite.
     #[error("the angle of {0} is not finite")]
     Angle(String),
+    /// A pose for a hand is NaN or infinite.
+    #[error("the pose for the {0} hand, or its firmness, is not finite")]
+    Goal(&'static str),
     /// A command that is not finite or out of range.
     #[error("command {field} is {value}, outside of {low} to {high}; command something within")]
     Command {

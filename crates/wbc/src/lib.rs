@@ -4,7 +4,7 @@
 //! sets in, the rhythm of the feet ([`Clock`]), and what is observed ([`History`]). A [`Network`] comes from a file with its
 //! [`Contract`] inside, which says what robot and engine it fits; a [`Controller`] plays it, and
 //! stands by [`balance`] where nothing asks for steps. [`Arms`] adds
-//! to the targets of the arms what their weight takes away; [`Swing`] swings free arms with the legs.
+//! to the targets of the arms what their weight takes away; [`Reach`] moves hands to poses; [`Swing`] swings free arms with the legs.
 mod arms;
 pub mod balance;
 mod clock;
@@ -14,6 +14,7 @@ mod controller;
 mod error;
 mod frame;
 mod network;
+mod reach;
 mod senses;
 mod standing;
 mod swing;
@@ -29,6 +30,7 @@ pub use frame::{
     ARMS, BODY, FRAME, FRAME_LENGTH, History, LEGS, MOVED, Sensed, first_unsound, mirrored_action, mirrored_frame,
 };
 pub use network::Network;
+pub use reach::{HandGoal, Reach};
 pub use senses::{SensedTerms, Senses};
 pub use swing::Swing;
 

@@ -1,0 +1,327 @@
+"""Kinematics and dynamics of many states at once, by the code that steps the worlds."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What inverse kinematics found, for each state."""
+
+    qpos: Array
+    """The configurations, the best that were found."""
+    reached: NDArray[np.bool_]
+    """Whether all goals are reached, with all clearances kept."""
+    position_error: Array
+    """Largest error of a position, m."""
+    rotation_error: Array
+    """Largest error of a rotation, rad."""
+    clearance_error: Array
+    """Most that two shapes are nearer than their margin, m."""
+
+
+@dataclass(frozen=True)
+class SupportForces:
+    """Forces of supports, for each state; NaN where they cannot bear the robot."""
+
+    borne: NDArray[np.bool_]
+    """Whether such forces exist, within friction and the drives' efforts."""
+    forces: Array
+    """On the robot, world, N, shape (..., supports, 3)."""
+    efforts: Array
+    """Of the drives, N m, by joint."""
+    targets: Array
+    """With which the drives make these efforts, rad, by joint: angle plus effort over stiffness."""
+
+
+@dataclass(frozen=True)
+class Support:
+    """A point of the robot that bears on something firm."""
+
+    site: str
+    """Site or link of the robot, such as ``left_sole``."""
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where it touches, in the site's frame, m."""
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Direction in which the surface pushes, world."""
+    friction: float = 1.0
+    """Coefficient of friction."""
+    most: float = float("inf")
+    """Most that it bears along the normal, N."""
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Where pairs of shapes are nearest to each other, for each state."""
+
+    distance: Array
+    """Gaps, m, negative where shapes overlap, shape (..., pairs)."""
+    points: Array
+    """The nearest point of each surface, world, m, shape (..., pairs, 2, 3)."""
+    normal: Array
+    """Unit vectors from the first shape to the second, shape (..., pairs, 3)."""
+
+
+class Kinematics:
+    """Readings of a robot's states: poses, Jacobians, the equation of motion, distances, postures and contact forces.
+
+    A state is ``qpos`` of length :attr:`nq` and, where speeds matter, ``qvel`` of length :attr:`nv`; every method takes one state
+    or an array of them, and returns arrays with the same leading axes. Quaternions are w first. The first six entries of the
+    robot's ``qvel`` are the velocity of the pelvis and its angular velocity, both in world axes::
+
+        kinematics = fiatlux.Kinematics("S08", seed=64)
+        qpos, qvel = kinematics.state(env.row())
+        palm = kinematics.poses(qpos, ["left_palm"])[0]
+
+    Args:
+        task: A task, for the robot in its room with that seed; without it, the robot on a bare floor.
+        seed: Seed of the room.
+        robot: Name of the robot.
+        gains: Drives, as of :class:`fiatlux.Settings`.
+
+    Raises:
+        ValueError: The task, the robot or the gains are unknown.
+    """
+
+    def __init__(
+        self, task: str | None = None, *, seed: int = 0, robot: str = "g1_inspire", gains: str = "fiatlux"
+    ) -> None:
+        self._native = _native.Kinematics(task, seed, robot, gains)
+        layout = self._native.layout()
+        self.nq: int = layout["nq"]
+        """Length of ``qpos``."""
+        self.nv: int = layout["nv"]
+        """Length of ``qvel``."""
+        self.joints: list[str] = [name for name, _, _ in layout["joints"]]
+        """Names of the robot's joints, in the order of actions."""
+        self.joint_qpos: NDArray[np.int64] = np.array([at for _, at, _ in layout["joints"]])
+        """Where their angles are in ``qpos``."""
+        self.joint_dof: NDArray[np.int64] = np.array([at for _, _, at in layout["joints"]])
+        """Where their speeds are in ``qvel``."""
+        self.q0: Array = np.array(layout["q0"])
+        """Their angles in the standing posture, rad."""
+        self.sites: list[str] = layout["sites"]
+        """Names of all sites and of the robot's links."""
+        self.shapes: dict[str, str] = dict(layout["shapes"])
+        """Names of all collision shapes, each with that of the body that carries it."""
+        self.soles: dict[str, tuple[float, float]] = {name: tuple(half) for name, half in layout["soles"]}
+        """Names of the sites of the soles, each with half its length and half its width, m."""
+        self.reference: Array = np.array(layout["reference"])
+        """``qpos`` with all angles 0 and all things where the room has them."""
+        self._free = {"robot": layout["root"]} | {name: (at, dof) for name, at, dof in layout["free_bodies"]}
+
+    def state(self, row: Mapping[str, ArrayLike]) -> tuple[Array, Array]:
+        """``qpos`` and ``qvel`` of rows, such as those of ``env.row()``: arrays by name, with any leading axes.
+
+        It reads ``joint_position``, ``joint_velocity`` and, of the robot and of each thing, ``robot_pose`` (position and
+        quaternion), ``robot_linear_velocity`` and ``robot_angular_velocity``. What is missing is as in :attr:`reference`, at rest.
+
+        Raises:
+            ValueError: An array has another shape.
+        """
+        fields = {name: np.asarray(field, np.float64) for name, field in row.items() if name != "step"}
+        places: list[tuple[int, str, Any]] = [
+            (0, "joint_position", self.joint_qpos),
+            (1, "joint_velocity", self.joint_dof),
+        ]
+        for name, (at, dof) in self._free.items():
+            places += [
+                (0, f"{name}_pose", np.arange(at, at + 7)),
+                (1, f"{name}_linear_velocity", np.arange(dof, dof + 3)),
+                (1, f"{name}_angular_velocity", np.arange(dof + 3, dof + 6)),
+            ]
+        known = [(which, fields[name], place) for which, name, place in places if name in fields]
+        lead = np.broadcast_shapes(*(field.shape[:-1] for _, field, _ in known))
+        made = np.tile(self.reference, (*lead, 1)), np.zeros((*lead, self.nv))
+        for which, field, place in known:
+            made[which][..., place] = field
+        return made
+
+    def poses(self, qpos: ArrayLike, sites: Sequence[str]) -> Array:
+        """Positions, m, and quaternions of sites or links, shape (..., sites, 7)."""
+        return self._call("poses", (len(sites), 7), [qpos], list(sites))
+
+    def velocities(self, qpos: ArrayLike, qvel: ArrayLike, sites: Sequence[str]) -> Array:
+        """Velocities, m/s, and angular velocities of sites or links, world axes, shape (..., sites, 6)."""
+        return self._call("velocities", (len(sites), 6), [qpos, qvel], list(sites))
+
+    def jacobian(self, qpos: ArrayLike, site: str) -> Array:
+        """Jacobian of a site, shape (..., 6, nv): times ``qvel`` it is the site's velocity, then its angular velocity."""
+        return self._call("jacobian", (6, self.nv), [qpos], site)
+
+    def center_of_mass(self, qpos: ArrayLike) -> Array:
+        """Centre of mass of the robot, m, shape (..., 3)."""
+        return self._call("center_of_mass", (3,), [qpos])
+
+    def com_jacobian(self, qpos: ArrayLike) -> Array:
+        """Jacobian of the centre of mass, shape (..., 3, nv)."""
+        return self._call("com_jacobian", (3, self.nv), [qpos])
+
+    def mass_matrix(self, qpos: ArrayLike) -> Array:
+        """Mass matrix, rotors' inertias on its diagonal, shape (..., nv, nv)."""
+        return self._call("mass_matrix", (self.nv, self.nv), [qpos])
+
+    def bias_force(self, qpos: ArrayLike, qvel: ArrayLike) -> Array:
+        """Coriolis, centrifugal and gravity terms, shape (..., nv)."""
+        return self._call("bias_force", (self.nv,), [qpos, qvel])
+
+    def gravity_forces(self, qpos: ArrayLike) -> Array:
+        """Generalised forces that hold the weight of a hanging robot, shape (..., nv)."""
+        return self._call("gravity_forces", (self.nv,), [qpos])
+
+    def inverse_dynamics(self, qpos: ArrayLike, qvel: ArrayLike, qacc: ArrayLike) -> Array:
+        """Generalised forces that give these accelerations, shape (..., nv)."""
+        return self._call("inverse_dynamics", (self.nv,), [qpos, qvel, qacc])
+
+    def shape_pairs(self, body: str = "") -> list[tuple[str, str]]:
+        """Pairs of shapes that may touch; with a name, those of which one is carried by that body."""
+        pairs = self._native.shape_pairs()
+        return [pair for pair in pairs if not body or body in (self.shapes[pair[0]], self.shapes[pair[1]])]
+
+    def nearest(self, qpos: ArrayLike, pairs: Iterable[tuple[str, str]]) -> Nearest:
+        """Signed distances and nearest points of pairs of shapes, by name.
+
+        Two half-spaces have none: NaN.
+        """
+        pairs = list(pairs)
+        made = self._call("nearest", (len(pairs), 10), [qpos], pairs)
+        return Nearest(made[..., 0], made[..., 1:7].reshape(*made.shape[:-1], 2, 3), made[..., 7:])
+
+    def inverse(
+        self,
+        qpos: ArrayLike,
+        goals: Mapping[str, ArrayLike],
+        *,
+        joints: Sequence[str] | None = None,
+        floating: bool = False,
+        center_of_mass: ArrayLike | None = None,
+        clearances: Mapping[tuple[str, str], float] | None = None,
+        rest: ArrayLike | None = None,
+        rest_pull: float = 0.0,
+        position_tolerance: float = 1e-4,
+        rotation_tolerance: float = 1e-3,
+        tries: int = 40,
+        steps: int = 60,
+        limit_margin: float = 0.0,
+        spread: float = 1.0,
+    ) -> Solution:
+        """Configurations at which sites are where they are wanted; the search begins at ``qpos``.
+
+        Args:
+            qpos: Where the search begins.
+            goals: For each site a pose (7 numbers) or a position (3), with or without the leading axes of ``qpos``.
+            joints: Joints that may move; all of them if left out.
+            floating: Whether the pelvis may move, too.
+            center_of_mass: Where it is wanted: x and y, or all three, m.
+            clearances: Pairs of shapes, each with the smallest gap, m.
+            rest: Angles of ``joints`` to which they go where the goals leave them free, rad.
+            rest_pull: Part of the way there that each step takes, from 0 to 1.
+            position_tolerance: Largest position error that counts as reached, m.
+            rotation_tolerance: Largest rotation error that counts as reached, rad.
+            tries: Most postures that it starts from.
+            steps: Most steps from each of them.
+            limit_margin: Joints keep this distance from their limits, rad.
+            spread: Part of each joint's range, about its rest, that these postures are spread over.
+
+        Raises:
+            ValueError: A name is unknown, an array has another shape, or a number is not finite.
+        """
+        states, lead = self._rows("qpos", qpos)
+        wanted = []
+        for site, goal in goals.items():
+            goal = np.asarray(goal, np.float64)
+            is_pose = goal.shape[-1:] == (7,)
+            wanted.append((site, self._goal(goal, lead, site), [1.0] * 3, [0.3 if is_pose else 0.0] * 3))
+        if center_of_mass is not None:
+            goal = np.asarray(center_of_mass, np.float64)
+            weights = [1.0, 1.0, float(goal.shape[-1:] == (3,))]
+            wanted.append((None, self._goal(goal, lead, "center_of_mass"), weights, [0.0] * 3))
+        search = {
+            "joints": self.joints if joints is None else list(joints),
+            "floating": floating,
+            "clearances": [(a, b, margin) for (a, b), margin in (clearances or {}).items()],
+            "rest": None if rest is None else np.asarray(rest, np.float64).tolist(),
+            "rest_pull": rest_pull,
+            "position_tolerance": position_tolerance,
+            "rotation_tolerance": rotation_tolerance,
+            "tries": tries,
+            "steps": steps,
+            "limit_margin": limit_margin,
+            "spread": spread,
+        }
+        found, errors = self._native.inverse(states, wanted, search)
+        reached, position, rotation, clearance = np.moveaxis(errors.reshape(*lead, 4), -1, 0)
+        return Solution(found.reshape(*lead, self.nq), reached > 0.5, position, rotation, clearance)
+
+    def sole_supports(self, sole: str, friction: float = 1.0, most: float = float("inf")) -> list[Support]:
+        """The corners of a sole as supports on level ground."""
+        x, y = self.soles[sole]
+        corners = ((x, y, 0.0), (x, -y, 0.0), (-x, y, 0.0), (-x, -y, 0.0))
+        return [Support(sole, corner, friction=friction, most=most) for corner in corners]
+
+    def supports(
+        self,
+        qpos: ArrayLike,
+        qvel: ArrayLike,
+        supports: Iterable[Support],
+        *,
+        com_acceleration: ArrayLike = (0.0, 0.0, 0.0),
+        trunk_acceleration: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> SupportForces:
+        """Forces of supports that bear the robot and accelerate it so, with the least efforts of the drives.
+
+        Args:
+            qpos: The states.
+            qvel: Their velocities.
+            supports: What bears it.
+            com_acceleration: Of the centre of mass, m/s^2, with or without the leading axes of ``qpos``.
+            trunk_acceleration: Angular, rad/s^2, likewise.
+
+        Raises:
+            ValueError: A name is unknown, an array has another shape, or a support makes no sense.
+        """
+        supports = list(supports)
+        given = [(s.site, list(s.point), list(s.normal), s.friction, s.most) for s in supports]
+        lead = np.shape(qpos)[:-1]
+        parts = [np.broadcast_to(np.asarray(part, np.float64), (*lead, 3)) for part in (com_acceleration, trunk_acceleration)]
+        wanted = np.ascontiguousarray(np.concatenate(parts, axis=-1).reshape(-1, 6))
+        count, joints = 3 * len(supports), len(self.joints)
+        made = self._call("supports", (count + 2 * joints,), [qpos, qvel], given, wanted)
+        forces, efforts, targets = np.split(made, [count, count + joints], axis=-1)
+        return SupportForces(~np.isnan(efforts).any(-1), forces.reshape(*lead, -1, 3), efforts, targets)
+
+    def _rows(self, name: str, array: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+        """An array with a row for each state, and the leading axes."""
+        width = self.nq if name == "qpos" else self.nv
+        given = np.asarray(array, np.float64)
+        if given.shape[-1:] != (width,):
+            raise ValueError(f"{name}: shape {given.shape} does not end with {width}, the length of a state's {name}")
+        return np.ascontiguousarray(given.reshape(-1, width)), given.shape[:-1]
+
+    def _call(self, method: str, shape: tuple[int, ...], states: Sequence[ArrayLike], *arguments: Any) -> Array:
+        names = ("qpos", "qvel", "qacc")
+        rows = [self._rows(name, state) for name, state in zip(names, states, strict=False)]
+        for name, (_, lead) in zip(names, rows, strict=False):
+            if lead != rows[0][1]:
+                raise ValueError(f"{name}: leading axes {lead} are not those of qpos, {rows[0][1]}")
+        made: Array = getattr(self._native, method)(*(row for row, _ in rows), *arguments)
+        return made.reshape(*rows[0][1], *shape)
+
+    @staticmethod
+    def _goal(goal: Array, lead: tuple[int, ...], name: str) -> Array:
+        """Poses, one for each state."""
+        width = goal.shape[-1] if goal.ndim else 0
+        if width not in ((2, 3) if name == "center_of_mass" else (3, 7)):
+            raise ValueError(f"{name}: shape {goal.shape} does not end with 3 numbers of a position or 7 of a pose")
+        whole = np.zeros((*lead, 7))
+        whole[..., 3] = 1.0
+        whole[..., :width] = goal
+        return whole.reshape(-1, 7)
