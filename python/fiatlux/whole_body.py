@@ -101,6 +101,42 @@ class WholeBody:
         self._note("hold_arms", slice(LEGS_AND_WAIST, LEGS_AND_WAIST + ARMS), targets)
         return targets
 
+    def palms(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Poses of the left and the right palm in the pelvis frame: position, m, and quaternion, w first; shape (2, 7)."""
+        (position,) = _read(observation, ("joint_position",))
+        return np.array(self._native.palms(position))
+
+    def reach(
+        self,
+        observation: Mapping[str, Any],
+        *,
+        left: ArrayLike | None = None,
+        right: ArrayLike | None = None,
+        firmness: ArrayLike = (1.0, 1.0, 1.0),
+    ) -> NDArray[np.float64]:
+        """Returns angles of both arms that take the hands to poses; call it once for each observation.
+
+        Give the angles to :meth:`hold_arms`, which adds what the arms weigh. A hand that is blocked presses, and does not press
+        more with time; it comes back as soon as its goal does.
+
+        Args:
+            observation: Fields by name; only those of proprioception are read.
+            left, right: Pose of the palm in the pelvis frame (7 numbers, as of :meth:`palms`); without it, the arm stays.
+            firmness: How firmly the hands are held there along x, y and z of the pelvis, from 0 (not at all) to 1.
+
+        Raises:
+            ValueError: A pose does not have 7 numbers or is not finite, or the observation lacks a field or is not finite.
+        """
+        (position,) = _read(observation, ("joint_position",))
+        firm = np.broadcast_to(np.asarray(firmness, np.float64), (3,)).tolist()
+        goals: list[tuple[list[float], list[float]] | None] = []
+        for side, pose in (("left", left), ("right", right)):
+            given = None if pose is None else np.asarray(pose, np.float64)
+            if given is not None and given.shape != (7,):
+                raise ValueError(f"{side}: shape {given.shape} instead of (7,); give position and quaternion of the palm")
+            goals.append(None if given is None else (given.tolist(), firm))
+        return np.array(self._native.reach(position, goals))
+
     def __call__(
         self,
         observation: Mapping[str, Any],

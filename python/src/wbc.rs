@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use fiatlux_wbc::{ARMS, Arms, Command, Controller, MOVED, Network, Sensed};
+use fiatlux_wbc::{ARMS, Arms, Command, Controller, HandGoal, MOVED, Network, Reach, Sensed};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
@@ -16,6 +17,7 @@ pub(crate) struct WholeBody {
     weights: Option<PathBuf>,
     controller: Controller,
     arms: Arms,
+    reach: Reach,
     /// Whether an episode is under way.
     has_begun: bool,
 }
@@ -29,7 +31,8 @@ impl WholeBody {
             Some(file) => Network::read(file).map_err(|error| refused(&error))?,
         };
         let arms = Arms::new(&network.contract().joints).map_err(|error| refused(&error))?;
-        Ok(Self { weights, controller: Controller::new(Arc::new(network)), arms, has_begun: false })
+        let reach = Reach::new().map_err(|error| refused(&error))?;
+        Ok(Self { weights, controller: Controller::new(Arc::new(network)), arms, reach, has_begun: false })
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Option<PathBuf>,))> {
@@ -48,6 +51,7 @@ impl WholeBody {
     fn restart(&mut self) {
         self.controller.restart();
         self.arms.restart();
+        self.reach.restart();
         self.has_begun = false;
     }
 
@@ -98,6 +102,31 @@ impl WholeBody {
         self.has_begun = true;
         self.arms.targets(&sensed, &angles).map_err(|error| refused(&error))
     }
+
+    /// Poses of the palms in the pelvis frame.
+    fn palms(&mut self, joint_position: Vec<f64>) -> PyResult<[Pose; 2]> {
+        let palms = self.reach.palms(&Sensed::upright(&joint_position, &[])).map_err(|error| refused(&error))?;
+        Ok(palms.map(|palm| {
+            let (p, q) = (palm.translation, palm.rotation);
+            [p.x, p.y, p.z, q.w, q.i, q.j, q.k]
+        }))
+    }
+
+    /// Angles of the arms, rad, that take the hands to their goals: poses and how firmly they are held there.
+    fn reach(&mut self, joint_position: Vec<f64>, goals: [Option<(Pose, [f64; 3])>; 2]) -> PyResult<[f64; ARMS]> {
+        self.has_begun = true;
+        let goals =
+            goals.map(|goal| goal.map(|(pose, firmness)| HandGoal { pelvis_from_palm: pose_of(pose), firmness }));
+        self.reach.angles(&Sensed::upright(&joint_position, &[]), &goals).map_err(|error| refused(&error))
+    }
+}
+
+/// A palm's pose in the pelvis frame: position and quaternion.
+type Pose = [f64; 7];
+
+fn pose_of(numbers: Pose) -> Isometry3<f64> {
+    let [x, y, z, w, i, j, k] = numbers;
+    Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k)))
 }
 
 fn command_of([vx, vy, wz, height, roll, pitch, yaw]: [f64; 7]) -> Command {

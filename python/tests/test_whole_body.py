@@ -140,3 +140,23 @@ def test_without_the_last_action_there_is_a_warning():
         fiatlux.evaluate(Blind, ["S07"], [1000], max_steps=5, sensors=["proprioception"])
     with pytest.raises(ValueError, match="'last_action' is missing"):
         fiatlux.evaluate(Keeps, ["S07"], [1000], max_steps=5, sensors=["proprioception"])
+
+
+def test_hands_reach_while_it_stands():
+    env = fiatlux.Env("S07", action_form="joint_target", observation="dict")
+    observation, _ = env.reset(seed=64)
+    body = fiatlux.WholeBody()
+    goal = body.palms(observation)[0] + [0.06, 0.04, 0.08, 0, 0, 0, 0]
+    for _ in range(150):
+        targets = body.targets(observation)
+        targets[:15] = body(observation)
+        targets[15:29] = body.hold_arms(observation, body.reach(observation, left=goal))
+        observation, _, terminated, truncated, _ = env.step(targets)
+        assert not terminated and not truncated
+    found = body.palms(observation)[0]
+    assert np.linalg.norm(found[:3] - goal[:3]) < 0.02
+    assert abs(found[3:] @ goal[3:]) > 0.995
+    with pytest.raises(ValueError, match="left: shape"):
+        body.reach(observation, left=goal[:3])
+    with pytest.raises(ValueError, match="right hand"):
+        body.reach(observation, right=np.full(7, np.nan))

@@ -47,6 +47,7 @@ impl Reach {
     /// # Errors
     /// [`WbcError::Arms`]: the robot's file is not this version's.
     pub fn new() -> Result<Self, WbcError> {
+        type Arm = (Site, InverseKinematics);
         let unfit = |error: &dyn std::error::Error| WbcError::Arms(error.to_string());
         let robot = Robot::by_name("g1_bare").map_err(|error| unfit(&error))?;
         let mut builder = ModelBuilder::new();
@@ -55,7 +56,7 @@ impl Reach {
         let ids = placed.ids(&model).map_err(|error| unfit(&error))?;
         let mut state = model.reference_state();
         state.set_pose(&model, ids.root, &Isometry3::identity());
-        let arm = |side: usize| {
+        let arm = |side: usize| -> Result<Arm, WbcError> {
             let joints: Vec<_> = ids.joints[MOVED + side * ARM..][..ARM].iter().map(|joint| joint.body).collect();
             let mut inverse =
                 InverseKinematics::new(&model, ids.root, &joints, false).map_err(|error| unfit(&error))?;

@@ -1,6 +1,8 @@
 //! Hands reach, yield and press, on a robot whose pelvis, legs and waist are held.
 
-use fiatlux_dynamics::{BodyId, Dynamics, Geometry, Input, Material, Model, ModelBuilder, ShapeSpec, State, Wrench};
+use fiatlux_dynamics::{
+    BodyId, Dynamics, Geometry, Input, Material, Model, ModelBuilder, ShapeId, ShapeSpec, State, Wrench,
+};
 use fiatlux_robot::{BuildOptions, GainSet, Robot, RobotIds};
 use fiatlux_wbc::{Arms, BODY, HandGoal, Joint, MOVED, Reach, Sensed, WbcError};
 use nalgebra::{Isometry3, Translation3, Vector3};
@@ -63,9 +65,8 @@ impl Statue {
         self.robot.forward_kinematics(&q, &Isometry3::identity()).unwrap()[self.robot.palms()[0]]
     }
 
-    /// Goes for the goal with the left hand while something pushes its palm (N); the most that the wall bears, N.
+    /// Goes for the goal with the left hand while something pushes its palm (N); what the wall bears at the end, N.
     fn play(&mut self, steps: usize, goal: HandGoal, push: Vector3<f64>) -> f64 {
-        let mut most = 0.0_f64;
         let palm = self.ids.links[self.robot.palms()[0]].body;
         let wrench = [(palm, Wrench { force: push, torque: Vector3::zeros() })];
         let mut targets = vec![0.0; self.model.drives().len()];
@@ -82,10 +83,11 @@ impl Statue {
             for _ in 0..4 {
                 self.dynamics.step(&self.model, &mut self.state, &input, 0.005);
             }
-            let force: Vector3<f64> = self.dynamics.contacts().iter().map(|contact| contact.force).sum();
-            most = most.max(force.norm());
         }
-        most
+        let of_wall = |shape: ShapeId| self.model.shapes()[shape.0].body == BodyId::WORLD;
+        let contacts = self.dynamics.contacts().iter();
+        let on_wall = contacts.filter(|contact| of_wall(contact.shape_a) || of_wall(contact.shape_b));
+        on_wall.map(|contact| contact.force.norm()).sum()
     }
 }
 
@@ -128,10 +130,11 @@ fn a_blocked_hand_does_not_wind_up() {
     let goal = ahead(&statue, 0.5);
     let pressed = statue.play(3 * SECOND, goal, Vector3::zeros());
     let longer = statue.play(10 * SECOND, goal, Vector3::zeros());
-    assert!(pressed > 5.0 && longer < pressed.max(60.0), "{pressed} N, then {longer} N");
+    assert!(pressed > 5.0 && (longer - pressed).abs() < 0.1 * pressed, "{pressed} N, then {longer} N");
+
     let before = statue.palm().translation.vector.x;
-    statue.play(SECOND / 2, ahead(&statue, 0.2), Vector3::zeros());
-    assert!(statue.palm().translation.vector.x < before - 0.05);
+    statue.play(SECOND / 4, ahead(&statue, 0.2), Vector3::zeros());
+    assert!(statue.palm().translation.vector.x < before - 0.025, "a reference far ahead is slow to come back");
 }
 
 #[test]
