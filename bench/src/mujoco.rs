@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use fiatlux_mjcf::{MjcfOptions, OptionSet, to_mjcf};
+use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS};
 use serde::Deserialize;
 
@@ -71,7 +71,7 @@ impl Oracle {
             name: case.name.replace(' ', "-"),
             timestep: PHYSICS_DT,
             option_set: OptionSet::Nearest,
-            sites: Vec::new(),
+            names: Names::default(),
         };
         let write = |path: &Path, text: String| {
             fs::write(path, text)

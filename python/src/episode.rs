@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
-use fiatlux_mjcf::{MjcfOptions, OptionSet, to_mjcf};
+use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
 use fiatlux_rules::Protocol;
 use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
@@ -217,7 +217,7 @@ impl Episode {
             name: self.play.spec().task.short_id().into(),
             timestep: PHYSICS_DT,
             option_set: if nearest { OptionSet::Nearest } else { OptionSet::Defaults },
-            sites: scene.sites(),
+            names: Names::of_scene(scene),
         };
         guarded(|| to_mjcf(&scene.model, self.play.world().state(), &targets, &options))
     }

@@ -113,7 +113,7 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
         name: scene.name,
         timestep: export.timestep,
         option_set: if export.mujoco_defaults { OptionSet::Defaults } else { OptionSet::Nearest },
-        sites: scene.sites,
+        names: scene.names,
     };
     let text = to_mjcf(&scene.model, &scene.state, &scene.targets, &options);
     if export.output.as_os_str() == "-" {

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use fiatlux_dynamics::{BodyId, Drive, Model, State};
-use fiatlux_mjcf::{MjcfOptions, OptionSet, to_mjcf};
+use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene};
 use serde_json::{Value, json};
 
@@ -101,7 +101,7 @@ fn mjcf(model: &Model, state: &State, targets: &[f64]) -> String {
         name: "violence".into(),
         timestep: PHYSICS_DT,
         option_set: OptionSet::Nearest,
-        sites: Vec::new(),
+        names: Names::default(),
     };
     to_mjcf(model, state, targets, &options)
 }

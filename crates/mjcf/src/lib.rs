@@ -3,7 +3,8 @@
 //! The model is exported as it is; what MuJoCo itself does differently is the softness of its contacts and limits. What
 //! acts on a model from outside is not part of it: the socket's hold on a bulb, a wrench law, stays with the world, so a
 //! seated bulb drops out of a ceiling socket in MuJoCo.
-//! Bodies, joints, actuators, geoms and sites keep their names. MuJoCo orders bodies depth first, so the tuple `bodies` lists
+//! Bodies, geoms and sites keep their names; joints, their actuators and cameras have those of the contract ([`Names`]). MuJoCo
+//! orders bodies depth first, so the tuple `bodies` lists
 //! them in the order of [`Model::bodies`], and actuators are in the order of [`Model::drives`].
 
 mod scene;
@@ -13,7 +14,9 @@ mod tests;
 use std::fmt::Display;
 
 use fiatlux_dynamics::{BodyId, Geometry, Hinge, Joint, Model, ShapeSpec, Site, State};
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use fiatlux_robot::{CameraMount, LinkIds, Robot, RobotIds};
+use fiatlux_world::Scene;
+use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 pub use scene::{ExportError, ExportScene};
 
@@ -42,8 +45,46 @@ pub struct MjcfOptions {
     pub timestep: f64,
     /// Options for friction and damping.
     pub option_set: OptionSet,
-    /// Named frames to export as sites.
+    /// What has a name of its own.
+    pub names: Names,
+}
+
+/// Names that are not those of bodies and shapes.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Names {
+    /// Named frames.
     pub sites: Vec<(String, Site)>,
+    /// Cameras, which look along +x with +z up, each with its angle of view from the lower to the upper edge, rad.
+    pub cameras: Vec<(String, Site, f64)>,
+    /// Joints and their actuators, by the body below; a joint that is not listed has its body's name.
+    pub joints: Vec<(BodyId, String)>,
+}
+
+impl Names {
+    /// Those of a robot in a model.
+    pub fn of_robot(robot: &Robot, ids: &RobotIds) -> Self {
+        let camera = |mount: &CameraMount| {
+            let LinkIds { body, body_from_link } = ids.links[mount.link];
+            let site = Site { body, body_from_site: body_from_link * mount.link_from_camera };
+            // Pictures are square.
+            (mount.name.clone(), site, mount.horizontal_fov)
+        };
+        Self {
+            sites: robot.sites().into_iter().map(|site| (site.name.clone(), ids.site(&site))).collect(),
+            cameras: robot.cameras().iter().map(camera).collect(),
+            joints: ids.joints.iter().zip(robot.joints()).map(|(ids, joint)| (ids.body, joint.name.clone())).collect(),
+        }
+    }
+
+    /// Those of a scene.
+    pub fn of_scene(scene: &Scene) -> Self {
+        Self { sites: scene.sites(), ..Self::of_robot(&scene.robot, &scene.robot_ids) }
+    }
+
+    fn joint<'a>(&'a self, model: &'a Model, body: usize) -> &'a str {
+        let named = self.joints.iter().find(|(id, _)| id.0 == body);
+        named.map_or(&model.bodies()[body].spec.name, |(_, name)| name)
+    }
 }
 
 /// Writes a model, with `state` and `targets` as its keyframe `start`.
@@ -135,9 +176,18 @@ impl Writer<'_> {
         for shape in std::mem::take(&mut self.shapes[index]) {
             self.shape(shape);
         }
-        for (name, site) in self.options.sites.iter().filter(|(_, site)| site.body.0 == index) {
+        let names = &self.options.names;
+        for (name, site) in names.sites.iter().filter(|(_, site)| site.body.0 == index) {
             let (pos, quat) = pose(&site.body_from_site);
             self.xml.leaf("site", &[("name", name), ("pos", &pos), ("quat", &quat)]);
+        }
+        for (name, site, fov) in names.cameras.iter().filter(|(_, site, _)| site.body.0 == index) {
+            // MuJoCo's look along -z with +y up.
+            let axes = Matrix3::new(0.0, 0.0, -1.0, -1.0, 0.0, 0.0, 0.0, 1.0, 0.0);
+            let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+            let (pos, quat) = pose(&(site.body_from_site * turn));
+            let degrees = fov.to_degrees();
+            self.xml.leaf("camera", &[("name", name), ("pos", &pos), ("quat", &quat), ("fovy", &degrees)]);
         }
         for child in std::mem::take(&mut self.children[index]) {
             self.body(child);
@@ -161,7 +211,7 @@ impl Writer<'_> {
         self.xml.leaf("inertial", &[("pos", &com), ("mass", &spec.mass), (field, &moments)]);
         match &spec.joint {
             Joint::Free => self.xml.leaf("freejoint", &[("name", &spec.name)]),
-            Joint::Hinge(hinge) => self.hinge(&spec.name, hinge),
+            Joint::Hinge(hinge) => self.hinge(self.options.names.joint(self.model, index), hinge),
         }
         self.contents(index);
         self.xml.close("body");
@@ -223,9 +273,9 @@ impl Writer<'_> {
         }
         self.xml.open("actuator", &[]);
         for &(body, drive) in self.model.drives() {
-            let name = &self.model.bodies()[body.0].spec.name;
+            let name = self.options.names.joint(self.model, body.0);
             let range = numbers(&[-drive.effort_limit, drive.effort_limit]);
-            let mut attributes: Vec<Attribute> = vec![("name", name), ("joint", name), ("kp", &drive.stiffness)];
+            let mut attributes: Vec<Attribute> = vec![("name", &name), ("joint", &name), ("kp", &drive.stiffness)];
             if self.options.option_set == OptionSet::Nearest {
                 attributes.push(("kv", &drive.damping));
             }

@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Geometry, Material, Model, ModelBuilder, ModelError, ShapeSpec, Site, State};
+use fiatlux_dynamics::{BodyId, Geometry, Material, Model, ModelBuilder, ModelError, ShapeSpec, State};
 use fiatlux_robot::{BuildOptions, GainSet, Robot, RobotError, RobotIds};
 use fiatlux_rules::Task;
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec, StartError, StartOptions, start};
 use nalgebra::Isometry3;
 use thiserror::Error;
+
+use crate::Names;
 
 /// Why a scene could not be built.
 #[derive(Debug, Error)]
@@ -37,8 +39,8 @@ pub struct ExportScene {
     pub state: State,
     /// Joint targets, rad, in the order of [`Model::drives`].
     pub targets: Vec<f64>,
-    /// Named frames: of the robot, and of the scene where there is one.
-    pub sites: Vec<(String, Site)>,
+    /// Names of the robot, and of the scene where there is one.
+    pub names: Names,
 }
 
 impl ExportScene {
@@ -59,7 +61,8 @@ impl ExportScene {
             targets[ids.drive] = *target;
         }
         let name = format!("{} seed {seed}", task.short_id());
-        Ok(Self { name, model: scene.model.clone(), state: world.state().clone(), targets, sites: scene.sites() })
+        let names = Names::of_scene(&scene);
+        Ok(Self { name, model: scene.model.clone(), state: world.state().clone(), targets, names })
     }
 
     /// The robot alone in its standing posture, soles at z = 0, over a floor of friction 1 or in the air.
@@ -93,7 +96,6 @@ impl ExportScene {
             state.qpos[joint.qpos] = *q0;
             targets[joint.drive] = *q0;
         }
-        let sites = robot.sites().into_iter().map(|site| (site.name.clone(), ids.site(&site))).collect();
-        Self { name, model, state, targets, sites }
+        Self { name, model, state, targets, names: Names::of_robot(robot, ids) }
     }
 }

@@ -58,7 +58,9 @@ fn export(option_set: OptionSet) -> String {
     state.qvel.copy_from_slice(&[1.0, 2.0, 3.0, 0.0, 4.0, 0.0, 0.4, 0.5, 0.6]);
     let site = |body, x| Site { body: BodyId(body), body_from_site: Isometry3::translation(x, 0.0, 0.5) };
     let sites = vec![("tip".into(), site(4, 0.1)), ("mark".into(), site(0, 2.0))];
-    to_mjcf(&model, &state, &[0.7, -0.7], &MjcfOptions { name: "small".into(), timestep: 0.005, option_set, sites })
+    let cameras = vec![("eye".into(), site(4, 0.1), 1.0_f64.to_radians() * 60.0)];
+    let names = Names { sites, cameras, joints: Vec::new() };
+    to_mjcf(&model, &state, &[0.7, -0.7], &MjcfOptions { name: "small".into(), timestep: 0.005, option_set, names })
 }
 
 #[track_caller]
@@ -118,7 +120,7 @@ fn a_tilted_inertia_is_written_in_full() {
     builder.add_body(spec).expect("a valid model");
     let model = builder.build().expect("a valid model");
     let options =
-        MjcfOptions { name: "block".into(), timestep: 1e-3, option_set: OptionSet::Nearest, sites: Vec::new() };
+        MjcfOptions { name: "block".into(), timestep: 1e-3, option_set: OptionSet::Nearest, names: Names::default() };
     let xml = to_mjcf(&model, &model.reference_state(), &[], &options);
     let inertial = r#"<inertial pos="0 0 0" mass="1" fullinertia="0.3 0.2 0.25 0.01 0.02 0.03"/>"#;
     check_contains(
@@ -136,6 +138,41 @@ fn sites() {
     let tip = place(r#"<site name="tip" pos="0.1 0 0.5" quat="1 0 0 0"/>"#);
     assert!(tip > place(r#"<body name="hand""#) && tip < place(r#"<body name="right""#));
     assert!(place(r#"<site name="mark" pos="2 0 0.5" quat="1 0 0 0"/>"#) < place("<body "));
+}
+
+/// A camera looks along the site's x with z up; MuJoCo's along its -z with y up.
+#[test]
+fn cameras_turn_into_mujoco_s() {
+    let xml = export(OptionSet::Nearest);
+    let line = xml.lines().find(|line| line.contains(r#"<camera name="eye""#)).unwrap();
+    assert!(line.contains(r#"pos="0.1 0 0.5" quat=""#), "{line}");
+    let field = |name: &str| line.split(&format!("{name}=\"")).nth(1).unwrap().split('"').next().unwrap();
+    let q: Vec<f64> = field("quat").split(' ').map(|number| number.parse().unwrap()).collect();
+    let turn = UnitQuaternion::new_normalize(Quaternion::new(q[0], q[1], q[2], q[3]));
+    assert!((turn * -Vector3::z() - Vector3::x()).norm() < 1e-9 && (turn * Vector3::y() - Vector3::z()).norm() < 1e-9);
+    assert!((field("fovy").parse::<f64>().unwrap() - 60.0).abs() < 1e-9, "{line}");
+}
+
+/// Joints, actuators and cameras of a robot have the names of the contract.
+#[test]
+fn names_are_those_of_the_contract() {
+    let scene = ExportScene::robot_only("g1_inspire", true).unwrap();
+    let options = MjcfOptions {
+        name: scene.name.clone(),
+        timestep: 0.005,
+        option_set: OptionSet::Nearest,
+        names: scene.names.clone(),
+    };
+    let xml = to_mjcf(&scene.model, &scene.state, &scene.targets, &options);
+    let robot = Robot::by_name("g1_inspire").unwrap();
+    for joint in robot.joints() {
+        let name = &joint.name;
+        assert!(xml.contains(&format!(r#"<joint name="{name}""#)), "{name}");
+        assert!(xml.contains(&format!(r#"<position name="{name}" joint="{name}""#)), "{name}");
+    }
+    for camera in robot.cameras() {
+        assert!(xml.contains(&format!(r#"<camera name="{}""#, camera.name)));
+    }
 }
 
 #[test]
