@@ -48,6 +48,9 @@ class Kinematics:
         self, qpos: NDArray[np.float64], qvel: NDArray[np.float64], qacc: NDArray[np.float64]
     ) -> NDArray[np.float64]: ...
     def nearest(self, qpos: NDArray[np.float64], pairs: list[tuple[str, str]]) -> NDArray[np.float64]: ...
+    def contacts(
+        self, qpos: NDArray[np.float64], margin: float
+    ) -> tuple[list[tuple[str, str]], NDArray[np.float64]]: ...
     def inverse(
         self,
         qpos: NDArray[np.float64],

@@ -70,6 +70,22 @@ class Nearest:
     """Unit vectors from the first shape to the second, shape (..., pairs, 3)."""
 
 
+@dataclass(frozen=True)
+class Contacts:
+    """Contact points of states, one after the other."""
+
+    state: NDArray[np.int64]
+    """Index of the state, where its leading axes count as one."""
+    shapes: list[tuple[str, str]]
+    """Names of the two shapes."""
+    distance: Array
+    """Gap, m; negative where the shapes overlap."""
+    point: Array
+    """Half-way between the surfaces, world, m, shape (contacts, 3)."""
+    normal: Array
+    """Unit vector from the first shape to the second, shape (contacts, 3)."""
+
+
 class Kinematics:
     """Readings of a robot's states: poses, Jacobians, the equation of motion, distances, postures and contact forces.
 
@@ -194,6 +210,12 @@ class Kinematics:
         pairs = list(pairs)
         made = self._call("nearest", (len(pairs), 10), [qpos], pairs)
         return Nearest(made[..., 0], made[..., 1:7].reshape(*made.shape[:-1], 2, 3), made[..., 7:])
+
+    def contacts(self, qpos: ArrayLike, margin: float = 0.0) -> Contacts:
+        """Contact points with a gap of at most ``margin``, m, as a step would find them; their forces follow only from a step."""
+        shapes, numbers = self._native.contacts(self._rows("qpos", qpos)[0], margin)
+        made = numbers.reshape(-1, 8)
+        return Contacts(made[:, 0].astype(np.int64), shapes, made[:, 1], made[:, 2:5], made[:, 5:])
 
     def inverse(
         self,

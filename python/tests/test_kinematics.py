@@ -91,6 +91,17 @@ def test_distances_are_between_the_nearest_points(room):
     np.testing.assert_allclose(between, nearest.normal * nearest.distance[..., None], atol=1e-9)
 
 
+def test_contacts_are_those_of_the_state(room):
+    kinematics, qpos, _, _, _ = room
+    sunk = qpos.copy()
+    sunk[:3] += [0.0, 0.0, -0.01]
+    contacts = kinematics.contacts([qpos + 0, sunk], margin=-0.005)
+    soles = [at for at, pair in enumerate(contacts.shapes) if "floor" in pair and "sole" in "".join(pair)]
+    assert soles and (contacts.state[soles] == 1).all()
+    np.testing.assert_allclose(np.abs(contacts.normal[soles, 2]), 1.0)
+    assert (contacts.distance[soles] < -0.005).all()
+
+
 def test_soles_bear_the_weight(room):
     kinematics, _, _, _, _ = room
     qpos = fiatlux.Kinematics(robot="g1_bare").reference.copy()

@@ -3,7 +3,8 @@
 //! Damped least squares: each step minimises the weighted error of the goals to first order, damped by the error itself, so
 //! that it is short far away and near singular postures, and Newton's close to the goal \[1\]. Joints that press against a
 //! limit are left out of a step. Two shapes that a step would bring nearer than their margin add a row to it, as a goal does:
-//! the growth of their distance that the margin needs. Where a try gets stuck, the next one starts from another posture of a fixed table.
+//! the growth of their distance that the margin needs. Where a try gets stuck, the next one starts from another posture of a
+//! fixed table.
 //!
 //! \[1\] T. Sugihara, Solvability-Unconcerned Inverse Kinematics by the Levenberg-Marquardt Method, IEEE T-RO 2011.
 
@@ -180,13 +181,7 @@ impl InverseKinematics {
     /// # Errors
     /// A shape that the model does not have, or a margin that is not finite.
     pub fn set_clearances(&mut self, model: &Model, clearances: &[Clearance]) -> Result<(), KinematicsError> {
-        for (index, clearance) in clearances.iter().enumerate() {
-            let (a, b) = clearance.shapes;
-            if a.0.max(b.0) >= model.shapes().len() {
-                return Err(KinematicsError::Shape(index));
-            }
-            check_finite("a clearance", &[clearance.margin])?;
-        }
+        check_clearances(model, clearances)?;
         self.clearances.clear();
         self.clearances.extend_from_slice(clearances);
         Ok(())
@@ -204,6 +199,7 @@ impl InverseKinematics {
             return Err(KinematicsError::Length { field: "qpos", expected, found });
         }
         check_finite("qpos", &state.qpos)?;
+        check_clearances(model, &self.clearances)?;
         for goal in goals {
             let pose = goal.world_from_part;
             check_finite("a goal", pose.translation.vector.as_slice())?;
@@ -502,6 +498,14 @@ impl InverseKinematics {
 
 fn copy(entries: &[usize], from: &[f64], to: &mut [f64]) {
     entries.iter().zip(to).for_each(|(entry, to)| *to = from[*entry]);
+}
+
+fn check_clearances(model: &Model, clearances: &[Clearance]) -> Result<(), KinematicsError> {
+    let exists = |clearance: &Clearance| clearance.shapes.0.0.max(clearance.shapes.1.0) < model.shapes().len();
+    match clearances.iter().position(|clearance| !exists(clearance)) {
+        Some(index) => Err(KinematicsError::Shape(index)),
+        None => clearances.iter().try_for_each(|clearance| check_finite("a clearance", &[clearance.margin])),
+    }
 }
 
 fn check_finite(field: &'static str, values: &[f64]) -> Result<(), KinematicsError> {

@@ -98,13 +98,14 @@ impl StanceController {
     /// at rest, the efforts stay as they were: see [`Self::is_borne`].
     ///
     /// # Errors
-    /// [`SupportError::Support`]: a support makes no sense; [`SupportError::Length`]: the posture does not have one angle per
-    /// drive.
+    /// [`SupportError::Support`]: a support makes no sense; [`SupportError::Length`], [`SupportError::NotFinite`]: state or stance
+    /// are of another model, or have a number that is not finite. What was averaged is then as before.
     pub fn targets(&mut self, model: &Model, state: &State, stance: &Stance) -> Result<&[f64], SupportError> {
-        let (expected, found) = (self.targets.len(), stance.posture.len());
-        if expected != found {
-            return Err(SupportError::Length { expected, found });
-        }
+        check("qpos", &state.qpos, model.nq())?;
+        check("qvel", &state.qvel, model.nv())?;
+        check("the posture", &stance.posture, self.targets.len())?;
+        check("the stance's centre of mass", stance.com.as_slice(), 3)?;
+        check("the stance's trunk", stance.world_from_trunk.coords.as_slice(), 4)?;
         self.mechanics.update_equation(model, state);
         let new = self.acceleration(model, stance);
         let wanted = self.wanted.get_or_insert(new);
@@ -147,5 +148,14 @@ impl StanceController {
     /// Forces of the supports that the last targets go with, world, N, and efforts of the drives, N m.
     pub fn forces(&self) -> (&[Vector3<f64>], &[f64]) {
         (self.solver.forces(), self.solver.efforts())
+    }
+}
+
+fn check(field: &'static str, values: &[f64], expected: usize) -> Result<(), SupportError> {
+    let found = values.len();
+    match values.iter().all(|value| value.is_finite()) {
+        _ if found != expected => Err(SupportError::Length { field, expected, found }),
+        true => Ok(()),
+        false => Err(SupportError::NotFinite(field)),
     }
 }

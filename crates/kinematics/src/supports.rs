@@ -55,14 +55,19 @@ pub enum SupportError {
         /// What is wrong, and what to do.
         reason: &'static str,
     },
-    /// A posture of another length.
-    #[error("the posture has {found} angles; it needs one for each of the {expected} drives")]
+    /// An array of another length.
+    #[error("{field} has {found} numbers where {expected} are needed; take all from one model")]
     Length {
-        /// Drives of the model.
+        /// Name of the array.
+        field: &'static str,
+        /// Length that is needed.
         expected: usize,
-        /// Angles given.
+        /// Length that it has.
         found: usize,
     },
+    /// A number that is not finite.
+    #[error("{0} has a number that is not finite")]
+    NotFinite(&'static str),
     /// The supports cannot carry the robot so, whatever its motors do.
     #[error(
         "the supports cannot bear this: the robot tips or slides, or one bears too much; move the centre of mass or add one"

@@ -2,7 +2,7 @@
 //! targets that follow from its state every 20 ms. The controller knows the robot alone.
 
 use fiatlux_dynamics::{Contact, Dynamics, Input, Model, ModelBuilder, State};
-use fiatlux_kinematics::{Mechanics, Site, StanceController};
+use fiatlux_kinematics::{Mechanics, Site, Stance, StanceController};
 use fiatlux_robot::{BuildOptions, RobotIds};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene};
 
@@ -154,4 +154,26 @@ fn stances_hold_with_noise_in_many_rooms() {
     }
     println!("{} of {count} held", count - fell.len());
     assert!(count > 7 && fell.len() * 20 <= count, "{} of {count} fell", fell.len());
+}
+
+#[test]
+fn a_state_that_is_not_finite_is_refused_and_forgotten() {
+    let scene = ladder(5);
+    let placed = Feet::all()[0].place(&scene).unwrap();
+    let mut own = Own::new(&scene);
+    own.see(&scene, &placed.state);
+    let mut controller = StanceController::new(&own.model, own.ids.root).unwrap();
+    let targets = controller.targets(&own.model, &own.state, &placed.stance).unwrap().to_vec();
+    let mut broken = own.state.clone();
+    broken.qvel[3] = f64::NAN;
+    let refused = controller.targets(&own.model, &broken, &placed.stance).unwrap_err();
+    assert!(refused.to_string().contains("qvel has a number that is not finite"), "{refused}");
+    broken.qpos.pop();
+    let refused = controller.targets(&own.model, &broken, &placed.stance).unwrap_err();
+    assert!(refused.to_string().contains("qpos has"), "{refused}");
+    assert_eq!(controller.targets(&own.model, &own.state, &placed.stance).unwrap(), targets);
+    // Without supports nothing bears it, and the efforts stay.
+    let hanging = Stance { supports: Vec::new(), ..placed.stance.clone() };
+    assert_eq!(controller.targets(&own.model, &own.state, &hanging).unwrap(), targets);
+    assert!(!controller.is_borne());
 }
