@@ -90,8 +90,8 @@ class Kinematics:
     """Readings of a robot's states: poses, Jacobians, the equation of motion, distances, postures and contact forces.
 
     A state is ``qpos`` of length :attr:`nq` and, where speeds matter, ``qvel`` of length :attr:`nv`; every method takes one state
-    or an array of them, and returns arrays with the same leading axes. Quaternions are w first. The first six entries of the
-    robot's ``qvel`` are the velocity of the pelvis and its angular velocity, both in world axes::
+    or an array of them, and returns arrays with the same leading axes. Quaternions are w first. A free body's
+    part of ``qvel`` is the velocity of its origin and its angular velocity, both in world axes::
 
         kinematics = fiatlux.Kinematics("S08", seed=64)
         qpos, qvel = kinematics.state(env.row())
@@ -122,6 +122,11 @@ class Kinematics:
         """Where their angles are in ``qpos``."""
         self.joint_dof: NDArray[np.int64] = np.array([at for _, _, at in layout["joints"]])
         """Where their speeds are in ``qvel``."""
+        at, dof = layout["root"]
+        self.pelvis_qpos = slice(at, at + 7)
+        """Where the position and the quaternion of the pelvis are in ``qpos``."""
+        self.pelvis_dof = slice(dof, dof + 6)
+        """Where its velocity and its angular velocity are in ``qvel``."""
         self.q0: Array = np.array(layout["q0"])
         """Their angles in the standing posture, rad."""
         self.sites: list[str] = layout["sites"]
@@ -212,7 +217,7 @@ class Kinematics:
         return Nearest(made[..., 0], made[..., 1:7].reshape(*made.shape[:-1], 2, 3), made[..., 7:])
 
     def contacts(self, qpos: ArrayLike, margin: float = 0.0) -> Contacts:
-        """Contact points with a gap of at most ``margin``, m, as a step would find them; their forces follow only from a step."""
+        """Contact points with a gap of at most ``margin``, m; their forces follow only from a step."""
         shapes, numbers = self._native.contacts(self._rows("qpos", qpos)[0], margin)
         made = numbers.reshape(-1, 8)
         return Contacts(made[:, 0].astype(np.int64), shapes, made[:, 1], made[:, 2:5], made[:, 5:])
@@ -313,7 +318,8 @@ class Kinematics:
         supports = list(supports)
         given = [(s.site, list(s.point), list(s.normal), s.friction, s.most) for s in supports]
         lead = np.shape(qpos)[:-1]
-        parts = [np.broadcast_to(np.asarray(part, np.float64), (*lead, 3)) for part in (com_acceleration, trunk_acceleration)]
+        accelerations = (com_acceleration, trunk_acceleration)
+        parts = [np.broadcast_to(np.asarray(part, np.float64), (*lead, 3)) for part in accelerations]
         wanted = np.ascontiguousarray(np.concatenate(parts, axis=-1).reshape(-1, 6))
         count, joints = 3 * len(supports), len(self.joints)
         made = self._call("supports", (count + 2 * joints,), [qpos, qvel], given, wanted)

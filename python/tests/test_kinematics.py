@@ -18,7 +18,7 @@ def room():
     many[..., kinematics.joint_qpos] += random.uniform(-0.3, 0.3, (2, 3, len(kinematics.joints)))
     speeds = np.zeros((2, 3, kinematics.nv))
     speeds[..., kinematics.joint_dof] = random.uniform(-1, 1, (2, 3, len(kinematics.joints)))
-    speeds[..., :6] = random.uniform(-1, 1, (2, 3, 6))
+    speeds[..., kinematics.pelvis_dof] = random.uniform(-1, 1, (2, 3, 6))
     return kinematics, qpos, qvel, many, speeds
 
 
@@ -44,9 +44,10 @@ def test_jacobians_are_the_derivatives_of_poses(room):
     np.testing.assert_allclose(kinematics.velocities(many, speeds, ["right_palm"])[..., 0, :], velocity, atol=1e-12)
     step, moved = 1e-6, many.copy()
     moved[..., kinematics.joint_qpos] += step * speeds[..., kinematics.joint_dof]
-    moved[..., :3] += step * speeds[..., :3]
+    at, dof = kinematics.pelvis_qpos.start, kinematics.pelvis_dof.start
+    moved[..., at : at + 3] += step * speeds[..., dof : dof + 3]
     still = speeds.copy()
-    still[..., 3:6] = 0
+    still[..., dof + 3 : dof + 6] = 0
     change = (kinematics.poses(moved, ["right_palm"]) - kinematics.poses(many, ["right_palm"]))[..., 0, :3] / step
     np.testing.assert_allclose(change, np.einsum("...ij,...j->...i", jacobian[..., :3, :], still), atol=1e-5)
     change = (kinematics.center_of_mass(moved) - kinematics.center_of_mass(many)) / step
@@ -94,9 +95,9 @@ def test_distances_are_between_the_nearest_points(room):
 def test_contacts_are_those_of_the_state(room):
     kinematics, qpos, _, _, _ = room
     sunk = qpos.copy()
-    sunk[:3] += [0.0, 0.0, -0.01]
+    sunk[kinematics.pelvis_qpos.start + 2] -= 0.01
     contacts = kinematics.contacts([qpos + 0, sunk], margin=-0.005)
-    soles = [at for at, pair in enumerate(contacts.shapes) if "floor" in pair and "sole" in "".join(pair)]
+    soles = [at for at, pair in enumerate(contacts.shapes) if "room_floor" in pair and "sole" in "".join(pair)]
     assert soles and (contacts.state[soles] == 1).all()
     np.testing.assert_allclose(np.abs(contacts.normal[soles, 2]), 1.0)
     assert (contacts.distance[soles] < -0.005).all()
