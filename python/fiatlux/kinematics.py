@@ -190,13 +190,10 @@ class Kinematics:
         """Mass matrix, rotors' inertias on its diagonal, shape (..., nv, nv)."""
         return self._call("mass_matrix", (self.nv, self.nv), [qpos])
 
-    def bias_force(self, qpos: ArrayLike, qvel: ArrayLike) -> Array:
-        """Coriolis, centrifugal and gravity terms, shape (..., nv)."""
-        return self._call("bias_force", (self.nv,), [qpos, qvel])
-
-    def gravity_forces(self, qpos: ArrayLike) -> Array:
-        """Generalised forces that hold the weight of a hanging robot, shape (..., nv)."""
-        return self._call("gravity_forces", (self.nv,), [qpos])
+    def bias_force(self, qpos: ArrayLike, qvel: ArrayLike | None = None) -> Array:
+        """Coriolis, centrifugal and gravity terms, shape (..., nv); without ``qvel``, what holds the weight of a hanging robot."""
+        at_rest = np.zeros((*np.shape(qpos)[:-1], self.nv))
+        return self._call("bias_force", (self.nv,), [qpos, at_rest if qvel is None else qvel])
 
     def inverse_dynamics(self, qpos: ArrayLike, qvel: ArrayLike, qacc: ArrayLike) -> Array:
         """Generalised forces that give these accelerations, shape (..., nv)."""

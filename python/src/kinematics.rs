@@ -169,13 +169,6 @@ impl Kinematics {
         })
     }
 
-    fn gravity_forces<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Made<'py> {
-        let nv = self.scene.model.nv();
-        self.each(py, &qpos, None, nv, |scene, mechanics, _, out| {
-            mechanics.gravity_forces(&scene.model, scene.robot_ids.root, out);
-        })
-    }
-
     /// Signed distance, nearest points and normal of each pair of shapes: 10 numbers.
     fn nearest<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, pairs: Vec<(String, String)>) -> Made<'py> {
         let pairs = pairs.iter().map(|(a, b)| Ok((self.find_shape(a)?, self.find_shape(b)?)));

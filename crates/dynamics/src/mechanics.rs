@@ -211,31 +211,14 @@ impl Mechanics {
         self.update_branches(model, root);
         let this = &*self;
         let total = this.branches[root.0].0;
-        this.tree_dofs(model, root).map(move |(dof, (mass, moment))| {
-            let axis = &this.kin.axes[dof];
-            (dof, (axis.linear * mass + axis.angular.cross(&moment)) / total)
-        })
-    }
-
-    /// Generalised forces that hold up the weight of one tree at rest; the numbers of all others become 0. Where nothing
-    /// touches the robot, the entries of its joints are the torques that its drives need.
-    ///
-    /// # Panics
-    /// If `forces` does not have `nv` numbers.
-    pub fn gravity_forces(&mut self, model: &Model, root: BodyId, forces: &mut [f64]) {
-        assert_eq!(forces.len(), model.nv, "nv numbers");
-        self.update_branches(model, root);
-        forces.fill(0.0);
-        for (dof, (mass, moment)) in self.tree_dofs(model, root) {
-            let weight = Force { torque: moment.cross(&model.gravity), force: model.gravity * mass };
-            forces[dof] = -self.kin.axes[dof].dot(&weight);
-        }
-    }
-
-    /// Degrees of freedom of one tree, each with the branch that it moves.
-    fn tree_dofs<'a>(&'a self, model: &'a Model, root: BodyId) -> impl Iterator<Item = (usize, (f64, V3))> + 'a {
         let of_tree = model.nodes.iter().enumerate().filter(move |(_, node)| node.root == root.0);
-        of_tree.flat_map(move |(index, node)| node.dofs().map(move |dof| (dof, self.branches[index])))
+        of_tree.flat_map(move |(index, node)| {
+            let (mass, moment) = this.branches[index];
+            node.dofs().map(move |dof| {
+                let axis = &this.kin.axes[dof];
+                (dof, (axis.linear * mass + axis.angular.cross(&moment)) / total)
+            })
+        })
     }
 
     fn update_branches(&mut self, model: &Model, root: BodyId) {
@@ -277,7 +260,8 @@ impl Mechanics {
         })
     }
 
-    /// Generalised forces that keep `qvel` as it is: Coriolis, centrifugal and gravity terms, `nv` numbers. Needs
+    /// Generalised forces that keep `qvel` as it is: Coriolis, centrifugal and gravity terms, `nv` numbers. At rest they hold up
+    /// the weight: where nothing touches a robot, the entries of its joints are then the torques that its drives need. Needs
     /// [`Self::update_equation`].
     pub fn bias_force(&self) -> &[f64] {
         &self.equation.bias

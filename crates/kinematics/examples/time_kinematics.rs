@@ -116,7 +116,6 @@ fn readings(stage: &Stage) -> Result<()> {
     time("Jacobian of a palm", &mut |m| m.jacobian(model, black_box(&palm), &mut jacobian));
     time("Jacobian of the centre of mass", &mut |m| m.com_jacobian(model, root, &mut jacobian[..3 * nv]));
     time("mass matrix, in full", &mut |m| m.mass_matrix(model, &mut matrix));
-    time("gravity forces", &mut |m| m.gravity_forces(model, root, &mut forces));
     time("inverse dynamics", &mut |m| m.inverse_dynamics(model, black_box(&acceleration), &mut forces));
     Ok(())
 }

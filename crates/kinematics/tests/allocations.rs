@@ -40,7 +40,6 @@ fn repeated_calls_allocate_nothing() {
         mechanics.jacobian(&model, &palm, &mut jacobian);
         mechanics.com_jacobian(&model, ids.root, &mut jacobian[..3 * nv]);
         mechanics.mass_matrix(&model, &mut matrix);
-        mechanics.gravity_forces(&model, ids.root, &mut forces);
         mechanics.inverse_dynamics(&model, &reference.qvel, &mut forces);
         solver.solve(&model, &mut mechanics, &supports, &Acceleration::default()).unwrap();
         solver.targets(&model, &mechanics, &posture, &mut targets);

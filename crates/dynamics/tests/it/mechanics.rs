@@ -138,20 +138,6 @@ fn inverse_dynamics_gives_back_what_a_step_was_given() {
     close(&forces, &dense, 1e-9, "mass matrix times acceleration");
 }
 
-#[test]
-fn gravity_forces_are_the_bias_force_of_a_tree_at_rest() {
-    let model = model();
-    let mut state = state(&model);
-    state.qvel.fill(0.0);
-    let mut mechanics = Mechanics::new(&model);
-    mechanics.update_equation(&model, &state);
-    let bias = mechanics.bias_force().to_vec();
-    let mut forces = vec![1.0; model.nv()];
-    mechanics.gravity_forces(&model, ROOT, &mut forces);
-    close(&forces[6..], &bias[6..], 1e-12, "of the tree");
-    assert!(forces[..6].iter().all(|force| *force == 0.0), "the ball is another tree");
-}
-
 /// What inverse kinematics relies on: a part of the bodies, the others as they were.
 #[test]
 fn an_update_of_some_bodies_is_that_of_all_for_these() {
