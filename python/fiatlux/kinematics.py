@@ -14,12 +14,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Solution:
-    """What inverse kinematics found, for each state."""
+    """Result of inverse kinematics, for each state."""
 
     qpos: Array
     """The configurations, the best that were found."""
     reached: NDArray[np.bool_]
-    """Whether all goals are reached, with all clearances kept."""
+    """True where all goals are reached and all clearances kept."""
     position_error: Array
     """Largest error of a position, m."""
     rotation_error: Array
@@ -33,7 +33,7 @@ class SupportForces:
     """Forces of supports, for each state; NaN where they cannot bear the robot."""
 
     borne: NDArray[np.bool_]
-    """Whether such forces exist, within friction and the drives' efforts."""
+    """True where such forces exist, within friction and the drives' efforts."""
     forces: Array
     """On the robot, world, N, shape (..., supports, 3)."""
     efforts: Array

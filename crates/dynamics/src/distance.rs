@@ -25,7 +25,7 @@ pub struct Nearest {
     pub normal: V3,
 }
 
-/// What is left of a shape without its radius.
+/// A shape without its radius.
 enum Core {
     Segment(Segment),
     Cuboid(Cuboid),

@@ -18,9 +18,9 @@ pub struct Stance {
     pub posture: Vec<f64>,
     /// Where the centre of mass is wanted, world, m.
     pub com: Vector3<f64>,
-    /// How the root is wanted to be turned.
+    /// Wanted rotation of the root.
     pub world_from_trunk: UnitQuaternion<f64>,
-    /// What bears the robot.
+    /// Supports that bear the robot.
     pub supports: Vec<Support>,
 }
 
@@ -36,7 +36,7 @@ impl Stance {
     }
 }
 
-/// How strongly centre of mass and trunk are pulled back: 1/s^2 for each metre or radian, and 1/s for their speed.
+/// Springs and dampers that pull back centre of mass and trunk, 1/s^2 and 1/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StanceGains {
     /// Of the centre of mass.
@@ -65,7 +65,7 @@ pub struct StanceController {
     is_borne: bool,
     /// Averaged.
     wanted: Option<Acceleration>,
-    /// How strongly it pulls.
+    /// Springs and dampers.
     pub gains: StanceGains,
 }
 
@@ -128,12 +128,12 @@ impl StanceController {
         Ok(&self.targets)
     }
 
-    /// Whether the supports bore the robot when the last targets were made, within their friction and the motors' efforts.
+    /// True if the supports bore the robot when the last targets were made, within their friction and the motors' efforts.
     pub fn is_borne(&self) -> bool {
         self.is_borne
     }
 
-    /// What springs and dampers ask for.
+    /// The acceleration that springs and dampers ask for.
     fn acceleration(&mut self, model: &Model, stance: &Stance) -> Acceleration {
         let ([spring, damper], [turn_spring, turn_damper]) = (self.gains.com, self.gains.trunk);
         let shift = stance.com - self.mechanics.center_of_mass(model, self.root).1;

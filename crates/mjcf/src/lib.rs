@@ -45,7 +45,7 @@ pub struct MjcfOptions {
     pub timestep: f64,
     /// Options for friction and damping.
     pub option_set: OptionSet,
-    /// What has a name of its own.
+    /// Sites, cameras and joints.
     pub names: Names,
 }
 

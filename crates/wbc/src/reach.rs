@@ -24,7 +24,7 @@ const ARM: usize = ARMS / 2;
 pub struct HandGoal {
     /// Pose of the palm in the pelvis frame.
     pub pelvis_from_palm: Isometry3<f64>,
-    /// How firmly it is held there along each axis of the pelvis: 1 as firmly as the drives do, 0 not at all. At 0.2, a fifth
+    /// Firmness along each axis of the pelvis: 1 holds it as firmly as the drives do, 0 not at all. At 0.2, a fifth
     /// of the way from the palm to the goal counts.
     pub firmness: [f64; 3],
 }

@@ -49,13 +49,13 @@ impl Own {
 /// The most that happened.
 #[derive(Debug, Default, PartialEq)]
 struct Held {
-    /// How far a sole moved, m.
+    /// Way of a sole, m.
     sole: f64,
-    /// How far the centre of mass moved, m.
+    /// Way of the centre of mass, m.
     com: f64,
     /// Effort relative to its limit, and the joint.
     effort: (f64, String),
-    /// How far a point of the ladder moved, m.
+    /// Way of a point of the ladder, m.
     ladder: f64,
     /// Force on the foot that is lifted, N.
     lifted: f64,

@@ -10,16 +10,16 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use crate::holding::Own;
 use crate::stances::{ladder, soles, world_from_tread};
 
-/// What the feet stand on, by height.
+/// Surfaces under the feet, by height.
 const SURFACES: [&str; 5] = ["ladder_tread_0", "ladder_tread_1", "ladder_tread_2", "ladder_tread_3", "ladder_platform"];
 const PLATFORM: usize = 4;
 /// Half the depth of a tread and of the platform, m.
 const HALF_DEPTH: [f64; 2] = [0.045, 0.2];
 /// Smallest gap between shapes, m.
 const MARGIN: f64 = 0.002;
-/// How far the middle of a sole is behind that of its tread, or of a tread at the platform's edge, m.
+/// Distances of a sole's middle behind that of its tread, or of a tread at the platform's edge, m.
 const BEHIND: [f64; 5] = [0.012, -0.01, -0.03, -0.045, 0.042];
-/// How far it is aside, m.
+/// Distances of a sole from the ladder's middle, m.
 const ASIDE: [f64; 2] = [0.1, 0.15];
 
 /// Where the feet are.
@@ -64,7 +64,7 @@ impl Feet {
         all
     }
 
-    /// Whether it is on the upper foot of two alone.
+    /// True for the upper foot of two alone.
     pub fn is_narrow(&self) -> bool {
         self.lift > 0.0 && self.surfaces[0] != self.surfaces[1]
     }
@@ -122,7 +122,7 @@ impl Feet {
         inverse
     }
 
-    /// Whether two shapes are to keep apart: of the robot, or of it and something else, but for a sole and what it stands on.
+    /// True for two shapes that are to keep apart: of the robot, or of it and something else, but for a sole and its surface.
     fn keeps_apart(&self, scene: &Scene, a: ShapeId, b: ShapeId) -> bool {
         let (model, ids) = (&scene.model, &scene.robot_ids);
         let shape = |id: ShapeId| &model.shapes()[id.0];
