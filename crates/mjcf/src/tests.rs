@@ -1,3 +1,5 @@
+#![allow(clippy::unwrap_used)]
+
 use fiatlux_dynamics::{BodySpec, Drive, Material, ModelBuilder, ShapeSpec};
 use nalgebra::{Matrix3, Translation3};
 
