@@ -26,8 +26,9 @@ const STEP: f64 = 0.6;
 const PATIENCE: usize = 6;
 /// A step minds shapes that are farther apart than their margin by at most this, m.
 const FORESIGHT: f64 = 0.05;
-/// Most times that one step is solved, each with the joints and shapes that the solution before was about to press.
-const PASSES: usize = 6;
+/// Most times that one step is solved, each with the joints and shapes that the solution before was about to press: without
+/// and with shapes that are kept apart.
+const PASSES: [usize; 2] = [4, 6];
 /// Range in which a joint without limits starts, rad.
 const UNLIMITED: f64 = PI;
 
@@ -398,7 +399,7 @@ impl InverseKinematics {
         self.is_pressed.extend(self.error[of_goals..].iter().map(|lacks| *lacks > 0.0));
         // Each pass may find joints that would leave their range, and shapes that would come too near; the other joints then
         // make up for them.
-        for _ in 0..PASSES {
+        for _ in 0..PASSES[usize::from(!self.clearances.is_empty())] {
             self.normal.clear();
             self.normal.resize(rows * rows, 0.0);
             self.force.clear();

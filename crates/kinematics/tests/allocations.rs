@@ -3,8 +3,8 @@
 
 use std::alloc::System;
 
-use fiatlux_dynamics::ModelBuilder;
-use fiatlux_kinematics::{Acceleration, Goal, InverseKinematics, Mechanics, Support, SupportSolver};
+use fiatlux_dynamics::{ModelBuilder, ShapeId};
+use fiatlux_kinematics::{Acceleration, Clearance, Goal, InverseKinematics, Mechanics, Support, SupportSolver};
 use fiatlux_robot::{BuildOptions, Robot};
 use nalgebra::Vector3;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
@@ -30,6 +30,9 @@ fn repeated_calls_allocate_nothing() {
     let (mut mechanics, reference) = (Mechanics::new(&model), model.reference_state());
     let mut state = reference.clone();
     let mut inverse = InverseKinematics::new(&model, ids.root, &joints, true).unwrap();
+    let shape = |name: &str| ShapeId(model.shapes().iter().position(|shape| shape.name == name).unwrap());
+    let shapes = (shape("left_elbow"), shape("torso_chest"));
+    inverse.set_clearances(&model, &[Clearance { shapes, margin: 0.02 }]).unwrap();
     let mut solver = SupportSolver::new(&model, ids.root).unwrap();
     let (mut jacobian, mut matrix, mut forces) = (vec![0.0; 6 * nv], vec![0.0; nv * nv], vec![0.0; nv]);
     let mut targets = vec![0.0; model.drives().len()];
