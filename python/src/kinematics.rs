@@ -19,7 +19,8 @@ use crate::fault::{guarded, not_contiguous, refused};
 use crate::settings;
 
 type Array<'py> = PyReadonlyArrayDyn<'py, f64>;
-type Made<'py> = PyResult<Bound<'py, PyArray1<f64>>>;
+type Numbers<'py> = Bound<'py, PyArray1<f64>>;
+type Made<'py> = PyResult<Numbers<'py>>;
 
 /// A room with a robot, or a robot on a floor. Arrays have a row for each state; they come back flat.
 #[pyclass(module = "fiatlux._native")]
@@ -192,7 +193,7 @@ impl Kinematics {
         py: Python<'py>,
         qpos: Array<'py>,
         margin: f64,
-    ) -> PyResult<(Vec<(String, String)>, Bound<'py, PyArray1<f64>>)> {
+    ) -> PyResult<(Vec<(String, String)>, Numbers<'py>)> {
         let model = &self.scene.model;
         let positions = contiguous("qpos", &qpos, model.nq(), count(&qpos))?;
         let (mut shapes, mut numbers) = (Vec::new(), Vec::new());
@@ -231,7 +232,7 @@ impl Kinematics {
         qpos: Array<'py>,
         goals: Vec<GoalOf<'py>>,
         search: Search,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>)> {
+    ) -> PyResult<(Numbers<'py>, Numbers<'py>)> {
         let nq = self.scene.model.nq();
         let mut solver = self.solver(&search)?;
         let parts: Vec<Part> = goals.iter().map(|goal| self.part(goal)).collect::<PyResult<_>>()?;
