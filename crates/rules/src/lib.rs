@@ -84,7 +84,7 @@ pub use judge::{Judge, JudgeOptions};
 pub use judges::{Judges, JudgesState};
 pub use manifest::{Contact, Group, Manifest, ManifestError, Measure, Motion, Partner, Thing};
 pub use measure::GRAVITY;
-pub use parts::{AttachmentRow, BodyRow, Bulb, LIMBS, Limb, RobotLayout, Support};
+pub use parts::{AttachmentRow, BodyRow, Bulb, JointGroups, LIMBS, Limb, RobotLayout, Support};
 pub use protocol::{Protocol, UnknownProtocol};
 pub use rewards::{Rewards, RewardsState, Variant};
 pub use row::{By, CONTROL_DT, Field, Row};
@@ -95,7 +95,6 @@ pub use spec::{
     ControlMode, Factor, Ladder, Landmark, ResetNoise, SpecialRules, Spot, Stand, StartDistance, StartSpec, TaskSpec,
 };
 pub use task::{Task, UnknownTask};
-pub use terms::motion::ANKLE_LIMITS;
 pub use terms::term::Term;
 pub use thresholds::{ThresholdError, Thresholds};
 pub use verdict::{End, Verdict};

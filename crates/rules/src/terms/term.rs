@@ -2,6 +2,7 @@
 
 use crate::cause::Cause;
 use crate::context::Context;
+use crate::parts::JointGroups;
 use crate::row::{CONTROL_DT, Row};
 use crate::verdict::Verdict;
 
@@ -13,6 +14,7 @@ pub(crate) struct View<'a> {
     pub before: &'a Row,
     pub row: &'a Row,
     pub context: &'a Context<'a>,
+    pub joints: &'a JointGroups,
     pub verdict: &'a Verdict,
 }
 
