@@ -5,6 +5,7 @@
 //!
 //! [`BENCHMARK_VERSION`]: crate::BENCHMARK_VERSION
 
+use fiatlux_judge::Protocol;
 use std::fmt::Write;
 
 use data_encoding::HEXLOWER;
@@ -12,7 +13,6 @@ use sha2::{Digest, Sha256};
 
 use crate::divergence;
 use crate::measure::GRAVITY;
-use crate::protocol::Protocol;
 use crate::rewards::{self, Variant};
 use crate::row::CONTROL_DT;
 use crate::task::Task;

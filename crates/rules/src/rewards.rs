@@ -2,9 +2,9 @@
 //!
 //! A term pays value x weight x 0.02 s in each control step. Gate progress is paid unscaled.
 
+use fiatlux_judge::{Cause, Causes, Verdict};
 use serde::{Deserialize, Serialize};
 
-use crate::cause::{Cause, Causes};
 use crate::context::Context;
 use crate::judge::Judge;
 use crate::parts::JointGroups;
@@ -13,7 +13,6 @@ use crate::spec::RewardSpec;
 use crate::task::Task;
 use crate::terms::motion;
 use crate::terms::term::{Kind, Ledger, LedgerState, Term, TermSpec, View};
-use crate::verdict::Verdict;
 
 /// Weight of a success in training.
 const SUCCESS: f64 = 500.0;

@@ -307,8 +307,10 @@ fn sums() {
 /// Whatever is cut off, the loader answers instead of panicking.
 #[test]
 fn cut_files_are_refused() {
+    // Joint groups may be left out.
+    let groups = FILE.find("\n[joint_groups]").expect("the file has groups");
     for end in (0..FILE.len()).step_by(997) {
-        assert!(Robot::from_toml(&FILE[..end]).is_err());
+        assert!(Robot::from_toml(&FILE[..end]).is_err() || end > groups);
     }
     for empty in ["link = []", "joint = []", "shape = []"] {
         let head = FILE.find("[[link]]").expect("the file has links");
