@@ -48,13 +48,16 @@ const TERMS: usize = 32;
 impl Noise {
     /// Without a seed it adds nothing.
     pub fn new(seed: Option<NoiseSeed>) -> Self {
-        Self { seed, streams: Vec::with_capacity(TERMS) }
+        let mut noise = Self { seed: None, streams: Vec::new() };
+        noise.restart(seed);
+        noise
     }
 
     /// Begins another episode.
     pub fn restart(&mut self, seed: Option<NoiseSeed>) {
         self.seed = seed;
         self.streams.clear();
+        self.streams.reserve(TERMS);
     }
 
     /// Adds a term's noise in a row to its values: uniform within the half-width, in their unit. The term has the same
