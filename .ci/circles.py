@@ -88,7 +88,12 @@ class Crate:
         self.names[module] = {name: path for _, (path, name) in uses if name != "*"}
         self.globs[module] = [path[:-1] for _, (path, name) in uses if name == "*"]
         self.defined[module] = set(DEFINES.findall(code))
-        for name in MODULE.findall(code):
+        modules = MODULE.findall(code)
+        if module and "include!" in code and folder.is_dir():
+            # A build script lists the files of its folder.
+            modules += sorted(path.stem for path in folder.glob("*.rs"))
+            self.uses[module] += [("self", name) for name in modules]
+        for name in modules:
             inner = next((path for path in (folder / f"{name}.rs", folder / name / "mod.rs") if path.exists()), None)
             if name not in tests and inner:
                 self.read((*module, name), inner, folder / name)

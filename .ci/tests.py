@@ -128,6 +128,11 @@ class Circles(unittest.TestCase):
         self.assertEqual(self.rust(a=a, a__c="use super::{A, N};\npub fn g() {}\nimpl A {}"), [])
         self.assertEqual(self.rust(a=a, a__c="pub fn g() { super::f() }"), [["a", "a.c"]])
 
+    def test_a_folder_that_a_build_script_lists(self):
+        a = 'include!(concat!(env!("OUT_DIR"), "/modules.rs"));\n'
+        self.assertEqual(self.rust(a=a, a__c="pub struct C;", b="use crate::a;\npub struct B;"), [])
+        self.assertEqual(self.rust(a=a, a__c="use crate::B;", b="use crate::a;\npub struct B;"), [["a", "a.c", "b"]])
+
     def test_python(self):
         def python(**files):
             named = {f"p/{name.replace('__', '/')}.py": text for name, text in files.items()}

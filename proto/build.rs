@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 24] = [
+const IN_METADATA: [&str; 25] = [
     "EpisodeHeader",
     "OpenRequest",
     "Hello",
@@ -27,6 +27,7 @@ const IN_METADATA: [&str; 24] = [
     "SceneGeometry",
     "BulbGeometry",
     "JointDrive",
+    "JointGroups",
     "ContactMeasure",
 ];
 

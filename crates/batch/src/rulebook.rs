@@ -157,7 +157,7 @@ impl Referee {
         let RulebookOptions { protocol, thresholds, end_on, variant, .. } = options;
         let judging = JudgeOptions { end_on: *end_on, ..JudgeOptions::default() };
         let judges = Judges::new(*protocol, task, thresholds, &scene.geometry(), judging);
-        let rewards = Rewards::new(judges.in_force(), *variant);
+        let rewards = Rewards::new(judges.in_force(), *variant, scene.joint_groups());
         Self { judges, rewards }
     }
 }

@@ -18,7 +18,8 @@ pub struct SessionArgs {
     robot: Option<String>,
     /// Sensors, such as proprioception,lidar@10,camera@look: with a rate in Hz, or only when the policy looks; by
     /// default in every observation. proprioception, hand_contact, limb_contact, last_action, lidar (lidar+room also
-    /// sees bench, crate and walls), camera, chest_camera, features, flat, privileged, verdict
+    /// sees bench, crate and walls), camera, chest_camera, features, flat, privileged, verdict, or another one that the
+    /// server has
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = sensor)]
     sensors: Vec<Sensor>,
     /// Large sensors to record in the bag, such as camera,lidar@5, with a rate in Hz [default rate: 10]

@@ -221,35 +221,9 @@ fn action_delay_ms(header: &v3::EpisodeHeader) -> u32 {
 /// How long a whole-body command stays in force in real time, s, by PROTOCOL.md.
 const COMMAND_TIMEOUT_S: f64 = 0.5;
 
-/// Sensors of the standard observation: what a robot could sense.
-const STANDARD: [&str; 9] = [
-    "proprioception",
-    "hand_contact",
-    "limb_contact",
-    "last_action",
-    "lidar",
-    "camera",
-    "features",
-    "flat",
-    "chest_camera",
-];
-/// Sensors that say what no robot could sense.
-const BEYOND: [&str; 2] = ["privileged", "verdict"];
-
-/// What the sensor of that name makes of a run's observations: `standard`, `privileged`, or `other` where it is not known.
-pub fn observations_with(sensor: &str) -> &'static str {
-    if BEYOND.contains(&sensor) {
-        "privileged"
-    } else if STANDARD.contains(&sensor) {
-        "standard"
-    } else {
-        "other"
-    }
-}
-
 fn observations(header: &v3::EpisodeHeader) -> &'static str {
     let shown = header.sensors.iter().filter(|sensor| !sensor.bag_only);
-    let kinds: Vec<_> = shown.map(|sensor| observations_with(&sensor.name)).collect();
+    let kinds: Vec<_> = shown.map(|sensor| pins::observations_with(&sensor.name)).collect();
     let exact = header.randomization.is_some_and(|random| random.exact_sensors);
     if kinds.contains(&"privileged") {
         "privileged"

@@ -3,7 +3,9 @@
 use fiatlux_access::{PublicKey, Signer, signer_of};
 use fiatlux_proto::{ABORTED, PROTOCOL, is_compatible, v3};
 use fiatlux_rules::{JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, ThresholdError, Thresholds};
-use fiatlux_wire::{WireError, end_message, header_digest, judgement_message, read_geometry, read_identity, reward_of};
+use fiatlux_wire::{
+    WireError, end_message, header_digest, joint_groups_of, judgement_message, read_geometry, read_identity, reward_of,
+};
 use thiserror::Error;
 
 use crate::Series;
@@ -116,7 +118,7 @@ impl Grader {
         let options = JudgeOptions { end_on: Some(identity.ends_on), published_counting };
         let judges = Judges::new(identity.protocol, identity.task, &thresholds, &geometry, options);
         Ok(Self {
-            rewards: Rewards::new(judges.in_force(), reward_of(header)?),
+            rewards: Rewards::new(judges.in_force(), reward_of(header)?, joint_groups_of(header)?),
             judges,
             digest,
             header_flaw,

@@ -50,7 +50,7 @@ pub mod tables;
 pub use bag::check_bag;
 pub use claim::false_claim;
 pub use compare::{CompareError, Comparison, Pairs, Side, compare, compare_results};
-pub use conditions::{Conditions, observations_with};
+pub use conditions::Conditions;
 pub use episode::{Graded, Grader, HeaderError};
 pub use error::ScoreError;
 pub use find::find_bags;

@@ -192,6 +192,7 @@ fn forces(robot: &Robot) -> Vec<Force> {
     let mut forces = Vec::new();
     for contact in manifest().contacts.iter().filter(|contact| contact.measure == Measure::Force) {
         let by = match contact.with {
+            Partner::Nothing => continue,
             Partner::Floor => "floor",
             Partner::Others => "others",
             Partner::Thing { thing, .. } => &manifest().things[thing].name,
@@ -202,6 +203,7 @@ fn forces(robot: &Robot) -> Vec<Force> {
             Group::Limbs | Group::Supports => {
                 vec![side(robot.feet(), 0), side(robot.feet(), 1), side(robot.palms(), 0), side(robot.palms(), 1)]
             }
+            Group::Robot => vec![Some(0)],
             Group::Thing(thing) => {
                 let place = framed_things().position(|(index, _)| index == thing);
                 vec![place.map(|place| robot.links().len() + place)]

@@ -16,6 +16,8 @@ pub(crate) struct RobotFile {
     #[serde(default)]
     pub exclude: Vec<Vec<String>>,
     #[serde(default)]
+    pub joint_groups: JointGroupsDef,
+    #[serde(default)]
     pub sensors: SensorMounts,
     #[serde(default)]
     pub camera: Vec<CameraDef>,
@@ -28,6 +30,23 @@ pub(crate) struct RobotFile {
     #[serde(default)]
     pub fixed: Vec<FixedDef>,
     pub shape: Vec<ShapeDef>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct JointGroupsDef {
+    pub legs: Vec<String>,
+    pub ankles: Vec<String>,
+    pub waist: Vec<String>,
+    pub fingers: Vec<String>,
+}
+
+/// The last table of a file on its own.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JointGroupsTable {
+    #[serde(rename = "joint_groups")]
+    _groups: JointGroupsDef,
 }
 
 #[derive(Deserialize, Default)]

@@ -2,14 +2,14 @@
 
 use fiatlux_dynamics::Material;
 
-use crate::digest::sha256_hex;
-use crate::file::RobotFile;
+use crate::digest::{digested, sha256_hex};
+use crate::file::{JointGroupsTable, RobotFile};
 use crate::gains::Gains;
 use crate::kinematics::pose;
 use crate::locate::{Step, line_at};
 use crate::refuse::Refuse;
 use crate::shape::Surface;
-use crate::{CameraMount, Robot, RobotError};
+use crate::{CameraMount, Joint, JointGroups, Robot, RobotError};
 
 /// Mass may differ from that of the file by this, kg.
 const MASS_TOLERANCE: f64 = 1e-3;
@@ -22,6 +22,11 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         problem: error.message().trim_end().into(),
     })?;
     let refuse = Refuse { text, robot: &file.name };
+    let undigested = &text[digested(text).len()..];
+    if !undigested.is_empty() && toml::from_str::<JointGroupsTable>(undigested).is_err() {
+        let problem = "must be the last table of the file, whose digest ends above it; move it there".into();
+        return Err(refuse.at(&[Step::Key("joint_groups")], "joint_groups", problem));
+    }
     let links = crate::tree::links(&file, &refuse)?;
     let (joints, links) = crate::tree::joints(&file, links, &refuse)?;
     let surfaces = surfaces(&file, &refuse)?;
@@ -50,7 +55,8 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         sonic: Gains(joints.iter().map(|j| j.gains).collect()),
         name: file.name.clone(),
         hand: file.hand.clone(),
-        digest: sha256_hex(&[text]),
+        digest: sha256_hex(&[digested(text)]),
+        joint_groups: joint_groups(&file, &joints, &refuse)?,
         links,
         joints,
         shapes,
@@ -61,6 +67,26 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
     read_sonic(&file, &mut robot, &refuse)?;
     check_sums(&file, &robot, &refuse)?;
     Ok(robot)
+}
+
+fn joint_groups(file: &RobotFile, joints: &[Joint], refuse: &Refuse<'_>) -> Result<JointGroups, RobotError> {
+    let all: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
+    let group = |key: &'static str, names: &[String]| {
+        let path = |index| [Step::Key("joint_groups"), Step::Key(key), Step::Index(index)];
+        let found =
+            names.iter().enumerate().map(|(i, name)| refuse.find(&all, name, "joint", "joint_groups", &path(i)));
+        let mut group = found.collect::<Result<Vec<_>, RobotError>>()?;
+        group.sort_unstable();
+        group.dedup();
+        Ok::<_, RobotError>(group)
+    };
+    let def = &file.joint_groups;
+    Ok(JointGroups {
+        legs: group("legs", &def.legs)?,
+        ankles: group("ankles", &def.ankles)?,
+        waist: group("waist", &def.waist)?,
+        fingers: group("fingers", &def.fingers)?,
+    })
 }
 
 fn cameras(file: &RobotFile, link_names: &[&str], refuse: &Refuse<'_>) -> Result<Vec<CameraMount>, RobotError> {

@@ -56,6 +56,19 @@ pub struct CameraMount {
     pub hidden_link: Option<usize>,
 }
 
+/// Joints as rewards name them: indices in ascending order. A group that the robot's file leaves out is empty.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct JointGroups {
+    /// Hips and knees.
+    pub legs: Vec<usize>,
+    /// Joints between shin and foot.
+    pub ankles: Vec<usize>,
+    /// Joints between pelvis and torso.
+    pub waist: Vec<usize>,
+    /// All joints of both hands.
+    pub fingers: Vec<usize>,
+}
+
 /// A checked robot. Links are indexed in the order of its file, joints in the order of its `joint_order`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
@@ -64,6 +77,7 @@ pub struct Robot {
     pub(crate) digest: String,
     pub(crate) links: Vec<Link>,
     pub(crate) joints: Vec<Joint>,
+    pub(crate) joint_groups: JointGroups,
     pub(crate) shapes: Vec<Shape>,
     pub(crate) surfaces: Vec<Surface>,
     pub(crate) groups: Vec<String>,
@@ -88,8 +102,8 @@ impl Robot {
         &self.hand
     }
 
-    /// SHA-256 of the text that the robot was read from, hexadecimal; of one made from another robot, its text and then the
-    /// other's.
+    /// SHA-256 of the text that the robot was read from, up to its table of joint groups, hexadecimal; of one made from another
+    /// robot, its text and then the other's.
     pub fn digest(&self) -> &str {
         &self.digest
     }
@@ -102,6 +116,11 @@ impl Robot {
     /// All joints, in the order of every observation, action and state.
     pub fn joints(&self) -> &[Joint] {
         &self.joints
+    }
+
+    /// Joints as rewards name them.
+    pub fn joint_groups(&self) -> &JointGroups {
+        &self.joint_groups
     }
 
     /// All collision shapes, in the order of the robot's file.

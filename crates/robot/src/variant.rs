@@ -3,10 +3,10 @@
 use nalgebra::UnitQuaternion;
 use serde::Deserialize;
 
-use crate::digest::sha256_hex;
+use crate::digest::{digested, sha256_hex};
 use crate::locate::{Step, line_at};
 use crate::refuse::Refuse;
-use crate::{Gains, Robot, RobotError};
+use crate::{Gains, JointGroups, Robot, RobotError};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -46,7 +46,7 @@ pub(crate) fn load(
     let robot = Robot {
         name: file.name.clone(),
         hand: file.hand,
-        digest: sha256_hex(&[text, base_text]),
+        digest: sha256_hex(&[text, digested(base_text)]),
         ..weld(base, &roots)
     };
     for (key, stated, found) in [
@@ -83,6 +83,10 @@ fn weld(mut robot: Robot, roots: &[usize]) -> Robot {
         }
     }
     kept_joints.sort_unstable();
+    let JointGroups { legs, ankles, waist, fingers } = &mut robot.joint_groups;
+    for group in [legs, ankles, waist, fingers] {
+        *group = group.iter().filter_map(|joint| kept_joints.binary_search(joint).ok()).collect();
+    }
     for link in &mut robot.links {
         link.joint = link.joint.and_then(|joint| kept_joints.binary_search(&joint).ok());
     }

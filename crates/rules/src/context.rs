@@ -40,6 +40,9 @@ impl<'a> Context<'a> {
     }
 }
 
+/// A gate of this rulebook.
+pub type Gate = fiatlux_judge::Gate<Criterion>;
+
 /// A predicate of a row.
 pub type Predicate = fn(&Row, &Context<'_>) -> bool;
 

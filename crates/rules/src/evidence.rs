@@ -1,9 +1,9 @@
 //! What a row shows under either protocol: it is measured once, and both judges use it.
 
+use fiatlux_judge::{Cause, Causes};
 use serde::{Deserialize, Serialize};
 
 use crate::bulb_motion::BulbMotion;
-use crate::cause::{Cause, Causes};
 use crate::context::Context;
 use crate::divergence::diverged;
 use crate::errand;

@@ -1,8 +1,8 @@
 //! What an episode is, apart from its rows: the start of its digest chain.
 
-use crate::cause::Causes;
+use fiatlux_judge::{Causes, Protocol};
+
 use crate::digest::RowDigest;
-use crate::protocol::Protocol;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 

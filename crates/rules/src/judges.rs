@@ -1,10 +1,10 @@
 //! Both judges, over the same rows.
 
+use fiatlux_judge::Protocol;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Geometry;
 use crate::judge::{Judge, JudgeOptions, JudgeState};
-use crate::protocol::Protocol;
 use crate::row::Row;
 use crate::task::Task;
 use crate::thresholds::Thresholds;

@@ -1,6 +1,6 @@
-//! The rulebook: subtasks, gates, rewards, weights and scores as pure functions of recorded state.
+//! The rulebook of the errand: subtasks, their criteria, rewards and weights as pure functions of recorded state.
 //!
-//! A [`Judge`] folds the [`Row`]s of an episode into a [`Verdict`] by one [`Protocol`]; [`Judges`] are both over the same
+//! It measures rows and says what they show; `fiatlux-judge`, which knows no task, makes verdicts and scores of that. A [`Judge`] folds the [`Row`]s of an episode into a [`Verdict`] by one [`Protocol`]; [`Judges`] are both over the same
 //! rows. The same code ends an episode online and grades it offline. [`Rewards`] pays for the same rows, term by term.
 //! [`Benchmark`] rolls [`Episode`]s up into scores.
 //!
@@ -42,13 +42,11 @@
 pub const BENCHMARK_VERSION: u32 = 5;
 
 mod bulb_motion;
-mod cause;
 mod context;
 mod digest;
 mod divergence;
 pub mod errand;
 mod evidence;
-mod gate;
 mod geometry;
 mod identity;
 mod judge;
@@ -58,10 +56,8 @@ pub mod measure;
 mod parts;
 pub mod pins;
 pub mod predicates;
-mod protocol;
 mod rewards;
 mod row;
-mod scores;
 mod seeds;
 mod settle;
 mod spec;
@@ -70,32 +66,29 @@ mod task;
 mod tasks;
 mod terms;
 mod thresholds;
-mod verdict;
 
-pub use cause::{Cause, Causes, UnknownCause};
-pub use context::{Context, Criterion, Predicate};
+pub use context::{Context, Criterion, Gate, Predicate};
 pub use digest::RowDigest;
 pub use divergence::diverged;
 pub use errand::manifest;
-pub use gate::{Criteria, Gate, MAX_CRITERIA};
+pub use fiatlux_judge::{
+    Cause, Causes, Criteria, End, MAX_CRITERIA, Protocol, Rate, Spread, UnknownCause, UnknownProtocol, Verdict,
+    wilson_interval,
+};
 pub use geometry::{BulbGeometry, Geometry};
 pub use identity::{EpisodeIdentity, JointDrive};
 pub use judge::{Judge, JudgeOptions};
 pub use judges::{Judges, JudgesState};
 pub use manifest::{Contact, Group, Manifest, ManifestError, Measure, Motion, Partner, Thing};
 pub use measure::GRAVITY;
-pub use parts::{AttachmentRow, BodyRow, Bulb, LIMBS, Limb, RobotLayout, Support};
-pub use protocol::{Protocol, UnknownProtocol};
+pub use parts::{AttachmentRow, BodyRow, Bulb, JointGroups, LIMBS, Limb, RobotLayout, Support};
 pub use rewards::{Rewards, RewardsState, Variant};
 pub use row::{By, CONTROL_DT, Field, Row};
-pub use scores::{Benchmark, Episode, Rate, SeedScore, Spread, SubtaskScore, Summary, wilson_interval};
 pub use seeds::{ReservedSeed, SeedOwner};
 pub use settle::PoseSpeed;
 pub use spec::{
     ControlMode, Factor, Ladder, Landmark, ResetNoise, SpecialRules, Spot, Stand, StartDistance, StartSpec, TaskSpec,
 };
-pub use task::{Task, UnknownTask};
-pub use terms::motion::ANKLE_LIMITS;
+pub use task::{Benchmark, Episode, SeedScore, SubtaskScore, Summary, Task, UnknownTask};
 pub use terms::term::Term;
 pub use thresholds::{ThresholdError, Thresholds};
-pub use verdict::{End, Verdict};

@@ -38,7 +38,7 @@ pub enum ManifestError {
 pub struct Manifest {
     /// The things in the room that have a place in the row.
     pub things: Vec<Thing>,
-    /// What is measured at contacts.
+    /// What is measured at contacts, and other numbers of parts.
     pub contacts: Vec<Contact>,
     /// Name and version of the layout of a row, with the first digits of the digest over the manifest: what the digest chain of an
     /// episode starts from.
@@ -89,6 +89,8 @@ pub struct Contact {
 /// Sensed parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Group {
+    /// The robot as a whole.
+    Robot,
     /// Bodies of both hands: the right hand's, then the left hand's.
     HandBodies,
     /// Feet and palms, by [`Limb`](crate::Limb).
@@ -102,6 +104,8 @@ pub enum Group {
 /// What exerts a measured force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Partner {
+    /// Nothing: the measure is no force.
+    Nothing,
     /// The floor.
     Floor,
     /// Everything but the sensed hand bodies.
@@ -126,6 +130,8 @@ pub enum Measure {
     Load,
     /// The hardest press of one thing.
     PressPeak,
+    /// A number that the world computes by itself.
+    Number,
 }
 
 /// A count that depends on the robot.
@@ -144,7 +150,7 @@ impl Size {
         match group {
             Group::HandBodies => self.by_hand_body += 1,
             Group::Limbs | Group::Supports => self.fixed += LIMBS,
-            Group::Thing(_) => self.fixed += 1,
+            Group::Robot | Group::Thing(_) => self.fixed += 1,
         }
     }
 }
@@ -170,6 +176,7 @@ struct File {
 struct Entry {
     name: String,
     of: String,
+    #[serde(default)]
     with: String,
     boxes_from: Option<f64>,
     measure: String,
@@ -202,16 +209,17 @@ impl Manifest {
 
     fn read(&mut self, entry: &Entry) -> Result<Contact, String> {
         let names = || self.things.iter().map(|thing| thing.name.as_str()).collect::<Vec<_>>().join(", ");
-        let of =
-            match entry.of.as_str() {
-                "hand_bodies" => Group::HandBodies,
-                "limbs" => Group::Limbs,
-                "supports" => Group::Supports,
-                name => Group::Thing(self.thing(name).ok_or_else(|| {
-                    format!("of is '{name}'; use hand_bodies, limbs, supports or a thing: {}", names())
-                })?),
-            };
+        let of = match entry.of.as_str() {
+            "hand_bodies" => Group::HandBodies,
+            "limbs" => Group::Limbs,
+            "supports" => Group::Supports,
+            "robot" => Group::Robot,
+            name => Group::Thing(self.thing(name).ok_or_else(|| {
+                format!("of is '{name}'; use hand_bodies, limbs, supports, robot or a thing: {}", names())
+            })?),
+        };
         let with = match entry.with.as_str() {
+            "" => Partner::Nothing,
             "floor" => Partner::Floor,
             "others" => Partner::Others,
             name => {
@@ -228,6 +236,7 @@ impl Manifest {
             "force" => Measure::Force,
             "load" => Measure::Load,
             "press_peak" => Measure::PressPeak,
+            "number" => Measure::Number,
             "force_peak" => {
                 let mut forces = self.contacts.iter().enumerate();
                 let is_source = |c: &Contact| c.measure == Measure::Force && (c.of, c.with) == (of, with);
@@ -236,8 +245,11 @@ impl Manifest {
                     "measure is force_peak; add an entry before it with the same `of` and `with` and the measure force",
                 )?)
             }
-            name => return Err(format!("measure is '{name}'; use force, force_peak, load or press_peak")),
+            name => return Err(format!("measure is '{name}'; use force, force_peak, load, press_peak or number")),
         };
+        if (measure == Measure::Number) != (with == Partner::Nothing) {
+            return Err("a measure of a force has `with`, and a number has none; add it, or leave it out".into());
+        }
         let size = if measure == Measure::Force { &mut self.forces } else { &mut self.loads };
         let first = *size;
         size.grow(of);
@@ -314,6 +326,25 @@ fn check_names<'a>(list: &'static str, names: impl Iterator<Item = &'a String>) 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A number is one of the loads, and another layout.
+    #[test]
+    fn numbers_are_no_contacts() {
+        let with = |entry: &str| Manifest::from_toml(&format!("{THING}\ncontacts = [{entry}]"));
+        let floor = r#"{ name = "floor_load", of = "limbs", with = "floor", measure = "load" },"#;
+        let [bare, full] = ["", r#"{ name = "power", of = "robot", measure = "number" }"#]
+            .map(|number| with(&format!("{floor} {number}")).expect("a manifest"));
+        let robot = RobotLayout { joints: 29, hand_bodies_per_side: 3 };
+        assert_eq!((full.contacts[1].range(robot), full.loads(robot), full.forces(robot)), (4..5, 5, 0));
+        assert_ne!(full.layout, bare.layout);
+        for entry in [
+            r#"{ name = "power", of = "robot", with = "floor", measure = "number" }"#,
+            r#"{ name = "power", of = "robot", measure = "load" }"#,
+        ] {
+            let error = with(entry).expect_err("a refusal").to_string();
+            assert!(error.contains("entry 'power': a measure of a force has `with`"), "{error}");
+        }
+    }
 
     const THING: &str = r#"things = [{ name = "ladder", motion = "free" }]"#;
 

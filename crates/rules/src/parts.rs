@@ -22,6 +22,19 @@ impl RobotLayout {
     }
 }
 
+/// Joints that terms of rewards read: indices in the public order. They come with the robot's data file.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct JointGroups {
+    /// Hips and knees.
+    pub legs: Vec<usize>,
+    /// Ankles, each with its lower and upper limit, rad.
+    pub ankles: Vec<(usize, [f64; 2])>,
+    /// Joints between pelvis and torso.
+    pub waist: Vec<usize>,
+    /// All joints of both hands.
+    pub fingers: Vec<usize>,
+}
+
 /// Index into the two bulbs of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Bulb {

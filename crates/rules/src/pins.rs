@@ -5,6 +5,7 @@
 //!
 //! [`BENCHMARK_VERSION`]: crate::BENCHMARK_VERSION
 
+use fiatlux_judge::Protocol;
 use std::fmt::Write;
 
 use data_encoding::HEXLOWER;
@@ -12,7 +13,6 @@ use sha2::{Digest, Sha256};
 
 use crate::divergence;
 use crate::measure::GRAVITY;
-use crate::protocol::Protocol;
 use crate::rewards::{self, Variant};
 use crate::row::CONTROL_DT;
 use crate::task::Task;
@@ -37,12 +37,41 @@ pub const SCENE: &str = "15b1a3ebd992c8e16ff02aadea2810b2d0764b5f7de915680e972f3
 /// Digest of the rules, see [`rules_digest`].
 pub const RULES: &str = "2e36985e9b96ac3a5c5765adc8e2d414f5dab6decfa2dfc7508ea407f1a223a7";
 
-/// Digest of the sensors' terms: names, fields, shapes, units, ranges, scales and noise. The test says how it is made.
+/// The benchmark's sensors that a robot could have as well.
+const STANDARD_SENSORS: [&str; 9] = [
+    "proprioception",
+    "hand_contact",
+    "limb_contact",
+    "last_action",
+    "lidar",
+    "camera",
+    "features",
+    "flat",
+    "chest_camera",
+];
+
+/// The benchmark's sensors that say what no robot could sense.
+const PRIVILEGED_SENSORS: [&str; 2] = ["privileged", "verdict"];
+
+/// Digest of the benchmark's sensors: names, costs, cameras, and of their terms names, fields, shapes, units, ranges, scales
+/// and noise. The test says how it is made.
 pub const SENSORS: &str = "2f989348700329cc438a9afac1da77995ce3b2cff2e038aeffba30ca9f0d825a";
 
 /// The pinned digest of a robot; `None` for one that the benchmark does not know.
 pub fn model(robot: &str) -> Option<&'static str> {
     MODELS.into_iter().find(|(name, _)| *name == robot).map(|(_, digest)| digest)
+}
+
+/// The observations of a run with the sensor of that name: `standard`, `privileged`, or `other` for a sensor that is not a
+/// part of the benchmark.
+pub fn observations_with(sensor: &str) -> &'static str {
+    if PRIVILEGED_SENSORS.contains(&sensor) {
+        "privileged"
+    } else if STANDARD_SENSORS.contains(&sensor) {
+        "standard"
+    } else {
+        "other"
+    }
 }
 
 /// SHA-256 over the rules as data, hexadecimal: the default thresholds, the bounds of divergence, and for each task its

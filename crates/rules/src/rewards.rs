@@ -2,17 +2,17 @@
 //!
 //! A term pays value x weight x 0.02 s in each control step. Gate progress is paid unscaled.
 
+use fiatlux_judge::{Cause, Causes, Verdict};
 use serde::{Deserialize, Serialize};
 
-use crate::cause::{Cause, Causes};
 use crate::context::Context;
 use crate::judge::Judge;
+use crate::parts::JointGroups;
 use crate::row::Row;
 use crate::spec::RewardSpec;
 use crate::task::Task;
 use crate::terms::motion;
 use crate::terms::term::{Kind, Ledger, LedgerState, Term, TermSpec, View};
-use crate::verdict::Verdict;
 
 /// Weight of a success in training.
 const SUCCESS: f64 = 500.0;
@@ -40,6 +40,7 @@ pub enum Variant {
 pub struct Rewards {
     ledgers: Vec<Ledger>,
     terms: Vec<Term>,
+    joints: JointGroups,
     /// The last row; row 0 for good where no term looks at the one before.
     before: Option<Box<Row>>,
     looks_back: bool,
@@ -50,12 +51,12 @@ pub struct Rewards {
 pub struct RewardsState(Vec<LedgerState>);
 
 impl Rewards {
-    /// The reward of the judge's task.
-    pub fn new(judge: &Judge, variant: Variant) -> Self {
+    /// The reward of the judge's task for a robot with these joints.
+    pub fn new(judge: &Judge, variant: Variant, joints: JointGroups) -> Self {
         let specs = specs(judge.task(), judge.ends_on(), variant);
         let terms = specs.iter().map(Term::unpaid).collect();
         let looks_back = specs.iter().any(|spec| matches!(spec.kind, Kind::Rate(_)));
-        Self { ledgers: specs.into_iter().map(Ledger::new).collect(), terms, before: None, looks_back }
+        Self { ledgers: specs.into_iter().map(Ledger::new).collect(), terms, joints, before: None, looks_back }
     }
 
     /// Starts over with row 0, after the judge has.
@@ -75,7 +76,7 @@ impl Rewards {
     pub fn advance(&mut self, judge: &Judge, row: &Row) -> &[Term] {
         let (context, verdict): (Context<'_>, &Verdict) = (judge.context(), judge.verdict());
         if let Some(before) = &mut self.before {
-            let view = View { before, row, context: &context, verdict };
+            let view = View { before, row, context: &context, joints: &self.joints, verdict };
             let diverged = verdict.conditions.contains(Cause::Diverged);
             for (ledger, term) in self.ledgers.iter_mut().zip(&mut self.terms) {
                 if diverged && !matches!(ledger.spec().kind, Kind::Condition(_)) {

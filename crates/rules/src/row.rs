@@ -80,7 +80,7 @@ pub struct Row {
     pub attachments: Vec<AttachmentRow>,
     /// Contact forces of the last physics step, world axes, N, measure by measure: [`Row::force`].
     pub forces: Vec<Vector3<f64>>,
-    /// Other contact measures, N: [`Row::load`]. 0 in row 0, but for the peaks of the forces that it has.
+    /// Other measures, N but for numbers of another kind: [`Row::load`]. 0 in row 0, but for the peaks of the forces that it has.
     pub loads: Vec<f64>,
     /// Physics steps of this control step whose solve did not converge, on the second try either. In row 0, as `retried`, those
     /// of the staging.

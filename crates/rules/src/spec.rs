@@ -1,7 +1,8 @@
 //! Everything that defines a task, to be filled in by a page of `tasks/`.
 
-use crate::cause::Causes;
-use crate::gate::Gate;
+use fiatlux_judge::Causes;
+
+use crate::context::Gate;
 use crate::parts::Bulb;
 use crate::terms::term::TermSpec;
 use crate::thresholds::Thresholds;

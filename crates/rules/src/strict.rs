@@ -1,6 +1,6 @@
 //! The additional criteria of protocol `strict`: one for each way in which a stunt can pass the published gates.
 //!
-//! A strict gate is all published criteria of its task, those of this page that the task names, and [`upright`]; it holds for
+//! A strict gate is all published criteria of its task and those of this page that the task names, always [`upright`] among them; it holds for
 //! at least a second. Nothing may have fallen, tipped, dropped or broken before, and the robot may not have leapt.
 
 use crate::context::{Context, Criterion};

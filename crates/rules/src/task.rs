@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use fiatlux_judge::ScoredTask;
 use thiserror::Error;
 
 use crate::parts::Bulb;
@@ -29,6 +30,25 @@ pub enum Task {
     Replace,
     /// Climbing alone, in a scene of its own.
     Climb,
+}
+
+/// Summary of one episode.
+pub type Summary = fiatlux_judge::Summary<Task>;
+/// An episode of the benchmark.
+pub type Episode = fiatlux_judge::Episode<Task>;
+/// All scores of a policy.
+pub type Benchmark = fiatlux_judge::Benchmark<Task>;
+/// The benchmark under one layout seed.
+pub type SeedScore = fiatlux_judge::SeedScore<Task>;
+/// All episodes of one task.
+pub type SubtaskScore = fiatlux_judge::SubtaskScore<Task>;
+
+impl ScoredTask for Task {
+    const ALL: &'static [Self] = &Task::ALL;
+
+    fn weight(self) -> f64 {
+        self.spec().weight
+    }
 }
 
 /// No task has this name.
@@ -184,7 +204,7 @@ mod tests {
             let spec = task.spec();
             assert!(spec.start_count < spec.gate.n(Protocol::Published), "{task}");
             let names: Vec<_> = spec.gate.criteria_of(Protocol::Strict).map(|c| c.name).collect();
-            assert!(names.len() <= MAX_CRITERIA, "{task}: {names:?}");
+            assert!(names.len() <= MAX_CRITERIA && names.last() == Some(&"upright"), "{task}: {names:?}");
             assert!((1..=spec.gate.criteria.len()).contains(&spec.gate.goals), "{task}");
             assert!(names.iter().enumerate().all(|(i, name)| !names[..i].contains(name)), "{task}: {names:?}");
             assert!(spec.gate.strict_steps >= 50 && spec.gate.strict_steps >= spec.gate.sustain_steps, "{task}");

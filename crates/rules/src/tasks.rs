@@ -21,16 +21,16 @@ pub(crate) mod s12_climb_down;
 
 /// What every task file uses.
 mod page {
-    pub(super) use crate::cause::{Cause, Causes};
-    pub(super) use crate::context::{Context, Criterion};
+    pub(super) use fiatlux_judge::{Cause, Causes};
+
+    pub(super) use crate::context::{Context, Criterion, Gate};
     pub(super) use crate::errand;
-    pub(super) use crate::gate::Gate;
     pub(super) use crate::measure;
     pub(super) use crate::parts::Bulb;
     pub(super) use crate::predicates::*;
     pub(super) use crate::row::Row;
     pub(super) use crate::spec::*;
-    pub(super) use crate::strict::{DOWN, FRESH_GRIP, OLD_GRIP, SLOW, STANDING, UP};
+    pub(super) use crate::strict::{DOWN, FRESH_GRIP, OLD_GRIP, SLOW, STANDING, UP, UPRIGHT};
     pub(super) use crate::terms::hints::*;
     pub(super) use crate::terms::motion::right_hand_force;
     pub(super) use crate::terms::term::{Kind, TermSpec};

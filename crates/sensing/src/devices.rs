@@ -7,7 +7,8 @@ use fiatlux_render::{Camera, Image, Lighting, RenderError, Renderer, Visuals};
 use fiatlux_world::{Scene, SceneError};
 use thiserror::Error;
 
-use crate::{Lidar, NoiseSeed, Observer, Proprioception, Sight, View};
+use crate::noise::{Noise, NoiseSeed};
+use crate::{Lidar, Proprioception, Sight, View};
 
 /// Why a sensor has nothing to say.
 #[derive(Debug, Error)]
@@ -66,8 +67,9 @@ struct Studio {
 pub(crate) struct Devices {
     /// What the LiDAR sees where a sensor does not ask for the published sight.
     pub sight: Sight,
+    pub noise: Noise,
     image_size: [usize; 2],
-    body: Option<Made<(Observer, Proprioception)>>,
+    body: Option<Made<Proprioception>>,
     lidars: Vec<(Sight, Made<Lidar>)>,
     studio: Option<Studio>,
     network: Option<Made<ResNet18>>,
@@ -77,9 +79,10 @@ impl Clone for Devices {
     fn clone(&self) -> Self {
         // A network keeps the features of its own images alone.
         let network = self.network.as_ref().map(|network| Made::new(network.by.twin()));
-        let Self { sight, image_size, body, lidars, studio, .. } = self;
+        let Self { sight, noise, image_size, body, lidars, studio, .. } = self;
         Self {
             sight: *sight,
+            noise: noise.clone(),
             image_size: *image_size,
             body: body.clone(),
             lidars: lidars.clone(),
@@ -92,7 +95,7 @@ impl Clone for Devices {
 impl Devices {
     pub fn new(sight: Sight, image_size: [usize; 2], network: Option<ResNet18>) -> Self {
         let network = network.map(Made::new);
-        Self { sight, image_size, body: None, lidars: Vec::new(), studio: None, network }
+        Self { sight, noise: Noise::new(None), image_size, body: None, lidars: Vec::new(), studio: None, network }
     }
 
     pub fn begin(
@@ -104,8 +107,8 @@ impl Devices {
         visuals: impl FnOnce() -> Arc<Visuals>,
         lighting: Lighting,
     ) -> Result<(), SenseError> {
-        let observer = Observer::new(scene.robot.q0().to_vec(), noise);
-        self.body = Some(Made::new((observer, Proprioception::zeros(scene.robot_layout().joints))));
+        self.noise.restart(noise);
+        self.body = Some(Made::new(Proprioception::zeros(scene.robot_layout().joints)));
         self.lidars.clear();
         if scans {
             self.lidars.push((Sight::Published, Made::new(Lidar::new(scene, Sight::Published)?)));
@@ -134,8 +137,8 @@ impl Devices {
 
     /// Another episode in the same scene.
     pub fn restart(&mut self, noise: Option<NoiseSeed>, lighting: Lighting) {
+        self.noise.restart(noise);
         if let Some(body) = &mut self.body {
-            body.by.0.restart(noise);
             body.step = None;
         }
         self.lidars.iter_mut().for_each(|(_, lidar)| lidar.step = None);
@@ -151,12 +154,11 @@ impl Devices {
     /// What the robot senses of its own body.
     pub fn body(&mut self, view: &View<'_>) -> Result<&Proprioception, SenseError> {
         let body = self.body.as_mut().ok_or(SenseError::Absent("an episode"))?;
-        let due = body.is_due(view.row.step);
-        let (observer, sensed) = &mut body.by;
-        if due {
-            observer.observe(view.row, sensed);
+        if body.is_due(view.row.step) {
+            body.by.measure(view.row, view.scene.robot.q0());
+            body.by.add_noise(&mut self.noise, view.row.step);
         }
-        Ok(sensed)
+        Ok(&body.by)
     }
 
     /// The scan of the LiDAR at this row; cast once a row, then kept.

@@ -1,8 +1,9 @@
 //! What the robot senses of its own body: a row, and uniform noise.
 
 use fiatlux_rules::Row;
-use fiatlux_world::{EpisodeSpec, Random, Stream};
 use nalgebra::Vector3;
+
+use crate::noise::{Noise, NoiseSeed};
 
 /// What the robot senses of its own body in one row. The pelvis frame is the pelvis link's.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,59 +34,58 @@ impl Proprioception {
             joint_velocity: vec![0.0; joints],
         }
     }
-}
 
-/// Which episode's noise is drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct NoiseSeed {
-    /// Seed of the session.
-    pub seed: u64,
-    /// Index of the episode.
-    pub episode: u64,
-}
+    /// Reads off a row, without noise, what a robot of that standing posture senses.
+    pub(crate) fn measure(&mut self, row: &Row, q0: &[f64]) {
+        let world_from_pelvis = &row.robot.pose.rotation;
+        let in_pelvis = |vector: &Vector3<f64>| world_from_pelvis.inverse_transform_vector(vector).into();
+        self.base_angular_velocity = in_pelvis(&row.robot.angular_velocity);
+        self.projected_gravity = in_pelvis(&-Vector3::z());
+        self.base_linear_velocity = in_pelvis(&row.robot.linear_velocity);
+        self.base_height = row.robot.pose.translation.z;
+        self.joint_position.clear();
+        self.joint_position.extend(row.joint_position.iter().zip(q0).map(|(q, q0)| q - q0));
+        self.joint_velocity.clone_from(&row.joint_velocity);
+    }
 
-impl NoiseSeed {
-    /// Of an episode; none where its sensors have no noise.
-    pub fn of(spec: &EpisodeSpec) -> Option<Self> {
-        spec.randomize.sensors.then_some(Self { seed: spec.seed, episode: spec.episode })
+    pub(crate) fn add_noise(&mut self, noise: &mut Noise, step: u64) {
+        let terms: [&mut [f64]; 6] = [
+            &mut self.base_angular_velocity,
+            &mut self.projected_gravity,
+            &mut self.base_linear_velocity,
+            std::slice::from_mut(&mut self.base_height),
+            &mut self.joint_position,
+            &mut self.joint_velocity,
+        ];
+        for ((term, half_width), values) in NOISE.into_iter().zip(terms) {
+            noise.add(term, half_width, step, values);
+        }
     }
 }
 
-/// Turns the rows of one episode into what its robot senses.
-///
-/// Each term has its own random stream, of which every row takes the same count: the noise of row k is the same whatever
-/// the rows hold, and whichever of them are observed.
+/// Turns the rows of one episode into what its robot senses. The noise of row k is the same whatever the rows hold, and
+/// whichever of them are observed.
 #[derive(Debug, Clone)]
 pub struct Observer {
     q0: Vec<f64>,
-    noise: Option<Noise>,
+    noise: Noise,
 }
 
 impl Observer {
     /// An observer that has seen nothing; `q0` is the robot's standing posture, rad. Without a seed it adds no noise.
     pub fn new(q0: Vec<f64>, noise: Option<NoiseSeed>) -> Self {
-        Self { q0, noise: noise.map(Noise::new) }
+        Self { q0, noise: Noise::new(noise) }
     }
 
     /// Begins another episode of the same robot.
     pub fn restart(&mut self, noise: Option<NoiseSeed>) {
-        self.noise = noise.map(Noise::new);
+        self.noise.restart(noise);
     }
 
     /// Writes what the robot senses in a row.
     pub fn observe(&mut self, row: &Row, sensed: &mut Proprioception) {
-        let world_from_pelvis = &row.robot.pose.rotation;
-        let in_pelvis = |vector: &Vector3<f64>| world_from_pelvis.inverse_transform_vector(vector).into();
-        sensed.base_angular_velocity = in_pelvis(&row.robot.angular_velocity);
-        sensed.projected_gravity = in_pelvis(&-Vector3::z());
-        sensed.base_linear_velocity = in_pelvis(&row.robot.linear_velocity);
-        sensed.base_height = row.robot.pose.translation.z;
-        sensed.joint_position.clear();
-        sensed.joint_position.extend(row.joint_position.iter().zip(&self.q0).map(|(q, q0)| q - q0));
-        sensed.joint_velocity.clone_from(&row.joint_velocity);
-        if let Some(noise) = &mut self.noise {
-            noise.add_to(sensed, row.step);
-        }
+        sensed.measure(row, &self.q0);
+        sensed.add_noise(&mut self.noise, row.step);
     }
 }
 
@@ -98,43 +98,6 @@ pub(crate) const NOISE: [(&str, f64); 6] = [
     ("joint_position", 0.01),
     ("joint_velocity", 1.5),
 ];
-
-#[derive(Debug, Clone)]
-struct Noise {
-    seed: NoiseSeed,
-    streams: [Random; 6],
-    /// Row whose noise comes next.
-    next: u64,
-}
-
-impl Noise {
-    fn new(seed: NoiseSeed) -> Self {
-        let stream = |(name, _)| Random::of_term(Stream::Noise, name, seed.seed, seed.episode);
-        Self { seed, streams: NOISE.map(stream), next: 0 }
-    }
-
-    fn add_to(&mut self, sensed: &mut Proprioception, step: u64) {
-        if step < self.next {
-            *self = Self::new(self.seed);
-        }
-        let left_out = step - self.next;
-        self.next = step + 1;
-        let terms: [&mut [f64]; 6] = [
-            &mut sensed.base_angular_velocity,
-            &mut sensed.projected_gravity,
-            &mut sensed.base_linear_velocity,
-            std::slice::from_mut(&mut sensed.base_height),
-            &mut sensed.joint_position,
-            &mut sensed.joint_velocity,
-        ];
-        for ((random, (_, half_width)), values) in self.streams.iter_mut().zip(NOISE).zip(terms) {
-            if left_out > 0 {
-                random.skip(left_out.saturating_mul(values.len() as u64));
-            }
-            values.iter_mut().for_each(|value| *value += random.uniform(-half_width, half_width));
-        }
-    }
-}
 
 #[cfg(test)]
 mod tests;

@@ -1,58 +1,32 @@
 //! All sensors.
 
-use crate::Setup;
-use crate::sensor::{Cost, Entry, Term};
-use crate::sensors::{
-    camera, chest_camera, features, flat, hand_contact, last_action, lidar, limb_contact, privileged, proprioception,
-    verdict,
-};
+use crate::sensor::{Class, Cost, Entry, Term};
+use crate::{Setup, sensors};
 
 /// Makes the list of sensors from the entry in each one's file.
 macro_rules! sensors {
-    ($($(#[$doc:meta])* $sensor:ident: $entry:expr,)*) => {
-        /// What a session can sense. `proto/fiatlux/v3/observation.proto` has the field of each.
+    ($($(#[$doc:meta])* $sensor:ident: $module:ident,)*) => {
+        /// What a session can sense: a sensor for each file of `sensors/`. `proto/fiatlux/v3/observation.proto` has the
+        /// field of each.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Sensor {
             $($(#[$doc])* $sensor,)*
         }
 
         impl Sensor {
-            /// All, in the order in which sessions list them.
+            /// All, in the order in which sessions list them: the benchmark's, then all others by name.
             pub const ALL: [Sensor; [$(stringify!($sensor)),*].len()] = [$(Sensor::$sensor),*];
 
             pub(crate) const fn entry(self) -> &'static Entry {
                 match self {
-                    $(Sensor::$sensor => &$entry,)*
+                    $(Sensor::$sensor => &sensors::$module::ENTRY,)*
                 }
             }
         }
     };
 }
 
-sensors! {
-    /// The robot's own body.
-    Proprioception: proprioception::ENTRY,
-    /// Force of the bulbs on the hands.
-    HandContact: hand_contact::ENTRY,
-    /// Force of the ladder on feet and palms.
-    LimbContact: limb_contact::ENTRY,
-    /// The action that led to the observation; at first the staged posture in action units.
-    LastAction: last_action::ENTRY,
-    /// Ranges to floor and ladder, and to the room where a session asks for it.
-    Lidar: lidar::ENTRY,
-    /// Image of the head camera.
-    Camera: camera::ENTRY,
-    /// ResNet-18 features of that image.
-    Features: features::ENTRY,
-    /// The published flat vector, with the published scales.
-    Flat: flat::ENTRY,
-    /// Exact poses and distances.
-    Privileged: privileged::ENTRY,
-    /// Criteria of the gate, its progress, and the reward of the step.
-    Verdict: verdict::ENTRY,
-    /// Image of the camera on the chest, which looks down at treads and hands.
-    ChestCamera: chest_camera::ENTRY,
-}
+include!(concat!(env!("OUT_DIR"), "/variants.rs"));
 
 impl Sensor {
     /// Name in messages, such as `proprioception`.
@@ -68,6 +42,11 @@ impl Sensor {
     /// Names of all, for a message to a person.
     pub fn names() -> String {
         Self::ALL.map(Sensor::name).join(", ")
+    }
+
+    /// What a run with it may be compared with.
+    pub const fn class(self) -> Class {
+        self.entry().class
     }
 
     /// Large in a message: a bag has it only where the session asks for it.

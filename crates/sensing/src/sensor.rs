@@ -12,6 +12,7 @@ use crate::{SenseError, View};
 pub(crate) struct Entry {
     /// As sessions ask for it.
     pub name: &'static str,
+    pub class: Class,
     /// Large in a message: a bag has it only where the session asks for it.
     pub is_large: bool,
     /// What it is computed from besides the row.
@@ -43,6 +44,17 @@ impl Entry {
 
 impl Needs {
     pub const ROW: Self = Self { scan: false, camera: None, network: false };
+}
+
+/// What a run with a sensor may be compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Class {
+    /// The benchmark's: what a robot could sense as well.
+    Standard,
+    /// The benchmark's: what no robot could sense.
+    Privileged,
+    /// Not a part of the benchmark. Runs with it rank apart, with observations of the kind `other`.
+    Optional,
 }
 
 /// How much work a sensor is: by the costliest thing that it needs.

@@ -63,7 +63,7 @@ fn part(by: By, index: usize, header: &v3::EpisodeHeader) -> String {
                 Group::HandBodies => format!("{axis} of {}", of(&header.hand_bodies, part)),
                 Group::Limbs => format!("{axis} of {}", LIMBS[part % 4]),
                 Group::Supports => format!("{axis} of {}", SUPPORTS[part % 4]),
-                Group::Thing(_) => axis,
+                Group::Robot | Group::Thing(_) => axis,
             }
         }
     }

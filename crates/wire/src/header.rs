@@ -3,7 +3,7 @@
 use data_encoding::HEXLOWER;
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{self, EpisodeHeader};
-use fiatlux_rules::{Cause, Causes, EpisodeIdentity, JointDrive, RobotLayout, Thresholds, Variant};
+use fiatlux_rules::{Cause, Causes, EpisodeIdentity, JointDrive, JointGroups, RobotLayout, Thresholds, Variant};
 use sha2::{Digest, Sha256};
 
 use crate::WireError;
@@ -26,6 +26,50 @@ pub fn layout_of(header: &EpisodeHeader) -> Result<RobotLayout, WireError> {
         return Err(WireError::Value { field: "hand_bodies", problem });
     }
     Ok(RobotLayout { joints, hand_bodies_per_side: bodies / 2 })
+}
+
+/// The joints that terms of rewards read; none where the header names none.
+///
+/// # Errors
+/// [`WireError`] for an index beyond the header's joints, or ankles without a lower and an upper limit each.
+pub fn joint_groups_of(header: &EpisodeHeader) -> Result<JointGroups, WireError> {
+    let groups = header.joint_groups.clone().unwrap_or_default();
+    let list = |field, indices: Vec<u32>| {
+        let joints = header.joint_names.len();
+        let list: Vec<usize> = indices.into_iter().map(|index| index as usize).collect();
+        match list.iter().find(|index| **index >= joints) {
+            Some(index) => {
+                let problem = format!("has index {index}; the robot has {joints} joints, counted from 0");
+                Err(WireError::Value { field, problem })
+            }
+            None => Ok(list),
+        }
+    };
+    let ankles = list("joint_groups.ankles", groups.ankles)?;
+    let (field, limits) = ("joint_groups.ankle_limits", groups.ankle_limits);
+    if limits.len() != 2 * ankles.len() {
+        return Err(WireError::Length { field, found: limits.len(), expected: 2 * ankles.len() });
+    }
+    check_finite(field, &limits)?;
+    Ok(JointGroups {
+        legs: list("joint_groups.legs", groups.legs)?,
+        ankles: ankles.into_iter().zip(limits.as_chunks::<2>().0.iter().copied()).collect(),
+        waist: list("joint_groups.waist", groups.waist)?,
+        fingers: list("joint_groups.fingers", groups.fingers)?,
+    })
+}
+
+/// Groups of joints as a message.
+pub fn joint_groups_message(groups: &JointGroups) -> v3::JointGroups {
+    let list = |joints: &[usize]| joints.iter().map(|joint| *joint as u32).collect();
+    let (ankles, limits): (Vec<usize>, Vec<[f64; 2]>) = groups.ankles.iter().copied().unzip();
+    v3::JointGroups {
+        legs: list(&groups.legs),
+        ankles: list(&ankles),
+        ankle_limits: limits.into_flattened(),
+        waist: list(&groups.waist),
+        fingers: list(&groups.fingers),
+    }
 }
 
 /// SHA-256 over the header as it is encoded, hexadecimal: what [`EpisodeResult`](v3::EpisodeResult) says of its header.

@@ -37,7 +37,9 @@ mod viewer;
 pub use end::{end_message, judgement_message};
 pub use error::WireError;
 pub use geometry::{geometry_message, read_geometry};
-pub use header::{drive_message, header_digest, layout_of, read_identity, reward_of};
+pub use header::{
+    drive_message, header_digest, joint_groups_message, joint_groups_of, layout_of, read_identity, reward_of,
+};
 pub use pose::{pose_message, read_pose};
 pub use row::{contact_messages, read_row, state_message};
 

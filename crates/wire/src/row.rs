@@ -1,7 +1,7 @@
 //! Rows as messages and back.
 
 use fiatlux_proto::v3;
-use fiatlux_rules::{AttachmentRow, BodyRow, Measure, Motion, RobotLayout, Row, manifest};
+use fiatlux_rules::{AttachmentRow, BodyRow, Contact, Measure, Motion, RobotLayout, Row, manifest};
 use nalgebra::{Isometry3, Vector3};
 
 use crate::WireError;
@@ -96,10 +96,9 @@ pub fn read_row(state: &v3::State, layout: RobotLayout) -> Result<Row, WireError
     for (to, from) in row.attachments.iter_mut().zip(&state.attachments) {
         *to = AttachmentRow { seated: from.seated, steps_beyond: from.steps_beyond };
     }
-    // All but upward forces are sizes.
-    for contact in
-        manifest().contacts.iter().filter(|contact| !matches!(contact.measure, Measure::Force | Measure::Load))
-    {
+    // Peaks are sizes.
+    let is_peak = |contact: &&Contact| matches!(contact.measure, Measure::ForcePeak(_) | Measure::PressPeak);
+    for contact in manifest().contacts.iter().filter(is_peak) {
         for load in &row.loads[contact.range(layout)] {
             size(&contact.name, *load)?;
         }

@@ -3,10 +3,10 @@
 #[path = "../../rules/tests/common/mod.rs"]
 mod common;
 
-use common::{Draw, LAYOUT, room};
+use common::{Draw, LAYOUT, joint_groups, room};
 use fiatlux_proto::{Message, v3};
-use fiatlux_rules::{BodyRow, Row, RowDigest, errand, manifest};
-use fiatlux_wire::{WireError, read_row, state_message};
+use fiatlux_rules::{BodyRow, JointGroups, Row, RowDigest, errand, manifest};
+use fiatlux_wire::{WireError, joint_groups_message, joint_groups_of, read_row, state_message};
 use nalgebra::Isometry3;
 
 /// Everything set to something of its own.
@@ -97,6 +97,28 @@ fn absent_things_stay_absent() {
     assert_eq!(digest(&back), digest(&row));
     assert_ne!(digest(&back), whole);
     assert_eq!(back, row);
+}
+
+/// Groups of joints come back as they were; those of joints that the robot lacks are refused.
+#[test]
+fn joint_groups_go_through_a_header() {
+    let joint_names = vec![String::new(); LAYOUT.joints];
+    let header =
+        |groups| v3::EpisodeHeader { joint_names: joint_names.clone(), joint_groups: groups, ..Default::default() };
+    let groups = joint_groups_message(&joint_groups());
+    assert_eq!(joint_groups_of(&header(Some(groups.clone()))), Ok(joint_groups()));
+    assert_eq!(joint_groups_of(&header(None)), Ok(JointGroups::default()));
+    let refused = |change: fn(&mut v3::JointGroups)| {
+        let mut groups = groups.clone();
+        change(&mut groups);
+        joint_groups_of(&header(Some(groups))).expect_err("a refusal").to_string()
+    };
+    let message = "joint_groups.fingers has index 53; the robot has 53 joints, counted from 0";
+    assert_eq!(refused(|groups| groups.fingers.push(53)), message);
+    let message = "joint_groups.ankle_limits has 7 numbers instead of 8";
+    assert_eq!(refused(|groups| groups.ankle_limits.truncate(7)), message);
+    let message = "joint_groups.ankle_limits has a number that is not finite";
+    assert_eq!(refused(|groups| groups.ankle_limits[1] = f64::NAN), message);
 }
 
 /// First place of a measure in the loads.

@@ -207,7 +207,7 @@ impl Episode {
         let row = world.row();
         let mut judges = spec.judges(&scene);
         judges.start(row);
-        let mut rewards = Rewards::new(judges.in_force(), spec.variant);
+        let mut rewards = Rewards::new(judges.in_force(), spec.variant, scene.joint_groups());
         rewards.start(judges.in_force(), row);
         let context = spec.identity(&scene).digest();
         let mut digest = context.clone();

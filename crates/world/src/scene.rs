@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, Model, ModelBuilder, ShapeId, Variation};
 use fiatlux_robot::{BuildOptions, Gains, Robot, RobotError, RobotIds};
-use fiatlux_rules::{Bulb, BulbGeometry, Geometry, Motion, RobotLayout, errand, manifest};
+use fiatlux_rules::{Bulb, BulbGeometry, Geometry, JointGroups, Motion, RobotLayout, errand, manifest};
 use nalgebra::{Isometry3, Vector2, Vector3};
 
 use crate::config::{BulbConfig, ThingAnchor, ThingConfig};
@@ -157,6 +157,18 @@ impl Scene {
     /// The sizes of the scene's rows.
     pub fn robot_layout(&self) -> RobotLayout {
         RobotLayout { joints: self.robot.joints().len(), hand_bodies_per_side: self.robot.hand_links().len() / 2 }
+    }
+
+    /// The robot's joints that terms of rewards read.
+    pub fn joint_groups(&self) -> JointGroups {
+        let groups = self.robot.joint_groups().clone();
+        let limits = |index: usize| [self.robot.joints()[index].lower, self.robot.joints()[index].upper];
+        JointGroups {
+            legs: groups.legs,
+            ankles: groups.ankles.into_iter().map(|joint| (joint, limits(joint))).collect(),
+            waist: groups.waist,
+            fingers: groups.fingers,
+        }
     }
 
     /// Constants of the scene that the rulebook needs besides a row.

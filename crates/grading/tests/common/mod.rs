@@ -11,7 +11,10 @@ use fiatlux_proto::{ABORTED, Message, PROTOCOL, v3};
 use fiatlux_rules::{
     BENCHMARK_VERSION, Judge, JudgeOptions, Protocol, Rewards, Row, RowDigest, Task, Thresholds, manifest, pins,
 };
-use fiatlux_wire::{geometry_message, header_digest, judgement_message, read_identity, reward_of, state_message};
+use fiatlux_wire::{
+    geometry_message, header_digest, joint_groups_message, joint_groups_of, judgement_message, read_identity,
+    reward_of, state_message,
+};
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
 /// How many random changes a test makes: a tenth of them, and all with `FIATLUX_ALL_MUTATIONS` set.
@@ -90,6 +93,7 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
         control_dt: 0.02,
         benchmark_version: BENCHMARK_VERSION,
         geometry: Some(geometry_message(&room::geometry())),
+        joint_groups: Some(joint_groups_message(&room::joint_groups())),
         joint_names: names("joint", room::LAYOUT.joints),
         hand_bodies: names("body", room::LAYOUT.hand_bodies()),
         ..v3::EpisodeHeader::default()
@@ -149,7 +153,8 @@ pub fn rows(task: Task, seed: u64, story: Story) -> Vec<Row> {
 pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
     let mut judge = judge(header.task.parse().expect("a task"));
     let mut digest = RowDigest::from_hex(&header.digest_context).expect("the start of a chain");
-    let mut rewards = Rewards::new(&judge, reward_of(header).expect("a reward"));
+    let mut rewards =
+        Rewards::new(&judge, reward_of(header).expect("a reward"), joint_groups_of(header).expect("joints"));
     let mut total_reward = 0.0;
     for row in rows {
         if row.step == 0 {

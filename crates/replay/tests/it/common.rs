@@ -8,7 +8,9 @@ use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Judgeme
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Row, Task, manifest};
-use fiatlux_wire::{Frames, domain_sample_message, drive_message, geometry_message, state_message};
+use fiatlux_wire::{
+    Frames, domain_sample_message, drive_message, geometry_message, joint_groups_message, state_message,
+};
 use fiatlux_world::{Episode, EpisodeSpec, GENERATORS, Scene, SceneConfig};
 
 /// Longest length of the episode in steps; the robot may fall earlier.
@@ -107,6 +109,7 @@ fn header(episode: &Episode) -> EpisodeHeader {
         digest_layout: manifest().layout.clone(),
         model_digest: robot.digest().into(),
         scene_digest: scene.config.digest(),
+        joint_groups: Some(joint_groups_message(&scene.joint_groups())),
         joint_names: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
         hand_bodies: robot.hand_links().iter().map(|link| robot.links()[*link].name.clone()).collect(),
         episode_protocol: spec.protocol.name().into(),

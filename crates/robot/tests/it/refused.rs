@@ -39,6 +39,31 @@ fn text_and_fields() {
 }
 
 #[test]
+fn joint_groups() {
+    let groups = "\n[joint_groups]";
+    check_refused(groups, "waist = ", "wiast = ", "wiast", &["unknown field `wiast`"]);
+    check_refused(
+        groups,
+        "waist = [\"",
+        "waist = [\"left_",
+        "waist",
+        &["joint_groups names joint 'left_waist_yaw_joint'"],
+    );
+    // Whatever stands below would move without a trace in the digest.
+    let below = format!("{FILE}\n[[shape]]\nname = \"knob\"\nlink = \"pelvis\"\nkind = \"sphere\"\nradius = 0.1\n");
+    let message = Robot::from_toml(&below).unwrap_err().to_string();
+    assert!(message.contains("joint_groups must be the last table"), "{message}");
+}
+
+/// The digest covers all that moves; joint groups only have names.
+#[test]
+fn the_digest_leaves_out_joint_groups() {
+    let digest = |text: &str| Robot::from_toml(text).unwrap().digest().to_owned();
+    assert_eq!(digest(FILE), digest(&FILE.replace("waist = [\"waist_yaw_joint\", ", "waist = [")));
+    assert_ne!(digest(FILE), digest(&FILE.replace("\n[joint_groups]\n", "# Another file.\n\n[joint_groups]\n")));
+}
+
+#[test]
 fn numbers() {
     let pelvis = "name = \"pelvis\"";
     check_refused(pelvis, "mass = 3.813", "mass = -3.813", "mass", &["link 'pelvis': mass is -3.813", "positive"]);
@@ -282,8 +307,10 @@ fn sums() {
 /// Whatever is cut off, the loader answers instead of panicking.
 #[test]
 fn cut_files_are_refused() {
+    // Joint groups may be left out.
+    let groups = FILE.find("\n[joint_groups]").expect("the file has groups");
     for end in (0..FILE.len()).step_by(997) {
-        assert!(Robot::from_toml(&FILE[..end]).is_err());
+        assert!(Robot::from_toml(&FILE[..end]).is_err() || end > groups);
     }
     for empty in ["link = []", "joint = []", "shape = []"] {
         let head = FILE.find("[[link]]").expect("the file has links");

@@ -32,7 +32,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "climbing_slowly", holds: climbs_slowly },
         ],
         sustain_steps: 1,
-        strict: &[UP],
+        strict: &[UP, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

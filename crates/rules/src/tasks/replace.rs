@@ -37,6 +37,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         strict: &[
             Criterion { name: "old_bulb_released", holds: old_released },
             Criterion { name: "old_bulb_at_rest", holds: old_at_rest },
+            UPRIGHT,
         ],
         strict_steps: ONE_SECOND,
         goals: 2,

@@ -34,7 +34,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "standing", holds: standing },
         ],
         sustain_steps: ONE_SECOND,
-        strict: &[],
+        strict: &[UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

@@ -33,7 +33,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "ladder_upright", holds: ladder_upright },
         ],
         sustain_steps: 1,
-        strict: &[UP],
+        strict: &[UP, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

@@ -36,7 +36,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "ladder_upright", holds: ladder_upright },
         ],
         sustain_steps: 1,
-        strict: &[DOWN, OLD_GRIP],
+        strict: &[DOWN, OLD_GRIP, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

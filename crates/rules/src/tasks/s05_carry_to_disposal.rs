@@ -33,7 +33,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "old_bulb_held", holds: old_held },
         ],
         sustain_steps: 1,
-        strict: &[SLOW, STANDING, OLD_GRIP],
+        strict: &[SLOW, STANDING, OLD_GRIP, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

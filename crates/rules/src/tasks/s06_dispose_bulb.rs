@@ -36,7 +36,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "standing", holds: standing },
         ],
         sustain_steps: ONE_SECOND,
-        strict: &[DOWN],
+        strict: &[DOWN, UPRIGHT],
         strict_steps: 2 * ONE_SECOND,
         goals: 1,
     },

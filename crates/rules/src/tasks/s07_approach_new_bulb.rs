@@ -33,7 +33,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "walking_slowly", holds: walks_slowly },
         ],
         sustain_steps: 1,
-        strict: &[SLOW, STANDING],
+        strict: &[SLOW, STANDING, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

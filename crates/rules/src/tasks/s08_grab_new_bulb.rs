@@ -34,7 +34,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "standing", holds: standing },
         ],
         sustain_steps: HALF_SECOND,
-        strict: &[FRESH_GRIP],
+        strict: &[FRESH_GRIP, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

@@ -34,7 +34,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "ladder_upright", holds: ladder_upright },
         ],
         sustain_steps: 1,
-        strict: &[SLOW, STANDING, FRESH_GRIP],
+        strict: &[SLOW, STANDING, FRESH_GRIP, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

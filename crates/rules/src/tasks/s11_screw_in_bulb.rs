@@ -36,7 +36,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "ladder_upright", holds: ladder_upright },
         ],
         sustain_steps: ONE_SECOND,
-        strict: &[UP],
+        strict: &[UP, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

@@ -34,7 +34,7 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
             Criterion { name: "ladder_upright", holds: ladder_upright },
         ],
         sustain_steps: 1,
-        strict: &[DOWN],
+        strict: &[DOWN, UPRIGHT],
         strict_steps: ONE_SECOND,
         goals: 1,
     },

@@ -7,19 +7,6 @@ use crate::errand;
 use crate::parts::{Bulb, LIMBS, Limb};
 use crate::row::{CONTROL_DT, Row};
 
-/// Hips and knees in the public joint order.
-const HIPS_AND_KNEES: [usize; 8] = [0, 1, 2, 3, 6, 7, 8, 9];
-/// Ankle pitch and roll in the public joint order, with their limits, rad: those of the robot's file, which the rulebook
-/// does not read.
-pub const ANKLE_LIMITS: [(usize, [f64; 2]); 4] =
-    [(4, PITCH_LIMITS), (5, ROLL_LIMITS), (10, PITCH_LIMITS), (11, ROLL_LIMITS)];
-#[expect(clippy::approx_constant, reason = "the figure of the robot's file, rounded as it is there")]
-const PITCH_LIMITS: [f64; 2] = [-0.87267, 0.5236];
-const ROLL_LIMITS: [f64; 2] = [-0.2618, 0.2618];
-/// Waist in the public joint order.
-const WAIST: std::ops::Range<usize> = 12..15;
-/// Joints of the body, which come before those of the hands in the public joint order.
-const BODY_JOINTS: usize = 29;
 /// Part of a joint's range, about its middle, that counts as soft (the G1 preset of Isaac Lab; the source names no
 /// figure).
 const SOFT_RANGE: f64 = 0.9;
@@ -57,7 +44,7 @@ fn action_rate(view: &View<'_>) -> f64 {
 fn joint_acceleration(view: &View<'_>) -> f64 {
     let (after, before) = (&view.row.joint_velocity, &view.before.joint_velocity);
     let acceleration = |joint: usize| (of_joint(after, joint) - of_joint(before, joint)) / CONTROL_DT;
-    HIPS_AND_KNEES.iter().map(|&joint| acceleration(joint) * acceleration(joint)).sum()
+    view.joints.legs.iter().map(|&joint| acceleration(joint) * acceleration(joint)).sum()
 }
 
 /// How far the ankles are beyond their soft limits, rad.
@@ -66,17 +53,21 @@ fn ankle_limits(view: &View<'_>) -> f64 {
         let (middle, soft_half) = ((lower + upper) / 2.0, SOFT_RANGE * (upper - lower) / 2.0);
         ((of_joint(&view.row.joint_position, *joint) - middle).abs() - soft_half).max(0.0)
     };
-    ANKLE_LIMITS.iter().map(excess).sum()
+    view.joints.ankles.iter().map(excess).sum()
 }
 
 /// Sum of the waist joints' deviations from the standing posture, which has them at 0, rad.
 fn waist_deviation(view: &View<'_>) -> f64 {
-    WAIST.map(|joint| of_joint(&view.row.joint_position, joint).abs()).sum()
+    deviation(view, &view.joints.waist)
 }
 
 /// Sum of the finger joints' deviations from the standing posture, which has them at 0, rad.
 fn finger_deviation(view: &View<'_>) -> f64 {
-    view.row.joint_position.iter().skip(BODY_JOINTS).map(|q| q.abs()).sum()
+    deviation(view, &view.joints.fingers)
+}
+
+fn deviation(view: &View<'_>, joints: &[usize]) -> f64 {
+    joints.iter().map(|&joint| of_joint(&view.row.joint_position, joint).abs()).sum()
 }
 
 /// Sum of squared contact forces of both bulbs on the bodies of the right hand, N^2.

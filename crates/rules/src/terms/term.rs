@@ -1,9 +1,10 @@
 //! What a reward term is, and the state that it keeps.
 
-use crate::cause::Cause;
+use fiatlux_judge::{Cause, Verdict};
+
 use crate::context::Context;
+use crate::parts::JointGroups;
 use crate::row::{CONTROL_DT, Row};
-use crate::verdict::Verdict;
 
 /// Shortest start distance that an approach is measured against, m (paper).
 const MIN_START_DISTANCE: f64 = 1e-3;
@@ -13,6 +14,7 @@ pub(crate) struct View<'a> {
     pub before: &'a Row,
     pub row: &'a Row,
     pub context: &'a Context<'a>,
+    pub joints: &'a JointGroups,
     pub verdict: &'a Verdict,
 }
 

@@ -4,7 +4,8 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_rules::{
-    AttachmentRow, BodyRow, Bulb, Judge, JudgeOptions, Protocol, RobotLayout, Row, Task, Thresholds, errand,
+    AttachmentRow, BodyRow, Bulb, JointGroups, Judge, JudgeOptions, Protocol, RobotLayout, Row, Task, Thresholds,
+    errand,
 };
 mod geometry;
 
@@ -13,6 +14,19 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// The G1 with Inspire hands.
 pub const LAYOUT: RobotLayout = RobotLayout { joints: 53, hand_bodies_per_side: 17 };
+
+/// Its joints that rewards read, with the limits of its ankles.
+pub fn joint_groups() -> JointGroups {
+    #[expect(clippy::approx_constant, reason = "a rounded figure of the robot's file")]
+    let (pitch, roll) = ([-0.87267, 0.5236], [-0.2618, 0.2618]);
+    JointGroups {
+        legs: vec![0, 1, 2, 3, 6, 7, 8, 9],
+        ankles: vec![(4, pitch), (5, roll), (10, pitch), (11, roll)],
+        waist: vec![12, 13, 14],
+        fingers: (29..53).collect(),
+    }
+}
+
 pub const LADDER: [f64; 3] = [2.0, 1.0, 0.0];
 pub const FIXTURE: [f64; 3] = [2.0, 1.48, 2.2];
 pub const CRATE: [f64; 3] = [-2.0, 1.0, 0.0];

@@ -77,7 +77,7 @@ fn junk_rows() {
     for task in Task::ALL {
         let options = JudgeOptions { end_on: Some(Causes::NONE), published_counting: draw.one_in(2) };
         let mut judge = judge_with(task, options);
-        let mut rewards = Rewards::new(&judge, Variant::Training);
+        let mut rewards = Rewards::new(&judge, Variant::Training, joint_groups());
         let mut spoil = |row: &mut Row| {
             let hands = errand::HAND_FORCE.map(|measure| row.force(measure).len()).iter().sum::<usize>();
             let limbs = row.forces.len() - row.force(errand::LADDER_FORCE).len();

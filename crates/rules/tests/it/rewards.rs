@@ -31,7 +31,7 @@ impl Meter {
 
     fn with(task: Task, variant: Variant, options: JudgeOptions, start: &Row) -> Self {
         let mut judge = judge_with(task, options);
-        let mut rewards = Rewards::new(&judge, variant);
+        let mut rewards = Rewards::new(&judge, variant, joint_groups());
         judge.start(start);
         rewards.start(&judge, start);
         let paid = rewards.terms().iter().map(|term| (term.name, 0.0)).collect();

@@ -7,7 +7,7 @@ use fiatlux_robot::{GainSet, Robot};
 use nalgebra::UnitQuaternion;
 
 use super::*;
-use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, World};
+use fiatlux_world::{Random, Scene, SceneConfig, SceneKind, SceneSpec, Stream, World};
 
 /// The G1 with Inspire hands.
 const JOINTS: usize = 53;

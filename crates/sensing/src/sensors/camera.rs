@@ -1,13 +1,14 @@
-//! The image of the head camera.
+//! Image of the head camera.
 
 use fiatlux_proto::v3;
 use fiatlux_render::{HEAD_CAMERA, Image};
 
 use crate::Setup;
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "camera",
+    class: Class::Standard,
     is_large: true,
     needs: Needs { camera: Some(HEAD_CAMERA), ..Needs::ROW },
     terms: |setup| image_terms("camera", "camera.rgb", setup),

@@ -1,13 +1,14 @@
-//! The image of a camera on the chest: treads ahead, hands and feet on the ladder.
+//! Image of the camera on the chest, which looks down at treads and hands.
 
 use super::camera::{image_terms, message};
-use crate::sensor::{Entry, Needs};
+use crate::sensor::{Class, Entry, Needs};
 
 /// Its name in the robot's file.
 const MOUNT: &str = "chest_camera";
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "chest_camera",
+    class: Class::Standard,
     is_large: true,
     needs: Needs { camera: Some(MOUNT), ..Needs::ROW },
     terms: |setup| image_terms("chest_camera", "chest_camera.rgb", setup),

@@ -1,14 +1,15 @@
-//! What ResNet-18 makes of the head camera's image.
+//! ResNet-18 features of the head camera's image.
 
 use fiatlux_features::FEATURES;
 use fiatlux_proto::v3;
 use fiatlux_render::HEAD_CAMERA;
 
 use crate::Setup;
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "features",
+    class: Class::Standard,
     is_large: true,
     needs: Needs { camera: Some(HEAD_CAMERA), network: true, ..Needs::ROW },
     terms,

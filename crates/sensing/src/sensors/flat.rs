@@ -1,16 +1,18 @@
-//! The published vector: other sensors' terms in the order and with the scales of the published `FIATLUX-Replace-v0` and
-//! `FIATLUX-Climb-v0` (`replace_env_cfg` and `climb_env_cfg`, group `policy`).
+//! The published flat vector, with the published scales.
+//!
+//! Other sensors' terms in the order and with the scales of the published `FIATLUX-Replace-v0` and `FIATLUX-Climb-v0` (`replace_env_cfg` and `climb_env_cfg`, group `policy`).
 
 use fiatlux_proto::v3::FlatObservation;
 use fiatlux_render::HEAD_CAMERA;
 use fiatlux_rules::Task;
 
 use super::{features, hand_contact, last_action, lidar, limb_contact, proprioception};
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 use crate::{Setup, Sight};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "flat",
+    class: Class::Standard,
     is_large: true,
     needs: Needs { scan: true, camera: Some(HEAD_CAMERA), network: true },
     terms,

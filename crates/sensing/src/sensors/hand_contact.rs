@@ -1,13 +1,14 @@
-//! What the hands feel of the bulbs.
+//! Force of the bulbs on the hands.
 
 use fiatlux_rules::{Row, errand};
 use nalgebra::Vector3;
 
 use crate::Setup;
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "hand_contact",
+    class: Class::Standard,
     is_large: false,
     needs: Needs::ROW,
     terms,

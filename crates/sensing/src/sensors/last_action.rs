@@ -1,10 +1,11 @@
-//! The action that led to the row.
+//! The action that led to the observation; at first the staged posture in action units.
 
 use crate::Setup;
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "last_action",
+    class: Class::Standard,
     is_large: false,
     needs: Needs::ROW,
     terms,

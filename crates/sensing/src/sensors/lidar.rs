@@ -1,10 +1,11 @@
-//! Ranges of the LiDAR in the head.
+//! Ranges to floor and ladder, and to the room where a session asks for it.
 
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 use crate::{LIDAR_COLUMNS, LIDAR_RANGE, LIDAR_ROWS, Setup};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "lidar",
+    class: Class::Standard,
     is_large: true,
     needs: Needs { scan: true, ..Needs::ROW },
     terms,

@@ -1,14 +1,15 @@
-//! What feet and palms feel of the ladder.
+//! Force of the ladder on feet and palms.
 
 use fiatlux_robot::Robot;
 use fiatlux_rules::{LIMBS, Limb, Row, errand};
 use nalgebra::Vector3;
 
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 use crate::{Setup, foot_force_estimate};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "limb_contact",
+    class: Class::Standard,
     is_large: false,
     needs: Needs::ROW,
     terms,

@@ -1,4 +1,4 @@
-//! What a policy in training may see besides what the robot senses: exact, of the things around it.
+//! Exact poses and distances, which no robot senses.
 
 use fiatlux_proto::v3;
 use fiatlux_rules::{Bulb, Geometry, Row, Task, errand};
@@ -6,10 +6,11 @@ use fiatlux_wire::pose_message;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::Setup;
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "privileged",
+    class: Class::Privileged,
     is_large: false,
     needs: Needs::ROW,
     terms,

@@ -4,10 +4,11 @@ use fiatlux_proto::v3;
 
 use crate::Setup;
 use crate::observer::NOISE;
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "proprioception",
+    class: Class::Standard,
     is_large: false,
     needs: Needs::ROW,
     terms,

@@ -1,12 +1,13 @@
-//! What the rules say of the row.
+//! Criteria of the gate, its progress, and the reward of the step.
 
 use fiatlux_proto::v3;
 
 use crate::Setup;
-use crate::sensor::{Entry, Needs, Term};
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "verdict",
+    class: Class::Privileged,
     is_large: false,
     needs: Needs::ROW,
     terms,

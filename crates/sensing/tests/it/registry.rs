@@ -7,7 +7,7 @@ use fiatlux_proto::ObservationLayout;
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::Robot;
 use fiatlux_rules::Task;
-use fiatlux_sensing::{Cost, Sensor, Sensors, Term, camera_messages, term_messages};
+use fiatlux_sensing::{Cost, NoiseSeed, Sensor, Sensors, Term, camera_messages, term_messages};
 
 use crate::common::{Rig, start_row};
 
@@ -15,9 +15,9 @@ fn all() -> Sensors {
     Sensors::of(&Sensor::ALL)
 }
 
-/// A sensor's file has its name.
+/// A sensor has the name of its file.
 #[test]
-fn every_file_is_registered() {
+fn sensors_are_named_as_their_files() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sensors");
     let files = std::fs::read_dir(folder).unwrap().map(|entry| {
         let path = entry.unwrap().path();
@@ -79,6 +79,32 @@ fn terms_describe_what_is_computed_and_sent() {
         let body = SessionInfo { terms: term_messages(Sensors::of_body(task), &rig.setup), ..SessionInfo::default() };
         let error = ObservationLayout::new(&body).unwrap().check(&rig.observe(all(), &row)).unwrap_err();
         assert!(error.to_string().contains("is not a term of the session"), "{error}");
+    }
+}
+
+/// The noise of every sensor stays within what its terms say, reaches it about, and is the same when a row is asked for
+/// again.
+#[test]
+fn noise_is_what_terms_say() {
+    let (scene, mut row) = start_row(Task::S03);
+    let sensors = all().without(Sensors::WITH_IMAGE);
+    let seed = Some(NoiseSeed { seed: 3, episode: 1 });
+    let [mut noisy, mut exact] = [seed, None].map(|seed| Rig::new(&scene, &row, Task::S03, sensors, seed));
+    for sensor in sensors.iter() {
+        let terms = sensor.terms(&noisy.setup);
+        let mut most = vec![0.0_f64; terms.len()];
+        for step in 0..50 {
+            row.step = step;
+            let [numbers, again] = [(); 2].map(|()| noisy.compute(sensor, &row));
+            assert_eq!(numbers, again, "{}", sensor.name());
+            let differences = numbers.iter().zip(exact.compute(sensor, &row)).map(|(a, b)| f64::from((a - b).abs()));
+            let lengths = terms.iter().enumerate().flat_map(|(index, term)| std::iter::repeat_n(index, term.length()));
+            lengths.zip(differences).for_each(|(index, difference)| most[index] = most[index].max(difference));
+        }
+        for (term, most) in terms.iter().zip(most) {
+            let half_width = term.noise * term.scale;
+            assert!((0.8 * half_width..=half_width * 1.001).contains(&most), "{}: {most}, not {half_width}", term.name);
+        }
     }
 }
 

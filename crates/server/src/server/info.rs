@@ -8,7 +8,9 @@ use fiatlux_sensing::{Sensor, camera_messages, term_messages};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
 
 use super::plan::Plan;
-use fiatlux_wire::{contact_messages, domain_sample_message, drive_message, footprint_messages, geometry_message};
+use fiatlux_wire::{
+    contact_messages, domain_sample_message, drive_message, footprint_messages, geometry_message, joint_groups_message,
+};
 
 /// Version of the software.
 pub(super) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -154,6 +156,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         command_timeout_s: plan.command_timeout_s,
         things: manifest().things.iter().map(|thing| thing.name.clone()).collect(),
         contacts: contact_messages(scene.robot_layout()),
+        joint_groups: Some(joint_groups_message(&scene.joint_groups())),
         run: plan.ticket.clone(),
     }
 }

@@ -31,7 +31,7 @@ struct Sensed {
     of: u64,
     /// Measures to whose partner it belongs, as bits.
     with: u64,
-    /// Its place in each group of the robot's; the last one is for things, which have one.
+    /// Its place in each group of the robot's; the last one is for robot and things, which have one.
     part: [u8; 4],
     /// What it counts as where it presses.
     presser: u8,
@@ -73,7 +73,7 @@ impl Sensors {
                     let has_peak = manifest.contacts.iter().any(|other| other.measure == Measure::ForcePeak(index));
                     Into::Forces { has_peak }
                 }
-                Measure::Load => Into::Loads,
+                Measure::Load | Measure::Number => Into::Loads,
                 Measure::PressPeak => {
                     first = presses.len();
                     presses.extend(range);
@@ -164,7 +164,7 @@ fn group(group: Group) -> usize {
         Group::HandBodies => 0,
         Group::Limbs => 1,
         Group::Supports => 2,
-        Group::Thing(_) => 3,
+        Group::Robot | Group::Thing(_) => 3,
     }
 }
 
@@ -187,9 +187,11 @@ impl Sensed {
                 Group::HandBodies => hand.is_some(),
                 Group::Limbs => limb.is_some(),
                 Group::Supports => support.is_some(),
+                Group::Robot => matches!(owner, ShapeOwner::Robot(_)),
                 Group::Thing(thing) => owner == ShapeOwner::Thing(thing),
             };
             let is_partner = match contact.with {
+                Partner::Nothing => false,
                 Partner::Floor => owner == ShapeOwner::Floor,
                 Partner::Others => hand.is_none(),
                 Partner::Thing { thing, boxes_from } => {

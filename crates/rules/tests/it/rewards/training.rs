@@ -180,7 +180,7 @@ fn own_terms_are_their_closed_forms() {
 #[test]
 fn terms_and_weights_are_those_of_the_table() {
     for task in Task::SUBTASKS {
-        let rewards = Rewards::new(&judge(task), Variant::Training);
+        let rewards = Rewards::new(&judge(task), Variant::Training, joint_groups());
         let mut terms: Vec<_> = rewards.terms().iter().map(|term| (term.name, term.weight)).collect();
         let mut expected = SHARED.to_vec();
         expected.extend(charges(task).iter().chain(&["diverged"]).map(|name| (*name, -200.0)));
@@ -190,7 +190,7 @@ fn terms_and_weights_are_those_of_the_table() {
         }
         assert_eq!(terms, expected, "{task}");
         // The benchmark shapes nothing.
-        let rewards = Rewards::new(&judge(task), Variant::Benchmark);
+        let rewards = Rewards::new(&judge(task), Variant::Benchmark, joint_groups());
         assert!(rewards.terms().iter().map(|term| term.name).eq(["gate_progress"]), "{task}");
     }
 }
@@ -229,7 +229,7 @@ fn failures_are_charged_once() {
 #[test]
 fn charges_follow_what_ends_the_task() {
     let options = JudgeOptions { end_on: Some(Causes::of(&[Cause::Impact])), ..JudgeOptions::default() };
-    let rewards = Rewards::new(&judge_with(Task::S11, options), Variant::Training);
+    let rewards = Rewards::new(&judge_with(Task::S11, options), Variant::Training, joint_groups());
     let charged = rewards.terms().iter().filter(|term| term.weight == -200.0).map(|term| term.name);
     assert!(charged.eq(["diverged", "bulb_impact"]));
 }

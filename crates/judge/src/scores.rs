@@ -3,26 +3,34 @@
 mod benchmark;
 mod rate;
 
-use crate::task::Task;
 use crate::verdict::End;
 
 pub use benchmark::{Benchmark, SeedScore, Spread, SubtaskScore};
 pub use rate::{Rate, wilson_interval};
 
+/// A task as scores see it.
+pub trait ScoredTask: Copy + PartialEq + 'static {
+    /// All tasks, in the order of results.
+    const ALL: &'static [Self];
+
+    /// Weight in the benchmark's score; 0 for a task outside of it.
+    fn weight(self) -> f64;
+}
+
 /// Summary of one episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Summary {
+pub struct Summary<T> {
     /// The task that was played.
-    pub task: Task,
+    pub task: T,
     /// Whether the gate fired: it held for its whole window.
     pub success: bool,
-    /// Whether a bulb pressed harder on a hand body than it can bear.
+    /// Whether something broke.
     pub broken: bool,
-    /// Whether a bulb was dropped.
+    /// Whether something was dropped that must not be.
     pub dropped: bool,
     /// Gate progress, from 0 to 1.
     pub gate_progress: f64,
-    /// Largest contact force of a bulb on a hand body, N.
+    /// Largest contact force of what is handled on a hand body, N.
     pub peak_hand_force_n: f64,
     /// Mean over the steps of the sum of squared actions.
     pub control_effort: f64,
@@ -34,7 +42,7 @@ pub struct Summary {
     pub reached_working_height: bool,
 }
 
-impl Summary {
+impl<T> Summary<T> {
     /// Success with nothing broken and nothing dropped.
     pub fn clean(&self) -> bool {
         self.success && !self.broken && !self.dropped
@@ -48,9 +56,9 @@ impl Summary {
 
 /// An episode of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Episode {
+pub struct Episode<T> {
     /// Seed of the layout.
     pub seed: u64,
     /// Summary of the episode.
-    pub summary: Summary,
+    pub summary: Summary<T>,
 }

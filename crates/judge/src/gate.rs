@@ -2,28 +2,25 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::context::{Context, Criterion};
 use crate::protocol::Protocol;
-use crate::row::Row;
-use crate::strict::UPRIGHT;
 
-/// Conditions that must hold at the same control step, for a number of consecutive ones.
+/// Conditions that must hold at the same control step, for a number of consecutive ones. `C` is one condition.
 #[derive(Debug, Clone, Copy)]
-pub struct Gate {
-    /// The conditions, at most [`MAX_CRITERIA`].
-    pub criteria: &'static [Criterion],
+pub struct Gate<C: 'static> {
+    /// The conditions, at most [`MAX_CRITERIA`] with those of `strict`.
+    pub criteria: &'static [C],
     /// Number of consecutive control steps; 1 if a single one is enough.
     pub sustain_steps: u32,
-    /// Additional criteria of protocol `strict`; an upright pelvis is always one of them.
-    pub strict: &'static [Criterion],
+    /// Additional criteria of protocol `strict`.
+    pub strict: &'static [C],
     /// Consecutive control steps in protocol `strict`.
     pub strict_steps: u32,
     /// How many of the first criteria are what the task is for. Strict progress counts the others only if they hold in
-    /// row 0, or once the very first has held: a hand on a bulb, or a foot on a tread, is no progress by itself.
+    /// row 0, or once the very first has held: what brings the goal about is no progress by itself.
     pub goals: usize,
 }
 
-/// Criteria of the longest gate, the strict one of S09.
+/// Criteria of the longest gate.
 pub const MAX_CRITERIA: usize = 9;
 
 /// Which criteria of a gate hold in a row, in the gate's order.
@@ -33,14 +30,25 @@ pub struct Criteria {
     len: usize,
 }
 
-impl Gate {
+/// The numbers of a gate by one protocol, which a [`Fold`](crate::Fold) needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GateSize {
+    /// Number of criteria.
+    pub n: u32,
+    /// Number of consecutive control steps for which they must hold.
+    pub window: u32,
+    /// As [`Gate::goals`].
+    pub goals: usize,
+}
+
+impl<C> Gate<C> {
     /// The criteria of a protocol, the published ones first.
-    pub fn criteria_of(&self, protocol: Protocol) -> impl Iterator<Item = &'static Criterion> + use<> {
-        let (strict, upright): (&[Criterion], &[Criterion]) = match protocol {
-            Protocol::Published => (&[], &[]),
-            Protocol::Strict => (self.strict, &[UPRIGHT]),
+    pub fn criteria_of(&self, protocol: Protocol) -> impl Iterator<Item = &'static C> + use<C> {
+        let strict: &[C] = match protocol {
+            Protocol::Published => &[],
+            Protocol::Strict => self.strict,
         };
-        self.criteria.iter().chain(strict).chain(upright)
+        self.criteria.iter().chain(strict)
     }
 
     /// Number of a protocol's criteria.
@@ -56,11 +64,16 @@ impl Gate {
         }
     }
 
+    /// Its numbers by a protocol.
+    pub fn size(&self, protocol: Protocol) -> GateSize {
+        GateSize { n: self.n(protocol), window: self.window(protocol), goals: self.goals }
+    }
+
     /// Evaluates every criterion of a protocol.
-    pub fn evaluate(&self, protocol: Protocol, row: &Row, context: &Context<'_>) -> Criteria {
+    pub fn evaluate(&self, protocol: Protocol, holds: impl Fn(&C) -> bool) -> Criteria {
         let mut criteria = Criteria::default();
         for (held, criterion) in criteria.held.iter_mut().zip(self.criteria_of(protocol)) {
-            *held = (criterion.holds)(row, context);
+            *held = holds(criterion);
             criteria.len += 1;
         }
         criteria
@@ -69,7 +82,7 @@ impl Gate {
 
 impl Criteria {
     /// Criteria of no gate: none.
-    pub(crate) const NONE: Self = Self { held: [false; MAX_CRITERIA], len: 0 };
+    pub const NONE: Self = Self { held: [false; MAX_CRITERIA], len: 0 };
 
     /// One entry for each criterion.
     pub fn as_slice(&self) -> &[bool] {

@@ -17,15 +17,15 @@ pub enum Cause {
     Diverged,
     /// The robot fell: its pelvis is lower or tilted further than the thresholds allow.
     Fall,
-    /// The ladder tipped: it leans further than the threshold allows.
+    /// A thing that must stand tipped: it leans further than the thresholds allow.
     Tip,
-    /// A hand crushed a bulb of the task.
+    /// A hand crushed a fragile thing of the task.
     Crush,
-    /// A bulb of the task was dropped.
+    /// A thing of the task was dropped.
     Drop,
-    /// The fresh bulb is not in the socket.
+    /// A thing that must stay in its place left it.
     Unseated,
-    /// A bulb took an impact.
+    /// A fragile thing took an impact.
     Impact,
     /// The horizon was reached.
     TimeOut,

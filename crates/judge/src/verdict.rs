@@ -50,19 +50,40 @@ pub struct Verdict {
     pub success: bool,
     /// Conditions that this row meets, in force or not; success only in the row that completes its window.
     pub conditions: Causes,
-    /// Whether a bulb pressed harder on a hand body than it can bear, in this row or earlier.
+    /// Whether something broke, in this row or earlier.
     pub broken: bool,
-    /// Whether a bulb was dropped, in this row or earlier.
+    /// Whether something was dropped that must not be, in this row or earlier.
     pub dropped: bool,
     /// Whether the robot rose or sank faster than anybody climbs, in this row or earlier; only protocol `strict` uses
     /// it.
     pub leapt: bool,
     /// Whether the pelvis was at working height, in this row or earlier; a diagnostic.
     pub reached_working_height: bool,
-    /// Largest contact force of a bulb on a hand body so far, N.
+    /// Largest contact force of what is handled on a hand body so far, N.
     pub peak_hand_force_n: f64,
-    /// Largest contact force of a bulb on a hand body over all physics steps; a diagnostic.
+    /// The same over all physics steps, N; a diagnostic.
     pub peak_substep_force_n: f64,
     /// How the episode ended, once it has.
     pub end: Option<End>,
+}
+
+impl Verdict {
+    /// The verdict before any row.
+    pub(crate) const UNJUDGED: Self = Self {
+        step: 0,
+        criteria: Criteria::NONE,
+        count: 0,
+        best_count: 0,
+        progress: 0.0,
+        sustained: 0,
+        success: false,
+        conditions: Causes::NONE,
+        broken: false,
+        dropped: false,
+        leapt: false,
+        reached_working_height: false,
+        peak_hand_force_n: 0.0,
+        peak_substep_force_n: 0.0,
+        end: None,
+    };
 }

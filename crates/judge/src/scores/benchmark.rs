@@ -2,8 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::{Episode, Rate, Summary};
-use crate::task::Task;
+use super::{Episode, Rate, ScoredTask, Summary};
 
 /// Mean and sample standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,24 +29,24 @@ fn mean(values: &[f64]) -> Option<f64> {
 
 /// All episodes of one task.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SubtaskScore {
+pub struct SubtaskScore<T> {
     /// The task of these episodes.
-    pub task: Task,
+    pub task: T,
     /// Half the success rate plus half the mean gate progress under each layout seed; then over the seeds.
     pub score: Spread,
     /// How many episodes succeeded.
     pub success: Rate,
     /// Successes with nothing broken and nothing dropped.
     pub clean_success: Rate,
-    /// Episodes in which a bulb broke.
+    /// Episodes in which something broke.
     pub broken: Rate,
-    /// Episodes in which a bulb was dropped.
+    /// Episodes in which something was dropped.
     pub dropped: Rate,
     /// Mean gate progress of the episodes.
     pub gate_progress: f64,
     /// Mean of the episode scores.
     pub episode_score: f64,
-    /// Largest contact force of a bulb on a hand body in any episode, N.
+    /// Largest contact force of what is handled on a hand body in any episode, N.
     pub peak_hand_force_n: f64,
     /// Mean control effort of the episodes.
     pub control_effort: f64,
@@ -55,15 +54,16 @@ pub struct SubtaskScore {
     pub mean_steps: f64,
 }
 
-impl SubtaskScore {
+impl<T: ScoredTask> SubtaskScore<T> {
     /// Scores a task's episodes; `None` if there are none. Episodes of other tasks are ignored.
-    pub fn of(task: Task, episodes: &[Episode]) -> Option<Self> {
-        let own: Vec<&Episode> = episodes.iter().filter(|episode| episode.summary.task == task).collect();
+    pub fn of(task: T, episodes: &[Episode<T>]) -> Option<Self> {
+        let own: Vec<&Episode<T>> = episodes.iter().filter(|episode| episode.summary.task == task).collect();
         let seeds: BTreeSet<u64> = own.iter().map(|episode| episode.seed).collect();
         let scores: Vec<f64> = seeds.iter().filter_map(|seed| subtask_score(task, *seed, episodes)).collect();
-        let rate = |is: fn(&Summary) -> bool| Rate::of(own.iter().map(|episode| is(&episode.summary)));
-        let mean_of =
-            |value: fn(&Summary) -> f64| mean(&own.iter().map(|episode| value(&episode.summary)).collect::<Vec<_>>());
+        let rate = |is: fn(&Summary<T>) -> bool| Rate::of(own.iter().map(|episode| is(&episode.summary)));
+        let mean_of = |value: fn(&Summary<T>) -> f64| {
+            mean(&own.iter().map(|episode| value(&episode.summary)).collect::<Vec<_>>())
+        };
         Some(Self {
             task,
             score: Spread::of(&scores)?,
@@ -80,8 +80,13 @@ impl SubtaskScore {
     }
 }
 
+/// The tasks that the score is made of.
+fn subtasks<T: ScoredTask>() -> impl Iterator<Item = T> {
+    T::ALL.iter().copied().filter(|task| task.weight() > 0.0)
+}
+
 /// Half the success rate and half the mean gate progress of a task under one layout seed; `None` where it did not run.
-fn subtask_score(task: Task, seed: u64, episodes: &[Episode]) -> Option<f64> {
+fn subtask_score<T: ScoredTask>(task: T, seed: u64, episodes: &[Episode<T>]) -> Option<f64> {
     let own = episodes.iter().filter(|episode| episode.summary.task == task && episode.seed == seed);
     let values: Vec<f64> =
         own.map(|e| 0.5 * f64::from(u8::from(e.summary.success)) + 0.5 * e.summary.gate_progress).collect();
@@ -90,51 +95,51 @@ fn subtask_score(task: Task, seed: u64, episodes: &[Episode]) -> Option<f64> {
 
 /// The benchmark under one layout seed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SeedScore {
+pub struct SeedScore<T> {
     /// Seed of the layout.
     pub seed: u64,
     /// Weighted mean over the subtasks that ran.
     pub score: f64,
-    /// Sum of their weights, of 34.05.
+    /// Sum of their weights.
     pub weight_covered: f64,
     /// Subtasks that did not run under this seed.
-    pub missing: Vec<Task>,
+    pub missing: Vec<T>,
 }
 
 /// All scores of a policy.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Benchmark {
+pub struct Benchmark<T> {
     /// Over the layout seeds; `None` where no subtask ran.
     pub score: Option<Spread>,
     /// For each layout seed, ascending.
-    pub per_seed: Vec<SeedScore>,
-    /// Every task that ran, in order; `replace` and `climb` have no weight in the score.
-    pub subtasks: Vec<SubtaskScore>,
+    pub per_seed: Vec<SeedScore<T>>,
+    /// Every task that ran, in order; some have no weight in the score.
+    pub subtasks: Vec<SubtaskScore<T>>,
     /// Subtasks that are missing under one seed or more.
-    pub missing: Vec<Task>,
+    pub missing: Vec<T>,
 }
 
-impl Benchmark {
+impl<T: ScoredTask> Benchmark<T> {
     /// Computes all scores. The order of the episodes only affects the last bit of sums.
-    pub fn of(episodes: &[Episode]) -> Self {
-        let is_subtask = |episode: &&Episode| Task::SUBTASKS.contains(&episode.summary.task);
+    pub fn of(episodes: &[Episode<T>]) -> Self {
+        let is_subtask = |episode: &&Episode<T>| episode.summary.task.weight() > 0.0;
         let seeds: BTreeSet<u64> = episodes.iter().filter(is_subtask).map(|episode| episode.seed).collect();
-        let per_seed: Vec<SeedScore> = seeds.into_iter().filter_map(|seed| SeedScore::of(seed, episodes)).collect();
-        let is_missing = |task: &Task| per_seed.is_empty() || per_seed.iter().any(|s| s.missing.contains(task));
+        let per_seed: Vec<SeedScore<T>> = seeds.into_iter().filter_map(|seed| SeedScore::of(seed, episodes)).collect();
+        let is_missing = |task: &T| per_seed.is_empty() || per_seed.iter().any(|s| s.missing.contains(task));
         Self {
             score: Spread::of(&per_seed.iter().map(|seed| seed.score).collect::<Vec<_>>()),
-            subtasks: Task::ALL.into_iter().filter_map(|task| SubtaskScore::of(task, episodes)).collect(),
-            missing: Task::SUBTASKS.into_iter().filter(is_missing).collect(),
+            subtasks: T::ALL.iter().filter_map(|task| SubtaskScore::of(*task, episodes)).collect(),
+            missing: subtasks().filter(is_missing).collect(),
             per_seed,
         }
     }
 }
 
-impl SeedScore {
+impl<T: ScoredTask> SeedScore<T> {
     /// Scores the subtasks that ran under a seed; `None` where none did.
-    pub fn of(seed: u64, episodes: &[Episode]) -> Option<Self> {
+    pub fn of(seed: u64, episodes: &[Episode<T>]) -> Option<Self> {
         let (mut weighted, mut weight_covered, mut missing) = (0.0, 0.0, Vec::new());
-        for task in Task::SUBTASKS {
+        for task in subtasks() {
             match subtask_score(task, seed, episodes) {
                 Some(score) => {
                     weighted += task.weight() * score;
