@@ -141,7 +141,9 @@ impl Geometry {
         let sizes = match *self {
             Self::HalfSpace | Self::Hull(_) => [None; 3],
             Self::Sphere { radius } => [Some(("radius", radius)), None, None],
-            Self::Capsule { radius, half_length } => [Some(("radius", radius)), Some(("half_length", half_length)), None],
+            Self::Capsule { radius, half_length } => {
+                [Some(("radius", radius)), Some(("half_length", half_length)), None]
+            }
             Self::Cuboid { half_extents: h } => [h.x, h.y, h.z].map(|half| Some(("half_extents", half))),
         };
         sizes.into_iter().flatten()

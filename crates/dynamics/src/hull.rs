@@ -120,7 +120,8 @@ impl Hull {
         let corners = self.corners(face);
         let mut nearest: Option<(f64, V3)> = None;
         for (k, &corner) in corners.iter().enumerate() {
-            let (a, b) = (self.vertices[usize::from(corner)], self.vertices[usize::from(corners[(k + 1) % corners.len()])]);
+            let (a, b) =
+                (self.vertices[usize::from(corner)], self.vertices[usize::from(corners[(k + 1) % corners.len()])]);
             let along = b - a;
             if face.normal.cross(&along).dot(&(foot - a)) < 0.0 {
                 let t = ((foot - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);

@@ -194,15 +194,7 @@ pub(crate) fn convex_capsule(
     };
     let mut push = |t: f64| {
         let (distance, normal) = signed_distance(&at(t));
-        push_point(
-            convex,
-            capsule.position + capsule.rotation.column(2) * t,
-            distance,
-            &normal,
-            radius,
-            margin,
-            out,
-        );
+        push_point(convex, capsule.position + capsule.rotation.column(2) * t, distance, &normal, radius, margin, out);
     };
     if high - low < 0.5 * radius {
         push(deepest);

@@ -155,9 +155,8 @@ pub(super) fn hull_hull(
 
 /// None if the hulls are farther apart than the margin.
 fn best_axis(scratch: &mut HullScratch, a: &Hull, b: &Hull, margin: f64) -> Option<(Axis, f64)> {
-    let least = |vertices: &[V3], normal: &V3| {
-        vertices.iter().map(|vertex| normal.dot(vertex)).fold(f64::INFINITY, f64::min)
-    };
+    let least =
+        |vertices: &[V3], normal: &V3| vertices.iter().map(|vertex| normal.dot(vertex)).fold(f64::INFINITY, f64::min);
     let (mut best, mut most) = (Axis::FaceA(0), f64::NEG_INFINITY);
     for (index, face) in a.faces().iter().enumerate() {
         let separation = least(&scratch.vertices, &face.normal) - face.offset;
@@ -181,7 +180,8 @@ fn best_axis(scratch: &mut HullScratch, a: &Hull, b: &Hull, margin: f64) -> Opti
         (low.add_scalar(-reach), high.add_scalar(reach))
     };
     let (box_a, box_b) = (box_of(a.vertices()), box_of(&scratch.vertices));
-    let meets = |[p, q]: [V3; 2], (low, high): &(V3, V3)| (0..3).all(|k| p[k].min(q[k]) <= high[k] && p[k].max(q[k]) >= low[k]);
+    let meets =
+        |[p, q]: [V3; 2], (low, high): &(V3, V3)| (0..3).all(|k| p[k].min(q[k]) <= high[k] && p[k].max(q[k]) >= low[k]);
     scratch.near_edges.clear();
     let vertices = &scratch.vertices;
     scratch.near_edges.extend(b.edges().iter().filter(|edge| meets(edge.vertices.map(|v| vertices[v]), &box_a)));
@@ -273,12 +273,7 @@ fn incident_face(hull: &Hull, vertices: &[V3], normals: impl Iterator<Item = V3>
 }
 
 /// Cuts off what of a polygon lies outside of the sides of a face.
-fn clip(
-    polygon: &mut Vec<V3>,
-    clipped: &mut Vec<V3>,
-    corners: impl ExactSizeIterator<Item = V3> + Clone,
-    normal: &V3,
-) {
+fn clip(polygon: &mut Vec<V3>, clipped: &mut Vec<V3>, corners: impl ExactSizeIterator<Item = V3> + Clone, normal: &V3) {
     let next = corners.clone().cycle().skip(1);
     for (from, to) in corners.zip(next) {
         let outwards = (to - from).cross(normal);

@@ -37,7 +37,8 @@ impl Hull {
         let (length, farthest) = ((high - low).norm(), low.amax().max(high.amax()));
         let in_range = length >= LENGTHS[0] && farthest <= LENGTHS[1];
         check_value("hull", name, "length of the vertices' box", length, in_range, "it must be between 1 mm and 1 km")?;
-        let flat = || structure("vertices: their hull is nearly flat; give at least 4 that do not lie in a plane".into());
+        let flat =
+            || structure("vertices: their hull is nearly flat; give at least 4 that do not lie in a plane".into());
         let cloud: Vec<Vector> = points.iter().map(|p| Vector::new(p.x, p.y, p.z)).collect();
         let (vertices, triangles) = try_convex_hull(&cloud).map_err(|_| flat())?;
         let vertices: Vec<V3> = vertices.iter().map(|v| V3::new(v.x, v.y, v.z)).collect();
@@ -60,7 +61,8 @@ impl Hull {
 
     /// None unless the faces make a closed surface.
     fn from_faces(vertices: Vec<V3>, loops: &[Vec<u16>]) -> Option<Self> {
-        let mut hull = Self { inside: V3::zeros(), vertices, faces: Vec::new(), edges: Vec::new(), corners: Vec::new() };
+        let mut hull =
+            Self { inside: V3::zeros(), vertices, faces: Vec::new(), edges: Vec::new(), corners: Vec::new() };
         let mut sides: BTreeMap<(u16, u16), usize> = BTreeMap::new();
         for (index, corners) in loops.iter().enumerate() {
             let start = hull.corners.len();
