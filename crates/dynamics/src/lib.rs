@@ -102,6 +102,7 @@ mod kinematics;
 mod mechanics;
 mod model;
 mod parameters;
+mod row_set;
 mod solve;
 mod spatial;
 mod spec;

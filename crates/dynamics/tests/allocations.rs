@@ -1,4 +1,5 @@
-//! A step allocates nothing in a varied world either, contacts and drives included.
+//! A step allocates nothing: in a varied world, contacts and drives included, nor in a heap of 32 bodies. One test, since all
+//! threads share the counter.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use std::alloc::System;
@@ -12,7 +13,12 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
-fn a_step_of_a_varied_world_allocates_nothing() {
+fn a_step_allocates_nothing() {
+    a_varied_world();
+    a_heap();
+}
+
+fn a_varied_world() {
     let mut builder = ModelBuilder::new();
     let body = |name: &str, parent, joint| BodySpec {
         name: name.into(),
@@ -72,5 +78,47 @@ fn a_step_of_a_varied_world_allocates_nothing() {
     let change = region.change();
     assert!(stone_rested, "the stone must touch the box");
     assert!(most_contacts >= 4, "the base must rest on the floor: {most_contacts} contacts");
+    assert_eq!(change.allocations + change.reallocations, 0, "{change:?}");
+}
+
+fn a_heap() {
+    let mut builder = ModelBuilder::new();
+    let mut shape = |builder: &mut ModelBuilder, body: BodyId, geometry| {
+        let (name, body_from_shape) = (format!("shape {}", body.0), Isometry3::identity());
+        let (material, cull_group) = (Material { friction: 0.5, priority: 0 }, body.0 as u16);
+        builder.add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 }).unwrap();
+    };
+    shape(&mut builder, BodyId::WORLD, Geometry::HalfSpace);
+    for k in 0..32 {
+        let spec = BodySpec {
+            name: format!("box {k}"),
+            parent: BodyId::WORLD,
+            parent_from_body: Isometry3::translation(
+                0.02 * f64::from(k % 3),
+                0.015 * f64::from(k % 2),
+                0.06 + 0.11 * f64::from(k),
+            ),
+            joint: Joint::Free,
+            mass: 1.0,
+            com: Vector3::zeros(),
+            inertia: Matrix3::identity() * 0.002,
+        };
+        let body = builder.add_body(spec).unwrap();
+        shape(&mut builder, body, Geometry::Cuboid { half_extents: Vector3::new(0.06, 0.05, 0.05) });
+    }
+    let model = builder.build().unwrap();
+    let (mut dynamics, mut state) = (Dynamics::new(&model), model.reference_state());
+    for k in 0..32 {
+        let pose = model.bodies()[k + 1].spec.parent_from_body;
+        state.set_pose(&model, BodyId(k + 1), &pose);
+    }
+    let region = Region::new(ALLOCATOR);
+    let mut most_contacts = 0;
+    for _ in 0..100 {
+        dynamics.step(&model, &mut state, &Input::default(), 0.005);
+        most_contacts = most_contacts.max(dynamics.contacts().len());
+    }
+    let change = region.change();
+    assert!(most_contacts >= 128, "the boxes must touch: {most_contacts} contacts");
     assert_eq!(change.allocations + change.reallocations, 0, "{change:?}");
 }

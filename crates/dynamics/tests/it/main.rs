@@ -4,6 +4,7 @@
 mod closed_forms;
 mod contact_points;
 mod dense;
+mod heap;
 mod hulls;
 mod mechanics;
 mod refused;

@@ -81,7 +81,7 @@ fn trees() {
     for number in 0..MAX_DOFS - 1 {
         builder.add_body(BodySpec { name: format!("link {number}"), ..body() }).unwrap();
     }
-    refused(builder.add_body(BodySpec { name: "one more".into(), ..body() }), &["one more", "128"]);
+    refused(builder.add_body(BodySpec { name: "one more".into(), ..body() }), &["one more", "256"]);
     refused(ModelBuilder::new().build(), &["no body"]);
 }
 
