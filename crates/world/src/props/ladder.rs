@@ -1,10 +1,8 @@
 //! A platform step ladder of capsules and boxes: two front rails with treads between them, two rear legs, a platform,
 //! and a guard rail at its back.
 
-use std::f64::consts::PI;
-
-use fiatlux_dynamics::{BodyId, BodySpec, Geometry, Joint};
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use fiatlux_dynamics::{BodyId, BodySpec, Joint};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::Part;
 use crate::SceneError;

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use fiatlux_dynamics::Geometry;
 use parry3d_f64::mass_properties::MassProperties;
 use parry3d_f64::shape::{Capsule, Cuboid, Shape};
 
