@@ -10,7 +10,7 @@ pub mod programs;
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Contact, Dynamics, Geometry, Input, ShapeSpec, State, StepReport, Wrench};
+use fiatlux_dynamics::{BodyId, Contact, Dynamics, Input, ShapeSpec, State, StepReport, Wrench};
 use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_world::{PHYSICS_DT, Random, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, Stream};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};

@@ -47,6 +47,16 @@ pub struct Solid {
 }
 
 impl Geometry {
+    /// Half the lengths of a box's edges, m; none for another kind.
+    pub fn as_cuboid(&self) -> Option<Vector3<f64>> {
+        if let Self::Cuboid { half_extents } = self { Some(*half_extents) } else { None }
+    }
+
+    /// Radius and half the length of a capsule, m; none for another kind.
+    pub fn as_capsule(&self) -> Option<(f64, f64)> {
+        if let Self::Capsule { radius, half_length } = self { Some((*radius, *half_length)) } else { None }
+    }
+
     /// How far it reaches from its origin along a unit vector, m. Infinite for a half-space.
     pub fn reach(&self, direction: &Vector3<f64>) -> f64 {
         match self {

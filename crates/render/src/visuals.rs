@@ -10,7 +10,7 @@ mod shapes;
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Geometry};
+use fiatlux_dynamics::BodyId;
 use fiatlux_robot::Robot;
 use fiatlux_rules::{Bulb, Row, errand};
 use fiatlux_world::{Scene, ShapeOwner};
@@ -100,7 +100,7 @@ fn furniture(scene: &Scene, owner: ShapeOwner, detail: Detail) -> Mesh {
             name if name.starts_with("bench") => Paint::Steel,
             _ => Paint::Crate,
         };
-        let Geometry::Cuboid { half_extents } = shape.geometry else {
+        let Some(half_extents) = shape.geometry.as_cuboid() else {
             shapes::add(&mut mesh, &shape.body_from_shape, &shape.geometry, 0.0, 24, paint);
             continue;
         };

@@ -1,4 +1,4 @@
-use fiatlux_dynamics::{BodyId, Geometry};
+use fiatlux_dynamics::BodyId;
 use fiatlux_rules::errand;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
@@ -14,12 +14,12 @@ pub(crate) fn ladder(scene: &Scene, detail: Detail) -> Mesh {
     for shape in shapes(scene, ShapeOwner::LADDER) {
         debug_assert!((shape.body == BodyId::WORLD) == (frame == Frame::World));
         let pose = &shape.body_from_shape;
-        if let Geometry::Cuboid { half_extents } = shape.geometry {
+        if let Some(half_extents) = shape.geometry.as_cuboid() {
             tread(&mut mesh, pose, half_extents);
             continue;
         }
         shapes::add(&mut mesh, pose, &shape.geometry, 0.0, 16, Paint::Aluminium);
-        if let Geometry::Capsule { radius, half_length } = shape.geometry {
+        if let Some((radius, half_length)) = shape.geometry.as_capsule() {
             let ends = [-Vector3::z() * half_length, Vector3::z() * half_length];
             if shape.name.contains("rail") || shape.name.contains("leg") {
                 // They start at the foot.

@@ -1,6 +1,5 @@
 use std::sync::Arc;
 
-use fiatlux_dynamics::Geometry;
 use fiatlux_robot::{Robot, Shape};
 use fiatlux_world::ShapeOwner;
 
@@ -34,7 +33,7 @@ fn own(robot: &Robot, link: usize, detail: Detail) -> Mesh {
 }
 
 fn add(mesh: &mut Mesh, shape: &Shape, paint: Paint) {
-    let is_thin = matches!(shape.geometry, Geometry::Capsule { radius, .. } if radius < 0.015);
+    let is_thin = shape.geometry.as_capsule().is_some_and(|(radius, _)| radius < 0.015);
     let segments = if is_thin { 10 } else { 20 };
     shapes::add(mesh, &shape.link_from_shape, &shape.geometry, 0.4, segments, paint);
 }

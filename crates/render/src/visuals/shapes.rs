@@ -47,3 +47,32 @@ pub(super) fn add(
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use fiatlux_dynamics::Hull;
+
+    use super::*;
+    use crate::mesh::Detail;
+
+    /// The triangles enclose the hull's volume, so all of them look outwards, as their normals do.
+    #[test]
+    fn a_hull_is_drawn_as_it_is() {
+        let corners = [[0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3], [-0.1, -0.1, -0.1]].map(Vector3::from);
+        let hull = Geometry::Hull(Arc::new(Hull::new("stone", &corners).unwrap()));
+        let mut mesh = Mesh::new(Frame::World, ShapeOwner::Bench, Detail::Fine);
+        add(&mut mesh, &Isometry3::translation(1.0, 2.0, 3.0), &hull, 0.0, 16, Paint::Tray);
+        assert_eq!(mesh.triangles.len(), 4);
+        let mut volume = 0.0;
+        for triangle in &mesh.triangles {
+            let [a, b, c] = triangle.vertices.map(|v| Vector3::from(mesh.positions[v as usize].map(f64::from)));
+            volume += a.dot(&b.cross(&c)) / 6.0;
+            let normal = Vector3::from(mesh.normals[triangle.vertices[0] as usize].map(f64::from));
+            assert!(normal.dot(&(b - a).cross(&(c - a)).normalize()) > 0.999);
+        }
+        assert!((volume - hull.solid().volume).abs() < 1e-5, "{volume}");
+    }
+}

@@ -60,3 +60,38 @@ impl Placed<'_> {
         self.geometry.cast_ray(&self.eye, &self.axes.tr_mul(direction))
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use fiatlux_dynamics::Hull;
+
+    use super::*;
+
+    /// A hull off its shape's origin is seen where the same box is, and lies within its bounding box.
+    #[test]
+    fn a_hull_of_a_box_is_seen_as_the_box() {
+        let (half_extents, center) = (Vector3::new(0.3, 0.2, 0.1), Vector3::new(0.5, -0.1, 0.2));
+        let sign = |k: usize, axis: usize| if k >> axis & 1 == 0 { -1.0 } else { 1.0 };
+        let corner = |k| center + half_extents.component_mul(&Vector3::new(sign(k, 0), sign(k, 1), sign(k, 2)));
+        let corners: Vec<_> = (0..8).map(corner).collect();
+        let hull = Geometry::Hull(Arc::new(Hull::new("box", &corners).unwrap()));
+        let pose = Isometry3::new(Vector3::new(2.0, 0.5, 0.1), Vector3::new(0.3, -0.2, 0.7));
+        let hull = Target::new(&hull, Isometry3::identity()).unwrap();
+        let boxed = Target::new(&Geometry::Cuboid { half_extents }, Isometry3::from(center)).unwrap();
+        let (hull, boxed) = (hull.place(&pose), boxed.place(&pose));
+        assert!(hull.gap() <= boxed.cast(&boxed.center.normalize()).unwrap());
+        let mut hits = 0;
+        for k in 0..400 {
+            let along =
+                boxed.center.normalize() + Vector3::new(0.0, f64::from(k % 20) - 9.5, f64::from(k / 20) - 9.5) * 0.02;
+            let (found, expected) = (hull.cast(&along.normalize()), boxed.cast(&along.normalize()));
+            assert_eq!(found.is_some(), expected.is_some());
+            hits += usize::from(found.is_some());
+            assert!((found.unwrap_or(0.0) - expected.unwrap_or(0.0)).abs() < 1e-9, "{found:?} {expected:?}");
+        }
+        assert!((50..350).contains(&hits), "{hits}");
+    }
+}

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_dynamics::{
-    BodyId, BodySpec, Dynamics, Geometry, Hull, Input, Joint, Material, Mechanics, Model, ModelBuilder, ShapeSpec, State,
+    BodyId, BodySpec, Dynamics, Geometry, Hull, Input, Joint, Material, Mechanics, Model, ModelBuilder, ShapeSpec,
+    State,
 };
 use fiatlux_mjcf::ExportScene;
 use fiatlux_robot::{BuildOptions, Robot};
