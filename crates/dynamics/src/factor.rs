@@ -64,12 +64,6 @@ impl Rows {
         &self.runs[self.first_run[row] as usize..self.first_run[row + 1] as usize]
     }
 
-    fn close_run(&mut self, run: &std::ops::Range<usize>) {
-        if !run.is_empty() {
-            self.runs.push((run.start as u16, run.end as u16));
-        }
-    }
-
     fn rebuild<const W: usize>(&mut self, pattern: &[RowSet<W>]) {
         self.start.clear();
         self.columns.clear();
@@ -78,16 +72,13 @@ impl Rows {
         self.start.push(0);
         self.first_run.push(0);
         for (row, &bits) in pattern.iter().enumerate() {
-            let mut run = 0..0;
-            for column in bits {
-                if column != run.end {
-                    self.close_run(&run);
-                    run.start = column;
-                }
-                run.end = column + 1;
-                self.columns.push(column as u16);
+            let mut from = 0;
+            while let Some(run) = bits.run_from(from) {
+                from = run.end;
+                let run = (run.start as u16, run.end as u16);
+                self.runs.push(run);
+                self.columns.extend(run.0..run.1);
             }
-            self.close_run(&run);
             self.columns.push(row as u16);
             self.start.push(self.columns.len() as u32);
             self.first_run.push(self.runs.len() as u32);

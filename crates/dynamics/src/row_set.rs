@@ -1,6 +1,6 @@
 //! Sets of degrees of freedom.
 
-use std::ops::{BitAnd, BitAndAssign, BitOr, BitOrAssign, Not};
+use std::ops::{BitAnd, BitAndAssign, BitOr, BitOrAssign, Not, Range};
 
 /// Bits of one word.
 const WORD: usize = u128::BITS as usize;
@@ -40,15 +40,22 @@ impl<const W: usize> RowSet<W> {
     }
 
     #[inline(always)]
-    pub fn first(&self) -> Option<usize> {
-        let word = self.0.iter().position(|&word| word != 0)?;
-        Some(word * WORD + self.0[word].trailing_zeros() as usize)
-    }
-
-    #[inline(always)]
     pub fn last(&self) -> Option<usize> {
         let word = self.0.iter().rposition(|&word| word != 0)?;
         Some(word * WORD + WORD - 1 - self.0[word].leading_zeros() as usize)
+    }
+
+    /// The first run of indices that starts at `from` or after it.
+    pub fn run_from(&self, from: usize) -> Option<Range<usize>> {
+        let find = |from: usize, flip: u128| {
+            (from / WORD..W).find_map(|word| {
+                let beyond = u128::MAX << from.saturating_sub(word * WORD);
+                let bits = (self.0[word] ^ flip) & beyond;
+                (bits != 0).then(|| word * WORD + bits.trailing_zeros() as usize)
+            })
+        };
+        let start = find(from, 0)?;
+        Some(start..find(start, u128::MAX).unwrap_or(W * WORD))
     }
 
     #[inline(always)]
@@ -126,9 +133,11 @@ impl<const W: usize> Iterator for Indices<W> {
 
     #[inline(always)]
     fn next(&mut self) -> Option<usize> {
-        let first = self.0.first()?;
-        self.0.remove(first);
-        Some(first)
+        let RowSet(words) = &mut self.0;
+        let word = words.iter().position(|&word| word != 0)?;
+        let first = words[word].trailing_zeros() as usize;
+        words[word] &= words[word] - 1;
+        Some(word * WORD + first)
     }
 }
 
@@ -138,5 +147,35 @@ impl<const W: usize> DoubleEndedIterator for Indices<W> {
         let last = self.0.last()?;
         self.0.remove(last);
         Some(last)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against a plain list of flags, with runs across the words' border.
+    #[test]
+    fn runs_indices_and_bounds_are_those_of_flags() {
+        let inside = |k: usize| (3..7).contains(&k) || (120..140).contains(&k) || k == 200 || k >= 250;
+        let indices: Vec<usize> = (0..256).filter(|&k| inside(k)).collect();
+        let mut set = RowSet::<2>::EMPTY;
+        indices.iter().for_each(|&k| set.insert(k));
+        assert!((0..300).all(|k| set.contains(k) == (k < 256 && inside(k))));
+        assert_eq!(set.into_iter().collect::<Vec<_>>(), indices);
+        let mut reversed: Vec<usize> = set.into_iter().rev().collect();
+        reversed.reverse();
+        assert_eq!(reversed, indices);
+        assert_eq!((set.len(), set.last()), (indices.len(), Some(255)));
+        let (mut runs, mut from) = (Vec::new(), 0);
+        while let Some(run) = set.run_from(from) {
+            from = run.end;
+            runs.push(run);
+        }
+        assert_eq!(runs, [3..7, 120..140, 200..201, 250..256]);
+        for bound in [0, 5, 128, 130, 256] {
+            let below: Vec<usize> = (set & RowSet::below(bound)).into_iter().collect();
+            assert_eq!(below, indices.iter().copied().filter(|&k| k < bound).collect::<Vec<_>>(), "{bound}");
+        }
     }
 }

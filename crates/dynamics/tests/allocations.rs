@@ -83,7 +83,7 @@ fn a_varied_world() {
 
 fn a_heap() {
     let mut builder = ModelBuilder::new();
-    let mut shape = |builder: &mut ModelBuilder, body: BodyId, geometry| {
+    let shape = |builder: &mut ModelBuilder, body: BodyId, geometry| {
         let (name, body_from_shape) = (format!("shape {}", body.0), Isometry3::identity());
         let (material, cull_group) = (Material { friction: 0.5, priority: 0 }, body.0 as u16);
         builder.add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 }).unwrap();

@@ -153,7 +153,7 @@ fn shapes() {
             r#"<geom name="ball" type="sphere" size="0.05" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="robot"/>"#,
             r#"<geom name="pin" type="capsule" size="0.01 0.02" pos="0 0 0" quat="1 0 0 0" friction="1.2" condim="3" priority="1" material="robot"/>"#,
             r#"<geom name="stone" type="mesh" mesh="stone" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="robot"/>"#,
-            r#"<mesh name="stone" vertex="0 0 0 "#,
+            r#"<mesh name="stone" vertex="0 0 0 0.1 0 0 0 0.2 0 0 0 0.3"/>"#,
         ],
     );
 }
