@@ -8,6 +8,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::hull::Hull;
+use crate::solid::Solid;
 
 /// A collision shape's geometry, about its own frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,17 +34,6 @@ pub enum Geometry {
     },
     /// A convex polyhedron anywhere in the shape's frame; shapes may share one.
     Hull(Arc<Hull>),
-}
-
-/// Mass properties of a body of density 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Solid {
-    /// Volume, m^3.
-    pub volume: f64,
-    /// Centre of mass, m.
-    pub center: Vector3<f64>,
-    /// Inertia about the centre of mass, m^5.
-    pub inertia: Matrix3<f64>,
 }
 
 impl Geometry {

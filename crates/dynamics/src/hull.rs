@@ -4,7 +4,7 @@ mod build;
 
 use nalgebra::Matrix3;
 
-use crate::geometry::Solid;
+use crate::solid::Solid;
 use crate::spatial::V3;
 
 pub use build::MAX_VERTICES;

@@ -1,5 +1,5 @@
-//! A step allocates nothing: in a varied world, contacts and drives included, nor in a heap of 32 bodies. One test, since all
-//! threads share the counter.
+//! A step allocates nothing, in a varied world with contacts and drives or in a heap of 32 bodies. One test, since all threads
+//! share the counter.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use std::alloc::System;

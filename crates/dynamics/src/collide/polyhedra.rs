@@ -5,7 +5,7 @@ use parry3d_f64::math::Vector;
 use parry3d_f64::shape::SupportMap;
 
 use super::closed_form::{Placed, Point};
-use super::{nearest, pose_between, vector};
+use super::nearest::{nearest, pose_between, vector};
 use crate::hull::{Edge, Hull, MAX_VERTICES};
 use crate::spatial::V3;
 

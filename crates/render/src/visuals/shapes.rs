@@ -17,7 +17,8 @@ pub(super) fn frame_of(scene: &Scene, thing: usize) -> Frame {
     if scene.body(thing).is_some() { Frame::Thing(thing) } else { Frame::World }
 }
 
-/// Adds a shape as it is, the edges of a box rounded by a share `round` of its least half extent, and `segments` around what is round. A half-space is not drawn.
+/// Adds a shape as it is: edges of a box rounded by a share `round` of its least half extent, and `segments` around what is
+/// round. A half-space is not drawn.
 pub(super) fn add(
     mesh: &mut Mesh,
     pose: &Isometry3<f64>,
