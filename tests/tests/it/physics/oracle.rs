@@ -435,7 +435,9 @@ fn contact_points_are_those_of_mujoco() {
         };
         // Where MuJoCo's two routines disagree, or polyhedra are apart (a separating axis is not a distance), none judges.
         let polyhedra = [&pair.a, &pair.b].iter().all(|shape| ["box", "mesh"].contains(&shape.kind.as_str()));
-        if (theirs - direct).abs() > 1e-5 || theirs > 0.9 * fixture.margin || polyhedra && theirs > 0.0 {
+        // Of hulls its contacts are found step by step: 7e-6 m off the least overlap, one normal is 5 degrees off its axis.
+        let agreement = if pair.b.kind == "mesh" { 1e-6 } else { 1e-5 };
+        if (theirs - direct).abs() > agreement || theirs > 0.9 * fixture.margin || polyhedra && theirs > 0.0 {
             continue;
         }
         let ours = deepest.unwrap_or_else(|| panic!("pair {number}: MuJoCo sees {theirs}, we see nothing"));
